@@ -2,13 +2,18 @@
 
 use std::error::Error;
 
+use evcal_calibrate::advice::Advice;
+use evcal_calibrate::calibrate::board_choice::BoardChoiceError;
 use evcal_calibrate::calibrate::error::CalibrateError;
+use evcal_calibrate::detection::radius::OtherRadius;
 use evcal_calibrate::detection::search::SearchError;
+use evcal_calibrate::detection::{NoPattern, NoPatternCause};
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::FolderError;
+use evcal_geometry::board::Board;
 use event_recordings::given_sensor::{Exchanged, OtherSensor};
 use event_recordings::text::LineError;
-use event_recordings::{ForeignFormat, FormatOption, LayoutError, RecordingError, RecordingErrorKind};
+use event_recordings::{ForeignFormat, FormatOption, LayoutError, RecordingError, RecordingErrorKind, TimeUnit};
 
 /// The one thing to do next about `error`, if there is one to name: about the first error of its chain of causes that is known here.
 pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
@@ -38,7 +43,60 @@ fn of_one(error: &(dyn Error + 'static)) -> Option<String> {
     if let Some(FolderError::Taken(_)) = error.downcast_ref() {
         return Some("name another folder, or give force=True".to_owned());
     }
-    None
+    about_calibration(error)
+}
+
+/// What to do about `error`, where it is one of evcal-calibrate.
+fn about_calibration(error: &(dyn Error + 'static)) -> Option<String> {
+    if let Some(error) = error.downcast_ref() {
+        return match error {
+            CalibrateError::TimeUnit { unit, .. } => unit.unit.map(|unit| format!("give time_unit={:?}", short(unit))),
+            CalibrateError::LargerBoard(larger) => Some(give_board(larger.board)),
+            CalibrateError::NoPictures { .. } => Some("give frames=\"witness\"".to_owned()),
+            _ => None,
+        };
+    }
+    if let Some(error) = error.downcast_ref::<NoPattern>() {
+        return match error.cause() {
+            NoPatternCause::OtherBoard(other) => Some(give_board(other.board)),
+            NoPatternCause::OnePolarity(_) => Some("say which column the polarity is in with columns=".to_owned()),
+            _ => None,
+        };
+    }
+    if let Some(OtherRadius { meant, .. }) = error.downcast_ref() {
+        return meant.first().map(|(_, board)| give_board(*board));
+    }
+    match error.downcast_ref()? {
+        BoardChoiceError::NoEvents | BoardChoiceError::NotRecognised { .. } => {
+            Some("for example board=\"acircles:9x4:55mm:r17.5mm\"".to_owned())
+        }
+        BoardChoiceError::SizeUnknown { found } => Some(format!("for example board={:?}", found.example())),
+        _ => None,
+    }
+}
+
+fn give_board(board: Board) -> String {
+    format!("give board=\"{board}\"")
+}
+
+fn short(unit: TimeUnit) -> &'static str {
+    match unit {
+        TimeUnit::Seconds => "s",
+        TimeUnit::Milliseconds => "ms",
+        TimeUnit::Microseconds => "us",
+        TimeUnit::Nanoseconds => "ns",
+    }
+}
+
+/// The advice of a finding in Python's words.
+pub fn worded(advice: &Advice) -> String {
+    match advice {
+        Advice::TakeModel(kind) => format!("calibrate again with model=\"{kind}\""),
+        Advice::TakeWholeBoard(board) => format!(
+            "calibrate again with board=\"{board}\", which takes more of the recording; the lens is right within what is stated"
+        ),
+        others => others.to_string(),
+    }
 }
 
 fn argument(Sensor { width, height }: Sensor) -> String {

@@ -37,6 +37,7 @@ use self::error::CalibrateError;
 use self::parameter_request::ParameterRequests;
 use self::progress::Progress;
 use self::step::Step;
+use crate::advice::{self, Wording};
 use crate::calibrate::input::Input;
 use crate::initial::model_choice::ModelRequest;
 use crate::settings::Settings;
@@ -78,6 +79,8 @@ pub struct Task<'a> {
     pub settings: &'a Settings,
     /// The command line, for the report; may be empty.
     pub command_line: &'a str,
+    /// How advice is worded in what is written of the calibration.
+    pub wording: Wording,
     /// Who reads the recordings and looks for the board; `None`: the workers of whoever calls.
     pub readers: Option<&'a ThreadPool>,
 }
@@ -98,6 +101,7 @@ impl<'a> Task<'a> {
             parameters: ParameterRequests::default(),
             settings: &DEFAULTS,
             command_line: "",
+            wording: advice::plain,
             readers: None,
         }
     }

@@ -40,7 +40,7 @@ use self::dot_shape::DotShape;
 use self::kept_pixels::KeptPixels;
 use self::no_board::NoBoard;
 pub use self::ordering::order_frames;
-pub use self::report::{DetectionReport, FEWEST_EVENTS, NoCircle, NoPattern, too_short};
+pub use self::report::{DetectionReport, FEWEST_EVENTS, NoCircle, NoPattern, NoPatternCause, too_short};
 use self::second_pass::{Spacing, Uncertain, second_pass};
 use self::settings::{DetectionSettings, Grid};
 use self::unplaced::{UnplacedWindows, is_whole};

@@ -41,7 +41,7 @@ pub enum CalibrateError {
     #[error("{0}")]
     OtherSensor(#[from] OtherSensor),
     /// Events come so seldom or so often that their times are in another unit.
-    #[error("{file}: no board found, and {unit}: {}", unit.advice())]
+    #[error("{file}: no board found, and {unit}")]
     TimeUnit {
         /// The file.
         file: String,
@@ -52,15 +52,15 @@ pub enum CalibrateError {
     #[error("{0}")]
     OtherRadius(#[source] OtherRadius),
     /// The lens or the board cannot be as the user says.
-    #[error("no lens or board is like that: change the values of --fix")]
+    #[error("no lens or board has the values at which parameters are held")]
     ImpossibleValues,
     /// Nothing fits with the values at which the lens is held.
     #[error(
-        "with the values of --fix no event lies near the board's circles: do these values belong to this lens? Without --fix they are estimated"
+        "with parameters held at these values no event lies near the board's circles: do the values belong to this lens? Those that are not held are estimated"
     )]
     HeldFarOff,
     /// The board that was looked for is a part of another one.
-    #[error("too few views fit together: is the board right? It looks like {}: use --board {}", .0.found, .0.board)]
+    #[error("too few views fit together: is the board right? It looks like {}: {}", .0.found, .0.board)]
     LargerBoard(Box<LargerBoard>),
     /// The sensor is too large.
     #[error("{file} is of a sensor with {} x {} pixels; up to {} x {} are supported", .sensor.width, .sensor.height, LARGEST_SENSOR.width, LARGEST_SENSOR.height)]
@@ -110,13 +110,13 @@ pub enum CalibrateError {
     #[error("{0}")]
     Images(#[from] ImagesError),
     /// Events are needed, and there are only frames.
-    #[error("{file} holds frames, not events: give a recording of events, and the frames with --with")]
+    #[error("{file} holds frames, not events: give a recording of events, and the frames as those of a second camera")]
     OnlyFrames {
         /// The folder.
         file: String,
     },
     /// There are no pictures.
-    #[error("{file} holds no frames, and frames were asked for: record with --frames, or leave them out")]
+    #[error("{file} holds no frames, and frames were asked for: record them too, or leave them out")]
     NoPictures {
         /// The files.
         file: String,

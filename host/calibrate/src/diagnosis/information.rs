@@ -1,4 +1,4 @@
-//! What a recording holds, at a glance: the content of `evcal info`.
+//! What a recording holds, at a glance.
 
 mod statistics;
 mod text;

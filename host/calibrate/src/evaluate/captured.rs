@@ -33,7 +33,7 @@ pub struct CapturedFiles {
 #[non_exhaustive]
 pub enum CapturedError {
     /// The trajectory cannot be opened.
-    #[error("{}: {error}: give the trajectory of the camera with --trajectory FILE", file.display())]
+    #[error("{}: {error}: give the trajectory of the camera", file.display())]
     Open {
         /// The trajectory.
         file: PathBuf,

@@ -15,13 +15,13 @@ pub enum InertialError {
     #[error("{0}")]
     Csv(#[from] CsvError),
     /// The camera was calibrated from pictures, each with a pose of its own.
-    #[error("an inertial unit is calibrated along trajectories, and --frames-only makes none: leave it out")]
+    #[error("an inertial unit is calibrated along trajectories, and frames alone give none: calibrate from events")]
     NoTrajectory,
     /// One file of samples cannot belong to several recordings.
     #[error("a file of inertial samples belongs to one recording: calibrate with one recording")]
     SeveralRecordings,
     /// There are no samples.
-    #[error("{file} holds no inertial samples: record with the IMU on, or give them with --imu FILE.csv")]
+    #[error("{file} holds no inertial samples: record with the IMU on, or give a CSV file of them")]
     NoSamples {
         /// The recording.
         file: String,

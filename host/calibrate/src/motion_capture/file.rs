@@ -84,7 +84,7 @@ pub enum CaptureError {
     #[error("there is no rigid body in the file: export from Motive with rigid bodies, in one file")]
     NoBody,
     /// Another rigid body was asked for.
-    #[error("there is no rigid body {wanted:?}; there are {names}: name one of them with --body")]
+    #[error("there is no rigid body {wanted:?}; there are {names}: name one of them")]
     OtherBodies {
         /// What was asked for.
         wanted: String,
@@ -92,13 +92,13 @@ pub enum CaptureError {
         names: String,
     },
     /// Which one?
-    #[error("there are several rigid bodies, {names}: name that on the camera with --body")]
+    #[error("there are several rigid bodies, {names}: name that on the camera")]
     SeveralBodies {
         /// Those of the file.
         names: String,
     },
     /// A name without a choice.
-    #[error("only files of OptiTrack Motive name bodies: leave out --body")]
+    #[error("only files of OptiTrack Motive name bodies: name none")]
     NoNames,
     /// No pose.
     #[error("there is no pose in the file")]

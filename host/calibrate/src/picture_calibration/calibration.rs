@@ -133,7 +133,7 @@ impl PictureFailure {
     pub fn with_larger_board(self) -> Self {
         match self {
             Self::TooFewPictures { found, read, required, refused, .. } if !refused.is_empty() => {
-                let advice = "--board names only a part of the board in view";
+                let advice = "the stated board is only a part of the one in view";
                 Self::TooFewPictures { found, read, required, refused, advice }
             }
             other => other,

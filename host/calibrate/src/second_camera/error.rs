@@ -8,18 +8,18 @@ use crate::solve::control_band::NotPositiveDefinite;
 pub enum SecondCameraError {
     /// A camera was calibrated from pictures, each with a pose of its own, or from circles.
     #[error(
-        "cameras are calibrated against the trajectory of the first one's events: leave out --frames-only, and give a recording of events before --with"
+        "cameras are calibrated against the trajectory of the first one's events: calibrate the first from a recording of events, not from frames or circles"
     )]
     NoTrajectory,
     /// The second camera was calibrated from circles.
-    #[error("give events, not circles, with --with: circles tell too little of the time between them")]
+    #[error("give events, not circles, of the second camera: circles tell too little of the time between them")]
     CirclesOfSecond,
     /// Which recording of the first camera belongs to that of the second?
-    #[error("a second camera belongs to one recording of the first: give one recording before --with")]
+    #[error("a second camera belongs to one recording of the first: give only one")]
     SeveralRecordings,
     /// The same events twice.
     #[error(
-        "{file} holds the events of a camera that is there already: give the recording of another camera with --with"
+        "{file} holds the events of a camera that is there already: give the recording of another camera"
     )]
     SameRecording {
         /// The file.
@@ -89,7 +89,7 @@ pub enum SecondCameraError {
     },
     /// The rows of its frames are exposed one after the other, which nobody said.
     #[error(
-        "the second camera has a rolling shutter: each row of its frames is exposed {:.2} ± {:.2} µs after the one above it ({:.1} ms from the first to the last): add --rolling-shutter",
+        "the second camera has a rolling shutter: each row of its frames is exposed {:.2} ± {:.2} µs after the one above it ({:.1} ms from the first to the last): state that it has",
         1e6 * line_delay, 1e6 * sigma, 1e3 * line_delay * f64::from(*rows)
     )]
     RollingShutter {

@@ -4,6 +4,7 @@
 //! An error is looked for along its chain of causes: an enum that wraps another error has it as its source, for which
 //! `#[error("{0}")]` serves and `#[error(transparent)]` does not, since that passes over the wrapped error.
 
+pub mod calibrate;
 mod recordings;
 
 use std::error::Error;
@@ -13,7 +14,7 @@ use std::error::Error;
 pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
     let mut cause = Some(error);
     while let Some(error) = cause {
-        if let Some(next) = recordings::advice(error) {
+        if let Some(next) = recordings::advice(error).or_else(|| calibrate::advice(error)) {
             return Some(next);
         }
         cause = error.source();

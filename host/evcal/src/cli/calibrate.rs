@@ -263,7 +263,7 @@ impl CalibrationArguments {
             ModelRequest::Given(model) => Some(model),
             ModelRequest::Auto => None,
         };
-        ParameterRequests::new(model, &self.fix, &self.free).map_err(|error| UsageError(error.to_string()))
+        ParameterRequests::new(model, &self.fix, &self.free).map_err(|error| UsageError(with_advice(&error)))
     }
 
     /// The inertial unit that is asked for.

@@ -32,7 +32,7 @@ const EXPORTS: &str = "exports";
 /// The folders of a result.
 pub const FOLDERS: &[&str] = &[EXPORTS];
 
-/// Formats that every calibration is written in, and the folder of each; `evcal export` writes the others.
+/// Formats that every calibration is written in, and the folder of each; exports on demand write the others.
 const FOR_OTHERS: &[(ExportFormat, &str)] = &[(opencv::YAML, ""), (ros::FORMAT, EXPORTS), (kalibr::FORMAT, EXPORTS)];
 
 /// Files of one name each.
@@ -109,7 +109,7 @@ pub fn write_folder(
     task: &Task,
     progress: &mut (dyn FnMut(Step) + Send),
 ) -> Result<Written, FileError> {
-    let calibration = CalibrationFile::new(calibrated, task.board);
+    let calibration = CalibrationFile::new(calibrated, task.board, task.wording);
     let failed = |error: serde_json::Error| FileError::new(&folder.path().join("calibration.json"), error.into());
     let json = serde_json::to_string_pretty(&calibration).map_err(failed)?;
     let on_one_line = serde_json::to_string(&calibration).map_err(failed)?;

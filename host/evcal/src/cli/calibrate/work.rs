@@ -30,6 +30,8 @@ use evcal_report::output::failure::{Failure, write_failure};
 use evcal_report::output::folder::write_folder;
 use rayon::ThreadPool;
 
+use super::super::advice::calibrate::worded;
+use super::super::advice::with_advice;
 use super::super::progress::Waiting;
 use super::super::{NotGoodEnough, Outcome, command_line, print};
 use super::CalibrationArguments;
@@ -116,6 +118,7 @@ impl Work<'_> {
             parameters: self.parameters,
             settings: self.settings,
             command_line,
+            wording: worded,
             readers: self.readers.as_ref(),
         }
     }
@@ -145,7 +148,7 @@ impl Work<'_> {
             Ok(calibrated) => calibrated,
             Err(error) => {
                 waiting.finish();
-                let failure = write_failure(folder.path(), &task, &error, attempt.stages)?;
+                let failure = write_failure(folder.path(), &task, &error, with_advice(&error), attempt.stages)?;
                 return Err(Failed { error, failure }.into());
             }
         };
@@ -218,11 +221,11 @@ impl fmt::Display for AllBeside {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0.as_slice() {
             // What it is about goes without saying, but for the calibration of another camera apart.
-            [Beside { what, error: error @ BesideError::Apart(_) }] => write!(f, "{what}: {error}"),
-            [Beside { error, .. }] => write!(f, "{error}"),
+            [Beside { what, error: error @ BesideError::Apart(_) }] => write!(f, "{what}: {}", with_advice(error)),
+            [Beside { error, .. }] => f.write_str(&with_advice(error)),
             several => {
                 write!(f, "{} were not calibrated:", several.len())?;
-                several.iter().try_for_each(|Beside { what, error }| write!(f, "\n  {what}: {error}"))
+                several.iter().try_for_each(|Beside { what, error }| write!(f, "\n  {what}: {}", with_advice(error)))
             }
         }
     }
