@@ -313,7 +313,7 @@ fn board_evidence(
     let board = parameters.board.iter().filter(|&&free| free).count();
     let variances: Vec<f64> = stated.diagonal().iter().skip(first - board).copied().collect();
     let radius_error = settings.systematic_radius * problem.mean_scale;
-    BoardEvidence::new(state, step, parameters.board, (variances.into_iter(), radius_error))
+    BoardEvidence::new(state, step, parameters.board, variances.into_iter(), radius_error)
 }
 
 /// What the model of events gets wrong, as a share of the `formal` covariance of the intrinsics; `model_error` is what it moves the
