@@ -151,6 +151,6 @@ fn follow_stretch(
         settings.uncertainty.pose_model_error,
     );
     let all_left_out: Vec<LeftOut> = refined.left_out.iter().chain(&unexplained).copied().collect();
-    let poses = sampled_poses(&state, (&covariance, &all_left_out), recording, &settings.poses);
+    let poses = sampled_poses(&state, &covariance, &all_left_out, recording, &settings.poses);
     Some((FollowedStretch { recording, poses }, unexplained))
 }
