@@ -223,7 +223,7 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
                 }
                 self.core.set_word(bit, core);
                 core_count += core.count_ones();
-                lost += self.runs.push_core(first, (bit - row_bit, y), core, neighbourhood.half_width(0));
+                lost += self.runs.push_core(first, bit - row_bit, y, core, neighbourhood.half_width(0));
             }
             recent_rows.join(&mut self.runs, y, first, neighbourhood);
         }
@@ -250,7 +250,7 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
                     let Some(core_bit) = neighbourhood.first(&self.core, bit + index) else { continue };
                     let core_pixel = ((core_bit % row_bits) as u16, (core_bit / row_bits).wrapping_sub(1) as u16);
                     let pixel = ((bit - row_bit + index) as u16, y as u16);
-                    if self.runs.push_border(pixel, core_pixel, (first_run, last_run)) {
+                    if self.runs.push_border(pixel, core_pixel, first_run..last_run) {
                         *of_mut(&mut counts.border_pixels, polarity) += 1;
                     } else {
                         counts.pixels_over_capacity += 1;

@@ -3,6 +3,7 @@
 use super::bitmap::MARGIN;
 use super::neighbourhood::Neighbourhood;
 use super::{Cluster, PixelRun};
+use core::ops::Range;
 use heapless::Vec;
 use nalgebra::RealField;
 
@@ -40,7 +41,7 @@ impl<const RUNS: usize> Runs<RUNS> {
     ///
     /// A run within `reach` of the one before it in the row joins its cluster, and continues it if
     /// they touch. Returns the number of pixels for which there was no room.
-    pub(super) fn push_core(&mut self, first: usize, (x, y): (usize, usize), mut word: u32, reach: usize) -> u32 {
+    pub(super) fn push_core(&mut self, first: usize, x: usize, y: usize, mut word: u32, reach: usize) -> u32 {
         while word != 0 {
             let start = word.trailing_zeros();
             let length = (word >> start).trailing_ones();
@@ -70,16 +71,10 @@ impl<const RUNS: usize> Runs<RUNS> {
         0
     }
 
-    /// Appends the border pixel (x, y), in the cluster of the core pixel (`core_x`, `core_y`).
-    ///
-    /// Core runs are those from `first` to before `end`. False if there was no room for either pixel.
-    pub(super) fn push_border(
-        &mut self,
-        (x, y): (u16, u16),
-        (core_x, core_y): (u16, u16),
-        (first, end): (usize, usize),
-    ) -> bool {
-        let core = self.runs.get(first..end).unwrap_or(&[]);
+    /// Appends the border `pixel`, in the cluster of the pixel `core` (column, row) of the runs `core_runs`. False if there was no room for either pixel.
+    pub(super) fn push_border(&mut self, pixel: (u16, u16), core: (u16, u16), core_runs: Range<usize>) -> bool {
+        let ((x, y), (core_x, core_y), first) = (pixel, core, core_runs.start);
+        let core = self.runs.get(core_runs).unwrap_or(&[]);
         let after = core.partition_point(|run| (run.y, run.x) <= (core_y, core_x));
         let before = after.checked_sub(1).and_then(|before| Some((before, core.get(before)?)));
         let Some((index, run)) = before else { return false };
@@ -211,7 +206,8 @@ impl RecentRows {
             }
             let upper = runs.runs.get(usize::from(above.first)..usize::from(above.end)).unwrap_or(&[]);
             let reach = neighbourhood.half_width(dy);
-            join_rows((upper, above.first), (lower, first as u16), reach, &mut runs.labels);
+            let (upper, lower) = (Row { runs: upper, first: above.first }, Row { runs: lower, first: first as u16 });
+            join_rows(upper, lower, reach, &mut runs.labels);
         }
         let mut newer = RowRuns { y: y as u16, first: first as u16, end: runs.runs.len() as u16 };
         for row in &mut self.rows {
@@ -220,16 +216,16 @@ impl RecentRows {
     }
 }
 
-/// Joins the runs of two rows that lie within `reach` columns of each other. A row is its runs and the
-/// index of the first.
-fn join_rows(
-    (upper, upper_first): (&[PixelRun], u16),
-    (lower, lower_first): (&[PixelRun], u16),
-    reach: usize,
-    labels: &mut [u16],
-) {
-    let mut uppers = (upper_first..).zip(upper);
-    let mut lowers = (lower_first..).zip(lower);
+/// A row: its runs and the index of the first.
+struct Row<'a> {
+    runs: &'a [PixelRun],
+    first: u16,
+}
+
+/// Joins the runs of two rows that lie within `reach` columns of each other.
+fn join_rows(upper: Row<'_>, lower: Row<'_>, reach: usize, labels: &mut [u16]) {
+    let mut uppers = (upper.first..).zip(upper.runs);
+    let mut lowers = (lower.first..).zip(lower.runs);
     let (Some(mut one), Some(mut two)) = (uppers.next(), lowers.next()) else { return };
     loop {
         let (one_x, one_last) = (usize::from(one.1.x), usize::from(one.1.last));
