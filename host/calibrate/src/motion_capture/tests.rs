@@ -5,6 +5,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
+use crate::trajectory::alignment::AlignmentError;
 use evcal_geometry::numerics::random::normal;
 
 const SECONDS: f64 = 24.0;
@@ -141,7 +142,7 @@ fn missing_and_wild_poses_do_no_harm() {
 #[test]
 fn motion_that_tells_too_little_is_refused() {
     let refused = |turn: Vector3<f64>| compare(&camera_poses(turn), &capture(turn, USUAL), None).unwrap_err();
-    assert!(matches!(refused(Vector3::zeros()), MotionCaptureError::LittleRotation { .. }));
+    assert!(matches!(refused(Vector3::zeros()), MotionCaptureError::Alignment(AlignmentError::LittleRotation { .. })));
     for (axis, name) in ["x axis", "y axis", "z axis"].into_iter().enumerate() {
         let error = refused(Vector3::from_fn(|row, _| if row == axis { 1.0 } else { 0.0 }));
         assert!(error.to_string().contains(name), "{error}");
@@ -196,7 +197,7 @@ fn mistakes_in_a_capture_are_named() {
     );
     let mut other = capture(free(), USUAL);
     other.iter_mut().for_each(|pose| pose.pose = self::camera(0.77 * pose.t + 100.0, free()));
-    refused("this recording", &other);
+    refused("does not turn as the camera does", &other);
     let mut late = capture(free(), USUAL);
     late.iter_mut().for_each(|pose| pose.t *= 1e9);
     refused("times in seconds", &late);

@@ -6,6 +6,7 @@ use nalgebra::Vector3;
 
 use super::*;
 use crate::trajectory::RotationSpline;
+use crate::trajectory::alignment::AlignmentError;
 use crate::trajectory::fit::{TrajectoryShape, fit};
 use evcal_geometry::board::Board;
 use evcal_geometry::board::symmetry::symmetries;
@@ -141,20 +142,20 @@ fn mistakes_are_named() {
     };
     let still = |t: f64| first_pose(t, 0.0);
     let error = refused(&[fitted_to(still, 0.0..8.0)], &[fitted_to(still, 0.0..8.0)]);
-    assert!(matches!(error, SecondCameraError::LittleRotation { .. }), "{error}");
+    assert!(matches!(error, SecondCameraError::Alignment(AlignmentError::LittleRotation { .. })), "{error}");
     let other = |t: f64| first_pose(0.77 * t + 100.0, 1.0);
     let error = refused(&first(1.0), &[fitted_to(other, 0.0..20.0)]);
-    assert!(matches!(error, SecondCameraError::OtherMotion { .. }), "{error}");
+    assert!(matches!(error, SecondCameraError::Alignment(AlignmentError::OtherMotion { .. })), "{error}");
     let periodic = |t: f64| {
         Isometry3::new(Vector3::new(0.2, 0.2, -0.7), Vector3::new(0.4 * (4.0 * t).sin(), 0.3 * (8.0 * t).cos(), 0.0))
     };
     let error = refused(&[fitted_to(periodic, 0.0..12.0)], &[fitted_to(periodic, 0.0..12.0)]);
-    assert!(matches!(error, SecondCameraError::Ambiguous { .. }), "{error}");
+    assert!(matches!(error, SecondCameraError::Alignment(AlignmentError::Ambiguous { .. })), "{error}");
     // A mount that bends by 10 cm, back and forth.
     let loose =
         |t: f64| first_pose(t, 1.0) * Isometry3::new(Vector3::new(0.1 * (0.7 * t).sin(), 0.0, 0.0), Vector3::zeros());
     let error = refused(&first(1.0), &[fitted_to(loose, 0.0..SECONDS)]);
     assert!(matches!(error, SecondCameraError::NotFixed { distance, .. } if distance > 0.02), "{error}");
     let error = refused(&first(1.0), &[]);
-    assert!(matches!(error, SecondCameraError::OtherMotion { .. }), "{error}");
+    assert!(matches!(error, SecondCameraError::Alignment(AlignmentError::OtherMotion { .. })), "{error}");
 }
