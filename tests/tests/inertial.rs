@@ -203,7 +203,7 @@ fn motions_that_leave_something_open_are_refused_or_flagged() {
     let other = open_motion("one-axis").join("imu.csv");
     let finished = calibrated(&open_motion("little-turns"), Some(&other), &scratch.path().join("other"));
     assert_eq!(finished.code, Some(1), "{}", finished.stdout);
-    assert!(finished.stderr.contains("are not those of the camera"), "{}", finished.stderr);
+    assert!(finished.stderr.contains("does not turn as the camera does"), "{}", finished.stderr);
 }
 
 /// A unit that slips by a degree in the middle of the recording: the camera is good, the unit is not, and the exit code says so.
@@ -269,7 +269,7 @@ fn mistakes(bench: &Bench) {
         samples.iter_mut().for_each(|sample| sample.t = end - sample.t);
     });
     let error = backwards.unwrap_err().to_string();
-    assert!(error.contains("are not those of the camera"), "{error}");
+    assert!(error.contains("does not turn as the camera does"), "{error}");
 }
 
 /// A unit that slips by a degree in the middle of the recording.

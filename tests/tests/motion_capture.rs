@@ -97,7 +97,7 @@ fn mistakes_in_the_file_are_named() {
 #[test]
 fn motions_that_leave_the_body_open_are_refused() {
     for (motion, words) in [
-        ("one-axis", "the camera turned about one axis only, near its y axis"),
+        ("one-axis", "the camera turned about one axis only, its y axis"),
         ("even-turn", "°/s all the time, which leaves the offset of the clocks open: turn it back and forth"),
         ("to-and-fro", "the motion repeats itself"),
     ] {

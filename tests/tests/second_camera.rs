@@ -161,7 +161,7 @@ fn mistakes_are_named() {
 #[test]
 fn motions_that_leave_the_clocks_open_are_refused() {
     for (motion, duration, words) in [
-        ("even-turn", "4s", "°/s all the time, which leaves the offset of their clocks open: turn them back and forth"),
+        ("even-turn", "4s", "°/s all the time, which leaves the offset of the clocks open: turn it back and forth"),
         // Three times the same way.
         ("to-and-fro", "6s", "the motion repeats itself"),
     ] {

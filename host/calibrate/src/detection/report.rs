@@ -187,7 +187,9 @@ impl NoPattern {
         if let Some(polarity) = self.report.only_polarity() {
             return NoPatternCause::OnePolarity(polarity);
         }
-        self.report.main_reason().map_or(NoPatternCause::Nothing, |(reason, count)| NoPatternCause::Windows(reason, count))
+        self.report
+            .main_reason()
+            .map_or(NoPatternCause::Nothing, |(reason, count)| NoPatternCause::Windows(reason, count))
     }
 }
 

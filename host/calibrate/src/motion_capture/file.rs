@@ -138,8 +138,11 @@ fn number(field: Option<&&str>, line: usize) -> Result<f64, CaptureError> {
 fn push(
     poses: &mut Vec<TimedPose>,
     line: usize,
-    (t, position, [w, x, y, z]): (f64, Vector3<f64>, [f64; 4]),
+    t: f64,
+    position: Vector3<f64>,
+    quaternion: [f64; 4],
 ) -> Result<(), CaptureError> {
+    let [w, x, y, z] = quaternion;
     let quaternion = Quaternion::new(w, x, y, z);
     let length = quaternion.norm();
     if (length - 1.0).abs() > UNIT_LENGTH {

@@ -175,12 +175,13 @@ pub fn calibrate_pictures(
         .map(|posed| {
             let measured = frames.get(posed.frame).map_or(&[][..], |frame| &frame.circles);
             let dots = posed.circles.iter().filter_map(|circle| {
-                Some(SeenDot { object: board.circle_center(circle.index), image: nearest(measured, circle)? })
+                let (object, radius) = (board.circle_center(circle.index), board.radius);
+                Some(SeenDot { object, radius, image: nearest(measured, circle)? })
             });
             PictureView { dots: dots.collect(), pose: posed.pose.inverse() }
         })
         .collect();
-    let bundle = picture_bundle(&initial.camera, &views, board.radius, sensor, settings.huber);
+    let bundle = picture_bundle(&initial.camera, &views, sensor, settings.huber);
     let Some(PictureBundle { camera, poses, covariance, inflation, spread, rms, median, .. }) = bundle else {
         let reason = PictureFailure::Undetermined { views: views.len() };
         return Err(NoPictureCalibration { reason, report: Box::new(report) });

@@ -267,8 +267,9 @@ fn picture_examples(calibrated: &Calibrated, task: &Task) -> Vec<(&'static str, 
         let Some(Input::Events(recording)) = task.inputs.get(frame.recording) else { return None };
         let exposure = (calibrated.starts.get(frame.recording)? + frame.start) * 1e6;
         let picture = recording.image_at(exposure.round() as i64)?;
-        let image = (picture.image.as_ref().ok()?, picture.position);
-        Some(grey_frame_picture(image, frame, calibrated.sensor, task.board, calibrated.camera(), &posed.pose))
+        let (image, position) = (picture.image.as_ref().ok()?, picture.position);
+        let (sensor, camera) = (calibrated.sensor, calibrated.camera());
+        Some(grey_frame_picture(image, position, frame, sensor, task.board, camera, &posed.pose))
     })
 }
 
@@ -302,8 +303,8 @@ fn frames(calibrated: &Calibrated, recording: usize) -> impl Iterator<Item = Cow
 fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &PoseSettings) -> Vec<UncertainPose> {
     let mut poses = match &calibrated.evidence {
         Evidence::Events(events) => {
-            let covariance = (&events.trust.poses, events.refined.left_out.as_slice());
-            let mut poses = sampled_poses(&events.refined.state, covariance, recording, settings);
+            let (state, left_out) = (&events.refined.state, &events.refined.left_out);
+            let mut poses = sampled_poses(state, &events.trust.poses, left_out, recording, settings);
             let followed = events.followed.iter().filter(|stretch| stretch.recording == recording);
             poses.extend(followed.flat_map(|stretch| &stretch.poses).copied());
             poses.sort_by(|a, b| a.pose.t.total_cmp(&b.pose.t));

@@ -261,7 +261,7 @@ impl Work<'_> {
             failed.push(Beside { what: "the camera's own frames".to_owned(), error });
         }
         for (number, other) in self.others.iter().enumerate() {
-            if let Err(error) = self.add_other(first, (number, other), task, waiting) {
+            if let Err(error) = self.add_other(first, number, other, task, waiting) {
                 failed.push(Beside { what: other.input.name(), error });
             }
         }
@@ -278,10 +278,12 @@ impl Work<'_> {
     fn add_other(
         &self,
         first: &mut Calibrated,
-        (number, Other { input, sensor, model }): (usize, &Other),
+        number: usize,
+        other: &Other,
         task: &Task,
         waiting: &mut Waiting,
     ) -> Result<(), BesideError> {
+        let Other { input, sensor, model } = other;
         let uncertainty = &self.settings.uncertainty;
         let inputs = std::slice::from_ref(input);
         let pictures = match input {
@@ -302,8 +304,8 @@ impl Work<'_> {
         let lenses = [self.held_of_first(first)?, held];
         let second = match input {
             Input::Images(images) => {
-                let frames = (images, self.rolling_shutter);
-                calibrate_frame_camera(first, &second, frames, &self.board, lenses, uncertainty)?
+                let rolling_shutter = self.rolling_shutter;
+                calibrate_frame_camera(first, &second, images, rolling_shutter, &self.board, lenses, uncertainty)?
             }
             Input::Events(_) | Input::Circles { .. } => {
                 calibrate_second_camera(first, &second, &input.name(), &self.board, lenses, uncertainty)?

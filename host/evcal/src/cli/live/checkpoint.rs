@@ -34,7 +34,8 @@ pub fn start(
     arguments: &Arguments,
     settings: &Settings,
     board: &Board,
-    (before, recording): (&[PathBuf], &Path),
+    before: &[PathBuf],
+    recording: &Path,
     options: &RecordingOptions,
     telling: Telling,
 ) -> io::Result<Checkpoints> {

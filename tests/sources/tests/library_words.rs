@@ -1,5 +1,5 @@
 //! No library speaks the words of the command line: its texts and its documentation name no option and no subcommand of `evcal`.
-//! What to do about an error is said by the program (`src/cli/advice.rs`) and by Python, each in its own words.
+//! What to do about an error is said by the program (`host/evcal/src/cli/advice.rs`) and by Python, each in its own words.
 
 use std::path::{Path, PathBuf};
 
@@ -8,10 +8,39 @@ use syn::visit::{self, Visit};
 use syn::{Attribute, File, Item, Lit, LitStr, Macro, Meta};
 
 /// Crates that speak for themselves. `host/evcal` is the program.
-const CRATES: &[&str] = &["core", "firmware/link", "host/files", "host/recordings", "usb-davis"];
+const CRATES: &[&str] = &[
+    "core",
+    "firmware/link",
+    "host/calibrate",
+    "host/files",
+    "host/geometry",
+    "host/live",
+    "host/opencv",
+    "host/recordings",
+    "host/report",
+    "host/simulator",
+    "usb-davis",
+];
 
-/// Options of other programs, and who they belong to.
-const OF_OTHERS: &[(&str, &str)] = &[("--compression-mode", "ros2 bag record")];
+/// Words of others that look like options, and whose they are.
+const OF_OTHERS: &[(&str, &str)] = &[
+    ("--compression-mode", "ros2 bag record"),
+    ("--x", ROS_TRANSFORM),
+    ("--y", ROS_TRANSFORM),
+    ("--z", ROS_TRANSFORM),
+    ("--qx", ROS_TRANSFORM),
+    ("--qy", ROS_TRANSFORM),
+    ("--qz", ROS_TRANSFORM),
+    ("--qw", ROS_TRANSFORM),
+    ("--frame-id", ROS_TRANSFORM),
+    ("--child-frame-id", ROS_TRANSFORM),
+    ("--on", STYLE_SHEET),
+    ("--off", STYLE_SHEET),
+    ("--third", STYLE_SHEET),
+    ("--fourth", STYLE_SHEET),
+];
+const ROS_TRANSFORM: &str = "ros2 run tf2_ros static_transform_publisher, a line of an exported file";
+const STYLE_SHEET: &str = "a colour of the report's style sheet";
 
 /// The program's options of one letter.
 const SHORT_OPTIONS: &[&str] = &["-c", "-o"];
@@ -25,7 +54,6 @@ const SUBCOMMANDS: &[&str] = &[
     "convert",
     "detect",
     "devices",
-    "emulate",
     "evaluate",
     "export",
     "info",
