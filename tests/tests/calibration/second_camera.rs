@@ -157,28 +157,6 @@ fn mistakes_are_named() {
     refused("recordings of the same session", &[text(&session), "--with", text(&other)]);
 }
 
-/// Motions that leave the offset of the clocks open, each told with what to do.
-#[test]
-fn motions_that_leave_the_clocks_open_are_refused() {
-    for (motion, duration, words) in [
-        ("even-turn", "4s", "°/s all the time, which leaves the offset of their clocks open: turn them back and forth"),
-        // Three times the same way.
-        ("to-and-fro", "6s", "the motion repeats itself"),
-    ] {
-        let name = format!("second-camera-{motion}");
-        let options = ["--motion", motion, "--duration", duration, "--second-camera"];
-        let simulation = made(&name, &[&["simulate", "--board", BOARD], &options[..]].concat());
-        let (first, second) = (simulation.join("events.aedat4"), simulation.join("second.aedat4"));
-        let scratch = tempfile::tempdir().unwrap();
-        let result = scratch.path().join("result");
-        let options = ["--with", text(&second), "--board", BOARD, "--accept-any", "-o", text(&result)];
-        let finished = evcal(&[&["calibrate", text(&first)], &options[..]].concat());
-        assert_eq!(finished.code, Some(1), "{motion}: {}", finished.stdout);
-        assert!(finished.stderr.contains(words), "{motion}: wanted {words:?}: {}", finished.stderr);
-        assert!(result.join("calibration.json").exists(), "{motion}");
-    }
-}
-
 /// Pixels of events that answer at once, so that nothing but the clocks is in the offset.
 const FRAMES: [&str; 11] =
     ["simulate", "--board", BOARD, "--motion", "fast", "--duration", "5s", "--seed", "41", "--light", "ideal"];

@@ -87,23 +87,6 @@ fn recordings_are_described_in_the_same_words_everywhere() {
     assert_eq!(names(&output), ["failure.txt"], "no result is written");
 }
 
-#[test]
-fn numbers_have_bounds() {
-    let cases: &[(&[&str], &str)] = &[
-        (&["info", "--threads", "0", "a.csv"], "1 to 1024"),
-        (&["info", "--threads", "99999999", "a.csv"], "1 to 1024"),
-        (&["repeat", "a.csv", "--board", BOARD, "--runs", "1"], "2 to 65535"),
-        (&["undistort", "a.png", "-c", "c", "-o", "b.png", "--alpha", "1.5"], "from 0 to 1"),
-        (&["export", "c", "--c-header", "a.h", "--max-error", "0"], "pixels"),
-        (&["export", "c", "--c-header", "a.h", "--ideal", "1,1,0"], "fx,fy,cx,cy"),
-        (&["board", "--pdf", "a.pdf", "--margin=-1"], "from 0 to 100 mm"),
-    ];
-    for (arguments, part) in cases {
-        let errors = fail(2, arguments);
-        assert!(errors.contains(part), "{arguments:?}: {errors}");
-    }
-}
-
 /// One rule for all that can be made again: what is there stays, unless --force is given.
 #[test]
 fn results_replace_others_only_by_force() {
@@ -151,28 +134,6 @@ fn a_recording_can_go_into_a_pipe() {
     let refused = evcal(&["convert", text(&events), "/dev/stdout", "--to", "aedat4"]);
     assert_eq!(refused.status.code(), Some(1));
     assert!(stderr(&refused).contains("name a file"), "{}", stderr(&refused));
-}
-
-#[test]
-fn models_of_other_programs_lead_to_the_model() {
-    for (name, model) in [
-        ("pinhole", "radtan"),
-        ("fisheye", "kannala-brandt"),
-        ("equidistant", "kannala-brandt"),
-        ("plumb_bob", "radtan"),
-        ("ds", "double-sphere"),
-    ] {
-        let errors = fail(2, &["calibrate", "a.csv", "--board", BOARD, "-o", "never", "--model", name]);
-        assert!(errors.contains(name) && errors.contains(model), "{errors}");
-    }
-}
-
-#[test]
-fn boards_without_circles_lead_to_one_with() {
-    for board in ["checkerboard:9x6:25mm", "aprilgrid:6x6:24mm:r1mm"] {
-        let errors = fail(2, &["calibrate", "a.csv", "-o", "never", "--board", board]);
-        assert!(errors.contains("only boards of circles") && errors.contains("evcal board"), "{errors}");
-    }
 }
 
 #[test]
@@ -446,44 +407,6 @@ fn fixture() -> String {
     concat!(env!("CARGO_MANIFEST_DIR"), "/../../fixtures/board/events.dvraw").to_owned()
 }
 
-#[test]
-fn a_diameter_or_a_distance_in_a_row_leads_to_the_board() {
-    let directory = tempfile::tempdir().unwrap();
-    let folder = directory.path().join("out");
-    for (board, part) in
-        [("acircles:9x4:55mm:r35mm", "is the radius a diameter?"), ("acircles:9x4:110mm:r17.5mm", "half is asked for?")]
-    {
-        let errors = fail(1, &["calibrate", &fixture(), "--board", board, "-o", text(&folder)]);
-        assert!(errors.contains(part) && errors.contains(&format!("--board {BOARD}")), "{errors}");
-        assert!(errors.contains("circles look like") && !errors.contains("record longer"), "{errors}");
-    }
-}
-
-#[test]
-fn a_sensor_smaller_than_the_events_is_an_error() {
-    let directory = tempfile::tempdir().unwrap();
-    let folder = directory.path().join("out");
-    let errors = fail(1, &["calibrate", &fixture(), "--board", BOARD, "--sensor", "240x180", "-o", text(&folder)]);
-    assert!(errors.contains("829126 of 1947933 events lie outside the 240 x 180"), "{errors}");
-    assert!(errors.contains("the file says 346 x 260"), "{errors}");
-}
-
-#[test]
-fn a_sensor_that_is_not_given_is_named() {
-    let directory = tempfile::tempdir().unwrap();
-    let (events, folder) = (directory.path().join("events.bin"), directory.path().join("out"));
-    let lines = "t_us,x,y,p\n1,2,3,1\n2,345,3,1\n3,2,259,0\n";
-    fs::write(directory.path().join("events.csv"), lines).unwrap();
-    let csv = directory.path().join("events.csv");
-    succeed(&["convert", text(&csv), text(&events), "--sensor", "346x260"]);
-    for arguments in
-        [vec!["calibrate", text(&events), "--board", BOARD, "-o", text(&folder)], vec!["detect", text(&events)]]
-    {
-        let errors = fail(1, &arguments);
-        assert!(errors.contains("add --sensor 346x260"), "{errors}");
-    }
-}
-
 /// Events of a camera a millisecond apart on average would be a thousand times as many.
 fn write_milliseconds(path: &Path) {
     let lines: String = (0..50_000)
@@ -495,12 +418,8 @@ fn write_milliseconds(path: &Path) {
 #[test]
 fn times_in_another_unit_are_suspected() {
     let directory = tempfile::tempdir().unwrap();
-    let (events, folder) = (directory.path().join("events.txt"), directory.path().join("out"));
+    let events = directory.path().join("events.txt");
     write_milliseconds(&events);
-    let arguments = ["calibrate", text(&events), "--sensor", "346x260", "--board", BOARD, "-o", text(&folder)];
-    let errors = fail(1, &arguments);
-    assert!(errors.contains("250 events a second") && errors.contains("--time-unit ms"), "{errors}");
-    assert!(!errors.contains("move faster"), "{errors}");
     let checked = succeed(&["check", text(&events), "--board", BOARD]);
     assert!(checked.ends_with("next: add --time-unit ms\n"), "{checked}");
     let checked = succeed(&["check", text(&events), "--time-unit", "ms"]);
@@ -522,22 +441,6 @@ fn check_leads_to_the_calibration() {
     assert!(checked.contains("measure the spacing (half the distance of neighbours in a row)"), "{checked}");
     let checked: serde_json::Value = serde_json::from_str(&succeed(&["check", &fixture(), "--json"])).unwrap();
     assert_eq!((&checked["events"], &checked["whole"]), (&1_947_933.into(), &true.into()));
-}
-
-#[test]
-fn what_is_no_recording_is_named() {
-    let directory = tempfile::tempdir().unwrap();
-    let folder = calibration(&directory);
-    let errors = fail(1, &["info", text(&folder)]);
-    assert!(errors.contains("is a folder") && !errors.contains("pipe"), "{errors}");
-    let errors = fail(1, &["info", text(&folder.join("calibration.json"))]);
-    assert!(errors.contains("is a JSON file") && errors.contains("evcal export"), "{errors}");
-}
-
-#[test]
-fn parts_longer_than_the_recording_lead_to_shorter_ones() {
-    let errors = fail(1, &["repeat", &fixture(), "--board", BOARD]);
-    assert!(errors.contains("3.0 s long") && errors.contains("--seconds 1.4s"), "{errors}");
 }
 
 #[test]
