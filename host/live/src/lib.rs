@@ -1,9 +1,4 @@
-//! Watching a camera while it is recorded: has enough of the board been seen for a calibration?
-//!
-//! The detection stages of a calibration (windows, circles, grid) run on a thread of their own on
-//! what the camera sends, and [`guidance`] says where the board should go next. The recording never waits for them:
-//! transfers that they have no time for are left out of the display, and counted. [`replay`](mod@replay) does the same
-//! with a recording.
+#![doc = include_str!("../README.md")]
 
 pub mod background;
 pub mod checkpoint;

@@ -8,9 +8,9 @@ use super::hint::{Hint, Seen, choose, errors, half_turn};
 use super::place::{Place, candidates, in_image, visible};
 use super::*;
 use crate::{LiveCoverage, Tilt};
-use evcal_calibrate::settings::LiveSettings;
 use evcal_calibrate::circles::reference_frame::SeenIn;
 use evcal_calibrate::initial::information::{ProjectionMeasure, prior, view_information};
+use evcal_calibrate::settings::LiveSettings;
 use evcal_geometry::numerics::random::{normal, uniform_in};
 
 const SENSOR: Sensor = Sensor::new(346, 260);
