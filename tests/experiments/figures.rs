@@ -85,13 +85,19 @@ fn tables() -> Vec<(&'static str, Vec<Row>)> {
         Row::new("violent, 4 s", RADTAN, &["--motion", "violent", "--duration", "4s"]),
         Row::new("fast, 20 s", RADTAN, &["--motion", "fast", "--duration", "20s"]),
     ];
-    let models = lens::ALL.map(|lens| Row::new("own model", lens, &FAST)).into();
+    let models = lens::ALL.map(|lens| Row::new("own model", lens, &["--motion", "fast", "--duration", "3s"])).into();
     let wrong = |(lens, models): (Lens, [&'static str; 3])| {
         models.map(|model| Row { model, ..Row::new(&format!("as {model}"), lens, &FAST) })
     };
     let choices = [("default", &[][..]), ("soft", &["--extraction", "soft"]), ("so3", &["--rotation", "so3"])];
-    let choice =
-        |(name, options): (&str, &[&'static str])| Row { calibrate: options.to_vec(), ..Row::new(name, RADTAN, &FAST) };
+    let choice = |(name, options): (&str, &[&'static str])| {
+        let low_light = [&FAST[..], &["--light", "low"]].concat();
+        let recordings = [("", RADTAN, &FAST[..]), ("", KANNALA_BRANDT, &FAST), (", low light", RADTAN, &low_light)];
+        recordings.map(|(light, lens, simulate)| Row {
+            calibrate: options.to_vec(),
+            ..Row::new(&format!("{name}{light}"), lens, simulate)
+        })
+    };
     let boards = BOARDS.map(|(name, options)| Row::new(name, RADTAN, &[&FAST[..], options].concat()));
     let mut rooms = vec![Row::new("none", RADTAN, &FAST)];
     rooms.extend(ROOMS.map(|effect| Row::new(effect, RADTAN, &[&FAST[..], &["--effects", effect]].concat())));
@@ -100,7 +106,7 @@ fn tables() -> Vec<(&'static str, Vec<Row>)> {
         ("recordings", recordings),
         ("models", models),
         ("wrong-models", WRONG_MODELS.into_iter().flat_map(wrong).collect()),
-        ("choices", choices.map(choice).into()),
+        ("choices", choices.into_iter().flat_map(choice).collect()),
         ("boards", boards.into()),
         ("rooms", rooms),
     ]
