@@ -92,7 +92,8 @@ fn tables() -> Vec<(&'static str, Vec<Row>)> {
     let choices = [("default", &[][..]), ("soft", &["--extraction", "soft"]), ("so3", &["--rotation", "so3"])];
     let choice = |(name, options): (&str, &[&'static str])| {
         let low_light = [&FAST[..], &["--light", "low"]].concat();
-        let recordings = [("", RADTAN, &FAST[..]), ("", KANNALA_BRANDT, &FAST), (", low light", RADTAN, &low_light)];
+        let recordings =
+            [("", RADTAN, &FAST[..]), ("", KANNALA_BRANDT, &FAST[..]), (", low light", RADTAN, &low_light[..])];
         recordings.map(|(light, lens, simulate)| Row {
             calibrate: options.to_vec(),
             ..Row::new(&format!("{name}{light}"), lens, simulate)
