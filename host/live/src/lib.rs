@@ -1,4 +1,7 @@
 #![doc = include_str!("../README.md")]
+// No input makes it panic; the program prints.
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod background;
 pub mod checkpoint;
@@ -12,7 +15,6 @@ pub mod obstacle;
 #[cfg(feature = "page")]
 pub mod page;
 pub mod picture;
-pub mod playback;
 pub mod recorder;
 pub mod replay;
 pub mod wanted;

@@ -3,6 +3,10 @@
 //! Time runs in slices of 25 ms that bound the memory, slices in ticks of 50 µs at which poses are
 //! known; each pixel looks at the ticks it needs.
 
+// No input makes it panic; the program prints.
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+
 use std::collections::BTreeSet;
 
 use evcal_core::event::Event;

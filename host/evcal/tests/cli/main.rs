@@ -4,7 +4,6 @@ mod camera;
 mod circle_stream;
 mod command;
 mod convert;
-mod emulate;
 #[cfg(target_os = "linux")]
 mod emulated;
 mod examples;
