@@ -1,4 +1,4 @@
-//! The examples do what they say. `cargo test` builds them before the tests, and so does the Makefile, which leaves the others out.
+//! The examples do what they say. `cargo test` builds them before the tests.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -15,7 +15,7 @@ fn example(name: &str, arguments: &[&Path]) -> String {
     let test = std::env::current_exe().unwrap();
     let folder = test.ancestors().nth(2).unwrap().join("examples");
     let program = folder.join(format!("{name}{}", std::env::consts::EXE_SUFFIX));
-    // `cargo test --test examples` alone does not build them.
+    // `cargo test --test cli` alone does not build them.
     assert!(
         program.exists(),
         "{}: test the whole package, or build its examples in this profile first",
