@@ -1,9 +1,8 @@
 # Two commands do everything on a fresh Debian machine:
 #   make demo   builds evcal and calibrates a simulated DAVIS346 from its USB stream; OPENCV=0 builds it without OpenCV
 #   make test   checks formatting, lints, documentation and runs all tests
-.POSIX:
-.PHONY: demo test test-times test-workspace test-beside test-without-opencv test-report test-python test-packages test-usb-guest \
-    test-embedded test-embedded-slow compatibility setup readers build programs packages rooms bench fuzz check check-format check-lints \
+.PHONY: demo test test-workspace test-beside test-without-opencv test-report test-python test-packages test-usb-guest test-embedded \
+    test-embedded-slow compatibility setup readers build programs wheel packages rooms bench fuzz check check-format check-lints \
     check-documentation check-no-std check-dependencies check-oldest-rust check-crates
 
 # What `make test` runs, in this order.
@@ -14,23 +13,15 @@ demo: build
 	@sh tools/demo.sh
 
 test:
-	@for step in $(TESTS); do $(MAKE) $$step || exit 1; done
+	@for step in $(TESTS); do \
+	    start=$$(date +%s); $(MAKE) $$step || exit 1; echo "== make $$step: $$(($$(date +%s) - start)) s"; done
 
-# How long each step takes. COLD=--cold builds everything anew.
-test-times: setup
-	@sh tools/measure/time-tests.sh $(COLD) $(TESTS)
+# All tests that cargo runs, and all examples are built.
+test-workspace: setup readers
+	cargo test --workspace --release --locked
 
-# Of the examples, those that a test runs; the lints compile the others.
-EXAMPLES = --example calibrate --example detect --example simulate --example undistort
-
-# All tests that cargo runs.
-test-workspace: programs
-	cargo test --workspace --release --locked --tests
-	cargo test --workspace --release --locked --doc
-
-# All tests of evcal and all end-to-end tests with a program without OpenCV: before a release, and after a change of what starts natively.
-# The end-to-end tests run the program that the tests before them left in its place. `make test` has such a build in the packages and
-# in the Python package.
+# The same with a program without OpenCV: before a release, and after a change of what starts natively. The end-to-end tests run the
+# program that the tests before them left in its place. `make test` has such a build in the packages and in the Python package.
 test-without-opencv: setup readers
 	cargo test -p evcal --release --locked --no-default-features --features cli
 	@! ldd "$${CARGO_TARGET_DIR:-target}/release/evcal" | grep opencv
@@ -40,20 +31,23 @@ test-without-opencv: setup readers
 test-report: programs
 	@sh tools/report/check.sh
 
-# The steps after these, in two rows: one compiles most of the time, the other waits for emulated machines.
+# Two at a time, for much of each uses one processor only. What a step prints follows when it is done.
 test-beside: programs
-	@sh tools/beside.sh "test-python test-packages" "test-usb-guest test-embedded"
+	@$(MAKE) -j2 --output-sync=target test-embedded test-python test-packages test-usb-guest
 
 # The Python package: its wheel, built, installed and tested; installs what it needs below target.
-test-python: setup
+wheel: setup
+	@sh tools/python/wheel.sh
+
+test-python: wheel
 	@sh tools/python/test.sh
 
 # What people get who do not build evcal: a static program in a tarball, and a .deb; in target/packages.
-packages:
+packages: setup
 	@sh tools/package/build.sh
 
-# The same, installed in a bare Debian root and used there for a calibration.
-test-packages:
+# The same, installed in a bare Debian root and used there for a calibration; then the wheel, in another.
+test-packages: packages wheel
 	@sh tools/package/test.sh
 
 # The emulated camera on a real kernel, in a virtual machine; says so where there cannot be one.
@@ -83,9 +77,11 @@ check-format: setup
 	@for part in . firmware fuzz python usb-davis/compatibility; do \
 	    cargo fmt --manifest-path $$part/Cargo.toml --all --check || exit 1; done
 
+# Without OpenCV only the program is another one; usb-davis gives the others the features that they have in the workspace.
 check-lints: setup
 	cargo clippy --workspace --all-targets --release --locked -- -D warnings
-	cargo clippy -p evcal --all-targets --release --locked --no-default-features --features cli -- -D warnings
+	cargo clippy -p evcal -p usb-davis --all-targets --release --locked --no-default-features \
+	    --features evcal/cli,usb-davis/default -- -D warnings
 
 check-documentation: setup
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --release --locked
@@ -114,8 +110,7 @@ build: setup
 # The programs as the tests have them: their dependencies have features that only tests ask for, and another build
 # would compile most of evcal a second time.
 programs: setup
-	cargo build --workspace --release --locked $(EXAMPLES)
-	cargo test --workspace --release --locked --tests --no-run
+	cargo test --workspace --release --locked --no-run
 
 bench: setup
 	cargo bench --workspace

@@ -16,8 +16,9 @@ changed '*.sh' .ci/run | while read -r script; do
     sh -n "$script" || fail "$script is no shell script"
 done
 crates=""
-for folder in core:evcal-core firmware/link:evcal-link host:evcal tests:evcal-tests usb-davis:usb-davis; do
-    [ -z "$(changed "${folder%:*}/**.rs" "${folder%:*}/Cargo.toml")" ] || crates="$crates -p ${folder#*:}"
+for folder in core firmware/link host/* tests usb-davis; do
+    [ -z "$(changed "$folder/**.rs" "$folder/Cargo.toml")" ] ||
+        crates="$crates -p $(sed -n 's/^name = "\(.*\)"/\1/p' "$folder/Cargo.toml" | head -n 1)"
 done
 if [ -n "$(changed Cargo.toml clippy.toml)" ]; then
     crates=" --workspace"

@@ -2,8 +2,7 @@
 //! compares errors of camera and poses with what was stated.
 //!
 //! ```text
-//! cargo build --release --workspace --examples
-//! target/release/examples/seeds [FIRST-LAST [MODEL [SIMULATE-OPTION...]]]
+//! cargo run --release -p evcal-tests --example seeds -- [FIRST-LAST [MODEL [SIMULATE-OPTION...]]]
 //! ```
 
 use std::io::BufReader;

@@ -18,8 +18,6 @@ pub mod lens;
 pub mod readers;
 pub mod values;
 
-use lens::Lens;
-
 /// The board of all simulated recordings.
 pub const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
 
@@ -49,8 +47,10 @@ pub fn program() -> &'static Path {
         let advice = "test the whole workspace, or build package evcal in this profile first";
         let built = modified(&program).unwrap_or_else(|error| panic!("{}: {error}: {advice}", program.display()));
         let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("");
-        for package in ["host", "core"] {
-            if let Some(source) = newer_source(&workspace.join(package).join("src"), built) {
+        let crates = fs::read_dir(workspace.join("host")).expect("sources can be read");
+        let crates = crates.map(|entry| entry.expect("sources can be read").path());
+        for sources in crates.chain([workspace.join("core")]).map(|path| path.join("src")) {
+            if let Some(source) = newer_source(&sources, built) {
                 panic!("{} is newer than {}: {advice}", source.display(), program.display());
             }
         }
@@ -91,37 +91,6 @@ impl Finished {
     pub fn said(&self) -> Vec<&str> {
         self.stderr.lines().filter(|line| !line.ends_with(" ...")).collect()
     }
-}
-
-/// A simulated recording and its calibration.
-pub struct Trial {
-    /// `calibration.json`.
-    pub result: Value,
-    /// What `evcal evaluate` says of it.
-    pub evaluation: Value,
-    /// `truth.json`.
-    pub truth: Value,
-}
-
-/// Simulates 4 s in `folder` with these `options` and calibrates it with the lens' own model.
-///
-/// # Errors
-/// What the program says where it cannot calibrate.
-pub fn trial(folder: &Path, lens: &Lens, options: &[&str]) -> Result<Trial, String> {
-    let (simulation, calibration) = (folder.join("simulation"), folder.join("calibration"));
-    let scene = ["--board", BOARD, "--model", lens.model, "--parameters", lens.parameters, "--duration", "4s"];
-    succeed(&[&["simulate", "-o", text(&simulation)][..], &scene, options].concat());
-    let events = simulation.join("events.aedat4");
-    let options = ["--board", BOARD, "--model", lens.model, "--accept-any", "-o", text(&calibration)];
-    let finished = evcal(&[&["calibrate", text(&events)][..], &options].concat());
-    if finished.code != Some(0) {
-        return Err(finished.said().first().copied().unwrap_or_default().to_owned());
-    }
-    Ok(Trial {
-        result: read_json(&calibration.join("calibration.json")),
-        evaluation: json(&["evaluate", text(&calibration), "--truth", text(&simulation), "--json"]),
-        truth: read_json(&simulation.join("truth.json")),
-    })
 }
 
 /// Runs the program, which must succeed and say nothing on standard error but the stages that it has come to, and returns
@@ -177,10 +146,10 @@ pub fn session_calibration() -> PathBuf {
     made("session", &["calibrate", text(&session().join("events.dvraw")), "--board", BOARD])
 }
 
-/// Folder of a simulated recording of 5 s with this motion, which leaves something open, with inertial samples and motion capture.
-pub fn open_motion(motion: &str) -> PathBuf {
-    let options = ["--motion", motion, "--duration", "5s", "--imu", "davis346", "--motion-capture"];
-    made(&format!("motion-{motion}"), &[&["simulate", "--board", BOARD], &options[..]].concat())
+/// Folder of a simulated recording of 5 s in which the camera turns about one axis only, with inertial samples and motion capture.
+pub fn one_axis() -> PathBuf {
+    let options = ["--motion", "one-axis", "--duration", "5s", "--imu", "davis346", "--motion-capture"];
+    made("one-axis", &[&["simulate", "--board", BOARD], &options[..]].concat())
 }
 
 /// The folder that the program writes when it is run with `arguments` and `-o FOLDER`. Each is made

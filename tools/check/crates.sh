@@ -7,7 +7,8 @@ cd "$(dirname "$0")/../.."
 verify=--no-verify
 [ "${1:-}" != --build ] || verify=
 
-for package in evcal-core evcal-link usb-davis evcal; do
+for folder in core firmware/link host/* usb-davis; do
+    package=$(sed -n 's/^name = "\(.*\)"/\1/p' "$folder/Cargo.toml" | head -n 1)
     files=$(cargo package --list --allow-dirty --locked --offline -p "$package")
     for file in LICENSE-MIT LICENSE-APACHE README.md src/lib.rs; do
         echo "$files" | grep -qx "$file" || { echo "crates: $package has no $file" >&2; exit 1; }

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Makes the .deb from the folder that build.sh filled.
+# Makes the .deb from the folder that build.sh filled. MAINTAINER="NAME <ADDRESS>" says whom people may write to.
 set -eu
 cd "$(dirname "$0")/../.."
 . tools/package/names.sh
@@ -22,7 +22,7 @@ cat >"$root/DEBIAN/control" <<CONTROL
 Package: evcal
 Version: $version
 Architecture: amd64
-Maintainer: The evcal authors <evcal@example.org>
+Maintainer: ${MAINTAINER:-The evcal authors}
 Installed-Size: $(du -ks "$root/usr" | cut -f 1)
 Section: science
 Priority: optional

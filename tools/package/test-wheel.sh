@@ -10,7 +10,6 @@ script=packages
 . tools/package/names.sh
 calibration=$1
 
-sh tools/python/wheel.sh
 wheel=$(ls "$target_folder"/python/wheels/evcal-*.whl)
 root=$(cd "$target_folder" && pwd)/wheel-root
 bare_root "$root" python3-numpy,python3-venv

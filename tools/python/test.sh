@@ -1,10 +1,8 @@
 #!/bin/sh
-# Builds the Python package's wheel, installs it in an environment of its own below the target folder, and tests it
-# there: pytest, the stubs against the module (stubtest), how fast it moves events.
+# Installs the Python package's wheel (wheel.sh) in an environment of its own below the target folder, and tests it there: pytest, the stubs against the module (stubtest), how fast it moves events.
 set -eu
 cd "$(dirname "$0")/../.."
 
-sh tools/python/wheel.sh
 target="${CARGO_TARGET_DIR:-$PWD/target}/python"
 PATH="$target/environment/bin:$PATH"
 export PATH

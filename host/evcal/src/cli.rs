@@ -3,8 +3,6 @@
 //! Exit codes: 0 done, 1 failed with a reason on standard error, 2 wrong usage, 3 calibrated, but not well enough.
 
 mod advice;
-#[cfg(all(target_os = "linux", target_env = "gnu"))]
-mod allocator;
 mod board;
 mod calibrate;
 mod camera_arguments;
@@ -136,8 +134,6 @@ struct NotGoodEnough;
 
 /// Runs the program.
 pub fn run() -> ExitCode {
-    #[cfg(all(target_os = "linux", target_env = "gnu"))]
-    allocator::keep_little_memory();
     // clap exits with 2 on wrong usage.
     let words = || std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
     let matches = help::command().try_get_matches().unwrap_or_else(|error| mistaken::explained(error, words()).exit());

@@ -156,6 +156,23 @@ fn motion_that_tells_too_little_is_refused() {
 }
 
 #[test]
+fn motion_that_leaves_the_clocks_open_is_refused() {
+    let refused = |pose: fn(f64) -> Isometry3<f64>| {
+        let mut camera = camera_poses(free());
+        camera.iter_mut().for_each(|one| one.pose = pose(one.t));
+        let mut body = capture(free(), NONE);
+        body.iter_mut().for_each(|one| one.pose = mocap_world() * pose(one.t - OFFSET_TRUE) * camera_body());
+        compare(&camera, &body, None).unwrap_err()
+    };
+    let error = refused(|t| Isometry3::new(Vector3::z() * -0.7, Vector3::y() * (0.2 * t - 2.4)));
+    assert!(matches!(error, MotionCaptureError::Alignment(AlignmentError::EvenRotation { .. })), "{error}");
+    let error = refused(|t| {
+        Isometry3::new(Vector3::z() * -0.7, Vector3::new(0.4 * (4.0 * t).sin(), 0.3 * (8.0 * t).cos(), 0.0))
+    });
+    assert!(matches!(error, MotionCaptureError::Alignment(AlignmentError::Ambiguous { .. })), "{error}");
+}
+
+#[test]
 fn mistakes_in_a_capture_are_named() {
     let camera = camera_poses(free());
     let refused = |words: &str, capture: &[TimedPose]| {

@@ -151,6 +151,9 @@ fn mistakes_are_named() {
     };
     let error = refused(&[fitted_to(periodic, 0.0..12.0)], &[fitted_to(periodic, 0.0..12.0)]);
     assert!(matches!(error, SecondCameraError::Alignment(AlignmentError::Ambiguous { .. })), "{error}");
+    let even = |t: f64| Isometry3::new(Vector3::new(0.2, 0.2, -0.7), Vector3::y() * (0.2 * t - 1.2));
+    let error = refused(&[fitted_to(even, 0.0..12.0)], &[fitted_to(even, 0.0..12.0)]);
+    assert!(matches!(error, SecondCameraError::Alignment(AlignmentError::EvenRotation { .. })), "{error}");
     // A mount that bends by 10 cm, back and forth.
     let loose =
         |t: f64| first_pose(t, 1.0) * Isometry3::new(Vector3::new(0.1 * (0.7 * t).sin(), 0.0, 0.0), Vector3::zeros());

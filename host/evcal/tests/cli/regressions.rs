@@ -1,0 +1,174 @@
+//! Defects that were found and mended, one test each, in the order in which they were: the test fails as the program
+//! did. Those that need a whole calibration are in `tests/tests/calibration/regressions.rs`.
+
+use std::fs::{self, File};
+use std::io::BufWriter;
+use std::path::Path;
+use std::process::Command;
+
+use crate::command::{fail, stderr, succeed, text};
+use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
+use event_recordings::aedat4::header::Compression;
+use event_recordings::aedat4::write::Encoder;
+use event_recordings::encode::Encode;
+use event_recordings::extras::{Frame, InertialSample, OtherStreams};
+use event_recordings::{Recording, RecordingOptions};
+use serde_json::Value;
+
+const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
+
+/// Ten thousand events, one each 100 µs.
+fn events() -> Vec<Event> {
+    let event = |index: i64| {
+        let polarity = if index % 3 == 0 { Polarity::Off } else { Polarity::On };
+        Event { t: 100 * index, x: (index * 7 % 346) as u16, y: (index * 11 % 260) as u16, polarity }
+    };
+    (0..10_000).map(event).collect()
+}
+
+fn frame(t: i64) -> Frame {
+    Frame {
+        t,
+        exposure: Some((t - 2000, t + 2000)),
+        readout: Some((t - 9000, t + 11_000)),
+        size: (346, 260),
+        position: (0, 0),
+        channels: 1,
+        pixels: vec![128; 346 * 260],
+    }
+}
+
+fn sample(t: i64) -> InertialSample {
+    InertialSample { t, temperature: 25.0, acceleration: [0.0, 0.0, 1.0], angular_velocity: [0.0; 3] }
+}
+
+/// Writes the events with these frames and samples as AEDAT4.
+fn write_aedat4(path: &Path, frames: &[Frame], samples: &[InertialSample]) {
+    let output = BufWriter::new(File::create(path).unwrap());
+    let others = OtherStreams { frames: !frames.is_empty(), imu: !samples.is_empty() };
+    let mut encoder =
+        Encoder::with_streams(output, Compression::Lz4, Sensor::new(346, 260), "DAVIS346_00000042", others).unwrap();
+    for part in events().chunks(1000) {
+        encoder.write(part).unwrap();
+    }
+    for frame in frames {
+        encoder.frame(frame).unwrap();
+    }
+    encoder.imu(samples).unwrap();
+    encoder.finish().unwrap();
+}
+
+fn read(path: &Path) -> Vec<Event> {
+    let mut reader = Recording::new(path, RecordingOptions::default()).unwrap().open().unwrap();
+    let (mut all, mut batch) = (Vec::new(), Vec::new());
+    while reader.next_batch(&mut batch).unwrap() {
+        all.extend_from_slice(&batch);
+    }
+    all
+}
+
+/// The message spoke of "the reading options", of which there is no list.
+#[test]
+fn the_advice_on_damaged_packets_names_the_option_that_leaves_them_out() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("damaged.aedat4");
+    write_aedat4(&file, &[], &[]);
+    let mut bytes = fs::read(&file).unwrap();
+    // Within one of ten packets of one size.
+    let middle = bytes.len() * 45 / 100;
+    bytes[middle..middle + 200].fill(0x5a);
+    fs::write(&file, bytes).unwrap();
+    let message = fail(&["info", text(&file)]);
+    let advice = message.split(['(', ')', ' ']).find(|word| word.starts_with("--")).expect("an option is named");
+    let told: Value = serde_json::from_str(&succeed(&["info", "--json", advice, text(&file)])).unwrap();
+    let left = told["events"].as_u64().unwrap();
+    assert!((5000..10_000).contains(&left), "{left} of 10000 events are left");
+}
+
+/// Frames and samples were given to the encoder of a raw dump in any order: a frame without the times of its read-out
+/// came after events that it had to stand before, and was left out.
+#[test]
+fn a_frame_that_does_not_say_when_it_was_read_reaches_the_raw_dump() {
+    let directory = tempfile::tempdir().unwrap();
+    let [from, to] = ["from.aedat4", "to.dvraw"].map(|name| directory.path().join(name));
+    let frames: Vec<Frame> = (1..20).map(|index| Frame { readout: None, ..frame(50_000 * index) }).collect();
+    write_aedat4(&from, &frames, &[sample(500), sample(600_000)]);
+    let told = succeed(&["convert", text(&from), text(&to)]);
+    assert!(told.contains("10000 events, 19 frames, 2 inertial samples"), "{told}");
+    assert_eq!(read(&to), events());
+}
+
+/// The first frame's read-out, which may begin before the first event, became the zero of all times.
+#[test]
+fn a_frame_that_begins_before_zero_does_not_shift_the_events() {
+    let directory = tempfile::tempdir().unwrap();
+    let [from, to] = ["from.aedat4", "to.dvraw"].map(|name| directory.path().join(name));
+    write_aedat4(&from, &[frame(1000), frame(100_000)], &[]);
+    succeed(&["convert", text(&from), text(&to)]);
+    assert_eq!(read(&to), events());
+}
+
+/// A raw dump counts each 33 ms: up to a damaged time far ahead, these words filled the disk.
+#[test]
+fn times_that_cannot_be_are_left_out_of_a_raw_dump() {
+    const HOURS: i64 = 100 * 3_600_000_000;
+    let directory = tempfile::tempdir().unwrap();
+    let [from, to] = ["from.aedat4", "to.dvraw"].map(|name| directory.path().join(name));
+    let endless = Frame { exposure: Some((298_000, HOURS)), readout: Some((291_000, HOURS)), ..frame(300_000) };
+    write_aedat4(&from, &[frame(100_000), endless], &[sample(500), sample(HOURS)]);
+    let told = succeed(&["convert", text(&from), text(&to)]);
+    assert!(told.contains("10000 events, 1 frames, 1 inertial samples"), "{told}");
+    assert!(told.contains("more than a minute after the last event") && told.contains("cannot be"), "{told}");
+    let information: Value = serde_json::from_str(&succeed(&["info", "--json", text(&to)])).unwrap();
+    assert_eq!(information["times_us"], serde_json::json!([0, 999_900]));
+}
+
+/// An error that has its cause's words in its own was told twice.
+#[test]
+fn a_cause_is_told_once() {
+    let directory = tempfile::tempdir().unwrap();
+    let missing = directory.path().join("missing.aedat4");
+    let output = directory.path().join("output");
+    for arguments in [
+        vec!["info", text(&missing)],
+        vec!["calibrate", text(&missing), "--board", BOARD, "-o", text(&output)],
+        vec!["evaluate", text(&missing), "--truth", text(&missing)],
+    ] {
+        let message = fail(&arguments);
+        assert_eq!(message.matches("No such file").count(), 1, "{arguments:?}: {message}");
+    }
+}
+
+/// Two ways to calibrate asked for the common sensor, each in its own words.
+#[test]
+fn recordings_of_two_sensors_are_refused_however_they_are_calibrated() {
+    let directory = tempfile::tempdir().unwrap();
+    let [small, large, output] = ["small.csv", "large.csv", "output"].map(|name| directory.path().join(name));
+    fs::write(&small, "# sensor 346 x 260\nt_us,x,y,p\n10,1,2,1\n20,3,4,0\n").unwrap();
+    fs::write(&large, "# sensor 640 x 480\nt_us,x,y,p\n10,1,2,1\n20,3,4,0\n").unwrap();
+    let common = ["calibrate", text(&small), text(&large), "--board", BOARD, "-o", text(&output)];
+    let messages = [&[][..], &["--frames-only"]].map(|options| fail(&[&common[..], options].concat()));
+    assert_eq!(messages[0], messages[1]);
+    for part in ["large.csv", "640 x 480", "346 x 260", "one camera at a time"] {
+        assert!(messages[0].contains(part), "{part:?} is not in {}", messages[0]);
+    }
+    assert!(!output.exists());
+}
+
+/// A camera with the lens cap on looked like one that is slow.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_camera_without_events_is_told_of() {
+    use usb_davis::emulator::Model;
+    use usb_davis::emulator::umockdev::EmulatedBus;
+
+    let bus = EmulatedBus::start(Model::new("00000042", std::iter::empty)).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let output = directory.path().join("output");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
+    command.args(["live", "--board", BOARD, "--duration", "2s", "-o", text(&output)]).envs(bus.environment());
+    let ended = command.output().unwrap();
+    let told = String::from_utf8_lossy(&ended.stdout);
+    assert!(told.contains("no event yet: is the lens cap off"), "{told}{}", stderr(&ended));
+}

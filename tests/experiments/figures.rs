@@ -1,0 +1,297 @@
+//! The tables of docs/accuracy.md: simulates recordings, calibrates them, and compares with the truth.
+//!
+//! ```text
+//! cargo run --release -p evcal-tests --example figures -- [TABLE [FIRST-LAST]]
+//! ```
+//!
+//! TABLE is one of those in [`tables`]; without it all of them are printed. Each row is of the seeds from FIRST to LAST. One seed tells
+//! projections apart by 0.02 px, which is enough to see whether a change of the code is worth anything: 1-1 is taken if nothing is
+//! said, and all tables take a quarter of an hour on two cores.
+
+use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use evcal_tests::lens::{self, EUCM, FOV, KANNALA_BRANDT, Lens, RADTAN, RADTAN8};
+use evcal_tests::{BOARD, camera, json, program, read_json, succeed, text};
+use serde_json::Value;
+
+/// A recording and how it is calibrated.
+struct Row {
+    name: String,
+    lens: Lens,
+    /// The model that it is calibrated with.
+    model: &'static str,
+    /// Options of `evcal simulate` and of `evcal calibrate`.
+    simulate: Vec<&'static str>,
+    calibrate: Vec<&'static str>,
+}
+
+impl Row {
+    /// A lens with its own model.
+    fn new(name: &str, lens: Lens, simulate: &[&'static str]) -> Self {
+        Self { name: name.to_owned(), lens, model: lens.model, simulate: simulate.to_vec(), calibrate: Vec::new() }
+    }
+}
+
+const FAST: [&str; 4] = ["--motion", "fast", "--duration", "4s"];
+
+/// Lenses, and models that are not theirs.
+const WRONG_MODELS: [(Lens, [&str; 3]); 5] = [
+    (RADTAN, ["radtan4", "ucm", "fov"]),
+    (RADTAN8, ["radtan4", "ucm", "fov"]),
+    (KANNALA_BRANDT, ["radtan4", "radtan", "fov"]),
+    (EUCM, ["radtan4", "radtan", "ucm"]),
+    (FOV, ["radtan4", "radtan", "ucm"]),
+];
+
+/// What is wrong with a board, and the options that make it so.
+const BOARDS: [(&str, &[&str]); 9] = [
+    ("none", &[]),
+    ("bend-1mm", &["--bend=1mm,0mm"]),
+    ("bend-2mm", &["--bend=0mm,-2mm"]),
+    ("bend-4mm", &["--bend=4mm,0mm"]),
+    ("bend-saddle", &["--bend=2mm,-1mm"]),
+    ("print-x", &["--print-ratio", "1.003"]),
+    ("print-y", &["--print-ratio", "0.997"]),
+    ("radius", &["--printed-radius", "17.025mm"]),
+    ("all", &["--bend=-1mm,2mm", "--print-ratio", "1.002", "--printed-radius", "18mm"]),
+];
+
+/// What is in a room, as `evcal simulate --effects` takes it.
+const ROOMS: [&str; 12] = [
+    "flicker:100Hz:5%",
+    "flicker:100Hz:20%",
+    "flicker:120Hz:10%",
+    "flicker:120Hz:30%",
+    "background",
+    "hand",
+    "glare",
+    "smudges",
+    "defocus:1px",
+    "defocus:2.5px",
+    "hot-pixels:300",
+    "dead-columns:10",
+];
+
+/// All tables by their names.
+fn tables() -> Vec<(&'static str, Vec<Row>)> {
+    let recordings = vec![
+        Row::new("fast, 6 s", RADTAN, &["--motion", "fast", "--duration", "6s"]),
+        Row::new("fast, 5 s", KANNALA_BRANDT, &["--motion", "fast", "--duration", "5s"]),
+        Row::new("blur, low light, 3 s", RADTAN, &["--motion", "blur", "--light", "low", "--duration", "3s"]),
+        Row::new("violent, 4 s", RADTAN, &["--motion", "violent", "--duration", "4s"]),
+        Row::new("fast, 20 s", RADTAN, &["--motion", "fast", "--duration", "20s"]),
+    ];
+    let models = lens::ALL.map(|lens| Row::new("own model", lens, &["--motion", "fast", "--duration", "3s"])).into();
+    let wrong = |(lens, models): (Lens, [&'static str; 3])| {
+        models.map(|model| Row { model, ..Row::new(&format!("as {model}"), lens, &FAST) })
+    };
+    let choices = [("default", &[][..]), ("soft", &["--extraction", "soft"]), ("so3", &["--rotation", "so3"])];
+    let choice = |(name, options): (&str, &[&'static str])| {
+        let low_light = [&FAST[..], &["--light", "low"]].concat();
+        let recordings =
+            [("", RADTAN, &FAST[..]), ("", KANNALA_BRANDT, &FAST[..]), (", low light", RADTAN, &low_light[..])];
+        recordings.map(|(light, lens, simulate)| Row {
+            calibrate: options.to_vec(),
+            ..Row::new(&format!("{name}{light}"), lens, simulate)
+        })
+    };
+    let boards = BOARDS.map(|(name, options)| Row::new(name, RADTAN, &[&FAST[..], options].concat()));
+    let mut rooms = vec![Row::new("none", RADTAN, &FAST)];
+    rooms.extend(ROOMS.map(|effect| Row::new(effect, RADTAN, &[&FAST[..], &["--effects", effect]].concat())));
+    rooms.push(Row::new("pause", RADTAN, &["--motion", "paused", "--duration", "4s"]));
+    vec![
+        ("recordings", recordings),
+        ("models", models),
+        ("wrong-models", WRONG_MODELS.into_iter().flat_map(wrong).collect()),
+        ("choices", choices.into_iter().flat_map(choice).collect()),
+        ("boards", boards.into()),
+        ("rooms", rooms),
+    ]
+}
+
+/// What a calibration gave.
+struct Trial {
+    /// Larger relative error of the focal lengths on the axis (%), and larger error of the principal point (px).
+    focal: f64,
+    center: f64,
+    /// Projection difference over the sensor (px): root mean square, largest, and what is stated for 95 of 100 cases.
+    rms: f64,
+    max: f64,
+    stated: f64,
+    /// Root mean square error of the trajectory after the best shift of the clock (mm).
+    position: f64,
+    grade: String,
+    /// Causes in the verdict, and the model that it names.
+    told: Vec<String>,
+    /// With the board taken as it is stated: larger relative error of fx and fy (%), where the board was found to be another.
+    focal_as_stated: Option<f64>,
+    events: f64,
+    run: Run,
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let range = arguments.get(1).map_or("1-1", String::as_str);
+    let (first, last) = range.split_once('-').expect("the first and the last seed: 1-8");
+    let seed = |text: &str| text.parse::<u64>().expect("a seed is a whole number");
+    let seeds = seed(first)..=seed(last);
+    for (name, rows) in tables() {
+        if arguments.first().is_none_or(|wanted| wanted == name) {
+            println!("\n{name}, seeds {range}\n");
+            print_table(&rows, &seeds);
+        }
+    }
+}
+
+fn print_table(rows: &[Row], seeds: &RangeInclusive<u64>) {
+    println!(
+        "| recording | lens | Δf (%) | Δc (px) | projection rms / max (px) | stated 95 % (px) | inside | ATE (mm) | verdict | told | \
+         million events | processor time (s) | to wait for (s) | memory (MB) |"
+    );
+    println!("|{}", "---|".repeat(14));
+    for row in rows {
+        let outcomes: Vec<Result<Trial, String>> = seeds.clone().map(|seed| trial(row, seed)).collect();
+        let trials: Vec<&Trial> = outcomes.iter().flatten().collect();
+        let refused =
+            outcomes.iter().filter_map(|outcome| outcome.as_ref().err()).map(|error| format!("refused: {error}"));
+        let verdicts = counted(trials.iter().map(|trial| trial.grade.clone()).chain(refused));
+        let (name, model) = (&row.name, row.lens.model);
+        if trials.is_empty() {
+            println!("| {name} | {model} | | | | | | | {verdicts} | | | | | |");
+            continue;
+        }
+        let rms = |of: fn(&Trial) -> f64| {
+            (trials.iter().map(|trial| of(trial).powi(2)).sum::<f64>() / trials.len() as f64).sqrt()
+        };
+        let mut told = counted(trials.iter().flat_map(|trial| trial.told.iter().cloned()));
+        if trials.iter().any(|trial| trial.focal_as_stated.is_some()) {
+            told += &format!("; as stated Δf {:.3} %", rms(|trial| trial.focal_as_stated.unwrap_or(trial.focal)));
+        }
+        println!(
+            "| {name} | {model} | {:.3} | {:.2} | {:.3} / {:.3} | {:.3} | {} of {} | {:.2} | {verdicts} | {told} | {:.2} | {:.1} | {:.1} | {:.0} |",
+            rms(|trial| trial.focal),
+            rms(|trial| trial.center),
+            rms(|trial| trial.rms),
+            trials.iter().map(|trial| trial.max).fold(0.0, f64::max),
+            rms(|trial| trial.stated),
+            trials.iter().filter(|trial| trial.rms < trial.stated).count(),
+            trials.len(),
+            rms(|trial| trial.position),
+            rms(|trial| 1e-6 * trial.events),
+            rms(|trial| trial.run.processor),
+            rms(|trial| trial.run.wall),
+            rms(|trial| trial.run.memory),
+        );
+    }
+}
+
+/// Each of the words once, with how often it came where that is more than once.
+fn counted(words: impl Iterator<Item = String>) -> String {
+    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+    words.for_each(|word| *counts.entry(word).or_default() += 1);
+    let told = counts.iter().map(|(word, count)| if *count == 1 { word.clone() } else { format!("{count} {word}") });
+    told.collect::<Vec<_>>().join(", ")
+}
+
+/// Simulates and calibrates; what the program says where it cannot calibrate.
+fn trial(row: &Row, seed: u64) -> Result<Trial, String> {
+    let folder = tempfile::tempdir().expect("a folder can be made");
+    let (simulation, calibration) = (folder.path().join("simulation"), folder.path().join("calibration"));
+    let seed = seed.to_string();
+    let scene = ["--board", BOARD, "--model", row.lens.model, "--parameters", row.lens.parameters, "--seed", &seed];
+    succeed(&[&["simulate", "-o", text(&simulation)][..], &scene, &row.simulate].concat());
+    let events = simulation.join("events.aedat4");
+    let options = ["--board", BOARD, "--model", row.model, "--accept-any", "-o", text(&calibration)];
+    let run = Run::of(&[&["calibrate", text(&events)][..], &options, &row.calibrate].concat())?;
+    let result = read_json(&calibration.join("calibration.json"));
+    let evaluation = json(&["evaluate", text(&calibration), "--truth", text(&simulation), "--json"]);
+    let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
+    let word = |value: &Value| value.as_str().expect("a word").to_owned();
+    let [found, truth] =
+        [calibration.join("calibration.json"), simulation.join("truth.json")].map(|file| camera(&file));
+    let axial =
+        |camera: &evcal_core::camera::Camera<f64>| camera.axial_focal_lengths().expect("the axis is in every domain");
+    let focal = axial(&found).into_iter().zip(axial(&truth)).map(|(found, truth)| 100.0 * (found / truth - 1.0).abs());
+    let center =
+        found.parameters()[2..4].iter().zip(&truth.parameters()[2..4]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let findings = result["verdict"]["findings"].as_array().expect("findings");
+    let mut told: Vec<String> = findings
+        .iter()
+        .map(|finding| format!("{} ({})", word(&finding["cause"]), word(&finding["severity"])))
+        .collect();
+    told.extend(result["misfit"]["better_model"].as_str().map(|model| format!("better: {model}")));
+    let as_stated = &result["printed_board"]["camera_as_stated"]["parameters"];
+    let focal_as_stated = (!as_stated.is_null()).then(|| {
+        let errors = ["fx", "fy"].iter().zip(truth.parameters());
+        errors.map(|(name, truth)| 100.0 * (number(&as_stated[*name]) / truth - 1.0).abs()).fold(0.0, f64::max)
+    });
+    let projection = &evaluation["projection_difference"];
+    Ok(Trial {
+        focal: focal.fold(0.0, f64::max),
+        center,
+        rms: number(&projection["rms_px"]),
+        max: number(&projection["max_px"]),
+        stated: number(&result["uncertainty"]["projection_rms_95"]),
+        position: 1e3 * number(&evaluation["trajectory"]["best_time_shift"]["as_is_m"]["rmse"]),
+        grade: word(&result["verdict"]["grade"]),
+        told,
+        focal_as_stated,
+        events: number(&result["stages"]["recordings"][0]["count"]),
+        run,
+    })
+}
+
+/// What a run of the program took: seconds of all processors, seconds to wait for, and the most memory (MB). NaN where the system does
+/// not tell.
+struct Run {
+    processor: f64,
+    wall: f64,
+    memory: f64,
+}
+
+impl Run {
+    /// Runs the program; its first words on standard error where it fails.
+    fn of(arguments: &[&str]) -> Result<Self, String> {
+        let errors = tempfile::NamedTempFile::new().expect("a file can be made");
+        let (start, before) = (Instant::now(), seconds_of_children());
+        let mut command = Command::new(program());
+        command.args(arguments).stdout(Stdio::null()).stderr(errors.reopen().expect("a file can be written"));
+        let mut child = command.spawn().expect("evcal starts");
+        let mut memory = f64::NAN;
+        let status = loop {
+            memory = most_memory(child.id()).unwrap_or(memory);
+            if let Some(status) = child.try_wait().expect("it is a child of this program") {
+                break status;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        };
+        let wall = start.elapsed().as_secs_f64();
+        if !status.success() {
+            let said = std::fs::read_to_string(errors.path()).expect("errors are text");
+            return Err(said.lines().find(|line| !line.ends_with(" ...")).unwrap_or_default().to_owned());
+        }
+        let processor = before.zip(seconds_of_children()).map_or(f64::NAN, |(before, after)| after - before);
+        Ok(Self { processor, wall, memory })
+    }
+}
+
+/// Seconds that the processors spent on programs that were started here and have ended.
+fn seconds_of_children() -> Option<f64> {
+    const TICKS: f64 = 100.0;
+    let text = std::fs::read_to_string("/proc/self/stat").ok()?;
+    // Fields 16 and 17; the name, field 2, may have blanks in its brackets.
+    let mut fields = text.rsplit_once(')')?.1.split_whitespace().skip(13);
+    let mut ticks = || fields.next()?.parse::<f64>().ok();
+    Some((ticks()? + ticks()?) / TICKS)
+}
+
+/// The most memory (MB) that this process has had so far.
+fn most_memory(process: u32) -> Option<f64> {
+    let text = std::fs::read_to_string(Path::new("/proc").join(process.to_string()).join("status")).ok()?;
+    let kilobytes = text.lines().find_map(|line| line.strip_prefix("VmHWM:"))?.trim().strip_suffix(" kB")?;
+    Some(kilobytes.parse::<f64>().ok()? * 1024.0 / 1e6)
+}

@@ -1,0 +1,326 @@
+//! Two simulated cameras on one mount, the second of events or of frames: where the second one is, how its clock goes, and mistakes
+//! named.
+
+use std::fs;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use evcal_tests::values::{numbers, pose};
+use evcal_tests::{BOARD, evcal, made, read_json, session, text};
+use event_recordings::encode::Description;
+use event_recordings::extras::{Extra, Frame, OtherStreams};
+use event_recordings::image_folder::Stamps;
+use event_recordings::images::Images;
+use event_recordings::ros::BAG_FORMAT;
+use event_recordings::{Damage, Recording, RecordingOptions};
+use nalgebra::Vector3;
+use serde_json::Value;
+
+fn simulation() -> PathBuf {
+    made(
+        "second-camera",
+        &["simulate", "--board", BOARD, "--motion", "fast", "--duration", "9s", "--seed", "32", "--second-camera"],
+    )
+}
+
+fn calibration() -> PathBuf {
+    let folder = simulation();
+    let (first, second) = (folder.join("events.aedat4"), folder.join("second.aedat4"));
+    made("second-camera-calibrated", &["calibrate", text(&first), "--with", text(&second), "--board", BOARD])
+}
+
+/// The transform is within so many metres and 0.02° of the truth, σ as well, and within a few σ.
+fn check_transform(found: &Value, truth: &Value, metres: f64) {
+    let (is, was) = (pose(&found["T_second_first"]), pose(&truth["T_second_first"]));
+    let moved = is.translation.vector - was.translation.vector;
+    let turned = (was.rotation.inverse() * is.rotation).scaled_axis();
+    let bounds = [("translation_sigma", moved, metres), ("rotation_sigma", turned, 0.02f64.to_radians())];
+    for (name, error, bound) in bounds {
+        let sigma = Vector3::from_vec(numbers(&found[name]));
+        assert!(error.norm() < bound && sigma.amax() < bound, "{name}: off by {error}, σ {sigma}");
+        assert!(error.component_div(&sigma).amax() < 4.5, "{name}: off by {error}, σ {sigma}");
+    }
+}
+
+/// The true offset of the clocks at the time for which one was found: t_second = clock_offset + t_first (1 + drift).
+fn clock_offset(found: &Value, truth: &Value) -> f64 {
+    let settings = &truth["settings"];
+    let rate = 1e-6 * numbers(&settings["clock_drift"])[0];
+    let at = numbers(&found["time_offset_at"])[0];
+    at - (at - numbers(&settings["clock_offset"])[0]) / (1.0 + rate)
+}
+
+/// How far the offset that was found is from `offset`, and its σ (s).
+fn offset_error(found: &Value, offset: f64) -> (f64, f64) {
+    let of = |name| numbers(&found["time_offset"][name])[0];
+    (of("value") - offset, of("sigma"))
+}
+
+#[test]
+fn the_second_camera_is_found_where_it_is() {
+    let truth = &read_json(&simulation().join("truth.json"))["second_camera"];
+    let found = &read_json(&calibration().join("calibration.json"))["second_cameras"][0];
+    check_transform(found, truth, 2e-4);
+    // Pixels of both answer equally late.
+    let (error, sigma) = offset_error(found, clock_offset(found, truth));
+    assert!(error.abs() < 4.5 * sigma && error.abs() < 6e-5 && sigma < 6e-5, "{error} ± {sigma}");
+    assert!(found["clock_rate"].is_null(), "9 s are too short to state it");
+    // The lens of the second camera is another one.
+    let focal = |camera: &Value| numbers(&camera["parameters"]["fx"])[0];
+    let (lens, was) = (focal(&found["solved_together"][1]["camera"]), focal(&truth["camera"]));
+    assert!((lens - was).abs() < 0.3, "{lens} {was}");
+}
+
+#[test]
+fn what_was_found_is_in_words_and_files() {
+    let folder = calibration();
+    let report = fs::read_to_string(folder.join("report.html")).unwrap();
+    assert!(report.contains("The second camera") && report.contains("t_second = t_first + 3.21"));
+    let files = ["camchain-cameras.yaml", "stereo.yaml", "static_transforms.yaml"];
+    for name in files {
+        assert!(folder.join("exports").join(name).exists() && report.contains(name), "{name}");
+    }
+}
+
+/// With both lenses held at the true ones, the transform is the true one all the more.
+#[test]
+fn intrinsics_can_be_held() {
+    let folder = simulation();
+    let (first, second) = (folder.join("events.aedat4"), folder.join("second.aedat4"));
+    let truth = &read_json(&folder.join("truth.json"));
+    let lens = folder.join("second-lens.json");
+    let of_second = &truth["second_camera"];
+    let sensor = &truth["sensor"];
+    fs::write(&lens, serde_json::json!({ "sensor": sensor, "camera": of_second["camera"] }).to_string()).unwrap();
+    let held = ["--camera", text(&folder), "--with-camera", text(&lens)];
+    let scratch = tempfile::tempdir().unwrap();
+    let result = scratch.path().join("result");
+    let options = ["--board", BOARD, "-o", text(&result)];
+    let finished = evcal(&[&["calibrate", text(&first), "--with", text(&second)], &held[..], &options[..]].concat());
+    assert_eq!(finished.code, Some(0), "{}", finished.stderr);
+    // The truth has no σ.
+    assert_eq!(finished.said().len(), 2, "{}", finished.stderr);
+    assert!(finished.said().iter().all(|line| line.contains("has no σ for the intrinsics")), "{}", finished.stderr);
+    let found = &read_json(&result.join("calibration.json"))["second_cameras"][0];
+    assert_eq!(found["held"], serde_json::json!([true, true]));
+    for (solved, was) in [(0, &truth["camera"]), (1, &of_second["camera"])] {
+        assert_eq!(&found["solved_together"][solved]["camera"], was);
+    }
+    let (is, was) = (pose(&found["T_second_first"]), pose(&of_second["T_second_first"]));
+    let error = is.translation.vector - was.translation.vector;
+    let sigma = Vector3::from_vec(numbers(&found["translation_sigma"]));
+    assert!(error.norm() < 2e-4 && error.component_div(&sigma).amax() < 4.5, "off by {error}, σ {sigma}");
+    let joint = &read_json(&calibration().join("calibration.json"))["second_cameras"][0];
+    let free = Vector3::from_vec(numbers(&joint["translation_sigma"]));
+    assert!(sigma.norm() < 1.1 * free.norm(), "{sigma} {free}");
+
+    let other = scratch.path().join("other");
+    let refused = |words: &str, arguments: &[&str]| {
+        let options = ["--board", BOARD, "-o", text(&other)];
+        let finished = evcal(&[&["calibrate", text(&first)], arguments, &options].concat());
+        assert_ne!(finished.code, Some(0));
+        assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
+    };
+    refused("--camera works only together with --imu, --with or --with-frames", &["--camera", text(&folder)]);
+    refused(
+        "there are more --with-camera than --with",
+        &["--with", text(&second), "--with-camera", "a", "--with-camera", "b"],
+    );
+}
+
+#[test]
+fn mistakes_are_named() {
+    let folder = simulation();
+    let (first, second) = (folder.join("events.aedat4"), folder.join("second.aedat4"));
+    let scratch = tempfile::tempdir().unwrap();
+    let refused = |words: &str, arguments: &[&str]| {
+        let result = scratch.path().join(words.replace([' ', ':'], "-"));
+        let options = ["--board", BOARD, "--accept-any", "-o", text(&result)];
+        let finished = evcal(&[&["calibrate"], arguments, &options].concat());
+        assert_eq!(finished.code, Some(1), "{}", finished.stderr);
+        assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
+        result
+    };
+    refused("a camera that is there already", &[text(&first), "--with", text(&first)]);
+    refused("give one recording before --with", &[text(&first), text(&second), "--with", text(&second)]);
+    // Known by its events, not by its name; the first camera is calibrated all the same.
+    let session = session().join("events.dvraw");
+    let copy = scratch.path().join("copy.dvraw");
+    fs::copy(&session, &copy).unwrap();
+    let result = refused("there already: give the recording", &[text(&session), "--with", text(&copy)]);
+    assert!(result.join("calibration.json").exists());
+    let other = made(
+        "second-camera-other",
+        &["simulate", "--board", BOARD, "--motion", "fast", "--duration", "3s", "--seed", "33"],
+    );
+    let other = other.join("events.aedat4");
+    refused("recordings of the same session", &[text(&session), "--with", text(&other)]);
+}
+
+/// Pixels of events that answer at once, so that nothing but the clocks is in the offset.
+const FRAMES: [&str; 11] =
+    ["simulate", "--board", BOARD, "--motion", "fast", "--duration", "5s", "--seed", "41", "--light", "ideal"];
+
+fn frame_simulation() -> PathBuf {
+    made("second-frames", &[&FRAMES[..], &["--second-frames"]].concat())
+}
+
+fn rolling_simulation() -> PathBuf {
+    let settings = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/calibration/rolling-shutter.json");
+    made("second-rolling", &[&FRAMES[..], &["--second-camera", text(&settings)]].concat())
+}
+
+fn calibrated_with_frames(name: &str, simulation: &Path, options: &[&str]) -> PathBuf {
+    let (first, second) = (simulation.join("events.aedat4"), simulation.join("second"));
+    made(name, &[&["calibrate", text(&first), "--with", text(&second), "--board", BOARD], options].concat())
+}
+
+/// Transform within 0.02° and 0.5 mm and a few σ, offset within 0.1 ms.
+fn check_frame_camera(found: &Value, truth: &Value, line_delay: f64) {
+    check_transform(found, truth, 5e-4);
+    // Stamps are those of the first row, and the offset is that of the middle one, which is later.
+    let rows = 0.5 * (numbers(&found["sensor"]["height"])[0] - 1.0);
+    let (error, sigma) = offset_error(found, clock_offset(found, truth) - line_delay * rows);
+    assert!(error.abs() < 1e-4 && sigma < 1e-4, "{error} ± {sigma}");
+}
+
+#[test]
+fn a_camera_of_frames_is_found_where_it_is() {
+    let simulation = frame_simulation();
+    let folder = calibrated_with_frames("second-frames-calibrated", &simulation, &[]);
+    let found = &read_json(&folder.join("calibration.json"))["second_cameras"][0];
+    let truth = &read_json(&simulation.join("truth.json"))["second_camera"];
+    check_frame_camera(found, truth, 0.0);
+    let frames = &found["frames"];
+    let delay = numbers(&frames["line_delay"]["value"])[0];
+    assert!(delay.abs() < 3.0 * numbers(&frames["line_delay"]["sigma"])[0] && delay.abs() < 2e-7, "{frames}");
+    assert_eq!((&frames["stamps"], &frames["exposure_known"]), (&"middle".into(), &false.into()));
+    assert!(found["from_identity"].is_null());
+    let focal = |camera: &Value| numbers(&camera["parameters"]["fx"])[0];
+    let (lens, was) = (focal(&found["solved_together"][1]["camera"]), focal(&truth["camera"]));
+    assert!((lens - was).abs() < 0.3, "{lens} {was}");
+    let report = fs::read_to_string(folder.join("report.html")).unwrap();
+    assert!(report.contains("a global shutter") && report.contains("stereo.yaml"));
+}
+
+/// The events and the images of `simulation` in one bag.
+fn bag(simulation: &Path) -> PathBuf {
+    let path = simulation.join("both.bag");
+    let images = Images::open(&simulation.join("second"), None, Damage::Refuse, Stamps::Middle).unwrap().unwrap();
+    let mut frames = Vec::new();
+    images.visit(|image| frames.push(image)).unwrap();
+    let mut reader =
+        Recording::new(simulation.join("events.aedat4"), RecordingOptions::default()).unwrap().open().unwrap();
+    let sensor = reader.information().sensor.unwrap();
+    let others = OtherStreams { frames: true, imu: false };
+    let description = Description { sensor, camera_name: "", others, zero: 0 };
+    let mut file = || File::create(&path);
+    let mut encoder = (BAG_FORMAT.output.unwrap().create)(&mut file, &description).unwrap();
+    let mut batch = Vec::new();
+    while reader.next_batch(&mut batch).unwrap() {
+        encoder.write(&batch).unwrap();
+    }
+    for frame in frames {
+        let image = frame.image.unwrap();
+        let size = (image.width() as u16, image.height() as u16);
+        let frame = Frame {
+            t: frame.exposure.0,
+            exposure: None,
+            readout: None,
+            size,
+            position: (0, 0),
+            channels: 1,
+            pixels: image.pixels,
+        };
+        assert!(encoder.extra(Extra::Frame(frame)).unwrap());
+    }
+    encoder.finish().unwrap();
+    path
+}
+
+/// The same from a bag with the events of the first camera and the images of the second.
+#[test]
+fn a_topic_of_images_gives_what_the_folder_gives() {
+    let simulation = frame_simulation();
+    let bag = bag(&simulation);
+    let images = ["--with", text(&bag), "--with-stream", "/dvs/image_raw", "--board", BOARD];
+    let result = simulation.join("from-the-bag");
+    let finished = evcal(&[&["calibrate", text(&bag)], &images[..], &["--force", "-o", text(&result)]].concat());
+    assert_eq!(finished.code, Some(0), "{}", finished.stderr);
+    let folder = calibrated_with_frames("second-frames-calibrated", &simulation, &[]);
+    let [of_bag, of_folder] =
+        [result, folder].map(|folder| read_json(&folder.join("calibration.json"))["second_cameras"][0].clone());
+    for name in ["T_second_first", "rotation_sigma", "translation_sigma", "time_offset", "frames", "camera"] {
+        assert_eq!(of_bag[name], of_folder[name], "{name}");
+    }
+    assert!(of_bag["recording"].as_str().unwrap().ends_with("both.bag, /dvs/image_raw"), "{}", of_bag["recording"]);
+
+    let refused = |words: &str, options: &[&str]| {
+        let options = [&["calibrate", text(&bag), "--with", text(&bag)], options].concat();
+        let scratch = tempfile::tempdir().unwrap();
+        let finished = evcal(&[&options[..], &["--board", BOARD, "-o", text(&scratch.path().join("out"))]].concat());
+        assert_eq!(finished.code, Some(1), "{}", finished.stderr);
+        assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
+    };
+    refused("a camera that is there already", &[]);
+    refused("no topic \"/up\"", &["--with-stream", "/up"]);
+}
+
+#[test]
+fn a_rolling_shutter_is_measured_where_it_is_declared_and_refused_where_not() {
+    let simulation = rolling_simulation();
+    let folder = calibrated_with_frames("second-rolling-calibrated", &simulation, &["--rolling-shutter"]);
+    let found = &read_json(&folder.join("calibration.json"))["second_cameras"][0];
+    let truth = &read_json(&simulation.join("truth.json"))["second_camera"];
+    let line_delay = 1e-6 * numbers(&truth["settings"]["frames"]["line_delay"])[0];
+    check_frame_camera(found, truth, line_delay);
+    let delay = &found["frames"]["line_delay"];
+    let error = numbers(&delay["value"])[0] - line_delay;
+    assert!(error.abs() < 0.02 * line_delay && error.abs() < 4.5 * numbers(&delay["sigma"])[0], "{delay}");
+
+    let scratch = tempfile::tempdir().unwrap();
+    let (first, second) = (simulation.join("events.aedat4"), simulation.join("second"));
+    let result = scratch.path().join("undeclared");
+    let options = ["--imu", "--board", BOARD, "-o", text(&result)];
+    let finished = evcal(&[&["calibrate", text(&first), "--with", text(&second)], &options[..]].concat());
+    assert_eq!(finished.code, Some(1));
+    // Neither keeps the other from being tried.
+    for words in ["2 were not calibrated", "the inertial unit: ", "holds no inertial samples", "add --rolling-shutter"]
+    {
+        assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
+    }
+    // The first camera is calibrated all the same.
+    assert!(read_json(&result.join("calibration.json"))["second_cameras"].as_array().is_none_or(Vec::is_empty));
+}
+
+#[test]
+fn mistakes_in_a_folder_of_frames_are_named() {
+    let scratch = tempfile::tempdir().unwrap();
+    let first = frame_simulation().join("events.aedat4");
+    let result = scratch.path().join("result");
+    let refused = |words: &str| {
+        let folder = scratch.path().join("cam1");
+        let finished =
+            evcal(&["calibrate", text(&first), "--with", text(&folder), "--board", BOARD, "-o", text(&result)]);
+        assert_eq!(finished.code, Some(1), "{}", finished.stderr);
+        assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
+    };
+    fs::create_dir(scratch.path().join("cam1")).unwrap();
+    refused("holds no data.csv");
+    fs::write(scratch.path().join("cam1/data.csv"), "#timestamp [ns],filename\n1000,1000.png\n").unwrap();
+    refused("data.csv: line 2: there is no file");
+}
+
+/// Frames and events of a DAVIS come through the same lens.
+#[test]
+fn own_frames_are_where_the_events_are() {
+    let recording = session().join("events.dvraw");
+    let folder = made("own-frames", &["calibrate", text(&recording), "--board", BOARD, "--with-frames"]);
+    let found = &read_json(&folder.join("calibration.json"))["second_cameras"][0];
+    assert_eq!(found["from_identity"]["agrees"], true, "{found}");
+    let pose = pose(&found["T_second_first"]);
+    let [turn, place] = ["rotation_sigma", "translation_sigma"].map(|name| Vector3::from_vec(numbers(&found[name])));
+    assert!(turn.amax() < 0.1f64.to_radians() && place.amax() < 1e-3, "σ {turn} {place}");
+    assert!(pose.rotation.scaled_axis().component_div(&turn).amax() < 3.5, "{pose} σ {turn}");
+    assert!(pose.translation.vector.component_div(&place).amax() < 3.5, "{pose} σ {place}");
+}
