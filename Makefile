@@ -73,9 +73,9 @@ test-embedded-slow: setup
 compatibility: setup
 	cargo test --manifest-path usb-davis/compatibility/Cargo.toml --release --locked
 
-# Which room of host/src uses which, and import circles in all crates.
+# Which crate and which room uses which, and import circles in all crates.
 rooms: setup
-	cargo test -p evcal --test rooms --release --locked -- --nocapture
+	cargo test -p evcal-sources --test rooms --release --locked -- --nocapture
 
 check: $(CHECKS)
 

@@ -1,8 +1,6 @@
-//! Circle-grid detection, splines and camera models for event cameras.
+#![cfg_attr(feature = "geometry", doc = include_str!("../README.md"))]
 //!
-//! `no_std`, no allocation, no `unsafe`: the same code runs in the detector on a microcontroller
-//! and in the `evcal` program on a desktop. Every capacity is a const generic or storage that the
-//! caller lends; what does not fit is counted and reported, never dropped in silence.
+//! # Modules
 //!
 //! Data flows one way, one module a stage:
 //!
@@ -22,7 +20,9 @@
 //! | [`settings`](mod@settings) | one declaration | a structure of settings that says what they are |
 //! | [`undistortion`] | pixels | pixels without distortion |
 //!
-//! Conventions: pixel (0, 0) is the centre of the top-left pixel; x to the right, y down. Times of
+//! # Conventions
+//!
+//! Pixel (0, 0) is the centre of the top-left pixel; x to the right, y down. Times of
 //! events are in microseconds. A pose `T_world_camera` maps camera coordinates (z forward) to world
 //! coordinates, where the board lies in the plane z = 0.
 #![no_std]
@@ -34,17 +34,24 @@
 extern crate std;
 
 pub mod budget;
+#[cfg(feature = "geometry")]
 pub mod camera;
+#[cfg(feature = "geometry")]
 pub mod circle;
+#[cfg(feature = "geometry")]
 pub mod cluster;
 pub mod decode;
+#[cfg(feature = "geometry")]
 pub mod detector;
 pub mod event;
 pub mod filter;
+#[cfg(feature = "geometry")]
 pub mod grid;
 pub mod pattern;
 pub mod sensor;
 pub mod settings;
+#[cfg(feature = "geometry")]
 pub mod spline;
+#[cfg(feature = "geometry")]
 pub mod undistortion;
 pub mod window;

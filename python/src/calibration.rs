@@ -4,26 +4,30 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
-use evcal::{Board, Calibrated, Input, Recording, Task};
-use evcal_calibrate::calibrate::PictureUse;
 use evcal_calibrate::calibrate::board_choice::{BoardChoiceError, choose_board};
+use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::calibrate::error::CalibrateError;
+use evcal_calibrate::calibrate::input::Input;
+use evcal_calibrate::calibrate::step::Step;
+use evcal_calibrate::calibrate::{PictureUse, Task};
 use evcal_calibrate::initial::model_choice::ModelRequest;
 use evcal_calibrate::result::calibration_file::CalibrationFile;
 use evcal_calibrate::settings::Settings;
 use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
+use evcal_geometry::board::Board;
 use evcal_geometry::board::request::BoardRequest;
 use evcal_report::output::folder::{is_result, write_folder};
+use event_recordings::Recording;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict, PyList, PyTuple};
 
 use crate::camera::Camera;
 use crate::interrupt::interruptible;
+use crate::recording::{Said, as_path, of_array};
 use crate::{failed, to_python};
-use event_recordings::{Said, as_path, of_array};
 
 /// What is calibrated, kept for the files that tell of it.
 struct Asked {
@@ -220,7 +224,7 @@ pub fn calibrate(
     let mut raised = None;
     let calibrated = interruptible(py, |stop| {
         let mut last = String::new();
-        evcal_calibrate::calibrate(&asked.task(), |evcal::Step { text, .. }| {
+        evcal_calibrate::calibrate::calibrate(&asked.task(), |Step { text, .. }| {
             if stop.load(Ordering::Relaxed) {
                 return ControlFlow::Break(());
             }

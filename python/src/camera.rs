@@ -10,7 +10,6 @@ use evcal_calibrate::undistort::target::{TargetProjection, target_camera};
 use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
 use evcal_geometry::lens::camera_file::CameraDescription;
-use evcal_geometry::lens::projection_difference::projection_difference;
 use nalgebra::{Vector2, Vector3};
 use numpy::ndarray::Array2;
 use numpy::{AllowTypeChange, IntoPyArray, PyArray1, PyArray2, PyArrayLike2, PyUntypedArrayMethods};
@@ -18,9 +17,8 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::calibration::Calibration;
 use crate::events::{EventArray, NewPlaces, filled, sensor as to_sensor};
-use crate::{failed, to_python};
+use crate::failed;
 
 /// An axis of a map: a number for each pixel of an image, row by row.
 type Map<'py> = Bound<'py, PyArray2<f32>>;
@@ -247,37 +245,4 @@ impl Camera {
             names.iter().zip(&parameters).map(|(name, value)| format!("'{name}': {value:?}")).collect();
         format!("Camera({model:?}, {{{}}}, ({}, {}))", listed.join(", "), self.sensor.width, self.sensor.height)
     }
-}
-
-/// A camera, however it is given.
-fn camera_of(value: &Bound<'_, PyAny>) -> PyResult<(evcal_core::camera::Camera<f64>, Sensor)> {
-    if let Ok(camera) = value.cast::<Camera>() {
-        return Ok((camera.get().camera, camera.get().sensor));
-    }
-    if let Ok(calibration) = value.cast::<Calibration>() {
-        return Ok(calibration.get().lens());
-    }
-    let path: PathBuf = value.extract()?;
-    evcal_geometry::lens::camera_file::read(&path).map_err(failed)
-}
-
-/// How far a calibration is from the truth or from another one: where both put the same point in the image, the
-/// rotation between them removed.
-///
-/// Both are a Camera, a Calibration, a file or a folder. Returns a dict: rms and max (px), max_at (the pixel), rotation
-/// (rotation vector, rad), uncovered (points of the grid where a lens model ends), grid.
-#[pyfunction]
-pub fn evaluate<'py>(
-    py: Python<'py>,
-    calibration: &Bound<'py, PyAny>,
-    truth: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyAny>> {
-    let ((camera, sensor), (true_camera, true_sensor)) = (camera_of(calibration)?, camera_of(truth)?);
-    if sensor != true_sensor {
-        return Err(crate::Error::new_err(format!(
-            "one is for a sensor of {sensor} pixels, the other for one of {true_sensor}"
-        )));
-    }
-    let difference = py.detach(|| projection_difference(&true_camera, &camera, sensor)).map_err(failed)?;
-    to_python(py, serde_json::to_string(&difference))
 }

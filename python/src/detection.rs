@@ -1,8 +1,9 @@
 //! The board in windows of time.
 
-use evcal::{Board, Recording};
+use evcal_calibrate::calibrate::input::open_events;
 use evcal_calibrate::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
 use evcal_calibrate::settings::Settings;
+use evcal_geometry::board::Board;
 use numpy::PyArrayDescr;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -10,7 +11,7 @@ use pyo3::prelude::*;
 use crate::events::filled;
 use crate::failed;
 use crate::interrupt::interruptible;
-use event_recordings::{Said, as_path, of_array};
+use crate::recording::{Said, as_path, of_array};
 
 /// Bytes of a circle.
 const CIRCLE_BYTES: usize = 40;
@@ -38,7 +39,7 @@ pub fn detect<'py>(
         board.parse().map_err(|error: evcal_geometry::board::BoardError| PyValueError::new_err(error.to_string()))?;
     let options = Said { sensor, columns, time_unit, stream }.options()?;
     let recording = match as_path(events) {
-        Some(path) => Recording::new(path, options).map_err(failed)?,
+        Some(path) => open_events(&path, options).map_err(failed)?,
         None => of_array(events, options)?,
     };
     let settings = settings.map(|path| Settings::read(&path)).transpose().map_err(failed)?.unwrap_or_default();

@@ -4,6 +4,7 @@ mod advice;
 mod calibration;
 mod camera;
 mod detection;
+mod evaluation;
 mod events;
 mod interrupt;
 mod recording;
@@ -41,9 +42,11 @@ mod _evcal {
     #[pymodule_export]
     use super::calibration::{Calibration, calibrate};
     #[pymodule_export]
-    use super::camera::{Camera, evaluate};
+    use super::camera::Camera;
     #[pymodule_export]
     use super::detection::detect;
+    #[pymodule_export]
+    use super::evaluation::evaluate;
     #[pymodule_export]
     use super::recording::{info, read};
     #[pymodule_export]
@@ -52,5 +55,5 @@ mod _evcal {
     /// Version of evcal.
     #[expect(non_upper_case_globals, reason = "Python's name for it")]
     #[pymodule_export]
-    const __version__: &str = evcal::VERSION;
+    const __version__: &str = evcal_calibrate::VERSION;
 }

@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
+use evcal_calibrate::calibrate::input::{EventsError, open_events};
 use evcal_calibrate::diagnosis::information::gather;
-use event_recordings::{OptionError, Recording, RecordingError, RecordingOptions};
+use event_recordings::{OptionError, Recording, RecordingOptions};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -66,7 +67,7 @@ pub fn read<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let options = Said { sensor, columns, time_unit, stream }.options()?;
     let bytes = interruptible(py, |stop| {
-        let recording = Recording::new(file, options)?;
+        let recording = open_events(&file, options)?;
         let mut reader = recording.open()?;
         let (mut bytes, mut batch) = (Vec::new(), Vec::new());
         while !stop.load(Ordering::Relaxed) && reader.next_batch(&mut batch)? {
@@ -74,7 +75,7 @@ pub fn read<'py>(
         }
         Ok(bytes)
     })?;
-    to_array(py, bytes.map_err(|error: RecordingError| failed(error))?)
+    to_array(py, bytes.map_err(|error: EventsError| failed(error))?)
 }
 
 /// Tell what is in a recording: format, camera, sensor, duration, rates, hot pixels, as a dict.
@@ -91,6 +92,9 @@ pub fn info<'py>(
     stream: Option<String>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let options = Said { sensor, columns, time_unit, stream }.options()?;
-    let information = interruptible(py, |_| Recording::new(file, options).and_then(|recording| gather(&recording)))?;
-    to_python(py, serde_json::to_string(&information.map_err(failed)?))
+    let information = interruptible(py, |_| {
+        let recording = open_events(&file, options)?;
+        Ok(gather(&recording)?)
+    })?;
+    to_python(py, serde_json::to_string(&information.map_err(|error: EventsError| failed(error))?))
 }

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::Ordering;
 
-use evcal::Board;
+use evcal_geometry::board::Board;
 use evcal_simulator::lens::usual_lens;
 use evcal_simulator::presets::{LightPreset, MotionPreset};
 use evcal_simulator::rays::Rays;

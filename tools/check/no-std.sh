@@ -17,5 +17,5 @@ done
 
 # With a target given, build scripts and procedural macros keep the whole library.
 RUSTFLAGS="--sysroot $(cd "$sysroot" && pwd)" cargo build --release --locked --target "$host" \
-    --target-dir "$target" -p usb-davis --no-default-features
-echo "check-no-std: the protocol of usb-davis builds with the core library alone"
+    --target-dir "$target" -p evcal-core -p usb-davis --no-default-features
+echo "check-no-std: evcal-core without geometry and the protocol of usb-davis build with the core library alone"

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Runs usb-davis/tests/vhci_camera.rs in a virtual machine: a real kernel, its USB core and libusb against
+# Runs usb-davis/tests/vhci in a virtual machine: a real kernel, its USB core and libusb against
 # the emulated camera on the module vhci-hcd. Needs no KVM and does not touch the kernel of this machine.
 #
 # Installs QEMU and takes the kernel from Debian's package linux-image-amd64, unpacked below
@@ -74,7 +74,7 @@ fi
 
 # The tests, the programs they run, and the libraries of all.
 build() {
-    cargo test --workspace --release --locked --test vhci_camera --test emulate --no-run --message-format=json
+    cargo test --workspace --release --locked --test vhci --no-run --message-format=json
 }
 executables=$(build | sed -n 's/.*"executable":"\([^"]*\)".*/\1/p')
 root=$(mktemp -d)
@@ -86,7 +86,7 @@ cp /bin/busybox "$root/bin/"
 for module in $modules; do
     cp "$cache/$module.ko" "$root/modules/"
 done
-for name in vhci_camera emulate davis-record evcal; do
+for name in vhci davis-emulate davis-record; do
     # Cargo adds a hash to the names of tests.
     file=$(echo "$executables" | grep -E "/$name(-[0-9a-f]+)?\$" | tail -n 1)
     [ -n "$file" ] || fail "cargo did not say where the program $name is"
@@ -100,12 +100,12 @@ done
 cat >"$root/init" <<END
 #!/bin/busybox sh
 /bin/busybox --install -s /bin
-export PATH=/bin DAVIS_RECORD=/bin/davis-record EVCAL=/bin/evcal
+export PATH=/bin DAVIS_RECORD=/bin/davis-record DAVIS_EMULATE=/bin/davis-emulate
 mount -t proc none /proc
 mount -t sysfs none /sys
 mount -t devtmpfs none /dev
 for module in $modules; do insmod /modules/\$module.ko; done
-vhci_camera --ignored --test-threads=1 --nocapture && emulate --ignored --test-threads=1 --nocapture
+vhci --ignored --test-threads=1 --nocapture
 echo "guest: exit status \$?"
 poweroff -f
 END

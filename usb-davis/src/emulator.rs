@@ -8,7 +8,6 @@
 //! - [`vhci`] plugs the camera into the kernel's virtual USB host controller: every program on the
 //!   computer sees it in `/dev/bus/usb`. Needs root and the module `vhci-hcd`.
 
-mod default_registers;
 mod descriptors;
 mod faults;
 mod model;
@@ -28,9 +27,10 @@ mod usbip;
 #[cfg(target_os = "linux")]
 pub mod vhci;
 
-pub use default_registers::default_registers;
 pub use faults::{Failures, Faults};
 pub use model::Model;
 pub use output::Pace;
 pub use piece::{CapturePieces, Piece};
 pub use stall::{Stall, TransferFault};
+
+pub use crate::registers::default_registers;

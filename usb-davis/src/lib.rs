@@ -1,7 +1,6 @@
-//! The DAVIS346 event camera: wire protocol, live camera over libusb, raw dumps, captures of its USB
-//! traffic, and a camera in software.
+#![cfg_attr(feature = "std", doc = include_str!("../README.md"))]
 //!
-//! Nothing here knows of calibration.
+//! # Modules
 //!
 //! | module | is |
 //! |---|---|
@@ -13,25 +12,6 @@
 //! | [`capture`] | any recording of transfers: `.dvraw`, pcap, pcapng, bare payload |
 //! | [`device`] | the camera itself |
 //! | [`emulator`] | a camera in software, with faults on demand |
-//!
-//! [`registers`], [`bias`], [`configuration`] and [`protocol`] need neither `std` nor an allocator: switch off default features.
-//!
-//! From a recording to events:
-//! ```no_run
-//! use usb_davis::capture::Capture;
-//! use usb_davis::protocol::Message;
-//!
-//! let mut capture = Capture::open("recording.dvraw")?;
-//! let mut decoder = capture.header().decoder();
-//! let mut events = Vec::new();
-//! while capture.decode_next(&mut decoder, |message| {
-//!     if let Message::Events(new) = message {
-//!         events.extend_from_slice(new);
-//!     }
-//! })? {}
-//! println!("{} events, {} faults", events.len(), decoder.counts().anomalies.total());
-//! # Ok::<(), usb_davis::capture::CaptureError>(())
-//! ```
 #![cfg_attr(not(feature = "std"), no_std)]
 // No input makes it panic.
 #![deny(

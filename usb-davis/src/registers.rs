@@ -6,12 +6,16 @@
 //! a register of [`sysinfo`] too, see [`Clocks`].
 
 #[cfg(feature = "std")]
+mod default_registers;
+#[cfg(feature = "std")]
 mod dropped;
 #[cfg(feature = "std")]
 mod snapshot;
 
 use core::fmt;
 
+#[cfg(feature = "std")]
+pub use default_registers::default_registers;
 #[cfg(feature = "std")]
 pub use dropped::{DROP_COUNTERS, Dropped};
 #[cfg(feature = "std")]

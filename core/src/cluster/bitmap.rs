@@ -1,5 +1,7 @@
 //! One bit per pixel, with rows that can be read at any bit.
 
+use crate::sensor::Sensor;
+
 /// Columns that stay empty at the right of every row, so that a neighbourhood never reaches into the
 /// pixels of the next row. Bounds the half-width of a neighbourhood.
 pub(super) const MARGIN: usize = 4;
@@ -16,6 +18,10 @@ pub const fn row_count(height: usize) -> usize {
     height + 2
 }
 
+const fn saturating_u16(size: usize) -> u16 {
+    if size > u16::MAX as usize { u16::MAX } else { size as u16 }
+}
+
 /// A bitmap of up to `ROW_BYTES * 8 - 4` columns and `ROWS - 2` rows.
 ///
 /// A pixel is addressed by its *bit*: `ROW_BYTES * 8 * (y + 1) + x`.
@@ -27,8 +33,9 @@ pub(super) struct Bitmap<const ROW_BYTES: usize, const ROWS: usize> {
 impl<const ROW_BYTES: usize, const ROWS: usize> Bitmap<ROW_BYTES, ROWS> {
     /// Bits from a pixel to the one below it.
     pub(super) const ROW_BITS: usize = ROW_BYTES * 8;
-    /// Largest sensor that fits: width, height.
-    pub(super) const CAPACITY: (usize, usize) = (Self::ROW_BITS.saturating_sub(MARGIN), ROWS.saturating_sub(2));
+    /// Largest sensor that fits.
+    pub(super) const CAPACITY: Sensor =
+        Sensor::new(saturating_u16(Self::ROW_BITS.saturating_sub(MARGIN)), saturating_u16(ROWS.saturating_sub(2)));
 
     pub(super) const fn new() -> Self {
         Self { rows: [[0; ROW_BYTES]; ROWS] }
@@ -148,21 +155,22 @@ mod tests {
 
     #[test]
     fn capacity_covers_the_sensor_it_was_sized_for() {
-        assert_eq!(Bitmap::<{ row_bytes(346) }, { row_count(260) }>::CAPACITY, (348, 260));
-        let (width, height) = Bitmap::<{ row_bytes(320) }, { row_count(320) }>::CAPACITY;
-        assert!(width >= 320 && height == 320);
+        assert_eq!(Bitmap::<{ row_bytes(346) }, { row_count(260) }>::CAPACITY, Sensor::new(348, 260));
+        let capacity = Bitmap::<{ row_bytes(320) }, { row_count(320) }>::CAPACITY;
+        assert!(capacity.width >= 320 && capacity.height == 320);
     }
 
     #[test]
     fn reads_at_any_bit_and_sees_nothing_outside() {
         let mut bitmap = Small::new();
-        for x in 0..Small::CAPACITY.0 {
+        let width = usize::from(Small::CAPACITY.width);
+        for x in 0..width {
             bitmap.set(Small::bit(x, 1));
             assert_eq!(bitmap.at(Small::bit(x, 1)) & 1, 1);
             assert_eq!(bitmap.at(Small::bit(0, 0)), 0);
             assert_eq!(bitmap.at(Small::bit(0, 2)), 0);
         }
-        let beyond = Small::bit(Small::CAPACITY.0, 1);
+        let beyond = Small::bit(width, 1);
         assert_eq!(bitmap.at(beyond) & ((1 << MARGIN) - 1), 0, "the margin stays empty");
         assert_eq!(bitmap.at(usize::MAX), 0);
         assert_eq!(bitmap.at(0_usize.wrapping_sub(Small::ROW_BITS)), 0);

@@ -2,7 +2,7 @@
 
 use super::bitmap::{Bitmap, Touched, ones};
 use super::neighbourhood::Neighbourhood;
-use super::runs::{NONE, PixelRuns, RecentRows, Runs};
+use super::runs::{NONE, Pixel, PixelRuns, RecentRows, Runs};
 use super::{CentralMoments, Cluster, ClusterSettings, PixelSums};
 use crate::event::{Event, Polarity};
 use crate::sensor::Sensor;
@@ -105,12 +105,8 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
         events: impl IntoIterator<Item = Event>,
         settings: &ClusterSettings,
     ) -> Result<ClusterCounts, SensorTooLarge> {
-        let (width, height) = Bitmap::<ROW_BYTES, ROWS>::CAPACITY;
-        if usize::from(sensor.width) > width || usize::from(sensor.height) > height {
-            let capacity = Sensor {
-                width: width.min(usize::from(u16::MAX)) as u16,
-                height: height.min(usize::from(u16::MAX)) as u16,
-            };
+        let capacity = Bitmap::<ROW_BYTES, ROWS>::CAPACITY;
+        if sensor.width > capacity.width || sensor.height > capacity.height {
             return Err(SensorTooLarge { sensor, capacity });
         }
         self.clear();
@@ -223,7 +219,7 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
                 }
                 self.core.set_word(bit, core);
                 core_count += core.count_ones();
-                lost += self.runs.push_core(first, (bit - row_bit, y), core, neighbourhood.half_width(0));
+                lost += self.runs.push_core(first, bit - row_bit, y, core, neighbourhood.half_width(0));
             }
             recent_rows.join(&mut self.runs, y, first, neighbourhood);
         }
@@ -242,15 +238,16 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
     ) {
         let pixels = of(&self.pixels, polarity);
         let row_bits = Bitmap::<ROW_BYTES, ROWS>::ROW_BITS;
-        let last_run = self.runs.len();
+        let end = self.runs.len();
         for y in self.undecided.rows(self.height) {
             let row_bit = Bitmap::<ROW_BYTES, ROWS>::bit(0, y);
             for bit in self.undecided.words(y) {
                 for index in ones(pixels.word(bit) & !self.core.word(bit)) {
                     let Some(core_bit) = neighbourhood.first(&self.core, bit + index) else { continue };
-                    let core_pixel = ((core_bit % row_bits) as u16, (core_bit / row_bits).wrapping_sub(1) as u16);
-                    let pixel = ((bit - row_bit + index) as u16, y as u16);
-                    if self.runs.push_border(pixel, core_pixel, (first_run, last_run)) {
+                    let core_y = (core_bit / row_bits).wrapping_sub(1);
+                    let core = Pixel { x: (core_bit % row_bits) as u16, y: core_y as u16 };
+                    let border = Pixel { x: (bit - row_bit + index) as u16, y: y as u16 };
+                    if self.runs.push_border(border, core, first_run..end) {
                         *of_mut(&mut counts.border_pixels, polarity) += 1;
                     } else {
                         counts.pixels_over_capacity += 1;

@@ -3,11 +3,19 @@
 use super::bitmap::MARGIN;
 use super::neighbourhood::Neighbourhood;
 use super::{Cluster, PixelRun};
+use core::ops::Range;
 use heapless::Vec;
 use nalgebra::RealField;
 
 /// No run, or no cluster.
 pub(super) const NONE: u16 = u16::MAX;
+
+/// Column and row.
+#[derive(Clone, Copy)]
+pub(super) struct Pixel {
+    pub(super) x: u16,
+    pub(super) y: u16,
+}
 
 /// Up to `RUNS` runs of clustered pixels. All zeros when empty.
 #[derive(Debug)]
@@ -40,7 +48,7 @@ impl<const RUNS: usize> Runs<RUNS> {
     ///
     /// A run within `reach` of the one before it in the row joins its cluster, and continues it if
     /// they touch. Returns the number of pixels for which there was no room.
-    pub(super) fn push_core(&mut self, first: usize, (x, y): (usize, usize), mut word: u32, reach: usize) -> u32 {
+    pub(super) fn push_core(&mut self, first: usize, x: usize, y: usize, mut word: u32, reach: usize) -> u32 {
         while word != 0 {
             let start = word.trailing_zeros();
             let length = (word >> start).trailing_ones();
@@ -70,21 +78,17 @@ impl<const RUNS: usize> Runs<RUNS> {
         0
     }
 
-    /// Appends the border pixel (x, y), in the cluster of the core pixel (`core_x`, `core_y`).
-    ///
-    /// Core runs are those from `first` to before `end`. False if there was no room for either pixel.
-    pub(super) fn push_border(
-        &mut self,
-        (x, y): (u16, u16),
-        (core_x, core_y): (u16, u16),
-        (first, end): (usize, usize),
-    ) -> bool {
-        let core = self.runs.get(first..end).unwrap_or(&[]);
-        let after = core.partition_point(|run| (run.y, run.x) <= (core_y, core_x));
-        let before = after.checked_sub(1).and_then(|before| Some((before, core.get(before)?)));
+    /// Appends a border pixel, in the cluster of the core pixel `core`, whose run is one of `core_runs`. False if there was no
+    /// room for either pixel.
+    pub(super) fn push_border(&mut self, border: Pixel, core: Pixel, core_runs: Range<usize>) -> bool {
+        let first = core_runs.start;
+        let runs = self.runs.get(core_runs).unwrap_or(&[]);
+        let after = runs.partition_point(|run| (run.y, run.x) <= (core.y, core.x));
+        let before = after.checked_sub(1).and_then(|before| Some((before, runs.get(before)?)));
         let Some((index, run)) = before else { return false };
         let Some(&label) = self.labels.get(first + index) else { return false };
-        run.y == core_y && run.last >= core_x && self.push(PixelRun { x, last: x, y }, label)
+        let Pixel { x, y } = border;
+        run.y == core.y && run.last >= core.x && self.push(PixelRun { x, last: x, y }, label)
     }
 
     fn push(&mut self, run: PixelRun, label: u16) -> bool {
@@ -191,6 +195,14 @@ struct RowRuns {
     end: u16,
 }
 
+impl RowRuns {
+    /// The runs, each with its number.
+    fn numbered(self, runs: &[PixelRun]) -> impl Iterator<Item = (u16, &PixelRun)> {
+        let row = runs.get(usize::from(self.first)..usize::from(self.end)).unwrap_or(&[]);
+        (self.first..).zip(row)
+    }
+}
+
 impl RecentRows {
     /// Joins the runs of row `y`, from `first` to the last, with those above them within reach.
     pub(super) fn join<const RUNS: usize>(
@@ -200,8 +212,8 @@ impl RecentRows {
         first: usize,
         neighbourhood: &Neighbourhood,
     ) {
-        let lower = runs.runs.get(first..).unwrap_or(&[]);
-        if lower.is_empty() {
+        let row = RowRuns { y: y as u16, first: first as u16, end: runs.runs.len() as u16 };
+        if row.first == row.end {
             return;
         }
         for above in &self.rows {
@@ -209,27 +221,19 @@ impl RecentRows {
             if above.first == above.end || dy > neighbourhood.radius() {
                 break;
             }
-            let upper = runs.runs.get(usize::from(above.first)..usize::from(above.end)).unwrap_or(&[]);
             let reach = neighbourhood.half_width(dy);
-            join_rows((upper, above.first), (lower, first as u16), reach, &mut runs.labels);
+            join_rows(*above, row, reach, &runs.runs, &mut runs.labels);
         }
-        let mut newer = RowRuns { y: y as u16, first: first as u16, end: runs.runs.len() as u16 };
-        for row in &mut self.rows {
-            core::mem::swap(row, &mut newer);
+        let mut newer = row;
+        for older in &mut self.rows {
+            core::mem::swap(older, &mut newer);
         }
     }
 }
 
-/// Joins the runs of two rows that lie within `reach` columns of each other. A row is its runs and the
-/// index of the first.
-fn join_rows(
-    (upper, upper_first): (&[PixelRun], u16),
-    (lower, lower_first): (&[PixelRun], u16),
-    reach: usize,
-    labels: &mut [u16],
-) {
-    let mut uppers = (upper_first..).zip(upper);
-    let mut lowers = (lower_first..).zip(lower);
+/// Joins the runs of two rows that lie within `reach` columns of each other.
+fn join_rows(upper: RowRuns, lower: RowRuns, reach: usize, runs: &[PixelRun], labels: &mut [u16]) {
+    let (mut uppers, mut lowers) = (upper.numbered(runs), lower.numbered(runs));
     let (Some(mut one), Some(mut two)) = (uppers.next(), lowers.next()) else { return };
     loop {
         let (one_x, one_last) = (usize::from(one.1.x), usize::from(one.1.last));

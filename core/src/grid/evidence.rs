@@ -119,7 +119,7 @@ fn missed<T: RealField + Copy, const N: usize>(
     (0..pattern.circle_count())
         .map(|circle| placement.site(pattern, circle))
         .filter(|&(u, v)| lattice.at(u, v).is_none())
-        .filter_map(|site| image.at(site))
+        .filter_map(|(u, v)| image.at(u, v))
         .filter(|place| place.x > border && place.y > border && place.x < width - border && place.y < height - border)
         // A candidate near by may be the circle, after all.
         .filter(|place| points.nearest(place, near).is_none())

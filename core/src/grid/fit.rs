@@ -337,14 +337,14 @@ mod tests {
 
     fn lattice_of(sites: impl Iterator<Item = (i32, i32)> + Clone) -> (Points<f64, 64>, Lattice<64>) {
         let image = truth();
-        let pixel = |site| image.at(site).unwrap();
+        let pixel = |u, v| image.at(u, v).unwrap();
         let candidates: std::vec::Vec<_> =
-            sites.clone().map(|site| GridCandidate { center: pixel(site), radius: 0.0 }).collect();
+            sites.clone().map(|(u, v)| GridCandidate { center: pixel(u, v), radius: 0.0 }).collect();
         let mut points = Points::new();
         assert!(points.load(&candidates));
         let mut lattice = Lattice::new();
         for (u, v) in sites {
-            let point = points.nearest(&pixel((u, v)), 1e-6).unwrap().point;
+            let point = points.nearest(&pixel(u, v), 1e-6).unwrap().point;
             assert!(lattice.place(u, v, point));
         }
         (points, lattice)
@@ -374,7 +374,7 @@ mod tests {
         let warp = Warp { middle: Vector2::new(172.5, 129.5), unit: 216.0, parameters };
         for v in -4..=4 {
             for u in -4..=4 {
-                let site = warp.at(&image.at((u, v)).unwrap()).unwrap().site;
+                let site = warp.at(&image.at(u, v).unwrap()).unwrap().site;
                 assert!((site - Vector2::new(f64::from(u), f64::from(v))).norm() < 1e-6, "({u}, {v}): {site}");
             }
         }

@@ -125,8 +125,8 @@ pub(super) fn visit<const N: usize>(
     mut visit: impl FnMut(Placement),
 ) {
     for &axes in axes {
-        count_shifts(lattice, pattern, &axes, least.max(1), |origin, inside| {
-            visit(Placement { axes, origin, inside });
+        count_shifts(lattice, pattern, &axes, least.max(1), |x, y, inside| {
+            visit(Placement { axes, origin: (x, y), inside });
         });
     }
 }
@@ -138,7 +138,7 @@ fn count_shifts<const N: usize>(
     pattern: &Pattern,
     axes: &Axes,
     least: usize,
-    mut report: impl FnMut((i32, i32), usize),
+    mut report: impl FnMut(i32, i32, usize),
 ) {
     let (width, height) = extent_of(pattern);
     let mut positions: Vec<(i32, i32), N> = Vec::new();
@@ -163,7 +163,7 @@ fn count_shifts<const N: usize>(
                 .filter(|position| (x..=x + width).contains(&position.0) && (y..=y + height).contains(&position.1))
                 .count();
             if inside >= least {
-                report((x, y), inside);
+                report(x, y, inside);
             }
         }
     }
@@ -198,7 +198,10 @@ pub(super) fn turned_to_top_left<T: RealField + Copy>(
     image: &LatticeImage<T>,
     pattern: &Pattern,
 ) -> Placement {
-    let corner = |placement: &Placement| image.at(placement.site(pattern, 0)).map(|place| place.x + place.y);
+    let corner = |placement: &Placement| {
+        let (u, v) = placement.site(pattern, 0);
+        image.at(u, v).map(|place| place.x + place.y)
+    };
     let mut best = placement;
     let mut turned = placement;
     for _ in 1..turns_of(pattern) {

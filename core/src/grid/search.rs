@@ -7,7 +7,8 @@ use super::lattice::Lattice;
 use super::placement::{Placement, turned_to_top_left, turns_of};
 use super::points::Points;
 use super::seed::{Kind, find_seeds};
-use super::warp::{LatticeImage, Warp};
+use super::settle::Settled;
+use super::warp::LatticeImage;
 use super::{FoundGrid, GridCandidate, GridCircle, GridError, GridOptions, GridWorkspace, Ordering};
 use super::{evidence, expectation};
 use crate::pattern::Pattern;
@@ -132,11 +133,12 @@ fn judge<T: RealField + Copy, const N: usize>(
     pattern: &Pattern,
     options: &GridOptions,
     choice: &Choice<T>,
-    settled: Option<(Warp<T>, T)>,
+    settled: Option<Settled<T>>,
 ) -> Result<FoundGrid<T, N>, GridError> {
     let needed = options.minimum_circles;
     let too_few = |found| GridError::TooFewCircles { found, needed };
-    let (Some((warp, scatter)), true) = (settled, lattice.len() >= needed) else { return Err(too_few(lattice.len())) };
+    let enough = settled.filter(|_| lattice.len() >= needed);
+    let Some(Settled { warp, scatter }) = enough else { return Err(too_few(lattice.len())) };
     let Some(image) = LatticeImage::new(&warp) else { return Err(too_few(0)) };
     let placement = match choice {
         Choice::MostLikely => evidence::decide(lattice, points, &image, scatter, pattern, options)?,

@@ -53,6 +53,14 @@ struct Claim<T> {
     distance: T,
 }
 
+/// The map of a settled lattice.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Settled<T> {
+    pub warp: Warp<T>,
+    /// Standard deviation of one point along one axis, pixels.
+    pub scatter: T,
+}
+
 /// Storage.
 #[derive(Clone, Debug)]
 pub(super) struct Settling<T, const N: usize> {
@@ -65,14 +73,13 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
         Self { claims: Vec::new(), squares: Vec::new() }
     }
 
-    /// Returns the map, and the scatter of one point as a standard deviation in pixels along one axis;
-    /// none if no map fits.
+    /// None if no map fits.
     pub fn settle(
         &mut self,
         lattice: &mut Lattice<N>,
         points: &Points<T, N>,
         options: &GridOptions,
-    ) -> Option<(Warp<T>, T)> {
+    ) -> Option<Settled<T>> {
         let mut warp = Warp::affine(lattice, points, options.image_size)?;
         warp.fit(lattice, points, &APPROACH, &mut self.squares)?;
         let limit = |lattice: &Lattice<N>| lattice.spacing(points) * nalgebra::convert(options.maximum_scatter);
@@ -96,7 +103,7 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
                 return None;
             }
         }
-        Some((warp, scatter))
+        Some(Settled { warp, scatter })
     }
 
     /// Standard deviation by the median of the residuals.

@@ -184,7 +184,7 @@ impl<T: RealField + Copy> LatticeImage<T> {
     }
 
     /// The pixel of a lattice site; none if it lies beyond what the lens can show.
-    pub fn at(&self, (u, v): (i32, i32)) -> Option<Vector2<T>> {
+    pub fn at(&self, u: i32, v: i32) -> Option<Vector2<T>> {
         let [.., first, second, center_x, center_y] = self.warp.parameters;
         let site = Vector3::new(nalgebra::convert(f64::from(u)), nalgebra::convert(f64::from(v)), T::one());
         let ray = self.to_ray * site;

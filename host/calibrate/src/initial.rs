@@ -11,6 +11,7 @@
 mod bundle;
 mod cross_validation;
 mod first_camera;
+mod frame_pose;
 pub mod held_out;
 pub mod information;
 pub mod model_choice;
@@ -41,7 +42,7 @@ use bundle::{Bundle, BundleView, bundle};
 use cross_validation::cross_validate;
 use evcal_geometry::board::Board;
 use first_camera::{first_camera, views_differ};
-use pose::{FramePose, PoseError, robust_pose, settle_pose};
+use frame_pose::{FramePose, PoseError, robust_pose, settle_pose};
 use rotation_gate::rotation_gate;
 use sighting::Sighting;
 use velocity_gate::{Waypoint, velocity_gate};
@@ -51,9 +52,9 @@ use evcal_geometry::numerics::statistics::median;
 pub use planar_pose::{PlanarPose, PlanePoint};
 pub use refit::ProjectedCircle;
 pub use report::{DropReason, DroppedFrame, InitialError, InitialReport, OpencvStart, Step, ValidationCounts};
-pub use settings::{CrossValidationSettings, InitialSettings};
+pub use settings::{CrossValidationSettings, InitialSettings, Start, StartedCamera};
 pub use sighting::BoardPoint;
-pub use start::{NativeStart, Start, StartedCamera};
+pub use start::NativeStart;
 
 /// A reference frame with its pose.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,9 +1,4 @@
-//! From a recording of a moving circle grid to a calibrated event camera.
-//!
-//! Stages are plain functions over plain structs, and data flows one way:
-//! recording → window → circles → grid → reference frames → initial model and poses → segments →
-//! splines → associations → joint solve → result → export. `docs/architecture.md` of the repository has a table of the
-//! modules here and of what each may use.
+#![doc = include_str!("../README.md")]
 // No input makes it panic; the program prints.
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
@@ -11,7 +6,6 @@
 pub mod calibrate;
 pub mod check;
 pub mod circles;
-mod counted;
 pub mod detection;
 pub mod diagnosis;
 pub mod evaluate;

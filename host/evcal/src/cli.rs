@@ -14,8 +14,6 @@ mod completions;
 mod convert;
 mod detect;
 mod devices;
-#[cfg(target_os = "linux")]
-mod emulate;
 mod evaluate;
 mod examples;
 mod export;
@@ -101,10 +99,6 @@ enum Command {
     /// Simulate an event camera in front of a board
     #[command(after_help = examples::SIMULATE)]
     Simulate(simulate::Arguments),
-    /// Plug in a DAVIS346 in software that sends a recording (Linux, root, module vhci-hcd)
-    #[cfg(target_os = "linux")]
-    #[command(after_help = examples::EMULATE)]
-    Emulate(emulate::Arguments),
     /// Print what a shell needs to complete commands and options
     #[command(after_help = examples::COMPLETIONS)]
     Completions(completions::Arguments),
@@ -117,10 +111,6 @@ enum Command {
 impl Command {
     /// Whether it comes to a good end of its own when it is interrupted.
     fn takes_signals(&self) -> bool {
-        #[cfg(target_os = "linux")]
-        if matches!(self, Self::Emulate(_)) {
-            return true;
-        }
         matches!(self, Self::Record(_) | Self::Live(_))
     }
 }
@@ -181,8 +171,6 @@ pub fn run() -> ExitCode {
         Command::Undistort(arguments) => undistort::run(&arguments),
         Command::Board(arguments) => board::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
-        #[cfg(target_os = "linux")]
-        Command::Emulate(arguments) => emulate::run(&arguments),
         Command::Completions(arguments) => completions::run(&arguments),
         Command::Man(arguments) => man::run(&arguments),
     };

@@ -1,9 +1,7 @@
-//! Watching a camera while it is recorded: has enough of the board been seen for a calibration?
-//!
-//! The detection stages of a calibration (windows, circles, grid) run on a thread of their own on
-//! what the camera sends, and [`guidance`] says where the board should go next. The recording never waits for them:
-//! transfers that they have no time for are left out of the display, and counted. [`replay`](mod@replay) does the same
-//! with a recording.
+#![doc = include_str!("../README.md")]
+// No input makes it panic; the program prints.
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod background;
 pub mod checkpoint;
@@ -17,7 +15,6 @@ pub mod obstacle;
 #[cfg(feature = "page")]
 pub mod page;
 pub mod picture;
-pub mod playback;
 pub mod recorder;
 pub mod replay;
 pub mod wanted;

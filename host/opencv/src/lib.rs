@@ -1,9 +1,4 @@
-//! OpenCV as the start of a calibration ([`Opencv`]) and as a finder of whole boards ([`WHOLE_BOARD`]).
-//!
-//! Guarantees: no OpenCV type leaves this crate, every `cv::Exception` arrives as an
-//! [`OpencvError`], results that are not finite are errors too, and OpenCV runs on the calling
-//! thread only, so that its results do not depend on the number of threads.
-
+#![doc = include_str!("../README.md")]
 // No input makes it panic; the program prints.
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]

@@ -1,7 +1,4 @@
-//! The folder that a calibration writes, and its report.
-//!
-//! - [`report`]: `report.html`, one file a section, and its drawings;
-//! - [`output`]: the folder, what a failed calibration leaves, and the summary for a terminal.
+#![doc = include_str!("../README.md")]
 // No input makes it panic; the program prints.
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]

@@ -1,18 +1,11 @@
-//! An event camera that looks at a printed circle grid while a hand moves it.
-//!
-//! Radiance comes from exact rendering of the board ([`scene`]) along a smooth motion known at any
-//! time ([`motion`]), through any lens given by its bearings ([`rays`]); every pixel turns it into
-//! events by a low-pass, log thresholds with mismatch, reset, leak and noise (`pixel`,
-//! [`sensor`]); a bus puts the events in a row (`arbiter`). The same settings and seed give the
-//! same events on any number of threads: rows of pixels are independent and each has its own
-//! stream of random numbers.
-//!
-//! A DAVIS sends frames ([`frame`]) and inertial samples ([`inertia`]) of the same motion too
-//! ([`davis`]), and a capture system can follow the camera ([`motion_capture`]); they change nothing of the events. A second camera
-//! ([`second_camera`]), of events or of frames ([`frame_camera`]), can be carried along.
+#![doc = include_str!("../README.md")]
 //!
 //! Time runs in slices of 25 ms that bound the memory, slices in ticks of 50 µs at which poses are
 //! known; each pixel looks at the ticks it needs.
+
+// No input makes it panic; the program prints.
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 use std::collections::BTreeSet;
 

@@ -82,7 +82,7 @@ pub fn list() -> Result<Vec<Listing>, DeviceError> {
     for (device, identity) in cameras(&context)? {
         let (bus, address) = (device.bus_number(), device.address());
         let (identity, availability) = match probe(&device, identity.clone()) {
-            Ok((identity, logic, patch)) => (identity, Availability::Ready { logic, patch }),
+            Ok((identity, logic)) => (identity, Availability::Ready { logic: logic.version, patch: logic.patch }),
             Err(error) => (identity, Availability::Unavailable(error)),
         };
         listings.push(Listing { bus, address, identity, availability });
@@ -107,10 +107,16 @@ pub(super) fn cameras(context: &Context) -> Result<Vec<(Device<Context>, Identit
     Ok(cameras)
 }
 
-fn probe(device: &Device<Context>, identity: Identity) -> Result<(Identity, u32, u32), DeviceError> {
+fn probe(device: &Device<Context>, identity: Identity) -> Result<(Identity, Logic), DeviceError> {
     let (handle, identity) = open(device, identity)?;
-    let (logic, patch) = check_versions(&handle, &identity)?;
-    Ok((identity, logic, patch))
+    let logic = check_versions(&handle, &identity)?;
+    Ok((identity, logic))
+}
+
+/// Version of the camera's logic.
+pub(super) struct Logic {
+    version: u32,
+    patch: u32,
 }
 
 /// Opens and claims a device, and reads its serial number.
@@ -136,14 +142,14 @@ pub(super) fn open(
     Ok((handle, Identity { serial, ..identity }))
 }
 
-/// Refuses versions that this crate does not speak to; returns those of the logic.
-pub(super) fn check_versions(handle: &DeviceHandle<Context>, identity: &Identity) -> Result<(u32, u32), DeviceError> {
+/// Refuses versions that this crate does not speak to; returns that of the logic.
+pub(super) fn check_versions(handle: &DeviceHandle<Context>, identity: &Identity) -> Result<Logic, DeviceError> {
     if identity.firmware() < FIRMWARE_LEAST {
         return Err(Unsupported::Firmware { found: identity.firmware() }.into());
     }
-    let logic = read(handle, sysinfo::LOGIC_VERSION)?;
-    if logic != LOGIC {
-        return Err(Unsupported::Logic { found: logic }.into());
+    let version = read(handle, sysinfo::LOGIC_VERSION)?;
+    if version != LOGIC {
+        return Err(Unsupported::Logic { found: version }.into());
     }
     let patch = read(handle, sysinfo::LOGIC_PATCH)?;
     if patch < PATCH_LEAST {
@@ -153,7 +159,7 @@ pub(super) fn check_versions(handle: &DeviceHandle<Context>, identity: &Identity
     if !CHIPS.contains(&chip) {
         return Err(Unsupported::Chip { found: chip }.into());
     }
-    Ok((logic, patch))
+    Ok(Logic { version, patch })
 }
 
 /// Reads a register.

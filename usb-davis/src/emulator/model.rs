@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use super::default_registers::default_registers;
 use super::descriptors::descriptors;
 use super::faults::Faults;
 use super::output::{Output, Pace, Taken};
@@ -12,8 +11,8 @@ use super::stall::{Stall, TransferFault};
 use crate::configuration::Streams;
 use crate::dump::{DumpHeader, Identity};
 use crate::registers::{
-    REGISTERS_RECORD, REQUEST_REGISTER, REQUEST_REGISTERS, Register, RegisterSnapshot, aps, dvs, external_input, imu,
-    mux, usb,
+    REGISTERS_RECORD, REQUEST_REGISTER, REQUEST_REGISTERS, Register, RegisterSnapshot, aps, default_registers, dvs,
+    external_input, imu, mux, usb,
 };
 use crate::{PRODUCT_ID, VENDOR_ID};
 

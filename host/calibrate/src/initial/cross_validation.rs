@@ -10,7 +10,7 @@ use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 
-use super::pose::{FramePose, PoseError, settle_pose};
+use super::frame_pose::{FramePose, PoseError, settle_pose};
 use super::refit::{Frame, PixelRows, ProjectedCircle, Rejection, refit_circle};
 use super::report::{DropReason, InitialReport, ValidationCounts};
 use super::settings::InitialSettings;

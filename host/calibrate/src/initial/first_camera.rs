@@ -6,11 +6,12 @@ use nalgebra::Isometry3;
 use rayon::prelude::*;
 
 use super::bundle::{Bundle, BundleView, bundle};
+use super::frame_pose::robust_pose;
 use super::native_start::native_start;
-use super::pose::robust_pose;
 use super::report::{InitialError, InitialReport, OpencvStart};
 use super::settings::InitialSettings;
 use super::sighting::{BoardPoint, Sighting};
+use super::start::start_of;
 use super::view_selection::select_views;
 use evcal_geometry::board::Board;
 
@@ -72,7 +73,7 @@ pub fn first_camera(
         .filter_map(|position| all.get(position).copied())
         .collect();
     let views = StartViews { all, first: settings.start_views };
-    let started = settings.start.camera(kind, views.first(), sensor, settings);
+    let started = start_of(settings).camera(kind, views.first(), sensor, settings);
     let mut best = started.camera.and_then(|camera| refine_start(&camera, &views.all, sensor, settings));
     let reason = reason(started.opencv.as_ref());
     report.native_start = started.opencv.is_none();

@@ -1,23 +1,67 @@
 //! Thresholds of the initial model.
 
+use std::fmt::Debug;
+
+use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::sensor::Sensor;
 use evcal_core::settings;
 use evcal_core::settings::{above, at_least, from_to};
 use serde::{Deserialize, Serialize};
 
-use super::start::{NativeStart, Start};
+use super::planar_pose::{PlanarPose, PlanePoint};
+use super::report::OpencvStart;
+use super::sighting::BoardPoint;
 use crate::circles::reference_frame::ReferenceFrame;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::homography::MINIMUM_POINTS;
 use evcal_geometry::numerics::statistics::median;
+
+/// Finds a first camera and the pose of a plane.
+///
+/// [`NativeStart`](super::NativeStart) is part of this crate; `evcal-opencv` has the other one.
+pub trait Start: Debug + Send + Sync {
+    /// Name for people.
+    fn name(&self) -> &'static str;
+
+    /// A first camera of model `kind` from some `views` of the board.
+    fn camera(
+        &self,
+        kind: ModelKind,
+        views: &[&[BoardPoint]],
+        sensor: Sensor,
+        settings: &InitialSettings,
+    ) -> StartedCamera;
+
+    /// `T_camera_world` of a plane of which some points may be wrong, by at most `iterations` samples. Points within `threshold` of
+    /// their image, in units of the focal length, agree.
+    fn plane_pose(&self, points: &[PlanePoint], threshold: f64, iterations: u16) -> Option<PlanarPose>;
+}
+
+/// Starts are equal that have the same name.
+impl PartialEq for dyn Start {
+    fn eq(&self, other: &Self) -> bool {
+        self.name() == other.name()
+    }
+}
+
+/// A first camera.
+#[derive(Clone, Debug)]
+pub struct StartedCamera {
+    /// The camera; `None` where none was found.
+    pub camera: Option<Camera<f64>>,
+    /// How the calibration of OpenCV went; `None` for the native start.
+    pub opencv: Option<OpencvStart>,
+}
 
 settings! {
     /// The first camera and the pose of every reference frame (section 5 of method.md).
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct InitialSettings {
-        /// What the first camera and the poses of frames start from. Not in settings files: all reach the same camera.
+        /// What the first camera and the poses of frames start from; `None` is the native start. Not in settings files: all
+        /// reach the same camera.
         #[serde(skip)]
-        pub start: &'static dyn Start = &NativeStart { seed: 0 };
+        pub start: Option<&'static dyn Start> = None;
         /// Fewest circles of a usable frame, and fewest that must agree with its pose. Never less than 4, never
         /// more than the board has.
         pub min_circles: usize = 8, "circles", at_least(4.0);

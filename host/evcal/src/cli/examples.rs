@@ -116,13 +116,6 @@ Examples:
   Your own camera, in dim light, with frames:
     evcal simulate --camera calibration --light low --frames -o simulation";
 
-#[cfg(target_os = "linux")]
-pub const EMULATE: &str = "\
-Examples:
-  evcal emulate recording.dvraw
-  A cable that is pulled out after a megabyte:
-    evcal emulate recording.dvraw --unplug-at 1000000 --plug-in-after 2s";
-
 pub const COMPLETIONS: &str = "\
 Examples:
   evcal completions bash > ~/.local/share/bash-completion/completions/evcal

@@ -9,7 +9,7 @@ const GROUPS: &[(&str, &[&str])] = &[
     ("Calibrate", &["board", "calibrate", "live"]),
     ("Use a calibration", &["export", "undistort", "compare", "evaluate", "repeat"]),
     ("Cameras and recordings", &["devices", "record", "check", "info", "convert", "detect"]),
-    ("Without a camera", &["simulate", "emulate"]),
+    ("Without a camera", &["simulate"]),
     ("This program", &["completions", "man", "help"]),
 ];
 
@@ -43,9 +43,6 @@ mod tests {
         let mut command = crate::cli::Arguments::command();
         command.build();
         let mut grouped: Vec<&str> = GROUPS.iter().flat_map(|(_, names)| names.iter().copied()).collect();
-        if !cfg!(target_os = "linux") {
-            grouped.retain(|name| *name != "emulate");
-        }
         grouped.sort_unstable();
         let mut names: Vec<&str> = command.get_subcommands().map(clap::Command::get_name).collect();
         names.sort_unstable();

@@ -17,7 +17,7 @@ pub fn read_settings(file: Option<&Path>, grid: Option<Grid>) -> Result<Settings
     settings.detection.grid = grid.unwrap_or(settings.detection.grid);
     #[cfg(feature = "opencv")]
     {
-        settings.initial.start = &evcal_opencv::Opencv;
+        settings.initial.start = Some(&evcal_opencv::Opencv);
         settings.detection.opencv = Some(evcal_opencv::WHOLE_BOARD);
     }
     if settings.detection.grid == Grid::Opencv && settings.detection.opencv.is_none() {

@@ -16,7 +16,7 @@ use nalgebra::{Point3, Vector2};
 use scene::{Fault, SENSOR, Scene, board};
 
 fn model(scene: &Scene, frames: &[ReferenceFrame], start: &'static dyn Start) -> InitialModel {
-    let settings = InitialSettings { start, min_frames: 6, ..InitialSettings::default() };
+    let settings = InitialSettings { start: Some(start), min_frames: 6, ..InitialSettings::default() };
     initial_model(frames, &scene.board, SENSOR, scene.camera.kind(), &settings).unwrap()
 }
 

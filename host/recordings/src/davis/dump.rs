@@ -10,8 +10,8 @@ use std::rc::Rc;
 use evcal_core::event::{Event, Polarity};
 use usb_davis::configuration::Configuration;
 use usb_davis::dump::{Compression, DumpHeader, DumpWriter, Identity, Transfer, TransferStatus};
-use usb_davis::emulator::default_registers;
 use usb_davis::protocol::{Encoder, Frame, FrameStep, ImuSample, Polarity as WirePolarity, PolarityEvent, frame_steps};
+use usb_davis::registers::default_registers;
 use usb_davis::{PRODUCT_ID, VENDOR_ID};
 
 use crate::encode::{WriteError, check_leap};

@@ -5,7 +5,7 @@ use crate::initial::native_start::native_start;
 use crate::initial::sighting::BoardPoint;
 
 fn settings(start: &'static dyn Start) -> InitialSettings {
-    InitialSettings { start, min_frames: 6, ..InitialSettings::default() }
+    InitialSettings { start: Some(start), min_frames: 6, ..InitialSettings::default() }
 }
 
 fn model(scene: &Scene, frames: &[ReferenceFrame], start: &'static dyn Start) -> InitialModel {

@@ -1,18 +1,11 @@
-//! End to end: `davis-record`, with the real rusb and libusb, against an emulated camera on
-//! umockdev's preload library (Debian package `umockdev`).
-#![cfg(target_os = "linux")]
-
-#[path = "support/session.rs"]
-mod session;
-#[path = "support/streams.rs"]
-mod streams;
+//! `davis-record`, end to end.
 
 use std::path::Path;
 use std::process::{Command, Output};
 
+use crate::session::{Received, session};
+use crate::streams::{event, events, total};
 use serde_json::Value;
-use session::{Received, session};
-use streams::{event, events, total};
 use usb_davis::capture::Capture;
 use usb_davis::configuration::{Configuration, QUIESCE, Streams};
 use usb_davis::dump::Identity;

@@ -1,5 +1,5 @@
 //! No library speaks the words of the command line: its texts and its documentation name no option and no subcommand of `evcal`.
-//! What to do about an error is said by the program (`src/cli/advice.rs`) and by Python, each in its own words.
+//! What to do about an error is said by the program (`host/evcal/src/cli/advice.rs`) and by Python, each in its own words.
 
 use std::path::{Path, PathBuf};
 
@@ -25,7 +25,6 @@ const SUBCOMMANDS: &[&str] = &[
     "convert",
     "detect",
     "devices",
-    "emulate",
     "evaluate",
     "export",
     "info",

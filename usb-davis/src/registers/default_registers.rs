@@ -1,6 +1,6 @@
 //! The registers of a camera that was just plugged in.
 
-use crate::registers::{RegisterSnapshot, aps, dvs, external_input, imu, mux, sysinfo};
+use super::{RegisterSnapshot, aps, dvs, external_input, imu, mux, sysinfo};
 
 /// Registers of a DAVIS346 as far as they say something before it is configured.
 pub fn default_registers() -> RegisterSnapshot {

@@ -1,10 +1,4 @@
-//! Cameras that come, go, or may not be used: absent, forbidden and busy are told apart. The real
-//! rusb and libusb against an emulated camera on umockdev's preload library (Debian package
-//! `umockdev`).
-#![cfg(target_os = "linux")]
-
-#[path = "support/streams.rs"]
-mod streams;
+//! Cameras that come, go, or may not be used: absent, forbidden and busy are told apart.
 
 use std::fs::{self, Permissions};
 use std::io::{BufRead, BufReader};
@@ -14,9 +8,9 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use crate::streams::{event, events, total};
 use rusb::{Context, Device, Hotplug, HotplugBuilder, UsbContext};
 use serde_json::Value;
-use streams::{event, events, total};
 use tempfile::TempDir;
 use usb_davis::capture::Capture;
 use usb_davis::device::{UDEV_RULE, UDEV_RULE_FILE};
@@ -143,7 +137,7 @@ fn watch() {
 fn programs_are_told_of_cameras_that_come_and_go() {
     let bus = EmulatedBus::start(Model::new("1", || events(0))).expect("the bus starts");
     let mut watcher = Command::new(std::env::current_exe().expect("it has a path"))
-        .args(["--ignored", "--exact", "--nocapture", "watch"])
+        .args(["--ignored", "--exact", "--nocapture", "plugging_and_access::watch"])
         .envs(bus.environment())
         .stdout(Stdio::piped())
         .spawn()
@@ -163,6 +157,6 @@ fn programs_are_told_of_cameras_that_come_and_go() {
 
 #[test]
 fn the_documented_udev_rule_is_the_one_that_errors_name() {
-    let page = include_str!("../../docs/usb.md");
+    let page = include_str!("../../../docs/usb.md");
     assert!(page.contains(UDEV_RULE) && page.contains(UDEV_RULE_FILE));
 }

@@ -1,12 +1,4 @@
-//! End to end through a real kernel: rusb and libusb against the emulated camera on the virtual USB
-//! controller. Needs root and the module `vhci-hcd`; `make test-usb-guest` runs it in a virtual
-//! machine, `cargo test --test vhci_camera -- --ignored --test-threads=1` where both are at hand.
-#![cfg(target_os = "linux")]
-
-#[path = "support/session.rs"]
-mod session;
-#[path = "support/streams.rs"]
-mod streams;
+//! A camera on the bus, from plugging it in to unplugging it.
 
 use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt;
@@ -16,31 +8,16 @@ use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use session::{Received, session};
-use streams::{event, events, total};
 use usb_davis::configuration::{Configuration, QUIESCE, Streams};
-use usb_davis::device::{Availability, Camera, Listing, Queue, Selector, StreamError, StreamStatistics, list};
+use usb_davis::device::{Availability, Camera, Queue, Selector, StreamError, StreamStatistics};
 use usb_davis::emulator::vhci::VirtualCamera;
 use usb_davis::emulator::{Faults, Model};
 use usb_davis::protocol::{Decoder, DecoderCounts, ImuModel, Message};
 use usb_davis::registers::{Clocks, Dropped, Register, mux, sysinfo, usb};
 
-/// A virtual machine without hardware support on a busy computer is slow.
-const PATIENCE: Duration = Duration::from_secs(120);
-const NOBODY: u32 = 65_534;
-
-/// Waits until the bus has `count` cameras.
-fn listed(count: usize) -> Vec<Listing> {
-    let end = Instant::now() + PATIENCE;
-    loop {
-        let cameras = list().expect("libusb works");
-        if cameras.len() == count {
-            return cameras;
-        }
-        assert!(Instant::now() < end, "{cameras:?}");
-        sleep(Duration::from_millis(50));
-    }
-}
+use crate::session::{Received, session};
+use crate::streams::{event, events, total};
+use crate::{NOBODY, PATIENCE, listed};
 
 fn plug_in(model: Model) -> VirtualCamera {
     let camera = VirtualCamera::plug_in(model).expect("root, and the module vhci-hcd");

@@ -1,5 +1,5 @@
-//! The rooms of `host/src` use each other as the table in `docs/architecture.md` says, and the files of no
-//! crate import each other in circles.
+//! The crates and the rooms of `host/calibrate/src` use each other as the tables in `docs/architecture.md` say, and the files of
+//! no crate import each other in circles.
 //!
 //! `make rooms` prints what was looked at. Tests within the sources may import what they like.
 
@@ -15,14 +15,20 @@ type Module = Vec<String>;
 type Imports = BTreeMap<Module, BTreeSet<Module>>;
 
 const ARCHITECTURE: &str = include_str!("../../../docs/architecture.md");
-/// Crates whose files must not import each other in circles.
-const CRATES: [&str; 4] = ["core", "firmware/link", "host", "usb-davis"];
-/// Modules of `host/src` that are no rooms: the library's root and the program's.
-const ROOTS: [&str; 2] = ["lib", "main"];
+/// How the headings of the two tables begin.
+const CRATES: &str = "## Crates";
+const ROOMS: &str = "### `host/calibrate/src`";
+/// The crate that has rooms.
+const WITH_ROOMS: &str = "host/calibrate";
+/// A crate beside those of the table whose files must not import each other in circles.
+const BESIDE: &str = "python";
 
-/// What a row of the table says.
+/// What a row of a table says.
 struct Room {
-    name: String,
+    /// The folder of a crate, the name of a room.
+    place: String,
+    /// The name of a package; of a room nothing.
+    package: String,
     may_use: MayUse,
 }
 
@@ -40,20 +46,45 @@ impl MayUse {
     }
 }
 
-/// The rows of the table of rooms in their order.
-fn table(document: &str) -> Vec<Room> {
-    let lines = document.lines().skip_while(|line| !line.starts_with("### `host/src`"));
+/// The rows of the table below `heading` in their order.
+fn table(document: &str, heading: &str) -> Vec<Room> {
+    let lines = document.lines().skip_while(|line| !line.starts_with(heading));
     let rows = lines.skip_while(|line| !line.starts_with("|---")).skip(1).take_while(|line| line.starts_with('|'));
     rows.map(|row| {
-        let cells: Vec<&str> = row.split('|').map(str::trim).collect();
-        let words = cells[3].split('`').map(str::trim).filter(|word| !word.is_empty());
-        let may_use = match cells[3] {
+        let cells: Vec<&str> = row.trim_matches('|').split('|').map(str::trim).collect();
+        let last = cells.last().copied().unwrap_or_default();
+        let names = last.split('`').skip(1).step_by(2);
+        let may_use = match last {
             "everything" => MayUse::Everything,
-            _ => MayUse::Rooms(words.map(str::to_owned).collect()),
+            _ => MayUse::Rooms(names.map(str::to_owned).collect()),
         };
-        Room { name: cells[1].trim_matches('`').to_owned(), may_use }
+        let name = |cell: &str| cell.trim_matches('`').to_owned();
+        let package = if cells.len() == 4 { name(cells[1]) } else { String::new() };
+        Room { place: name(cells[0]), package, may_use }
     })
     .collect()
+}
+
+/// The packages of the workspace that the crate at `place` depends on, without those of its tests.
+fn dependencies(place: &str, packages: &BTreeSet<String>) -> BTreeSet<String> {
+    let path = root().join(place).join("Cargo.toml");
+    let manifest = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let mut found = BTreeSet::new();
+    let mut section = "";
+    for line in manifest.lines() {
+        if line.starts_with('[') {
+            section = line;
+        } else if section.ends_with("dependencies]") && !section.contains("dev-") {
+            let name = line.split(['.', ' ', '=']).next().unwrap_or_default();
+            found.extend(packages.get(name).cloned());
+        }
+    }
+    found
+}
+
+/// The folder of the workspace.
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
 /// Paths that a file names, as their segments.
@@ -137,13 +168,11 @@ fn resolve(module: &Module, path: &[String], modules: &BTreeSet<Module>) -> Opti
         Some(name) if modules.contains(&[module.as_slice(), &[name.to_owned()]].concat()) => {
             return Some([module.as_slice(), &[name.to_owned()]].concat());
         }
-        // The program uses its library by name.
-        Some("evcal") => Vec::new(),
         _ => return None,
     };
     while let Some(first) = rest.first() {
         match first.as_str() {
-            "crate" | "self" | "evcal" => {}
+            "crate" | "self" => {}
             "super" => {
                 place.pop();
             }
@@ -187,7 +216,7 @@ fn walk(folder: &Path, files: &mut Vec<PathBuf>) {
 
 /// The source files of a crate by module.
 fn sources(name: &str) -> BTreeMap<Module, String> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(name).join("src");
+    let root = root().join(name).join("src");
     let mut files = Vec::new();
     walk(&root, &mut files);
     files
@@ -207,8 +236,8 @@ fn sources(name: &str) -> BTreeMap<Module, String> {
 fn outside_of_rows(imports: &Imports, rooms: &[Room]) -> Vec<String> {
     let mut wrong = Vec::new();
     for (module, places) in imports {
-        let Some(own) = module.first().filter(|name| !ROOTS.contains(&name.as_str())) else { continue };
-        let Some(room) = rooms.iter().find(|room| room.name == *own) else {
+        let Some(own) = module.first() else { continue };
+        let Some(room) = rooms.iter().find(|room| room.place == *own) else {
             wrong.push(format!("{} is in no room of the table", module.join("::")));
             continue;
         };
@@ -261,35 +290,58 @@ fn written(group: &[Module]) -> String {
 }
 
 #[test]
-fn rooms_use_only_what_their_row_allows() {
-    let rooms = table(ARCHITECTURE);
-    let imports = imports(&sources("host"));
-    let wrong = outside_of_rows(&imports, &rooms);
-    println!("host: {} rooms, {} files, {} imports outside of the table", rooms.len(), imports.len(), wrong.len());
+fn crates_depend_only_on_what_their_row_allows() {
+    let crates = table(ARCHITECTURE, CRATES);
+    let packages: BTreeSet<String> = crates.iter().map(|row| row.package.clone()).collect();
+    let mut wrong = Vec::new();
+    for row in &crates {
+        let used = dependencies(&row.place, &packages);
+        println!("{} uses {}", row.package, used.iter().cloned().collect::<Vec<_>>().join(", "));
+        wrong
+            .extend(used.iter().filter(|name| !row.may_use.holds(name)).map(|name| format!("{}: {name}", row.package)));
+    }
     assert!(wrong.is_empty(), "not allowed by docs/architecture.md:\n{}", wrong.join("\n"));
 }
 
 #[test]
-fn every_entry_of_the_sources_is_a_room_and_every_room_is_there() {
-    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let names = std::fs::read_dir(source).unwrap().map(|entry| {
-        let path = entry.unwrap().path();
-        path.file_stem().unwrap().to_str().unwrap().to_owned()
-    });
-    let entries: BTreeSet<String> = names.filter(|name| !ROOTS.contains(&name.as_str())).collect();
-    let rooms: BTreeSet<String> = table(ARCHITECTURE).into_iter().map(|room| room.name).collect();
-    println!("host: {} entries beside {}", entries.len(), ROOTS.join(" and "));
-    assert_eq!(entries, rooms, "entries of host/src (left) and rooms of docs/architecture.md (right)");
+fn every_crate_of_the_host_has_a_row() {
+    let folders = std::fs::read_dir(root().join("host")).unwrap();
+    let there: BTreeSet<String> =
+        folders.map(|entry| format!("host/{}", entry.unwrap().file_name().to_str().unwrap())).collect();
+    let rows = table(ARCHITECTURE, CRATES).into_iter().map(|row| row.place);
+    let rows: BTreeSet<String> = rows.filter(|place| place.starts_with("host/")).collect();
+    assert_eq!(there, rows, "folders of host (left) and crates of docs/architecture.md (right)");
 }
 
 #[test]
-fn a_row_names_only_rooms_above_it() {
-    let rooms = table(ARCHITECTURE);
-    for (index, room) in rooms.iter().enumerate() {
-        let MayUse::Rooms(may_use) = &room.may_use else { continue };
-        for other in may_use {
-            let above = rooms[..index].iter().any(|above| above.name == *other);
-            assert!(above, "{}: {other} does not stand above it", room.name);
+fn rooms_use_only_what_their_row_allows() {
+    let rooms = table(ARCHITECTURE, ROOMS);
+    let imports = imports(&sources(WITH_ROOMS));
+    let wrong = outside_of_rows(&imports, &rooms);
+    println!("{WITH_ROOMS}: {} rooms, {} files, {} imports outside", rooms.len(), imports.len(), wrong.len());
+    assert!(wrong.is_empty(), "not allowed by docs/architecture.md:\n{}", wrong.join("\n"));
+}
+
+#[test]
+fn every_room_of_the_table_is_there() {
+    let files = sources(WITH_ROOMS);
+    let there: BTreeSet<&str> = files.keys().filter_map(|module| module.first().map(String::as_str)).collect();
+    let rooms = table(ARCHITECTURE, ROOMS);
+    let rooms: BTreeSet<&str> = rooms.iter().map(|room| room.place.as_str()).collect();
+    assert_eq!(there, rooms, "rooms of {WITH_ROOMS} (left) and of docs/architecture.md (right)");
+}
+
+#[test]
+fn a_row_names_only_what_stands_above_it() {
+    for heading in [CRATES, ROOMS] {
+        let rows = table(ARCHITECTURE, heading);
+        assert!(rows.len() > 10, "{heading}: {} rows", rows.len());
+        for (index, row) in rows.iter().enumerate() {
+            let MayUse::Rooms(may_use) = &row.may_use else { continue };
+            for other in may_use {
+                let above = rows[..index].iter().any(|above| above.place == *other || above.package == *other);
+                assert!(above, "{}: {other} does not stand above it", row.place);
+            }
         }
     }
 }
@@ -297,8 +349,9 @@ fn a_row_names_only_rooms_above_it() {
 #[test]
 fn no_crate_imports_in_circles() {
     let mut all = Vec::new();
-    for name in CRATES {
-        let imports = imports(&sources(name));
+    let crates = table(ARCHITECTURE, CRATES).into_iter().map(|row| row.place);
+    for name in crates.chain([BESIDE.to_owned()]) {
+        let imports = imports(&sources(&name));
         let groups = circles(&imports);
         println!("{name}: {} files, {} import circles", imports.len(), groups.len());
         all.extend(groups.iter().map(|group| format!("{name}: {}", written(group))));
@@ -310,7 +363,7 @@ fn no_crate_imports_in_circles() {
 mod checks {
     use super::*;
 
-    const TABLE: &str = "### `host/src`: the rooms\n\n| room | lives in it | may use |\n|---|---|---|\n\
+    const TABLE: &str = "### `host/calibrate/src`: the rooms\n\n| room | lives in it | may use |\n|---|---|---|\n\
         | `numerics` | x | |\n| `solve` | x | `numerics` |\n| `cli` | x | everything |\n";
 
     fn crate_of(files: &[(&str, &str)]) -> Imports {
@@ -329,7 +382,7 @@ mod checks {
             "fn f() -> Option<crate::solve::Step> { None }",
         ] {
             let imports = crate_of(&[("numerics", text), ("solve", "use crate::numerics::huber;"), ("other", "")]);
-            let wrong = outside_of_rows(&imports, &table(TABLE));
+            let wrong = outside_of_rows(&imports, &table(TABLE, ROOMS));
             assert!(wrong.contains(&"numerics imports from solve".to_owned()), "{text}: {wrong:?}");
         }
     }
@@ -342,14 +395,14 @@ mod checks {
             ("solve::part", "use super::Problem; use crate::numerics;"),
             ("cli", "use evcal_calibrate::solve::step;"),
         ]);
-        assert_eq!(outside_of_rows(&imports, &table(TABLE)), Vec::<String>::new());
+        assert_eq!(outside_of_rows(&imports, &table(TABLE, ROOMS)), Vec::<String>::new());
         assert_eq!(circles(&imports), Vec::<Vec<Module>>::new());
     }
 
     #[test]
     fn a_module_without_a_room_is_found() {
         let imports = crate_of(&[("attic::box", "")]);
-        assert_eq!(outside_of_rows(&imports, &table(TABLE)), ["attic::box is in no room of the table"]);
+        assert_eq!(outside_of_rows(&imports, &table(TABLE, ROOMS)), ["attic::box is in no room of the table"]);
     }
 
     #[test]

@@ -1,16 +1,10 @@
-//! A reader that stands still, as one does whose disk is busy: what the camera sends meanwhile waits in
-//! memory. The real rusb and libusb against an emulated camera on umockdev's preload library (Debian
-//! package `umockdev`).
-#![cfg(target_os = "linux")]
-
-#[path = "support/streams.rs"]
-mod streams;
+//! A reader that stands still, as one does whose disk is busy: what the camera sends meanwhile waits in memory.
 
 use std::process::Command;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use streams::{event, events, total};
+use crate::streams::{event, events, total};
 use usb_davis::configuration::{Configuration, Streams};
 use usb_davis::device::{Camera, Queue, Selector, StreamError};
 use usb_davis::emulator::umockdev::EmulatedBus;
@@ -66,7 +60,7 @@ fn three_seconds_of_a_busy_disk_cost_nothing() {
         let faults = Faults { cuts: vec![length], ..Faults::default() };
         let bus = EmulatedBus::start(Model::new("1", source).with_faults(faults)).expect("the bus starts");
         let output = Command::new(std::env::current_exe().expect("it has a path"))
-            .args(["--ignored", "--exact", "--nocapture", "stand_still"])
+            .args(["--ignored", "--exact", "--nocapture", "slow_reader::stand_still"])
             .env("STAND_STILL", sent.to_string())
             .envs(bus.environment())
             .output()

@@ -16,7 +16,7 @@ fn writes_to(configuration: &Configuration, imu: ImuModel) -> Vec<(Register, u32
 
 #[test]
 fn the_default_is_what_libcaer_sends() {
-    let expected: Vec<(Register, u32)> = include_str!("data/libcaer-default-writes.txt")
+    let expected: Vec<(Register, u32)> = include_str!("../data/libcaer-default-writes.txt")
         .lines()
         .filter(|line| !line.starts_with('#'))
         .map(|line| {

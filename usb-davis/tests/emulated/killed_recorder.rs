@@ -1,5 +1,4 @@
 //! A recorder that is killed leaves a dump that is readable to its last whole record.
-#![cfg(target_os = "linux")]
 
 use std::path::Path;
 use std::process::{Command, Stdio};

@@ -1,0 +1,44 @@
+//! Differences between two calibrations.
+
+use std::path::PathBuf;
+
+use evcal_core::sensor::Sensor;
+use evcal_geometry::lens::projection_difference::projection_difference;
+use pyo3::prelude::*;
+use pyo3::types::PyAny;
+
+use crate::calibration::Calibration;
+use crate::camera::Camera;
+use crate::{Error, failed, to_python};
+
+/// A camera, however it is given.
+fn camera_of(value: &Bound<'_, PyAny>) -> PyResult<(evcal_core::camera::Camera<f64>, Sensor)> {
+    if let Ok(camera) = value.cast::<Camera>() {
+        return Ok((*camera.get().lens(), camera.get().size()));
+    }
+    if let Ok(calibration) = value.cast::<Calibration>() {
+        return Ok(calibration.get().lens());
+    }
+    let path: PathBuf = value.extract()?;
+    evcal_geometry::lens::camera_file::read(&path).map_err(failed)
+}
+
+/// How far a calibration is from the truth or from another one: where both put the same point in the image, the
+/// rotation between them removed.
+///
+/// Both are a Camera, a Calibration, a file or a folder. Returns a dict: rms and max (px), max_at (the pixel), rotation
+/// (rotation vector, rad), uncovered (points of the grid where a lens model ends), grid.
+#[pyfunction]
+pub fn evaluate<'py>(
+    py: Python<'py>,
+    calibration: &Bound<'py, PyAny>,
+    truth: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let ((camera, sensor), (true_camera, true_sensor)) = (camera_of(calibration)?, camera_of(truth)?);
+    if sensor != true_sensor {
+        let what = format!("one is for a sensor of {sensor} pixels, the other for one of {true_sensor}");
+        return Err(Error::new_err(what));
+    }
+    let difference = py.detach(|| projection_difference(&true_camera, &camera, sensor)).map_err(failed)?;
+    to_python(py, serde_json::to_string(&difference))
+}
