@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::no_board::{NoBoard, only_one_polarity};
 use super::other_board::OtherReading;
-use crate::counted::counted;
+use crate::detection::counted::counted;
 
 /// Why a pair of clusters is no circle. Declared in the order of the words, in which reports list them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
