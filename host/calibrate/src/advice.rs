@@ -12,10 +12,10 @@ use evcal_core::sensor::Sensor;
 use evcal_geometry::board::Board;
 use event_recordings::TimeUnit;
 
+use crate::detection::NoPattern;
 use crate::detection::layout::RecognisedLayout;
 use crate::detection::no_board::only_one_polarity;
 use crate::detection::radius::OtherRadius;
-use crate::detection::NoPattern;
 
 /// How a program words advice.
 pub type Wording = fn(&Advice) -> String;
@@ -110,10 +110,9 @@ impl fmt::Display for Advice {
                 f,
                 "calibrate again with the board {board}, which takes more of the recording; the lens is right within what is stated"
             ),
-            Self::CountRows => write!(
-                f,
-                "count them on the board: more are stated than it has, or a part of it was never in view"
-            ),
+            Self::CountRows => {
+                write!(f, "count them on the board: more are stated than it has, or a part of it was never in view")
+            }
             Self::LookAtBoard => write!(
                 f,
                 "is the board wavy, or the lens dirty? A smooth bend and an uneven print are estimated already, unless they are held"
@@ -133,7 +132,10 @@ impl fmt::Display for Advice {
                 if *name_sensor { write!(f, ", and state the size of the sensor, {sensor}") } else { Ok(()) }
             }
             Self::ExchangeAxes => {
-                write!(f, "x and y are swapped: correct the order of the columns, or swap width and height of the sensor")
+                write!(
+                    f,
+                    "x and y are swapped: correct the order of the columns, or swap width and height of the sensor"
+                )
             }
             Self::NameColumns(outside) => {
                 write!(f, "{outside}: are the columns in another order? State it, such as x,y,t,p")

@@ -82,9 +82,7 @@ pub enum Next {
 #[derive(Debug, thiserror::Error)]
 pub enum PageError {
     /// No port is free.
-    #[error(
-        "no page: ports {first} to {last} of {address} cannot be used: {error}"
-    )]
+    #[error("no page: ports {first} to {last} of {address} cannot be used: {error}")]
     Port {
         /// Of this address.
         address: IpAddr,

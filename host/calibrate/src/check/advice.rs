@@ -2,8 +2,6 @@
 
 use std::path::Path;
 
-use evcal_core::sensor::Sensor;
-
 use super::{Checked, Seen};
 use crate::advice::{Advice, Outside};
 use crate::detection::{FEWEST_EVENTS, too_short};
@@ -93,7 +91,8 @@ fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> Advice {
     }
     let hot: u64 = checked.information.hottest_pixels.iter().map(|pixel| pixel.events).sum();
     if hot as f64 > FEW_EVENTS * checked.information.events as f64 && *share < ENOUGH {
-        return "a large share of the events comes from hot pixels: raise the camera's thresholds, and record again".into();
+        return "a large share of the events comes from hot pixels: raise the camera's thresholds, and record again"
+            .into();
     }
     let Some(board) = board else {
         return match (found, recognised) {
@@ -126,6 +125,7 @@ fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> Advice {
 #[cfg(test)]
 mod tests {
     use evcal_core::event::{Event, Polarity};
+    use evcal_core::sensor::Sensor;
 
     use super::*;
     use crate::check::check;
@@ -193,8 +193,14 @@ mod tests {
     /// The advice was to move faster.
     #[test]
     fn a_few_events_are_too_short_a_recording() {
-        assert_eq!(next_of(events(1), DAVIS).to_string(), "the recording is too short, with only 1 event: record 10 seconds");
-        assert_eq!(next_of(events(10), None).to_string(), "the recording is too short, with only 10 events: record 10 seconds");
+        assert_eq!(
+            next_of(events(1), DAVIS).to_string(),
+            "the recording is too short, with only 1 event: record 10 seconds"
+        );
+        assert_eq!(
+            next_of(events(10), None).to_string(),
+            "the recording is too short, with only 10 events: record 10 seconds"
+        );
     }
 
     /// The advice was to take off the lens cap.

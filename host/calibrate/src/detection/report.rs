@@ -177,7 +177,7 @@ impl NoPattern {
     }
 
     /// The most telling cause.
-    pub fn cause(&self) -> NoPatternCause {
+    pub fn main_cause(&self) -> NoPatternCause {
         if let Some(other) = &self.other {
             return NoPatternCause::OtherBoard(other.clone());
         }
@@ -187,14 +187,16 @@ impl NoPattern {
         if let Some(polarity) = self.report.only_polarity() {
             return NoPatternCause::OnePolarity(polarity);
         }
-        self.report.main_reason().map_or(NoPatternCause::Nothing, |(reason, count)| NoPatternCause::Windows(reason, count))
+        self.report
+            .main_reason()
+            .map_or(NoPatternCause::Nothing, |(reason, count)| NoPatternCause::Windows(reason, count))
     }
 }
 
 impl fmt::Display for NoPattern {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "no pattern found in {} windows", self.report.windows + self.report.too_few_events)?;
-        match self.cause() {
+        match self.main_cause() {
             NoPatternCause::OtherBoard(other) => write!(f, "; {other}"),
             NoPatternCause::TooShort => write!(f, ": {}: record 10 seconds", too_short(self.report.events)),
             NoPatternCause::OnePolarity(polarity) => write!(f, ": {}", only_one_polarity(polarity)),

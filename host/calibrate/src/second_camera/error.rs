@@ -18,9 +18,7 @@ pub enum SecondCameraError {
     #[error("a second camera belongs to one recording of the first: give only one")]
     SeveralRecordings,
     /// The same events twice.
-    #[error(
-        "{file} holds the events of a camera that is there already: give the recording of another camera"
-    )]
+    #[error("{file} holds the events of a camera that is there already: give the recording of another camera")]
     SameRecording {
         /// The file.
         file: String,

@@ -81,10 +81,7 @@ fn comment(text: &mut String, words: &str) {
 }
 
 /// What the tables in `docs/settings.md` stand between.
-const MARKS: [&str; 2] = [
-    "<!-- The tables, made from the code. -->\n",
-    "<!-- End of the tables. -->\n",
-];
+const MARKS: [&str; 2] = ["<!-- The tables, made from the code. -->\n", "<!-- End of the tables. -->\n"];
 
 /// The text of `docs/settings.md` with its tables made anew; `None` if the marks around them are missing.
 pub fn document(text: &str) -> Option<String> {

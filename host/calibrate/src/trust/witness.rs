@@ -167,7 +167,8 @@ impl WitnessOutcome {
             ),
             advice:
                 "both look through the same lens: is it in focus, is the board flat, was it seen all over the image, \
-                     did lens or board change while recording?".into(),
+                     did lens or board change while recording?"
+                    .into(),
         })
     }
 }

@@ -16,7 +16,8 @@ pub(super) fn board_finding(estimate: &BoardEstimate, board: &Board, camera: &Ca
         reason: format!("{}{}", statements.join(", "), effect.unwrap_or_default()),
         advice:
             "nothing has to be done: the calibration takes this into account. A stiff, flat board and a measured print \
-                 make it more certain".into(),
+                 make it more certain"
+                .into(),
     })
 }
 

@@ -220,7 +220,8 @@ fn pixels_not_square(camera: &Camera<f64>, trust: &Trust, settings: &VerdictSett
         cause: Cause::PixelsNotSquare,
         severity: Severity::Warning,
         reason: format!("fx and fy differ by {difference:.2} ± {sigma:.2} px, but pixels are square"),
-        advice: "tilt and turn the board more: its print and bend are estimated, but must be seen from all sides".into(),
+        advice: "tilt and turn the board more: its print and bend are estimated, but must be seen from all sides"
+            .into(),
     })
 }
 
