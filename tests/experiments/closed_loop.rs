@@ -182,7 +182,7 @@ fn session(seed: u64, follows: Follows) {
         state(&file, seconds, &board)
     };
     let telling = Telling::AtLength(TOLD_AT_LENGTH);
-    let (target, first) = (settings.live.target, settings.live.first_checkpoint);
+    let (target, first) = (settings.live.target, settings.live.first_checkpoint());
     let checkpoints = Checkpoints::start(telling, target, first, calibrate).expect("threads");
     let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, &board, DAVIS346_SENSOR);
     let mut observer = observer.with_checkpoints(checkpoints);

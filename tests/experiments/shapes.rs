@@ -8,8 +8,10 @@
 
 use std::path::Path;
 
+use evcal_calibrate::circles::reference_frame::{ReferenceFrame, SeenIn};
 use evcal_calibrate::detection::dot_shape::DotShape;
 use evcal_calibrate::detection::focus::edge_width;
+use evcal_calibrate::detection::order_frames;
 use evcal_calibrate::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
 use evcal_calibrate::detection::settings::DetectionSettings;
 use evcal_geometry::board::Board;
@@ -88,14 +90,21 @@ fn windows(path: &Path, board: &Board) -> Windows {
     let recording = Recording::new(path, RecordingOptions::default()).expect("a recording");
     let sensor = sensor_of(&recording).expect("its sensor");
     let wanted = SearchFor::Board(board.pattern);
-    let usual = DetectionSettings::default();
-    let any_form = DetectionSettings { largest_corners: 10.0, most_hollow: 1e9, ..usual.clone() };
-    let accepted = search_events(&recording, sensor, wanted, &usual).expect("events").report.found;
-    let found = search_events(&recording, sensor, wanted, &any_form).expect("events");
-    let mut windows = Windows { accepted, placed: found.report.found, ..Windows::default() };
-    let FoundContent::Boards(pattern, frames) = &found.content else { return windows };
-    windows.sharpness = edge_width(frames).map(|edges| edges.pixels);
-    for shape in frames.iter().filter_map(|frame| DotShape::of_frame(frame, pattern)) {
+    let settings = DetectionSettings::default();
+    let accepted = search_events(&recording, sensor, wanted, &settings).expect("events").report.found;
+    let circles = SearchFor::Circles(settings.fewest_circles(&board.pattern));
+    let found = search_events(&recording, sensor, circles, &settings).expect("events");
+    let FoundContent::Windows(of_any_form) = found.content else { return Windows::default() };
+    let frames: Vec<ReferenceFrame> = of_any_form
+        .into_iter()
+        .filter_map(|window| {
+            let (mut frames, _) = order_frames(&[window.to_frame()], &board.pattern, Some(sensor));
+            Some(ReferenceFrame { seen_in: SeenIn::Events(window.pixels), ..frames.pop()? })
+        })
+        .collect();
+    let mut windows = Windows { accepted, placed: frames.len() as u64, ..Windows::default() };
+    windows.sharpness = edge_width(&frames).map(|edges| edges.pixels);
+    for shape in frames.iter().filter_map(|frame| DotShape::of_frame(frame, &board.pattern)) {
         windows.all.add(&shape);
         if let Some((amplitude, sigma)) = shape.corners() {
             windows.corners.push(amplitude);

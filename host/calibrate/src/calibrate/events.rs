@@ -27,13 +27,13 @@ use crate::picture_calibration::joint::JointPoints;
 use crate::solve::event_bias::unknown;
 use crate::solve::event_sample::RankedEvent;
 use crate::solve::left_out::LeftOut;
-use crate::solve::refinement::{EventInput, RefinementInput, SMALLEST_POINT_SIGMA};
+use crate::solve::refinement::{EventInput, FIRST_SIGMA, RefinementInput, SMALLEST_POINT_SIGMA};
 use crate::solve::{BOARD_PARAMETERS, FreeParameters, State};
 use crate::trajectory::first::{FirstTrajectories, first_trajectories};
 use crate::trust::board_evidence::BoardEstimate;
 use crate::trust::verdict::{Finding, verdict};
 use crate::trust::witness::WitnessOutcome;
-use crate::trust::{ExamineSettings, better_model, examine};
+use crate::trust::{better_model, examine};
 use evcal_geometry::board::shape::BoardShape;
 
 /// Stretches with a saturated readout are left out unless they are a larger part of the recordings than this.
@@ -45,8 +45,6 @@ const MOST_LEFT_OUT: f64 = 0.5;
 /// [`CalibrateError`].
 pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, CalibrateError> {
     let settings = task.settings;
-    let looks =
-        ExamineSettings { halves: &settings.split_half, map: &settings.residual_map, verdict: &settings.verdict };
     let Detected {
         sensor,
         windows,
@@ -116,15 +114,14 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         held: [false; MAX_PARAMETERS],
     };
     let board = BoardShape::stated(task.board);
-    let state = State { camera: initial.camera, board, bias: unknown(settings.refinement.first_sigma), trajectories };
-    let (mut solved, model_choice) = solve_with_model(task, &input, state, model_choice, (looks, progress))?;
+    let state = State { camera: initial.camera, board, bias: unknown(FIRST_SIGMA), trajectories };
+    let (mut solved, model_choice) = solve_with_model(task, &input, state, model_choice, progress)?;
     // The pictures are calibrated with the board as it is stated: so is what they are compared with.
     let (compared, compared_certainty) = match &solved.as_stated {
         Some((camera, certainty)) => (camera, &certainty.intrinsics),
         None => (&solved.refined.state.camera, &solved.certainty.intrinsics),
     };
-    let witness =
-        from_pictures.as_ref().map(|found| pictures::witness(task, compared, compared_certainty, sensor, found));
+    let witness = from_pictures.as_ref().map(|found| pictures::witness(compared, compared_certainty, sensor, found));
     let (mut joint, mut own_pictures) = (None, None);
     if let Some(calibration) = to_join {
         let JointPoints { points, report } =
@@ -146,8 +143,8 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     refined.left_out.extend(left_out_beside);
 
     progress.tell("examination")?;
-    let (trust, event_trust) = examine(&refined, (certainty, board, undetermined), task.board, &saturated, looks)
-        .map_err(CalibrateError::Solve)?;
+    let (trust, event_trust) =
+        examine(&refined, (certainty, board, undetermined), task.board, &saturated).map_err(CalibrateError::Solve)?;
     let mut findings = findings_on(&health);
     findings.extend(findings_on_frames(task, &frames, &initial));
     let whole_board = finding_on_board(task, &unplaced, sensor, &refined.state);
@@ -185,17 +182,17 @@ fn solve_with_model(
     input: &RefinementInput<CalibrateError>,
     state: State,
     choice: Option<ModelChoice>,
-    (looks, progress): (ExamineSettings, &Progress),
+    progress: &Progress,
 ) -> Result<(BoardSolve, Option<ModelChoice>), CalibrateError> {
     let board = state.board;
-    let solved = solve_with_board(task, input, state, (looks, progress))?;
+    let solved = solve_with_board(task, input, state, progress)?;
     let Some(choice) = choice else { return Ok((solved, None)) };
-    let better = better_model(&solved.refined, solved.certainty.intrinsics.inflation, looks);
+    let better = better_model(&solved.refined, solved.certainty.intrinsics.inflation);
     let camera = better.and_then(|kind| refit(kind, &solved.refined.state.camera, input.sensor));
     let Some((kind, camera)) = better.zip(camera) else { return Ok((solved, Some(choice))) };
     progress.tell(format!("joint solve with {kind}"))?;
     let state = State { camera, board, ..solved.refined.state };
-    let solved = solve_with_board(task, input, state, (looks, progress))?;
+    let solved = solve_with_board(task, input, state, progress)?;
     Ok((solved, Some(choice.instead(kind))))
 }
 
@@ -296,12 +293,11 @@ fn first_model(
     match task.model {
         ModelRequest::Given(model) => Ok((initial_model(frames, task.board, sensor, model, &settings.initial)?, None)),
         ModelRequest::Auto => {
-            let (stage, choice) = (&settings.initial, &settings.model_choice);
             // It cannot be ended there, and is afterwards.
             let tell = |model| {
                 let _ = progress.tell(format!("initial model {model} from {} reference frames", frames.len()));
             };
-            let (initial, choice) = choose_model(frames, task.board, sensor, &CANDIDATES, stage, choice, tell)?;
+            let (initial, choice) = choose_model(frames, task.board, sensor, &CANDIDATES, &settings.initial, tell)?;
             progress.go_on()?;
             Ok((initial, Some(choice)))
         }

@@ -14,7 +14,6 @@ pub(super) fn stage_settings(settings: &Settings) -> StageSettings<'_> {
     StageSettings {
         refinement: &settings.refinement,
         knots: &settings.knots,
-        unexplained: &settings.unexplained,
         association: &settings.association,
         solve: &settings.solve,
     }
@@ -33,8 +32,8 @@ pub(super) fn refined(
 }
 
 /// How sure a joint solve is whose result has this `system`.
-pub(super) fn certainty(task: &Task, refined: &Refined, system: System) -> Result<SolveUncertainty, CalibrateError> {
-    uncertainty(&refined.problem, &refined.state, system, &task.settings.uncertainty).map_err(CalibrateError::Solve)
+pub(super) fn certainty(refined: &Refined, system: System) -> Result<SolveUncertainty, CalibrateError> {
+    uncertainty(&refined.problem, &refined.state, system).map_err(CalibrateError::Solve)
 }
 
 /// The joint solve from `state` on, and how sure its result is.
@@ -46,6 +45,6 @@ pub(super) fn solve(
 ) -> Result<(Refined, SolveUncertainty), CalibrateError> {
     let (refined, system) = refined(task, input, state, progress)?;
     progress.tell("uncertainty")?;
-    let certainty = certainty(task, &refined, system)?;
+    let certainty = certainty(&refined, system)?;
     Ok((refined, certainty))
 }

@@ -12,7 +12,7 @@ use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 use self::findings::findings_on;
-pub use self::settings::VerdictSettings;
+pub use self::settings::{SMALLEST_COVERAGE, VerdictSettings};
 use crate::trust::{EventTrust, Trust};
 use evcal_geometry::board::Board;
 use evcal_geometry::lens::axial_focal::axial_focal_gradients;
