@@ -52,22 +52,26 @@ crate::settings! {
         pub neighbours: u8 = 4, "clusters", from_to(1.0, MAX_NEIGHBOURS as f32);
         /// Smallest cosine of the angle between the direction in which an arc is curved and the direction to its
         /// partner.
+        #[cfg_attr(feature = "serde", serde(skip))]
         pub min_facing: f32 = 0.5, "", from_to(-1.0, 1.0);
         /// Smallest radius.
         pub min_radius: f32 = 2.0, "px", at_least(0.0).up_to("max_radius");
         /// Largest radius; clusters wider or higher than twice this are not arcs of a dot.
         pub max_radius: f32 = 32.0, "px", above(0.0);
         /// Fewest pixels of each cluster: an arc of one radian has about one pixel per radius.
+        #[cfg_attr(feature = "serde", serde(skip))]
         pub min_arc: f32 = 0.75, "radii", at_least(0.0);
         /// Largest ratio of the fitted radius to half the distance of the cluster centres (hard).
         pub max_radius_ratio: f32 = 2.0, "", above(0.0);
         /// Smallest such ratio (hard).
+        #[cfg_attr(feature = "serde", serde(skip))]
         pub min_radius_ratio: f32 = 0.75, "", at_least(0.0).up_to("max_radius_ratio");
         /// Largest distance of the fitted centre from the midpoint of the cluster centres (hard).
         pub max_center_offset: f32 = 0.5, "radii", above(0.0);
         /// Largest mean distance of the pixels from the circle, for a circle of radius 0 (hard).
         pub max_error: f32 = 1.0, "px", at_least(0.0);
         /// Added to `max_error`, times the radius of the circle, because tilted dots are ellipses (hard).
+        #[cfg_attr(feature = "serde", serde(skip))]
         pub max_relative_error: f32 = 0.2, "radii", at_least(0.0);
         /// Largest mean distance of the pixels from the circle (soft).
         pub max_soft_error: f32 = 0.35, "radii", above(0.0);

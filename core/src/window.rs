@@ -38,6 +38,7 @@ crate::settings! {
         /// A window with events at this many distinct pixels or more does not grow any further.
         pub most_events: u32 = 8000, "events", at_least(1.0);
         /// A window with fewer events grows without being searched.
+        #[cfg_attr(feature = "serde", serde(skip))]
         pub fewest_events: u32 = 200, "events", at_least(0.0);
     }
 }

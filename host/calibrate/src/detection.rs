@@ -52,6 +52,11 @@ use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn, Un
 
 /// Largest sensor that the detector has room for.
 pub const LARGEST_SENSOR: Sensor = Sensor::new(1280, 800);
+/// Length of the parts of a recording that are searched independently of each other, in parallel (µs).
+const CHUNK: i64 = 100_000;
+/// Longest time from a reference frame to a window whose circles could lie in several places on the board: the frame then tells
+/// in which (s).
+const LONGEST_PREDICTION: f64 = 0.03;
 /// Runs of pixels in a window.
 const RUNS: usize = 16_384;
 /// Clusters of one polarity in a window.
@@ -213,22 +218,17 @@ impl<'a> DetectionStage<'a> {
     /// microseconds.
     pub fn push(&mut self, mut events: &[Event]) {
         self.report.count_events(events);
-        let length = self.chunk_length();
         while let Some(first) = events.first() {
-            let index = first.t.div_euclid(length);
+            let index = first.t.div_euclid(CHUNK);
             if index != self.chunk_index {
                 self.close_chunk();
                 self.chunk_index = index;
             }
-            let end = events.partition_point(|event| event.t.div_euclid(length) <= index).max(1);
+            let end = events.partition_point(|event| event.t.div_euclid(CHUNK) <= index).max(1);
             let (now, later) = events.split_at(end);
             self.chunk.extend_from_slice(now);
             events = later;
         }
-    }
-
-    fn chunk_length(&self) -> i64 {
-        ((self.settings.chunk * 1e6) as i64).max(1)
     }
 
     fn close_chunk(&mut self) {
@@ -244,14 +244,13 @@ impl<'a> DetectionStage<'a> {
     fn search(&mut self) {
         let waiting = std::mem::take(&mut self.waiting);
         self.waiting_events = 0;
-        let length = self.chunk_length();
         let parts: Vec<Searched> = waiting
             .par_iter()
             .enumerate()
             .map_init(
                 || (host_detector(), self.seeker()),
                 |(detector, seeker), (chunk, (index, events))| {
-                    let span = index * length..(index + 1) * length;
+                    let span = index * CHUNK..(index + 1) * CHUNK;
                     self.search_chunk(detector, seeker, chunk, events, span)
                 },
             )
@@ -283,10 +282,8 @@ impl<'a> DetectionStage<'a> {
         pattern: Pattern,
     ) {
         let window = &self.settings.window;
-        let spacing = Spacing {
-            gap: f64::from(window.gap) * f64::from(window.step) * 1e-6,
-            longest: self.settings.longest_prediction,
-        };
+        let spacing =
+            Spacing { gap: f64::from(window.gap) * f64::from(window.step) * 1e-6, longest: LONGEST_PREDICTION };
         let mut finder = BoardFinder::new(pattern);
         let options = self.grid_options(&pattern);
         let place = |window: &Uncertain, expected: &[Option<Vector2<f32>>]| {
@@ -295,7 +292,7 @@ impl<'a> DetectionStage<'a> {
             let events = events.get(window.window.first..window.window.last)?;
             let frame = self.frame(&window.window, events, board_circles(&placed, &window.candidates));
             let shape = DotShape::of_frame(&frame, &pattern)?;
-            self.settings.may_be_discs_in_window(&shape).then_some(frame)
+            shape.may_be_discs_in_window().then_some(frame)
         };
         let mut latest = self.frames.iter().rev().map(CompactFrame::without_events);
         let before = [latest.next(), latest.next()];
@@ -402,11 +399,7 @@ impl<'a> DetectionStage<'a> {
                 let frame = self.frame(window, events, board_circles(&placed, circles));
                 let shape = DotShape::of_frame(&frame, pattern).unwrap_or_default();
                 all.add(&shape);
-                if self.settings.may_be_discs_in_window(&shape) {
-                    Ok(Found::Frame(frame))
-                } else {
-                    Err(NoBoard::NotRound)
-                }
+                if shape.may_be_discs_in_window() { Ok(Found::Frame(frame)) } else { Err(NoBoard::NotRound) }
             }
             Seeker::Circles(fewest) if circles.len() >= *fewest => {
                 Ok(Found::Circles(circle_window(window, circles, unique_pixels(events))))
@@ -444,7 +437,7 @@ impl<'a> DetectionStage<'a> {
 
     /// Drops what was found if all windows together tell that the dots are not round, which one alone may not.
     fn drop_what_is_not_round(&mut self) {
-        if self.frames.is_empty() || self.settings.may_be_discs(&self.shape) {
+        if self.frames.is_empty() || self.shape.may_be_discs() {
             return;
         }
         let dropped = self.frames.len() as u64;

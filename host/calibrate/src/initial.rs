@@ -45,6 +45,7 @@ use evcal_geometry::board::Board;
 use first_camera::{first_camera, views_differ};
 use frame_pose::{FramePose, PoseError, robust_pose, settle_pose};
 use rotation_gate::rotation_gate;
+use settings::HUBER;
 use sighting::Sighting;
 use velocity_gate::{Waypoint, velocity_gate};
 use view_selection::select_views;
@@ -53,9 +54,16 @@ use evcal_geometry::numerics::statistics::median;
 pub use planar_pose::{PlanarPose, PlanePoint};
 pub use refit::ProjectedCircle;
 pub use report::{DropReason, DroppedFrame, InitialError, InitialReport, OpencvStart, Step, ValidationCounts};
-pub use settings::{CrossValidationSettings, InitialSettings, Start, StartedCamera};
+pub use settings::{CrossValidationSettings, InitialSettings, MAX_START_RMS, Start, StartedCamera};
 pub use sighting::BoardPoint;
 pub use start::NativeStart;
+
+/// Longest time from a circle to the same circle in a neighbouring frame over which its motion is taken as straight (s).
+const MAX_INTERPOLATION_GAP: f64 = 0.1;
+/// Views of the last bundle refinement.
+const BUNDLE_VIEWS: usize = 400;
+/// Largest root mean square error of a frame as a multiple of the median of all frames.
+const MAX_FRAME_RMS_RATIO: f64 = 5.0;
 
 /// A reference frame with its pose.
 #[derive(Clone, Debug, PartialEq)]
@@ -141,7 +149,7 @@ pub fn initial_model(
 
     let posed = cross_validate(frames, posed, &camera, board, sensor, settings, &mut report);
     enough(posed.len(), settings, &mut report)?;
-    let refined = refine(&camera, &posed, board, sensor, settings, &mut report)?;
+    let refined = refine(&camera, &posed, board, sensor, &mut report)?;
     finish(refined, posed, settings, report)
 }
 
@@ -224,7 +232,7 @@ fn accepted_sightings(
     let kept: Vec<bool> = gate.verdicts.iter().map(Option::is_none).collect();
     retain(&mut sightings, &kept, |_| ());
     enough(sightings.len(), settings, report)?;
-    sighting::estimate_velocities(&mut sightings, settings.max_interpolation_gap);
+    sighting::estimate_velocities(&mut sightings, MAX_INTERPOLATION_GAP);
     report.without_velocity = sighting::pair_points(&mut sightings, board);
     Ok(sightings)
 }
@@ -266,11 +274,10 @@ fn refine(
     posed: &[Posed],
     board: &Board,
     sensor: Sensor,
-    settings: &InitialSettings,
     report: &mut InitialReport,
 ) -> Result<Bundle, InitialError> {
     let all: Vec<&[BoardPoint]> = posed.iter().map(|posed| posed.sighting.points.as_slice()).collect();
-    let views: Vec<BundleView<'_>> = select_views(&all, board, sensor, settings.bundle_views)
+    let views: Vec<BundleView<'_>> = select_views(&all, board, sensor, BUNDLE_VIEWS)
         .into_iter()
         .filter_map(|position| posed.get(position))
         .map(|posed| BundleView { points: &posed.sighting.points, pose: posed.pose })
@@ -283,11 +290,11 @@ fn refine(
     let sides = (kind.expectation().fit_starts.len() > 1).then(|| refits(kind, camera, sensor));
     let starts = std::iter::once(*camera).chain(sides.into_iter().flatten());
     let refined = starts
-        .filter_map(|start| bundle(&start, &views, &free, sensor, settings.huber))
+        .filter_map(|start| bundle(&start, &views, &free, sensor, HUBER))
         .min_by(|a, b| a.rms.total_cmp(&b.rms))
         .ok_or_else(|| InitialError::NoCamera { views: count, reason: "the refinement diverged".to_owned() })?;
     report.bundle_steps = refined.steps;
-    views_differ(&refined, settings)?;
+    views_differ(&refined)?;
     Ok(refined)
 }
 
@@ -306,7 +313,7 @@ fn finish(
     let mut errors: Vec<f64> = posed.iter().map(|posed| posed.rms).collect();
     let typical = median(&mut errors, f64::total_cmp).unwrap_or(0.0);
     // Errors below the scale of the loss are no reason to drop a frame, however good the others are.
-    let bound = (settings.max_frame_rms_ratio * typical).max(settings.huber);
+    let bound = (MAX_FRAME_RMS_RATIO * typical).max(HUBER);
     let kept: Vec<bool> = posed.iter().map(|posed| posed.rms <= bound).collect();
     retain(&mut posed, &kept, |posed| drop_frame(&mut report, posed.sighting.frame, DropReason::LargeError));
     enough(posed.len(), settings, &mut report)?;

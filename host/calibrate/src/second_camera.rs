@@ -37,7 +37,7 @@ use crate::solve::observation::{EventBin, EventObservation, SegmentObservations}
 use crate::solve::refinement::Refined;
 use crate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, State};
 use crate::trajectory::mean_distance;
-use crate::trust::uncertainty::{Uncertainty, UncertaintySettings};
+use crate::trust::uncertainty::Uncertainty;
 use evcal_geometry::board::symmetry::Symmetry;
 
 /// A camera as it was calibrated apart, from one recording.
@@ -59,7 +59,6 @@ pub fn calibrate_second(
     second: Apart,
     symmetries: &[Symmetry],
     lenses: Lenses,
-    settings: &UncertaintySettings,
 ) -> Result<SecondCalibration, SecondCameraError> {
     let trajectories = &first.refined.state.trajectories;
     let start = start::start(trajectories, &Seen::along(&second.refined.state.trajectories), symmetries, start::LOOSE)?;
@@ -75,7 +74,7 @@ pub fn calibrate_second(
         second: State { board: first.refined.state.board, trajectories: Vec::new(), ..second.refined.state.clone() },
         mount: start.mount,
     };
-    let solved = solve_holding(joint, estimate, lenses, settings)?;
+    let solved = solve_holding(joint, estimate, lenses)?;
     let known = Known {
         correlation: Some(start.correlation),
         seconds: start.seconds,
@@ -111,7 +110,6 @@ pub fn calibrate_pictures_against(
     first: Apart,
     pictures: Pictures,
     held: Option<&HeldIntrinsics>,
-    settings: &UncertaintySettings,
 ) -> Result<SecondCalibration, SecondCameraError> {
     let of = |points: &Vec<PointObservation>| SegmentObservations { points: points.clone(), ..Default::default() };
     let seen: Vec<f64> = pictures.points.iter().flatten().map(|point| point.t).collect();
@@ -133,7 +131,7 @@ pub fn calibrate_pictures_against(
         mount: Mount { second_first: Isometry3::identity(), offset: 0.0, rate: 0.0, middle, line_delay: None },
     };
     let lenses = [held, None];
-    let mut solved = solve_holding(joint, estimate, lenses, settings)?;
+    let mut solved = solve_holding(joint, estimate, lenses)?;
     add_scale_error(&mut solved, &first);
     let sensor = first.refined.problem.sensor;
     let known = Known { correlation: None, seconds, left_out: 0.0, own_rms: None, sensors: [sensor; 2], lenses };
@@ -170,14 +168,9 @@ struct Known<'a> {
 }
 
 /// Solves with `lenses` held; what their uncertainty does is in the covariance.
-fn solve_holding(
-    joint: Joint,
-    estimate: Estimate,
-    lenses: Lenses,
-    settings: &UncertaintySettings,
-) -> Result<Solved, SecondCameraError> {
+fn solve_holding(joint: Joint, estimate: Estimate, lenses: Lenses) -> Result<Solved, SecondCameraError> {
     let (joint, estimate) = holding(joint, estimate, lenses);
-    let mut solved = solve(&joint, estimate, settings)?;
+    let mut solved = solve(&joint, estimate)?;
     if let Some(share) = share_of_lenses(&joint, &solved.estimate, lenses)? {
         solved.covariance += share;
     }

@@ -1,16 +1,19 @@
 //! Every threshold of a calibration, by name.
 //!
-//! The settings that were used are written to `settings.toml`; such a file can be read for another calibration. It may hold any part of them; an unknown name is an error.
+//! The settings that were used are written to `settings.toml`; such a file can be read for another calibration. It may hold any part of
+//! them; an unknown name is an error, and so is one that an earlier version had with another value than the one that is built in now.
 //!
 //! The stages declare their settings ([`evcal_core::settings`](mod@evcal_core::settings)) with unit, bounds and meaning; here they are gathered.
 //! From the declarations come the check of a file, the comments of `settings.toml` and the tables of
 //! `docs/settings.md`.
 
 pub mod bounds;
+pub mod fixed;
 mod live;
 mod text;
 
 use bounds::OutOfBounds;
+use fixed::{FixedSetting, take_fixed};
 use std::path::Path;
 
 use evcal_core::settings;
@@ -22,19 +25,14 @@ pub use self::text::document;
 use crate::detection::pictures::settings::PictureSettings;
 use crate::detection::settings::DetectionSettings;
 use crate::initial::InitialSettings;
-use crate::initial::model_choice::ModelChoiceSettings;
 use crate::solve::SolveSettings;
 use crate::solve::association::AssociationSettings;
 use crate::solve::refinement::RefinementSettings;
-use crate::solve::unexplained::UnexplainedSettings;
 use crate::trajectory::knot_grid::KnotSettings;
 use crate::trajectory::segment::SegmentSettings;
 use crate::trajectory::settings::SplineSettings;
 use crate::trust::board_evidence::BoardShapeSettings;
 use crate::trust::poses::PoseSettings;
-use crate::trust::residual_map::ResidualMapSettings;
-use crate::trust::split_half::SplitHalfSettings;
-use crate::trust::uncertainty::UncertaintySettings;
 use crate::trust::verdict::VerdictSettings;
 
 settings! {
@@ -46,16 +44,12 @@ settings! {
         pub detection: DetectionSettings;
         /// Section 5: gates, initial camera and poses, cross-validation.
         pub initial: InitialSettings;
-        /// Section 5: which camera model, where that is left to the program.
-        pub model_choice: ModelChoiceSettings;
         /// Section 6: segments.
         pub segment: SegmentSettings;
         /// Section 7: splines.
         pub spline: SplineSettings;
         /// Section 7: how dense knots may be.
         pub knots: KnotSettings;
-        /// Section 7: which stretches no curve explains.
-        pub unexplained: UnexplainedSettings;
         /// Section 8: which event belongs to which circle.
         pub association: AssociationSettings;
         /// Sections 9 and 10: the joint solve.
@@ -66,16 +60,10 @@ settings! {
         pub poses: PoseSettings;
         /// When the board is not taken as it is stated.
         pub board: BoardShapeSettings;
-        /// How sure the intrinsics are.
-        pub uncertainty: UncertaintySettings;
-        /// Comparison of two halves of the observations.
-        pub split_half: SplitHalfSettings;
         /// When a calibration is good.
         pub verdict: VerdictSettings;
         /// The camera's frames as a witness.
         pub frames: PictureSettings;
-        /// How residuals are gathered over the sensor.
-        pub residual_map: ResidualMapSettings;
         /// When a live camera has seen enough.
         pub live: LiveSettings;
     }
@@ -100,6 +88,14 @@ pub enum SettingsError {
         /// What is wrong and where.
         error: Box<toml::de::Error>,
     },
+    /// A setting cannot be set any more.
+    #[error("{file}: {reason}")]
+    Fixed {
+        /// The file.
+        file: String,
+        /// Which one, and what to do.
+        reason: FixedSetting,
+    },
     /// A value is out of its range.
     #[error("{file}: {reason}")]
     Range {
@@ -118,8 +114,11 @@ impl Settings {
     pub fn read(path: &Path) -> Result<Self, SettingsError> {
         let file = path.display().to_string();
         let text = std::fs::read_to_string(path).map_err(|error| SettingsError::Read { file: file.clone(), error })?;
-        let settings: Self = toml::from_str(&text)
-            .map_err(|error| SettingsError::Parse { file: file.clone(), error: Box::new(error) })?;
+        let parse = |error| SettingsError::Parse { file: file.clone(), error: Box::new(error) };
+        let mut table: Table = toml::from_str(&text).map_err(parse)?;
+        let fixed = take_fixed(&mut table).map_err(|reason| SettingsError::Fixed { file: file.clone(), reason })?;
+        // The text says where a mistake is, the table does not.
+        let settings: Self = if fixed { table.try_into() } else { toml::from_str(&text) }.map_err(parse)?;
         bounds::check(&Self::GROUP, &settings.table()).map_err(|reason| SettingsError::Range { file, reason })?;
         Ok(settings)
     }
@@ -145,6 +144,13 @@ mod tests {
     use super::*;
     use crate::trajectory::RotationSpline;
 
+    /// Each one more is one more that nobody can choose with a reason.
+    #[test]
+    fn a_file_has_no_more_settings_than_people_can_choose() {
+        let count = Settings::default().to_toml().matches(" = ").count();
+        assert!(count <= 45, "{count}");
+    }
+
     #[test]
     fn defaults_survive_being_written_and_read() {
         let directory = tempfile::tempdir().unwrap();
@@ -161,7 +167,13 @@ mod tests {
         let path = directory.path().join("settings.toml");
         std::fs::write(&path, "[spline]\nrotation = \"so3\"\n").unwrap();
         assert_eq!(Settings::read(&path).unwrap().spline.rotation, RotationSpline::So3);
-        for wrong in ["[spline]\nrotatoin = \"so3\"\n", "[spline]\ndegree = 9\n", "[solve]\nbin = 0.0\n", "nonsense"] {
+        for wrong in [
+            "[spline]\nrotatoin = \"so3\"\n",
+            "[spline]\ndegree = 9\n",
+            "[poses]\nrate = 0.0\n",
+            "[solve]\nbin = 0.0\n",
+            "nonsense",
+        ] {
             std::fs::write(&path, wrong).unwrap();
             let message = Settings::read(&path).unwrap_err().to_string();
             assert!(message.contains("settings.toml"), "{message}");

@@ -42,7 +42,6 @@ pub mod unexplained;
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use evcal_core::settings;
-use evcal_core::settings::{above, at_least, from_to};
 use serde::{Deserialize, Serialize};
 
 use crate::solve::event_bias::bias::{Bias, Biases};
@@ -126,20 +125,13 @@ settings! {
         /// What a residual measures: `"pixel"`, the distance to the projected edge, or `"plane"`, the paper's
         /// distance on the board plane. With `"plane"` no biases of event classes are fitted in the solve.
         pub residual: ResidualMeasure = ResidualMeasure::Pixel;
-        /// Residual from which an event counts linearly instead of squared, in units of its class's spread.
-        pub huber: f64 = 1.5, "σ", above(0.0);
-        /// Most Levenberg-Marquardt iterations in one solve.
-        pub iterations: usize = 12, "", at_least(1.0);
-        /// Iterations end when the cost falls by less than this share.
-        pub tolerance: f64 = 1e-5, "", from_to(0.0, 1.0);
-        /// Length of a time bin whose events share their basis weights.
-        pub bin: f64 = 0.5e-3, "s", at_least(1e-6);
-        /// Typical acceleration of the camera (σ of a weak prior); it matters only where there are no events.
-        pub acceleration: f64 = 100.0, "m/s²", above(0.0);
-        /// The same for the angular acceleration.
-        pub angular_acceleration: f64 = 300.0, "rad/s²", above(0.0);
     }
 }
+
+/// Residual from which an event counts linearly instead of squared, in units of its class's spread (σ).
+pub const HUBER: f64 = 1.5;
+/// Most Levenberg-Marquardt iterations in one solve.
+pub const ITERATIONS: usize = 12;
 
 /// What the joint solve works on; nothing of it changes while it runs.
 pub struct Problem {
@@ -161,25 +153,23 @@ pub struct Problem {
     pub stiffness: Vec<Stiffness>,
     /// Which parameters may change.
     pub free: FreeParameters,
-    /// Thresholds.
-    pub settings: SolveSettings,
+    /// What a residual measures.
+    pub residual: ResidualMeasure,
+    /// Residual from which an event counts linearly instead of squared (σ of its class); [`HUBER`] but for tests.
+    pub huber: f64,
+    /// Most iterations; [`ITERATIONS`] where the result counts.
+    pub iterations: usize,
 }
 
 impl Problem {
     /// The same with other observations.
     pub fn with_segments(&self, segments: Vec<SegmentObservations>) -> Self {
-        Self {
-            segments,
-            stiffness: self.stiffness.clone(),
-            circle_centers: self.circle_centers.clone(),
-            settings: self.settings.clone(),
-            ..*self
-        }
+        Self { segments, stiffness: self.stiffness.clone(), circle_centers: self.circle_centers.clone(), ..*self }
     }
 
     /// Metres on the board for each unit of the residual, where that is the same everywhere.
     pub fn residual_scale(&self) -> Option<f64> {
-        match self.settings.residual {
+        match self.residual {
             ResidualMeasure::Pixel => None,
             ResidualMeasure::Plane => Some(self.mean_scale),
         }

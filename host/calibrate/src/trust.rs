@@ -29,12 +29,11 @@ use crate::trust::board_evidence::BoardEstimate;
 use crate::trust::coverage::{Coverage, coverage, coverage_of};
 use crate::trust::misfit::{Misfit, misfit, with_misfit};
 use crate::trust::residual_map::histogram::{ClassResiduals, class_residuals};
-use crate::trust::residual_map::{ResidualMap, ResidualMapSettings, residual_map};
-use crate::trust::split_half::{SplitHalf, SplitHalfSettings, split_half};
+use crate::trust::residual_map::{ResidualMap, residual_map};
+use crate::trust::split_half::{SplitHalf, split_half};
 use crate::trust::uncertainty::parts::ProjectionParts;
 use crate::trust::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
 use crate::trust::uncertainty::{BiasSigma, SolveUncertainty, Uncertainty};
-use crate::trust::verdict::VerdictSettings;
 use evcal_geometry::board::Board;
 
 /// What speaks for and against a calibration, whatever it was made from.
@@ -94,33 +93,15 @@ pub struct ObservedRadius {
 /// blurred edge changes, which is on its dark side.
 const USUAL_OFFSET: f64 = -0.41;
 
-/// How [`examine`] looks at a calibration.
-#[derive(Clone, Copy)]
-pub struct ExamineSettings<'a> {
-    /// The two halves.
-    pub halves: &'a SplitHalfSettings,
-    /// The residuals over the sensor.
-    pub map: &'a ResidualMapSettings,
-    /// When residuals speak against the lens model.
-    pub verdict: &'a VerdictSettings,
-}
-
 /// A lens model that follows the lens of `refined` where its own cannot.
-pub fn better_model(refined: &Refined, inflation: f64, settings: ExamineSettings) -> Option<ModelKind> {
+pub fn better_model(refined: &Refined, inflation: f64) -> Option<ModelKind> {
     let (problem, state) = (&refined.problem, &refined.state);
-    let residuals = residual_map(problem, state, &residuals_at(problem, state), settings.map);
-    misfit_of(problem, state, &residuals, inflation, settings)?.better.map(|better| better.kind)
+    let residuals = residual_map(problem, state, &residuals_at(problem, state));
+    misfit_of(problem, state, &residuals, inflation)?.better.map(|better| better.kind)
 }
 
-fn misfit_of(
-    problem: &Problem,
-    state: &State,
-    residuals: &ResidualMap,
-    inflation: f64,
-    settings: ExamineSettings,
-) -> Option<Misfit> {
-    let suspicious = settings.verdict.suspects(&residuals.pattern);
-    suspicious.then(|| misfit(problem, state, &residuals.pattern, inflation))
+fn misfit_of(problem: &Problem, state: &State, residuals: &ResidualMap, inflation: f64) -> Option<Misfit> {
+    residuals.pattern.is_suspicious().then(|| misfit(problem, state, &residuals.pattern, inflation))
 }
 
 /// What is known of a joint solve beside its result.
@@ -142,7 +123,6 @@ pub fn examine(
     certainty: SolveCertainty,
     board: &Board,
     saturated: &[LeftOut],
-    settings: ExamineSettings,
 ) -> Result<(Trust, EventTrust), SolveError> {
     let (problem, state) = (&refined.problem, &refined.state);
     let SolveUncertainty { intrinsics: uncertainty, parts, board_sigma: _, board: _, bias_sigma, poses, formal: _ } =
@@ -151,17 +131,17 @@ pub fn examine(
         projection_uncertainty(&state.camera, &uncertainty.covariance, problem.sensor).map_err(|_| SolveError::Singular)
     };
     // The halves have the same misfit: they cannot tell it.
-    let split_half = split_half(problem, state, &parts, settings.halves);
+    let split_half = split_half(problem, state, &parts);
     let of_events = residuals_at(problem, state);
     let ((classes, ranks), residuals) = rayon::join(
         || {
             let rank = |kind: EventKind| kind.polarity.index() * RANK_COUNT + usize::from(kind.place.rank);
             (class_residuals(&of_events, |kind| kind.class()), class_residuals(&of_events, rank))
         },
-        || residual_map(problem, state, &of_events, settings.map),
+        || residual_map(problem, state, &of_events),
     );
     drop(of_events);
-    let misfit = misfit_of(problem, state, &residuals, uncertainty.inflation, settings);
+    let misfit = misfit_of(problem, state, &residuals, uncertainty.inflation);
     let before = uncertainty.covariance.clone();
     let uncertainty = match &misfit {
         Some(misfit) => with_misfit(uncertainty.clone(), &in_the_image(&uncertainty)?, misfit),

@@ -4,11 +4,12 @@
 use evcal_core::sensor::Sensor;
 use std::time::Instant;
 
+use evcal_calibrate::solve::association::BIN;
 use evcal_calibrate::solve::event_bias::bias::Biases;
 use evcal_calibrate::solve::event_bias::{CLASS_COUNT, unknown};
 use evcal_calibrate::solve::levenberg::solve;
 use evcal_calibrate::solve::observation::{EventBin, EventObservation, SegmentObservations};
-use evcal_calibrate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, SolveSettings, State};
+use evcal_calibrate::solve::{BOARD_PARAMETERS, FreeParameters, HUBER, Problem, ResidualMeasure, State};
 use evcal_calibrate::trajectory::fit::{TrajectoryShape, fit};
 use evcal_calibrate::trajectory::{RotationSpline, Trajectory};
 use evcal_core::camera::{Camera, ModelKind};
@@ -31,8 +32,7 @@ fn main() {
     let (Some(camera), Ok(board)) = (camera, board) else { return };
     for rotation in [RotationSpline::Quaternion, RotationSpline::So3] {
         let Some(trajectory) = trajectory(&board, rotation) else { return };
-        let settings = SolveSettings { iterations: 4, tolerance: 0.0, ..SolveSettings::default() };
-        let observations = observations(&camera, &board, &trajectory, settings.bin);
+        let observations = observations(&camera, &board, &trajectory);
         let events = observations.events.len();
         let problem = Problem {
             sensor: SENSOR,
@@ -48,7 +48,9 @@ fn main() {
                 board: [false; BOARD_PARAMETERS],
                 biases: [Biases::from_fn(|_| true); CLASS_COUNT],
             },
-            settings,
+            residual: ResidualMeasure::Pixel,
+            huber: HUBER,
+            iterations: 4,
         };
         let shape = BoardShape::stated(&board);
         let state = State { camera, board: shape, bias: unknown(0.3), trajectories: vec![trajectory] };
@@ -89,11 +91,11 @@ fn trajectory(board: &Board, rotation: RotationSpline) -> Option<Trajectory> {
     fit(0, &poses, 0.0, DURATION, &shape).ok()
 }
 
-fn observations(camera: &Camera<f64>, board: &Board, trajectory: &Trajectory, bin: f64) -> SegmentObservations {
+fn observations(camera: &Camera<f64>, board: &Board, trajectory: &Trajectory) -> SegmentObservations {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let mut observations = SegmentObservations::default();
-    for index in 0..(DURATION / bin) as usize {
-        let t = (index as f64 + 0.5) * bin;
+    for index in 0..(DURATION / BIN) as usize {
+        let t = (index as f64 + 0.5) * BIN;
         let Some(pose) = trajectory.pose(t) else { continue };
         let first = observations.events.len();
         for event in 0..EVENTS_IN_A_BIN {

@@ -9,8 +9,15 @@ use evcal_calibrate::settings::LiveSettings;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::homography::{homography, pose_from_homography};
 
-/// Most columns and most rows of cells.
-const MOST_CELLS: u16 = 64;
+/// Fewest windows with the board.
+pub(crate) const BOARDS: u64 = 200;
+/// Columns and rows of cells into which the sensor is cut.
+const COLUMNS: u16 = 8;
+const ROWS: u16 = 6;
+/// Fewest circles in a cell that was seen.
+const CIRCLES_PER_CELL: u64 = 5;
+/// Smallest angle between board and sensor that counts as tilt (°).
+const TILT: f64 = 15.0;
 
 /// Views whose tilts are looked at again, at most: the focal length is known better and better, but hardly changes after so many.
 const MOST_VIEWS: usize = 2048;
@@ -104,11 +111,9 @@ pub struct LiveCoverage {
 impl LiveCoverage {
     /// Nothing seen yet, of a sensor of this width and height.
     pub fn new(settings: &LiveSettings, board: &Board, sensor: Sensor) -> Self {
-        let (columns, rows) = (settings.columns.clamp(1, MOST_CELLS), settings.rows.clamp(1, MOST_CELLS));
-        let cells = vec![0; usize::from(columns) * usize::from(rows)];
-        let settings = LiveSettings { columns, rows, ..settings.clone() };
+        let cells = vec![0; usize::from(COLUMNS) * usize::from(ROWS)];
         Self {
-            settings,
+            settings: settings.clone(),
             board: *board,
             sensor,
             cells,
@@ -123,14 +128,13 @@ impl LiveCoverage {
     /// Takes a window with the board.
     pub fn add(&mut self, frame: &ReferenceFrame) {
         let (width, height) = (f64::from(self.sensor.width), f64::from(self.sensor.height));
-        let (columns, rows) = (self.settings.columns, self.settings.rows);
         let cell = |position: f64, size: f64, count: u16| {
             let cell = (position + 0.5) / size * f64::from(count);
             (cell.max(0.0) as usize).min(usize::from(count) - 1)
         };
         for circle in &frame.circles {
             let index =
-                cell(circle.center.y, height, rows) * usize::from(columns) + cell(circle.center.x, width, columns);
+                cell(circle.center.y, height, ROWS) * usize::from(COLUMNS) + cell(circle.center.x, width, COLUMNS);
             if let Some(cell) = self.cells.get_mut(index) {
                 *cell += 1;
             }
@@ -167,19 +171,18 @@ impl LiveCoverage {
     /// What was seen so far, in numbers.
     pub fn summary(&self) -> CoverageSummary {
         let (covered, tilts) = (self.covered(), self.tilts());
-        let wanted = self.settings.circles_per_cell.max(1);
         let share = |count: u64, wanted: u64| if wanted == 0 { 1.0 } else { count as f64 / wanted as f64 };
         let share_of_tilts = tilts.map(|count| share(count, self.settings.boards_per_tilt).min(1.0));
         let fulfilled = [
-            share(self.boards(), self.settings.boards),
+            share(self.boards(), BOARDS),
             if self.settings.coverage > 0.0 { covered / self.settings.coverage } else { 1.0 },
             share_of_tilts.iter().sum::<f64>() / share_of_tilts.len() as f64,
         ];
         CoverageSummary {
             boards: self.boards(),
             covered,
-            size: (self.settings.columns, self.settings.rows),
-            cells: self.cells.iter().map(|circles| share(*circles, wanted).min(1.0)).collect(),
+            size: (COLUMNS, ROWS),
+            cells: self.cells.iter().map(|circles| share(*circles, CIRCLES_PER_CELL).min(1.0)).collect(),
             tilts,
             distances: self.distances,
             missing: self.missing_beside(covered, tilts),
@@ -199,7 +202,7 @@ impl LiveCoverage {
 
     /// Share of the sensor's cells in which circles were seen, 0 to 1.
     pub fn covered(&self) -> f64 {
-        let covered = self.cells.iter().filter(|&&circles| circles >= self.settings.circles_per_cell.max(1)).count();
+        let covered = self.cells.iter().filter(|&&circles| circles >= CIRCLES_PER_CELL).count();
         covered as f64 / self.cells.len() as f64
     }
 
@@ -208,7 +211,7 @@ impl LiveCoverage {
         let focal_length = self.focal_length.unwrap_or_else(|| focal_length(&self.views));
         let mut counts = self.settled;
         for view in &self.views {
-            let Some(tilt) = tilt(view, focal_length, self.settings.tilt.to_radians()) else { continue };
+            let Some(tilt) = tilt(view, focal_length, TILT.to_radians()) else { continue };
             if let Some(count) = counts.get_mut(tilt as usize) {
                 *count += 1;
             }
@@ -223,8 +226,8 @@ impl LiveCoverage {
 
     fn missing_beside(&self, covered: f64, tilts: [u64; 4]) -> Vec<Wanted> {
         let mut missing = Vec::new();
-        if self.boards() < self.settings.boards {
-            missing.push(Wanted::Views(self.settings.boards - self.boards()));
+        if self.boards() < BOARDS {
+            missing.push(Wanted::Views(BOARDS - self.boards()));
         }
         if covered < self.settings.coverage {
             let (x, y) = self.emptiest();
@@ -232,7 +235,7 @@ impl LiveCoverage {
         }
         for (tilt, count) in Tilt::ALL.into_iter().zip(tilts) {
             if count < self.settings.boards_per_tilt {
-                missing.push(Wanted::Nearer(tilt, self.settings.tilt));
+                missing.push(Wanted::Nearer(tilt, TILT));
             }
         }
         missing
@@ -241,12 +244,12 @@ impl LiveCoverage {
     /// The part of the image in which least was seen: to the right and downwards from the middle (each −1, 0 or 1).
     fn emptiest(&self) -> (i8, i8) {
         const PARTS: [(i8, i8); 9] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (0, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
-        let (columns, rows) = (usize::from(self.settings.columns), usize::from(self.settings.rows));
+        let (columns, rows) = (usize::from(COLUMNS), usize::from(ROWS));
         let mut cells = [(0, 0); 9];
         for (index, &circles) in self.cells.iter().enumerate() {
             let part = (index / columns) * 3 / rows * 3 + (index % columns) * 3 / columns;
             if let Some((covered, all)) = cells.get_mut(part) {
-                *covered += usize::from(circles >= self.settings.circles_per_cell.max(1));
+                *covered += usize::from(circles >= CIRCLES_PER_CELL);
                 *all += 1;
             }
         }
@@ -390,7 +393,7 @@ mod tests {
 
     #[test]
     fn enough_is_enough_and_what_is_missing_is_named() {
-        let settings = LiveSettings { boards: 8, boards_per_tilt: 1, circles_per_cell: 1, ..LiveSettings::default() };
+        let settings = LiveSettings { boards_per_tilt: 1, ..LiveSettings::default() };
         let mut coverage = LiveCoverage::new(&settings, &board(), SENSOR);
         assert_eq!(coverage.missing().len(), 6);
         for side in [-1.0, 1.0] {
@@ -399,13 +402,14 @@ mod tests {
         }
         assert_eq!(coverage.tilts(), [1; 4]);
         let missing = coverage.missing();
-        assert!(matches!(missing[..], [Wanted::Views(4), Wanted::Part(1, _)]), "{missing:?}");
+        assert!(matches!(missing[..], [Wanted::Views(196), Wanted::Part(1, _)]), "{missing:?}");
         for x in [-0.4, -0.2, 0.0, 0.2, 0.4] {
             for y in [-0.3, -0.1, 0.1, 0.3] {
-                coverage.add(&view(Vector3::zeros(), Vector3::new(x, y, 0.9), 330.0));
+                let frame = view(Vector3::zeros(), Vector3::new(x, y, 0.9), 330.0);
+                (0..10).for_each(|_| coverage.add(&frame));
             }
         }
         assert_eq!(coverage.missing(), []);
-        assert!(coverage.covered() >= 0.8 && coverage.boards() == 24);
+        assert!(coverage.covered() >= 0.8 && coverage.boards() == 204);
     }
 }

@@ -6,10 +6,13 @@ use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
-use evcal_calibrate::initial::{BoardPoint, InitialSettings, OpencvStart};
+use evcal_calibrate::initial::{BoardPoint, InitialSettings, MAX_START_RMS, OpencvStart};
 use evcal_geometry::numerics::statistics::median;
 
 use crate::{OpencvCalibration, OpencvError, PinholeDistortion, View, calibrate_fisheye, calibrate_pinhole};
+
+/// How often the worst views may be left out.
+const RETRIES: usize = 3;
 
 fn view_of(points: &[BoardPoint]) -> View {
     View {
@@ -131,7 +134,7 @@ fn start_from(
 ) -> (Option<Camera<f64>>, OpencvStart) {
     let mut start = OpencvStart { views: (views.len(), views.len()), rms: None, failure: None };
     let mut best: Option<(Camera<f64>, f64)> = None;
-    for _ in 0..=settings.start_retries {
+    for _ in 0..=RETRIES {
         let calibration = match calibrate(model, &views, sensor) {
             Ok(calibration) => calibration,
             Err(error) => {
@@ -151,7 +154,7 @@ fn start_from(
             Some(_) => {}
             None => start.failure = Some(format!("implausible result: {:?}", calibration.intrinsics)),
         }
-        if calibration.rms <= settings.max_start_rms {
+        if calibration.rms <= MAX_START_RMS {
             break;
         }
         // Half of the views are always kept, or a wrong calibration would choose its own evidence.

@@ -6,7 +6,7 @@ use nalgebra::DVector;
 
 use super::Task;
 use super::error::CalibrateError;
-use super::joint_solve::{certainty, examine_settings, refined as refined_from, solve};
+use super::joint_solve::{certainty, refined as refined_from, solve};
 use super::progress::Progress;
 use crate::solve::State;
 use crate::solve::refinement::{EventInput, Refined, RefinementInput};
@@ -21,6 +21,10 @@ use evcal_geometry::lens::held::with_held;
 
 /// Most solves in which parameters of the board join or leave.
 const MOST_CHANGES: usize = 3;
+
+/// A radial distortion coefficient is held at its expected value if it agrees with that value and its σ is more than this share of
+/// how much lenses of all kinds differ.
+const UNDETERMINED: f64 = 0.25;
 
 /// A coefficient nearer to what is expected of it than this many of its σ cannot be told from that.
 const TOLD_FROM_EXPECTED: f64 = 2.0;
@@ -66,7 +70,7 @@ pub(super) fn solve_with_board(
         if asked == free || !shape.is_possible(task.board) {
             break;
         }
-        if free == [false; PARAMETERS] && lens_is_to_blame(task, &refined, &certainty, shape, asked) {
+        if free == [false; PARAMETERS] && lens_is_to_blame(&refined, &certainty, shape, asked) {
             break;
         }
         progress.tell("joint solve with the board's shape")?;
@@ -104,10 +108,11 @@ fn with<'a>(
 /// The parameters of the board that are to be estimated: those that the user wants, and those that the observations ask for, but
 /// for those that the user holds.
 fn asked(task: &Task, stated: &BoardShape, evidence: &BoardEvidence) -> [bool; PARAMETERS] {
-    let by_evidence = evidence.asks_for(stated, task.board, &task.settings.board);
+    let by_evidence = evidence.asks_for(stated, task.board);
     let requests = &task.parameters;
     std::array::from_fn(|index| {
-        requests.free_board[index] || (by_evidence[index] && requests.fixed_board[index].is_none())
+        let estimated = task.settings.board.estimate && requests.fixed_board[index].is_none();
+        requests.free_board[index] || (estimated && by_evidence[index])
     })
 }
 
@@ -125,16 +130,14 @@ fn shape_of(stated: &BoardShape, evidence: &BoardEvidence, asked: [bool; PARAMET
 /// Whether the residuals stay in the same places of the image because the lens model cannot follow the lens, rather than because
 /// of the board, which would have this `shape` with the `asked` parameters free.
 fn lens_is_to_blame(
-    task: &Task,
     refined: &Refined,
     certainty: &SolveUncertainty,
     shape: BoardShape,
     asked: [bool; PARAMETERS],
 ) -> bool {
-    let looks = examine_settings(task.settings);
     let (problem, state) = (&refined.problem, &refined.state);
-    let pattern = residual_map(problem, state, &residuals_at(problem, state), looks.map).pattern;
-    looks.verdict.suspects(&pattern) && lens_explains_more(problem, state, shape, asked, certainty.intrinsics.inflation)
+    let pattern = residual_map(problem, state, &residuals_at(problem, state)).pattern;
+    pattern.is_suspicious() && lens_explains_more(problem, state, shape, asked, certainty.intrinsics.inflation)
 }
 
 /// Coefficients whose σ leaves open what is expected of any lens, and that cannot be told from that, one after the other: with one
@@ -142,14 +145,13 @@ fn lens_is_to_blame(
 fn undetermined(task: &Task, refined: &Refined, certainty: &SolveUncertainty) -> Vec<usize> {
     let camera = &refined.state.camera;
     let prior = distortion_prior(camera, refined.problem.sensor);
-    let largest = task.settings.refinement.undetermined;
     let mut values = DVector::from_vec(camera.parameters().to_vec());
     let mut covariance = certainty.intrinsics.covariance.clone();
     let mut undetermined = Vec::new();
     loop {
         let distance = |index: usize| {
             let sigma = covariance[(index, index)].max(0.0).sqrt();
-            let is_open = prior.sigma(index).is_some_and(|expected| sigma > largest * expected);
+            let is_open = prior.sigma(index).is_some_and(|expected| sigma > UNDETERMINED * expected);
             let distance = (values[index] - prior.expected[index]).abs() / sigma;
             (is_open && distance < TOLD_FROM_EXPECTED).then_some((index, distance))
         };
@@ -192,6 +194,6 @@ fn hold(
     for &index in undetermined {
         refined.problem.free.intrinsics[index] = true;
     }
-    let certainty = certainty(task, &refined, system)?;
+    let certainty = certainty(&refined, system)?;
     Ok((refined, certainty))
 }

@@ -128,7 +128,7 @@ impl Detected {
         let sensor = self.sensor;
         let mut stage = DetectionStage::for_board(&task.settings.detection, sensor, task.board.pattern, index);
         let (mut fingerprint, mut saturation) = (Fingerprint::default(), SaturationDetector::default());
-        let mut thinning = Thinning::new(sensor, task.settings.association.burst_pause);
+        let mut thinning = Thinning::new(sensor);
         self.events.sample.begin(index);
         let (mut bins, mut pixels) = (RateBins::default(), PixelCounter::new(sensor));
         let pass = progress.read(task.inputs, index, &mut |events| {

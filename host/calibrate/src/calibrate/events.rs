@@ -22,7 +22,7 @@ use crate::circles::reference_frame::PointObservation;
 use crate::initial::InitialModel;
 use crate::solve::event_bias::unknown;
 use crate::solve::left_out::LeftOut;
-use crate::solve::refinement::{EventInput, RefinementInput, SMALLEST_POINT_SIGMA};
+use crate::solve::refinement::{EventInput, FIRST_SIGMA, RefinementInput, SMALLEST_POINT_SIGMA};
 use crate::solve::{BOARD_PARAMETERS, State};
 use crate::trajectory::Trajectory;
 use crate::trajectory::first::first_trajectories;
@@ -52,7 +52,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let input = first_input(task, &first.initial, sensor, events.input(&read), start.points, &saturated.left_out);
     let state = first_state(task, first.initial.camera, start.trajectories);
     let (solve, model_choice) = solve_with_model(task, &input, state, first.choice, progress)?;
-    let witness = pictures.as_ref().map(|pictures| witness(task, &solve, sensor, pictures));
+    let witness = pictures.as_ref().map(|pictures| witness(&solve, sensor, pictures));
     let WithPictures { mut solve, joint, own } = join_pictures(task, input, solve, pictures.as_ref(), progress)?;
     drop(read);
     let measured = if events.counts.is_some() { Measured::EventEdges } else { Measured::CircleCentres };
@@ -122,6 +122,5 @@ fn first_input<'a>(
 
 /// What the joint solve starts from: the stated board, and nothing known of the events' biases.
 fn first_state(task: &Task, camera: Camera<f64>, trajectories: Vec<Trajectory>) -> State {
-    let bias = unknown(task.settings.refinement.first_sigma);
-    State { camera, board: BoardShape::stated(task.board), bias, trajectories }
+    State { camera, board: BoardShape::stated(task.board), bias: unknown(FIRST_SIGMA), trajectories }
 }

@@ -6,7 +6,6 @@ use super::Task;
 use super::board_solve::BoardSolve;
 use super::error::CalibrateError;
 use super::health::{self, Health};
-use super::joint_solve::examine_settings;
 use super::{other_camera, unseen_rows, unstated_rows};
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::larger_pattern::larger_pattern;
@@ -54,8 +53,7 @@ pub(super) fn examine_calibration(
 ) -> Result<Examined, CalibrateError> {
     let BoardSolve { refined, certainty: uncertainty, board, undetermined, .. } = solve;
     let certainty = SolveCertainty { uncertainty, board, undetermined };
-    let (trust, event_trust) = examine(&refined, certainty, task.board, saturated, examine_settings(task.settings))
-        .map_err(CalibrateError::Solve)?;
+    let (trust, event_trust) = examine(&refined, certainty, task.board, saturated).map_err(CalibrateError::Solve)?;
     let (findings, witness) = findings(task, seen, &refined.state, witness);
     let camera = &refined.state.camera;
     let settings = &task.settings.verdict;

@@ -45,12 +45,11 @@ fn of_model(
             Ok(FirstModel { initial, choice: None })
         }
         ModelRequest::Auto => {
-            let (stage, choice) = (&settings.initial, &settings.model_choice);
             // It cannot be ended there, and is afterwards.
             let tell = |model| {
                 let _ = progress.tell(format!("initial model {model} from {} reference frames", frames.len()));
             };
-            let (initial, choice) = choose_model(frames, task.board, sensor, &CANDIDATES, stage, choice, tell)?;
+            let (initial, choice) = choose_model(frames, task.board, sensor, &CANDIDATES, &settings.initial, tell)?;
             progress.go_on()?;
             Ok(FirstModel { initial, choice: Some(choice) })
         }

@@ -80,7 +80,7 @@ fn events_of(
     for (index, (input, count)) in task.inputs.iter().zip(&mut counts).enumerate() {
         let Input::Events(_) = input else { continue };
         progress.tell(format!("reading the chosen seconds of {}", input.short_name()))?;
-        let mut thinning = Thinning::new(sensor, task.settings.association.burst_pause);
+        let mut thinning = Thinning::new(sensor);
         sample.begin(index);
         progress.read(task.inputs, index, &mut |events| {
             for events in events.chunk_by(|a, b| second(a.t) == second(b.t)) {
@@ -109,7 +109,7 @@ pub(super) fn read_share(
     progress: &Progress,
     visit: &mut dyn FnMut(&[RankedEvent]),
 ) -> Result<(), CalibrateError> {
-    let mut thinning = Thinning::new(sensor, task.settings.association.burst_pause);
+    let mut thinning = Thinning::new(sensor);
     let mut kept = Vec::new();
     progress.read(task.inputs, index, &mut |events| {
         kept.clear();

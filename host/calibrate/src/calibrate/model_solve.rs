@@ -5,7 +5,6 @@ use evcal_core::camera::refit::refit;
 use super::Task;
 use super::board_solve::{BoardSolve, solve_with_board};
 use super::error::CalibrateError;
-use super::joint_solve::examine_settings;
 use super::progress::Progress;
 use crate::initial::model_choice::ModelChoice;
 use crate::solve::State;
@@ -26,7 +25,7 @@ pub(super) fn solve_with_model(
     let board = state.board;
     let solved = solve_with_board(task, input, state, progress)?;
     let Some(choice) = choice else { return Ok((solved, None)) };
-    let better = better_model(&solved.refined, solved.certainty.intrinsics.inflation, examine_settings(task.settings));
+    let better = better_model(&solved.refined, solved.certainty.intrinsics.inflation);
     let camera = better.and_then(|kind| refit(kind, &solved.refined.state.camera, input.sensor));
     let Some((kind, camera)) = better.zip(camera) else { return Ok((solved, Some(choice))) };
     progress.tell(format!("joint solve with {kind}"))?;

@@ -22,6 +22,7 @@ use crate::solve::refinement::{EventInput, RefinementInput};
 use crate::solve::{BOARD_PARAMETERS, State};
 use crate::trajectory::first::first_trajectories;
 use crate::trust::poses::{UncertainPose, sampled_poses};
+use crate::trust::uncertainty::POSE_MODEL_ERROR;
 use event_recordings::pass::RecordingReport;
 
 /// Stretches are solved together in lengths of this (s).
@@ -144,12 +145,8 @@ fn follow_stretch(
     let places: Vec<usize> = reduced.places(&problem.free.mask());
     let controls = reduced.into_follows().control_covariances(&places, &certainty.formal)?;
     // Fewer events than in the joint solve: its own poses tell what is usual.
-    let covariance = PoseCovariance::new(
-        controls,
-        certainty.intrinsics.inflation,
-        &state.trajectories,
-        settings.uncertainty.pose_model_error,
-    );
+    let covariance =
+        PoseCovariance::new(controls, certainty.intrinsics.inflation, &state.trajectories, POSE_MODEL_ERROR);
     let all_left_out: Vec<LeftOut> = refined.left_out.iter().chain(&unexplained).copied().collect();
     let poses = sampled_poses(&state, &covariance, &all_left_out, recording, &settings.poses);
     Some((FollowedStretch { recording, poses }, unexplained))

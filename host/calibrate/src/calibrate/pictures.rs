@@ -73,7 +73,7 @@ pub(super) fn calibrate_beside(
 fn see_pictures(task: &Task, files: Files, progress: &Progress) -> Result<SeenPictures, CalibrateError> {
     let Files { starts, without_pictures: without } = files;
     let fewest = task.settings.detection.fewest_circles(&task.board.pattern);
-    let mut detection = PictureSearch::new(task.board, fewest, &task.settings.frames);
+    let mut detection = PictureSearch::new(task.board, fewest, task.settings.frames.max_radius);
     let mut origins = Vec::new();
     for (number, input) in task.inputs.iter().enumerate() {
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);
@@ -108,17 +108,11 @@ fn picture_calibration(
     }
     // It cannot be ended there, and is afterwards.
     let _ = progress.tell(format!("calibration from {} frames", seen.frames.len()));
-    let (initial, settings) = (&task.settings.initial, &task.settings.frames);
-    Some(calibrate_pictures(seen.frames, seen.report, task.board, sensor, model, initial, settings))
+    Some(calibrate_pictures(seen.frames, seen.report, task.board, sensor, model, &task.settings.initial))
 }
 
 /// Compares the result from events with that from pictures.
-pub(super) fn witness(
-    task: &Task,
-    solve: &BoardSolve,
-    sensor: Sensor,
-    pictures: &CalibratedPictures,
-) -> WitnessOutcome {
+pub(super) fn witness(solve: &BoardSolve, sensor: Sensor, pictures: &CalibratedPictures) -> WitnessOutcome {
     // The pictures are calibrated with the board as it is stated: so is what they are compared with.
     let (camera, certainty) = match &solve.as_stated {
         Some((camera, certainty)) => (camera, certainty),
@@ -129,7 +123,7 @@ pub(super) fn witness(
         Ok(calibration) => calibration,
         Err(failure) => return WitnessOutcome::Failed(failure.clone().into()),
     };
-    match picture_witness(camera, covariance, calibration, sensor, &task.settings.frames) {
+    match picture_witness(camera, covariance, calibration, sensor) {
         Ok(witness) => WitnessOutcome::Witness(Box::new(witness)),
         Err(reason) => WitnessOutcome::Failed(FailedWitness { reason, report: Box::new(calibration.report.clone()) }),
     }
@@ -155,8 +149,7 @@ pub(super) fn observations(
     uncertainty: &Uncertainty,
     calibration: &PictureCalibration,
 ) -> Result<JointPoints, CalibrateError> {
-    joint_points(calibration, &refined.state, uncertainty.inflation, task.board, &task.settings.frames)
-        .map_err(CalibrateError::JointPictures)
+    joint_points(calibration, &refined.state, uncertainty.inflation, task.board).map_err(CalibrateError::JointPictures)
 }
 
 fn no_pictures(task: &Task) -> CalibrateError {
@@ -176,12 +169,12 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let (model, model_choice) = match task.model {
         ModelRequest::Given(model) => (model, None),
         ModelRequest::Auto => {
-            let (stage, choice) = (&task.settings.initial, &task.settings.model_choice);
+            let stage = &task.settings.initial;
             // It cannot be ended there, and is afterwards.
             let tell = |model| {
                 let _ = progress.tell(format!("initial model {model} from {} frames", seen.frames.len()));
             };
-            let (initial, choice) = choose_model(&seen.frames, task.board, sensor, &CANDIDATES, stage, choice, tell)?;
+            let (initial, choice) = choose_model(&seen.frames, task.board, sensor, &CANDIDATES, stage, tell)?;
             progress.go_on()?;
             (initial.camera.kind(), Some(choice))
         }

@@ -17,7 +17,6 @@ use crate::second_camera::joint::Lenses;
 use crate::second_camera::{Apart, Pictures, calibrate_pictures_against, calibrate_second};
 use crate::settings::Settings;
 use crate::solve::held_intrinsics::HeldIntrinsics;
-use crate::trust::uncertainty::UncertaintySettings;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::symmetry::symmetries;
 use evcal_geometry::lens::camera_file::CameraDescription;
@@ -50,7 +49,6 @@ pub fn calibrate_second_camera(
     file: &str,
     board: &Board,
     lenses: Lenses,
-    settings: &UncertaintySettings,
 ) -> Result<SecondCamera, SecondCameraError> {
     if first.starts.len() != 1 || second.starts.len() != 1 {
         return Err(SecondCameraError::SeveralRecordings);
@@ -68,7 +66,6 @@ pub fn calibrate_second_camera(
         Apart { refined: &of_second.refined, uncertainty: &second.trust.uncertainty },
         &symmetries(board),
         lenses,
-        settings,
     )?;
     Ok(mounted(first, second, file, None, calibration))
 }
@@ -108,7 +105,6 @@ pub fn calibrate_frame_camera(
     rolling_shutter: bool,
     board: &Board,
     lenses: Lenses,
-    settings: &UncertaintySettings,
 ) -> Result<SecondCamera, SecondCameraError> {
     if first.starts.len() != 1 {
         return Err(SecondCameraError::SeveralRecordings);
@@ -126,7 +122,7 @@ pub fn calibrate_frame_camera(
         rolling_shutter,
     };
     let apart = Apart { refined: &of_first.refined, uncertainty: &first.trust.uncertainty };
-    let calibration = calibrate_frames(apart, camera, &symmetries(board), lenses, settings)?;
+    let calibration = calibrate_frames(apart, camera, &symmetries(board), lenses)?;
     let used = SecondFrames { used: frames.len(), stamps: images.stamps(), exposure_known: images.exposure_known() };
     Ok(mounted(first, second, &images.name(), Some(used), calibration))
 }
@@ -146,7 +142,6 @@ fn seen_frame(posed: &PosedFrame, frame: &ReferenceFrame) -> SeenFrame {
 pub fn calibrate_own_pictures(
     first: &Calibrated,
     held: Option<&HeldIntrinsics>,
-    settings: &UncertaintySettings,
 ) -> Result<SecondCamera, SecondCameraError> {
     if first.starts.len() != 1 {
         return Err(SecondCameraError::SeveralRecordings);
@@ -160,7 +155,7 @@ pub fn calibrate_own_pictures(
         points: &pictures.points,
         point_sigma: pictures.report.spread,
     };
-    let calibration = calibrate_pictures_against(refined, seen, held, settings)?;
+    let calibration = calibrate_pictures_against(refined, seen, held)?;
     let start = first.starts.first().copied().unwrap_or(0.0);
     Ok(SecondCamera {
         file: "the first camera's own frames".to_owned(),

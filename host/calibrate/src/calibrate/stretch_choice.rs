@@ -18,7 +18,6 @@ use serde::{Deserialize, Serialize};
 use super::Task;
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::ObservedCircle;
-use crate::initial::InitialSettings;
 use crate::initial::information::{Information, ProjectionMeasure, prior, view_information};
 use crate::initial::model_choice::ModelRequest;
 use crate::initial::provisional::{provisional_camera, provisional_pose};
@@ -146,7 +145,7 @@ impl Told {
             let frames = frames.get(second.frames.clone()).unwrap_or_default();
             let step = frames.len().div_ceil(WINDOWS_OF_SECOND).max(1);
             let looked_at = frames.iter().step_by(step);
-            let sum = looked_at.filter_map(|frame| information(&camera, frame, task.board, settings));
+            let sum = looked_at.filter_map(|frame| information(&camera, frame, task.board));
             sum.fold(Information::zeros(), |sum, one| sum + one) * step as f64
         };
         Some(Self {
@@ -188,14 +187,9 @@ impl Told {
 }
 
 /// What one window tells of `camera`.
-fn information(
-    camera: &Camera<f64>,
-    frame: &CompactFrame,
-    board: &Board,
-    settings: &InitialSettings,
-) -> Option<Information> {
+fn information(camera: &Camera<f64>, frame: &CompactFrame, board: &Board) -> Option<Information> {
     let circles = frame.observed();
-    let pose = provisional_pose(camera, &circles, board, settings)?;
+    let pose = provisional_pose(camera, &circles, board)?;
     view_information(camera, &pose, circles.iter().map(|circle| board.circle_center(circle.index)))
 }
 

@@ -63,6 +63,15 @@ const FEWEST: usize = 8;
 const MOST_DOTS: usize = 18;
 /// Fewest dots with which the map from the board is curved.
 const CURVED: usize = 9;
+/// Largest amplitude of four corners in the rims of discs (radii). Squares have 0.11.
+const LARGEST_CORNERS: f64 = 0.02;
+/// Most events of the opposite polarity within and around discs, beyond what noise has, as a share of those on their rims.
+/// Rings have more.
+const MOST_HOLLOW: f64 = 0.12;
+/// One window has to tell so many times as much.
+const OF_ONE_WINDOW: f64 = 2.0;
+/// Standard deviations beyond which corners are certain.
+const CERTAIN: f64 = 3.0;
 
 impl DotShape {
     /// What a frame says of the dots of `pattern`; `None` if it holds no events.
@@ -138,6 +147,21 @@ impl DotShape {
     /// their flanks.
     pub fn hollowness(&self) -> f64 {
         self.opposite / self.flank.max(1.0)
+    }
+
+    /// Whether the dots of a board may be discs, as far as all its windows tell.
+    pub(super) fn may_be_discs(&self) -> bool {
+        self.is_below(1.0)
+    }
+
+    /// The same of one window.
+    pub(super) fn may_be_discs_in_window(&self) -> bool {
+        self.is_below(OF_ONE_WINDOW)
+    }
+
+    fn is_below(&self, factor: f64) -> bool {
+        let certain = self.corners().map_or(0.0, |(amplitude, sigma)| amplitude - CERTAIN * sigma);
+        certain <= factor * LARGEST_CORNERS && self.hollowness() <= factor * MOST_HOLLOW
     }
 }
 

@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 use std::str::FromStr;
 
-use super::dot_shape::DotShape;
 use evcal_core::circle::{CircleSettings, Extraction};
 use evcal_core::cluster::ClusterSettings;
 use evcal_core::detector::DetectorSettings;
@@ -11,7 +10,7 @@ use evcal_core::grid::GridCandidate;
 use evcal_core::pattern::Pattern;
 use evcal_core::sensor::Sensor;
 use evcal_core::settings;
-use evcal_core::settings::{at_least, from_to};
+use evcal_core::settings::from_to;
 use evcal_core::window::WindowSettings;
 use serde::{Deserialize, Serialize};
 
@@ -79,19 +78,8 @@ settings! {
         /// OpenCV's grid finder, where it is there. Not in settings files.
         #[serde(skip)]
         pub opencv: Option<WholeBoardFinder> = None;
-        /// Length of the parts of a recording that are searched independently of each other.
-        pub chunk: f64 = 0.1, "s", from_to(1e-3, 10.0);
         /// Smallest share of the board's circles that makes a reference frame; never fewer than 6 circles.
         pub fewest_circles: f64 = 0.4, "", from_to(0.0, 1.0);
-        /// Longest time from a reference frame to a window whose circles could lie in several places on the board:
-        /// the frame then tells in which. 0 leaves such windows out.
-        pub longest_prediction: f64 = 0.03, "s", at_least(0.0);
-        /// Largest amplitude of four corners in the dots' rims. The dots are rejected if all windows together exceed
-        /// this by more than 3 σ, or a single window exceeds twice this by more than 3 σ. Squares have 0.11.
-        pub largest_corners: f64 = 0.02, "radii", at_least(0.0);
-        /// Most events of the opposite polarity within and around the dots, beyond what noise has, as a share of those on their
-        /// rims, in all windows together; one window may have twice this. Rings have more.
-        pub most_hollow: f64 = 0.12, "", at_least(0.0);
         /// Which stretch of time is searched.
         pub window: WindowSettings;
         /// DBSCAN.
@@ -103,10 +91,6 @@ settings! {
 
 /// No frame has fewer circles, however small the board.
 const FEWEST_CIRCLES: usize = 6;
-/// One window has to tell so many times as much.
-const OF_ONE_WINDOW: f64 = 2.0;
-/// Standard deviations beyond which corners are certain.
-const CERTAIN: f64 = 3.0;
 /// Longer side of the sensor that the defaults are for, in pixels.
 const USUAL_SIDE: f64 = 346.0;
 
@@ -121,21 +105,6 @@ impl DetectionSettings {
         settings.circle.max_radius = (f64::from(self.circle.max_radius) * scale) as f32;
         settings.window.most_events = (f64::from(self.window.most_events) * scale) as u32;
         Cow::Owned(settings)
-    }
-
-    /// Whether the dots of a board may be discs, as far as all its windows tell.
-    pub(super) fn may_be_discs(&self, shape: &DotShape) -> bool {
-        self.tolerates(shape, 1.0)
-    }
-
-    /// The same of one window.
-    pub(super) fn may_be_discs_in_window(&self, shape: &DotShape) -> bool {
-        self.tolerates(shape, OF_ONE_WINDOW)
-    }
-
-    fn tolerates(&self, shape: &DotShape, factor: f64) -> bool {
-        let certain = shape.corners().map_or(0.0, |(amplitude, sigma)| amplitude - CERTAIN * sigma);
-        certain <= factor * self.largest_corners && shape.hollowness() <= factor * self.most_hollow
     }
 
     /// The part that the core's detector takes.

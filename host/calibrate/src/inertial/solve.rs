@@ -179,7 +179,7 @@ fn with_samples(joint: &Joint, estimate: &Estimate, events: Vec<Part>) -> Linear
     let counts: Vec<usize> = trajectories.iter().map(Trajectory::control_point_count).collect();
     let globals = COUNT + joint.problem.free.places().len();
     let mut system = System::new(&counts, ORDER, globals, events.iter().chain(&parts));
-    system.add_smoothness(trajectories, &joint.problem.settings);
+    system.add_smoothness(trajectories);
     for (index, (distance, sigma)) in priors(&estimate.parameters, joint.settings).into_iter().enumerate() {
         system.add_prior(index, distance, sigma);
     }

@@ -16,7 +16,7 @@ use crate::solve::event_bias::bias::Biases;
 use crate::solve::event_bias::{CLASS_COUNT, unknown};
 use crate::solve::observation::SegmentObservations;
 use crate::solve::residual_statistics::ResidualStatistics;
-use crate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, SolveSettings, State};
+use crate::solve::{BOARD_PARAMETERS, FreeParameters, HUBER, ITERATIONS, Problem, ResidualMeasure, State};
 use crate::trajectory::RotationSpline;
 use crate::trajectory::fit::{TrajectoryShape, fit};
 use crate::trust::verdict::Grade;
@@ -160,7 +160,9 @@ impl Bench {
                 board: [false; BOARD_PARAMETERS],
                 biases: [Biases::default(); CLASS_COUNT],
             },
-            settings: SolveSettings::default(),
+            residual: ResidualMeasure::Pixel,
+            huber: HUBER,
+            iterations: ITERATIONS,
         };
         let state = State {
             camera: camera(),

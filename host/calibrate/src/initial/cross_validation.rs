@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::frame_pose::{FramePose, PoseError, settle_pose};
 use super::refit::{Frame, PixelRows, ProjectedCircle, Rejection, refit_circle};
 use super::report::{DropReason, InitialReport, ValidationCounts};
-use super::settings::InitialSettings;
+use super::settings::{InitialSettings, MAX_MOTION_GAP};
 use super::sighting::{BoardPoint, Sighting};
 use super::{Posed, drop_frame, settled};
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
@@ -43,7 +43,7 @@ pub fn cross_validate(
             let frame = frames.get(here.sighting.frame);
             let validated = match frame.and_then(|frame| Some((frame, frame.events()?))) {
                 Some((frame, events)) => {
-                    let motion = motion(&posed, position, frame.end - frame.start, settings);
+                    let motion = motion(&posed, position, frame.end - frame.start);
                     let pixels = PixelRows::new(events);
                     let view = Frame { camera, pose: here.pose, motion, sensor, pixels: &pixels };
                     confirm(&view, &here.sighting, board, settings)
@@ -71,17 +71,12 @@ pub fn cross_validate(
 }
 
 /// Poses of the neighbours of a frame and the part of the way between them that `duration` spans.
-fn motion(
-    posed: &[Posed],
-    position: usize,
-    duration: f64,
-    settings: &InitialSettings,
-) -> Option<(Isometry3<f64>, Isometry3<f64>, f64)> {
+fn motion(posed: &[Posed], position: usize, duration: f64) -> Option<(Isometry3<f64>, Isometry3<f64>, f64)> {
     let here = posed.get(position)?;
     let near = |position: Option<usize>| {
         position.and_then(|position| posed.get(position)).filter(|other| {
             other.sighting.recording == here.sighting.recording
-                && (other.sighting.t - here.sighting.t).abs() <= settings.max_motion_gap
+                && (other.sighting.t - here.sighting.t).abs() <= MAX_MOTION_GAP
         })
     };
     let before = near(position.checked_sub(1)).unwrap_or(here);

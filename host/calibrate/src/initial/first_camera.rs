@@ -9,11 +9,17 @@ use super::bundle::{Bundle, BundleView, bundle};
 use super::frame_pose::robust_pose;
 use super::native_start::native_start;
 use super::report::{InitialError, InitialReport, OpencvStart};
-use super::settings::InitialSettings;
+use super::settings::{HUBER, InitialSettings, MAX_START_RMS, START_VIEWS};
 use super::sighting::{BoardPoint, Sighting};
 use super::start::start_of;
 use super::view_selection::select_views;
 use evcal_geometry::board::Board;
+
+/// Views of the bundle refinement after the first calibration.
+const BUNDLE_VIEWS: usize = 80;
+
+/// Largest standard deviation of the focal length, as a share of it, that counts as calibrated.
+const MAX_FOCAL_DEVIATION: f64 = 0.05;
 
 /// Bundle refinement of a camera on the views that get a pose with it.
 pub fn refine_start(
@@ -38,7 +44,7 @@ pub fn refine_start(
     }
     let views: Vec<BundleView<'_>> = posed.iter().map(|(points, pose)| BundleView { points, pose: *pose }).collect();
     let free = vec![true; camera.kind().parameter_names().len()];
-    Some((posed.len(), bundle(camera, &views, &free, sensor, settings.huber)?))
+    Some((posed.len(), bundle(camera, &views, &free, sensor, HUBER)?))
 }
 
 /// The views that a first camera is looked for with.
@@ -68,17 +74,17 @@ pub fn first_camera(
     report: &mut InitialReport,
 ) -> Result<Bundle, InitialError> {
     let all: Vec<&[BoardPoint]> = sightings.iter().map(|sighting| sighting.points.as_slice()).collect();
-    let all = select_views(&all, board, sensor, settings.first_bundle_views)
+    let all = select_views(&all, board, sensor, BUNDLE_VIEWS)
         .into_iter()
         .filter_map(|position| all.get(position).copied())
         .collect();
-    let views = StartViews { all, first: settings.start_views };
+    let views = StartViews { all, first: START_VIEWS };
     let started = start_of(settings).camera(kind, views.first(), sensor, settings);
     let mut best = started.camera.and_then(|camera| refine_start(&camera, &views.all, sensor, settings));
     let reason = reason(started.opencv.as_ref());
     report.native_start = started.opencv.is_none();
     report.opencv = started.opencv;
-    if report.opencv.is_some() && !is_good(&best, &views, settings) {
+    if report.opencv.is_some() && !is_good(&best, &views) {
         let native = native_start(kind, views.first(), sensor, settings)
             .and_then(|start| refine_start(&start.camera, &views.all, sensor, settings));
         if merit(&native) > merit(&best) {
@@ -87,7 +93,7 @@ pub fn first_camera(
         }
     }
     let (_, bundle) = best.ok_or(InitialError::NoCamera { views: views.all.len(), reason })?;
-    views_differ(&bundle, settings)?;
+    views_differ(&bundle)?;
     Ok(bundle)
 }
 
@@ -101,10 +107,8 @@ fn reason(opencv: Option<&OpencvStart>) -> String {
 }
 
 /// Whether a camera explains most of the views.
-fn is_good(candidate: &Candidate, views: &StartViews<'_>, settings: &InitialSettings) -> bool {
-    candidate
-        .as_ref()
-        .is_some_and(|(posed, bundle)| 2 * posed > views.all.len() && bundle.rms <= settings.max_start_rms)
+fn is_good(candidate: &Candidate, views: &StartViews<'_>) -> bool {
+    candidate.as_ref().is_some_and(|(posed, bundle)| 2 * posed > views.all.len() && bundle.rms <= MAX_START_RMS)
 }
 
 /// The number of views that a camera explains, then how well.
@@ -113,12 +117,8 @@ fn merit(candidate: &Candidate) -> (usize, f64) {
 }
 
 /// Whether the views fix the focal lengths.
-pub fn views_differ(bundle: &Bundle, settings: &InitialSettings) -> Result<(), InitialError> {
+pub fn views_differ(bundle: &Bundle) -> Result<(), InitialError> {
     let focal = bundle.camera.axial_focal_lengths().unwrap_or([f64::NAN; 2]);
     let relative = focal.iter().zip(&bundle.axial_focal_sigma).map(|(focal, sigma)| sigma / focal).fold(0.0, f64::max);
-    if relative <= settings.max_focal_deviation {
-        Ok(())
-    } else {
-        Err(InitialError::ViewsAlike { percent: 100.0 * relative })
-    }
+    if relative <= MAX_FOCAL_DEVIATION { Ok(()) } else { Err(InitialError::ViewsAlike { percent: 100.0 * relative }) }
 }

@@ -6,12 +6,18 @@ use nalgebra::Isometry3;
 use super::bundle_adjustment::ImagePoint;
 use super::planar_pose::PlanePoint;
 use super::pose::{cost, normalised, refine_pose};
-use super::settings::InitialSettings;
+use super::settings::{HUBER, InitialSettings};
 use super::sighting::BoardPoint;
 use super::start::start_of;
 
 /// Cost, as a multiple of the better one's, up to which IPPE's second solution is followed too.
 const RIVAL_COST: f64 = 5.0;
+
+/// Samples of RANSAC for each frame.
+const RANSAC_SAMPLES: u16 = 100;
+
+/// Smallest share of a frame's circles that must agree with its pose.
+const MIN_INLIER_FRACTION: f64 = 0.6;
 
 /// Pose of a frame by [`robust_pose`].
 #[derive(Clone, Debug, PartialEq)]
@@ -46,18 +52,18 @@ pub fn robust_pose(
 ) -> Result<FramePose, PoseError> {
     let (before, plane): (Vec<BoardPoint>, Vec<PlanePoint>) = normalised(camera, points).into_iter().unzip();
     let focal = camera.parameters().iter().take(2).sum::<f64>() / 2.0;
-    let planar = start_of(settings).plane_pose(&plane, settings.max_circle_error / focal, settings.ransac_iterations);
+    let planar = start_of(settings).plane_pose(&plane, settings.max_circle_error / focal, RANSAC_SAMPLES);
     let planar = planar.ok_or(PoseError::NotFound)?;
     let agreeing: Vec<BoardPoint> = planar.inliers.iter().filter_map(|&inlier| before.get(inlier).copied()).collect();
     // The second solution of IPPE counts only where it explains the images almost as well.
-    let costs: Vec<f64> = planar.solutions.iter().map(|start| cost(camera, start, &agreeing, settings.huber)).collect();
+    let costs: Vec<f64> = planar.solutions.iter().map(|start| cost(camera, start, &agreeing, HUBER)).collect();
     let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
     let refined = planar
         .solutions
         .iter()
         .zip(&costs)
         .filter(|(_, cost)| **cost <= RIVAL_COST * least)
-        .filter_map(|(start, _)| refine_pose(camera, &agreeing, start, settings.huber))
+        .filter_map(|(start, _)| refine_pose(camera, &agreeing, start, HUBER))
         .min_by(|a, b| a.cost.total_cmp(&b.cost))
         .ok_or(PoseError::NotFound)?;
     settle_pose(camera, points, &refined.pose, settings)
@@ -82,11 +88,11 @@ pub fn settle_pose(
         inliers = now;
         let agreeing: Vec<BoardPoint> =
             points.iter().zip(&inliers).filter(|(_, inlier)| **inlier).map(|(point, _)| *point).collect();
-        let enough = settings.min_inlier_fraction * points.len() as f64;
+        let enough = MIN_INLIER_FRACTION * points.len() as f64;
         if agreeing.len() < settings.min_circles || (agreeing.len() as f64) < enough {
             return Err(PoseError::TooFewInliers);
         }
-        pose = refine_pose(camera, &agreeing, &pose, settings.huber).ok_or(PoseError::NotFound)?.pose;
+        pose = refine_pose(camera, &agreeing, &pose, HUBER).ok_or(PoseError::NotFound)?.pose;
     }
     if pose.inverse().translation.vector.z >= 0.0 {
         return Err(PoseError::BehindBoard);

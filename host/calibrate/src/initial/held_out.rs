@@ -14,7 +14,7 @@ use serde::Serialize;
 use super::InitialModel;
 use super::bundle::{BundleView, bundle};
 use super::pose::refine_pose;
-use super::settings::InitialSettings;
+use super::settings::{HUBER, InitialSettings};
 use super::sighting::BoardPoint;
 use super::view_selection::select_views;
 use crate::circles::reference_frame::ReferenceFrame;
@@ -37,16 +37,12 @@ impl HeldOutCost {
     }
 }
 
-/// How the frames are divided.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Division {
-    /// Blocks of neighbouring frames.
-    pub blocks: usize,
-    /// Folds, to which the blocks are dealt out.
-    pub folds: usize,
-    /// Views that refine the camera of each fold.
-    pub views: usize,
-}
+/// Blocks of neighbouring frames.
+const BLOCKS: usize = 20;
+/// Folds, to which the blocks are dealt out; each is held out once.
+const FOLDS: usize = 5;
+/// Views that refine the camera of each fold.
+const VIEWS: usize = 100;
 
 /// Circles of one frame, all at its time.
 #[derive(Clone, Debug)]
@@ -88,23 +84,21 @@ pub fn held_out(
     start: &Camera<f64>,
     board: &Board,
     sensor: Sensor,
-    division: &Division,
     settings: &InitialSettings,
 ) -> Option<HeldOutCost> {
     let frames = &circles.frames;
-    let blocks = division.blocks.clamp(1, frames.len().max(1));
-    let folds = division.folds.clamp(2, blocks.max(2));
+    let blocks = BLOCKS.min(frames.len().max(1));
+    let folds = FOLDS.min(blocks.max(2));
     let block_of = |position: usize| position * blocks / frames.len().max(1);
-    let lost = huber_cost(settings.max_circle_error.powi(2), settings.huber);
-    let posed =
-        |camera: &Camera<f64>, frame: &SeenFrame| refine_pose(camera, &frame.points, &frame.pose, settings.huber);
+    let lost = huber_cost(settings.max_circle_error.powi(2), HUBER);
+    let posed = |camera: &Camera<f64>, frame: &SeenFrame| refine_pose(camera, &frame.points, &frame.pose, HUBER);
     let mut sums = vec![(0.0, 0_usize); blocks];
     for fold in 0..folds {
         let in_fold = |position: usize| block_of(position) % folds == fold;
         let others: Vec<&SeenFrame> =
             frames.iter().enumerate().filter(|(position, _)| !in_fold(*position)).map(|(_, frame)| frame).collect();
         let points: Vec<&[BoardPoint]> = others.iter().map(|frame| frame.points.as_slice()).collect();
-        let chosen = select_views(&points, board, sensor, division.views);
+        let chosen = select_views(&points, board, sensor, VIEWS);
         let views: Vec<BundleView<'_>> = chosen
             .par_iter()
             .map(|&position| {
@@ -119,7 +113,7 @@ pub fn held_out(
             return None;
         }
         let free = vec![true; start.kind().parameter_names().len()];
-        let camera = bundle(start, &views, &free, sensor, settings.huber)?.camera;
+        let camera = bundle(start, &views, &free, sensor, HUBER)?.camera;
         let costs: Vec<(usize, f64, usize)> = frames
             .par_iter()
             .enumerate()

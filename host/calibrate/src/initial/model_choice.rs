@@ -15,12 +15,10 @@ use std::fmt;
 use std::str::FromStr;
 
 use evcal_core::camera::{ModelKind, UnknownModel};
-use evcal_core::settings;
-use evcal_core::settings::{at_least, from_to};
 use serde::{Deserialize, Serialize};
 
 use crate::circles::reference_frame::ReferenceFrame;
-use crate::initial::held_out::{ComparedCircles, Division, HeldOutCost, held_out};
+use crate::initial::held_out::{ComparedCircles, HeldOutCost, held_out};
 use crate::initial::{InitialError, InitialModel, InitialSettings, initial_model};
 use evcal_geometry::board::Board;
 use evcal_geometry::lens::folds::folds;
@@ -72,25 +70,11 @@ impl FromStr for ModelRequest {
     }
 }
 
-settings! {
-    /// Which camera model, where it is left to the program.
-    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-    #[serde(deny_unknown_fields, default)]
-    pub struct ModelChoiceSettings {
-        /// Blocks of neighbouring frames, which count as independent of each other.
-        pub blocks: usize = 20, "blocks", from_to(2.0, 1e4);
-        /// Parts to which the blocks are dealt out; each is held out once.
-        pub folds: usize = 5, "parts", from_to(2.0, 1e4);
-        /// Views from which the camera is refined without a part.
-        pub views: usize = 100, "views", at_least(3.0);
-        /// Standard errors by which a model's held-out cost may exceed the best one's for it to count as being as
-        /// good.
-        pub standard_errors: f64 = 1.0, "", at_least(0.0);
-        /// If none of the equally good models exists in OpenCV and ROS: by which share of the best cost an OpenCV/ROS
-        /// model may be worse and still be taken.
-        pub negligible: f64 = 1e-3, "", at_least(0.0);
-    }
-}
+/// Standard errors by which a model's held-out cost may exceed the best one's for it to count as being as good.
+const STANDARD_ERRORS: f64 = 1.0;
+/// If none of the equally good models exists in OpenCV and ROS: by which share of the best cost an OpenCV/ROS model may be worse and
+/// still be taken.
+const NEGLIGIBLE: f64 = 1e-3;
 
 /// A candidate's place among the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -131,7 +115,7 @@ fn mean_and_error(values: &[f64]) -> (f64, f64) {
 ///
 /// A model that folds over inside the image counts only where all do. One that is widely held goes before one that is not. Of
 /// candidates with equally many parameters, the one with the smaller cost is simpler.
-pub fn choose(candidates: &[Candidate], settings: &ModelChoiceSettings) -> Option<(usize, Vec<Standing>)> {
+pub fn choose(candidates: &[Candidate]) -> Option<(usize, Vec<Standing>)> {
     let cost = |candidate: &Candidate| candidate.held_out.mean();
     let best = candidates.iter().min_by(|a, b| a.folds.cmp(&b.folds).then(cost(a).total_cmp(&cost(b))))?;
     let mut standings: Vec<Standing> = candidates
@@ -140,15 +124,14 @@ pub fn choose(candidates: &[Candidate], settings: &ModelChoiceSettings) -> Optio
             let pairs = candidate.held_out.block_costs.iter().zip(&best.held_out.block_costs);
             let differences: Vec<f64> = pairs.map(|(own, best)| own - best).collect();
             let (excess, standard_error) = mean_and_error(&differences);
-            let as_good = candidate.folds == best.folds && excess <= settings.standard_errors * standard_error;
+            let as_good = candidate.folds == best.folds && excess <= STANDARD_ERRORS * standard_error;
             Standing { excess, standard_error, as_good, nearly_as_good: false }
         })
         .collect();
     if !candidates.iter().zip(&standings).any(|(candidate, standing)| candidate.widely_held && standing.as_good) {
         for (candidate, standing) in candidates.iter().zip(&mut standings) {
-            standing.nearly_as_good = candidate.widely_held
-                && candidate.folds == best.folds
-                && standing.excess <= settings.negligible * cost(best);
+            standing.nearly_as_good =
+                candidate.widely_held && candidate.folds == best.folds && standing.excess <= NEGLIGIBLE * cost(best);
         }
     }
     let counts = |standing: &Standing| standing.as_good || standing.nearly_as_good;
@@ -285,7 +268,6 @@ pub fn choose_model(
     sensor: Sensor,
     models: &[ModelKind],
     initial: &InitialSettings,
-    settings: &ModelChoiceSettings,
     mut progress: impl FnMut(ModelKind),
 ) -> Result<(InitialModel, ModelChoice), InitialError> {
     let mut found: Vec<(ModelKind, InitialModel)> = Vec::new();
@@ -307,9 +289,8 @@ pub fn choose_model(
     };
     let circles_of = *circles_of;
     let circles = ComparedCircles::new(reference, frames, board);
-    let division = Division { blocks: settings.blocks, folds: settings.folds, views: settings.views };
     let held: Vec<Option<HeldOutCost>> =
-        found.iter().map(|(_, model)| held_out(&circles, &model.camera, board, sensor, &division, initial)).collect();
+        found.iter().map(|(_, model)| held_out(&circles, &model.camera, board, sensor, initial)).collect();
     let compared: Vec<usize> = (0..found.len()).filter(|&index| matches!(held.get(index), Some(Some(_)))).collect();
     let candidates: Vec<Candidate> = found
         .iter()
@@ -321,7 +302,7 @@ pub fn choose_model(
             held_out.clone().map(|held_out| Candidate { parameters, widely_held, folds, held_out })
         })
         .collect();
-    let (chosen, standings) = match choose(&candidates, settings) {
+    let (chosen, standings) = match choose(&candidates) {
         Some((position, standings)) => (compared.get(position).copied(), standings),
         None => (None, Vec::new()),
     };
@@ -391,7 +372,7 @@ mod tests {
             candidate(8, &[1.01, 1.99, 3.02, 4.00]),
             candidate(5, &[1.5, 2.4, 3.6, 4.5]),
         ];
-        let (chosen, standings) = choose(&candidates, &ModelChoiceSettings::default()).unwrap();
+        let (chosen, standings) = choose(&candidates).unwrap();
         assert_eq!(chosen, 1);
         assert!(standings[0].as_good && standings[1].as_good && !standings[2].as_good);
         assert_eq!((standings[0].excess, standings[0].standard_error), (0.0, 0.0));
@@ -405,27 +386,25 @@ mod tests {
     fn what_is_hard_for_all_does_not_hide_a_difference() {
         let hard = [0.1, 5.0, 0.3, 9.0, 1.0];
         let worse = hard.map(|cost| cost + 0.01);
-        let (chosen, standings) =
-            choose(&[candidate(4, &worse), candidate(9, &hard)], &ModelChoiceSettings::default()).unwrap();
+        let (chosen, standings) = choose(&[candidate(4, &worse), candidate(9, &hard)]).unwrap();
         assert_eq!(chosen, 1);
         assert!(!standings[0].as_good && standings[0].standard_error < 1e-9);
     }
 
     #[test]
     fn of_equally_simple_models_the_better_one_is_chosen() {
-        let (chosen, _) =
-            choose(&[candidate(8, &[1.1, 0.9]), candidate(8, &[0.9, 1.0])], &ModelChoiceSettings::default()).unwrap();
+        let (chosen, _) = choose(&[candidate(8, &[1.1, 0.9]), candidate(8, &[0.9, 1.0])]).unwrap();
         assert_eq!(chosen, 1);
-        assert_eq!(choose(&[], &ModelChoiceSettings::default()), None);
+        assert_eq!(choose(&[]), None);
     }
 
     #[test]
     fn a_model_that_others_hold_goes_before_one_that_they_do_not() {
         let rare = Candidate { widely_held: false, ..candidate(6, &[1.0, 1.2, 0.9]) };
         let held = candidate(8, &[1.01, 1.19, 0.91]);
-        let (chosen, standings) = choose(&[rare.clone(), held], &ModelChoiceSettings::default()).unwrap();
+        let (chosen, standings) = choose(&[rare.clone(), held]).unwrap();
         assert_eq!((chosen, standings[1].as_good), (1, true), "{standings:?}");
-        let (chosen, _) = choose(&[rare, candidate(8, &[1.5, 1.7, 1.4])], &ModelChoiceSettings::default()).unwrap();
+        let (chosen, _) = choose(&[rare, candidate(8, &[1.5, 1.7, 1.4])]).unwrap();
         assert_eq!(chosen, 0);
     }
 
@@ -435,27 +414,24 @@ mod tests {
         let rare = Candidate { widely_held: false, ..candidate(5, &[1.0, 1.2, 0.9]) };
         let slightly_worse = candidate(8, &[1.0009, 1.2010, 0.9011]);
         let simpler = candidate(4, &[1.0007, 1.2008, 0.9009]);
-        let choose = |candidates: &[Candidate], negligible| {
-            let settings = ModelChoiceSettings { negligible, ..ModelChoiceSettings::default() };
-            choose(candidates, &settings).unwrap().0
-        };
-        assert_eq!(choose(&[rare.clone(), slightly_worse.clone()], 1e-3), 1);
-        assert_eq!(choose(&[rare.clone(), slightly_worse.clone()], 5e-4), 0);
+        let choose = |candidates: &[Candidate]| choose(candidates).unwrap().0;
+        assert_eq!(choose(&[rare.clone(), slightly_worse.clone()]), 1);
+        let twice_as_bad = candidate(8, &[1.0018, 1.2020, 0.9022]);
+        assert_eq!(choose(&[rare.clone(), twice_as_bad]), 0);
         // One that they hold and that is as good leaves no need for it.
         let best = candidate(12, &[1.0, 1.2, 0.9]);
-        assert_eq!(choose(&[rare, best, simpler, slightly_worse], 1e-3), 1);
+        assert_eq!(choose(&[rare, best, simpler, slightly_worse]), 1);
     }
 
     #[test]
     fn a_model_that_folds_counts_only_where_all_do() {
-        let settings = ModelChoiceSettings::default();
         let folding = |model: &Candidate| Candidate { folds: true, ..model.clone() };
         let (better, worse) = (candidate(12, &[1.0, 1.2, 0.9]), candidate(8, &[1.1, 1.3, 1.02]));
-        let (chosen, standings) = choose(&[folding(&better), worse.clone()], &settings).unwrap();
+        let (chosen, standings) = choose(&[folding(&better), worse.clone()]).unwrap();
         assert_eq!((chosen, standings[0].as_good, standings[1].as_good), (1, false, true));
         assert!(standings[0].excess < 0.0 && standings[1].excess == 0.0);
-        assert_eq!(choose(&[folding(&better), folding(&worse)], &settings).unwrap().0, 0);
-        assert_eq!(choose(&[better, worse], &settings).unwrap().0, 0);
+        assert_eq!(choose(&[folding(&better), folding(&worse)]).unwrap().0, 0);
+        assert_eq!(choose(&[better, worse]).unwrap().0, 0);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::bundle::{Bundle, BundleView, bundle};
 use super::pose::homography_pose;
-use super::settings::InitialSettings;
+use super::settings::{HUBER, InitialSettings};
 use super::sighting::BoardPoint;
 
 /// Which parameters move in each pass of the native start: the focal lengths and the first
@@ -61,8 +61,7 @@ pub fn native_start(
     };
     let scores: Vec<f64> = scan.par_iter().map(score).collect();
     let (start, _) = scan.iter().zip(&scores).min_by(|a, b| a.1.total_cmp(b.1))?;
-    let fits: Vec<_> =
-        views.par_iter().map(|points| homography_pose(start, points, settings.huber)).collect::<Vec<_>>();
+    let fits: Vec<_> = views.par_iter().map(|points| homography_pose(start, points, HUBER)).collect::<Vec<_>>();
     let mut bundle_views: Vec<BundleView<'_>> =
         views.iter().zip(fits).filter_map(|(points, fit)| Some(BundleView { points, pose: fit?.pose })).collect();
     if bundle_views.len() < settings.min_frames {
@@ -71,7 +70,7 @@ pub fn native_start(
     let mut camera = *start;
     let mut result = None;
     for free in passes(count) {
-        let refined = bundle(&camera, &bundle_views, &free, sensor, settings.huber)?;
+        let refined = bundle(&camera, &bundle_views, &free, sensor, HUBER)?;
         camera = refined.camera;
         for (view, pose) in bundle_views.iter_mut().zip(&refined.poses) {
             view.pose = *pose;

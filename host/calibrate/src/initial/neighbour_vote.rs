@@ -3,6 +3,9 @@
 //! No frame is trusted because it came first. The frame with the worst vote leaves, its neighbours'
 //! votes are counted again, and so on until no frame is outvoted.
 
+/// Neighbouring frames on each side that vote on a frame.
+const REACH: usize = 3;
+
 /// A frame that takes part in a vote.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Voter {
@@ -35,14 +38,14 @@ impl Tally {
 /// For each of `voters`, in the order of recording and time, whether it stays.
 ///
 /// `agree(i, j)` tells whether frames `i` and `j` can both be right, `None` if that cannot be told;
-/// the `reach` nearest frames on each side are asked.
-pub fn vote(voters: &[Voter], reach: usize, agree: impl Fn(usize, usize) -> Option<bool>) -> Vec<bool> {
+/// the [`REACH`] nearest frames on each side are asked.
+pub fn vote(voters: &[Voter], agree: impl Fn(usize, usize) -> Option<bool>) -> Vec<bool> {
     let mut alive: Vec<usize> = (0..voters.len()).collect();
     let tally = |alive: &[usize], position: usize| {
         let mut tally = Tally::default();
         let Some(&own) = alive.get(position) else { return tally };
-        let first = position.saturating_sub(reach);
-        for &other in alive.iter().skip(first).take(position - first + reach + 1) {
+        let first = position.saturating_sub(REACH);
+        for &other in alive.iter().skip(first).take(position - first + REACH + 1) {
             let neighbours = other != own
                 && voters.get(other).zip(voters.get(own)).is_some_and(|(other, own)| other.recording == own.recording);
             match neighbours.then(|| agree(own.min(other), own.max(other))).flatten() {
@@ -64,8 +67,8 @@ pub fn vote(voters: &[Voter], reach: usize, agree: impl Fn(usize, usize) -> Opti
         let Some((position, _)) = worst else { break };
         alive.remove(position);
         tallies.remove(position);
-        let first = position.saturating_sub(reach);
-        for (position, slot) in tallies.iter_mut().enumerate().skip(first).take(2 * reach) {
+        let first = position.saturating_sub(REACH);
+        for (position, slot) in tallies.iter_mut().enumerate().skip(first).take(2 * REACH) {
             *slot = tally(&alive, position);
         }
     }
@@ -84,7 +87,7 @@ mod tests {
 
     fn run(values: &[f64]) -> Vec<bool> {
         let voters: Vec<Voter> = (0..values.len()).map(|index| Voter { recording: 0, t: index as f64 }).collect();
-        vote(&voters, 3, |a, b| Some((values[a] - values[b]).abs() < 1.5 * (b - a) as f64))
+        vote(&voters, |a, b| Some((values[a] - values[b]).abs() < 1.5 * (b - a) as f64))
     }
 
     #[test]
@@ -105,7 +108,7 @@ mod tests {
         assert_eq!(run(&[1.0]), [true]);
         assert_eq!(run(&[]), Vec::<bool>::new());
         let voters = [Voter { recording: 0, t: 0.0 }, Voter { recording: 1, t: 0.0 }];
-        assert_eq!(vote(&voters, 3, |_, _| Some(false)), [true, true]);
-        assert_eq!(vote(&voters, 3, |_, _| None), [true, true]);
+        assert_eq!(vote(&voters, |_, _| Some(false)), [true, true]);
+        assert_eq!(vote(&voters, |_, _| None), [true, true]);
     }
 }

@@ -8,6 +8,7 @@ use super::InitialSettings;
 use super::first_camera::views_differ;
 use super::native_start::native_start;
 use super::pose::homography_pose;
+use super::settings::{HUBER, START_VIEWS};
 use super::sighting::BoardPoint;
 use super::view_selection::select_views;
 use crate::circles::reference_frame::ObservedCircle;
@@ -30,21 +31,16 @@ pub fn provisional_camera(
 ) -> Option<Camera<f64>> {
     let views: Vec<Vec<BoardPoint>> = views.iter().map(|circles| points(circles, board)).collect();
     let views: Vec<&[BoardPoint]> = views.iter().map(Vec::as_slice).collect();
-    let chosen: Vec<&[BoardPoint]> = select_views(&views, board, sensor, settings.start_views)
+    let chosen: Vec<&[BoardPoint]> = select_views(&views, board, sensor, START_VIEWS)
         .into_iter()
         .filter_map(|position| views.get(position).copied())
         .collect();
     let bundle = native_start(kind, &chosen, sensor, settings)?;
-    views_differ(&bundle, settings).ok()?;
+    views_differ(&bundle).ok()?;
     Some(bundle.camera)
 }
 
 /// `T_camera_world` of the board whose `circles` the camera sees; `None` when they do not tell.
-pub fn provisional_pose(
-    camera: &Camera<f64>,
-    circles: &[ObservedCircle],
-    board: &Board,
-    settings: &InitialSettings,
-) -> Option<Isometry3<f64>> {
-    homography_pose(camera, &points(circles, board), settings.huber).map(|fit| fit.pose)
+pub fn provisional_pose(camera: &Camera<f64>, circles: &[ObservedCircle], board: &Board) -> Option<Isometry3<f64>> {
+    homography_pose(camera, &points(circles, board), HUBER).map(|fit| fit.pose)
 }

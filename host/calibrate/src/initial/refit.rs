@@ -25,6 +25,24 @@ const ROUNDS: usize = 6;
 /// place.
 const PULL: f64 = 0.1;
 
+/// Distance from a projected rim within which events belong to it, for a circle at rest (px).
+const RIM_BAND: f64 = 3.0;
+
+/// Most that motion within the window may add to the band (px).
+const MAX_MOTION_BAND: f64 = 4.0;
+
+/// Fewest event pixels of each polarity.
+const MIN_EVENTS: usize = 5;
+
+/// Distance from which an event counts linearly instead of squared (px).
+const HUBER: f64 = 0.7;
+
+/// Largest mean distance of the events from the refitted rim, for a circle at rest (px).
+const MAX_FIT_ERROR: f64 = 1.3;
+
+/// Largest standard deviation of the refitted centre in its worst direction (px).
+const MAX_CENTER_DEVIATION: f64 = 0.5;
+
 /// A projected circle: `rim(θ) = middle + axes · (cos θ, sin θ)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProjectedCircle {
@@ -175,9 +193,9 @@ pub fn refit_circle(
         Some((project(after)? - project(before)?) * part)
     });
     // Within the window the rim moves half the motion to either side.
-    let half_motion = motion.map_or(0.0, |motion| (motion.norm() / 2.0).min(settings.max_motion_band));
+    let half_motion = motion.map_or(0.0, |motion| (motion.norm() / 2.0).min(MAX_MOTION_BAND));
     let gap = (board.neighbour_distance() / board.radius - 2.0) * circle.smaller_radius();
-    let band = (settings.rim_band + half_motion).min(0.45 * gap).min(0.8 * circle.smaller_radius());
+    let band = (RIM_BAND + half_motion).min(0.45 * gap).min(0.8 * circle.smaller_radius());
     let inverse = circle.axes.try_inverse().ok_or(Rejection::OutsideSensor)?;
     let [low, high] = circle.bounds;
     let reach = Vector2::new(band, band);
@@ -195,7 +213,7 @@ pub fn refit_circle(
         }
     }
     let count = |polarity| events.iter().filter(|event| event.2 == polarity).count();
-    if count(Polarity::On) < settings.min_events || count(Polarity::Off) < settings.min_events {
+    if count(Polarity::On) < MIN_EVENTS || count(Polarity::Off) < MIN_EVENTS {
         return Err(Rejection::TooFewEvents);
     }
     // A dot that moves has ON events on one side and OFF events on the other.
@@ -203,7 +221,7 @@ pub fn refit_circle(
     if side(Polarity::On).dot(&side(Polarity::Off)) >= 0.0 {
         return Err(Rejection::Disagrees);
     }
-    let huber = settings.huber + half_motion / 2.0;
+    let huber = HUBER + half_motion / 2.0;
     let mut solution = Vector3::zeros();
     let mut normal = Matrix3::identity();
     let mut fit_error = 0.0;
@@ -228,8 +246,8 @@ pub fn refit_circle(
         .map(|covariance| covariance.fixed_view::<2, 2>(0, 0).symmetric_eigenvalues().max().sqrt() * fit_error);
     let agrees = shift.norm() <= settings.max_center_shift
         && solution.z.abs() <= settings.max_radius_change
-        && fit_error <= settings.max_fit_error + half_motion / 2.0
-        && deviation.is_some_and(|deviation| deviation <= settings.max_center_deviation);
+        && fit_error <= MAX_FIT_ERROR + half_motion / 2.0
+        && deviation.is_some_and(|deviation| deviation <= MAX_CENTER_DEVIATION);
     if agrees {
         Ok(RefitCircle { center: circle.center + shift, radius: circle.radius() + solution.z })
     } else {

@@ -18,6 +18,9 @@ use crate::circles::reference_frame::ObservedCircle;
 use evcal_geometry::board::Board;
 use evcal_geometry::numerics::statistics::median;
 
+/// Turn of a row that noise and perspective explain at any rate (rad).
+const ROW_ANGLE_FLOOR: f64 = 0.1;
+
 /// For each turn of the board in its plane that maps it onto itself: the new index of every circle.
 /// The first turn is none.
 pub fn board_turns(pattern: Pattern) -> Vec<Vec<usize>> {
@@ -124,7 +127,7 @@ pub fn rotation_gate(sightings: &mut [Sighting], board: &Board, settings: &Initi
         .collect();
     let agree = |a: usize, b: usize| {
         let elapsed = voters.get(b)?.t - voters.get(a)?.t;
-        let bound = settings.row_angle_floor + settings.max_row_rate * elapsed.abs();
+        let bound = ROW_ANGLE_FLOOR + settings.max_row_rate * elapsed.abs();
         let unturned = |index: usize| angles.get(*upright.get(index)?)?.first();
         // Rows of a turned frame can only be compared with the rows that they become.
         let turn = angles
@@ -135,7 +138,7 @@ pub fn rotation_gate(sightings: &mut [Sighting], board: &Board, settings: &Initi
         (bound < 0.4 * period).then_some(turn.abs() <= bound)
     };
     let mut verdicts = vec![Some(DropReason::Mirrored); sightings.len()];
-    for (stays, &index) in vote(&voters, settings.voters, agree).into_iter().zip(&upright) {
+    for (stays, &index) in vote(&voters, agree).into_iter().zip(&upright) {
         if let Some(verdict) = verdicts.get_mut(index) {
             *verdict = (!stays).then_some(DropReason::RowsTurned);
         }

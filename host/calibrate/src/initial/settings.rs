@@ -5,7 +5,7 @@ use std::fmt::Debug;
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 use evcal_core::settings;
-use evcal_core::settings::{above, at_least, from_to};
+use evcal_core::settings::{above, from_to};
 use serde::{Deserialize, Serialize};
 
 use super::planar_pose::{PlanarPose, PlanePoint};
@@ -62,65 +62,39 @@ settings! {
         /// reach the same camera.
         #[serde(skip)]
         pub start: Option<&'static dyn Start> = None;
-        /// Fewest circles of a usable frame, and fewest that must agree with its pose. Never less than 4, never
-        /// more than the board has.
-        pub min_circles: usize = 8, "circles", at_least(4.0);
-        /// Fewest frames from which a camera is estimated.
-        pub min_frames: usize = 10, "frames", at_least(3.0);
-        /// Longest time from a circle to the same circle in a neighbouring frame over which its motion is taken as
-        /// straight.
-        pub max_interpolation_gap: f64 = 0.1, "s", at_least(0.0);
-        /// Neighbouring frames on each side that vote on a frame.
-        pub voters: usize = 3, "frames", at_least(1.0);
+        /// Fewest circles of a usable frame, and fewest that must agree with its pose. Not in settings files: small boards have
+        /// fewer.
+        #[serde(skip)]
+        pub min_circles: usize = 8;
+        /// Fewest frames from which a camera is estimated. Not in settings files: one is enough where the camera is known.
+        #[serde(skip)]
+        pub min_frames: usize = 10;
+        /// Largest distance of a circle from its projection (px); beyond, it is left out of its frame. Not in settings files: it
+        /// grows with the circles.
+        #[serde(skip)]
+        pub max_circle_error: f64 = 3.0;
+        /// Largest root mean square error of a frame (px). Not in settings files: it grows with the circles.
+        #[serde(skip)]
+        pub max_frame_rms: f64 = 2.0;
         /// Rotation gate: fastest turn of the pattern's rows in the image.
         pub max_row_rate: f64 = 20.0, "rad/s", above(0.0);
-        /// Rotation gate: turn of a row that noise and perspective explain at any rate.
-        pub row_angle_floor: f64 = 0.1, "rad", at_least(0.0);
-        /// Views of the first calibration.
-        pub start_views: usize = 24, "views", at_least(3.0);
-        /// Views of the bundle refinement after the first calibration.
-        pub first_bundle_views: usize = 80, "views", at_least(3.0);
-        /// Views of the last bundle refinement.
-        pub bundle_views: usize = 400, "views", at_least(3.0);
-        /// Largest root mean square error of OpenCV's calibration; above it the worst views are left out.
-        pub max_start_rms: f64 = 1.0, "px", above(0.0);
-        /// How often the worst views may be left out.
-        pub start_retries: usize = 3, "times", at_least(0.0);
-        /// Distance from which an observation counts linearly instead of squared.
-        pub huber: f64 = 0.5, "px", above(0.0);
-        /// Largest distance of a circle from its projection; beyond, it is left out of its frame. Circles with radii above 12 px may
-        /// be further away, in proportion.
-        pub max_circle_error: f64 = 3.0, "px", above(0.0);
-        /// Samples of RANSAC for each frame.
-        pub ransac_iterations: u16 = 100, "samples", at_least(1.0);
-        /// Smallest share of a frame's circles that must agree with its pose.
-        pub min_inlier_fraction: f64 = 0.6, "", above(0.0).at_most(1.0);
-        /// Largest root mean square error of a frame; larger for circles with radii above 12 px, in proportion.
-        pub max_frame_rms: f64 = 2.0, "px", above(0.0);
-        /// Largest root mean square error of a frame as a multiple of the median of all frames.
-        pub max_frame_rms_ratio: f64 = 5.0, "", at_least(1.0);
-        /// Largest standard deviation of the focal length, as a share of it, that counts as calibrated.
-        pub max_focal_deviation: f64 = 0.05, "", above(0.0);
         /// Velocity gate: fastest motion between board and camera.
         pub max_speed: f64 = 5.0, "m/s", above(0.0);
-        /// Velocity gate: distance that noise of the poses explains at any speed.
-        pub position_floor: f64 = 0.02, "m", at_least(0.0);
         /// Velocity gate: fastest rotation between board and camera.
         pub max_angular_speed: f64 = 20.0, "rad/s", above(0.0);
-        /// Velocity gate: angle that noise of the poses explains at any speed.
-        pub angle_floor: f64 = 0.05, "rad", at_least(0.0);
-        /// Velocity gate: largest acceleration; judges a frame against the line between its neighbours.
-        pub max_acceleration: f64 = 60.0, "m/s²", above(0.0);
-        /// Velocity gate: largest angular acceleration.
-        pub max_angular_acceleration: f64 = 300.0, "rad/s²", above(0.0);
-        /// Velocity gate: largest acceleration and angular acceleration as a multiple of the recording's median.
-        pub max_acceleration_ratio: f64 = 4.0, "", at_least(1.0);
-        /// Longest time between two frames over which their motion is judged.
-        pub max_motion_gap: f64 = 0.1, "s", above(0.0);
         /// Cross-validation.
         pub cross_validation: CrossValidationSettings;
     }
 }
+
+/// Distance from which an observation of a circle counts linearly instead of squared (px).
+pub const HUBER: f64 = 0.5;
+/// Views of the first calibration.
+pub const START_VIEWS: usize = 24;
+/// Largest root mean square error of a first calibration that counts as good (px).
+pub const MAX_START_RMS: f64 = 1.0;
+/// Longest time between two frames over which their motion is judged (s).
+pub const MAX_MOTION_GAP: f64 = 0.1;
 
 /// Radius of circles up to which the gates of pixels are as stated (px). What perspective, distortion and motion within a window do to the
 /// centre of a circle's image grows with it.
@@ -159,22 +133,10 @@ settings! {
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct CrossValidationSettings {
-        /// Distance from a projected rim within which events belong to it, for a circle at rest.
-        pub rim_band: f64 = 3.0, "px", above(0.0);
-        /// Most that motion within the window may add to the band.
-        pub max_motion_band: f64 = 4.0, "px", at_least(0.0);
-        /// Fewest event pixels of each polarity.
-        pub min_events: usize = 5, "pixels", at_least(1.0);
-        /// Distance from which an event counts linearly instead of squared.
-        pub huber: f64 = 0.7, "px", above(0.0);
         /// Largest distance between the refitted and the projected centre.
         pub max_center_shift: f64 = 2.5, "px", above(0.0);
         /// Largest difference between the refitted and the projected radius.
         pub max_radius_change: f64 = 2.0, "px", above(0.0);
-        /// Largest mean distance of the events from the refitted rim, for a circle at rest.
-        pub max_fit_error: f64 = 1.3, "px", above(0.0);
-        /// Largest standard deviation of the refitted centre in its worst direction.
-        pub max_center_deviation: f64 = 0.5, "px", above(0.0);
         /// Smallest share of the frame's circles inside the sensor that must pass.
         pub min_fraction: f64 = 0.5, "", from_to(0.0, 1.0);
     }

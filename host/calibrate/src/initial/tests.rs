@@ -13,7 +13,7 @@ use self::scene::*;
 use super::*;
 use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::SeenIn;
-use crate::initial::model_choice::{CANDIDATES, ModelChoiceSettings, choose_model};
+use crate::initial::model_choice::{CANDIDATES, choose_model};
 
 /// Distance in m and angle in rad between two poses of the same kind.
 fn pose_error(a: &Isometry3<f64>, b: &Isometry3<f64>) -> (f64, f64) {
@@ -96,9 +96,8 @@ fn the_chosen_model_comes_near_the_lens() {
     for kind in [ModelKind::Radtan, ModelKind::KannalaBrandt, ModelKind::DoubleSphere] {
         let scene = Scene { count: 150, step: 0.05, ..Scene::new(kind) };
         let frames = scene.frames(11, |_| Fault::None);
-        let (initial, settings) = (InitialSettings::default(), ModelChoiceSettings::default());
-        let (model, choice) =
-            choose_model(&frames, &scene.board, SENSOR, &CANDIDATES, &initial, &settings, |_| ()).unwrap();
+        let settings = InitialSettings::default();
+        let (model, choice) = choose_model(&frames, &scene.board, SENSOR, &CANDIDATES, &settings, |_| ()).unwrap();
         assert_eq!(model.camera.kind().name(), choice.chosen);
         assert_eq!(choice.candidates.len(), CANDIDATES.len());
         let axial = |camera: &Camera<f64>| camera.axial_focal_lengths().unwrap()[0];

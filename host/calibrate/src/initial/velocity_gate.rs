@@ -8,7 +8,7 @@
 use nalgebra::{Isometry3, Translation3};
 
 use super::neighbour_vote::{Voter, vote};
-use super::settings::InitialSettings;
+use super::settings::{InitialSettings, MAX_MOTION_GAP};
 use evcal_geometry::board::Board;
 use evcal_geometry::numerics::statistics::median;
 
@@ -22,6 +22,17 @@ pub struct Waypoint {
     /// `T_camera_world`.
     pub pose: Isometry3<f64>,
 }
+
+/// Distance that noise of the poses explains at any speed (m).
+const POSITION_FLOOR: f64 = 0.02;
+/// Angle that noise of the poses explains at any speed (rad).
+const ANGLE_FLOOR: f64 = 0.05;
+/// Largest acceleration (m/s²); judges a frame against the line between its neighbours.
+const MAX_ACCELERATION: f64 = 60.0;
+/// Largest angular acceleration (rad/s²).
+const MAX_ANGULAR_ACCELERATION: f64 = 300.0;
+/// Largest acceleration and angular acceleration as a multiple of the recording's median.
+const MAX_ACCELERATION_RATIO: f64 = 4.0;
 
 /// Nearest frames on each side through which lines are drawn to judge a frame.
 const LINE_REACH: usize = 3;
@@ -57,23 +68,23 @@ pub fn velocity_gate(waypoints: &[Waypoint], board: &Board, settings: &InitialSe
         .collect();
     let voters: Vec<Voter> =
         waypoints.iter().map(|waypoint| Voter { recording: waypoint.recording, t: waypoint.t }).collect();
-    let kept = vote(&voters, settings.voters, |a, b| {
+    let kept = vote(&voters, |a, b| {
         let (a, b) = (centered.get(a)?, centered.get(b)?);
         let elapsed = (b.t - a.t).abs();
         let (distance, angle) = motion(&a.pose, &b.pose);
-        (elapsed <= settings.max_motion_gap).then_some(
-            distance <= settings.position_floor + settings.max_speed * elapsed
-                && angle <= settings.angle_floor + settings.max_angular_speed * elapsed,
+        (elapsed <= MAX_MOTION_GAP).then_some(
+            distance <= POSITION_FLOOR + settings.max_speed * elapsed
+                && angle <= ANGLE_FLOOR + settings.max_angular_speed * elapsed,
         )
     });
-    smooth(&centered, kept, settings)
+    smooth(&centered, kept)
 }
 
 /// Takes away the frames that lie too far off the lines through their neighbours, the worst first:
 /// its neighbours may only look bad because of it.
-fn smooth(waypoints: &[Centered], mut kept: Vec<bool>, settings: &InitialSettings) -> Vec<bool> {
+fn smooth(waypoints: &[Centered], mut kept: Vec<bool>) -> Vec<bool> {
     let mut alive: Vec<usize> = kept.iter().enumerate().filter(|(_, kept)| **kept).map(|(index, _)| index).collect();
-    let limits = Limits::new(waypoints, &alive, settings);
+    let limits = Limits::new(waypoints, &alive);
     let judge = |alive: &[usize], position: usize| judge(waypoints, alive, position, &limits);
     let mut verdicts: Vec<Contradiction> = (0..alive.len()).map(|position| judge(&alive, position)).collect();
     loop {
@@ -102,16 +113,13 @@ fn smooth(waypoints: &[Centered], mut kept: Vec<bool>, settings: &InitialSetting
 
 /// What may lie between a frame and the line through two others.
 struct Limits {
-    position_floor: f64,
-    angle_floor: f64,
     acceleration: f64,
     angular_acceleration: f64,
-    max_gap: f64,
 }
 
 impl Limits {
-    /// The settings' limits, lowered where the recording's own motion is much gentler.
-    fn new(waypoints: &[Centered], alive: &[usize], settings: &InitialSettings) -> Self {
+    /// The largest there are, lowered where the recording's own motion is much gentler.
+    fn new(waypoints: &[Centered], alive: &[usize]) -> Self {
         let mut accelerations = Vec::new();
         let mut angular_accelerations = Vec::new();
         for window in alive.windows(3) {
@@ -121,21 +129,18 @@ impl Limits {
             else {
                 continue;
             };
-            if let Some(line) = Line::new(before, after, here, settings.max_motion_gap) {
+            if let Some(line) = Line::new(before, after, here) {
                 accelerations.push(line.distance / line.curvature);
                 angular_accelerations.push(line.angle / line.curvature);
             }
         }
         let limit = |mut seen: Vec<f64>, most: f64| {
             let usual = median(&mut seen, f64::total_cmp);
-            usual.map_or(most, |usual| (settings.max_acceleration_ratio * usual).min(most))
+            usual.map_or(most, |usual| (MAX_ACCELERATION_RATIO * usual).min(most))
         };
         Self {
-            position_floor: settings.position_floor,
-            angle_floor: settings.angle_floor,
-            acceleration: limit(accelerations, settings.max_acceleration),
-            angular_acceleration: limit(angular_accelerations, settings.max_angular_acceleration),
-            max_gap: settings.max_motion_gap,
+            acceleration: limit(accelerations, MAX_ACCELERATION),
+            angular_acceleration: limit(angular_accelerations, MAX_ANGULAR_ACCELERATION),
         }
     }
 }
@@ -152,11 +157,11 @@ struct Line {
 }
 
 impl Line {
-    fn new(a: &Centered, b: &Centered, here: &Centered, max_gap: f64) -> Option<Self> {
+    fn new(a: &Centered, b: &Centered, here: &Centered) -> Option<Self> {
         let elapsed = b.t - a.t;
         let span = a.t.max(b.t).max(here.t) - a.t.min(b.t).min(here.t);
         let same = a.recording == here.recording && b.recording == here.recording;
-        if !same || elapsed == 0.0 || here.t == a.t || here.t == b.t || span > max_gap {
+        if !same || elapsed == 0.0 || here.t == a.t || here.t == b.t || span > MAX_MOTION_GAP {
             return None;
         }
         let part = (here.t - a.t) / elapsed;
@@ -194,9 +199,9 @@ fn judge(waypoints: &[Centered], alive: &[usize], position: usize, limits: &Limi
     // Limit of the distance and excess of each line.
     let mut lines: Vec<(f64, f64)> = Vec::new();
     for (rank, a) in neighbours.iter().enumerate() {
-        for line in neighbours.iter().skip(rank + 1).filter_map(|b| Line::new(a, b, here, limits.max_gap)) {
-            let far = limits.position_floor * line.leverage + limits.acceleration * line.curvature;
-            let turned = limits.angle_floor * line.leverage + limits.angular_acceleration * line.curvature;
+        for line in neighbours.iter().skip(rank + 1).filter_map(|b| Line::new(a, b, here)) {
+            let far = POSITION_FLOOR * line.leverage + limits.acceleration * line.curvature;
+            let turned = ANGLE_FLOOR * line.leverage + limits.angular_acceleration * line.curvature;
             lines.push((far, (line.distance / far).max(line.angle / turned)));
         }
     }

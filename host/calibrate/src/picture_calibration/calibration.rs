@@ -12,10 +12,12 @@ use super::circle_image::center_bias;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::detection::no_board::NoBoard;
 use crate::detection::pictures::search::PictureSearchReport;
-use crate::detection::pictures::settings::PictureSettings;
 use crate::initial::{InitialError, InitialModel, InitialSettings, PosedFrame, initial_model};
 use crate::solve::residual_statistics::ResidualStatistics;
 use evcal_geometry::board::Board;
+
+/// Distance from which a centre counts linearly instead of squared, in units of the centres' spread (σ).
+pub(super) const HUBER: f64 = 2.5;
 
 /// What became of the pictures of all recordings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -160,11 +162,10 @@ pub fn calibrate_pictures(
     board: &Board,
     sensor: Sensor,
     kind: ModelKind,
-    initial_settings: &InitialSettings,
-    settings: &PictureSettings,
+    settings: &InitialSettings,
 ) -> Result<PictureCalibration, NoPictureCalibration> {
     let mut report = PictureReport { detection, ..PictureReport::default() };
-    let initial = match start(&frames, &report.detection, board, sensor, kind, initial_settings) {
+    let initial = match start(&frames, &report.detection, board, sensor, kind, settings) {
         Ok(initial) => initial,
         Err(reason) => return Err(NoPictureCalibration { reason, report: Box::new(report) }),
     };
@@ -181,7 +182,7 @@ pub fn calibrate_pictures(
             PictureView { dots: dots.collect(), pose: posed.pose.inverse() }
         })
         .collect();
-    let bundle = picture_bundle(&initial.camera, &views, sensor, settings.huber);
+    let bundle = picture_bundle(&initial.camera, &views, sensor, HUBER);
     let Some(PictureBundle { camera, poses, covariance, inflation, spread, rms, median, .. }) = bundle else {
         let reason = PictureFailure::Undetermined { views: views.len() };
         return Err(NoPictureCalibration { reason, report: Box::new(report) });

@@ -7,11 +7,10 @@
 use nalgebra::{Isometry3, Translation3, Vector2};
 use serde::{Deserialize, Serialize};
 
-use super::calibration::PictureCalibration;
+use super::calibration::{HUBER, PictureCalibration};
 use super::circle_image::{center_bias, circle_image_center};
 use crate::circles::reference_frame::PointObservation;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
-use crate::detection::pictures::settings::PictureSettings;
 use crate::solve::State;
 use crate::trajectory::Trajectory;
 use evcal_geometry::board::Board;
@@ -65,6 +64,8 @@ const VELOCITY_STEP: f64 = 1e-4;
 const ROUNDS: usize = 8;
 /// The offset is found when a step is below this share of its standard deviation.
 const CONVERGED: f64 = 0.01;
+/// Largest offset between pictures and events (s).
+const LARGEST_OFFSET: f64 = 0.02;
 /// Largest standard deviation of the offset, as a share of the largest offset.
 const OFFSET_KNOWN: f64 = 0.1;
 /// Part of the distance of neighbouring dots within which a dot is that of the trajectory.
@@ -97,7 +98,6 @@ pub fn joint_points(
     state: &State,
     event_inflation: f64,
     board: &Board,
-    settings: &PictureSettings,
 ) -> Result<JointPoints, NoJointPoints> {
     let used: Vec<&ReferenceFrame> =
         calibration.posed.iter().filter_map(|posed| calibration.frames.get(posed.frame)).collect();
@@ -105,7 +105,7 @@ pub fn joint_points(
     let mut sigma = f64::INFINITY;
     for _ in 0..ROUNDS {
         let (tied, _) = tie(&used, state, board, offset);
-        let bound = settings.huber * spread(&tied).ok_or(NoJointPoints::NoCommonTime)?;
+        let bound = HUBER * spread(&tied).ok_or(NoJointPoints::NoCommonTime)?;
         let (mut information, mut gradients) = (0.0, vec![0.0; used.len()]);
         for dot in &tied {
             let weight = huber_weight(dot.residual.norm_squared(), bound);
@@ -125,7 +125,7 @@ pub fn joint_points(
             break;
         }
     }
-    if offset.abs() > settings.max_time_offset || sigma > OFFSET_KNOWN * settings.max_time_offset {
+    if offset.abs() > LARGEST_OFFSET || sigma > OFFSET_KNOWN * LARGEST_OFFSET {
         return Err(NoJointPoints::OffsetUnknown);
     }
     let (tied, elsewhere) = tie(&used, state, board, offset);

@@ -19,7 +19,6 @@ use crate::circles::reference_frame::PointObservation;
 use crate::solve::State;
 use crate::solve::observation::SegmentObservations;
 use crate::trajectory::mean_distance;
-use crate::trust::uncertainty::UncertaintySettings;
 use evcal_geometry::board::symmetry::Symmetry;
 
 /// σ from which a line delay is none of chance.
@@ -76,7 +75,6 @@ pub fn calibrate_frames(
     second: FrameCamera,
     symmetries: &[Symmetry],
     lenses: Lenses,
-    settings: &UncertaintySettings,
 ) -> Result<SecondCalibration, SecondCameraError> {
     let state = &first.refined.state;
     let seen = Seen::in_frames(second.frames.iter().map(|frame| (frame.t, frame.pose)));
@@ -100,7 +98,7 @@ pub fn calibrate_frames(
         second: State { camera: second.camera, trajectories: Vec::new(), ..state.clone() },
         mount: Mount { line_delay: Some(0.0), ..start.mount },
     };
-    let (mut solved, spread) = weighed(joint, estimate, lenses, settings)?;
+    let (mut solved, spread) = weighed(joint, estimate, lenses)?;
     let [focal_length, _] = second.camera.axial_focal_lengths().unwrap_or([f64::INFINITY; 2]);
     let angle = spread / focal_length;
     if angle > LOOSE_CENTRES {
@@ -131,21 +129,16 @@ pub fn calibrate_frames(
 
 /// Solves, and again with the spread of centres that was left as long as that is not the one that was taken for granted: alone, the
 /// frames of a rolling shutter fit no lens well. The solution, and that spread (px).
-fn weighed(
-    joint: Joint,
-    estimate: Estimate,
-    lenses: Lenses,
-    settings: &UncertaintySettings,
-) -> Result<(Solved, f64), SecondCameraError> {
+fn weighed(joint: Joint, estimate: Estimate, lenses: Lenses) -> Result<(Solved, f64), SecondCameraError> {
     let (mut joint, estimate) = holding(joint, estimate, lenses);
-    let mut solved = solve(&joint, estimate, settings)?;
+    let mut solved = solve(&joint, estimate)?;
     for _ in 1..MOST_SOLVES {
         let ratio = solved.rms / USUAL_RMS;
         if (1.0 / SAME_SPREAD..SAME_SPREAD).contains(&ratio) {
             break;
         }
         joint.second.point_sigma *= ratio;
-        solved = solve(&joint, solved.estimate, settings)?;
+        solved = solve(&joint, solved.estimate)?;
     }
     if let Some(share) = share_of_lenses(&joint, &solved.estimate, lenses)? {
         solved.covariance += share;

@@ -17,7 +17,7 @@ use crate::solve::levenberg::linearised;
 use crate::solve::stretch::{STRETCHES_TOGETHER, Stretch, stretches};
 use crate::solve::{Problem, State};
 use crate::trajectory::Trajectory;
-use crate::trust::uncertainty::{Time, UncertaintySettings, stated};
+use crate::trust::uncertainty::{BLOCK, Time, stated};
 
 /// Intrinsics of the first and the second camera that are held; those of the others are solved for.
 pub type Lenses<'a> = [Option<&'a HeldIntrinsics>; 2];
@@ -72,7 +72,7 @@ struct Linearised {
 ///
 /// # Errors
 /// [`SecondCameraError::Singular`] when the events do not determine the parameters.
-pub fn solve(joint: &Joint, estimate: Estimate, settings: &UncertaintySettings) -> Result<Solved, SecondCameraError> {
+pub fn solve(joint: &Joint, estimate: Estimate) -> Result<Solved, SecondCameraError> {
     let start = linearise(joint, &estimate)?;
     let attempt = |_, (estimate, now): (&Estimate, &Linearised), step: &Step| {
         let Some(trial) = stepped(joint, estimate, step) else { return Ok(None) };
@@ -82,11 +82,11 @@ pub fn solve(joint: &Joint, estimate: Estimate, settings: &UncertaintySettings) 
     };
     let (estimate, now) = minimise(estimate, start, |now: &Linearised| &now.system, attempt)?;
     let formal = now.system.covariance()?;
-    let blocks = now.system.contributions(&now.parts, 0.5 * settings.block)?;
+    let blocks = now.system.contributions(&now.parts, 0.5 * BLOCK)?;
     let total = estimate.first.trajectories.iter().map(|one| one.end() - one.start()).sum();
     let time = Time { starts: &blocks.times, total };
     let count = estimate.mount.count();
-    let (covariance, inflation, blocks) = stated(&formal, &blocks.contributions, &|all| all, time, count, settings);
+    let (covariance, inflation, blocks) = stated(&formal, &blocks.contributions, &|all| all, time, count);
     Ok(Solved { estimate, covariance, inflation, blocks, used: now.counts[1], misfit: now.misfit, rms: now.rms })
 }
 
@@ -139,7 +139,7 @@ fn linearise(joint: &Joint, estimate: &Estimate) -> Result<Linearised, SecondCam
     let control_points: Vec<usize> = trajectories.iter().map(Trajectory::control_point_count).collect();
     let globals = offset + joint.first.free.places().len();
     let mut system = System::new(&control_points, order, globals, parts.iter());
-    system.add_smoothness(trajectories, &joint.first.settings);
+    system.add_smoothness(trajectories);
     system.add_jerks(trajectories, &joint.first.stiffness);
     system.add_prior(RATE, estimate.mount.rate, RATE_SIGMA);
     Ok(Linearised { parts, system, counts, misfit, rms: rms(cost, counts[1]) })

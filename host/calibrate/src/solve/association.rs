@@ -8,7 +8,7 @@
 
 use evcal_core::event::Polarity;
 use evcal_core::settings;
-use evcal_core::settings::{above, at_least, from_to};
+use evcal_core::settings::{above, at_least};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -30,22 +30,23 @@ settings! {
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct AssociationSettings {
-        /// Largest distance from the edge in the first round, while the spread of the events is not known.
-        pub first_band: f64 = 3.0, "px", above(0.0);
-        /// Largest distance from where the event's class is expected, in units of the class's spread.
+        /// Largest distance from where the event's class is expected, in units of the class's spread; at most 2.5 px.
         pub band: f64 = 3.0, "σ", above(0.0);
-        /// Largest such distance, whatever the spread.
-        pub widest_band: f64 = 2.5, "px", above(0.0);
-        /// Slowest normal speed of an edge.
-        pub slowest_edge: f64 = 30.0, "px/s", at_least(0.0);
-        /// Smallest share of the motion that is across the edge; below it the edge slides along itself.
-        pub tangent: f64 = 0.65, "", from_to(0.0, 1.0);
-        /// A pixel that is silent for longer starts a new burst.
-        pub burst_pause: f64 = 0.1, "s", above(0.0);
         /// Most events in one solve; more are thinned evenly.
         pub most_events: usize = 1_000_000, "events", at_least(1.0);
     }
 }
+
+/// Largest distance from the edge in the first round, while the spread of the events is not known (px).
+const FIRST_BAND: f64 = 3.0;
+/// Largest distance from where the event's class is expected, whatever the spread (px).
+const WIDEST_BAND: f64 = 2.5;
+/// Slowest normal speed of an edge (px/s).
+const SLOWEST_EDGE: f64 = 30.0;
+/// Smallest share of the motion that is across the edge; below it the edge slides along itself.
+const TANGENT: f64 = 0.65;
+/// Length of a time bin whose events share their basis weights (s).
+pub const BIN: f64 = 0.5e-3;
 
 /// What became of the events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -90,8 +91,6 @@ pub struct AssociationContext<'a> {
     pub bearings: &'a BearingTable,
     /// The board.
     pub board: &'a Board,
-    /// Length of a time bin (s).
-    pub bin: f64,
     /// Whether σ of the classes is known, so that [`AssociationSettings::band`] applies.
     pub sigma_known: bool,
     /// Thresholds.
@@ -153,7 +152,7 @@ impl<'a> Associator<'a> {
         let margin = latencies.fold(0.0, |most: f64, latency| most.max(latency.abs())) + 1e-4;
         let span = (first.t as f64 * 1e-6 - margin, last.t as f64 * 1e-6 + margin);
         let bins: Vec<SegmentBins> =
-            self.segments.iter().map(|(_, trajectory)| SegmentBins::new(trajectory, self.context.bin, span)).collect();
+            self.segments.iter().map(|(_, trajectory)| SegmentBins::new(trajectory, span)).collect();
         let parts: Vec<Part> = events
             .par_chunks(CHUNK)
             .map(|events| {
@@ -226,9 +225,9 @@ impl<'a> Associator<'a> {
         };
         let speed_range = speed_range(edge.passage.normal_speed);
         let band = if self.context.sigma_known {
-            (settings.band * bias.sigma[speed_range]).min(settings.widest_band)
+            (settings.band * bias.sigma[speed_range]).min(WIDEST_BAND)
         } else {
-            settings.first_band
+            FIRST_BAND
         };
         let distance = edge.from_expected(bias).abs();
         if distance.is_nan() || distance >= band {
@@ -239,7 +238,7 @@ impl<'a> Associator<'a> {
         let normal_speed = edge.passage.normal_speed;
         let sliding = edge.distance.sliding / edge.distance.scale;
         let speed = (normal_speed * normal_speed + sliding * sliding).sqrt();
-        if normal_speed.abs() < settings.slowest_edge || normal_speed.abs() < settings.tangent * speed {
+        if normal_speed.abs() < SLOWEST_EDGE || normal_speed.abs() < TANGENT * speed {
             part.report.edge_slides += 1;
             return None;
         }
@@ -261,7 +260,6 @@ impl<'a> Associator<'a> {
 
     /// The observations by index of the segment, and the report.
     pub fn finish(self) -> (Vec<(usize, SegmentObservations)>, AssociationReport) {
-        let bin_length = self.context.bin;
         let observations = self
             .found
             .into_par_iter()
@@ -275,7 +273,7 @@ impl<'a> Associator<'a> {
                     let Some(&(bin, _)) = group.first() else { continue };
                     let first = observations.events.len();
                     observations.events.extend(group.iter().map(|(_, observation)| *observation));
-                    let t = bin_center(trajectory.start(), bin_length, bin);
+                    let t = bin_center(trajectory.start(), bin);
                     observations.bins.push(EventBin { t, first, end: observations.events.len() });
                 }
                 (*segment, observations)
@@ -285,38 +283,37 @@ impl<'a> Associator<'a> {
     }
 }
 
-fn bin_center(start: f64, length: f64, bin: u32) -> f64 {
-    start + (f64::from(bin) + 0.5) * length
+fn bin_center(start: f64, bin: u32) -> f64 {
+    start + (f64::from(bin) + 0.5) * BIN
 }
 
 /// Poses of the bins of one segment that a batch of events touches.
 struct SegmentBins {
     start: f64,
     end: f64,
-    length: f64,
     first: u32,
     poses: Vec<Option<PoseBin>>,
 }
 
 impl SegmentBins {
-    fn new(trajectory: &Trajectory, length: f64, span: (f64, f64)) -> Self {
+    fn new(trajectory: &Trajectory, span: (f64, f64)) -> Self {
         let (start, end) = (trajectory.start(), trajectory.end());
-        let mut bins = Self { start, end, length, first: 0, poses: Vec::new() };
+        let mut bins = Self { start, end, first: 0, poses: Vec::new() };
         if span.1 < start || span.0 > end {
             return bins;
         }
-        bins.first = bins.bin((span.0 - length).max(start));
-        let last = bins.bin((span.1 + length).min(end));
+        bins.first = bins.bin((span.0 - BIN).max(start));
+        let last = bins.bin((span.1 + BIN).min(end));
         bins.poses = (bins.first..=last).map(|bin| PoseBin::new(trajectory, bins.center(bin))).collect();
         bins
     }
 
     fn bin(&self, time: f64) -> u32 {
-        ((time - self.start) / self.length).max(0.0) as u32
+        ((time - self.start) / BIN).max(0.0) as u32
     }
 
     fn center(&self, bin: u32) -> f64 {
-        bin_center(self.start, self.length, bin)
+        bin_center(self.start, bin)
     }
 
     fn pose(&self, time: f64) -> Option<(u32, &PoseBin)> {

@@ -18,7 +18,7 @@ use super::smoothness::accelerations;
 use super::stiffness::{Stiffness, add_jerk};
 use super::stretch::{STRETCHES_TOGETHER, Stretch, stretches};
 use super::system::{Contribution, PackedContribution};
-use super::{GLOBAL_COUNT, Problem, SolveSettings, State};
+use super::{GLOBAL_COUNT, Problem, State};
 use crate::trajectory::Trajectory;
 use crate::trajectory::jerk::jerks;
 
@@ -311,10 +311,10 @@ impl System {
     }
 
     /// Adds the accelerations of the control points of each segment's trajectory, in their order.
-    pub fn add_smoothness(&mut self, trajectories: &[Trajectory], settings: &SolveSettings) {
+    pub fn add_smoothness(&mut self, trajectories: &[Trajectory]) {
         for (segment, trajectory) in self.segments.iter_mut().zip(trajectories) {
             let (gradient, _) = segment.gradient.as_mut_slice().as_chunks_mut();
-            for acceleration in accelerations(trajectory, settings) {
+            for acceleration in accelerations(trajectory) {
                 self.cost += acceleration.add_to(segment.order, &mut segment.blocks, gradient);
             }
         }

@@ -215,7 +215,7 @@ impl<'a> EdgeBatch<'a> {
         pose: &PoseBin,
     ) {
         let lanes = self.count.next_multiple_of(GROUP);
-        match problem.settings.residual {
+        match problem.residual {
             ResidualMeasure::Pixel => steps_to_edge(&self.rays, surface, pose, radius, lanes, &mut self.to_edge),
             ResidualMeasure::Plane => self.to_edge = StepsToEdge { depth: [1.0; LANES], pixels: [NOTHING; 2] },
         }

@@ -134,7 +134,7 @@ mod tests {
     use crate::solve::event_bias::{CLASS_COUNT, unknown};
     use crate::solve::pose_bin::tests::moving_at;
     use crate::solve::row_batch::RowBatch;
-    use crate::solve::{FreeParameters, Problem, SolveSettings};
+    use crate::solve::{FreeParameters, ITERATIONS, Problem, ResidualMeasure};
     use evcal_core::camera::{Camera, ModelKind};
     use evcal_geometry::board::shape::{BoardShape, CircleArea, Surface};
     use nalgebra::{Rotation3, Vector3};
@@ -187,7 +187,9 @@ mod tests {
                 board: [false; BOARD_PARAMETERS],
                 biases: [Biases::default(); CLASS_COUNT],
             },
-            settings: SolveSettings { huber: 1e6, ..SolveSettings::default() },
+            residual: ResidualMeasure::Pixel,
+            huber: 1e6,
+            iterations: ITERATIONS,
         }
     }
 
@@ -207,7 +209,7 @@ mod tests {
         bias.biases[Bias::Offset] = OFFSET;
         let mut rows = RowBatch::default();
         rows.set_class(0, &bias, 1.0);
-        rows.weigh(batch.edges(), problem.settings.huber, None, 1);
+        rows.weigh(batch.edges(), problem.huber, None, 1);
         assert_eq!(rows.collect(batch.cells(), std::iter::once(0)).0, 1);
         (rows.residual(0), rows.steps().0[0][0].map(f64::from))
     }

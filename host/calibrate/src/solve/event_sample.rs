@@ -38,14 +38,12 @@ fn places(share: f64) -> u64 {
     (share * 2.0_f64.powi(32)).round().clamp(0.0, 2.0_f64.powi(32)) as u64
 }
 
-/// Longest pause within a burst (µs): half of what the time of a waiting event can hold.
-const LONGEST_PAUSE: f64 = i32::MAX as f64;
+/// Longest pause within a burst (µs), and so for how long events wait for the end of theirs.
+const BURST_PAUSE: i64 = 100_000;
 
 /// Follows one recording, and hands on the ranked events of a share.
 pub struct Thinning {
     bursts: BurstTracker,
-    /// For how long events wait for the end of their bursts (µs).
-    patience: i64,
     ordinal: u64,
     /// Time of the latest event that was taken (µs).
     latest: i64,
@@ -55,7 +53,7 @@ pub struct Thinning {
 /// An event whose burst may go on, in 16 bytes: of 20 million a second, two million wait at a time.
 #[derive(Clone, Copy, Debug)]
 struct Waiting {
-    /// The lowest bits of the time (µs). The rest follows from the latest event, which is never more than [`LONGEST_PAUSE`] away.
+    /// The lowest bits of the time (µs). The rest follows from the latest event, which is never more than [`BURST_PAUSE`] away.
     t: u32,
     /// Place in the order of thinning.
     order: u32,
@@ -76,18 +74,16 @@ impl Waiting {
 }
 
 impl Thinning {
-    /// For a recording of this sensor, whose pixels start a new burst after a pause of so many seconds.
-    pub fn new(sensor: Sensor, burst_pause: f64) -> Self {
-        let patience = (burst_pause * 1e6).min(LONGEST_PAUSE) as i64;
-        let bursts = BurstTracker::new(sensor, patience);
-        Self { bursts, patience, ordinal: 0, latest: 0, waiting: VecDeque::new() }
+    /// For a recording of this sensor.
+    pub fn new(sensor: Sensor) -> Self {
+        Self { bursts: BurstTracker::new(sensor, BURST_PAUSE), ordinal: 0, latest: 0, waiting: VecDeque::new() }
     }
 
     /// Takes the next events of the recording; their times count from its start in microseconds. Those whose
     /// place is below `places` wait, and `keep` gets those that have waited for long enough.
     fn push(&mut self, events: &[Event], places: u64, mut keep: impl FnMut(RankedEvent, u32)) {
         for event in events {
-            let over = event.t.saturating_sub(self.patience);
+            let over = event.t.saturating_sub(BURST_PAUSE);
             while let Some(first) = self.waiting.front().copied().filter(|first| first.t(self.latest) < over) {
                 self.waiting.pop_front();
                 keep(self.ranked(&first), first.order);
@@ -343,7 +339,7 @@ mod tests {
     }
 
     fn streamed(events: &[Event], share: f64) -> Vec<RankedEvent> {
-        let (mut thinning, mut kept) = (Thinning::new(SENSOR, 0.1), Vec::new());
+        let (mut thinning, mut kept) = (Thinning::new(SENSOR), Vec::new());
         events.chunks(777).for_each(|batch| thinning.take(batch, share, &mut kept));
         thinning.take_rest(&mut kept);
         kept
@@ -353,7 +349,7 @@ mod tests {
         let mut sample = EventSample::new(most);
         for (index, events) in recordings.iter().enumerate() {
             sample.begin(index);
-            let mut thinning = Thinning::new(SENSOR, 0.1);
+            let mut thinning = Thinning::new(SENSOR);
             events.chunks(999).for_each(|batch| sample.push(batch, &mut thinning));
             sample.end(&mut thinning);
         }

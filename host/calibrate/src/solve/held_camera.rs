@@ -48,7 +48,7 @@ pub fn follow<E: Send>(
     let choice = choose_knots(&problem, &state, settings.knots);
     (state.trajectories, problem.stiffness) = (choice.trajectories, choice.stiffness);
     let Solved { state: mut followed, mut system, .. } = solve(&problem, state)?;
-    let left_out = unexplained(&problem, &followed, &residuals_at(&problem, &followed), settings.unexplained);
+    let left_out = unexplained(&problem, &followed, &residuals_at(&problem, &followed));
     if !left_out.is_empty() {
         leave_out(&mut problem, &followed, &left_out);
         Solved { state: followed, system, .. } = solve(&problem, followed)?;

@@ -65,6 +65,11 @@ pub struct KnotChoice {
 const NEIGHBOURHOOD: usize = 3;
 /// Finest spans of one sample of the scatter.
 const SAMPLE: usize = 6;
+/// How much better a curve must explain the events for each number that it has more, in units of what noise alone gains. 2 is where
+/// the error of a curve too stiff is that of one too loose.
+const GAIN: f64 = 2.0;
+/// Factor by which the information of the events about the trajectory is reduced because their errors are correlated.
+const NOISE: f64 = 5.0;
 
 /// The trajectories of `state` on the knots that the observations of `problem` ask for, and what these are. A trajectory whose
 /// knots are not those of a grid of `settings`, or which has no events, stays as it is.
@@ -88,7 +93,7 @@ pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -
         let trajectory = &fit.trajectory;
         let scaled: Vec<Vec<f64>> =
             costs.iter().enumerate().map(|(level, costs)| smoothed(costs, level, inflation)).collect();
-        let levels = cheapest_levels(&scaled, settings.gain * CONTROL_POINT as f64);
+        let levels = cheapest_levels(&scaled, GAIN * CONTROL_POINT as f64);
         let knots = grid.uneven(&levels, trajectory.degree);
         if let Some(curve) = system.segments.get(segment).and_then(|equations| fit.nearest_on(&knots, equations)) {
             places.push((segment, fit));
@@ -98,7 +103,7 @@ pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -
     }
     let mut trajectories = state.trajectories.clone();
     let mut stiffness = vec![Stiffness::new(); trajectories.len()];
-    let stiff = weigh_jerks(&nearest, settings.noise);
+    let stiff = weigh_jerks(&nearest, NOISE);
     for (((segment, fit), (curve, _)), stiff) in places.into_iter().zip(nearest).zip(stiff) {
         let moved = stiff.and_then(|(weights, step)| Some((fit.moved(curve, &step)?, weights)));
         let of_segment = trajectories.get_mut(segment).zip(stiffness.get_mut(segment));

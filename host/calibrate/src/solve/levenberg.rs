@@ -19,6 +19,8 @@ use evcal_geometry::board::shape::BoardShape;
 const FIRST_DAMPING: f64 = 1e-6;
 const SMALLEST_DAMPING: f64 = 1e-10;
 const LARGEST_DAMPING: f64 = 1e8;
+/// Iterations end when the cost falls by less than this share.
+const TOLERANCE: f64 = 1e-5;
 
 /// A solved problem.
 pub struct Solved {
@@ -62,9 +64,9 @@ pub fn solve_telling(
     };
     let mut damping = FIRST_DAMPING;
     let mut done = 0.0_f64;
-    for _ in 0..problem.settings.iterations {
+    for _ in 0..problem.iterations {
         if report.iterations > 0 {
-            done = done.max(report.iterations as f64 / problem.settings.iterations as f64);
+            done = done.max(report.iterations as f64 / problem.iterations as f64);
             if tell(done).is_break() {
                 break;
             }
@@ -93,7 +95,7 @@ pub fn solve_telling(
             drop(system);
             system = assemble(problem, &state, &stretches);
             report.rejected += 1;
-            if damping > LARGEST_DAMPING || step.predicted < problem.settings.tolerance * cost {
+            if damping > LARGEST_DAMPING || step.predicted < TOLERANCE * cost {
                 break;
             }
             damping = (damping * 30.0).max(1e-4);
@@ -102,10 +104,10 @@ pub fn solve_telling(
         let decrease = (cost - system.cost) / cost;
         state = trial;
         damping = (damping * 0.1).max(SMALLEST_DAMPING);
-        if decrease < problem.settings.tolerance {
+        if decrease < TOLERANCE {
             break;
         }
-        done = done.max(settled(decrease, problem.settings.tolerance));
+        done = done.max(settled(decrease, TOLERANCE));
     }
     report.final_cost = system.cost;
     Ok(Solved { state, system, report })
@@ -179,7 +181,7 @@ pub fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> Syst
     }
     system.close();
     let smoothness: Vec<Vec<Acceleration>> =
-        state.trajectories.iter().map(|trajectory| accelerations(trajectory, &problem.settings)).collect();
+        state.trajectories.iter().map(|trajectory| accelerations(trajectory)).collect();
     system.add_smoothness(&smoothness);
     for (segment, (trajectory, weights)) in state.trajectories.iter().zip(&problem.stiffness).enumerate() {
         system.add_jerks(segment, &jerks(trajectory), weights);

@@ -7,7 +7,7 @@ use evcal_core::camera::refit::difference;
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::sensor::Sensor;
 use evcal_core::settings;
-use evcal_core::settings::{above, at_least};
+use evcal_core::settings::at_least;
 use serde::{Deserialize, Serialize};
 
 use crate::circles::reference_frame::PointObservation;
@@ -25,26 +25,20 @@ use crate::solve::observation::SegmentObservations;
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
 use crate::solve::stretch::{EventResidual, residuals_and_scale, residuals_at};
 use crate::solve::system::System;
-use crate::solve::unexplained::{UnexplainedSettings, unexplained};
+use crate::solve::unexplained::unexplained;
 use crate::solve::{
-    BOARD_PARAMETERS, FreeParameters, Problem, ResidualMeasure, SolveError, SolveReport, SolveSettings, State,
+    BOARD_PARAMETERS, FreeParameters, HUBER, ITERATIONS, Problem, ResidualMeasure, SolveError, SolveReport,
+    SolveSettings, State,
 };
 use crate::trajectory::knot_grid::KnotSettings;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::shape::CircleArea;
 
 settings! {
-    /// Rounds of association and solve, and which biases of events are fitted.
+    /// What the rounds of association and solve work on, and which biases of events are fitted.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct RefinementSettings {
-        /// Most rounds; at least one is made.
-        pub rounds: usize = 6, "", at_least(1.0);
-        /// When a round changes the projection by less than twenty times this (rms over the sensor), the next round
-        /// is the last.
-        pub settled: f64 = 0.01, "px", at_least(0.0);
-        /// Most events in the rounds before the last.
-        pub early_events: usize = 250_000, "events", at_least(1.0);
         /// Most seconds with the board in the joint solve. Of longer recordings those are taken that say most about the camera, spread
         /// over all of it; along the others the trajectory is solved afterwards, with the camera as it came out.
         pub most_seconds: f64 = 45.0, "s", at_least(1.0);
@@ -52,17 +46,21 @@ settings! {
         pub offsets: bool = true;
         /// Fit a latency, and what speed, place, size and acceleration of the edge add to it, for each event class.
         pub latencies: bool = true;
-        /// A radial distortion coefficient is held at its expected value if it agrees with that value and its σ is more
-        /// than this share of how much lenses of all kinds differ.
-        pub undetermined: f64 = 0.25, "", above(0.0);
-        /// Spread of the events while it is not known.
-        pub first_sigma: f64 = 0.5, "px", above(0.0);
     }
 }
 
-/// A round before the last moves the camera by its own noise too, for it has few events. When it changes the projection by
-/// less than this many times [`RefinementSettings::settled`], the next round is the last.
-const SETTLED_TIMES: f64 = 20.0;
+/// Most rounds.
+const ROUNDS: usize = 6;
+
+/// When a round changes the projection by less than this (px, rms over the sensor), the next round is the last. A round before the
+/// last moves the camera by its own noise too, for it has few events.
+const SETTLED: f64 = 0.2;
+
+/// Most events in the rounds before the last.
+const EARLY_EVENTS: usize = 250_000;
+
+/// Spread of the events while it is not known (px).
+pub const FIRST_SIGMA: f64 = 0.5;
 
 /// Fewest events for a class to have biases of its own.
 const FEWEST_OF_CLASS: usize = 500;
@@ -122,8 +120,6 @@ pub struct StageSettings<'a> {
     pub refinement: &'a RefinementSettings,
     /// Knots.
     pub knots: &'a KnotSettings,
-    /// What no curve explains.
-    pub unexplained: &'a UnexplainedSettings,
     /// Association.
     pub association: &'a AssociationSettings,
     /// Solve.
@@ -174,9 +170,9 @@ pub fn refine<E: Send>(
 ) -> Result<(Refined, System), RefinementError<E>> {
     let mut rounds: Vec<RoundReport> = Vec::new();
     let mut kept_share = 1.0;
-    state.bias = unknown(settings.refinement.first_sigma);
+    state.bias = unknown(FIRST_SIGMA);
     // Circle centres stay as they are: without events to associate anew, one round is all.
-    let total = if input.events.is_some() { settings.refinement.rounds.max(1) } else { 1 };
+    let total = if input.events.is_some() { ROUNDS } else { 1 };
     let count = input.events.as_ref().map_or(1, |events| events.counts.iter().sum::<u64>().max(1)) as f64;
     // They know the time, which events alone do not.
     let has_points = input.points.iter().any(|points| !points.is_empty());
@@ -189,7 +185,7 @@ pub fn refine<E: Send>(
         // The last round uses all events that the settings allow; the ones before only as many as
         // it takes to get near.
         let final_round = last_early || rounds.len() + 1 == total;
-        let wanted = if final_round { settings.association.most_events } else { settings.refinement.early_events };
+        let wanted = if final_round { settings.association.most_events } else { EARLY_EVENTS };
         let share = (wanted as f64 / (count * kept_share)).min(1.0);
         let bearings = BearingTable::new(&state.camera, input.sensor);
         // An answer that it should end is heard at once after it.
@@ -228,10 +224,8 @@ pub fn refine<E: Send>(
         rounds.push(RoundReport { association, knots, solve: solve_report, change });
         if final_round {
             let last = residuals_at(&problem, &state);
-            let (unexplained, mut residuals) = rayon::join(
-                || unexplained(&problem, &state, &last, settings.unexplained),
-                || residual_statistics(&problem, &state, &last),
-            );
+            let (unexplained, mut residuals) =
+                rayon::join(|| unexplained(&problem, &state, &last), || residual_statistics(&problem, &state, &last));
             let delay = (!has_points && knows_latencies(settings)).then(|| common_delay(&state.bias, &last));
             drop(last);
             if !unexplained.is_empty() {
@@ -247,7 +241,7 @@ pub fn refine<E: Send>(
             let left_out = input.left_out.iter().chain(&unexplained).copied().collect();
             return Ok((Refined { state, problem, residuals, left_out, rounds }, system));
         }
-        last_early = change.is_some_and(|change| change < SETTLED_TIMES * settings.refinement.settled);
+        last_early = change.is_some_and(|change| change < SETTLED);
     }
 }
 
@@ -274,14 +268,8 @@ pub(super) fn associate_all<E: Send>(
         .iter()
         .flat_map(|events| events.counts.iter().enumerate().map(move |(one, count)| (one, count, events)))
     {
-        let context = AssociationContext {
-            state,
-            bearings,
-            board: input.board,
-            bin: settings.solve.bin,
-            sigma_known,
-            settings: settings.association,
-        };
+        let context =
+            AssociationContext { state, bearings, board: input.board, sigma_known, settings: settings.association };
         let mut associator = Associator::new(context, recording);
         let take = &mut |batch: &[RankedEvent]| {
             associator.push(batch);
@@ -324,7 +312,9 @@ pub(super) fn problem<E>(
             board: [false; BOARD_PARAMETERS],
             biases: [Biases::default(); CLASS_COUNT],
         },
-        settings: settings.solve.clone(),
+        residual: settings.solve.residual,
+        huber: HUBER,
+        iterations: ITERATIONS,
     }
 }
 

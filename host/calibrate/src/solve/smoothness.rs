@@ -8,11 +8,15 @@
 //!
 //! and the cost is a² / (2 σ²) with σ far above what events leave open.
 
-use super::SolveSettings;
 use super::control_band::Block;
 use crate::trajectory::Trajectory;
 use crate::trajectory::jerk::turns;
 use crate::trajectory::knots::greville;
+
+/// Typical acceleration of the camera (m/s², σ of a weak prior); it matters only where there are no events.
+const ACCELERATION: f64 = 100.0;
+/// The same for the angular acceleration (rad/s²).
+const ANGULAR_ACCELERATION: f64 = 300.0;
 
 /// One acceleration in units of its σ, and its derivatives.
 pub struct Acceleration {
@@ -54,7 +58,7 @@ impl Acceleration {
 }
 
 /// The accelerations of all control points of `trajectory`.
-pub fn accelerations(trajectory: &Trajectory, settings: &SolveSettings) -> Vec<Acceleration> {
+pub fn accelerations(trajectory: &Trajectory) -> Vec<Acceleration> {
     let abscissae = greville(&trajectory.knots, trajectory.degree);
     let turns = turns(&trajectory.rotation);
     let factors = abscissae.windows(3).map(|three| {
@@ -67,7 +71,7 @@ pub fn accelerations(trajectory: &Trajectory, settings: &SolveSettings) -> Vec<A
         .enumerate()
         .map(|(first, (([before, after], points), turns))| {
             let weights = |sigma: f64| [before / sigma, -(before + after) / sigma, after / sigma];
-            let (rotation, translation) = (weights(settings.angular_acceleration), weights(settings.acceleration));
+            let (rotation, translation) = (weights(ANGULAR_ACCELERATION), weights(ACCELERATION));
             let turning = turns[1] * rotation[2] - turns[0] * rotation[0];
             let moving = points[0] * translation[0] + points[1] * translation[1] + points[2] * translation[2];
             let residual = [turning.x, turning.y, turning.z, moving.x, moving.y, moving.z];
@@ -100,15 +104,14 @@ mod tests {
 
     #[test]
     fn constant_velocity_costs_nothing_and_acceleration_is_that_of_the_curve() {
-        let settings = SolveSettings { acceleration: 10.0, angular_acceleration: 5.0, ..SolveSettings::default() };
-        for found in accelerations(&trajectory(|t| 0.2 + 3.0 * t), &settings) {
+        for found in accelerations(&trajectory(|t| 0.2 + 3.0 * t)) {
             assert!(found.residual.iter().all(|value| value.abs() < 1e-9), "{:?}", found.residual);
         }
-        let found = accelerations(&trajectory(|t| 2.0 * t * t), &settings);
+        let found = accelerations(&trajectory(|t| 200.0 * t * t));
         assert_eq!(found.len(), 4);
         for found in found {
-            assert!((found.residual[3] - 4.0 / 10.0).abs() < 1e-9, "{:?}", found.residual);
-            assert!((found.residual[1] - 4.0 / 5.0).abs() < 1e-9, "{:?}", found.residual);
+            assert!((found.residual[3] - 400.0 / 100.0).abs() < 1e-9, "{:?}", found.residual);
+            assert!((found.residual[1] - 400.0 / 300.0).abs() < 1e-9, "{:?}", found.residual);
         }
     }
 }

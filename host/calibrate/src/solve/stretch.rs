@@ -130,7 +130,7 @@ impl<'a> BinSums<'a> {
                 let range = usize::from(event.speed_range).min(SPEED_RANGE_COUNT - 1);
                 self.rows.set_class(lane, bias, bias.sigma[range]);
             }
-            self.rows.weigh(self.batch.edges(), problem.settings.huber, problem.residual_scale(), part.len());
+            self.rows.weigh(self.batch.edges(), problem.huber, problem.residual_scale(), part.len());
             let classes = part.iter().map(|event| class_of(event) as u8);
             let (count, cost) = self.rows.collect(self.batch.cells(), classes);
             self.count += count;
@@ -147,7 +147,7 @@ impl<'a> BinSums<'a> {
         let rows = point_rows(&state.camera, &problem.area, &state.board, pose, center, point.pixel);
         let Some(rows) = rows else { return };
         let error = rows[0][ROW_RESIDUAL].hypot(rows[1][ROW_RESIDUAL]) * inverse_sigma;
-        let (cost, root_weight) = huber(error, problem.settings.huber);
+        let (cost, root_weight) = huber(error, problem.huber);
         let mut weighed = [[0.0; ROW]; STEP];
         for (to, value) in weighed.iter_mut().flatten().zip(rows.iter().flatten()) {
             *to = (value * root_weight * inverse_sigma) as f32;
@@ -304,7 +304,9 @@ pub(crate) mod tests {
     use crate::solve::event_bias::unknown;
     use crate::solve::levenberg::{linearised, moved};
     use crate::solve::observation::EventBin;
-    use crate::solve::{BOARD_INDEX, BOARD_PARAMETERS, FreeParameters, GLOBAL_COUNT, SolveSettings, bias_index};
+    use crate::solve::{
+        BOARD_INDEX, BOARD_PARAMETERS, FreeParameters, GLOBAL_COUNT, ITERATIONS, ResidualMeasure, bias_index,
+    };
     use crate::trajectory::fit::{TrajectoryShape, fit};
     use crate::trajectory::{RotationSpline, Trajectory};
     use evcal_geometry::board::shape::{BoardShape, CircleArea, Surface};
@@ -383,7 +385,9 @@ pub(crate) mod tests {
                 board: [true; BOARD_PARAMETERS],
                 biases: [Biases::default(); CLASS_COUNT],
             },
-            settings: SolveSettings { huber: 1e6, ..SolveSettings::default() },
+            residual: ResidualMeasure::Pixel,
+            huber: 1e6,
+            iterations: ITERATIONS,
         };
         let mut bias = unknown(0.3);
         bias.iter_mut().for_each(|class| class.biases[Bias::Offset] = -0.3);

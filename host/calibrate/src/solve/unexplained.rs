@@ -3,10 +3,7 @@
 //! Where no curve follows the motion, the events spread wider about it than elsewhere, or most of those near the board
 //! are too far from any edge to be taken. Both are looked at in short cells of time.
 
-use evcal_core::settings;
-use evcal_core::settings::{above, at_least};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 use super::left_out::{LeftOut, Reason};
 use super::observation::SegmentObservations;
@@ -15,22 +12,12 @@ use super::{Problem, State};
 use crate::trajectory::Trajectory;
 use evcal_geometry::numerics::statistics::median;
 
-settings! {
-    /// Which stretches of time no curve explains: they leave the solve and the written trajectory, and the verdict names
-    /// them.
-    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-    #[serde(deny_unknown_fields, default)]
-    pub struct UnexplainedSettings {
-        /// Length of the cells of time that are judged.
-        pub cell: f64 = 0.01, "s", at_least(1e-4);
-        /// Largest median size of the residuals in a cell, in units of what their class's spread makes it.
-        pub spread: f64 = 1.7, "", at_least(1.0);
-        /// Events too far from every edge for each one near an edge: more in a cell are too many, if they are also four
-        /// times as many as usual.
-        pub far_ratio: f64 = 1.0, "", above(0.0);
-    }
-}
-
+/// Length of the cells of time that are judged (s).
+const CELL: f64 = 0.01;
+/// Largest median size of the residuals in a cell, in units of what their class's spread makes it.
+const SPREAD: f64 = 1.7;
+/// Events too far from every edge for each one near an edge: more in a cell are too many, if they are also more than usual.
+const FAR_RATIO: f64 = 1.0;
 /// Cells with fewer events are not judged by their spread.
 const FEWEST: usize = 30;
 /// One cell alone may be chance, or the first moment of a recording.
@@ -41,18 +28,13 @@ const NORMAL_MEDIAN: f64 = 0.6745;
 const UNUSUAL: f64 = 4.0;
 
 /// The unexplained stretches of the trajectories of `state`, whose `residuals` these are, in order of segment and time.
-pub fn unexplained(
-    problem: &Problem,
-    state: &State,
-    residuals: &[EventResidual],
-    settings: &UnexplainedSettings,
-) -> Vec<LeftOut> {
+pub fn unexplained(problem: &Problem, state: &State, residuals: &[EventResidual]) -> Vec<LeftOut> {
     let segments = problem.segments.par_iter().zip(&state.trajectories).enumerate();
     let of_segments: Vec<Vec<LeftOut>> = segments
         .map(|(segment, (observations, trajectory))| {
             let place = |segment: usize| residuals.partition_point(|event| (event.segment as usize) < segment);
             let residuals = residuals.get(place(segment)..place(segment + 1)).unwrap_or_default();
-            unexplained_cells(state, trajectory, observations, residuals, settings)
+            unexplained_cells(state, trajectory, observations, residuals)
         })
         .collect();
     let mut found: Vec<(LeftOut, usize)> = Vec::new();
@@ -75,10 +57,9 @@ fn unexplained_cells(
     trajectory: &Trajectory,
     observations: &SegmentObservations,
     residuals: &[EventResidual],
-    settings: &UnexplainedSettings,
 ) -> Vec<LeftOut> {
-    let cells = ((trajectory.end() - trajectory.start()) / settings.cell).ceil().max(0.0) as usize;
-    let cell_of = |t: f64| ((t - trajectory.start()) / settings.cell).max(0.0) as usize;
+    let cells = ((trajectory.end() - trajectory.start()) / CELL).ceil().max(0.0) as usize;
+    let cell_of = |t: f64| ((t - trajectory.start()) / CELL).max(0.0) as usize;
     let mut sizes: Vec<Vec<f32>> = vec![Vec::new(); cells];
     for event in residuals {
         let sigma =
@@ -94,17 +75,17 @@ fn unexplained_cells(
     for (cell, (sizes, far)) in sizes.iter_mut().zip(&far).enumerate() {
         let (near, far) = (sizes.len(), f64::from(*far));
         let wide = near >= FEWEST
-            && median(sizes, f32::total_cmp).is_some_and(|middle| f64::from(middle) > settings.spread * NORMAL_MEDIAN);
-        let lost = far >= FEWEST as f64 && far > settings.far_ratio * near as f64 && far > UNUSUAL * usual;
+            && median(sizes, f32::total_cmp).is_some_and(|middle| f64::from(middle) > SPREAD * NORMAL_MEDIAN);
+        let lost = far >= FEWEST as f64 && far > FAR_RATIO * near as f64 && far > UNUSUAL * usual;
         if !wide && !lost {
             continue;
         }
         // A cell on both sides, for a curve that misses in one pulls at the next.
-        let start = trajectory.start() + settings.cell * (cell as f64 - 1.0);
+        let start = trajectory.start() + CELL * (cell as f64 - 1.0);
         found.push(LeftOut {
             recording: trajectory.recording,
             start: start.max(trajectory.start()),
-            end: (start + 3.0 * settings.cell).min(trajectory.end()),
+            end: (start + 3.0 * CELL).min(trajectory.end()),
             reason: Reason::Unexplained,
         });
     }
@@ -132,7 +113,7 @@ mod tests {
     use crate::solve::event_bias::{CLASS_COUNT, unknown};
     use crate::solve::left_out::{covers, leave_out};
     use crate::solve::observation::EventBin;
-    use crate::solve::{BOARD_PARAMETERS, FreeParameters, SolveSettings};
+    use crate::solve::{BOARD_PARAMETERS, FreeParameters, HUBER, ITERATIONS, ResidualMeasure};
     use crate::trajectory::{RotationControl, Trajectory};
     use evcal_geometry::board::shape::{BoardShape, CircleArea};
 
@@ -161,7 +142,9 @@ mod tests {
                 board: [false; BOARD_PARAMETERS],
                 biases: [Biases::default(); CLASS_COUNT],
             },
-            settings: SolveSettings::default(),
+            residual: ResidualMeasure::Pixel,
+            huber: HUBER,
+            iterations: ITERATIONS,
         };
         let board = BoardShape { print_ratio: 1.0, bend: [0.0; 2], radius: 0.01 };
         (problem, State { camera, board, bias: unknown(0.2), trajectories: vec![trajectory] })
@@ -182,20 +165,19 @@ mod tests {
     fn a_stretch_of_wide_residuals_is_found_and_left_out() {
         let (mut problem, state) = problem(100);
         let wide = |t: f64| (0.4..0.5).contains(&t);
-        let settings = UnexplainedSettings::default();
-        let found = unexplained(&problem, &state, &spread(|t| if wide(t) { 0.6 } else { 0.3 }), &settings);
+        let found = unexplained(&problem, &state, &spread(|t| if wide(t) { 0.6 } else { 0.3 }));
         assert_eq!(found.len(), 1, "{found:?}");
         assert!((found[0].start - 0.39).abs() < 1e-9 && (found[0].end - 0.51).abs() < 1e-9, "{found:?}");
         leave_out(&mut problem, &state, &found);
         assert_eq!(problem.segments[0].bins.len(), 88);
-        assert!(unexplained(&problem, &state, &spread(|_| 0.3), &settings).is_empty());
+        assert!(unexplained(&problem, &state, &spread(|_| 0.3)).is_empty());
     }
 
     #[test]
     fn a_stretch_whose_events_are_far_from_every_edge_is_found() {
         let (mut problem, state) = problem(100);
         problem.segments[0].far = (0..2000).map(|index| 0.7 + 0.05 * index as f32 / 2000.0).collect();
-        let found = unexplained(&problem, &state, &spread(|_| 0.3), &UnexplainedSettings::default());
+        let found = unexplained(&problem, &state, &spread(|_| 0.3));
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(covers(&found, 0, 0.72) && !covers(&found, 0, 0.6) && !covers(&found, 1, 0.72));
     }

@@ -5,13 +5,15 @@ use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::InitialModel;
 use crate::trajectory::fit::{TrajectoryShape, fit, on_knots};
 use crate::trajectory::knot_grid::KnotSettings;
-use crate::trajectory::segment::{SegmentReport, SegmentSettings, segment, typical_interval};
+use crate::trajectory::segment::{SegmentReport, SegmentSettings, fewest_frames, segment, typical_interval};
 use crate::trajectory::settings::SplineSettings;
 use crate::trajectory::{Trajectory, TrajectoryError};
 use evcal_geometry::timed_pose::TimedPose;
 
 /// A circle this far in time (s) from the middle of its frame is not of it.
 const LONGEST_FRAME: f64 = 0.5;
+/// Distance of knots in the first round, where events follow (s).
+const FIRST_SPACING: f64 = 0.00875;
 
 /// What the joint solve starts from, beside the camera.
 pub struct FirstTrajectories {
@@ -93,13 +95,12 @@ pub fn first_trajectories(
     let times: Vec<(usize, f64)> = posed().map(|frame| (frame.recording, frame.t())).collect();
     let interval = typical_interval(&times);
     let longest_gap = segment_settings.longest_gap_at(interval);
-    let segmentation = SegmentSettings { longest_gap, ..segment_settings.clone() };
-    let (ranges, segments) = segment(&times, spline.degree, &segmentation);
+    let (ranges, segments) = segment(&times, spline.degree, longest_gap);
     if ranges.is_empty() {
         if interval > longest_gap && from_circles().next().is_some() {
             return Err(FirstTrajectoryError::FarApart { interval, longest: longest_gap });
         }
-        let fewest = segment_settings.fewest_frames.max(spline.degree + 1);
+        let fewest = fewest_frames(spline.degree);
         let too_few = segments.too_few_frames + segments.too_short;
         return Err(FirstTrajectoryError::NoSegment { frames: segments.frames_in, too_few, fewest });
     }
@@ -166,6 +167,6 @@ fn fit_segment(
     }
     // Where events follow, the curve may move freely also between sparse frames.
     let grid = spacings.grid(&trajectory);
-    let knots = grid.even(grid.level_of(spacings.first), shape.degree);
+    let knots = grid.even(grid.level_of(FIRST_SPACING), shape.degree);
     Ok((on_knots(&trajectory, knots, shape.rotation)?, points))
 }

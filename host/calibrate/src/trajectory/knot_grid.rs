@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::Trajectory;
 
 settings! {
-    /// How dense knots may be, and what decides it.
+    /// How dense knots may be.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct KnotSettings {
@@ -19,14 +19,6 @@ settings! {
         pub finest: f64 = 0.004375, "s", at_least(1e-4);
         /// Largest distance of knots. The same as `finest`: even knots, whatever the motion.
         pub coarsest: f64 = 0.07, "s", at_least(1e-4);
-        /// Distance of knots in the first round.
-        pub first: f64 = 0.00875, "s", at_least(1e-4);
-        /// How much better a curve must explain the events for each number that it has more, in units of what noise
-        /// alone gains. 2 is where the error of a curve too stiff is that of one too loose.
-        pub gain: f64 = 2.0, "", at_least(0.0);
-        /// Factor by which the information of the events about the trajectory is reduced because their errors are
-        /// correlated.
-        pub noise: f64 = 5.0, "", at_least(1.0);
     }
 }
 

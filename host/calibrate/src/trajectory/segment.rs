@@ -4,30 +4,29 @@
 //! segments: reference frames close in time share one (paper III-C, the grouping into Φ_l).
 
 use evcal_core::settings;
-use evcal_core::settings::{above, at_least};
+use evcal_core::settings::above;
 use serde::{Deserialize, Serialize};
 
 use evcal_geometry::numerics::statistics::median;
 
-/// Longest gap (s) that `longest_gap_ratio` allows: no curve follows a board for longer without a frame, and times in
+/// A gap of up to this many median intervals of the frames starts no new segment: circle tracks may hold few frames.
+const LONGEST_GAP_RATIO: f64 = 2.5;
+/// Longest gap (s) that this allows: no curve follows a board for longer without a frame, and times in
 /// another unit would make segments of years.
 const LONGEST_BRIDGED_GAP: f64 = 0.5;
+/// Fewest reference frames in a segment, if the spline does not need more.
+const FEWEST_FRAMES: usize = 4;
+/// Shortest segment that is kept (s).
+const SHORTEST: f64 = 0.02;
 
 settings! {
     /// Trajectory segments (section 6 of method.md).
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct SegmentSettings {
-        /// A longer gap between neighbouring reference frames starts a new segment, if it is also longer than
-        /// `longest_gap_ratio` allows.
+        /// A longer gap between neighbouring reference frames starts a new segment, if it is also longer than 2.5 median
+        /// intervals of the frames, or than 0.5 s.
         pub longest_gap: f64 = 0.03, "s", above(0.0).at_most(10.0);
-        /// A gap of up to this many median intervals of the frames, and of no more than 0.5 s, starts no new segment:
-        /// circle tracks may hold few frames.
-        pub longest_gap_ratio: f64 = 2.5, "", at_least(0.0);
-        /// Fewest reference frames in a segment; never less than the spline's degree + 1.
-        pub fewest_frames: usize = 4, "frames", at_least(1.0);
-        /// Shortest segment that is kept.
-        pub shortest: f64 = 0.02, "s", at_least(0.0);
     }
 }
 
@@ -51,7 +50,7 @@ pub struct SegmentReport {
 impl SegmentSettings {
     /// The longest gap (s) within a segment of frames that come every `interval` seconds.
     pub fn longest_gap_at(&self, interval: f64) -> f64 {
-        self.longest_gap.max((self.longest_gap_ratio * interval).min(LONGEST_BRIDGED_GAP))
+        self.longest_gap.max((LONGEST_GAP_RATIO * interval).min(LONGEST_BRIDGED_GAP))
     }
 }
 
@@ -62,24 +61,29 @@ pub fn typical_interval(times: &[(usize, f64)]) -> f64 {
     median(&mut intervals, f64::total_cmp).unwrap_or(0.0)
 }
 
+/// Fewest reference frames in a segment with a spline of this degree.
+pub fn fewest_frames(degree: usize) -> usize {
+    FEWEST_FRAMES.max(degree + 1)
+}
+
 /// Groups frames, given by (recording, time) in order of recording and time, into segments: ranges
-/// of indices into `times`.
+/// of indices into `times`. A gap of more than `longest_gap` seconds starts a new one.
 pub fn segment(
     times: &[(usize, f64)],
     degree: usize,
-    settings: &SegmentSettings,
+    longest_gap: f64,
 ) -> (Vec<std::ops::Range<usize>>, SegmentReport) {
     let mut report = SegmentReport { frames_in: times.len(), ..SegmentReport::default() };
     let mut segments = Vec::new();
-    let fewest = settings.fewest_frames.max(degree + 1);
+    let fewest = fewest_frames(degree);
     let mut end = 0;
-    for group in times.chunk_by(|a, b| a.0 == b.0 && b.1 - a.1 <= settings.longest_gap) {
+    for group in times.chunk_by(|a, b| a.0 == b.0 && b.1 - a.1 <= longest_gap) {
         let start = end;
         end += group.len();
         let duration = group.last().map_or(0.0, |frame| frame.1) - group.first().map_or(0.0, |frame| frame.1);
         if group.len() < fewest {
             report.too_few_frames += 1;
-        } else if duration < settings.shortest {
+        } else if duration < SHORTEST {
             report.too_short += 1;
         } else {
             report.frames_out += group.len();
@@ -101,7 +105,7 @@ mod tests {
         times.extend((0..3).map(|i| (0, 1.0 + i as f64 * 0.01)));
         times.extend((0..6).map(|i| (0, 2.0 + i as f64 * 0.001)));
         times.extend((0..8).map(|i| (1, 2.01 + i as f64 * 0.01)));
-        let (segments, report) = segment(&times, 3, &SegmentSettings::default());
+        let (segments, report) = segment(&times, 3, SegmentSettings::default().longest_gap);
         assert_eq!(segments, [0..10, 19..27]);
         assert_eq!(report.frames_in, 27);
         assert_eq!(report.frames_out, 18);
@@ -114,9 +118,8 @@ mod tests {
     fn times_in_another_unit_make_no_segment() {
         let kept = |interval: f64| {
             let times: Vec<(usize, f64)> = (0..60).map(|frame| (0, f64::from(frame) * interval)).collect();
-            let settings = SegmentSettings::default();
-            let longest_gap = settings.longest_gap_at(typical_interval(&times));
-            segment(&times, 3, &SegmentSettings { longest_gap, ..settings }).1.frames_out
+            let longest_gap = SegmentSettings::default().longest_gap_at(typical_interval(&times));
+            segment(&times, 3, longest_gap).1.frames_out
         };
         for interval in [0.01, 0.033, 0.1, 0.4] {
             assert_eq!(kept(interval), 60, "{interval}");

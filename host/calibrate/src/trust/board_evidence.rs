@@ -7,7 +7,6 @@
 
 use evcal_core::camera::Camera;
 use evcal_core::settings;
-use evcal_core::settings::at_least;
 use serde::{Deserialize, Serialize};
 
 use crate::solve::event_bias::bias::Bias;
@@ -24,18 +23,18 @@ settings! {
     pub struct BoardShapeSettings {
         /// Estimate print ratio, bending and radius of the board where the observations ask for it.
         pub estimate: bool = true;
-        /// How far from what is stated a parameter of the board must come out, in units of its standard deviation.
-        pub significance: f64 = 5.0, "σ", at_least(0.0);
-        /// The same for the radius, which changes nothing else and is known less well.
-        pub radius_significance: f64 = 3.0, "σ", at_least(0.0);
-        /// Smallest difference of the print's scales along x and y that is estimated, as a share.
-        pub smallest_ratio: f64 = 2e-4, "", at_least(0.0);
-        /// Smallest bend that is estimated, as a share of the longer side of the circles' area.
-        pub smallest_bend: f64 = 1e-4, "", at_least(0.0);
-        /// Smallest difference of the radius that is estimated, as a share of the stated one.
-        pub smallest_radius: f64 = 0.017, "", at_least(0.0);
     }
 }
+
+/// How far from what is stated a parameter of the board must come out, in units of its standard deviation (σ): print ratio, bend
+/// along x and y, and the radius, which changes nothing else and is known less well.
+const SIGNIFICANCE: [f64; PARAMETERS] = [5.0, 5.0, 5.0, 3.0];
+/// Smallest difference of the print's scales along x and y that is estimated, as a share.
+const SMALLEST_RATIO: f64 = 2e-4;
+/// Smallest bend that is estimated, as a share of the longer side of the circles' area.
+const SMALLEST_BEND: f64 = 1e-4;
+/// Smallest difference of the radius that is estimated, as a share of the stated one.
+const SMALLEST_RADIUS: f64 = 0.017;
 
 /// Where the radius is among the parameters.
 pub const RADIUS: usize = PARAMETERS - 1;
@@ -122,18 +121,13 @@ impl BoardEvidence {
     }
 
     /// Which parameters are not as in the `stated` shape of `board`.
-    pub fn asks_for(&self, stated: &BoardShape, board: &Board, settings: &BoardShapeSettings) -> [bool; PARAMETERS] {
-        if !settings.estimate {
-            return [false; PARAMETERS];
-        }
+    pub fn asks_for(&self, stated: &BoardShape, board: &Board) -> [bool; PARAMETERS] {
         let stated = stated.parameters();
-        let bend = settings.smallest_bend * board.longer_side();
-        let smallest = [settings.smallest_ratio, bend, bend, settings.smallest_radius * board.radius];
-        let [of_shape, of_radius] = [settings.significance, settings.radius_significance];
-        let significance = [of_shape, of_shape, of_shape, of_radius];
+        let bend = SMALLEST_BEND * board.longer_side();
+        let smallest = [SMALLEST_RATIO, bend, bend, SMALLEST_RADIUS * board.radius];
         std::array::from_fn(|index| {
             let difference = (self.values[index] - stated[index]).abs();
-            difference > significance[index] * self.sigma[index] && difference > smallest[index]
+            difference > SIGNIFICANCE[index] * self.sigma[index] && difference > smallest[index]
         })
     }
 }

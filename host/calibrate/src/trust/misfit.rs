@@ -9,7 +9,7 @@ use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
 use nalgebra::DMatrix;
 
 use crate::solve::levenberg::solve;
-use crate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, SolveSettings, State};
+use crate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, State};
 use crate::trust::residual_map::ResidualPattern;
 use crate::trust::uncertainty::Uncertainty;
 use crate::trust::uncertainty::projection::ProjectionUncertainty;
@@ -120,9 +120,8 @@ fn intrinsics_of(kind: ModelKind) -> [bool; MAX_PARAMETERS] {
 
 /// `problem` with one in `step` of its events and these parameters free.
 fn thinned(problem: &Problem, step: usize, free: FreeParameters, iterations: usize) -> Problem {
-    let settings = SolveSettings { iterations, ..problem.settings.clone() };
     let segments = problem.segments.iter().map(|segment| segment.every(step)).collect();
-    Problem { settings, free, ..problem.with_segments(segments) }
+    Problem { iterations, free, ..problem.with_segments(segments) }
 }
 
 fn better_model(problem: &Problem, state: &State, inflation: f64) -> Option<BetterModel> {

@@ -18,15 +18,15 @@ settings! {
     pub struct PoseSettings {
         /// Poses a second in `trajectory.txt` and `trajectory.csv`.
         pub rate: f64 = 200.0, "Hz", above(0.0).at_most(10_000.0);
-        /// Poses whose centre is known worse than this along any axis are only in `trajectory.csv`.
-        pub largest_position_sigma: f64 = 0.005, "m", above(0.0);
-        /// The same for the rotation about any axis.
-        pub largest_rotation_sigma: f64 = 0.01, "rad", above(0.0);
-        /// Poses whose uncertainty is more than this many times the usual one in the recording (the median) are only in
-        /// `trajectory.csv`, too.
-        pub largest_weakness: f64 = 4.0, "", above(1.0);
     }
 }
+
+/// Poses whose centre is known worse than this along any axis (m) are only in `trajectory.csv`.
+const LARGEST_POSITION_SIGMA: f64 = 0.005;
+/// The same for the rotation about any axis (rad).
+const LARGEST_ROTATION_SIGMA: f64 = 0.01;
+/// Poses whose uncertainty is more than this many times the usual one in the recording (the median) are only there, too.
+const LARGEST_WEAKNESS: f64 = 4.0;
 
 /// A pose with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,18 +39,18 @@ pub struct UncertainPose {
 
 impl UncertainPose {
     /// Whether it is sure enough; a pose whose σ is not known is not.
-    pub fn is_determined(&self, settings: &PoseSettings) -> bool {
+    pub fn is_determined(&self) -> bool {
         self.sigma.is_some_and(|sigma| {
-            sigma.position.iter().all(|sigma| *sigma <= settings.largest_position_sigma)
-                && sigma.rotation.iter().all(|sigma| *sigma <= settings.largest_rotation_sigma)
-                && sigma.weakness <= settings.largest_weakness
+            sigma.position.iter().all(|sigma| *sigma <= LARGEST_POSITION_SIGMA)
+                && sigma.rotation.iter().all(|sigma| *sigma <= LARGEST_ROTATION_SIGMA)
+                && sigma.weakness <= LARGEST_WEAKNESS
         })
     }
 }
 
 /// Those of `poses` that are sure enough.
-pub fn determined<'a>(poses: &'a [UncertainPose], settings: &'a PoseSettings) -> impl Iterator<Item = TimedPose> + 'a {
-    poses.iter().filter(|pose| pose.is_determined(settings)).map(|pose| pose.pose)
+pub fn determined(poses: &[UncertainPose]) -> impl Iterator<Item = TimedPose> {
+    poses.iter().filter(|pose| pose.is_determined()).map(|pose| pose.pose)
 }
 
 /// The poses along the trajectories of `recording`, at whole multiples of one over the rate, in order of time, but for the
@@ -87,15 +87,14 @@ mod tests {
 
     #[test]
     fn a_pose_must_be_sure_by_itself_and_among_the_others() {
-        let settings = PoseSettings::default();
         let of = |position: f64, rotation: f64, weakness: f64| {
             let sigma = PoseSigma { position: [0.0, position, 0.0], rotation: [rotation, 0.0, 0.0], weakness };
             UncertainPose { pose: TimedPose { t: 0.0, pose: Isometry3::identity() }, sigma: Some(sigma) }
         };
-        assert!(of(0.004, 0.009, 3.9).is_determined(&settings));
-        assert!(!of(0.006, 0.0, 1.0).is_determined(&settings));
-        assert!(!of(0.0, 0.011, 1.0).is_determined(&settings));
-        assert!(!of(0.001, 0.001, 4.1).is_determined(&settings));
-        assert!(!UncertainPose { sigma: None, ..of(0.0, 0.0, 1.0) }.is_determined(&settings));
+        assert!(of(0.004, 0.009, 3.9).is_determined());
+        assert!(!of(0.006, 0.0, 1.0).is_determined());
+        assert!(!of(0.0, 0.011, 1.0).is_determined());
+        assert!(!of(0.001, 0.001, 4.1).is_determined());
+        assert!(!UncertainPose { sigma: None, ..of(0.0, 0.0, 1.0) }.is_determined());
     }
 }

@@ -12,8 +12,6 @@
 pub mod histogram;
 
 use evcal_core::sensor::Sensor;
-use evcal_core::settings;
-use evcal_core::settings::{at_least, from_to};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -22,19 +20,18 @@ use crate::solve::stretch::{EventResidual, PointResidual, point_residuals};
 use crate::solve::{Problem, State};
 use evcal_geometry::numerics::huber::huber;
 
-settings! {
-    /// Where on the sensor the final residuals are more than noise.
-    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-    #[serde(deny_unknown_fields, default)]
-    pub struct ResidualMapSettings {
-        /// Columns of square cells into which the sensor is cut; the rows follow.
-        pub columns: u16 = 16, "cells", from_to(1.0, 256.0);
-        /// Events within this time may err together: standard errors are those of sums over such blocks.
-        pub block: f64 = 0.05, "s", at_least(1e-3);
-        /// Fewest blocks that saw something in a cell, to estimate a displacement there.
-        pub fewest_blocks: usize = 12, "blocks", at_least(6.0);
-    }
-}
+/// Columns of square cells into which the sensor is cut; the rows follow.
+const COLUMNS: usize = 16;
+/// Events within this time may err together (s): standard errors are those of sums over such blocks.
+const BLOCK: f64 = 0.05;
+/// Fewest blocks that saw something in a cell, to estimate a displacement there.
+const FEWEST_BLOCKS: usize = 12;
+/// Displacements that stay in the same places of the image, beyond what noise explains: from this size on (px, rms) other lens models
+/// are asked, if they are also so many times what noise makes of them.
+const SUSPICIOUS: [f64; 2] = [0.002, 1.2];
+/// Such displacements larger than this (px, rms), and than so many times what noise makes of them, speak against the calibration
+/// although no other model is better.
+const CONDEMNING: [f64; 2] = [0.008, 1.5];
 
 /// One scalar residual: r = row · (d, m).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -114,27 +111,38 @@ pub struct ResidualPattern {
     pub outward_ratio: f64,
 }
 
+impl ResidualPattern {
+    /// Whether displacements that stay in the same places are large enough to ask other models.
+    pub fn is_suspicious(&self) -> bool {
+        self.is_beyond(SUSPICIOUS)
+    }
+
+    /// Whether they speak against the calibration although no other model is better.
+    pub(super) fn is_condemning(&self) -> bool {
+        self.is_beyond(CONDEMNING)
+    }
+
+    fn is_beyond(&self, [shift, ratio]: [f64; 2]) -> bool {
+        self.shift > shift && self.shift_ratio > ratio
+    }
+}
+
 /// The residuals of `problem` at `state` over the sensor; `events` are those of all its events.
-pub fn residual_map(
-    problem: &Problem,
-    state: &State,
-    events: &[EventResidual],
-    settings: &ResidualMapSettings,
-) -> ResidualMap {
+pub fn residual_map(problem: &Problem, state: &State, events: &[EventResidual]) -> ResidualMap {
     if events.is_empty() {
         let points = point_residuals(problem, state);
         let observations = || points.iter().flat_map(|point| of_point(problem, point));
-        return map_of(problem.sensor, observations, settings);
+        return map_of(problem.sensor, observations);
     }
     let observations = || events.iter().filter_map(|event| of_event(problem, state, event));
-    map_of(problem.sensor, observations, settings)
+    map_of(problem.sensor, observations)
 }
 
 fn of_event(problem: &Problem, state: &State, event: &EventResidual) -> Option<Observation> {
     let class = usize::from(event.class).min(CLASS_COUNT - 1);
     let sigma = state.bias.get(class)?.sigma[usize::from(event.speed_range).min(SPEED_RANGE_COUNT - 1)];
     let residual = f64::from(event.residual);
-    let (_, root_weight) = huber(residual / sigma, problem.settings.huber);
+    let (_, root_weight) = huber(residual / sigma, problem.huber);
     let [x, y] = event.normal.map(f64::from);
     Some(Observation {
         t: event.t,
@@ -146,7 +154,7 @@ fn of_event(problem: &Problem, state: &State, event: &EventResidual) -> Option<O
 }
 
 fn of_point(problem: &Problem, point: &PointResidual) -> [Observation; 2] {
-    let (_, root_weight) = huber(point.residual.norm() / problem.point_sigma, problem.settings.huber);
+    let (_, root_weight) = huber(point.residual.norm() / problem.point_sigma, problem.huber);
     let weight = (root_weight / problem.point_sigma).powi(2);
     let (t, pixel) = (point.t, point.pixel.into());
     [(Vector3::x(), point.residual.x), (Vector3::y(), point.residual.y)].map(|(row, residual)| Observation {
@@ -182,16 +190,14 @@ impl CellSums {
         }
     }
 
-    fn residuals(&self, settings: &ResidualMapSettings) -> CellResiduals {
+    fn residuals(&self) -> CellResiduals {
         let rms = if self.count > 0 { (self.square / self.count as f64).sqrt() } else { 0.0 };
-        CellResiduals { count: self.count, blocks: self.blocks, rms, displacement: self.displacement(settings) }
+        CellResiduals { count: self.count, blocks: self.blocks, rms, displacement: self.displacement() }
     }
 
-    fn displacement(&self, settings: &ResidualMapSettings) -> Option<Displacement> {
-        // Fewer blocks leave their covariance singular, whatever the settings.
-        const FEWEST: usize = 6;
+    fn displacement(&self) -> Option<Displacement> {
         let (inverse, estimate) = self.estimate?;
-        if self.blocks < settings.fewest_blocks.max(FEWEST) {
+        if self.blocks < FEWEST_BLOCKS {
             return None;
         }
         let blocks = self.blocks as f64;
@@ -219,19 +225,14 @@ fn inverse(normal: &Matrix3<f64>) -> Option<Matrix3<f64>> {
 }
 
 /// The map of the observations that every call of `observations` gives in order of time.
-fn map_of<O: Iterator<Item = Observation>>(
-    sensor: Sensor,
-    observations: impl Fn() -> O,
-    settings: &ResidualMapSettings,
-) -> ResidualMap {
-    let columns = usize::from(settings.columns.max(1));
-    let cell = f64::from(sensor.width.max(1)) / columns as f64;
+fn map_of<O: Iterator<Item = Observation>>(sensor: Sensor, observations: impl Fn() -> O) -> ResidualMap {
+    let cell = f64::from(sensor.width.max(1)) / COLUMNS as f64;
     let rows = (f64::from(sensor.height.max(1)) / cell).ceil().max(1.0) as usize;
     let index_of = |pixel: [f64; 2]| {
         let [column, row] = pixel.map(|coordinate| ((coordinate + 0.5) / cell).max(0.0) as usize);
-        row.min(rows - 1) * columns + column.min(columns - 1)
+        row.min(rows - 1) * COLUMNS + column.min(COLUMNS - 1)
     };
-    let mut sums = vec![CellSums::default(); columns * rows];
+    let mut sums = vec![CellSums::default(); COLUMNS * rows];
     for observation in observations() {
         let Some(sums) = sums.get_mut(index_of(observation.pixel)) else { continue };
         let weighted = observation.row * observation.weight;
@@ -246,7 +247,7 @@ fn map_of<O: Iterator<Item = Observation>>(
     for observation in observations() {
         let Some(sums) = sums.get_mut(index_of(observation.pixel)) else { continue };
         let Some((_, estimate)) = sums.estimate else { continue };
-        let block = (observation.t / settings.block).floor() as i64;
+        let block = (observation.t / BLOCK).floor() as i64;
         if sums.block != Some(block) {
             sums.end_block();
             sums.block = Some(block);
@@ -255,9 +256,9 @@ fn map_of<O: Iterator<Item = Observation>>(
         sums.score += observation.row * (observation.weight * left);
     }
     sums.iter_mut().for_each(CellSums::end_block);
-    let cells: Vec<CellResiduals> = sums.iter().map(|sums| sums.residuals(settings)).collect();
+    let cells: Vec<CellResiduals> = sums.iter().map(|sums| sums.residuals()).collect();
     let pattern = pattern(&cells);
-    ResidualMap { columns, rows, cell, cells, pattern }
+    ResidualMap { columns: COLUMNS, rows, cell, cells, pattern }
 }
 
 fn pattern(cells: &[CellResiduals]) -> ResidualPattern {

@@ -9,8 +9,6 @@
 //! 10 % short. More would only move the trajectory where a half has no events and nothing but its smoothness holds it.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
-use evcal_core::settings;
-use evcal_core::settings::at_least;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
@@ -25,17 +23,10 @@ use crate::trust::uncertainty::projection::projection_uncertainty;
 use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::lens::projection_difference::{ProjectionDifference, projection_difference};
 
-settings! {
-    /// The two halves of a recording that are calibrated apart; none of these settings changes the camera.
-    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-    #[serde(deny_unknown_fields, default)]
-    pub struct SplitHalfSettings {
-        /// Length of a slice of time; even slices make one half, odd ones the other.
-        pub slice: f64 = 0.5, "s", at_least(1e-3);
-        /// Recordings with fewer slices are not halved.
-        pub fewest_slices: usize = 4, "slices", at_least(2.0);
-    }
-}
+/// Length of a slice of time (s); even slices make one half, odd ones the other.
+const SLICE: f64 = 0.5;
+/// Recordings with fewer slices are not halved.
+const FEWEST_SLICES: f64 = 4.0;
 
 /// How well a camera explains events that it was not calibrated from.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -72,17 +63,12 @@ impl SplitHalf {
 
 /// Halves `problem`, which `state` solves, and compares; `parts` say where the covariance of the whole comes from. `None` when there is
 /// too little to halve.
-pub fn split_half(
-    problem: &Problem,
-    state: &State,
-    parts: &CovarianceParts,
-    settings: &SplitHalfSettings,
-) -> Option<SplitHalf> {
+pub fn split_half(problem: &Problem, state: &State, parts: &CovarianceParts) -> Option<SplitHalf> {
     let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
-    if total < settings.slice * settings.fewest_slices.max(2) as f64 {
+    if total < SLICE * FEWEST_SLICES {
         return None;
     }
-    let halves = [0, 1].map(|parity| half(problem, settings, parity));
+    let halves = [0, 1].map(|parity| half(problem, parity));
     let [first, second] = [solved(&halves[0], state).ok()?, solved(&halves[1], state).ok()?];
     // What both halves have in common cancels.
     let scattered = &parts.noise + &parts.between_parts;
@@ -174,8 +160,8 @@ fn with_camera_held(half: &Problem, own: &State, camera: &Camera<f64>) -> Option
 }
 
 /// The slices of `problem` whose number has this parity.
-fn half(problem: &Problem, settings: &SplitHalfSettings, parity: i64) -> Problem {
-    let wanted = |t: f64| (t / settings.slice).floor() as i64 & 1 == parity;
+fn half(problem: &Problem, parity: i64) -> Problem {
+    let wanted = |t: f64| (t / SLICE).floor() as i64 & 1 == parity;
     problem.with_segments(problem.segments.iter().map(|segment| segment.within(wanted)).collect())
 }
 

@@ -17,17 +17,14 @@
 //!
 //! No scatter shows an error that every part of a recording has. Simulated recordings with known truth do. What the biases of
 //! the events do not follow, some thousandths of a pixel, is the larger the more their latencies move them. It moves the camera in the
-//! directions that the views hardly determine, the further the less they do ([`UncertaintySettings::model_error`]; the poses and the board
-//! go with it), and the focal lengths, even if the views determine them well ([`UncertaintySettings::latency_scale`]).
+//! directions that the views hardly determine, the further the less they do ([`MODEL_ERROR`]; the poses and the board
+//! go with it), and the focal lengths, even if the views determine them well ([`LATENCY_SCALE`]).
 
 pub mod blocks;
 pub mod parts;
 pub mod projection;
 
-use evcal_core::settings;
-use evcal_core::settings::{at_least, from_to};
 use nalgebra::{DMatrix, DVector};
-use serde::{Deserialize, Serialize};
 
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::{Bias, Biases};
@@ -41,33 +38,25 @@ use blocks::{Scatter, scatter, sum_by_block};
 use parts::CovarianceParts;
 use projection::{NoView, ProjectionUncertainty, projection_uncertainty};
 
-settings! {
-    /// How the stated σ come about; none of these settings changes the camera.
-    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-    #[serde(deny_unknown_fields, default)]
-    pub struct UncertaintySettings {
-        /// Length of the blocks of time whose scatter tells how far events are correlated; blocks of half, twice
-        /// and four times this length are looked at too, and the largest figure counts.
-        pub block: f64 = 0.25, "s", at_least(1e-3);
-        /// Shorter recordings get shorter blocks, so that there are this many.
-        pub fewest_blocks: usize = 4, "blocks", from_to(2.0, 1e4);
-        /// Lower limit of the σ of the focal lengths, as a share of them: one error common to both.
-        pub systematic_scale: f64 = 5e-5, "", at_least(0.0);
-        /// The same limit if the latencies displace the events by half the sensor's diagonal (root mean square); for
-        /// smaller displacements it is smaller in proportion.
-        pub latency_scale: f64 = 0.108, "", at_least(0.0);
-        /// Error of the projection from imperfections of the event model (σ, rms over the sensor), as a share of the
-        /// displacement of the events by their latencies (root mean square), for each unit of leverage. Leverage is the
-        /// variance of the projection from a single event, divided by the variance of that event. More events do not
-        /// make this error smaller.
-        pub model_error: f64 = 1.3e-5, "", at_least(0.0);
-        /// Error of a pose from imperfections of the event model, as a share of the usual σ of a pose. For a pose that
-        /// is w times less certain, it is w² times as large.
-        pub pose_model_error: f64 = 0.2, "", at_least(0.0);
-        /// The least error of the circles' radius that all events have in common, where it is estimated (σ).
-        pub systematic_radius: f64 = 0.03, "px", at_least(0.0);
-    }
-}
+/// Length of the blocks of time whose scatter tells how far events are correlated (s); blocks of half, twice and four times this
+/// length are looked at too, and the largest figure counts.
+pub const BLOCK: f64 = 0.25;
+/// Shorter recordings get shorter blocks, so that there are this many.
+const FEWEST_BLOCKS: f64 = 4.0;
+/// Lower limit of the σ of the focal lengths, as a share of them: one error common to both.
+const SYSTEMATIC_SCALE: f64 = 5e-5;
+/// The same limit if the latencies displace the events by half the sensor's diagonal (root mean square); for smaller displacements
+/// it is smaller in proportion.
+const LATENCY_SCALE: f64 = 0.108;
+/// Error of the projection from imperfections of the event model (σ, rms over the sensor), as a share of the displacement of the
+/// events by their latencies (root mean square), for each unit of leverage. Leverage is the variance of the projection from a single
+/// event, divided by the variance of that event. More events do not make this error smaller.
+const MODEL_ERROR: f64 = 1.3e-5;
+/// Error of a pose from imperfections of the event model, as a share of the usual σ of a pose. For a pose that is w times less
+/// certain, it is w² times as large.
+pub const POSE_MODEL_ERROR: f64 = 0.2;
+/// The least error of the circles' radius that all events have in common, where it is estimated (px, σ).
+const SYSTEMATIC_RADIUS: f64 = 0.03;
 
 /// How sure the intrinsics of a calibration are.
 #[derive(Clone, Debug, PartialEq)]
@@ -175,12 +164,7 @@ fn combined(formal: &DMatrix<f64>, scatters: impl Iterator<Item = Scatter>) -> (
 ///
 /// # Errors
 /// [`SolveError::Singular`] when the observations do not determine the free parameters.
-pub fn uncertainty(
-    problem: &Problem,
-    state: &State,
-    system: System,
-    settings: &UncertaintySettings,
-) -> Result<SolveUncertainty, SolveError> {
+pub fn uncertainty(problem: &Problem, state: &State, system: System) -> Result<SolveUncertainty, SolveError> {
     let stretches = stretches(&problem.segments);
     let free = problem.free.mask();
     let singular = |_| SolveError::Singular;
@@ -204,11 +188,10 @@ pub fn uncertainty(
     let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
     let time = Time { starts: &times, total };
     let of_free = |one: Contribution| one.of(&places);
-    let (stated, inflation, blocks) =
-        stated(&formal, &contributions_with_board, &of_free, time, first_count(&free), settings);
-    let board = formal_with_board.zip(step_with_board).map(|(formal, step)| {
-        board_evidence(problem, state, &formal, &step, &contributions_with_board, time, settings)
-    });
+    let (stated, inflation, blocks) = stated(&formal, &contributions_with_board, &of_free, time, first_count(&free));
+    let board = formal_with_board
+        .zip(step_with_board)
+        .map(|(formal, step)| board_evidence(problem, state, &formal, &step, &contributions_with_board, time));
     drop(contributions_with_board);
 
     let count = state.camera.parameters().len();
@@ -217,9 +200,9 @@ pub fn uncertainty(
     let (common, systematic_scale) = if problem.segments.iter().all(|segment| segment.events.is_empty()) {
         (0.0, 0.0)
     } else {
-        let common = common_share(problem, state, &noise, observations, settings.model_error * latency_shift);
+        let common = common_share(problem, state, &noise, observations, MODEL_ERROR * latency_shift);
         let half_diagonal = 0.5 * f64::from(problem.sensor.width).hypot(f64::from(problem.sensor.height));
-        (common, settings.systematic_scale.max(settings.latency_scale * latency_shift / half_diagonal.max(1.0)))
+        (common, SYSTEMATIC_SCALE.max(LATENCY_SCALE * latency_shift / half_diagonal.max(1.0)))
     };
     let focal_lengths = std::array::from_fn(|axis| if free[axis] { state.camera.parameters()[axis] } else { 0.0 });
     let of_model = &noise * common;
@@ -239,7 +222,7 @@ pub fn uncertainty(
     let of_globals = &formal * (1.0 + common / inflation) + &scale * scale.transpose() / inflation;
     let controls = follows.control_covariances(&places, &of_globals).ok_or(SolveError::Singular)?;
     drop(follows);
-    let poses = PoseCovariance::new(controls, inflation, &state.trajectories, settings.pose_model_error);
+    let poses = PoseCovariance::new(controls, inflation, &state.trajectories, POSE_MODEL_ERROR);
 
     let mut variances = [0.0; GLOBAL_COUNT];
     let places = (0..GLOBAL_COUNT).filter(|&global| free[global]);
@@ -254,7 +237,7 @@ pub fn uncertainty(
         *sigma = (stated[(place, place)] + common * formal[(place, place)]).max(0.0).sqrt();
     }
     if problem.free.board[RADIUS] {
-        board_sigma[RADIUS] = libm::hypot(board_sigma[RADIUS], settings.systematic_radius * problem.mean_scale);
+        board_sigma[RADIUS] = libm::hypot(board_sigma[RADIUS], SYSTEMATIC_RADIUS * problem.mean_scale);
     }
     let intrinsics = Uncertainty { covariance, systematic, systematic_scale, inflation, observations, blocks };
     Ok(SolveUncertainty { intrinsics, parts, board_sigma, board, bias_sigma, poses, formal })
@@ -282,11 +265,10 @@ pub fn stated(
     part: &dyn Fn(Contribution) -> Contribution,
     time: Time,
     first: usize,
-    settings: &UncertaintySettings,
 ) -> (DMatrix<f64>, f64, usize) {
-    let longest = time.total / settings.fewest_blocks.max(2) as f64;
+    let longest = time.total / FEWEST_BLOCKS;
     let formal_first = formal.view((0, 0), (first, first)).into_owned();
-    let lengths = BLOCK_LENGTHS.map(|factor| (factor * settings.block).min(longest));
+    let lengths = BLOCK_LENGTHS.map(|factor| (factor * BLOCK).min(longest));
     let of_length = |length: f64| {
         // One at a time: all of them would be as large as the contributions.
         scatter(formal, sum_by_block(time.starts, contributions, length).map(part), first)
@@ -305,16 +287,15 @@ fn board_evidence(
     step: &[f64],
     contributions: &[PackedContribution],
     time: Time,
-    settings: &UncertaintySettings,
 ) -> BoardEvidence {
     let parameters = with_board(problem);
     let free = parameters.mask();
     let there = |one: Contribution| after(step, one, &free);
     let first = first_count(&free);
-    let (stated, ..) = self::stated(formal, contributions, &there, time, first, settings);
+    let (stated, ..) = self::stated(formal, contributions, &there, time, first);
     let board = parameters.board.iter().filter(|&&free| free).count();
     let variances: Vec<f64> = stated.diagonal().iter().skip(first - board).copied().collect();
-    let radius_error = settings.systematic_radius * problem.mean_scale;
+    let radius_error = SYSTEMATIC_RADIUS * problem.mean_scale;
     BoardEvidence::new(state, step, parameters.board, variances.into_iter(), radius_error)
 }
 

@@ -12,7 +12,7 @@ use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 use self::findings::findings_on;
-pub use self::settings::VerdictSettings;
+pub use self::settings::{SMALLEST_COVERAGE, VerdictSettings};
 use crate::advice::{Advice, Wording};
 use crate::trust::{EventTrust, Trust};
 use evcal_geometry::board::Board;

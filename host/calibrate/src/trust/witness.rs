@@ -8,7 +8,6 @@ use evcal_core::sensor::Sensor;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use crate::detection::pictures::settings::PictureSettings;
 use crate::picture_calibration::calibration::{
     NoPictureCalibration, PictureCalibration, PictureFailure, PictureReport,
 };
@@ -16,6 +15,11 @@ use crate::trust::uncertainty::projection::{NoView, projection_uncertainty};
 use crate::trust::verdict::{Cause, Finding, Severity};
 use evcal_geometry::lens::camera_file::{CameraDescription, Parameters};
 use evcal_geometry::lens::projection_difference::{NoCommonView, ProjectionDifference, projection_difference};
+
+/// Pictures and events agree while their projections differ by at most this many times what the uncertainty of both makes likely.
+const AGREEMENT: f64 = 2.0;
+/// Uncertainty of the pictures' projection (px, rms over the sensor) above which they cannot tell whether the events are right.
+const TOO_UNCERTAIN: f64 = 1.0;
 
 /// What the pictures say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -183,7 +187,6 @@ pub fn picture_witness(
     covariance: &DMatrix<f64>,
     pictures: &PictureCalibration,
     sensor: Sensor,
-    settings: &PictureSettings,
 ) -> Result<PictureWitness, NoWitness> {
     let difference = projection_difference(camera, &pictures.camera, sensor)?;
     let expected =
@@ -192,9 +195,9 @@ pub fn picture_witness(
     let from_frames = expected(&pictures.camera, &pictures.covariance)?;
     let expected = ExpectedDifference { rms: from_events.hypot(from_frames), events: from_events, frames: from_frames };
     let ratio = difference.rms / expected.rms.max(f64::MIN_POSITIVE);
-    let agreement = if from_frames > settings.too_uncertain {
+    let agreement = if from_frames > TOO_UNCERTAIN {
         Agreement::TooUncertain
-    } else if ratio <= settings.agreement {
+    } else if ratio <= AGREEMENT {
         Agreement::Agrees
     } else {
         Agreement::Disagrees

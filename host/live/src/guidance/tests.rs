@@ -7,6 +7,7 @@ use rand_chacha::rand_core::SeedableRng;
 use super::hint::{Hint, Seen, choose, errors, half_turn};
 use super::place::{Place, candidates, in_image, visible};
 use super::*;
+use crate::coverage::BOARDS;
 use crate::{LiveCoverage, Tilt};
 use evcal_calibrate::circles::reference_frame::SeenIn;
 use evcal_calibrate::initial::information::{ProjectionMeasure, prior, view_information};
@@ -347,7 +348,7 @@ fn the_provisional_camera_comes_near_the_true_one() {
 #[test]
 fn a_board_held_frontally_is_never_enough() {
     let Session { coverage, guidance, .. } = session(Follows::Nobody, 0.001, 90.0, 1);
-    assert!(coverage.boards() > 2 * LiveSettings::default().boards, "{}", coverage.boards());
+    assert!(coverage.boards() > 2 * BOARDS, "{}", coverage.boards());
     println!("frontal: {:?}, {:?} px", coverage.missing(), guidance.sigma());
     assert!(!coverage.missing().is_empty());
 }

@@ -158,7 +158,7 @@ fn write_files(
         };
         let poses = poses(calibrated, recording, *start, &task.settings.poses);
         let determined: Vec<TimedPose> = match &calibrated.evidence {
-            Evidence::Events(_) => determined(&poses, &task.settings.poses).collect(),
+            Evidence::Events(_) => determined(&poses).collect(),
             Evidence::Pictures(_) => poses.iter().map(|pose| pose.pose).collect(),
         };
         distances = determined.iter().map(|pose| distance(pose, task.board)).fold(distances, nearest_and_farthest);

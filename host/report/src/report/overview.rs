@@ -9,7 +9,7 @@ use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::{Calibrated, Measured};
 use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::result::beside::{VerdictBeside, verdicts_beside};
-use evcal_calibrate::trust::verdict::{Finding, Grade, Severity, VerdictSettings};
+use evcal_calibrate::trust::verdict::{Finding, Grade, SMALLEST_COVERAGE, Severity, VerdictSettings};
 use evcal_core::sensor::Sensor;
 
 /// What a browser's window and a printed page are called.
@@ -96,7 +96,7 @@ fn figures(calibrated: &Calibrated, settings: &VerdictSettings) -> Markup {
             @if let Some((pixel, sigma)) = worst_place(calibrated) {
                 (figure("Worst place seen", &format!("{} px", signed(2.0 * sigma, 3)), &format!("or less at pixel ({:.0}, {:.0}), in 95 of 100 cases (2σ)", pixel[0], pixel[1])))
             }
-            (figure("Sensor covered", &percent(trust.coverage.covered), &format!("of its cells saw enough; good is from {}", percent(settings.coverage))))
+            (figure("Sensor covered", &percent(trust.coverage.covered), &format!("of its cells saw enough; good is from {}", percent(SMALLEST_COVERAGE))))
             @if let Some(halves) = calibrated.events().and_then(|events| events.trust.split_half.as_ref()) {
                 (figure(
                     "Two halves differ by",

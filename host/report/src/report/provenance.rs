@@ -143,10 +143,10 @@ mod tests {
     fn settings_that_were_changed_are_named() {
         let mut settings = Settings::default();
         assert!(changed(&settings).is_empty());
-        settings.refinement.rounds = 3;
+        settings.refinement.most_seconds = 30.0;
         settings.detection.window.gap = 7;
         let names: Vec<(String, String)> = changed(&settings);
         let pair = |name: &str, value: &str| (name.to_owned(), value.to_owned());
-        assert_eq!(names, [pair("detection.window.gap", "7"), pair("refinement.rounds", "3")]);
+        assert_eq!(names, [pair("detection.window.gap", "7"), pair("refinement.most_seconds", "30.0")]);
     }
 }

@@ -2,8 +2,16 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::settings::PictureSettings;
 use event_recordings::pictures::GreyImage;
+
+/// Smallest share of the light around a dot that is missing in its middle.
+pub const SMALLEST_CONTRAST: f64 = 0.25;
+/// Smallest half axis of a dot (px).
+const SMALLEST_HALF_AXIS: f64 = 2.0;
+/// Largest ratio of a dot's longest to its shortest diameter.
+const MOST_ELONGATED: f64 = 4.0;
+/// Largest difference of a dot's area from that of the ellipse with its moments, as a share of it.
+const LARGEST_ELLIPSE_ERROR: f64 = 0.25;
 
 /// A connected dark region.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,23 +36,23 @@ impl DarkSpot {
         (values.max().max(0.0).sqrt(), values.min().max(0.0).sqrt())
     }
 
-    fn is_dot(&self, settings: &PictureSettings) -> bool {
+    fn is_dot(&self, largest_radius: f64) -> bool {
         let (longest, shortest) = self.half_axes();
         let ellipse = std::f64::consts::PI * longest * shortest;
-        shortest >= settings.min_radius
-            && self.radius() <= settings.max_radius
-            && longest <= settings.max_elongation * shortest
-            && (self.area as f64 - ellipse).abs() <= settings.max_ellipse_error * ellipse
+        shortest >= SMALLEST_HALF_AXIS
+            && self.radius() <= largest_radius
+            && longest <= MOST_ELONGATED * shortest
+            && (self.area as f64 - ellipse).abs() <= LARGEST_ELLIPSE_ERROR * ellipse
     }
 }
 
-/// The dark spots that may be dots. Grey levels are compared within two distances, so that small dots
-/// in uneven light and large ones are both found.
-pub fn dark_spots(image: &GreyImage, settings: &PictureSettings) -> Vec<DarkSpot> {
+/// The dark spots that may be dots of up to `largest_radius` pixels. Grey levels are compared within two distances, so that small
+/// dots in uneven light and large ones are both found.
+pub fn dark_spots(image: &GreyImage, largest_radius: f64) -> Vec<DarkSpot> {
     let mut spots: Vec<DarkSpot> = Vec::new();
-    for reach in [settings.max_radius / 3.0, settings.max_radius] {
-        let dark = darker_than_around(image, reach.ceil() as usize + 2, settings.min_contrast);
-        for spot in regions(image, &dark).into_iter().filter(|spot| spot.is_dot(settings)) {
+    for reach in [largest_radius / 3.0, largest_radius] {
+        let dark = darker_than_around(image, reach.ceil() as usize + 2);
+        for spot in regions(image, &dark).into_iter().filter(|spot| spot.is_dot(largest_radius)) {
             let known = |other: &DarkSpot| (other.center - spot.center).norm() < other.radius().max(spot.radius());
             if !spots.iter().any(known) {
                 spots.push(spot);
@@ -56,12 +64,12 @@ pub fn dark_spots(image: &GreyImage, settings: &PictureSettings) -> Vec<DarkSpot
 
 /// Which pixels are darker than halfway between the darkest and the brightest within `reach` pixels,
 /// where these differ enough.
-fn darker_than_around(image: &GreyImage, reach: usize, min_contrast: f64) -> Vec<bool> {
+fn darker_than_around(image: &GreyImage, reach: usize) -> Vec<bool> {
     let darkest = extreme_around(image, reach, u8::MAX, |a, b| a.min(b));
     let brightest = extreme_around(image, reach, u8::MIN, |a, b| a.max(b));
     let pixels = image.pixels.iter().zip(darkest.iter().zip(&brightest));
     let judge = |(&pixel, (&low, &high)): (&u8, (&u8, &u8))| {
-        let differs = f64::from(high - low) >= min_contrast * f64::from(high) && high > low;
+        let differs = f64::from(high - low) >= SMALLEST_CONTRAST * f64::from(high) && high > low;
         differs && 2 * u16::from(pixel) < u16::from(low) + u16::from(high)
     };
     pixels.map(judge).collect()
@@ -183,7 +191,7 @@ mod tests {
         let pixels =
             (0..80 * 100).map(|index| if inside((index % 100) as f64, (index / 100) as f64) { 20 } else { 200 });
         let image = GreyImage::new(100, 80, pixels.collect()).unwrap();
-        let spots = dark_spots(&image, &PictureSettings::default());
+        let spots = dark_spots(&image, 40.0);
         let [spot] = spots[..] else { panic!("{spots:?}") };
         let (longest, shortest) = spot.half_axes();
         assert!((longest - 12.0).abs() < 0.15 && (shortest - 6.0).abs() < 0.15, "{longest} {shortest}");

@@ -10,8 +10,7 @@ use std::fmt;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::dark_spots::DarkSpot;
-use super::settings::PictureSettings;
+use super::dark_spots::{DarkSpot, SMALLEST_CONTRAST};
 use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
 use event_recordings::pictures::GreyImage;
 
@@ -53,17 +52,19 @@ const INNER_SHARE: f64 = 0.65;
 const ROUNDS: usize = 3;
 /// Radius, as a share of the dot's, within which a dot is as dark as it gets.
 const CORE: f64 = 0.4;
+/// Largest scatter of the light around a dot, as a share of the dot's contrast.
+const MOST_UNEVEN: f64 = 0.15;
 
 /// Measures the dot at `spot`. `reach` is where the surroundings end, in radii: halfway to the rim of
 /// the next dot.
-pub fn measure(image: &GreyImage, spot: &DarkSpot, reach: f64, settings: &PictureSettings) -> Result<Dot, NoDot> {
+pub fn measure(image: &GreyImage, spot: &DarkSpot, reach: f64) -> Result<Dot, NoDot> {
     let inverse = spot.shape.try_inverse().ok_or(NoDot::LowContrast)?;
     let inner = 1.0 + INNER_SHARE * (reach - 1.0);
     let mut center = spot.center;
     let mut measured = Err(NoDot::LowContrast);
     for _ in 0..ROUNDS {
         let window = Window { center, inverse, shape: spot.shape, inner, outer: reach };
-        let dot = window.measure(image, settings)?;
+        let dot = window.measure(image)?;
         center = dot.center;
         measured = Ok(dot);
     }
@@ -150,7 +151,7 @@ impl Window {
         (foreign as f64 <= FOREIGN_SHARE * ring.len() as f64).then_some(Paper { plane, scatter })
     }
 
-    fn measure(&self, image: &GreyImage, settings: &PictureSettings) -> Result<Dot, NoDot> {
+    fn measure(&self, image: &GreyImage) -> Result<Dot, NoDot> {
         if !self.inside(image) {
             return Err(NoDot::CutByBorder);
         }
@@ -177,10 +178,10 @@ impl Window {
             }
         }
         let contrast = core / core_count;
-        if contrast.is_nan() || contrast < settings.min_contrast || sum <= 0.0 {
+        if contrast.is_nan() || contrast < SMALLEST_CONTRAST || sum <= 0.0 {
             return Err(NoDot::LowContrast);
         }
-        if paper.scatter > settings.max_unevenness * contrast * brightness {
+        if paper.scatter > MOST_UNEVEN * contrast * brightness {
             return Err(NoDot::UnevenSurroundings);
         }
         let area = sum / contrast;
@@ -238,8 +239,7 @@ mod tests {
     }
 
     fn dots(image: &GreyImage) -> Vec<Result<Dot, NoDot>> {
-        let settings = PictureSettings::default();
-        dark_spots(image, &settings).iter().map(|spot| measure(image, spot, 2.2, &settings)).collect()
+        dark_spots(image, 40.0).iter().map(|spot| measure(image, spot, 2.2)).collect()
     }
 
     #[test]

@@ -9,7 +9,6 @@ use serde::{Deserialize, Serialize};
 
 use super::dark_spots::dark_spots;
 use super::dot::{Dot, NoDot, measure};
-use super::settings::PictureSettings;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
 use crate::detection::board_finder::{BoardFinder, within_capacity};
 use crate::detection::no_board::NoBoard;
@@ -21,6 +20,8 @@ use event_recordings::pictures::{GreyImage, TimedImage};
 const PICTURES_TOGETHER: usize = 64;
 /// Smallest and largest distance to which the paper around a dot is looked at, in radii of the dot.
 const REACH: [f64; 2] = [1.2, 3.0];
+/// Largest blur of the dots' edges (median of a picture), as the standard deviation of a Gaussian (px).
+const MOST_BLURRED: f64 = 2.5;
 
 /// What the pictures of all recordings held.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -64,7 +65,8 @@ struct SeenBoard {
 /// Looks for the board in the pictures of recordings.
 pub struct PictureSearch<'a> {
     board: &'a Board,
-    settings: &'a PictureSettings,
+    /// Largest radius of a dot (px).
+    largest_radius: f64,
     /// Fewest circles of a board.
     fewest: usize,
     frames: Vec<ReferenceFrame>,
@@ -73,10 +75,10 @@ pub struct PictureSearch<'a> {
 }
 
 impl<'a> PictureSearch<'a> {
-    /// Looks for `board`, of which at least `fewest` circles must be seen.
-    pub fn new(board: &'a Board, fewest: usize, settings: &'a PictureSettings) -> Self {
+    /// Looks for `board`, of which at least `fewest` circles must be seen, with radii up to `largest_radius` (px).
+    pub fn new(board: &'a Board, fewest: usize, largest_radius: f64) -> Self {
         let report = PictureSearchReport::default();
-        Self { board, settings, fewest, frames: Vec::new(), blurs: Vec::new(), report }
+        Self { board, largest_radius, fewest, frames: Vec::new(), blurs: Vec::new(), report }
     }
 
     /// Searches the pictures of recording number `number` of the camera, which `hand_on` hands on in order of time; their times
@@ -141,8 +143,8 @@ impl<'a> PictureSearch<'a> {
         let reach = (0.5 * self.board.neighbour_distance() / self.board.radius).clamp(REACH[0], REACH[1]);
         let mut dots: Vec<Dot> = Vec::new();
         let mut dots_refused = Vec::new();
-        for spot in dark_spots(image, self.settings) {
-            match measure(image, &spot, reach, self.settings) {
+        for spot in dark_spots(image, self.largest_radius) {
+            match measure(image, &spot, reach) {
                 Ok(dot) => dots.push(dot),
                 Err(reason) => dots_refused.push(reason),
             }
@@ -167,7 +169,7 @@ impl<'a> PictureSearch<'a> {
             placed.iter().filter_map(|placed| Some((placed.index, *dots.get(placed.candidate)?))).collect();
         let mut blurs: Vec<f64> = dots.iter().map(|(_, dot)| dot.blur).collect();
         let blur = median(&mut blurs, f64::total_cmp);
-        if blur.is_some_and(|blur| blur > self.settings.max_blur) {
+        if blur.is_some_and(|blur| blur > MOST_BLURRED) {
             return Err(NoBoard::Blurred);
         }
         Ok(SeenBoard { dots, blur })

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::initial::native_start::native_start;
+use crate::initial::settings::HUBER;
 use crate::initial::sighting::BoardPoint;
 
 fn settings(start: &'static dyn Start) -> InitialSettings {
@@ -65,9 +66,9 @@ fn a_start_on_the_wrong_side_of_a_model_is_left() {
     let posed = poses(&wrong, sightings, &settings, &mut report);
     let views: Vec<BundleView> =
         posed.iter().map(|posed| BundleView { points: &posed.sighting.points, pose: posed.pose }).collect();
-    let alone = bundle(&wrong, &views, &[true; 6], SENSOR, settings.huber).unwrap().camera;
+    let alone = bundle(&wrong, &views, &[true; 6], SENSOR, HUBER).unwrap().camera;
     assert!(xi(&alone) >= 0.0, "{alone:?} has left the wrong side by itself");
-    let refined = refine(&wrong, &posed, &scene.board, SENSOR, &settings, &mut report).unwrap().camera;
+    let refined = refine(&wrong, &posed, &scene.board, SENSOR, &mut report).unwrap().camera;
     let from_truth = difference(&scene.camera, &refined, SENSOR);
     assert!(from_truth.root_mean_square < 0.01, "{refined:?} {from_truth:?}");
 }

@@ -13,7 +13,7 @@ use crate::solve::levenberg::moved;
 use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use crate::solve::stretch::stretches;
 use crate::solve::stretch::tests::{AREA, BINS, CENTERS, RADIUS, trajectory};
-use crate::solve::{BOARD_PARAMETERS, FreeParameters, SolveSettings, State, bias_index};
+use crate::solve::{BOARD_PARAMETERS, FreeParameters, ITERATIONS, ResidualMeasure, State, bias_index};
 use crate::trajectory::Trajectory;
 use evcal_geometry::board::shape::BoardShape;
 
@@ -78,7 +78,9 @@ fn problem(segment: SegmentObservations) -> Problem {
             board: [false; BOARD_PARAMETERS],
             biases: [Biases::default(); CLASS_COUNT],
         },
-        settings: SolveSettings { huber: 1e6, ..SolveSettings::default() },
+        residual: ResidualMeasure::Pixel,
+        huber: 1e6,
+        iterations: ITERATIONS,
     }
 }
 

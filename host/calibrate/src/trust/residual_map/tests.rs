@@ -34,7 +34,7 @@ fn observations(shift: impl Fn([f64; 2]) -> Vector2<f64>, outward: f64, shared: 
 }
 
 fn of(observations: &[Observation]) -> ResidualMap {
-    map_of(SENSOR, || observations.iter().copied(), &ResidualMapSettings::default())
+    map_of(SENSOR, || observations.iter().copied())
 }
 
 #[test]

@@ -4,7 +4,10 @@ use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 
 use super::board_statement::board_finding;
-use super::settings::{CERTAIN_DIFFERENCE, KNOWN_TOGETHER, OPEN_FOCAL_LENGTH, TOLD_FROM_ZERO};
+use super::settings::{
+    CERTAIN_DIFFERENCE, KNOWN_TOGETHER, LARGEST_MISFIT, LARGEST_RADIUS_DIFFERENCE, OPEN_FOCAL_LENGTH, POOR, SHORTEST,
+    SMALLEST_COVERAGE, SMALLEST_FILL, SMALLEST_TILT, SQUARE_PIXELS, TOLD_FROM_ZERO,
+};
 use super::{Cause, Finding, Severity, VerdictSettings};
 use crate::advice::Advice;
 use crate::solve::left_out::{LeftOut, Reason};
@@ -26,14 +29,14 @@ pub(super) fn findings_on(
     settings: &VerdictSettings,
 ) -> Vec<Finding> {
     let mut findings = Vec::from_iter(uncertain(trust, settings));
-    findings.extend(views(&trust.coverage, settings));
-    findings.extend(events.and_then(|events| radius(&events.radius?, events.board.evidence.as_ref(), board, settings)));
+    findings.extend(views(&trust.coverage));
+    findings.extend(events.and_then(|events| radius(&events.radius?, events.board.evidence.as_ref(), board)));
     findings.extend(events.and_then(|events| board_finding(&events.board, board, camera)));
-    findings.extend(pixels_not_square(camera, trust, settings));
+    findings.extend(pixels_not_square(camera, trust));
     findings.extend(not_one_to_one(camera, sensor));
     findings.extend(events.and_then(|events| held(camera, &events.undetermined)));
     findings.extend(undetermined(camera, trust, events.map_or(&[], |events| &events.undetermined)));
-    findings.extend(events.and_then(|events| too_poor(camera, events, settings)));
+    findings.extend(events.and_then(|events| too_poor(camera, events)));
     findings.extend(events.and_then(|events| halves(events.split_half.as_ref()?)));
     findings.extend(events.and_then(|events| unexplained(&events.left_out)));
     findings.extend(events.and_then(saturated));
@@ -86,7 +89,7 @@ fn saturated(events: &EventTrust) -> Option<Finding> {
 
 fn uncertain(trust: &Trust, settings: &VerdictSettings) -> Option<Finding> {
     let bound = trust.projection.rms_95;
-    let severity = if bound > settings.poor {
+    let severity = if bound > POOR * settings.good {
         Severity::Failure
     } else if bound > settings.good {
         Severity::Warning
@@ -101,18 +104,18 @@ fn uncertain(trust: &Trust, settings: &VerdictSettings) -> Option<Finding> {
     })
 }
 
-fn views(coverage: &Coverage, settings: &VerdictSettings) -> Vec<Finding> {
+fn views(coverage: &Coverage) -> Vec<Finding> {
     let warning =
         |cause, reason, advice: &str| Finding { cause, severity: Severity::Warning, reason, advice: advice.into() };
     let mut findings = Vec::new();
-    if coverage.duration < settings.shortest {
+    if coverage.duration < SHORTEST {
         findings.push(warning(
             Cause::Short,
             format!("the board was followed for {:.1} s only", coverage.duration),
             "record five to ten seconds in which the whole board moves",
         ));
     }
-    if coverage.fill.high < settings.smallest_fill {
+    if coverage.fill.high < SMALLEST_FILL {
         findings.push(warning(
             Cause::FarAway,
             format!(
@@ -123,14 +126,14 @@ fn views(coverage: &Coverage, settings: &VerdictSettings) -> Vec<Finding> {
             "bring the board so near that it fills the image",
         ));
     }
-    if coverage.tilt.high < settings.smallest_tilt {
+    if coverage.tilt.high < SMALLEST_TILT {
         findings.push(warning(
             Cause::HeadOn,
             format!("the board was seen head-on, tilted by {:.0}° at most", coverage.tilt.high),
             "tilt the board by 30° to 45° to all sides: head-on, focal length and distance cannot be told apart",
         ));
     }
-    if coverage.covered < settings.coverage {
+    if coverage.covered < SMALLEST_COVERAGE {
         findings.push(warning(
             Cause::Uncovered,
             format!(
@@ -180,12 +183,7 @@ const MOST_DIFFERENT_OFFSETS: f64 = 0.5;
 
 /// The stated radius disagrees with the mean offset of the events, and with the `evidence`, if that tells the one from the other: a small
 /// dot in little light moves the offset too.
-fn radius(
-    observed: &ObservedRadius,
-    evidence: Option<&BoardEvidence>,
-    board: &Board,
-    settings: &VerdictSettings,
-) -> Option<Finding> {
+fn radius(observed: &ObservedRadius, evidence: Option<&BoardEvidence>, board: &Board) -> Option<Finding> {
     let ratio = observed.radius / board.radius;
     let pixels = (observed.radius - board.radius) / observed.scale;
     let speaks_against = |evidence: &&BoardEvidence| {
@@ -193,7 +191,7 @@ fn radius(
         apart(board.radius) < TOLD_APART && apart(observed.radius) > TOLD_APART
     };
     let most = evidence.filter(speaks_against).map_or(DIFFERENT_OFFSETS, |_| MOST_DIFFERENT_OFFSETS);
-    ((ratio - 1.0).abs() > settings.radius && pixels.abs() > most).then(|| Finding {
+    ((ratio - 1.0).abs() > LARGEST_RADIUS_DIFFERENCE && pixels.abs() > most).then(|| Finding {
         cause: Cause::RadiusDisagrees,
         severity: Severity::Failure,
         reason: format!(
@@ -209,14 +207,14 @@ fn radius(
     })
 }
 
-fn pixels_not_square(camera: &Camera<f64>, trust: &Trust, settings: &VerdictSettings) -> Option<Finding> {
+fn pixels_not_square(camera: &Camera<f64>, trust: &Trust) -> Option<Finding> {
     let parameters = camera.parameters();
     let (&[fx, fy], _) = parameters.split_first_chunk::<2>()?;
     let covariance = &trust.uncertainty.covariance;
     let variance = covariance[(0, 0)] + covariance[(1, 1)] - 2.0 * covariance[(0, 1)];
     let difference = (fx - fy).abs();
     let sigma = variance.max(0.0).sqrt();
-    (difference > CERTAIN_DIFFERENCE * sigma && difference > settings.square_pixels * fx).then(|| Finding {
+    (difference > CERTAIN_DIFFERENCE * sigma && difference > SQUARE_PIXELS * fx).then(|| Finding {
         cause: Cause::PixelsNotSquare,
         severity: Severity::Warning,
         reason: format!("fx and fy differ by {difference:.2} ± {sigma:.2} px, but pixels are square"),
@@ -283,12 +281,12 @@ fn undetermined(camera: &Camera<f64>, trust: &Trust, held: &[usize]) -> Option<F
     })
 }
 
-fn too_poor(camera: &Camera<f64>, events: &EventTrust, settings: &VerdictSettings) -> Option<Finding> {
+fn too_poor(camera: &Camera<f64>, events: &EventTrust) -> Option<Finding> {
     let misfit = events.misfit.as_ref()?;
     let own = camera.kind();
     let Some(BetterModel { kind, difference }) = &misfit.better else {
         let pattern = &events.residuals.pattern;
-        return settings.condemns(pattern).then(|| Finding {
+        return pattern.is_condemning().then(|| Finding {
             cause: Cause::ModelTooPoor,
             severity: Severity::Warning,
             reason: format!(
@@ -300,7 +298,7 @@ fn too_poor(camera: &Camera<f64>, events: &EventTrust, settings: &VerdictSetting
     };
     Some(Finding {
         cause: Cause::ModelTooPoor,
-        severity: if misfit.rms > settings.misfit { Severity::Failure } else { Severity::Warning },
+        severity: if misfit.rms > LARGEST_MISFIT { Severity::Failure } else { Severity::Warning },
         reason: format!(
             "{own} cannot follow this lens: take the model {kind}, which differs by {:.2} px over the sensor ({:.1} px at most)",
             difference.rms, difference.max
@@ -329,7 +327,6 @@ mod tests {
     #[test]
     fn a_radius_that_the_events_themselves_confirm_is_not_wrong() {
         let board: Board = "acircles:11x5:30mm:r8mm".parse().unwrap();
-        let settings = VerdictSettings::default();
         let scale = 2.7e-3;
         let told = |pixels: f64, evidence: Option<(f64, f64)>| {
             let observed = ObservedRadius { mean_offset: pixels - 0.41, scale, radius: board.radius + pixels * scale };
@@ -337,7 +334,7 @@ mod tests {
                 values: [1.0, 0.0, 0.0, radius],
                 sigma: [1e-4, 1e-4, 1e-4, sigma],
             });
-            radius(&observed, evidence.as_ref(), &board, &settings).is_some()
+            radius(&observed, evidence.as_ref(), &board).is_some()
         };
         let stated = Some((8.1e-3, 0.23e-3));
         assert!(told(0.3, None) && !told(0.3, stated) && !told(-0.3, stated));

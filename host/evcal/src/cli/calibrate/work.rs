@@ -270,7 +270,7 @@ impl Work<'_> {
 
     fn add_own_frames(&self, first: &mut Calibrated, waiting: &mut Waiting) -> Result<(), BesideError> {
         waiting.stage("frames as a second camera", None);
-        let frames = calibrate_own_pictures(first, self.held_of_first(first)?, &self.settings.uncertainty)?;
+        let frames = calibrate_own_pictures(first, self.held_of_first(first)?)?;
         keep(first, frames);
         Ok(())
     }
@@ -284,7 +284,6 @@ impl Work<'_> {
         waiting: &mut Waiting,
     ) -> Result<(), BesideError> {
         let Other { input, sensor, model } = other;
-        let uncertainty = &self.settings.uncertainty;
         let inputs = std::slice::from_ref(input);
         let pictures = match input {
             Input::Images(_) => PictureUse::Only,
@@ -305,10 +304,10 @@ impl Work<'_> {
         let second = match input {
             Input::Images(images) => {
                 let rolling_shutter = self.rolling_shutter;
-                calibrate_frame_camera(first, &second, images, rolling_shutter, &self.board, lenses, uncertainty)?
+                calibrate_frame_camera(first, &second, images, rolling_shutter, &self.board, lenses)?
             }
             Input::Events(_) | Input::Circles { .. } => {
-                calibrate_second_camera(first, &second, &input.name(), &self.board, lenses, uncertainty)?
+                calibrate_second_camera(first, &second, &input.name(), &self.board, lenses)?
             }
         };
         keep(first, second);

@@ -47,7 +47,7 @@ pub fn start(
         model: arguments.calibration.method.model,
         settings: settings.clone(),
     };
-    let (target, first) = (settings.live.target, settings.live.first_checkpoint);
+    let (target, first) = (settings.live.target, settings.live.first_checkpoint());
     Checkpoints::start(telling, target, first, move |seconds, stop| work.state(seconds, stop))
 }
 

@@ -1,0 +1,116 @@
+//! Settings of earlier versions that are constants now.
+//!
+//! Every `settings.toml` that an earlier version wrote states all of them. Where it states what is built in, nothing changes and they are
+//! passed over, so that old files can still be read; any other value would silently not count, and is an error.
+
+use toml::{Table, Value};
+
+/// Their names and what is built in.
+const FIXED: &str = include_str!("fixed.toml");
+
+/// What does the work of some of them: beginnings of names, and what to do instead.
+const INSTEAD: [(&str, &str); 6] = [
+    ("association.", "association.band says how far events may be from an edge"),
+    ("board.", "board.estimate = false takes the board as it is stated"),
+    ("knots.first", "knots.finest and knots.coarsest bound the distance of knots"),
+    ("live.boards", "live.shortest says how long to look"),
+    ("live.first_checkpoint", "it follows live.shortest, two thirds of it"),
+    ("verdict.poor", "it follows verdict.good, three times as much"),
+];
+
+/// A setting that cannot be set any more, with another value than the one that is built in.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{name} is {stated}, but it is fixed at {built_in} now: leave it out{instead}")]
+pub struct FixedSetting {
+    /// Dotted name.
+    pub name: String,
+    /// The value in the file.
+    pub stated: String,
+    /// The value that is built in.
+    pub built_in: String,
+    /// What to do instead, after a semicolon; empty where nothing does the same.
+    pub instead: String,
+}
+
+/// Takes those that are stated as they are built in out of `settings`. Whether there were any.
+///
+/// # Errors
+/// [`FixedSetting`] for another value.
+pub fn take_fixed(settings: &mut Table) -> Result<bool, FixedSetting> {
+    take_below("", &FIXED.parse().unwrap_or_default(), settings)
+}
+
+/// As [`take_fixed`], for the names that begin with `prefix`.
+fn take_below(prefix: &str, fixed: &Table, settings: &mut Table) -> Result<bool, FixedSetting> {
+    let mut taken = false;
+    for (name, built_in) in fixed {
+        let dotted = format!("{prefix}{name}");
+        match (built_in, settings.get_mut(name)) {
+            (Value::Table(fixed), Some(Value::Table(stated))) => {
+                taken |= take_below(&format!("{dotted}."), fixed, stated)?;
+                // Of some sections nothing is left, not even the name.
+                if stated.is_empty() {
+                    settings.remove(name);
+                }
+            }
+            (built_in, Some(stated)) if number(stated).is_some() && number(stated) == number(built_in) => {
+                settings.remove(name);
+                taken = true;
+            }
+            (built_in, Some(stated)) => {
+                let instead = INSTEAD.iter().find(|(beginning, _)| dotted.starts_with(beginning));
+                let instead = instead.map_or_else(String::new, |(_, instead)| format!("; {instead}"));
+                let (stated, built_in) = (stated.to_string(), built_in.to_string());
+                return Err(FixedSetting { name: dotted, stated, built_in, instead });
+            }
+            (_, None) => {}
+        }
+    }
+    Ok(taken)
+}
+
+fn number(value: &Value) -> Option<f64> {
+    value.as_float().or_else(|| value.as_integer().map(|value| value as f64))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Settings;
+    use super::*;
+
+    fn fixed() -> Table {
+        FIXED.parse().unwrap()
+    }
+
+    /// `settings` with all that `more` states.
+    fn merge(settings: &mut Table, more: Table) {
+        for (name, value) in more {
+            match (settings.get_mut(&name), value) {
+                (Some(Value::Table(own)), Value::Table(more)) => merge(own, more),
+                (None, value) => _ = settings.insert(name, value),
+                (Some(_), _) => panic!("{name} can be set"),
+            }
+        }
+    }
+
+    #[test]
+    fn a_file_of_an_earlier_version_is_read_as_the_settings_that_are_left() {
+        let mut old = Settings::default().table();
+        merge(&mut old, fixed());
+        assert_eq!(take_fixed(&mut old), Ok(true));
+        assert_eq!(old, Settings::default().table());
+        assert_eq!(take_fixed(&mut old), Ok(false));
+    }
+
+    #[test]
+    fn another_value_is_refused_by_name_with_what_is_built_in() {
+        let message = |text: &str| take_fixed(&mut text.parse().unwrap()).unwrap_err().to_string();
+        assert_eq!(message("solve.huber = 3"), "solve.huber is 3, but it is fixed at 1.5 now: leave it out");
+        let poor = message("verdict.poor = 0.5");
+        assert!(
+            poor.ends_with("fixed at 0.3 now: leave it out; it follows verdict.good, three times as much"),
+            "{poor}"
+        );
+        assert!(message("model_choice.views = \"many\"").starts_with("model_choice.views is \"many\", "));
+    }
+}
