@@ -49,7 +49,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let start = first_trajectories(&first.initial, &frames, trajectory_settings(task.settings))?;
 
     let read = events.reader(task, sensor, progress);
-    let input = first_input(task, &first.initial, sensor, events.input(&read), start.points, &saturated.left_out);
+    let input = first_input(task, &first.initial, sensor, events.input(&*read), start.points, &saturated.left_out);
     let state = first_state(task, first.initial.camera, start.trajectories);
     let (solve, model_choice) = solve_with_model(task, &input, state, first.choice, progress)?;
     let witness = pictures.as_ref().map(|pictures| witness(&solve, sensor, pictures));

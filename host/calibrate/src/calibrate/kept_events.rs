@@ -46,14 +46,14 @@ impl KeptEvents {
         task: &'a Task,
         sensor: Sensor,
         progress: &'a Progress,
-    ) -> impl Fn(usize, f64, &mut dyn FnMut(&[RankedEvent])) -> Result<(), CalibrateError> + Sync {
-        move |index, share, visit| {
+    ) -> Box<ReadRecording<'a, CalibrateError>> {
+        Box::new(move |index, share, visit| {
             progress.go_on()?;
             if self.sample.read(index, share, visit) {
                 return Ok(());
             }
             read_share(task, index, share, sensor, progress, visit)
-        }
+        })
     }
 
     /// As what the joint solve takes.

@@ -33,9 +33,12 @@ pub enum Grid {
 #[error("no grid finder of this name: write lattice or opencv")]
 pub struct GridNameError;
 
-/// Finds the circles of a whole board among candidates, as OpenCV's `findCirclesGrid` does.
+/// Finds the circles of a whole board among candidates.
+pub type FindWholeBoard = fn(&[GridCandidate<f32>], &Pattern) -> Result<Vec<PlacedCircle>, NoBoard>;
+
+/// What does so as OpenCV's `findCirclesGrid`.
 #[derive(Clone, Copy, Debug)]
-pub struct WholeBoardFinder(pub fn(&[GridCandidate<f32>], &Pattern) -> Result<Vec<PlacedCircle>, NoBoard>);
+pub struct WholeBoardFinder(pub FindWholeBoard);
 
 impl PartialEq for WholeBoardFinder {
     fn eq(&self, other: &Self) -> bool {

@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use evcal_core::pattern::{Layout, Pattern};
-use evcal_files;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::sheet::paper::Paper;
 use evcal_geometry::board::sheet::pdf::pdf;

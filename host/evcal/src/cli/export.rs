@@ -10,7 +10,6 @@ use evcal_calibrate::export::content::Exported;
 use evcal_calibrate::export::undistortion_table::{ExportedTable, fit_table, ideal_of, table};
 use evcal_calibrate::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC, plain};
 use evcal_core::undistortion::IdealCamera;
-use evcal_files;
 use evcal_files::folder::OutputFolder;
 use evcal_geometry::lens::camera_file::camera_path;
 use evcal_geometry::lens::nearest::Replacement;

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use clap::CommandFactory as _;
 use clap_mangen::Man;
-use evcal_files;
 use evcal_files::folder::OutputFolder;
 
 use super::print;

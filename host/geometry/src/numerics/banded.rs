@@ -13,7 +13,7 @@ use super::panel::{Panel, backward, forward};
 /// [`BandedCholesky::factor`], then [`BandedCholesky::solve_in_place`] as often as needed.
 ///
 /// ```
-/// let mut matrix = crate::numerics::banded::BandedCholesky::zeros(3, 1);
+/// let mut matrix = evcal_geometry::numerics::banded::BandedCholesky::zeros(3, 1);
 /// for row in 0..3 {
 ///     matrix.add(row, row, 2.0);
 /// }
