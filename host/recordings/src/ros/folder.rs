@@ -208,7 +208,7 @@ mod tests {
             (format!("a0: &a0 1\n{bomb}"), "repeats parts of itself"),
             ("[".repeat(100_000), "metadata.yaml"),
             (format!("a: {}\n", "b".repeat(LONGEST_METADATA)), "more than 1048576 bytes"),
-            ("a: [\n".to_owned(), "name the .db3 or .mcap file itself"),
+            ("a: [\n".to_owned(), "the list of the files of the bag cannot be read"),
         ] {
             let error = named(&text).unwrap_err();
             assert!(error.contains(part), "{error}");
