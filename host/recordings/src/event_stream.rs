@@ -211,7 +211,7 @@ mod tests {
     fn other_kinds_and_versions_are_refused() {
         for (content, part) in [
             (file(4, &[]), "DVS nor an ATIS"),
-            ([MAGIC, &[1, 0, 0, 1, 64, 1, 240, 0]].concat(), "version 2"),
+            ([MAGIC, &[1, 0, 0, 1, 64, 1, 240, 0]].concat(), "another version than 2"),
             (file(1, &[])[..14].to_vec(), "header"),
         ] {
             let error = testing::read(&content).error.unwrap();

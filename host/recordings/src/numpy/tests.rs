@@ -347,8 +347,8 @@ fn archives_without_events_say_what_they_hold() {
     let mut unequal = four(&events(3));
     unequal[1].1 = array("'<u2'", false, "(2,)", &[0; 4]);
     for (members, part) in [
-        (vec![("picture.png", vec![1])], "unpack it first"),
-        (vec![("xl/workbook.xml", vec![1])], "is a spreadsheet file, which is not supported; save its events as CSV"),
+        (vec![("picture.png", vec![1])], "is a ZIP file, which is not supported"),
+        (vec![("xl/workbook.xml", vec![1])], "is a spreadsheet file, which is not supported"),
         (vec![("a.npy", array("'<f8'", false, "(3,)", &[0; 24]))], "holds no events, only a; name"),
         (unequal, "x has 2 elements"),
     ] {

@@ -11,6 +11,7 @@ use yaml_rust2::Yaml;
 use super::container::{Container, MessageHead, OpenContainer, Topic};
 use super::{BAG_FORMAT, DB3_FORMAT, MCAP_FORMAT, bag, db3, events, extras, mcap};
 use crate::error::{RecordingError, RecordingErrorKind};
+use crate::foreign;
 use crate::format::{FileFormat, Head, Uses};
 use crate::read_report::Truncation;
 use evcal_files::yaml;
@@ -66,8 +67,11 @@ fn open_file(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
     match file_opener(path)? {
         Some(open) => open(path),
         None => {
-            let what = "content of another format than those of bags".to_owned();
-            Err(RecordingError::new(path, RecordingErrorKind::NoEventStream(what)))
+            let another =
+                || RecordingErrorKind::NoEventStream("content of another format than those of bags".to_owned());
+            let kind =
+                foreign::recognise(&Head::read(path)?.bytes).map_or_else(another, RecordingErrorKind::Unsupported);
+            Err(RecordingError::new(path, kind))
         }
     }
 }
@@ -204,7 +208,7 @@ mod tests {
             (format!("a0: &a0 1\n{bomb}"), "repeats parts of itself"),
             ("[".repeat(100_000), "metadata.yaml"),
             (format!("a: {}\n", "b".repeat(LONGEST_METADATA)), "more than 1048576 bytes"),
-            ("a: [\n".to_owned(), "name the .db3 or .mcap file itself"),
+            ("a: [\n".to_owned(), "the list of the files of the bag cannot be read"),
         ] {
             let error = named(&text).unwrap_err();
             assert!(error.contains(part), "{error}");
