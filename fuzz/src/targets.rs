@@ -17,7 +17,7 @@ use evcal_geometry::board::{Board, BoardProblem};
 use evcal_live::page::Page;
 use event_recordings::image_folder::{self, ImageFolder, ImageFolderError, Stamps};
 use event_recordings::images::Images;
-use event_recordings::{Damage, Recording, RecordingError, RecordingErrorKind, RecordingOptions, pictures};
+use event_recordings::{Damage, Recording, RecordingError, RecordingErrorKind, RecordingOptions};
 use usb_davis::protocol::{Decoder, Layout};
 
 /// Something that reads bytes.
@@ -246,7 +246,7 @@ fn read_others(recording: &Recording) {
             let _ = images.visit(|_| {});
         }
     }
-    let _ = pictures::visit_frames(recording, |_| {});
+    let _ = recording.visit_frames(|_| {});
     if let Some(open) = recording.format().extras
         && let Ok(mut extras) = open(recording.path(), recording.options())
     {

@@ -24,6 +24,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict, PyList, PyTuple};
 
+use crate::advice::worded;
 use crate::camera::Camera;
 use crate::interrupt::interruptible;
 use crate::recording::{Said, as_path, of_array};
@@ -42,7 +43,7 @@ struct Asked {
 impl Asked {
     fn task(&self) -> Task<'_> {
         let Self { inputs, board, model, sensor, pictures, settings } = self;
-        Task { model: *model, sensor: *sensor, pictures: *pictures, settings, ..Task::new(inputs, board) }
+        Task { model: *model, sensor: *sensor, pictures: *pictures, settings, wording: worded, ..Task::new(inputs, board) }
     }
 }
 
@@ -59,7 +60,7 @@ impl Calibration {
     }
 
     fn file(&self) -> CalibrationFile {
-        CalibrationFile::new(&self.calibrated, &self.asked.board)
+        CalibrationFile::new(&self.calibrated, &self.asked.board, worded)
     }
 }
 
@@ -92,7 +93,7 @@ impl Calibration {
     /// Whether it is good, in words: why, and what to do.
     #[getter]
     fn verdict(&self) -> String {
-        self.calibrated.verdict.to_string()
+        self.calibrated.verdict.worded(worded).to_string()
     }
 
     /// The report as one page of HTML.

@@ -36,7 +36,9 @@ pub fn evaluate<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let ((camera, sensor), (true_camera, true_sensor)) = (camera_of(calibration)?, camera_of(truth)?);
     if sensor != true_sensor {
-        return Err(failed(format!("one is for a sensor of {sensor} pixels, the other for one of {true_sensor}")));
+        return Err(crate::Error::new_err(format!(
+            "one is for a sensor of {sensor} pixels, the other for one of {true_sensor}"
+        )));
     }
     let difference = py.detach(|| projection_difference(&true_camera, &camera, sensor)).map_err(failed)?;
     to_python(py, serde_json::to_string(&difference))

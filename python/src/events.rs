@@ -294,7 +294,8 @@ pub fn to_array(py: Python<'_>, bytes: Vec<u8>) -> PyResult<Bound<'_, PyAny>> {
 }
 
 /// Width and height as evcal has them.
-pub fn sensor((width, height): (u16, u16)) -> PyResult<Sensor> {
+pub fn sensor(size: (u16, u16)) -> PyResult<Sensor> {
+    let (width, height) = size;
     if width == 0 || height == 0 {
         return Err(PyValueError::new_err("sensor is (width, height) in pixels, both above 0"));
     }

@@ -1,5 +1,6 @@
 //! The Python package of evcal: arrays in, arrays out. What it does is documented in `docs/python.md`.
 
+mod advice;
 mod calibration;
 mod camera;
 mod detection;
@@ -8,8 +9,6 @@ mod events;
 mod interrupt;
 mod recording;
 mod simulation;
-
-use std::fmt::Display;
 
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -22,9 +21,12 @@ pyo3::create_exception!(
     "evcal cannot do what was asked; the text says why, and what to do."
 );
 
-/// An error of evcal as one of Python.
-fn failed(error: impl Display) -> PyErr {
-    Error::new_err(error.to_string())
+/// An error of evcal as one of Python, with what to do about it.
+fn failed(error: impl std::error::Error + 'static) -> PyErr {
+    Error::new_err(match advice::advice(&error) {
+        Some(next) => format!("{error}; {next}"),
+        None => error.to_string(),
+    })
 }
 
 /// What the library says as JSON, as objects of Python.

@@ -74,10 +74,10 @@ pub enum CaptureError {
     )]
     NoCamera,
     /// More than one may be the camera.
-    #[error("several devices in this capture may be the camera ({}); choose one with --device BUS.DEVICE", list(.0))]
+    #[error("several devices in this capture may be the camera ({})", list(.0))]
     SeveralDevices(Vec<DeviceAddress>),
     /// There are more devices than are looked at: so many are.
-    #[error("more than {0} devices in this capture may be the camera; choose it with --device BUS.DEVICE")]
+    #[error("more than {0} devices in this capture may be the camera")]
     TooManyDevices(usize),
     /// The chosen device is not in the capture.
     #[error("no device {0} in this capture")]

@@ -7,18 +7,24 @@ pub mod calibrated;
 mod detected;
 pub mod error;
 mod events;
+mod examination;
+mod first_model;
+mod frames;
 mod health;
 pub mod inertia;
 pub mod input;
 mod joint_solve;
 mod kept_events;
+mod model_solve;
 pub mod mounted;
 mod other_camera;
 pub mod other_stretches;
 pub mod parameter_request;
+mod picture_solve;
 mod pictures;
 mod progress;
 pub mod repeat;
+mod saturated;
 pub mod second;
 pub mod step;
 pub mod stretch_choice;
@@ -37,6 +43,7 @@ use self::error::CalibrateError;
 use self::parameter_request::ParameterRequests;
 use self::progress::Progress;
 use self::step::Step;
+use crate::advice::{self, Wording};
 use crate::calibrate::input::Input;
 use crate::initial::model_choice::ModelRequest;
 use crate::settings::Settings;
@@ -78,6 +85,8 @@ pub struct Task<'a> {
     pub settings: &'a Settings,
     /// The command line, for the report; may be empty.
     pub command_line: &'a str,
+    /// How advice is worded in what is written of the calibration.
+    pub wording: Wording,
     /// Who reads the recordings and looks for the board; `None`: the workers of whoever calls.
     pub readers: Option<&'a ThreadPool>,
 }
@@ -98,6 +107,7 @@ impl<'a> Task<'a> {
             parameters: ParameterRequests::default(),
             settings: &DEFAULTS,
             command_line: "",
+            wording: advice::plain,
             readers: None,
         }
     }

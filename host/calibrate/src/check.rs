@@ -13,13 +13,14 @@ use serde::{Serialize, Serializer};
 
 use self::advice::next_step;
 use self::units::{OtherUnit, other_unit, unusual_unit};
-use crate::detection::LARGEST_SENSOR;
+use crate::advice::Advice;
 use crate::detection::focus::{EdgeWidth, edge_width};
 use crate::detection::layout::{RecognisedLayout, find_layout};
 use crate::detection::other_board::OtherBoard;
-use crate::detection::radius::other_radius;
+use crate::detection::radius::{OtherRadius, other_radius};
 use crate::detection::search::{FoundContent, SearchFor, search_events};
 use crate::detection::settings::DetectionSettings;
+use crate::detection::{LARGEST_SENSOR, NoPattern};
 use crate::diagnosis::bad_pixels::{BadPixels, PixelCounter, Repetition};
 use crate::diagnosis::information::{Information, gather_events};
 use evcal_geometry::board::{Board, layout_name};
@@ -55,8 +56,9 @@ pub struct Checked {
     /// Where the board was seen, or circles; `None` where the sensor is not known or too large, or times are in another
     /// unit.
     pub seen: Option<Seen>,
-    /// The one thing to do next.
-    pub next: String,
+    /// The one thing to do next. Whoever prints the rest words it.
+    #[serde(skip)]
+    pub next: Advice,
 }
 
 /// In how many windows of time the board was seen.
@@ -77,8 +79,35 @@ pub struct Seen {
     pub covered: f64,
     /// Width of the circles' edges in the sharpest windows with the board.
     pub edges: Option<EdgeWidth>,
-    /// Why it was nowhere, or is not as stated, with what to do.
-    pub failure: Option<String>,
+    /// Why it was nowhere, or is not as stated.
+    pub failure: Option<BoardFailure>,
+}
+
+/// Why the board was nowhere, or is not as stated. In files it is a sentence.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum BoardFailure {
+    /// It was in no window.
+    #[error("{0}")]
+    NoPattern(#[source] NoPattern),
+    /// Its circles are not as large as stated.
+    #[error("{0}")]
+    OtherRadius(#[source] OtherRadius),
+}
+
+impl BoardFailure {
+    /// What to do.
+    fn advice(&self) -> Advice {
+        match self {
+            Self::NoPattern(error) => Advice::FindBoard(error.clone()),
+            Self::OtherRadius(error) => Advice::CorrectRadius(error.clone()),
+        }
+    }
+}
+
+impl Serialize for BoardFailure {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
 }
 
 /// Looks at the beginning of `recording`: for `board`, or for any circles.
@@ -118,7 +147,7 @@ pub fn check(
         other = other_unit(&beginning, information.mean_rate);
     }
     let mut checked =
-        Checked { information, whole, other_unit: other, counted_from_one, repeated, seen, next: String::new() };
+        Checked { information, whole, other_unit: other, counted_from_one, repeated, seen, next: "".into() };
     checked.next = next_step(&checked, recording);
     Ok(checked)
 }
@@ -170,10 +199,10 @@ fn look(
         Some(board) if found.report.found == 0 => {
             let mut other = OtherBoard::new(settings, board, sensor);
             read_recording(recording, &mut |events| other.push(events))?;
-            Some(found.report.no_pattern(settings.window.max_interval, other.finish()).to_string())
+            Some(BoardFailure::NoPattern(found.report.no_pattern(settings.window.max_interval, other.finish())))
         }
         Some(board) => match &found.content {
-            FoundContent::Boards(_, frames) => other_radius(frames, board).map(|other| other.to_string()),
+            FoundContent::Boards(_, frames) => other_radius(frames, board).map(BoardFailure::OtherRadius),
             _ => None,
         },
         None => None,
@@ -255,7 +284,7 @@ impl fmt::Display for Checked {
                 writeln!(f, "{:<12}the circles' edges are {:.1} px wide", "focus", edges.pixels)?;
             }
         }
-        write!(f, "\nnext: {}", self.next)
+        Ok(())
     }
 }
 

@@ -22,6 +22,7 @@ pub mod settings;
 pub mod unplaced;
 
 use std::borrow::Cow;
+use std::ops::Range;
 
 use evcal_core::cluster::{row_bytes, row_count};
 
@@ -40,7 +41,7 @@ use self::dot_shape::DotShape;
 use self::kept_pixels::KeptPixels;
 use self::no_board::NoBoard;
 pub use self::ordering::order_frames;
-pub use self::report::{DetectionReport, FEWEST_EVENTS, NoCircle, NoPattern, too_short};
+pub use self::report::{DetectionReport, FEWEST_EVENTS, NoCircle, NoPattern, NoPatternCause, too_short};
 use self::second_pass::{Spacing, Uncertain, second_pass};
 use self::settings::{DetectionSettings, Grid};
 use self::unplaced::{UnplacedWindows, is_whole};
@@ -249,7 +250,7 @@ impl<'a> DetectionStage<'a> {
             .map_init(
                 || (host_detector(), self.seeker()),
                 |(detector, seeker), (chunk, (index, events))| {
-                    let span = (index * length, (index + 1) * length);
+                    let span = index * length..(index + 1) * length;
                     self.search_chunk(detector, seeker, chunk, events, span)
                 },
             )
@@ -316,11 +317,11 @@ impl<'a> DetectionStage<'a> {
         seeker: &mut Seeker,
         chunk: usize,
         events: &[Event],
-        span: (i64, i64),
+        span: Range<i64>,
     ) -> Searched {
         let Searched { mut findings, mut uncertain, mut unplaced, mut report, mut shape } = Searched::default();
-        let start = events.first().map_or(span.0, |event| event.t);
-        let mut planner = WindowPlanner::new(self.settings.window, start, span.1);
+        let start = events.first().map_or(span.start, |event| event.t);
+        let mut planner = WindowPlanner::new(self.settings.window, start, span.end);
         let detector_settings = self.settings.detector();
         while let Some(window) = planner.next(events) {
             let inside = events.get(window.first..window.last).unwrap_or_default();

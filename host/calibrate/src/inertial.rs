@@ -144,19 +144,35 @@ pub fn calibrate_unit(
     let estimate = Estimate { state, parameters: start.parameters, noise: solve::first_noise() };
     let solved = solve::solve(&joint, estimate)?;
     let delays_at = solved.estimate.parameters.middle + starts.get(first).unwrap_or(&0.0) + clock_origin;
-    let of_streams = (start.correlation, streams, clock_origin, delays_at);
-    let calibration = finish(&joint, solved, (refined, camera, held), of_streams)?;
+    let apart = Apart { refined, camera, held };
+    let clock = Clock { correlation: start.correlation, streams, clock_origin, delays_at };
+    let calibration = finish(&joint, solved, apart, clock)?;
     findings::explained(&calibration, joint.samples)?;
     let damaged = lost.into_iter().map(|what| Finding::Damaged { what });
     Ok(InertialCalibration { findings: findings(&calibration).into_iter().chain(damaged).collect(), ..calibration })
 }
 
-fn finish(
-    joint: &Joint,
-    solved: Solved,
-    (refined, camera, held): (&Refined, &Uncertainty, Option<&HeldIntrinsics>),
-    (correlation, streams, clock_origin, delays_at): (f64, Vec<StreamReport>, f64, f64),
-) -> Result<InertialCalibration, InertialError> {
+/// The camera as it was calibrated without the unit.
+struct Apart<'a> {
+    refined: &'a Refined,
+    camera: &'a Uncertainty,
+    /// Its intrinsics, where they are held.
+    held: Option<&'a HeldIntrinsics>,
+}
+
+/// The unit's clock beside that of the events.
+struct Clock {
+    /// Largest correlation of the turns.
+    correlation: f64,
+    streams: Vec<StreamReport>,
+    /// By how much the samples were moved to begin with the events (s).
+    clock_origin: f64,
+    /// When the delays are those that are stated (s).
+    delays_at: f64,
+}
+
+fn finish(joint: &Joint, solved: Solved, apart: Apart, clock: Clock) -> Result<InertialCalibration, InertialError> {
+    let Apart { refined, camera, held } = apart;
     let total = joint.used.iter().map(ExactSizeIterator::len).sum::<usize>() as f64 / joint.rate;
     let Stated { mut covariance, sigma_of_others, block_scatter } =
         uncertainty::stated(&solved.system, &solved.parts, total)?;
@@ -187,11 +203,11 @@ fn finish(
         parameters: estimate.parameters,
         covariance,
         noise: estimate.noise,
-        correlation,
-        streams,
+        correlation: clock.correlation,
+        streams: clock.streams,
         used: joint.used.iter().map(ExactSizeIterator::len).sum(),
-        clock_origin,
-        delays_at,
+        clock_origin: clock.clock_origin,
+        delays_at: clock.delays_at,
         knot_spacing: joint.knot_spacing,
         camera: estimate.state.camera,
         camera_moved,

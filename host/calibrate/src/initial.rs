@@ -9,6 +9,7 @@
 //! with its reason, and the result depends on frames and settings only, not on the number of threads.
 
 mod bundle;
+pub(crate) mod bundle_adjustment;
 mod cross_validation;
 mod first_camera;
 mod frame_pose;

@@ -3,9 +3,11 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
+pub mod advice;
 pub mod calibrate;
 pub mod check;
 pub mod circles;
+mod counted;
 pub mod detection;
 pub mod diagnosis;
 pub mod evaluate;

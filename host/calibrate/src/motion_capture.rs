@@ -129,7 +129,7 @@ pub fn compare(
     };
     let scale_sigma = sigma(&scaled)?[SCALE];
     let sigma = sigma(&all)?;
-    let errors = held_out(&path, capture, &all, (drifts, interval))?;
+    let errors = held_out(&path, capture, &all, drifts, interval)?;
     let HandEye { camera_body, mocap_world, offset, drift, .. } = all.hand_eye;
     let span = capture.last().zip(capture.first()).map_or(0.0, |(last, first)| last.t - first.t);
     Ok(Compared {

@@ -1,7 +1,6 @@
 //! Every threshold of a calibration, by name.
 //!
-//! `evcal calibrate` writes the settings it used to `settings.toml`, and reads such a file with
-//! `--settings`. A file may hold any part of them; an unknown name is an error.
+//! The settings that were used are written to `settings.toml`; such a file can be read for another calibration. It may hold any part of them; an unknown name is an error.
 //!
 //! The stages declare their settings ([`evcal_core::settings`](mod@evcal_core::settings)) with unit, bounds and meaning; here they are gathered.
 //! From the declarations come the check of a file, the comments of `settings.toml` and the tables of

@@ -6,6 +6,7 @@
 //! [`evcal_core::spline`]). [`knots`] chooses the knots from the times of the poses, [`fit`] the
 //! control points from the poses. Evaluation never panics: outside its knots a trajectory has no pose.
 
+pub mod alignment;
 pub mod first;
 pub mod fit;
 pub mod jerk;
@@ -117,7 +118,7 @@ pub enum TrajectoryError {
         control_point: usize,
     },
     /// The knots are not those of a spline.
-    #[error(transparent)]
+    #[error("{0}")]
     Spline(#[from] SplineError),
 }
 

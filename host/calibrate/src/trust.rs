@@ -123,20 +123,30 @@ fn misfit_of(
     suspicious.then(|| misfit(problem, state, &residuals.pattern, inflation))
 }
 
-/// Examines `refined`, whose uncertainty, board and held coefficients are known. `saturated` are stretches with a saturated readout that are in the solve.
+/// What is known of a joint solve beside its result.
+pub struct SolveCertainty {
+    /// How sure it is.
+    pub uncertainty: SolveUncertainty,
+    /// The board in it.
+    pub board: BoardEstimate,
+    /// Coefficients that it does not determine, by their index.
+    pub undetermined: Vec<usize>,
+}
+
+/// Examines `refined`. `saturated` are stretches with a saturated readout that are in the solve.
 ///
 /// # Errors
 /// [`SolveError::Singular`] when the observations do not determine the camera.
 pub fn examine(
     refined: &Refined,
-    (uncertainty, shape, undetermined): (SolveUncertainty, BoardEstimate, Vec<usize>),
+    certainty: SolveCertainty,
     board: &Board,
     saturated: &[LeftOut],
     settings: ExamineSettings,
 ) -> Result<(Trust, EventTrust), SolveError> {
     let (problem, state) = (&refined.problem, &refined.state);
     let SolveUncertainty { intrinsics: uncertainty, parts, board_sigma: _, board: _, bias_sigma, poses, formal: _ } =
-        uncertainty;
+        certainty.uncertainty;
     let in_the_image = |uncertainty: &Uncertainty| {
         projection_uncertainty(&state.camera, &uncertainty.covariance, problem.sensor).map_err(|_| SolveError::Singular)
     };
@@ -170,8 +180,8 @@ pub fn examine(
         ranks,
         misfit,
         radius: observed_radius(refined),
-        board: shape,
-        undetermined,
+        board: certainty.board,
+        undetermined: certainty.undetermined,
         left_out: refined.left_out.clone(),
         saturated: saturated.to_vec(),
         poses,

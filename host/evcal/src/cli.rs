@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 done, 1 failed with a reason on standard error, 2 wrong usage, 3 calibrated, but not well enough.
 
+mod advice;
 mod board;
 mod calibrate;
 mod camera_arguments;
@@ -184,6 +185,9 @@ pub fn run() -> ExitCode {
                     told = text;
                 }
                 source = cause.source();
+            }
+            if let Some(next) = advice::advice(&*error) {
+                let _ = writeln!(std::io::stderr().lock(), "  next: {next}");
             }
             match error {
                 error if error.is::<UsageError>() => ExitCode::from(2),

@@ -24,7 +24,7 @@ pub(super) fn exchange(folder: &Path, old: &[PathBuf], from: &Path, new: &[PathB
     // In the folder itself: nothing can be moved to another disk.
     let aside = super::scratch_in(folder).map_err(|error| FileError::new(folder, error))?;
     let mut steps = Vec::new();
-    match put_in(folder, old, (from, new), aside.path(), &mut steps) {
+    match put_in(folder, old, from, new, aside.path(), &mut steps) {
         Ok(()) => Ok(()),
         Err(error) => Err(match undo(steps) {
             Ok(()) => error,
@@ -36,24 +36,24 @@ pub(super) fn exchange(folder: &Path, old: &[PathBuf], from: &Path, new: &[PathB
 fn put_in(
     folder: &Path,
     old: &[PathBuf],
-    (from, new): (&Path, &[PathBuf]),
+    from: &Path,
+    new: &[PathBuf],
     aside: &Path,
     steps: &mut Vec<Step>,
 ) -> Result<(), FileError> {
     let is_replaced = |file: &&PathBuf| !old.contains(file) && folder.join(file).symlink_metadata().is_ok();
     for file in old.iter().chain(new.iter().filter(is_replaced)) {
         let place = folder.join(file);
-        move_file(&place, (aside, file), steps).map_err(|error| FileError::new(&place, error))?;
+        move_file(&place, aside, file, steps).map_err(|error| FileError::new(&place, error))?;
     }
     for file in new {
-        move_file(&from.join(file), (folder, file), steps)
-            .map_err(|error| FileError::new(&folder.join(file), error))?;
+        move_file(&from.join(file), folder, file, steps).map_err(|error| FileError::new(&folder.join(file), error))?;
     }
     Ok(())
 }
 
 /// Moves a file to its place in `folder`.
-fn move_file(from: &Path, (folder, file): (&Path, &Path), steps: &mut Vec<Step>) -> io::Result<()> {
+fn move_file(from: &Path, folder: &Path, file: &Path, steps: &mut Vec<Step>) -> io::Result<()> {
     let mut outer: Vec<&Path> = file.ancestors().skip(1).filter(|path| !path.as_os_str().is_empty()).collect();
     outer.reverse();
     for parent in outer {

@@ -44,7 +44,7 @@ pub struct BoardError {
 #[non_exhaustive]
 pub enum BoardProblem {
     /// A board that is not made of circles.
-    #[error("{0} cannot be used, only boards of circles can; print one with evcal board --pdf board.pdf")]
+    #[error("{0} cannot be used, only boards of circles can")]
     NoCircles(&'static str),
     /// A layout by the name that other programs have for it.
     #[error("{given} is called {} here", layout_word(*layout))]
@@ -68,7 +68,7 @@ pub enum BoardProblem {
     )]
     TargetFile,
     /// The name of a file.
-    #[error("looks like a file, not like a description; recordings stand apart from --board")]
+    #[error("looks like a file, not like a description")]
     File,
     /// A part is missing or too much.
     #[error("has {0} part(s) between colons, not 4")]
@@ -335,7 +335,7 @@ mod tests {
     fn boards_without_circles_lead_to_one_with() {
         for text in ["checkerboard:9x6:25mm", "chessboard:9x6", "aprilgrid:6x6:24mm:0.3", "ChArUco:5x7:30mm:r22mm"] {
             let message = text.parse::<Board>().unwrap_err().to_string();
-            assert!(message.contains("only boards of circles") && message.contains("evcal board"), "{message}");
+            assert!(message.contains("only boards of circles"), "{message}");
         }
     }
 

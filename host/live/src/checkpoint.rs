@@ -1,7 +1,7 @@
 //! Checkpoints: real calibrations of what was recorded so far, while the recording goes on.
 //!
 //! A thread of low priority makes them, with workers of its own, so that neither the recording nor the display
-//! waits for one. What a checkpoint states is what `evcal calibrate` states of the same part of the recording. Between
+//! waits for one. What a checkpoint states is what a calibration states of the same part of the recording. Between
 //! two of them the error is only estimated, from the windows that came since.
 
 use std::io;

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use event_recordings::pictures::{GreyImage, visit_frames};
+use event_recordings::pictures::GreyImage;
 use event_recordings::{Recording, RecordingError};
 
 /// How often a frame that is not due looks whether it is.
@@ -30,7 +30,7 @@ impl FrameFeed {
         let of_thread = Arc::clone(&shared);
         thread::spawn(move || {
             let Ok(first) = first_time(&recording) else { return };
-            let _ = visit_frames(&recording, |frame| {
+            let _ = recording.visit_frames(|frame| {
                 let due = frame.exposure.0.saturating_sub(first);
                 while of_thread.now.load(Ordering::Relaxed) < due && !of_thread.ended.load(Ordering::Relaxed) {
                     thread::sleep(PATIENCE);

@@ -162,8 +162,8 @@ impl Guidance {
     }
 
     /// The same for each cell of the sensor cut into so many columns and rows, row by row; `None` where the lens sees nothing.
-    pub fn sigma_in_cells(&self, size: (u16, u16)) -> Option<Vec<Option<f64>>> {
-        sigma_in_cells(self.camera()?, self.sensor, size, &self.information)
+    pub fn sigma_in_cells(&self, columns: u16, rows: u16) -> Option<Vec<Option<f64>>> {
+        sigma_in_cells(self.camera()?, self.sensor, columns, rows, &self.information)
     }
 
     /// Another recording of the same camera begins, with a clock of its own: what is known of the camera stays.

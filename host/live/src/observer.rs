@@ -256,7 +256,7 @@ impl<'a> Observer<'a> {
         self.summary = (self.coverage.summary(), self.latest);
         let size = self.summary.0.size;
         self.sigma_in_cells =
-            self.guidance.as_ref().and_then(|guidance| guidance.sigma_in_cells(size)).unwrap_or_default();
+            self.guidance.as_ref().and_then(|guidance| guidance.sigma_in_cells(size.0, size.1)).unwrap_or_default();
     }
 
     /// What is to be remembered for another recording of the same camera, with which this one is calibrated.

@@ -63,7 +63,7 @@ impl fmt::Display for Obstacle {
             Self::TooFar => f.write_str("the circles are too small: bring the board closer"),
             Self::CutOff => f.write_str("only a part of the board is in view: move it to the middle"),
             Self::OtherBoard(other) => write!(f, "{other}"),
-            Self::NoBoard => f.write_str("circles, but not those of the board: is it flat, and is --board right?"),
+            Self::NoBoard => f.write_str("circles, but not those of the board: is it flat, and is it described right?"),
         }
     }
 }

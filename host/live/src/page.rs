@@ -1,4 +1,4 @@
-//! The page of `evcal live`: what the camera sees, where the board should go, and the result, in a browser.
+//! The page of a live session: what the camera sees, where the board should go, and the result, in a browser.
 //!
 //! It is served on this computer alone (127.0.0.1) unless another address is given. A request must name this server as its host, so that no foreign
 //! name that leads here is answered, and data and commands need a token that is new with every run and stands behind
@@ -82,9 +82,7 @@ pub enum Next {
 #[derive(Debug, thiserror::Error)]
 pub enum PageError {
     /// No port is free.
-    #[error(
-        "no page: ports {first} to {last} of {address} cannot be used: {error}; choose one with --port, or --no-page"
-    )]
+    #[error("no page: ports {first} to {last} of {address} cannot be used: {error}")]
     Port {
         /// Of this address.
         address: IpAddr,
@@ -96,7 +94,7 @@ pub enum PageError {
         error: io::Error,
     },
     /// The system gave no thread or no random numbers.
-    #[error("the page cannot be served: {0}; add --no-page to run without it")]
+    #[error("the page cannot be served: {0}")]
     System(io::Error),
 }
 

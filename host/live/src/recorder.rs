@@ -121,7 +121,7 @@ pub enum RecordingError {
         error: DumpError,
     },
     /// The camera cannot be started.
-    #[error(transparent)]
+    #[error("{0}")]
     Camera(#[from] DeviceError),
 }
 

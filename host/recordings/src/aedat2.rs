@@ -23,10 +23,12 @@ use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
 use super::bytes::ByteReader;
-use super::{
-    Decode, FileFormat, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation, RecordingOptions,
-    StreamSummary, Uses,
-};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::format::{FileFormat, Opened, StreamSummary, Uses};
+use crate::options::FormatOption;
+use crate::options::RecordingOptions;
+use crate::read_report::ReadReport;
+use crate::reader::{Decode, RecordingInformation};
 use header::{Header, Ranges};
 
 const MAGIC: &[u8] = b"#!AER-DAT2.0";
@@ -107,7 +109,7 @@ fn layout(
         None => None,
     };
     if options.stream.is_some() {
-        return Err(RecordingErrorKind::NoEffect { option: "--stream", format: "AEDAT 2.0 of one camera" });
+        return Err(RecordingErrorKind::NoEffect { option: FormatOption::Stream, format: "AEDAT 2.0 of one camera" });
     }
     if let Some(sensor) = sensor {
         return Ok((Layout::Davis(sensor), None));
@@ -133,8 +135,7 @@ fn several(
         })?,
         None => first(),
     };
-    let note =
-        format!("several cameras were recorded together: events of camera {camera} are read, --stream takes others");
+    let note = format!("several cameras were recorded together: events of camera {camera} are read");
     Ok((Layout::SeveralDavis(sensor, camera), Some(note)))
 }
 
@@ -389,13 +390,18 @@ mod tests {
             expected.map(counts)
         );
         // One camera has no number.
-        assert!(testing::read_with(&file(DAVIS, &records), with("1")).error.unwrap().contains("--stream"));
+        assert!(
+            testing::read_with(&file(DAVIS, &records), with("1"))
+                .error
+                .unwrap()
+                .contains("the choice of a stream has no effect")
+        );
     }
 
     #[test]
     fn an_unknown_chip_needs_the_size_of_the_sensor() {
         let content = file("# AEChip: Davis999\r\n", &[[davis(1, 2, 0), 3]]);
-        assert!(testing::read(&content).error.unwrap().contains("--sensor"));
+        assert!(testing::read(&content).error.unwrap().contains("how many pixels"));
         let sensor = Some(Sensor::new(346, 260));
         let outcome = testing::read_with(&content, RecordingOptions { sensor, ..RecordingOptions::default() });
         assert_eq!(outcome.events, [Event { t: 3, x: 1, y: 2, polarity: Polarity::Off }]);

@@ -17,10 +17,12 @@ mod extras;
 mod packets;
 
 use super::bytes::ByteReader;
-use super::{
-    Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    RecordingOptions, StreamSummary, Truncation, Uses,
-};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::foreign::ForeignFormat;
+use crate::format::{FileFormat, Head, Opened, StreamSummary, Uses};
+use crate::options::RecordingOptions;
+use crate::read_report::{ReadReport, Truncation};
+use crate::reader::{Decode, RecordingInformation};
 use packets::{EVENT, Header, MAGIC, POLARITY, PacketHead, header, is_known, next_head, sensor, time};
 
 /// AEDAT 3.0 and 3.1.
@@ -54,10 +56,7 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
     let header =
         header(&Head::read(path)?.bytes).ok_or_else(|| file.damaged(0, "the end of the header is not found"))?;
     if header.encoding.as_deref().is_some_and(|encoding| encoding != "RAW") {
-        let kind = RecordingErrorKind::Unsupported {
-            format: "AEDAT 3 with compressed packets",
-            advice: "convert it to AEDAT4 with DV",
-        };
+        let kind = RecordingErrorKind::Unsupported(ForeignFormat::Aedat3Compressed);
         return Err(RecordingError::new(path, kind));
     }
     file.seek(header.length)?;
@@ -71,7 +70,7 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
     };
     let notes = match source {
         Some((number, name)) if header.sources.len() > 1 => {
-            vec![format!("the events of {number} {name} are read; --stream takes one of {}", header.list())]
+            vec![format!("the events of {number} {name} are read, of {}", header.list())]
         }
         _ => Vec::new(),
     };
@@ -283,7 +282,7 @@ mod tests {
         let compressed = b"#!AER-DAT3.1\r\n#Format: PNGFrames\r\n#!END-HEADER\r\n";
         assert!(testing::read(compressed).error.unwrap().contains("compressed"));
         let nameless = b"#!AER-DAT3.0\r\n#Source 1: eDVS\r\n\0";
-        assert!(testing::read(nameless).error.unwrap().contains("--sensor"));
+        assert!(testing::read(nameless).error.unwrap().contains("how many pixels"));
     }
 
     /// A packet may be as large as its file: it was read at once.

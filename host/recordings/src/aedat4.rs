@@ -23,10 +23,11 @@ use packets::{PacketHead, PacketReader};
 pub use write::{OUTPUT, OUTPUT_LZ4, OUTPUT_UNCOMPRESSED};
 
 use super::extras::ReadExtras;
-use super::{
-    Damage, Decode, FileFormat, MAX_SENSOR_SIZE, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    RecordingOptions, Uses,
-};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::format::{FileFormat, Uses};
+use crate::options::{Damage, RecordingOptions};
+use crate::read_report::ReadReport;
+use crate::reader::{Decode, MAX_SENSOR_SIZE, RecordingInformation};
 
 /// AEDAT4.
 pub const FORMAT: FileFormat = FileFormat {
@@ -182,7 +183,7 @@ fn choose_stream<'a>(
         None => {
             if of_events().count() > 1 {
                 let all = describe_all(of_events());
-                notes.push(format!("the first event stream is read; --stream takes one of {all}"));
+                notes.push(format!("the first event stream is read, of {all}"));
             }
             Ok(first)
         }
@@ -349,7 +350,7 @@ mod tests {
         for size in [32_768, 0, -5, 70_000] {
             let (_directory, path) = file(Compression::None, size, &[]);
             let error = read(&path, RecordingOptions::default()).error.unwrap();
-            assert!(error.contains(&size.to_string()) && error.contains("--sensor"), "{error}");
+            assert!(error.contains(&size.to_string()) && error.contains("which none has"), "{error}");
             let options = RecordingOptions { sensor: Some(Sensor::new(346, 260)), ..RecordingOptions::default() };
             assert_eq!(read(&path, options).error, None);
         }

@@ -4,15 +4,14 @@ use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
-use super::{ReadReport, RecordingError, RecordingErrorKind, Truncation};
+use crate::error::Usable;
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::read_report::{ReadReport, Truncation};
 
 /// Which part of `whole` `part` is, 0 to 1; nothing of nothing is all.
 pub fn share(part: u64, whole: u64) -> f64 {
     if part >= whole { 1.0 } else { part as f64 / whole as f64 }
 }
-
-/// What to do about damage.
-pub const BEFORE_IT: &str = "the events before it can be used";
 
 /// Reads a file from its beginning. Nothing is allocated that the file does not hold.
 pub struct ByteReader {
@@ -99,7 +98,7 @@ impl ByteReader {
 
     /// An error about what stands at `byte`.
     pub fn damaged(&self, byte: u64, what: impl Into<String>) -> RecordingError {
-        let kind = RecordingErrorKind::Damaged { byte, what: what.into(), advice: BEFORE_IT };
+        let kind = RecordingErrorKind::Damaged { byte, what: what.into(), usable: Usable::Before };
         RecordingError::new(&self.path, kind)
     }
 }

@@ -1,8 +1,6 @@
 //! What the columns of a table of events are, and the unit of its times, where nobody says it.
 
-use super::{Column, Columns, TimeUnit};
-
-const ASK: &str = "say what they are with --columns, for example t,x,y,p";
+use crate::options::{Column, Columns, TimeUnit};
 
 /// Why the columns of a text file or an array cannot be told.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -12,10 +10,10 @@ pub enum LayoutError {
     #[error("is no text")]
     NoText,
     /// Names of which the needed ones are missing.
-    #[error("the columns are named {0}, where t, x, y and p were expected; {ASK}")]
+    #[error("the columns are named {0}, where t, x, y and p were expected")]
     Names(String),
     /// A first line of two fields that are no size.
-    #[error("the first line, {0:?}, is neither an event nor the size of a sensor; {ASK}")]
+    #[error("the first line, {0:?}, is neither an event nor the size of a sensor")]
     FirstLine(String),
     /// An array without rows, or whose rows were never written.
     #[error("holds no events: its array has no rows, or none that was written")]
@@ -24,16 +22,16 @@ pub enum LayoutError {
     #[error("no line with numbers was found at its beginning; a line `t x y p` per event is expected")]
     NoNumbers,
     /// More or fewer fields than four, without names.
-    #[error("it has {0} fields in a row and no names, where t, x, y and p were expected; {ASK}")]
+    #[error("it has {0} fields in a row and no names, where t, x, y and p were expected")]
     FieldCount(usize),
     /// No order of columns fits the values.
-    #[error("it is not clear which columns are time, x, y and polarity; {ASK}")]
+    #[error("it is not clear which columns are time, x, y and polarity")]
     Unclear,
     /// An order was asked for where there is nothing to put in order.
-    #[error("names its columns itself: leave --columns out")]
+    #[error("names its columns itself, so that none can be asked for")]
     Named,
     /// Several orders fit.
-    #[error("the columns cannot be told apart; {ASK}")]
+    #[error("the columns cannot be told apart")]
     Ambiguous,
 }
 

@@ -9,15 +9,19 @@ use std::path::{Path, PathBuf};
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use usb_davis::capture::CaptureError;
 
 use super::encode::{CopyTransfers, Description, Encode, OutputFormat, WriteError};
-use super::extras::{Extra, NoExtras, left_out, open_extras};
+use super::extras::{Extra, NoExtras, left_out};
 use super::given_sensor::{OtherSensor, check_outside, check_stated};
-use super::likely_sensor::{likely_sensor_of, sensor_advice};
+use super::likely_sensor::{likely_sensor_of, likely_words};
 use super::write::output_extensions;
-use super::{EventReader, OpenTransfers, ReadReport, Recording, RecordingError, RecordingErrorKind};
+use crate::error::RecordingError;
+use crate::format::OpenTransfers;
+use crate::read_report::ReadReport;
+use crate::reader::EventReader;
+use crate::recording::Recording;
 use evcal_files::{FileError, NewFile};
 
 /// The format that the extension of `path` stands for.
@@ -39,7 +43,7 @@ pub enum TimeOrigin {
 }
 
 /// What was converted.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Debug, Default, Serialize)]
 pub struct ConversionReport {
     /// Events written, as far as they were decoded.
     pub events: u64,
@@ -56,7 +60,8 @@ pub struct ConversionReport {
     /// What the reader took for granted.
     pub notes: Vec<String>,
     /// Why reading stopped before the end; what came before is in the output.
-    pub error: Option<String>,
+    #[serde(serialize_with = "as_text")]
+    pub error: Option<ConvertError>,
 }
 
 /// Why nothing was converted.
@@ -64,10 +69,10 @@ pub struct ConversionReport {
 #[non_exhaustive]
 pub enum ConvertError {
     /// The recording cannot be opened.
-    #[error(transparent)]
+    #[error("{0}")]
     Recording(#[from] RecordingError),
     /// The sensor that was asked for is not that of the recording.
-    #[error(transparent)]
+    #[error("{0}")]
     OtherSensor(#[from] OtherSensor),
     /// The camera's stream cannot be read.
     #[error("{}: {error}", path.display())]
@@ -75,6 +80,7 @@ pub enum ConvertError {
         /// The recording.
         path: PathBuf,
         /// Why.
+        #[source]
         error: CaptureError,
     },
     /// The output cannot be written.
@@ -83,13 +89,14 @@ pub enum ConvertError {
         /// The output.
         path: PathBuf,
         /// Why.
+        #[source]
         error: WriteError,
     },
     /// No format has this extension.
-    #[error("{}: unknown extension; use {}, or name the format with --to", .0.display(), output_extensions())]
+    #[error("{}: unknown extension; known are {}", .0.display(), output_extensions())]
     Extension(PathBuf),
     /// The sensor size is not known.
-    #[error("{} does not say how many pixels the sensor has: {}", file.display(), sensor_advice(*likely))]
+    #[error("{} does not say how many pixels the sensor has{}", file.display(), likely_words(*likely))]
     SensorUnknown {
         /// The recording.
         file: PathBuf,
@@ -98,10 +105,17 @@ pub enum ConvertError {
     },
     /// Reading stopped before there was anything to write.
     #[error("{0}; nothing was written, for nothing stands before it")]
-    Nothing(String),
+    Nothing(#[source] Box<ConvertError>),
+    /// Times of transfers that are copied stay as they are.
+    #[error("{}: transfers of a camera are copied as they are, and their times cannot count from 1970", .0.display())]
+    CopiedTimes(PathBuf),
     /// The recording does not say when it began.
     #[error("{} does not say when it began: times cannot count from 1970", .0.display())]
     StartUnknown(PathBuf),
+}
+
+fn as_text<S: Serializer>(error: &Option<ConvertError>, to: S) -> Result<S::Ok, S::Error> {
+    error.as_ref().map(ConvertError::to_string).serialize(to)
 }
 
 /// What comes later than this after the last event has a damaged time (µs).
@@ -138,8 +152,7 @@ pub fn convert(
 ) -> Result<ConversionReport, ConvertError> {
     if let (Some(open), Some(copy)) = (recording.format().transfers, target.copy_transfers) {
         if origin == TimeOrigin::Unix {
-            let kind = RecordingErrorKind::NoEffect { option: "--unix-time", format: "transfers that are copied" };
-            return Err(RecordingError::new(recording.path(), kind).into());
+            return Err(ConvertError::CopiedTimes(recording.path().to_owned()));
         }
         return copy_transfers(recording, path, open, copy);
     }
@@ -164,7 +177,7 @@ pub fn convert_changed(
     let mut events = Vec::new();
     let mut report = ConversionReport::default();
     let mut more = next(&mut reader, &mut events, &mut report);
-    let mut extras = if target.holds_extras { open_extras(recording)? } else { Box::new(NoExtras) };
+    let mut extras = if target.holds_extras { recording.open_extras()? } else { Box::new(NoExtras) };
     let shift = match origin {
         TimeOrigin::Kept => 0,
         TimeOrigin::Unix => start(recording)?.ok_or_else(|| ConvertError::StartUnknown(recording.path().to_owned()))?,
@@ -216,7 +229,7 @@ pub fn convert_changed(
     if report.events + report.frames + report.inertial_samples == 0
         && let Some(error) = report.error.take()
     {
-        return Err(ConvertError::Nothing(error));
+        return Err(ConvertError::Nothing(Box::new(error)));
     }
     output.finish().map_err(failed)?;
     report.lost.extend(output.lost());
@@ -266,13 +279,13 @@ fn copy_transfers(
     if copied.transfers == 0
         && let Some(error) = copied.error.take()
     {
-        return Err(ConvertError::Nothing(unreadable(error).to_string()));
+        return Err(ConvertError::Nothing(Box::new(unreadable(error))));
     }
     file.finish().map_err(unwritten)?;
     Ok(ConversionReport {
         transfers: copied.transfers,
         lost: copied.lost.into_iter().collect(),
-        error: copied.error.map(|error| unreadable(error).to_string()),
+        error: copied.error.map(unreadable),
         ..ConversionReport::default()
     })
 }
@@ -296,7 +309,7 @@ fn zero(events: Option<i64>, extras: Option<i64>) -> i64 {
 /// The next events; false at the end, which may be an error.
 fn next(reader: &mut EventReader, events: &mut Vec<Event>, report: &mut ConversionReport) -> bool {
     reader.next_batch(events).unwrap_or_else(|error| {
-        report.error = Some(error.to_string());
+        report.error = Some(error.into());
         false
     })
 }

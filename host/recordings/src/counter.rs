@@ -4,7 +4,8 @@
 //! of events hold such counts as they are. A clock that was reset leaps back, too, but from anywhere and not from the end of a counter's
 //! range.
 
-use super::{CounterWraps, ReadReport, TimeUnit};
+use crate::options::TimeUnit;
+use crate::read_report::{CounterWraps, ReadReport};
 
 /// The lowest count of a counter, and the one that would follow its highest.
 const RANGES: [(i128, i128); 3] = [(0, 1 << 32), (-(1 << 31), 1 << 31), (0, 1 << 31)];

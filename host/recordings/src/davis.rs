@@ -22,10 +22,12 @@ use usb_davis::protocol::Message;
 
 use super::date::date;
 use super::extras::ReadExtras;
-use super::{
-    Decode, FileFormat, Head, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation, RecordingOptions,
-    StreamSummary, Uses,
-};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::format::{FileFormat, Head, StreamSummary, Uses};
+use crate::options::FormatOption;
+use crate::options::RecordingOptions;
+use crate::read_report::ReadReport;
+use crate::reader::{Decode, RecordingInformation};
 pub use dump_sink::OUTPUT;
 
 /// Dumps and captures, which begin with a mark.
@@ -74,7 +76,7 @@ struct Transfers {
 fn open(path: &Path, options: &RecordingOptions, format: &'static str) -> Result<Box<dyn Decode>, RecordingError> {
     // A dump is of one camera.
     if options.device.is_some() && is(&Head::read(path)?, &[CaptureFormat::Dvraw]) {
-        let kind = RecordingErrorKind::NoEffect { option: "--device", format: "dump of one camera" };
+        let kind = RecordingErrorKind::NoEffect { option: FormatOption::Device, format: "dump of one camera" };
         return Err(RecordingError::new(path, kind));
     }
     Ok(transfers(Messages::open(path, options.device)?, format))
@@ -308,7 +310,7 @@ mod tests {
             Recording::new(&path, options).expect("it is known")
         };
         let error = open(None).open().map(|_| ()).expect_err("which one is not said").to_string();
-        assert!(error.contains("2.4, 2.5") && error.contains("--device BUS.DEVICE"), "{error}");
+        assert!(error.contains("2.4, 2.5") && error.contains("may be the camera"), "{error}");
         for (device, x) in [(4, 44), (5, 55)] {
             let recording = open(Some(DeviceAddress { bus: 2, device }));
             let mut batch = Vec::new();

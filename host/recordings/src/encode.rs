@@ -38,10 +38,7 @@ pub enum WriteError {
     #[error("ROS has no time of {0} us: times are from 0 on, in ROS 2 before the year 2038; write another format")]
     Time(i64),
     /// Times leap further than a format can follow whose words count time.
-    #[error(
-        "its times leap from {before} us to {time} us, more than a day, which this format cannot follow: is their unit another one (--time-unit)? \
-         If not, cut the recording there"
-    )]
+    #[error("its times leap from {before} us to {time} us, more than a day, which this format cannot follow")]
     Leap {
         /// The time before.
         before: i64,

@@ -1,14 +1,15 @@
 //! What can go wrong with a recording.
 
+use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
 use usb_davis::capture::CaptureError;
 
-use super::FORMATS;
 use super::columns::LayoutError;
-use super::ros::ENCODINGS;
-use super::text::LineError;
+use super::foreign::ForeignFormat;
+use super::options::{FormatOption, TimeUnit};
+use super::text::error::LineError;
 
 /// Why a recording could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -28,49 +29,56 @@ pub enum RecordingErrorKind {
     #[error("cannot be read: {0}")]
     Io(io::Error),
     /// There is no such file.
-    #[error("cannot be read: {error}; {advice}")]
-    Missing {
-        /// What the system said.
-        error: io::Error,
-        /// What to do.
-        advice: &'static str,
-    },
+    #[error("cannot be read: {0}")]
+    Missing(io::Error),
     /// A pipe or device.
     #[error("is not an ordinary file; recordings are read several times, so a pipe has to be saved to a file first")]
     NotAFile,
     /// A directory.
-    #[error("is a folder: name the recording in it{0}")]
-    Directory(String),
+    #[error("is a folder, and no recording")]
+    Directory {
+        /// Names of the files in it that may be recordings, those of events first.
+        recordings: Vec<String>,
+    },
     /// No byte in it.
     #[error("is empty")]
     Empty,
     /// A format that others read.
-    #[error("is a {format} file, which is not supported; {advice}")]
-    Unsupported {
-        /// Its name.
-        format: &'static str,
-        /// What to do.
-        advice: &'static str,
-    },
+    #[error("is a {0} file, which is not supported")]
+    Unsupported(ForeignFormat),
     /// Nothing that we know.
-    #[error("is in no format known here (known: {}); was it cut off at its beginning?", known_formats())]
-    UnknownFormat,
+    #[error("is in no format known here (known: {}); was it cut off at its beginning?", known.join(", "))]
+    UnknownFormat {
+        /// Names of the formats that are.
+        known: Vec<&'static str>,
+    },
     /// A header, packet or record that breaks its format.
-    #[error("byte {byte}: {what}; {advice}")]
+    #[error("byte {byte}: {what}; {usable}")]
     Damaged {
         /// Offset of the damaged part from the start of the file.
         byte: u64,
         /// What is wrong with it.
         what: String,
-        /// What to do.
-        advice: &'static str,
+        /// What can be used all the same.
+        usable: Usable,
+    },
+    /// The list of the files of a bag cannot be understood.
+    #[error("the list of the files of the bag cannot be read: {0}")]
+    BagMetadata(String),
+    /// A chunk of an HDF5 file cannot be unpacked.
+    #[error("event {event}: its chunk cannot be unpacked ({what}); {}", Usable::Around)]
+    DamagedChunk {
+        /// Number of its first event, from 1.
+        event: u64,
+        /// What the library of HDF5 said.
+        what: String,
     },
     /// A line of text that is no event.
     #[error("line {line}: {what}")]
     Line {
         /// Number of the line, from 1.
         line: u64,
-        /// What is wrong with it, and what to do.
+        /// What is wrong with it.
         what: LineError,
     },
     /// An event that no camera sends.
@@ -78,14 +86,24 @@ pub enum RecordingErrorKind {
     Event {
         /// Number of the event, from 1.
         event: u64,
-        /// What is wrong with it, and what to do.
+        /// What is wrong with it.
         what: String,
     },
+    /// A time that is none in the unit of the file.
+    #[error("event {event}: its time, {value}, is not a time in {unit}")]
+    EventTime {
+        /// Number of the event, from 1.
+        event: u64,
+        /// What stands there.
+        value: f64,
+        /// The unit expected.
+        unit: TimeUnit,
+    },
     /// An option that means nothing to the format.
-    #[error("{option} has no effect on a file of this format ({format}): leave it out")]
+    #[error("{option} has no effect on a file of this format ({format})")]
     NoEffect {
         /// The option.
-        option: &'static str,
+        option: FormatOption,
         /// Name of the format.
         format: &'static str,
     },
@@ -100,14 +118,10 @@ pub enum RecordingErrorKind {
         what: &'static str,
     },
     /// A compression of HDF5 that is not read.
-    #[error(
-        "its events are packed with {0}, which is not read: write it anew with h5repack -f GZIP=4 IN OUT, where that compression is installed"
-    )]
+    #[error("its events are packed with {0}, which is not read")]
     Filter(String),
     /// A sensor larger than any event camera.
-    #[error(
-        "says that its sensor has {width} x {height} pixels, which none has (1 to 32767 each can be read): give the true size with --sensor"
-    )]
+    #[error("says that its sensor has {width} x {height} pixels, which none has (1 to 32767 each can be read)")]
     Sensor {
         /// Width in pixels.
         width: i64,
@@ -115,7 +129,7 @@ pub enum RecordingErrorKind {
         height: i64,
     },
     /// An address of a pixel means something only with the size of its sensor.
-    #[error("does not say how many pixels its camera has: add --sensor WIDTHxHEIGHT")]
+    #[error("does not say how many pixels its camera has")]
     ChipUnknown,
     /// A camera that writes its addresses in a way that is not known.
     #[error("is of a camera whose addresses are not known here ({0}): save it as text with jAER first")]
@@ -123,13 +137,15 @@ pub enum RecordingErrorKind {
     /// Packets of events in an encoding that is not read.
     #[error(
         "the events of its topic {topic} are encoded as {encoding:?}, which is not read (known: {}): record them with another encoding",
-        ENCODINGS.join(", ")
+        known.join(", ")
     )]
     EventEncoding {
         /// Name of the topic.
         topic: String,
         /// The encoding.
         encoding: String,
+        /// Those that are read.
+        known: &'static [&'static str],
     },
     /// No stream of events, but this; empty where there is nothing.
     #[error("{}", without_events(.0))]
@@ -151,7 +167,7 @@ pub enum RecordingErrorKind {
         available: String,
     },
     /// Images of several cameras.
-    #[error("holds images of several topics ({0}): choose one with --with-stream")]
+    #[error("holds images of several topics ({0})")]
     SeveralImageTopics(String),
     /// A topic without an image.
     #[error("has no image in its topic {0}: record that topic again")]
@@ -197,11 +213,32 @@ pub enum RecordingErrorKind {
         log: PathBuf,
     },
     /// The columns of a text file are not clear.
-    #[error(transparent)]
-    Layout(LayoutError),
+    #[error("{0}")]
+    Layout(#[source] LayoutError),
     /// A recording of USB transfers cannot be read.
-    #[error(transparent)]
-    Capture(CaptureError),
+    #[error("{0}")]
+    Capture(#[source] CaptureError),
+}
+
+/// What of a damaged file can be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Usable {
+    /// Nothing: what is damaged says where the rest is.
+    Nothing,
+    /// What stands before the damage.
+    Before,
+    /// What stands before the damage and, with [`Damage::Skip`](super::Damage::Skip), what stands behind it.
+    Around,
+}
+
+impl fmt::Display for Usable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Nothing => "nothing can be read without it",
+            Self::Before => "the events before it can be used",
+            Self::Around => "the events before it can be used, and those behind it where damage is left out",
+        })
+    }
 }
 
 impl RecordingError {
@@ -220,11 +257,6 @@ fn without_events(held: &str) -> String {
         "" => "holds nothing at all: name a recording that has events".to_owned(),
         held => format!("holds no events, only {held}; name a recording that has some"),
     }
-}
-
-/// The names of all formats, for a sentence.
-fn known_formats() -> String {
-    FORMATS.iter().map(|format| format.name).collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]

@@ -11,10 +11,11 @@ use evcal_core::event::{Event, Polarity};
 
 use super::bytes::share;
 use super::encode::{Encode, OutputFormat, WriteError};
-use super::{
-    Decode, FileFormat, Head, MAX_SENSOR_SIZE, Opened, ReadReport, RecordingError, RecordingErrorKind,
-    RecordingInformation, RecordingOptions, Truncation,
-};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::format::{FileFormat, Head, Opened};
+use crate::options::RecordingOptions;
+use crate::read_report::{ReadReport, Truncation};
+use crate::reader::{Decode, MAX_SENSOR_SIZE, RecordingInformation};
 
 /// EventCalib binary.
 pub const FORMAT: FileFormat =

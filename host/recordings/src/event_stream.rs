@@ -18,10 +18,12 @@ use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
 use super::bytes::ByteReader;
-use super::{
-    Decode, FileFormat, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation, RecordingOptions,
-    Truncation,
-};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::foreign::ForeignFormat;
+use crate::format::{FileFormat, Opened};
+use crate::options::RecordingOptions;
+use crate::read_report::{ReadReport, Truncation};
+use crate::reader::{Decode, RecordingInformation};
 
 const MAGIC: &[u8] = b"Event Stream";
 /// What stands before the size of the sensor: the magic, the version, and the kind.
@@ -78,16 +80,14 @@ fn open(path: &Path, _: &RecordingOptions) -> Opened {
     let Some([.., major, _, _, kind]) = head else {
         return Err(file.damaged(0, "the header is not whole"));
     };
-    let unsupported = |advice| {
-        RecordingError::new(path, RecordingErrorKind::Unsupported { format: "Event Stream (of another kind)", advice })
-    };
+    let unsupported = |format| RecordingError::new(path, RecordingErrorKind::Unsupported(format));
     if major != 2 {
-        return Err(unsupported("only version 2 is read: convert it with the program that wrote it"));
+        return Err(unsupported(ForeignFormat::EventStreamVersion));
     }
     let kind = match kind {
         1 => Kind::Dvs,
         2 => Kind::Atis,
-        _ => return Err(unsupported("only streams of a DVS or an ATIS are read, not colours or generic bytes")),
+        _ => return Err(unsupported(ForeignFormat::EventStreamKind)),
     };
     let Some([a, b, c, d]) = file.array()? else {
         return Err(file.damaged(HEAD as u64, "the header is not whole"));
@@ -208,9 +208,9 @@ mod tests {
     }
 
     #[test]
-    fn other_kinds_and_versions_are_refused_with_advice() {
+    fn other_kinds_and_versions_are_refused() {
         for (content, part) in [
-            (file(4, &[]), "DVS or an ATIS"),
+            (file(4, &[]), "DVS nor an ATIS"),
             ([MAGIC, &[1, 0, 0, 1, 64, 1, 240, 0]].concat(), "version 2"),
             (file(1, &[])[..14].to_vec(), "header"),
         ] {

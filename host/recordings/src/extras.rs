@@ -1,7 +1,9 @@
 //! What a recording holds beside events: frames and inertial samples.
 
 use super::counted::counted;
-use super::{Damage, ReadReport, Recording, RecordingError, RecordingErrorKind};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::options::Damage;
+use crate::read_report::ReadReport;
 
 /// A picture of the camera's frame sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -209,15 +211,4 @@ pub fn left_out(extras: &dyn ReadExtras, report: &ReadReport) -> Vec<String> {
     }
     left_out.extend(extras.lessened().map(str::to_owned));
     left_out
-}
-
-/// Frames and inertial samples of `recording`, in order of time.
-///
-/// # Errors
-/// When the file cannot be read.
-pub fn open_extras(recording: &Recording) -> Result<Box<dyn ReadExtras>, RecordingError> {
-    match recording.format().extras {
-        Some(open) => open(recording.path(), recording.options()),
-        None => Ok(Box::new(NoExtras)),
-    }
 }

@@ -1,76 +1,174 @@
-//! Formats of others that are recognised only to say what to do about them.
+//! Formats of others, which are known by how they begin and are not read.
 
-const JSON: &str = "a calibration is read by evcal export, evaluate, compare and undistort -c";
+use std::fmt;
 
-const VIDEO: &str = "name the events that the camera recorded, not a video of them";
-const PAGE: &str = "a web page was saved in place of the recording: download it again";
-const COLUMNS: &str = "save its columns t, x, y and p with numpy.savez, or as CSV";
+/// A format that is known and not read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ForeignFormat {
+    /// AEDAT 1 of jAER.
+    Aedat1,
+    /// AEDAT 3 whose packets are compressed.
+    Aedat3Compressed,
+    /// A bag of ROS 1 as it was before version 2.
+    Rosbag1,
+    /// HDF5, where this library was built without it.
+    Hdf5,
+    /// HDF5 whose arrays are views of other arrays (virtual datasets).
+    VirtualHdf5,
+    /// Prophesee RAW in another encoding than EVT 2.0, 2.1 or 3.0.
+    PropheseeEncoding,
+    /// Event Stream of another version than 2.
+    EventStreamVersion,
+    /// Event Stream of neither a DVS nor an ATIS: colours, or generic bytes.
+    EventStreamKind,
+    /// gzip.
+    Gzip,
+    /// xz.
+    Xz,
+    /// Zstandard.
+    Zstandard,
+    /// bzip2.
+    Bzip2,
+    /// tar.
+    Tar,
+    /// 7z.
+    SevenZip,
+    /// RAR.
+    Rar,
+    /// ZIP without an array of NumPy in it.
+    Zip,
+    /// ZIP whose arrays are packed in a way that NumPy does not pack them.
+    ZipCompression,
+    /// A spreadsheet, as Excel writes it.
+    Spreadsheet,
+    /// A calibration that evcal wrote.
+    Calibration,
+    /// The report of a calibration that evcal wrote.
+    CalibrationReport,
+    /// JSON.
+    Json,
+    /// YAML.
+    Yaml,
+    /// PDF.
+    Pdf,
+    /// PNG.
+    Png,
+    /// Apache Parquet.
+    Parquet,
+    /// MATLAB before version 7.3, which is HDF5.
+    Matlab,
+    /// A pickle of Python.
+    Pickle,
+    /// A video.
+    Video,
+    /// A web page.
+    Html,
+    /// What Git keeps in place of a large file.
+    GitLfsPointer,
+    /// Text of two bytes a letter.
+    Utf16,
+    /// Text of one byte a letter, with letters that are not ASCII.
+    Latin1,
+}
 
-/// What the report of a calibration has near its beginning.
+impl fmt::Display for ForeignFormat {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Aedat1 => "AEDAT 1",
+            Self::Aedat3Compressed => "AEDAT 3 with compressed packets",
+            Self::Rosbag1 => "ROS bag of version 1",
+            Self::Hdf5 => "HDF5",
+            Self::VirtualHdf5 => "virtual HDF5",
+            Self::PropheseeEncoding => "Prophesee RAW with another encoding than EVT 2.0, 2.1 or 3.0",
+            Self::EventStreamVersion => "Event Stream (of another version than 2)",
+            Self::EventStreamKind => "Event Stream (of neither a DVS nor an ATIS)",
+            Self::Gzip => "gzip",
+            Self::Xz => "xz",
+            Self::Zstandard => "Zstandard",
+            Self::Bzip2 => "bzip2",
+            Self::Tar => "tar",
+            Self::SevenZip => "7z",
+            Self::Rar => "RAR",
+            Self::Zip | Self::ZipCompression => "ZIP",
+            Self::Spreadsheet => "spreadsheet",
+            Self::Calibration => "calibration",
+            Self::CalibrationReport => "calibration report",
+            Self::Json => "JSON",
+            Self::Yaml => "YAML",
+            Self::Pdf => "PDF",
+            Self::Png => "PNG",
+            Self::Parquet => "Parquet",
+            Self::Matlab => "MATLAB",
+            Self::Pickle => "Python pickle",
+            Self::Video => "video",
+            Self::Html => "downloaded HTML",
+            Self::GitLfsPointer => "Git LFS pointer",
+            Self::Utf16 => "UTF-16 text",
+            Self::Latin1 => "Latin-1 text",
+        })
+    }
+}
+
+/// What a report of a calibration has near its beginning.
 const REPORT: &[u8] = b"name=\"generator\" content=\"evcal ";
 
-/// How a file begins, the name of its format, and advice.
-const FOREIGN: &[(&[u8], &str, &str)] = &[
-    (b"#!AER-DAT1", "AEDAT 1", "open it in jAER and save it as AEDAT 2"),
-    (b"#ROSBAG V1", "ROS bag of version 1", "bring it to version 2 with rosbag fix"),
+/// Bytes that a format has at one place.
+struct Mark {
+    at: usize,
+    bytes: &'static [u8],
+    format: ForeignFormat,
+}
+
+const fn mark(at: usize, bytes: &'static [u8], format: ForeignFormat) -> Mark {
+    Mark { at, bytes, format }
+}
+
+/// In the order in which they are tried.
+const MARKS: &[Mark] = &[
+    mark(0, b"#!AER-DAT1", ForeignFormat::Aedat1),
+    mark(0, b"#ROSBAG V1", ForeignFormat::Rosbag1),
     #[cfg(not(feature = "hdf5"))]
-    (
-        b"\x89HDF",
-        "HDF5",
-        "build evcal with --features hdf5, or save its arrays t, x, y and p with h5py and numpy.savez",
-    ),
-    (b"\x1f\x8b", "gzip", "unpack it with gunzip first"),
-    (b"\xfd7zXZ", "xz", "unpack it with unxz first"),
-    (b"\x28\xb5\x2f\xfd", "Zstandard", "unpack it with unzstd first"),
-    (b"BZh", "bzip2", "unpack it with bunzip2 first"),
-    (
-        b"{\n  \"format\": \"evcal-calibration\"",
-        "calibration",
-        "evcal export, evaluate, compare and undistort -c read it; name the recording here",
-    ),
-    (b"{\n  \"", "JSON", JSON),
-    (b"{\"camera\"", "JSON", JSON),
-    (b"{\"sensor\"", "JSON", JSON),
-    (
-        b"%YAML",
-        "YAML",
-        "a camera.yaml is a camera for OpenCV, and calibration.json beside it is read by evcal; name the recording here",
-    ),
-    (b"%PDF", "PDF", "name the recording of the board, not the board"),
-    (b"\x89PNG", "PNG", "evcal undistort takes pictures, and takes their distortion out"),
-    (b"7z\xbc\xaf\x27\x1c", "7z", "unpack it first"),
-    (b"Rar!\x1a\x07", "RAR", "unpack it first"),
-    (b"PAR1", "Parquet", COLUMNS),
-    (b"MATLAB 5.0 MAT-file", "MATLAB", "save it in MATLAB with the option -v7.3, or its events as text"),
-    (b"\x80\x04\x95", "Python pickle", COLUMNS),
-    (b"\x1aE\xdf\xa3", "video", VIDEO),
-    (b"<!DOCTYPE", "downloaded HTML", PAGE),
-    (b"<!doctype", "downloaded HTML", PAGE),
-    (b"<html", "downloaded HTML", PAGE),
-    (b"version https://git-lfs", "Git LFS pointer", "the recording itself was not fetched: run git lfs pull"),
+    mark(0, b"\x89HDF", ForeignFormat::Hdf5),
+    mark(0, b"\x1f\x8b", ForeignFormat::Gzip),
+    mark(0, b"\xfd7zXZ", ForeignFormat::Xz),
+    mark(0, b"\x28\xb5\x2f\xfd", ForeignFormat::Zstandard),
+    mark(0, b"BZh", ForeignFormat::Bzip2),
+    mark(0, b"{\n  \"format\": \"evcal-calibration\"", ForeignFormat::Calibration),
+    mark(0, b"{\n  \"", ForeignFormat::Json),
+    mark(0, b"{\"camera\"", ForeignFormat::Json),
+    mark(0, b"{\"sensor\"", ForeignFormat::Json),
+    mark(0, b"%YAML", ForeignFormat::Yaml),
+    mark(0, b"%PDF", ForeignFormat::Pdf),
+    mark(0, b"\x89PNG", ForeignFormat::Png),
+    mark(0, b"7z\xbc\xaf\x27\x1c", ForeignFormat::SevenZip),
+    mark(0, b"Rar!\x1a\x07", ForeignFormat::Rar),
+    mark(0, b"PAR1", ForeignFormat::Parquet),
+    mark(0, b"MATLAB 5.0 MAT-file", ForeignFormat::Matlab),
+    mark(0, b"\x80\x04\x95", ForeignFormat::Pickle),
+    mark(0, b"\x1aE\xdf\xa3", ForeignFormat::Video),
+    mark(0, b"<!DOCTYPE", ForeignFormat::Html),
+    mark(0, b"<!doctype", ForeignFormat::Html),
+    mark(0, b"<html", ForeignFormat::Html),
+    mark(0, b"version https://git-lfs", ForeignFormat::GitLfsPointer),
+    mark(4, b"ftyp", ForeignFormat::Video),
+    mark(8, b"AVI ", ForeignFormat::Video),
+    mark(257, b"ustar", ForeignFormat::Tar),
 ];
 
-/// The same of formats whose mark stands later: at which byte.
-const FOREIGN_LATER: &[(usize, &[u8], &str, &str)] = &[
-    (4, b"ftyp", "video", VIDEO),
-    (8, b"AVI ", "video", VIDEO),
-    (257, b"ustar", "tar", "unpack it with tar -xf first"),
-];
-
-/// Name of the format and advice, if `bytes` begin like a format that is known but not read.
-pub fn recognise(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
+/// The format that is known but not read, if `bytes` begin like one.
+pub fn recognise(bytes: &[u8]) -> Option<ForeignFormat> {
     let beginning = bytes.get(..1024).unwrap_or(bytes);
     if bytes.starts_with(b"<!DOCTYPE") && beginning.windows(REPORT.len()).any(|part| part == REPORT) {
-        return Some(("calibration report", "browsers show it; name the recording here"));
+        return Some(ForeignFormat::CalibrationReport);
     }
-    let first = FOREIGN.iter().find(|(magic, ..)| bytes.starts_with(magic)).map(|&(_, name, advice)| (name, advice));
-    let later = || FOREIGN_LATER.iter().find(|(at, magic, ..)| bytes.get(*at..).is_some_and(|b| b.starts_with(magic)));
-    let utf_16 =
-        is_utf_16(bytes).then_some(("UTF-16 text", "save it as UTF-8, or convert it with iconv -f UTF-16 -t UTF-8"));
-    let latin_1 = || {
-        is_latin_1(bytes).then_some(("Latin-1 text", "save it as UTF-8, or convert it with iconv -f LATIN1 -t UTF-8"))
-    };
-    first.or_else(|| later().map(|&(_, _, name, advice)| (name, advice))).or(utf_16).or_else(latin_1)
+    let is_marked = |mark: &&Mark| bytes.get(mark.at..).is_some_and(|rest| rest.starts_with(mark.bytes));
+    MARKS
+        .iter()
+        .find(is_marked)
+        .map(|mark| mark.format)
+        .or_else(|| is_utf_16(bytes).then_some(ForeignFormat::Utf16))
+        .or_else(|| is_latin_1(bytes).then_some(ForeignFormat::Latin1))
 }
 
 /// Whether `bytes` begin as lines of text with single letters that are not ASCII, in one byte each, as programs of Windows write a µ.
@@ -100,37 +198,34 @@ mod tests {
 
     #[test]
     fn a_calibration_is_told_from_other_json() {
-        let name = |bytes| recognise(bytes).map(|(name, _)| name);
-        assert_eq!(name(b"{\n  \"format\": \"evcal-calibration\",\n"), Some("calibration"));
-        assert_eq!((name(b"{\n  \"other\": 1}"), name(b"1,2,3\n")), (Some("JSON"), None));
+        assert_eq!(recognise(b"{\n  \"format\": \"evcal-calibration\",\n"), Some(ForeignFormat::Calibration));
+        assert_eq!((recognise(b"{\n  \"other\": 1}"), recognise(b"1,2,3\n")), (Some(ForeignFormat::Json), None));
     }
 
     #[test]
     fn text_with_single_letters_of_another_alphabet_is_told_from_other_bytes() {
-        let name = |bytes: &[u8]| recognise(bytes).map(|(name, _)| name);
         let text = "t [us],x,y,p\n".to_owned() + &"5,1,2,1\n".repeat(20);
         let bytes: Vec<u8> = text.bytes().map(|byte| if byte == b'u' { 0xb5 } else { byte }).collect();
-        assert_eq!((name(&bytes), name(text.as_bytes())), (Some("Latin-1 text"), None));
-        assert_eq!(name(text.replace('u', "µ").as_bytes()), None);
+        assert_eq!((recognise(&bytes), recognise(text.as_bytes())), (Some(ForeignFormat::Latin1), None));
+        assert_eq!(recognise(text.replace('u', "µ").as_bytes()), None);
         // A letter of two bytes that was cut, and words of a camera.
         assert_eq!(
-            (name(&text.replace('u', "µ").as_bytes()[..4]), name(&[0x80, 0x0a, 0xb5, 0x20].repeat(40))),
+            (recognise(&text.replace('u', "µ").as_bytes()[..4]), recognise(&[0x80, 0x0a, 0xb5, 0x20].repeat(40))),
             (None, None)
         );
     }
 
     #[test]
     fn text_of_two_bytes_a_letter_is_told_from_other_bytes() {
-        let name = |bytes: &[u8]| recognise(bytes).map(|(name, _)| name);
         let text = "t,x,y,p\n0,1,2,1\n";
         let little: Vec<u8> = std::iter::once(0xfeff).chain(text.encode_utf16()).flat_map(u16::to_le_bytes).collect();
         let big: Vec<u8> = std::iter::once(0xfeff).chain(text.encode_utf16()).flat_map(u16::to_be_bytes).collect();
-        assert_eq!((name(&little), name(&big)), (Some("UTF-16 text"), Some("UTF-16 text")));
+        assert_eq!((recognise(&little), recognise(&big)), (Some(ForeignFormat::Utf16), Some(ForeignFormat::Utf16)));
         // A stream of words of which the first happens to be the mark.
         assert_eq!(
-            name(&[0xff, 0xfe, 0x12, 0x80, 0, 0x90, 0x34, 0x21, 0, 0x80, 1, 0x80, 2, 0x80, 3, 0x80, 4, 0x80]),
+            recognise(&[0xff, 0xfe, 0x12, 0x80, 0, 0x90, 0x34, 0x21, 0, 0x80, 1, 0x80, 2, 0x80, 3, 0x80, 4, 0x80]),
             None
         );
-        assert_eq!((name(&little[..6]), name(&[0xff])), (None, None));
+        assert_eq!((recognise(&little[..6]), recognise(&[0xff])), (None, None));
     }
 }

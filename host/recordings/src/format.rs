@@ -8,8 +8,11 @@ use usb_davis::capture::{Capture, CaptureError};
 
 use super::encode::OutputFormat;
 use super::extras::ReadExtras;
+use super::options::FormatOption;
 use super::pictures::TimedImage;
-use super::{Decode, RecordingError, RecordingErrorKind, RecordingOptions};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::options::RecordingOptions;
+use crate::reader::Decode;
 
 /// How many bytes of a file are looked at to find its format.
 const HEAD_LENGTH: u64 = 65_536;
@@ -66,28 +69,27 @@ impl Uses {
     /// None of them.
     pub const NONE: Self = Self { stream: false, columns: false, device: false };
 
-    /// `options` without those that mean nothing, and the first of these by its name.
-    pub fn of(self, options: &RecordingOptions) -> (RecordingOptions, Option<&'static str>) {
-        let mut used = options.clone();
-        let mut unused = None;
-        let mut leave_out = |is_used: bool, is_given: bool, name: &'static str| {
-            let leave_out = is_given && !is_used;
-            unused = unused.or(leave_out.then_some(name));
-            leave_out
-        };
-        if leave_out(self.stream, options.stream.is_some(), "--stream") {
-            used.stream = None;
+    /// The first of `options` that is given and means nothing.
+    pub fn unused(self, options: &RecordingOptions) -> Option<FormatOption> {
+        [
+            (FormatOption::Stream, self.stream, options.stream.is_some()),
+            (FormatOption::Columns, self.columns, options.columns.is_some()),
+            (FormatOption::TimeUnit, self.columns, options.time_unit.is_some()),
+            (FormatOption::Device, self.device, options.device.is_some()),
+        ]
+        .into_iter()
+        .find_map(|(option, is_used, is_given)| (is_given && !is_used).then_some(option))
+    }
+
+    /// `options` without those that mean nothing.
+    pub fn of(self, options: &RecordingOptions) -> RecordingOptions {
+        RecordingOptions {
+            stream: options.stream.clone().filter(|_| self.stream),
+            columns: options.columns.clone().filter(|_| self.columns),
+            time_unit: options.time_unit.filter(|_| self.columns),
+            device: options.device.filter(|_| self.device),
+            ..options.clone()
         }
-        if leave_out(self.columns, options.columns.is_some(), "--columns") {
-            used.columns = None;
-        }
-        if leave_out(self.columns, options.time_unit.is_some(), "--time-unit") {
-            used.time_unit = None;
-        }
-        if leave_out(self.device, options.device.is_some(), "--device") {
-            used.device = None;
-        }
-        (used, unused)
     }
 }
 
@@ -139,14 +141,12 @@ impl Head {
     /// Reads the beginning of the file at `path`, which must be an ordinary file.
     pub fn read(path: &Path) -> Result<Self, RecordingError> {
         let io = |error: io::Error| match error.kind() {
-            io::ErrorKind::NotFound => {
-                RecordingError::new(path, RecordingErrorKind::Missing { error, advice: where_else(path) })
-            }
+            io::ErrorKind::NotFound => RecordingError::new(path, RecordingErrorKind::Missing(error)),
             _ => RecordingError::io(path, error),
         };
         let metadata = std::fs::metadata(path).map_err(io)?;
         if metadata.is_dir() {
-            return Err(RecordingError::new(path, RecordingErrorKind::Directory(recordings_in(path))));
+            return Err(RecordingError::new(path, RecordingErrorKind::Directory { recordings: recordings_in(path) }));
         }
         if !metadata.is_file() {
             return Err(RecordingError::new(path, RecordingErrorKind::NotAFile));
@@ -166,33 +166,8 @@ impl Head {
     }
 }
 
-/// What to do about a path that leads nowhere.
-fn where_else(path: &Path) -> &'static str {
-    let text = path.to_string_lossy();
-    if text == "-" {
-        "standard input is not read, for a recording is read more than once: write it to a file first"
-    } else if text.contains("://") {
-        "an address is no file: download it first"
-    } else if text.contains(['*', '?']) {
-        "no name is of this form: is it the right folder?"
-    } else if text.starts_with('~') {
-        "within quotes ~ is a name like others: write the whole path of your home folder"
-    } else if text.starts_with("/dev/tty") {
-        "a detector on a serial port is named serial:PORT; is it plugged in?"
-    } else {
-        "is the path right? one with spaces needs quotes"
-    }
-}
-
-/// Names of files in a folder told to who named the folder, at most.
-const MOST_NAMED: usize = 3;
-
-/// The recordings in the folder `path` by their names, the first few of them: as words to append.
-fn recordings_in(path: &Path) -> String {
-    if path.join("calibration.json").is_file() {
-        return "; the one named holds a calibration, which evcal export, evaluate, compare and undistort -c read"
-            .to_owned();
-    }
+/// The recordings in the folder `path` by their names, those of events first.
+fn recordings_in(path: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(path).into_iter().flatten().flatten();
     let mut names: Vec<String> = entries
         .filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_file()))
@@ -201,9 +176,7 @@ fn recordings_in(path: &Path) -> String {
         .collect();
     // Beside the events may lie other tables.
     names.sort_by_key(|name| (!name.to_lowercase().contains("event"), name.clone()));
-    let more = if names.len() > MOST_NAMED { " …" } else { "" };
-    names.truncate(MOST_NAMED);
-    if names.is_empty() { String::new() } else { format!(" ({}{more})", names.join(", ")) }
+    names
 }
 
 /// How names of recordings usually end.

@@ -4,7 +4,9 @@ use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
 use super::likely_sensor::likely_sensor_of;
-use super::{ReadReport, Recording, RecordingOptions};
+use crate::options::RecordingOptions;
+use crate::read_report::ReadReport;
+use crate::recording::Recording;
 
 /// Share of events that may lie outside of a sensor that was asked for.
 const FEW_OUTSIDE: f64 = 0.01;
@@ -15,8 +17,8 @@ const FEW_OUTSIDE: f64 = 0.01;
 pub enum OtherSensor {
     /// Many events are beyond it.
     #[error(
-        "{file}: {outside} of {total} events lie outside the {sensor} pixels given with --sensor: {}",
-        match .own { Some(own) => format!("leave out --sensor, the file says {own}"), None => "give the true size".to_owned() }
+        "{file}: {outside} of {total} events lie outside the {sensor} pixels that were asked for{}",
+        own.map_or_else(String::new, |own| format!("; the file says {own}"))
     )]
     TooSmall {
         /// The file.
@@ -32,7 +34,7 @@ pub enum OtherSensor {
     },
     /// Its rows are the columns of the recording, or the recording has them the wrong way round.
     #[error(
-        "{file}: {outside} of {total} events lie outside the {sensor} pixels, but none would with x and y exchanged: {advice}"
+        "{file}: {outside} of {total} events lie outside the {sensor} pixels, but none would with x and y exchanged"
     )]
     Exchanged {
         /// The file.
@@ -43,12 +45,12 @@ pub enum OtherSensor {
         total: u64,
         /// The sensor.
         sensor: Sensor,
-        /// What to do.
-        advice: String,
+        /// Where they are exchanged.
+        exchanged: Exchanged,
     },
     /// Its pixels are counted from 1.
     #[error(
-        "{file}: no event lies in column 0 or row 0 of the {sensor} pixels, and some lie in column {} and row {}. Pixels are counted from 1; subtract 1 from x and y",
+        "{file}: no event lies in column 0 or row 0 of the {sensor} pixels, and some lie in column {} and row {}. Pixels are counted from 1, where they should be counted from 0",
         .sensor.width, .sensor.height
     )]
     CountedFromOne {
@@ -58,9 +60,7 @@ pub enum OtherSensor {
         sensor: Sensor,
     },
     /// Columns and rows that are no pixels.
-    #[error(
-        "{file}: {count} of {total} events have a column or row below 0 or beyond 32766: say which columns x and y are with --columns"
-    )]
+    #[error("{file}: {count} of {total} events have a column or row below 0 or beyond 32766")]
     NoPixels {
         /// The file.
         file: String,
@@ -70,7 +70,7 @@ pub enum OtherSensor {
         total: u64,
     },
     /// It has pixels that the sensor of the file does not have.
-    #[error("{file} is of a sensor of {own} pixels, but --sensor says {sensor}: leave out --sensor")]
+    #[error("{file} is of a sensor of {own} pixels, but {sensor} was asked for")]
     TooLarge {
         /// The file.
         file: String,
@@ -79,6 +79,19 @@ pub enum OtherSensor {
         /// What the file says.
         own: Sensor,
     },
+}
+
+/// Where x and y are exchanged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exchanged {
+    /// In the size of the sensor that was asked for.
+    InTheSizeAskedFor,
+    /// In the size of the sensor that the file states.
+    InTheSizeOfTheFile,
+    /// In the order of the columns of a table, as far as it was recognised or asked for.
+    InTheColumns,
+    /// In the file: the program that wrote it exchanged them.
+    InTheFile,
 }
 
 /// Whether a sensor is higher than wide, which none is.
@@ -124,16 +137,15 @@ pub fn check_outside(recording: &Recording, report: &ReadReport) -> Result<(), O
     let file = recording.path().display().to_string();
     let (asked, own) = (recording.options().sensor, recording.own_sensor());
     let has_columns = recording.format().uses.columns;
-    let write = |Sensor { width, height }| format!("write --sensor {width}x{height}");
     match asked.or(own) {
         Some(sensor) if report.looks_exchanged() => {
-            let advice = match asked {
-                Some(asked) if stands(asked) => write(turned(asked)),
-                None if stands(sensor) => format!("the file exchanged them in its size; {}", write(turned(sensor))),
-                _ if has_columns => "say where x and y are with --columns, such as t,y,x,p".to_owned(),
-                _ => "the program that wrote the file exchanged them; write it anew".to_owned(),
+            let exchanged = match asked {
+                Some(asked) if stands(asked) => Exchanged::InTheSizeAskedFor,
+                None if stands(sensor) => Exchanged::InTheSizeOfTheFile,
+                _ if has_columns => Exchanged::InTheColumns,
+                _ => Exchanged::InTheFile,
             };
-            Err(OtherSensor::Exchanged { file, outside, total, sensor, advice })
+            Err(OtherSensor::Exchanged { file, outside, total, sensor, exchanged })
         }
         _ if has_columns && is_many(report.no_pixel) => {
             Err(OtherSensor::NoPixels { file, count: report.no_pixel, total })
@@ -147,11 +159,11 @@ pub fn check_outside(recording: &Recording, report: &ReadReport) -> Result<(), O
 /// events lie one column and one row behind the sensor that was asked for, that of the file, or a usual one. Reads the
 /// recording up to the first event that tells otherwise.
 pub fn counted_from_one(recording: &Recording) -> Option<Sensor> {
-    let known = recording.options.sensor.or_else(|| recording.own_sensor());
+    let known = recording.options().sensor.or_else(|| recording.own_sensor());
     let larger = |sensor: Sensor| Sensor::new(sensor.width.saturating_add(1), sensor.height.saturating_add(1));
     // With the sensor as it is known the events in question are left out.
-    let options = RecordingOptions { sensor: known.map(larger), ..recording.options.clone() };
-    let mut reader = Recording { options, ..recording.clone() }.open().ok()?;
+    let options = RecordingOptions { sensor: known.map(larger), ..recording.options().clone() };
+    let mut reader = recording.with_options(options).open().ok()?;
     let (mut column, mut row, mut events) = (0, 0, Vec::new());
     while reader.next_batch(&mut events).ok()? {
         for event in &events {
@@ -180,14 +192,14 @@ mod tests {
     use super::*;
 
     /// What is wrong with the sensor of these lines of text.
-    fn wrong(lines: &str, sensor: Option<Sensor>) -> Option<String> {
+    fn wrong(lines: &str, sensor: Option<Sensor>) -> Option<OtherSensor> {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("events.csv");
         std::fs::write(&path, lines).unwrap();
         let recording = Recording::new(&path, RecordingOptions { sensor, ..RecordingOptions::default() }).unwrap();
         let (mut reader, mut batch) = (recording.open().unwrap(), Vec::new());
         while reader.next_batch(&mut batch).unwrap() {}
-        check_outside(&recording, reader.report()).err().map(|error| error.to_string())
+        check_outside(&recording, reader.report()).err()
     }
 
     #[test]
@@ -195,28 +207,25 @@ mod tests {
         let davis = Some(Sensor::new(346, 260));
         let turned = "t_us,x,y,p\n1,259,345,1\n2,3,300,0\n";
         let upright = "t_us,x,y,p\n1,345,259,1\n2,300,3,0\n";
-        for (lines, sensor, part) in [
-            (
-                turned,
-                davis,
-                Some(
-                    "2 of 2 events lie outside the 346 x 260 pixels, but none would with x and y exchanged: say where x and y are with --columns",
-                ),
-            ),
-            (&format!("346 260\n{turned}"), None, Some("with x and y exchanged")),
-            (&format!("260 346\n{upright}"), None, Some("write --sensor 346x260")),
+        for (lines, sensor, expected) in [
+            (turned, davis, Some(Exchanged::InTheColumns)),
+            (&format!("346 260\n{turned}"), None, Some(Exchanged::InTheColumns)),
+            (&format!("260 346\n{upright}"), None, Some(Exchanged::InTheSizeOfTheFile)),
             (&format!("260 346\n{upright}"), davis, None),
-            (upright, Some(Sensor::new(260, 346)), Some("write --sensor 346x260")),
-            (upright, Some(Sensor::new(240, 180)), Some("give the true size")),
-            ("t_us,x,y,p\n1,-3,5,1\n2,3,3,0\n", davis, Some("1 of 2 events have a column or row below 0")),
+            (upright, Some(Sensor::new(260, 346)), Some(Exchanged::InTheSizeAskedFor)),
             (upright, davis, None),
         ] {
-            let told = wrong(lines, sensor);
-            match part {
-                Some(part) => assert!(told.as_ref().is_some_and(|told| told.contains(part)), "{told:?}"),
-                None => assert_eq!(told, None),
+            match (wrong(lines, sensor), expected) {
+                (Some(OtherSensor::Exchanged { outside: 2, total: 2, exchanged, .. }), Some(expected)) => {
+                    assert_eq!(exchanged, expected, "{lines}");
+                }
+                (found, expected) => assert!(found.is_none() && expected.is_none(), "{lines}: {found:?}"),
             }
         }
+        let small = wrong(upright, Some(Sensor::new(240, 180)));
+        assert!(matches!(small, Some(OtherSensor::TooSmall { outside: 2, total: 2, own: None, .. })), "{small:?}");
+        let negative = wrong("t_us,x,y,p\n1,-3,5,1\n2,3,3,0\n", davis);
+        assert!(matches!(negative, Some(OtherSensor::NoPixels { count: 1, total: 2, .. })), "{negative:?}");
     }
 
     /// The size that the advice named was refused.
@@ -244,8 +253,8 @@ mod tests {
             let lines = range.map(|at| format!("{at},{at},{},1\n", if at == 346 { 260 } else { at.min(259) }));
             format!("t_us,x,y,p\n{}", lines.collect::<String>())
         };
-        let told = wrong(&all(1..=346), Some(davis)).unwrap();
-        assert!(told.contains("in column 346 and row 260. Pixels are counted from 1; subtract 1"), "{told}");
+        let told = wrong(&all(1..=346), Some(davis)).unwrap().to_string();
+        assert!(told.contains("in column 346 and row 260. Pixels are counted from 1"), "{told}");
         // One event in column 0, or behind column 346, tells otherwise.
         for lines in [all(0..=346), all(1..=347)] {
             assert_eq!(wrong(&lines, Some(davis)), None);

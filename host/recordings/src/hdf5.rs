@@ -30,10 +30,14 @@ use hdf5_reader::error::Error;
 
 use super::bytes::share;
 use super::counter::TimeCounter;
-use super::{
-    Column, Damage, Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind,
-    RecordingInformation, RecordingOptions, StreamSummary, TimeUnit, Truncation, Uses, columns, numbers,
-};
+use super::{columns, numbers};
+use crate::error::Usable;
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::foreign::ForeignFormat;
+use crate::format::{FileFormat, Head, Opened, StreamSummary, Uses};
+use crate::options::{Column, Damage, RecordingOptions, TimeUnit};
+use crate::read_report::{ReadReport, Truncation};
+use crate::reader::{Decode, RecordingInformation};
 use layout::{Contents, Found};
 use table::{Row, Table};
 
@@ -98,7 +102,7 @@ fn choose(path: &Path, options: &RecordingOptions) -> Result<(Found, Vec<String>
         1 => Vec::new(),
         _ => {
             let first = if place == 0 { "" } else { ", the first of those that have some" };
-            vec![format!("the events of {} are read{first}; --stream takes one of {list}", found.name)]
+            vec![format!("the events of {} are read{first}, of {list}", found.name)]
         }
     };
     Ok((with_room(path, found)?, notes))
@@ -191,22 +195,19 @@ fn times(path: &Path, found: &Found, options: &RecordingOptions) -> Option<(i64,
 /// HDF5 has no one place for a fault: its structure is spread over the file.
 fn structure(path: &Path, error: &Error) -> RecordingError {
     let kind = match (unsupported(error), filters::cut_off(path)) {
-        _ if is_virtual(error) => RecordingErrorKind::Unsupported {
-            format: "virtual HDF5",
-            advice: "an array in it is a view of other arrays (a virtual dataset): copy the numbers into arrays of their own, with h5py or h5repack -l CONTI IN OUT",
-        },
+        _ if is_virtual(error) => RecordingErrorKind::Unsupported(ForeignFormat::VirtualHdf5),
         (Some(filter), _) => RecordingErrorKind::Filter(filter.to_owned()),
         (None, Some((length, promised))) => RecordingErrorKind::Damaged {
             byte: length,
             what: format!(
                 "the file ends here, where it should have {promised} bytes, and does not tell where its events are"
             ),
-            advice: "copy it again",
+            usable: Usable::Nothing,
         },
         (None, None) => RecordingErrorKind::Damaged {
             byte: 0,
             what: format!("the structure of the HDF5 file cannot be read: {error}"),
-            advice: "was the program that wrote it ended too early? then h5clear -s may mend it; else copy it again",
+            usable: Usable::Nothing,
         },
     };
     RecordingError::new(path, kind)
@@ -264,10 +265,8 @@ impl Decoder {
             return Ok(false);
         }
         if self.damage == Damage::Refuse {
-            let what = format!(
-                "its chunk cannot be unpacked ({error}); the events before it can be used, and with --skip-damaged those behind it"
-            );
-            return Err(self.error(RecordingErrorKind::Event { event: self.next + 1, what }));
+            let kind = RecordingErrorKind::DamagedChunk { event: self.next + 1, what: error.to_string() };
+            return Err(self.error(kind));
         }
         report.damaged_packets += 1;
         self.next = self.table.next_chunk(self.next);

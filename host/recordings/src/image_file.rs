@@ -36,7 +36,7 @@ pub enum Samples {
 #[non_exhaustive]
 pub enum ImageFileError {
     /// The system says so.
-    #[error(transparent)]
+    #[error("{0}")]
     Io(#[from] io::Error),
     /// It is damaged.
     #[error("not a whole PNG: {0}")]

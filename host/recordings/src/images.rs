@@ -7,7 +7,9 @@ use evcal_core::sensor::Sensor;
 use super::image_folder::{ImageFolder, ImageFolderError, Stamps};
 use super::pictures::TimedImage;
 use super::ros::ImageTopic;
-use super::{Damage, RecordingError, folder_format};
+use crate::error::RecordingError;
+use crate::formats::folder_format;
+use crate::options::Damage;
 
 /// Where images are.
 #[derive(Clone, Debug)]
@@ -29,10 +31,10 @@ pub struct Images {
 #[derive(Debug, thiserror::Error)]
 pub enum ImagesError {
     /// Those of a folder.
-    #[error(transparent)]
+    #[error("{0}")]
     Folder(#[from] ImageFolderError),
     /// Those of a bag.
-    #[error(transparent)]
+    #[error("{0}")]
     Topic(#[from] RecordingError),
 }
 

@@ -2,7 +2,7 @@
 
 use evcal_core::sensor::Sensor;
 
-use crate::Recording;
+use crate::recording::Recording;
 
 /// Sensors of event cameras, for recordings that do not give theirs.
 const SENSORS: [Sensor; 7] = [
@@ -28,12 +28,9 @@ pub fn likely_sensor_of(recording: &Recording) -> Option<Sensor> {
     likely_sensor(largest?)
 }
 
-/// What to do about a recording that does not tell its sensor, if it is likely this one.
-pub fn sensor_advice(likely: Option<Sensor>) -> String {
-    match likely {
-        Some(sensor) => format!("all events fit in {sensor}: add --sensor {}x{}", sensor.width, sensor.height),
-        None => "add --sensor WIDTHxHEIGHT".to_owned(),
-    }
+/// What the size of the sensor of a recording likely is, as words to append to a sentence that says that it is not known.
+pub fn likely_words(likely: Option<Sensor>) -> String {
+    likely.map_or_else(String::new, |sensor| format!("; all events fit in {sensor}"))
 }
 
 /// The smallest usual sensor that has the pixel `largest`.

@@ -8,7 +8,9 @@ use evcal_core::sensor::Sensor;
 
 use super::bytes::share;
 use super::format::FileFormat;
-use super::{Decode, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::read_report::ReadReport;
+use crate::reader::{Decode, RecordingInformation};
 
 /// Events handed out at a time.
 const BATCH: usize = 1 << 16;

@@ -3,7 +3,8 @@
 use evcal_core::event::{Event, Polarity};
 
 use super::columns::Cell;
-use super::{Column, RecordingErrorKind, TimeUnit};
+use crate::error::RecordingErrorKind;
+use crate::options::{Column, TimeUnit};
 
 /// How a number is put into bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -139,8 +140,8 @@ pub fn put(
     };
     match column {
         Column::T => {
-            let what = || format!("its time, {value}, is not a time in {unit}; name the unit with --time-unit");
-            event.t = number.microseconds(unit).ok_or_else(|| wrong(what()))?;
+            let wrong = RecordingErrorKind::EventTime { event: index, value, unit };
+            event.t = number.microseconds(unit).ok_or(wrong)?;
         }
         Column::X => event.x = pixel("x")?,
         Column::Y => event.y = pixel("y")?,

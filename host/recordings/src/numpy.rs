@@ -24,13 +24,16 @@ use std::path::Path;
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
-use super::bytes::{BEFORE_IT, share};
+use super::bytes::share;
+use super::columns;
 use super::counter::TimeCounter;
 use super::numbers::{self, NumberType};
-use super::{
-    Column, Columns, Decode, FileFormat, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    RecordingOptions, TimeUnit, Truncation, Uses, columns,
-};
+use crate::error::Usable;
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::format::{FileFormat, Opened, Uses};
+use crate::options::{Column, Columns, RecordingOptions, TimeUnit};
+use crate::read_report::{ReadReport, Truncation};
+use crate::reader::{Decode, RecordingInformation};
 use table::{Named, Part, Table};
 pub use write::OUTPUT;
 
@@ -312,7 +315,7 @@ impl Decode for Decoder {
                 Ok(false)
             }
             Some(Fault::Damaged { byte, what }) => {
-                let kind = RecordingErrorKind::Damaged { byte, what, advice: BEFORE_IT };
+                let kind = RecordingErrorKind::Damaged { byte, what, usable: Usable::Before };
                 Err(RecordingError::new(&self.path, kind))
             }
             Some(Fault::Io(error)) => Err(RecordingError::io(&self.path, error)),

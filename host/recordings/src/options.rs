@@ -33,6 +33,30 @@ pub enum Damage {
     Skip,
 }
 
+/// One of the [`RecordingOptions`] that mean something to some formats only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FormatOption {
+    /// [`RecordingOptions::stream`].
+    Stream,
+    /// [`RecordingOptions::columns`].
+    Columns,
+    /// [`RecordingOptions::time_unit`].
+    TimeUnit,
+    /// [`RecordingOptions::device`].
+    Device,
+}
+
+impl fmt::Display for FormatOption {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Stream => "the choice of a stream",
+            Self::Columns => "the order of columns",
+            Self::TimeUnit => "the unit of times",
+            Self::Device => "the choice of a device",
+        })
+    }
+}
+
 /// An option that could not be understood.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{text:?} is no {wanted}")]

@@ -7,7 +7,10 @@ use evcal_core::event::Event;
 use serde::{Deserialize, Serialize};
 
 use crate::date::date;
-use crate::{ReadReport, Recording, RecordingError, RecordingInformation};
+use crate::error::RecordingError;
+use crate::read_report::ReadReport;
+use crate::reader::RecordingInformation;
+use crate::recording::Recording;
 
 /// What was read of a recording.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -1,7 +1,6 @@
 //! Grey pictures of a recording, with the times of their exposure.
 
 use crate::extras::Frame;
-use crate::{Recording, RecordingError};
 
 /// A grey picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -96,32 +95,6 @@ impl From<Frame> for TimedImage {
     }
 }
 
-/// Hands the frames of `recording` to `visit`, in their order. What could not be read is returned in a
-/// sentence; it ends the frames, not the calibration.
-///
-/// # Errors
-/// When the file cannot be opened.
-pub fn visit_frames(
-    recording: &Recording,
-    mut visit: impl FnMut(TimedImage),
-) -> Result<Option<String>, RecordingError> {
-    let Some(frames) = recording.format().frames else { return Ok(None) };
-    let end = frames(recording.path(), recording.options(), &mut visit)?;
-    Ok(end.err().map(|error| format!("frames were read up to their damage only: {error}")))
-}
-
-/// The picture of `recording` whose exposure began at `start` (µs on its clock, to 1 µs); `None` where there
-/// is none that can be read.
-pub fn image_at(recording: &Recording, start: i64) -> Option<TimedImage> {
-    let mut found = None;
-    let seen = visit_frames(recording, |image| {
-        if found.is_none() && image.exposure.0.abs_diff(start) <= 1 {
-            found = Some(image);
-        }
-    });
-    seen.ok().and(found)
-}
-
 #[cfg(test)]
 mod tests {
     use std::fs::File;
@@ -130,8 +103,8 @@ mod tests {
     use usb_davis::protocol::{Frame as WireFrame, Region, Shutter};
 
     use super::*;
-    use crate::RecordingOptions;
     use crate::davis::dump::{COMPRESSION, DumpEncoder, davis346_header};
+    use crate::{Recording, RecordingOptions};
 
     #[test]
     fn frames_of_a_camera_are_those_that_it_sent_and_a_rolling_shutter_is_told() {
@@ -162,15 +135,15 @@ mod tests {
         while reader.next_batch(&mut batch).unwrap() {}
         assert_eq!(reader.report().frames, Some(2));
         let mut images = Vec::new();
-        assert_eq!(visit_frames(&recording, |image| images.push(image)).unwrap(), None);
+        assert_eq!(recording.visit_frames(|image| images.push(image)).unwrap(), None);
         let [global, rolling] = &images[..] else { panic!("{} images", images.len()) };
         assert_eq!((global.exposure, global.exposure_known), ((9200, 13_200), true));
         let image = global.image.as_ref().unwrap();
         assert_eq!((image.width(), image.height()), (346, 260));
         assert!(image.pixels.iter().zip(&pixels).all(|(eight, ten)| u16::from(*eight) == ten / 4));
         assert_eq!(rolling.image, Err(NoImage::RollingShutter));
-        assert_eq!(image_at(&recording, 9201).as_ref(), Some(global));
-        assert_eq!(image_at(&recording, 9300), None);
+        assert_eq!(recording.image_at(9201).as_ref(), Some(global));
+        assert_eq!(recording.image_at(9300), None);
     }
 
     #[test]

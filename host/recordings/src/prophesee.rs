@@ -12,7 +12,7 @@ pub use raw::FORMAT as RAW_FORMAT;
 
 use evcal_core::decode::EvtCounts;
 
-use super::ReadReport;
+use crate::read_report::ReadReport;
 
 /// Tells in `report` what the decoder met.
 pub(super) fn tell(counts: &EvtCounts, report: &mut ReadReport) {

@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 
 use evcal_core::event::Event;
 
-use super::{MAX_SENSOR_SIZE, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation, RecordingOptions};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::options::RecordingOptions;
+use crate::read_report::ReadReport;
 use evcal_core::sensor::Sensor;
 
 /// A step back of at most this many microseconds is jitter; a larger one is a clock that was reset.
@@ -22,6 +24,24 @@ const BEGINNING: usize = 64;
 /// Times beyond ±2⁵⁵ µs (1100 years) are no times; with at most [`MAX_RESETS`] shifts of twice that,
 /// no time handed out exceeds 2⁶¹ µs.
 const MAX_TIME: i64 = 1 << 55;
+
+/// The largest sensor width or height that can be read.
+pub const MAX_SENSOR_SIZE: u16 = Sensor::MOST_PIXELS_A_SIDE;
+
+/// What is known of a recording before its first event is read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RecordingInformation {
+    /// Name of the format.
+    pub format: &'static str,
+    /// Width and height of the sensor in pixels: from [`RecordingOptions::sensor`], else from the file.
+    pub sensor: Option<Sensor>,
+    /// Model and serial number of the camera, as the file gives it.
+    pub camera_name: Option<String>,
+    /// When it was recorded, as the header of the file gives it.
+    pub began: Option<String>,
+    /// What the reader took for granted or noticed, in sentences for the user.
+    pub notes: Vec<String>,
+}
 
 /// Turns the bytes of one format into events, in the order of the file.
 pub trait Decode: Send {

@@ -36,4 +36,3 @@ pub use images::ImageTopic;
 pub use mcap::FORMAT as MCAP_FORMAT;
 #[cfg(feature = "hdf5")]
 pub(super) use message::GRAVITY;
-pub(super) use packet::ENCODINGS;

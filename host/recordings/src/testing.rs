@@ -44,8 +44,8 @@ pub fn read_file(path: &Path, options: RecordingOptions) -> Outcome {
         Err(error) => return Outcome { error: Some(error.to_string()), ..outcome },
     };
     // None of it may panic.
-    let _ = (recording.streams(), super::pictures::visit_frames(&recording, |_| {}));
-    if let Ok(mut extras) = super::extras::open_extras(&recording) {
+    let _ = (recording.streams(), recording.visit_frames(|_| {}));
+    if let Ok(mut extras) = recording.open_extras() {
         while extras.next_until(i64::MAX, &mut Vec::new()).is_some() {}
     }
     let mut batch = Vec::new();

@@ -10,7 +10,7 @@
 //! Polarity is 1 (ON) and 0 or −1 (OFF), or `true` and `false`. Before the first event a line with
 //! two whole numbers may give the width and height of the sensor.
 
-mod error;
+pub(crate) mod error;
 mod layout;
 mod number;
 mod plain;
@@ -21,6 +21,7 @@ use std::io::{BufRead, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 pub use error::LineError;
+use error::MAX_LINE;
 use evcal_core::event::{Event, Polarity};
 use layout::Layout;
 
@@ -28,10 +29,11 @@ use super::bytes::share;
 use super::columns::LayoutError;
 use super::counter::TimeCounter;
 use super::encode::{Encode, OutputFormat, WriteError};
-use super::{
-    Column, Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    RecordingOptions, TimeUnit, Truncation, Uses,
-};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::format::{FileFormat, Head, Opened, Uses};
+use crate::options::{Column, RecordingOptions, TimeUnit};
+use crate::read_report::{ReadReport, Truncation};
+use crate::reader::{Decode, RecordingInformation};
 
 /// Text or CSV.
 pub const FORMAT: FileFormat = FileFormat {
@@ -59,8 +61,6 @@ fn recognise(head: &Head) -> bool {
 }
 
 const BATCH: usize = 32_768;
-/// No line with an event is longer.
-const MAX_LINE: u64 = 4096;
 /// Stands in front of the text where an editor of Windows wrote it.
 const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
 

@@ -8,10 +8,10 @@ use std::str::FromStr;
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 
-use super::FORMATS;
 pub use super::encode::OutputFormat;
 use super::encode::{Description, Encode, WriteError};
 use super::extras::OtherStreams;
+use crate::formats::FORMATS;
 
 /// The formats that can be written.
 pub fn output_formats() -> impl Iterator<Item = OutputFormat> {

@@ -69,7 +69,7 @@ pub struct WrittenFolder {
 #[non_exhaustive]
 pub enum SimulatedFolderError {
     /// The system says so.
-    #[error(transparent)]
+    #[error("{0}")]
     File(#[from] FileError),
     /// The recording cannot be written.
     #[error("{}: {error}", path.display())]

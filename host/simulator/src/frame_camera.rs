@@ -77,7 +77,8 @@ impl FrameCameraSettings {
 pub(super) fn write(
     simulation: &Simulation,
     settings: &FrameCameraSettings,
-    (begin, own_time): (i64, &dyn Fn(f64) -> i64),
+    begin: i64,
+    own_time: &dyn Fn(f64) -> i64,
     path: &Path,
     mut progress: impl FnMut(usize),
 ) -> Result<Vec<PathBuf>, FileError> {

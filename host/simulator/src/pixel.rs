@@ -54,7 +54,8 @@ impl Pixel {
     /// A pixel at rest in the light of `radiance`, with its share of mismatch. `gain` is its light
     /// relative to the image centre; `hot` makes it fire on its own.
     pub fn new(
-        (x, y): (u16, u16),
+        x: u16,
+        y: u16,
         sensor: &SensorModel,
         gain: f64,
         hot: bool,
@@ -158,14 +159,17 @@ impl Pixel {
                 return;
             }
         }
-        self.fire_between(sensor, (start, from), (end, output), out);
+        self.fire_between(sensor, start, from, end, output, out);
     }
 
+    /// Fires at thresholds on the straight line of the output from `from` at `start` to `output` at `end`.
     fn fire_between(
         &mut self,
         sensor: &SensorModel,
-        (start, from): (f64, f64),
-        (end, output): (f64, f64),
+        start: f64,
+        from: f64,
+        end: f64,
+        output: f64,
         out: &mut RowOutput<'_>,
     ) {
         let slope = (output - from) / (end - start);
@@ -250,7 +254,7 @@ mod tests {
 
     fn pixel(sensor: &SensorModel, radiance: f64) -> (Pixel, ChaCha8Rng) {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        (Pixel::new((3, 4), sensor, 1.0, false, radiance, &mut rng), rng)
+        (Pixel::new(3, 4, sensor, 1.0, false, radiance, &mut rng), rng)
     }
 
     #[test]

@@ -134,7 +134,7 @@ pub fn write(
             let configuration = configuration(davis);
             let mut header = davis346_header(SERIAL, &configuration);
             // Neither version nor time: the same command gives the same bytes.
-            header.writer = "evcal simulate".to_owned();
+            header.writer = "evcal".to_owned();
             header.note = "simulated".to_owned();
             let clocks = header.registers.clocks();
             let exposure_cycles = clocks.cycles(clocks.adc, configuration.exposure);

@@ -168,7 +168,7 @@ struct Site {
 impl Site {
     /// Lets the pixel see the light go to `radiance` in steady light, in the light that `scene` has.
     #[inline]
-    fn see(&mut self, stage: &Stage, (start, end): (f64, f64), radiance: f64, out: &mut RowOutput<'_>) {
+    fn see(&mut self, stage: &Stage, start: f64, end: f64, radiance: f64, out: &mut RowOutput<'_>) {
         let radiance = scattered(radiance, self.scatter);
         let from = std::mem::replace(&mut self.radiance, radiance);
         if stage.scene.settings().lamp.is_none() {
@@ -232,7 +232,7 @@ impl Row {
             let scatter = stage.scatter(x, y);
             let radiance = scattered(sample.radiance, scatter);
             let light = radiance * stage.scene.light(0.0);
-            let pixel = Pixel::new((x, y), &stage.sensor, stage.gain(x, y), hot, light, &mut rng);
+            let pixel = Pixel::new(x, y, &stage.sensor, stage.gain(x, y), hot, light, &mut rng);
             let dead = bad.dead_columns.contains(&x);
             Site { pixel, scatter, radiance, dead, edge: sample.edge, speed: f64::INFINITY }
         };
@@ -256,7 +256,7 @@ impl Row {
                 let next = (index + site.step(reach, fastest, stage.stepping).min(longest)).min(last);
                 let Some(view) = slice.views.get(next) else { break };
                 let sample = stage.look(view, x, self.y);
-                site.see(stage, (slice.time(index), slice.time(next)), sample.radiance, &mut out);
+                site.see(stage, slice.time(index), slice.time(next), sample.radiance, &mut out);
                 if site.edge.abs() <= reach && sample.edge.abs() <= reach {
                     site.speed = (sample.edge - site.edge).abs() / (next - index) as f64;
                     longest = 2 * (next - index);

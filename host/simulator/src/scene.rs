@@ -262,7 +262,7 @@ impl Scene {
             if sheet > reach { (1.0, sheet / metres_per_pixel) } else { self.sheet(&gaze.point, &jacobian) };
         let (black_share, circle_edge) = match (nearest, distance) {
             (Some(offset), Some(distance)) if circle > -reach => {
-                self.circle(view, ray, &(gaze.point - offset), (&offset, distance), &jacobian)
+                self.circle(view, ray, &(gaze.point - offset), &offset, distance, &jacobian)
             }
             _ => (0.0, circle / metres_per_pixel),
         };
@@ -325,7 +325,8 @@ impl Scene {
         view: &View,
         ray: &Ray,
         center: &Vector2<f64>,
-        (offset, distance): (&Vector2<f64>, f64),
+        offset: &Vector2<f64>,
+        distance: f64,
         jacobian: &Matrix2<f64>,
     ) -> (f64, f64) {
         let radius = self.board.radius;

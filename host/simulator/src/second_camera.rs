@@ -150,7 +150,7 @@ impl SecondCamera {
         progress: impl FnMut(usize),
     ) -> Result<Vec<PathBuf>, FileError> {
         let stamp = |t: f64| (1e3 * self.own_time(t)).round() as i64;
-        frame_camera::write(&self.simulation(first), settings, (self.begin(), &stamp), path, progress)
+        frame_camera::write(&self.simulation(first), settings, self.begin(), &stamp, path, progress)
     }
 
     fn simulation(&self, first: &Simulation) -> Simulation {

@@ -245,7 +245,7 @@ fn mistakes(bench: &Bench) {
         samples.iter_mut().for_each(|sample| sample.t = end - sample.t);
     });
     let error = backwards.unwrap_err().to_string();
-    assert!(error.contains("are not those of the camera"), "{error}");
+    assert!(error.contains("does not turn as the camera does"), "{error}");
 }
 
 /// A unit that slips by a degree in the middle of the recording.

@@ -11,7 +11,6 @@ use evcal_tests::{all_events, evcal, text};
 use event_recordings::aedat4::header::Compression;
 use event_recordings::aedat4::write::Encoder;
 use event_recordings::encode::Encode;
-use event_recordings::extras::open_extras;
 use event_recordings::extras::{Extra, Frame, InertialSample, OtherStreams};
 use event_recordings::{Recording, RecordingOptions};
 use serde_json::{Value, json};
@@ -130,7 +129,7 @@ fn compressions_of_hdf5_that_are_not_read_are_named() {
 fn frames_and_samples_of_mvsec_are_read() {
     let (folder, paths) = written_by(&[("hdf5-mvsec", "h5")], &events(UNIX_TIME));
     let recording = Recording::new(&paths[0], RecordingOptions::default()).unwrap();
-    let mut extras = open_extras(&recording).unwrap();
+    let mut extras = recording.open_extras().unwrap();
     assert_eq!(extras.held(), OtherStreams { frames: true, imu: true });
     let found: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut Vec::new())).collect();
     let close = |t: i64, milliseconds: i64| (t - UNIX_TIME - 1000 * milliseconds).abs() <= 1;

@@ -280,7 +280,7 @@ mod tests {
         let file = capture(all());
         let error = found(&file, None).unwrap_err();
         assert!(matches!(error, CaptureError::TooManyDevices(DEVICES_MOST)));
-        assert!(error.to_string().contains("--device BUS.DEVICE"), "{error}");
+        assert!(error.to_string().contains("may be the camera"), "{error}");
         let last = DeviceAddress { bus: 4, device: 254 };
         assert_eq!(found(&file, Some(last)).unwrap(), last);
     }

@@ -13,24 +13,21 @@ use event_recordings::Recording;
 #[non_exhaustive]
 pub enum BoardChoiceError {
     /// A recording cannot be searched.
-    #[error(transparent)]
+    #[error("{0}")]
     Search(#[from] SearchError),
     /// There are no events to recognise it in.
-    #[error(
-        "`auto` needs a recording of events to look at. Name the board, for example --board acircles:9x4:55mm:r17.5mm"
-    )]
+    #[error("`auto` needs a recording of events to look at: name the board")]
     NoEvents,
     /// No layout fits.
     #[error(
-        "no circle grid recognised in {file}: is all of the board in view at times, flat, in focus and moving? If so, name it: \
-         --board LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS"
+        "no circle grid recognised in {file}: is all of the board in view at times, flat, in focus and moving? If so, name it"
     )]
     NotRecognised {
         /// The recording that was searched last.
         file: String,
     },
     /// The layout is known, the size is not.
-    #[error("the board is {found}, but events cannot tell how large it is: {}", .found.advice())]
+    #[error("the board is {found}, but events cannot tell how large it is: {}", .found.to_measure())]
     SizeUnknown {
         /// The layout.
         found: RecognisedLayout,

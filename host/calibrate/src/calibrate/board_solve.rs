@@ -6,12 +6,11 @@ use nalgebra::DVector;
 
 use super::Task;
 use super::error::CalibrateError;
-use super::joint_solve::{certainty, refined as refined_from, solve};
+use super::joint_solve::{certainty, examine_settings, refined as refined_from, solve};
 use super::progress::Progress;
 use crate::solve::State;
 use crate::solve::refinement::{EventInput, Refined, RefinementInput};
 use crate::solve::stretch::residuals_at;
-use crate::trust::ExamineSettings;
 use crate::trust::board_evidence::{BoardEstimate, BoardEvidence};
 use crate::trust::misfit::lens_explains_more;
 use crate::trust::residual_map::residual_map;
@@ -48,7 +47,7 @@ pub(super) fn solve_with_board(
     task: &Task,
     input: &RefinementInput<CalibrateError>,
     state: State,
-    (looks, progress): (ExamineSettings, &Progress),
+    progress: &Progress,
 ) -> Result<BoardSolve, CalibrateError> {
     let requests = &task.parameters;
     let stated = shape_with(&BoardShape::stated(task.board).parameters(), &requests.fixed_board);
@@ -67,7 +66,7 @@ pub(super) fn solve_with_board(
         if asked == free || !shape.is_possible(task.board) {
             break;
         }
-        if free == [false; PARAMETERS] && lens_is_to_blame(&refined, &certainty, (shape, asked), looks) {
+        if free == [false; PARAMETERS] && lens_is_to_blame(task, &refined, &certainty, shape, asked) {
             break;
         }
         progress.tell("joint solve with the board's shape")?;
@@ -79,7 +78,7 @@ pub(super) fn solve_with_board(
     }
     let mut undetermined = undetermined(task, &refined, &certainty);
     if !undetermined.is_empty() {
-        let with_held = hold(task, (input, free, held), &refined, &undetermined, progress)?;
+        let with_held = hold(task, with(input, free, held), &refined, &undetermined, progress)?;
         // If it is worse they were determined after all, together.
         if with_held.0.residuals.rms < WORSE * refined.residuals.rms {
             (refined, certainty) = with_held;
@@ -88,7 +87,7 @@ pub(super) fn solve_with_board(
         }
     }
     let camera = as_stated.as_ref().map(|(camera, _)| *camera);
-    let board = BoardEstimate::new((&refined.problem, &refined.state), certainty.board_sigma, certainty.board, camera);
+    let board = BoardEstimate::new(&refined, certainty.board_sigma, certainty.board, camera);
     Ok(BoardSolve { refined, certainty, board, as_stated, undetermined })
 }
 
@@ -124,16 +123,18 @@ fn shape_of(stated: &BoardShape, evidence: &BoardEvidence, asked: [bool; PARAMET
 }
 
 /// Whether the residuals stay in the same places of the image because the lens model cannot follow the lens, rather than because
-/// of the board.
+/// of the board, which would have this `shape` with the `asked` parameters free.
 fn lens_is_to_blame(
+    task: &Task,
     refined: &Refined,
     certainty: &SolveUncertainty,
-    shape: (BoardShape, [bool; PARAMETERS]),
-    looks: ExamineSettings,
+    shape: BoardShape,
+    asked: [bool; PARAMETERS],
 ) -> bool {
+    let looks = examine_settings(task.settings);
     let (problem, state) = (&refined.problem, &refined.state);
     let pattern = residual_map(problem, state, &residuals_at(problem, state), looks.map).pattern;
-    looks.verdict.suspects(&pattern) && lens_explains_more(problem, state, shape, certainty.intrinsics.inflation)
+    looks.verdict.suspects(&pattern) && lens_explains_more(problem, state, shape, asked, certainty.intrinsics.inflation)
 }
 
 /// Coefficients whose σ leaves open what is expected of any lens, and that cannot be told from that, one after the other: with one
@@ -172,7 +173,7 @@ fn undetermined(task: &Task, refined: &Refined, certainty: &SolveUncertainty) ->
 /// uncertainty: what they leave open stays open.
 fn hold(
     task: &Task,
-    (input, free_board, mut held): (&RefinementInput<CalibrateError>, [bool; PARAMETERS], [bool; MAX_PARAMETERS]),
+    mut input: RefinementInput<CalibrateError>,
     refined: &Refined,
     undetermined: &[usize],
     progress: &Progress,
@@ -182,12 +183,11 @@ fn hold(
     let mut values = task.parameters.fixed_intrinsics;
     for &index in undetermined {
         values[index] = Some(expected[index]);
-        held[index] = true;
+        input.held[index] = true;
     }
     let camera = with_held(&state.camera, &values, input.sensor).ok_or(CalibrateError::ImpossibleValues)?;
     progress.tell("joint solve without what is not determined")?;
-    let (mut refined, system) =
-        refined_from(task, &with(input, free_board, held), State { camera, ..state }, progress)?;
+    let (mut refined, system) = refined_from(task, &input, State { camera, ..state }, progress)?;
     progress.tell("uncertainty")?;
     for &index in undetermined {
         refined.problem.free.intrinsics[index] = true;

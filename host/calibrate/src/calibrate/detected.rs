@@ -3,6 +3,7 @@
 use super::Task;
 use super::error::CalibrateError;
 use super::health::Health;
+use super::kept_events::KeptEvents;
 use super::progress::Progress;
 use crate::calibrate::input::Input;
 use crate::check::units::other_unit;
@@ -37,10 +38,7 @@ pub(super) struct Detected {
     pub(super) detection: DetectionReport,
     /// Windows with more circles than the board has, one entry for each recording of events.
     pub(super) unplaced: Vec<UnplacedWindows>,
-    /// Events in each input, none in circles; `None` where the input is circles alone.
-    pub(super) events: Option<Vec<u64>>,
-    /// As many of them as fit into memory.
-    pub(super) sample: EventSample,
+    pub(super) events: KeptEvents,
     /// For each input whether it is known to hold no pictures.
     pub(super) without_pictures: Vec<bool>,
     /// Stretches in which the readout was saturated.
@@ -60,7 +58,14 @@ const SAMPLE_TIMES: usize = 3;
 ///
 /// # Errors
 /// [`CalibrateError`] when it is nowhere, or a recording cannot be used.
-pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateError> {
+pub(super) fn detect(task: &Task, progress: &Progress) -> Result<Detected, CalibrateError> {
+    match task.readers {
+        Some(readers) => readers.install(|| detect_all(task, progress)),
+        None => detect_all(task, progress),
+    }
+}
+
+fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateError> {
     let sensor = common_sensor(task)?;
     let mut all = Detected {
         sensor,
@@ -70,8 +75,10 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
         recordings: Vec::new(),
         detection: DetectionReport::default(),
         unplaced: Vec::new(),
-        events: None,
-        sample: EventSample::new(SAMPLE_TIMES * task.settings.association.most_events),
+        events: KeptEvents {
+            sample: EventSample::new(SAMPLE_TIMES * task.settings.association.most_events),
+            counts: None,
+        },
         without_pictures: vec![false; task.inputs.len()],
         saturated: Vec::new(),
         health: Vec::new(),
@@ -83,7 +90,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
         progress.tell(format!("looking for the board in {}", input.short_name()))?;
         match input {
             Input::Events(recording) => {
-                let (fingerprint, broken) = all.look_through(task, (index, recording), progress)?;
+                let (fingerprint, broken) = all.look_through(task, index, recording, progress)?;
                 if let Some((other, _)) = fingerprints.iter().find(|(_, other)| other.shared(&fingerprint) > SAME) {
                     return Err(CalibrateError::SameEvents { file: input.name(), other: other.clone() });
                 }
@@ -92,7 +99,7 @@ pub(super) fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, C
             }
             Input::Images(_) => return Err(CalibrateError::OnlyFrames { file: input.name() }),
             Input::Circles { frames, start, notes, detection, .. } => {
-                all.take_circles(index, frames, (*start, notes), detection);
+                all.take_circles(index, frames, *start, notes, detection);
             }
         }
     }
@@ -114,14 +121,15 @@ impl Detected {
     fn look_through(
         &mut self,
         task: &Task,
-        (index, recording): (usize, &Recording),
+        index: usize,
+        recording: &Recording,
         progress: &Progress,
     ) -> Result<(Fingerprint, Option<RecordingError>), CalibrateError> {
         let sensor = self.sensor;
         let mut stage = DetectionStage::for_board(&task.settings.detection, sensor, task.board.pattern, index);
         let (mut fingerprint, mut saturation) = (Fingerprint::default(), SaturationDetector::default());
         let mut thinning = Thinning::new(sensor, task.settings.association.burst_pause);
-        self.sample.begin(index);
+        self.events.sample.begin(index);
         let (mut bins, mut pixels) = (RateBins::default(), PixelCounter::new(sensor));
         let pass = progress.read(task.inputs, index, &mut |events| {
             fingerprint.push(events);
@@ -129,9 +137,9 @@ impl Detected {
             events.iter().for_each(|event| bins.add(event.t, event.polarity));
             pixels.push(events);
             stage.push(events);
-            self.sample.push(events, &mut thinning);
+            self.events.sample.push(events, &mut thinning);
         })?;
-        self.sample.end(&mut thinning);
+        self.events.sample.end(&mut thinning);
         check_outside(recording, &pass.report)?;
         if pass.count == 0 {
             return Err(CalibrateError::Empty { file: recording.path().display().to_string() });
@@ -154,8 +162,9 @@ impl Detected {
         });
         self.windows.extend(windows);
         self.detection.add(&report);
-        self.events.get_or_insert_default().resize(index, 0);
-        self.events.get_or_insert_default().push(pass.count);
+        let counts = self.events.counts.get_or_insert_default();
+        counts.resize(index, 0);
+        counts.push(pass.count);
         self.starts.push(pass.first as f64 * 1e-6);
         self.recordings.push(pass.to_report());
         if let Some(without) = self.without_pictures.get_mut(index) {
@@ -169,7 +178,8 @@ impl Detected {
         &mut self,
         index: usize,
         frames: &[ReferenceFrame],
-        (start, notes): (f64, &[String]),
+        start: f64,
+        notes: &[String],
         detection: &DetectionReport,
     ) {
         self.detection.add(detection);

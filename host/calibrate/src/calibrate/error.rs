@@ -14,7 +14,7 @@ use evcal_core::sensor::Sensor;
 use event_recordings::RecordingError;
 use event_recordings::given_sensor::OtherSensor;
 use event_recordings::images::ImagesError;
-use event_recordings::likely_sensor::sensor_advice;
+use event_recordings::likely_sensor::likely_words;
 use serde::{Serialize, Serializer};
 
 /// Why a calibration failed.
@@ -27,10 +27,10 @@ pub enum CalibrateError {
     #[error("there is no recording: name at least one")]
     NoInput,
     /// A recording could not be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Source(#[from] RecordingError),
     /// The sensor size is not known.
-    #[error("{file} does not say how many pixels the sensor has: {}", sensor_advice(*.likely))]
+    #[error("{file} does not say how many pixels the sensor has{}", likely_words(*.likely))]
     SensorUnknown {
         /// The file.
         file: String,
@@ -38,10 +38,10 @@ pub enum CalibrateError {
         likely: Option<Sensor>,
     },
     /// The sensor that was asked for is not that of a recording.
-    #[error(transparent)]
+    #[error("{0}")]
     OtherSensor(#[from] OtherSensor),
     /// Events come so seldom or so often that their times are in another unit.
-    #[error("{file}: no board found, and {unit}: {}", unit.advice())]
+    #[error("{file}: no board found, and {unit}")]
     TimeUnit {
         /// The file.
         file: String,
@@ -49,18 +49,18 @@ pub enum CalibrateError {
         unit: OtherUnit,
     },
     /// The circles are not as large as stated.
-    #[error(transparent)]
-    OtherRadius(OtherRadius),
+    #[error("{0}")]
+    OtherRadius(#[source] OtherRadius),
     /// The lens or the board cannot be as the user says.
-    #[error("no lens or board is like that: change the values of --fix")]
+    #[error("no lens or board has the values at which parameters are held")]
     ImpossibleValues,
     /// Nothing fits with the values at which the lens is held.
     #[error(
-        "with the values of --fix no event lies near the board's circles: do these values belong to this lens? Without --fix they are estimated"
+        "with parameters held at these values no event lies near the board's circles: do the values belong to this lens? Those that are not held are estimated"
     )]
     HeldFarOff,
     /// The board that was looked for is a part of another one.
-    #[error("too few views fit together: is the board right? It looks like {}: use --board {}", .0.found, .0.board)]
+    #[error("too few views fit together: is the board right? It looks like {}: {}", .0.found, .0.board)]
     LargerBoard(Box<LargerBoard>),
     /// The sensor is too large.
     #[error("{file} is of a sensor with {} x {} pixels; up to {} x {} are supported", .sensor.width, .sensor.height, LARGEST_SENSOR.width, LARGEST_SENSOR.height)]
@@ -95,28 +95,28 @@ pub enum CalibrateError {
         file: String,
     },
     /// The board was not found.
-    #[error(transparent)]
-    NoPattern(NoPattern),
+    #[error("{0}")]
+    NoPattern(#[source] NoPattern),
     /// No initial model.
-    #[error(transparent)]
+    #[error("{0}")]
     Initial(#[from] InitialError),
     /// There is no trajectory to start from.
-    #[error(transparent)]
+    #[error("{0}")]
     FirstTrajectories(#[from] FirstTrajectoryError),
     /// The joint solve failed.
-    #[error(transparent)]
-    Solve(SolveError),
+    #[error("{0}")]
+    Solve(#[source] SolveError),
     /// Images could not be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Images(#[from] ImagesError),
     /// Events are needed, and there are only frames.
-    #[error("{file} holds frames, not events: give a recording of events, and the frames with --with")]
+    #[error("{file} holds frames, not events: give a recording of events, and the frames as those of a second camera")]
     OnlyFrames {
         /// The folder.
         file: String,
     },
     /// There are no pictures.
-    #[error("{file} holds no frames, and frames were asked for: record with --frames, or leave them out")]
+    #[error("{file} holds no frames, and frames were asked for: record them too, or leave them out")]
     NoPictures {
         /// The files.
         file: String,

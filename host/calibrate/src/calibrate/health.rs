@@ -48,7 +48,7 @@ pub(super) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
 }
 
 fn flickering(Flicker { frequency, share, fills_readout }: Flicker) -> Finding {
-    let advice = "use daylight or a lamp on direct current".to_owned();
+    let advice = "use daylight or a lamp on direct current".into();
     if fills_readout {
         let reason = format!(
             "the light flickers at {frequency} Hz or more and makes more events than the camera can send: their times are late"
@@ -71,8 +71,7 @@ fn always_full() -> Finding {
         cause: Cause::Saturated,
         severity: Severity::Failure,
         reason: "the camera sent as many events as it can all the time: their times are late by an unknown amount".to_owned(),
-        advice: "does the light flicker? Use daylight or a lamp on direct current; or raise the contrast thresholds of its pixels"
-            .to_owned(),
+        advice: "does the light flicker? Use daylight or a lamp on direct current; or raise the contrast thresholds of its pixels".into(),
     }
 }
 
@@ -81,7 +80,7 @@ fn out_of_order(disorder: Disorder) -> Finding {
         cause: Cause::OutOfOrder,
         severity: Severity::Warning,
         reason: disorder.to_string(),
-        advice: disorder.advice(),
+        advice: Disorder::ADVICE.into(),
     }
 }
 
@@ -91,7 +90,7 @@ fn repeating(repeated: Repetition) -> Finding {
         cause: Cause::RepeatedEvents,
         severity: Severity::Warning,
         reason: repeated.to_string(),
-        advice: repeated.advice(),
+        advice: Repetition::ADVICE.into(),
     }
 }
 
@@ -100,7 +99,7 @@ fn hot(pixels: &BadPixels) -> Option<Finding> {
         cause: Cause::HotPixels,
         severity: Severity::Note,
         reason: format!("{} hot pixels send {:.0} % of all events", pixels.hot, 100.0 * pixels.hot_share),
-        advice: "raise the contrast thresholds of the camera's pixels".to_owned(),
+        advice: "raise the contrast thresholds of the camera's pixels".into(),
     })
 }
 
@@ -112,7 +111,7 @@ fn dead(pixels: &BadPixels) -> Option<Finding> {
         cause: Cause::DeadColumns,
         severity: Severity::Note,
         reason: format!("{} columns of the sensor send nothing ({}{more})", columns.len(), named.join(", ")),
-        advice: "is a region of interest set, or the sensor broken?".to_owned(),
+        advice: "is a region of interest set, or the sensor broken?".into(),
     })
 }
 
@@ -121,7 +120,7 @@ fn out_of_focus(edges: EdgeWidth) -> Option<Finding> {
         cause: Cause::Defocused,
         severity: Severity::Warning,
         reason: format!("the circles' edges are blurred over {:.1} px", edges.pixels),
-        advice: "focus the lens on the distance of the board, and clean it".to_owned(),
+        advice: "focus the lens on the distance of the board, and clean it".into(),
     })
 }
 

@@ -76,7 +76,7 @@ pub enum EventsError {
     #[error("{} holds circles, not events", .0.display())]
     Circles(PathBuf),
     /// It cannot be read as a recording.
-    #[error(transparent)]
+    #[error("{0}")]
     Recording(#[from] RecordingError),
 }
 
@@ -217,12 +217,12 @@ pub fn read_events(
 #[derive(Debug, thiserror::Error)]
 pub enum InputError {
     /// It is no recording that can be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Source(#[from] RecordingError),
     /// It is a circle track with a mistake in it, or a circle stream without circles.
-    #[error(transparent)]
+    #[error("{0}")]
     Circles(#[from] CircleTrackError),
     /// Its images cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Images(#[from] ImagesError),
 }

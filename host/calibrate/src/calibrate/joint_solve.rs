@@ -7,6 +7,8 @@ use crate::settings::Settings;
 use crate::solve::State;
 use crate::solve::refinement::{Refined, RefinementInput, StageSettings, refine};
 use crate::solve::system::System;
+use crate::trajectory::first::FirstTrajectorySettings;
+use crate::trust::ExamineSettings;
 use crate::trust::uncertainty::{SolveUncertainty, uncertainty};
 
 /// The settings of the joint solve among all.
@@ -18,6 +20,16 @@ pub(super) fn stage_settings(settings: &Settings) -> StageSettings<'_> {
         association: &settings.association,
         solve: &settings.solve,
     }
+}
+
+/// The settings of the trajectories that it starts from.
+pub(super) fn trajectory_settings(settings: &Settings) -> FirstTrajectorySettings<'_> {
+    FirstTrajectorySettings { segment: &settings.segment, spline: &settings.spline, knots: &settings.knots }
+}
+
+/// How its result is looked at.
+pub(super) fn examine_settings(settings: &Settings) -> ExamineSettings<'_> {
+    ExamineSettings { halves: &settings.split_half, map: &settings.residual_map, verdict: &settings.verdict }
 }
 
 /// The joint solve from `state` on, and the system at its result.

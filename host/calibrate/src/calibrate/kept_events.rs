@@ -1,4 +1,4 @@
-//! Events of recordings that are read again, with their places in bursts.
+//! Events with their places in bursts: those that are kept in memory, and those of recordings that are read again.
 
 use evcal_core::sensor::Sensor;
 
@@ -6,17 +6,70 @@ use super::Task;
 use super::error::CalibrateError;
 use super::input::Input;
 use super::progress::Progress;
-use super::stretch_choice::{ChosenSeconds, second_of};
+use super::stretch_choice::{ChosenSeconds, StretchChoice, second_of};
 use crate::solve::event_sample::{EventSample, RankedEvent, Thinning};
+use crate::solve::refinement::{EventInput, ReadRecording};
 
 /// Events for each one that the joint solve uses at most.
 const SAMPLE_TIMES: usize = 2;
+
+/// The events that the rounds of association take theirs from.
+pub(super) struct KeptEvents {
+    /// An even sample of them, as many as fit into memory.
+    pub(super) sample: EventSample,
+    /// How many each input has, none in circles; `None` where all inputs are circles alone.
+    pub(super) counts: Option<Vec<u64>>,
+}
+
+impl KeptEvents {
+    /// Those of the chosen seconds alone: a sample of a long recording has too few of each second for the camera.
+    ///
+    /// # Errors
+    /// [`CalibrateError`] when a recording cannot be read, or the caller wants the end.
+    pub(super) fn of_choice(
+        self,
+        choice: Option<&StretchChoice>,
+        task: &Task,
+        sensor: Sensor,
+        progress: &Progress,
+    ) -> Result<Self, CalibrateError> {
+        let Some(choice) = choice else { return Ok(self) };
+        // There is room for one sample.
+        drop(self);
+        let (sample, counts) = events_of(task, &ChosenSeconds::new(choice), sensor, progress)?;
+        Ok(Self { sample, counts: Some(counts) })
+    }
+
+    /// Reads them for a round of association: from the sample, or from the recordings where it has too few.
+    pub(super) fn reader<'a>(
+        &'a self,
+        task: &'a Task,
+        sensor: Sensor,
+        progress: &'a Progress,
+    ) -> impl Fn(usize, f64, &mut dyn FnMut(&[RankedEvent])) -> Result<(), CalibrateError> + Sync {
+        move |index, share, visit| {
+            progress.go_on()?;
+            if self.sample.read(index, share, visit) {
+                return Ok(());
+            }
+            read_share(task, index, share, sensor, progress, visit)
+        }
+    }
+
+    /// As what the joint solve takes.
+    pub(super) fn input<'a>(
+        &'a self,
+        read: &'a ReadRecording<'a, CalibrateError>,
+    ) -> Option<EventInput<'a, CalibrateError>> {
+        self.counts.as_deref().map(|counts| EventInput { counts, read })
+    }
+}
 
 /// Reads the recordings once more. An even sample of the events in the `chosen` seconds, and for each input how many there are.
 ///
 /// # Errors
 /// [`CalibrateError`] when a recording cannot be read, or the caller wants the end.
-pub(super) fn events_of(
+fn events_of(
     task: &Task,
     chosen: &ChosenSeconds,
     sensor: Sensor,
@@ -50,7 +103,8 @@ pub(super) fn events_of(
 /// [`CalibrateError`] when the recording cannot be read, or the caller wants the end.
 pub(super) fn read_share(
     task: &Task,
-    (index, share): (usize, f64),
+    index: usize,
+    share: f64,
     sensor: Sensor,
     progress: &Progress,
     visit: &mut dyn FnMut(&[RankedEvent]),

@@ -1,6 +1,7 @@
 //! Recordings that are not of the camera of the others.
 
 use super::input::Input;
+use crate::advice::Advice;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::InitialModel;
 use crate::trust::verdict::{Cause, Finding, Severity};
@@ -47,7 +48,7 @@ pub(super) fn findings_on(inputs: &[Input], frames: &[ReferenceFrame], initial: 
             reason: format!(
                 "only {fitting} of the {found} reference frames of {name} fit the camera of the other recordings"
             ),
-            advice: format!("is it of another camera, or was the lens turned? Calibrate without {name}"),
+            advice: Advice::Plain(format!("is it of another camera, or was the lens turned? Calibrate without {name}")),
         })
         .collect()
 }

@@ -6,8 +6,9 @@ use std::ops::Range;
 use evcal_core::camera::MAX_PARAMETERS;
 
 use super::Task;
+use super::board_solve::BoardSolve;
 use super::error::CalibrateError;
-use super::joint_solve::stage_settings;
+use super::joint_solve::{stage_settings, trajectory_settings};
 use super::kept_events::read_share;
 use super::progress::Progress;
 use crate::circles::compact_frame::CompactFrame;
@@ -17,11 +18,10 @@ use crate::solve::event_sample::RankedEvent;
 use crate::solve::held_camera::{Followed, follow};
 use crate::solve::left_out::LeftOut;
 use crate::solve::pose_covariance::PoseCovariance;
-use crate::solve::refinement::{EventInput, Refined, RefinementInput};
+use crate::solve::refinement::{EventInput, RefinementInput};
 use crate::solve::{BOARD_PARAMETERS, State};
 use crate::trajectory::first::first_trajectories;
 use crate::trust::poses::{UncertainPose, sampled_poses};
-use crate::trust::uncertainty::SolveUncertainty;
 use event_recordings::pass::RecordingReport;
 
 /// Stretches are solved together in lengths of this (s).
@@ -40,22 +40,24 @@ pub struct FollowedStretch {
     pub poses: Vec<UncertainPose>,
 }
 
-/// Reads the recordings once more, and follows the camera of `refined` along `frames`, which are in order of recording and time.
-/// What no curve explains is added to `left_out`.
+/// Reads the recordings once more, and follows the camera of `solve` along `frames`, which are in order of recording and time.
+/// What no curve explains is added to what `solve` leaves out.
 ///
 /// # Errors
 /// [`CalibrateError`] when a recording cannot be read, or the caller wants the end.
 pub(super) fn follow_others(
     task: &Task,
-    (refined, certainty): (&Refined, &SolveUncertainty),
-    (frames, reports): (&[CompactFrame], &[RecordingReport]),
-    left_out: &mut Vec<LeftOut>,
+    solve: &mut BoardSolve,
+    frames: &[CompactFrame],
+    reports: &[RecordingReport],
     progress: &Progress,
 ) -> Result<Vec<FollowedStretch>, CalibrateError> {
     if frames.is_empty() {
         return Ok(Vec::new());
     }
+    let mut left_out = Vec::new();
     progress.tell("trajectory of the other stretches")?;
+    let sensor = solve.refined.problem.sensor;
     let part = |frame: &CompactFrame| (frame.t() / LENGTH).floor() as i64;
     let mut followed = Vec::new();
     for frames in frames.chunk_by(|a, b| a.recording == b.recording) {
@@ -67,7 +69,7 @@ pub(super) fn follow_others(
             while let Some(frames) = stretches.next_if(|frames| span(frames).end <= t) {
                 let frames: Vec<ReferenceFrame> = frames.iter().map(CompactFrame::without_events).collect();
                 // Where nothing can be followed no pose is written.
-                if let Some((stretch, unexplained)) = follow_stretch(task, (refined, certainty), (&frames, events)) {
+                if let Some((stretch, unexplained)) = follow_stretch(task, solve, &frames, events) {
                     left_out.extend(unexplained);
                     followed.push(stretch);
                 }
@@ -76,13 +78,14 @@ pub(super) fn follow_others(
             events.drain(..events.partition_point(|event| event.t < next));
         };
         let mut kept: Vec<RankedEvent> = Vec::new();
-        read_share(task, (recording, share), refined.problem.sensor, progress, &mut |events| {
+        read_share(task, recording, share, sensor, progress, &mut |events| {
             kept.extend_from_slice(events);
             let t = kept.last().map_or(i64::MIN, |event| event.t);
             follow_until(&mut kept, t);
         })?;
         follow_until(&mut kept, i64::MAX);
     }
+    solve.refined.left_out.extend(left_out);
     Ok(followed)
 }
 
@@ -100,16 +103,17 @@ fn span(frames: &[CompactFrame]) -> Range<i64> {
 
 fn follow_stretch(
     task: &Task,
-    (refined, certainty): (&Refined, &SolveUncertainty),
-    (frames, events): (&[ReferenceFrame], &[RankedEvent]),
+    solve: &BoardSolve,
+    frames: &[ReferenceFrame],
+    events: &[RankedEvent],
 ) -> Option<(FollowedStretch, Vec<LeftOut>)> {
     let settings = task.settings;
+    let BoardSolve { refined, certainty, .. } = solve;
     let (problem, solution) = (&refined.problem, &refined.state);
     let recording = frames.first()?.recording;
     let initial =
         InitialModel::of_frames(solution.camera, posed_frames(frames, task.board, &solution.camera, &settings.initial));
-    let curves = (&settings.spline, &settings.knots);
-    let first = first_trajectories(&initial, frames, &settings.segment, curves).ok()?;
+    let first = first_trajectories(&initial, frames, trajectory_settings(settings)).ok()?;
     let start = first.trajectories.iter().map(|one| one.start()).fold(f64::INFINITY, f64::min);
     let end = first.trajectories.iter().map(|one| one.end()).fold(f64::NEG_INFINITY, f64::max);
     // Events come later than their edges, by the latency of their class.
@@ -147,6 +151,6 @@ fn follow_stretch(
         settings.uncertainty.pose_model_error,
     );
     let all_left_out: Vec<LeftOut> = refined.left_out.iter().chain(&unexplained).copied().collect();
-    let poses = sampled_poses(&state, (&covariance, &all_left_out), recording, &settings.poses);
+    let poses = sampled_poses(&state, &covariance, &all_left_out, recording, &settings.poses);
     Some((FollowedStretch { recording, poses }, unexplained))
 }

@@ -34,16 +34,16 @@ pub enum ParameterError {
         model: Option<ModelKind>,
     },
     /// No value was given, or none that can be read.
-    #[error("--fix {0}: write NAME=VALUE, for example k3=0, bend-x=0mm or radius=17.4mm")]
+    #[error("{0}: write NAME=VALUE, for example k3=0, bend-x=0mm or radius=17.4mm")]
     Value(String),
     /// Nothing is left to estimate of the lens.
     #[error("all parameters of the lens are held: leave one free")]
     NothingLeft,
     /// A parameter is held and free.
-    #[error("{0} cannot be held and free at once: leave out --fix or --free")]
+    #[error("{0} cannot be held and free at once")]
     Both(String),
     /// The value makes no sense.
-    #[error("--fix {0}: no board is like that")]
+    #[error("{0}: no board is like that")]
     Impossible(String),
 }
 
@@ -51,7 +51,7 @@ pub enum ParameterError {
 fn names(model: Option<ModelKind>) -> String {
     let lens = model.map_or_else(Vec::new, |model| model.parameter_names().to_vec());
     let names: Vec<&str> = lens.into_iter().chain(BOARD_NAMES).collect();
-    let hint = if model.is_none() { " (those of the lens need --model NAME)" } else { "" };
+    let hint = if model.is_none() { " (those of the lens only once its model is named)" } else { "" };
     format!("{}{hint}", names.join(", "))
 }
 
@@ -144,7 +144,7 @@ mod tests {
         let message = requests(&["k7=0"], &[]).unwrap_err().to_string();
         assert!(message.contains("fx, fy, cx, cy, k1, k2, p1, p2, k3, print-ratio, bend-x"), "{message}");
         let message = ParameterRequests::new(None, &[], &["k1".to_owned()]).unwrap_err().to_string();
-        assert!(message.contains("--model NAME") && message.contains("bend-y"), "{message}");
+        assert!(message.contains("once its model is named") && message.contains("bend-y"), "{message}");
     }
 
     #[test]

@@ -1,13 +1,14 @@
 //! What the calibration does with the camera's own pictures.
 
-use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
 
-use super::Task;
+use super::board_solve::BoardSolve;
 use super::calibrated::{Calibrated, Evidence};
 use super::detected::common_sensor;
 use super::error::CalibrateError;
 use super::progress::Progress;
+use super::{PictureUse, Task};
 use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::pictures::search::{PictureSearch, PictureSearchReport};
@@ -21,24 +22,56 @@ use crate::trust::verdict::verdict;
 use crate::trust::witness::{FailedWitness, WitnessOutcome, picture_witness};
 use event_recordings::images::ImagesError;
 use event_recordings::pass::RecordingReport;
-use event_recordings::pictures::{TimedImage, visit_frames};
+use event_recordings::pictures::TimedImage;
 
 /// The reference frames of all recordings' pictures.
-pub(super) struct SeenPictures {
+struct SeenPictures {
     frames: Vec<ReferenceFrame>,
     report: PictureSearchReport,
     /// For each input the time from which its frames' times count (s).
     starts: Vec<f64>,
 }
 
-/// Looks for the board in all pictures, but for those of inputs that are known to hold none (`without`, one flag each; may be
-/// empty). Their times count from `starts` (s), or else from the first picture of each recording.
-pub(super) fn see_pictures(
+/// What is known of the inputs before their pictures are read.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Files<'a> {
+    /// The time from which the times of each input's pictures count (s); else it is that of its first picture.
+    pub(super) starts: Option<&'a [f64]>,
+    /// For each input whether it is known to hold no pictures; may be empty.
+    pub(super) without_pictures: &'a [bool],
+}
+
+/// What pictures were calibrated to, or why they were not.
+pub(super) type CalibratedPictures = Result<PictureCalibration, NoPictureCalibration>;
+
+/// The calibration from the pictures of recordings that hold events too, as far as the task wants it; `None` where there are no
+/// pictures, or they are of no use.
+///
+/// # Errors
+/// [`CalibrateError`] where the task needs them and there is no calibration from them.
+pub(super) fn calibrate_beside(
     task: &Task,
-    starts: Option<&[f64]>,
-    without: &[bool],
+    files: Files,
+    sensor: Sensor,
+    model: ModelKind,
     progress: &Progress,
-) -> Result<SeenPictures, CalibrateError> {
+) -> Result<Option<CalibratedPictures>, CalibrateError> {
+    let is_needed = match task.pictures {
+        PictureUse::Ignore | PictureUse::Only => return Ok(None),
+        PictureUse::Witness => false,
+        PictureUse::Joint | PictureUse::SecondCamera => true,
+    };
+    let seen = see_pictures(task, files, progress)?;
+    let calibrated = picture_calibration(task, seen, sensor, model, progress);
+    if is_needed {
+        require(task, calibrated.as_ref())?;
+    }
+    Ok(calibrated)
+}
+
+/// Looks for the board in all pictures.
+fn see_pictures(task: &Task, files: Files, progress: &Progress) -> Result<SeenPictures, CalibrateError> {
+    let Files { starts, without_pictures: without } = files;
     let fewest = task.settings.detection.fewest_circles(&task.board.pattern);
     let mut detection = PictureSearch::new(task.board, fewest, &task.settings.frames);
     let mut origins = Vec::new();
@@ -47,7 +80,7 @@ pub(super) fn see_pictures(
         let origin = match input {
             Input::Events(recording) if recording.may_hold_frames() && without.get(number) != Some(&true) => {
                 progress.tell(format!("looking for the board in the frames of {}", input.short_name()))?;
-                detection.search(number, start, |visit| visit_frames(recording, visit))?
+                detection.search(number, start, |visit| recording.visit_frames(visit))?
             }
             Input::Images(images) => {
                 progress.tell(format!("looking for the board in the frames of {}", input.short_name()))?;
@@ -63,13 +96,13 @@ pub(super) fn see_pictures(
 }
 
 /// The calibration from `seen` alone; `None` where the recordings hold no frames.
-pub(super) fn picture_calibration(
+fn picture_calibration(
     task: &Task,
     seen: SeenPictures,
     sensor: Sensor,
     model: ModelKind,
     progress: &Progress,
-) -> Option<Result<PictureCalibration, NoPictureCalibration>> {
+) -> Option<CalibratedPictures> {
     if seen.report.frames == 0 {
         return None;
     }
@@ -82,16 +115,21 @@ pub(super) fn picture_calibration(
 /// Compares the result from events with that from pictures.
 pub(super) fn witness(
     task: &Task,
-    camera: &Camera<f64>,
-    uncertainty: &Uncertainty,
+    solve: &BoardSolve,
     sensor: Sensor,
-    pictures: &Result<PictureCalibration, NoPictureCalibration>,
+    pictures: &CalibratedPictures,
 ) -> WitnessOutcome {
+    // The pictures are calibrated with the board as it is stated: so is what they are compared with.
+    let (camera, certainty) = match &solve.as_stated {
+        Some((camera, certainty)) => (camera, certainty),
+        None => (&solve.refined.state.camera, &solve.certainty),
+    };
+    let covariance = &certainty.intrinsics.covariance;
     let calibration = match pictures {
         Ok(calibration) => calibration,
         Err(failure) => return WitnessOutcome::Failed(failure.clone().into()),
     };
-    match picture_witness(camera, &uncertainty.covariance, calibration, sensor, &task.settings.frames) {
+    match picture_witness(camera, covariance, calibration, sensor, &task.settings.frames) {
         Ok(witness) => WitnessOutcome::Witness(Box::new(witness)),
         Err(reason) => WitnessOutcome::Failed(FailedWitness { reason, report: Box::new(calibration.report.clone()) }),
     }
@@ -100,7 +138,7 @@ pub(super) fn witness(
 /// The calibration from pictures, which there must be.
 pub(super) fn require<'a>(
     task: &Task,
-    pictures: Option<&'a Result<PictureCalibration, NoPictureCalibration>>,
+    pictures: Option<&'a CalibratedPictures>,
 ) -> Result<&'a PictureCalibration, CalibrateError> {
     match pictures {
         Some(Ok(calibration)) => Ok(calibration),
@@ -133,7 +171,7 @@ fn no_pictures(task: &Task) -> CalibrateError {
 /// [`CalibrateError`] says what is missing, and what to do.
 pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, CalibrateError> {
     let sensor = common_sensor(task)?;
-    let seen = see_pictures(task, None, &[], progress)?;
+    let seen = see_pictures(task, Files::default(), progress)?;
     let starts = seen.starts.clone();
     let (model, model_choice) = match task.model {
         ModelRequest::Given(model) => (model, None),

@@ -83,14 +83,14 @@ pub struct Repetition {
 #[derive(Debug, thiserror::Error)]
 pub enum RepeatError {
     /// It cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Source(#[from] RecordingError),
     /// The sensor that was asked for is not that of the recording.
-    #[error(transparent)]
+    #[error("{0}")]
     OtherSensor(#[from] OtherSensor),
     /// Fewer than two parts were calibrated.
     #[error(
-        "{calibrated} of {runs} parts could be calibrated, and two are needed to compare{}: try longer parts with --seconds",
+        "{calibrated} of {runs} parts could be calibrated, and two are needed to compare{}: try longer parts",
         first.as_ref().map_or_else(String::new, |first| format!(" (the first that failed: {first})"))
     )]
     TooFew {
@@ -102,7 +102,8 @@ pub enum RepeatError {
         first: Option<String>,
     },
     /// It is shorter than a part.
-    #[error("the recording is {duration:.1} s long: parts of {seconds} s cannot be taken from it; {}", shorter_parts(*.duration))]
+    #[error("the recording is {duration:.1} s long: parts of {seconds} s cannot be taken from it; {}",
+        shorter_parts(*.duration).map_or_else(|| "record longer".to_owned(), |seconds| format!("try parts of {seconds:.1} s")))]
     TooShort {
         /// Its length (s).
         duration: f64,
@@ -111,10 +112,9 @@ pub enum RepeatError {
     },
 }
 
-/// What helps with a recording of this length (s).
-fn shorter_parts(duration: f64) -> String {
-    let seconds = (5.0 * duration).floor() / 10.0;
-    if seconds > 0.0 { format!("try --seconds {seconds:.1}s") } else { "record longer".to_owned() }
+/// A length of parts (s) that fits a recording of this length (s); `None` where the recording is too short for any.
+pub fn shorter_parts(duration: f64) -> Option<f64> {
+    Some((5.0 * duration).floor() / 10.0).filter(|seconds| *seconds > 0.0)
 }
 
 /// Calibrates `settings.runs` random parts of `recording`, as `task` says but for its inputs. Where the
@@ -230,7 +230,7 @@ mod tests {
     #[test]
     fn nobody_is_told_to_take_parts_of_no_length() {
         let told = |duration| RepeatError::TooShort { duration, seconds: 6.0 }.to_string();
-        assert!(told(3.0).ends_with("try --seconds 1.5s"), "{}", told(3.0));
+        assert!(told(3.0).ends_with("try parts of 1.5 s"), "{}", told(3.0));
         for duration in [0.0, 0.004, 0.19] {
             assert!(told(duration).ends_with("record longer"), "{}", told(duration));
         }

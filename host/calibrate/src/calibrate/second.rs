@@ -104,7 +104,8 @@ fn mounted(
 pub fn calibrate_frame_camera(
     first: &Calibrated,
     second: &Calibrated,
-    (images, rolling_shutter): (&Images, bool),
+    images: &Images,
+    rolling_shutter: bool,
     board: &Board,
     lenses: Lenses,
     settings: &UncertaintySettings,

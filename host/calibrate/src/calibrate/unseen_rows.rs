@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use evcal_core::pattern::Pattern;
 
+use crate::advice::Advice;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::trust::verdict::{Cause, Finding, Severity};
 
@@ -24,7 +25,7 @@ pub(super) fn finding_on(pattern: Pattern, frames: &[ReferenceFrame]) -> Option<
             "of the {}x{} rows and columns of the board only {rows}x{seen_columns} were ever found",
             all.0, all.1
         ),
-        advice: "count them on the board: --board names more than it has, or a part of it was never in view".to_owned(),
+        advice: Advice::CountRows,
     })
 }
 

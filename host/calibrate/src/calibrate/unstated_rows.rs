@@ -7,6 +7,7 @@ use evcal_core::grid::{reorder, symmetry};
 use evcal_core::pattern::Pattern;
 use nalgebra::{Point3, Vector2};
 
+use crate::advice::Advice;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::larger_pattern::LargerPattern;
 use crate::trajectory::Trajectory;
@@ -44,13 +45,10 @@ pub(super) fn finding_on(
         cause: Cause::LargerBoard,
         severity,
         reason: format!(
-            "--board names only {}x{} of the board's {}x{} rows and columns{consequence}",
+            "only {}x{} of the board's {}x{} rows and columns are stated{consequence}",
             stated.rows, stated.columns, seen.rows, seen.columns
         ),
-        advice: format!(
-            "calibrate again with --board {}, which takes more of the recording; the lens is right within what is stated",
-            Board { pattern: seen, ..*board }
-        ),
+        advice: Advice::TakeWholeBoard(Board { pattern: seen, ..*board }),
     }
 }
 
@@ -141,8 +139,8 @@ mod tests {
     fn a_part_at_the_first_circle_is_noted() {
         let told = told("acircles:8x4", "acircles:9x4", &[(0, 0), (0, 0)]);
         assert_eq!((told.cause, told.severity), (Cause::LargerBoard, Severity::Note));
-        assert_eq!(told.reason, "--board names only 8x4 of the board's 9x4 rows and columns");
-        assert!(told.advice.contains("--board acircles:9x4:55mm:r17.5mm,"), "{}", told.advice);
+        assert_eq!(told.reason, "only 8x4 of the board's 9x4 rows and columns are stated");
+        assert_eq!(told.advice, Advice::TakeWholeBoard("acircles:9x4:55mm:r17.5mm".parse().unwrap()));
     }
 
     #[test]

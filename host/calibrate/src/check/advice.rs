@@ -2,14 +2,13 @@
 
 use std::path::Path;
 
-use evcal_core::sensor::Sensor;
 
 use super::{Checked, Seen};
-use crate::detection::no_board::only_one_polarity;
+use crate::advice::{Advice, Outside};
 use crate::detection::{FEWEST_EVENTS, too_short};
+use crate::diagnosis::bad_pixels::Repetition;
 use crate::diagnosis::disorder::Disorder;
 use crate::diagnosis::information::Information;
-use evcal_files::shell_word::shell_word;
 use event_recordings::Recording;
 
 /// Share of events that may lie outside the sensor, or come from hot pixels.
@@ -20,124 +19,108 @@ const ENOUGH: f64 = 0.3;
 const SHORT: f64 = 2.0;
 
 /// What to do with this recording, the most important thing alone.
-pub fn next_step(checked: &Checked, recording: &Recording) -> String {
+pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
     let information = &checked.information;
     if let Some(error) = &information.error {
-        return format!("the recording is damaged, {error}");
+        return Advice::Plain(format!("the recording is damaged, {error}"));
     }
     let outside = information.report.out_of_range;
     if information.events == 0 && outside == 0 {
-        return "there are no events: record again, and see that the lens cap is off".to_owned();
+        return "there are no events: record again, and see that the lens cap is off".into();
     }
     // Of a few events not even the unit of their times can be told.
     if checked.whole && outside == 0 && information.events < FEWEST_EVENTS {
-        return format!("{}: record 10 seconds", too_short(information.events));
+        return Advice::Plain(format!("{}: record 10 seconds", too_short(information.events)));
     }
     if information.events == 0 {
         return advice_on_outside(information, recording.format().uses.columns);
     }
     if let Some(other) = &checked.other_unit {
-        return other.advice();
+        return Advice::NameTimeUnit(other.unit);
     }
     if let Some(sensor) = checked.counted_from_one {
-        return advice_on_one(information, sensor);
+        return Advice::CountFromZero { sensor, name_sensor: information.sensor.is_none() };
     }
     if information.sensor.is_none() {
-        return match information.likely_sensor {
-            Some(likely) => format!("add --sensor {}x{}", likely.width, likely.height),
-            None => "add --sensor WIDTHxHEIGHT, the size of the camera's sensor".to_owned(),
-        };
+        return Advice::NameSensor(information.likely_sensor);
     }
     if outside as f64 > FEW_EVENTS * (information.events + outside) as f64 {
         return advice_on_outside(information, recording.format().uses.columns);
     }
     if let Some(polarity) = information.only_polarity() {
-        return only_one_polarity(polarity);
+        return Advice::BothPolarities(polarity);
     }
     if let Some(disorder) = Disorder::met(&information.report) {
-        return format!("{disorder}: {}", disorder.advice());
+        return Advice::Plain(format!("{disorder}: {}", Disorder::ADVICE));
     }
     if let Some(repeated) = checked.repeated {
-        return format!("{repeated}: {}", repeated.advice());
+        return Advice::Plain(format!("{repeated}: {}", Repetition::ADVICE));
     }
     match &checked.seen {
-        None => "the sensor is larger than evcal supports".to_owned(),
+        None => "the sensor is larger than evcal supports".into(),
         Some(seen) => next_of_board(checked, seen, recording.path()),
     }
 }
 
-/// What to do about pixels of `sensor` that are counted from 1.
-fn advice_on_one(information: &Information, sensor: Sensor) -> String {
-    let Sensor { width, height } = sensor;
-    let add = if information.sensor.is_none() { format!(", and add --sensor {width}x{height}") } else { String::new() };
-    format!("pixels are counted from 1, up to column {width} and row {height}: subtract 1 from x and y{add}")
-}
-
 /// What to do about many events outside the sensor.
-fn advice_on_outside(information: &Information, has_columns: bool) -> String {
+fn advice_on_outside(information: &Information, has_columns: bool) -> Advice {
     let report = &information.report;
-    let outside = report.out_of_range;
     if report.looks_exchanged() {
-        return "x and y are swapped: correct --columns, or swap the two numbers of --sensor".to_owned();
+        return Advice::ExchangeAxes;
     }
-    let no_pixels = report.no_pixel as f64 > FEW_EVENTS * (information.events + outside) as f64;
-    let who = if information.events == 0 {
-        "all events lie outside the sensor".to_owned()
+    let count = report.out_of_range;
+    let no_pixels = report.no_pixel as f64 > FEW_EVENTS * (information.events + count) as f64;
+    let outside = if information.events == 0 { Outside::All } else { Outside::Some(count) };
+    if has_columns && (no_pixels || outside == Outside::All) {
+        Advice::NameColumns(outside)
     } else {
-        format!("{outside} events lie outside the sensor")
-    };
-    if has_columns && (no_pixels || information.events == 0) {
-        format!("{who}: are the columns in another order? Say it with --columns, such as x,y,t,p")
-    } else {
-        format!("{who}: give its true size with --sensor")
+        Advice::CorrectSensor(outside)
     }
 }
 
 /// What to do about the board.
-fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> String {
+fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> Advice {
     let Seen { board, found, time_share: share, covered, failure, recognised, edges, .. } = seen;
     if let Some(failure) = failure {
-        return failure.clone();
+        return failure.advice();
     }
     if let (Some(flicker), true) = (checked.information.flicker, *share < ENOUGH) {
-        return format!(
+        return Advice::Plain(format!(
             "the light flickers at {} Hz and hides the board: use daylight or a lamp on direct current",
             flicker.frequency
-        );
+        ));
     }
     let hot: u64 = checked.information.hottest_pixels.iter().map(|pixel| pixel.events).sum();
     if hot as f64 > FEW_EVENTS * checked.information.events as f64 && *share < ENOUGH {
         return "a large share of the events comes from hot pixels: raise the camera's thresholds, and record again"
-            .to_owned();
+            .into();
     }
     let Some(board) = board else {
         return match (found, recognised) {
-            (0, _) => "no circles were seen: is the board in view, in focus and moving?".to_owned(),
-            (_, Some(layout)) => format!("the board is {layout}: {}", layout.advice()),
-            (_, None) => {
-                "circles were seen: add --board LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS to look for your board".to_owned()
-            }
+            (0, _) => "no circles were seen: is the board in view, in focus and moving?".into(),
+            (_, Some(layout)) => Advice::Measure(*layout),
+            (_, None) => Advice::NameBoard,
         };
     };
     if *share < ENOUGH {
-        return format!(
+        return Advice::Plain(format!(
             "the board is seen in {:.0} % of the time only: keep all of it in view and in focus, and moving",
             100.0 * share
-        );
+        ));
     }
     if *covered < ENOUGH {
-        return format!(
+        return Advice::Plain(format!(
             "the board was in {:.0} % of the image only: move it into the corners and closer, and record again",
             100.0 * covered
-        );
+        ));
     }
     if edges.is_some_and(|edges| edges.is_blurred()) {
-        return "the circles are blurred: focus the lens on the distance of the board, and clean it".to_owned();
+        return "the circles are blurred: focus the lens on the distance of the board, and clean it".into();
     }
     if checked.whole && checked.information.duration_s < SHORT {
-        return "the recording is short: record 10 seconds".to_owned();
+        return "the recording is short: record 10 seconds".into();
     }
-    format!("evcal calibrate {} --board {board} -o calibration", shell_word(&path.to_string_lossy()))
+    Advice::Calibrate { recording: path.to_owned(), board: board.clone() }
 }
 
 #[cfg(test)]
@@ -151,11 +134,11 @@ mod tests {
 
     const DAVIS: Option<Sensor> = Some(Sensor::new(346, 260));
 
-    fn next(recording: &Recording) -> String {
+    fn next(recording: &Recording) -> Advice {
         check(recording, None, &DetectionSettings::default()).unwrap().next
     }
 
-    fn next_of(events: Vec<Event>, sensor: Option<Sensor>) -> String {
+    fn next_of(events: Vec<Event>, sensor: Option<Sensor>) -> Advice {
         next(&Recording::from_events("events", events, RecordingOptions { sensor, ..RecordingOptions::default() }))
     }
 
@@ -176,8 +159,9 @@ mod tests {
     fn one_polarity_is_told() {
         let on = |event: Event| Event { polarity: Polarity::On, ..event };
         let told = next_of(events(20_000).into_iter().map(on).collect(), DAVIS);
-        assert!(told.starts_with("all events are ON, and a circle is found from ON and OFF"), "{told}");
-        assert!(!next_of(events(20_000), DAVIS).contains("all events"));
+        assert_eq!(told, Advice::BothPolarities(Polarity::On));
+        assert!(told.to_string().starts_with("all events are ON, and a circle is found from ON and OFF"), "{told}");
+        assert!(!next_of(events(20_000), DAVIS).to_string().contains("all events"));
     }
 
     /// The advice was a larger sensor, or to calibrate.
@@ -185,16 +169,21 @@ mod tests {
     fn pixels_counted_from_one_are_told() {
         let one = |event: Event| Event { x: event.x + 1, y: event.y + 1, ..event };
         let counted: Vec<Event> = events(20_000).into_iter().map(one).collect();
-        let told = "pixels are counted from 1, up to column 346 and row 260: subtract 1 from x and y";
+        let sensor = Sensor::new(346, 260);
+        let told = Advice::CountFromZero { sensor, name_sensor: false };
+        assert_eq!(
+            told.to_string(),
+            "pixels are counted from 1, up to column 346 and row 260: subtract 1 from x and y"
+        );
         assert_eq!(next_of(counted.clone(), DAVIS), told);
-        assert_eq!(next_of(counted, None), format!("{told}, and add --sensor 346x260"));
-        assert_eq!(next_of(events(20_000), None), "add --sensor 346x260");
+        assert_eq!(next_of(counted, None), Advice::CountFromZero { sensor, name_sensor: true });
+        assert_eq!(next_of(events(20_000), None), Advice::NameSensor(DAVIS));
     }
 
     #[test]
     fn events_that_are_there_twice_are_told() {
         let twice = events(20_000).into_iter().flat_map(|event| [event, event]).collect();
-        let told = next_of(twice, DAVIS);
+        let told = next_of(twice, DAVIS).to_string();
         assert!(
             told.starts_with("50 % of the events repeat another") && told.contains("export each event once"),
             "{told}"
@@ -204,8 +193,14 @@ mod tests {
     /// The advice was to move faster.
     #[test]
     fn a_few_events_are_too_short_a_recording() {
-        assert_eq!(next_of(events(1), DAVIS), "the recording is too short, with only 1 event: record 10 seconds");
-        assert_eq!(next_of(events(10), None), "the recording is too short, with only 10 events: record 10 seconds");
+        assert_eq!(
+            next_of(events(1), DAVIS).to_string(),
+            "the recording is too short, with only 1 event: record 10 seconds"
+        );
+        assert_eq!(
+            next_of(events(10), None).to_string(),
+            "the recording is too short, with only 10 events: record 10 seconds"
+        );
     }
 
     /// The advice was to take off the lens cap.
@@ -221,7 +216,7 @@ mod tests {
             let options =
                 RecordingOptions { sensor, columns: Some("t,x,y,p".parse().unwrap()), ..RecordingOptions::default() };
             let told = next(&Recording::new(&path, options).unwrap());
-            assert!(told.starts_with("all events lie outside the sensor: are the columns in another order?"), "{told}");
+            assert_eq!(told, Advice::NameColumns(Outside::All));
         }
     }
 }

@@ -22,7 +22,7 @@ const EVENTS: usize = 20_000;
 /// A unit with which the rate of events is a usual one.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OtherUnit {
-    /// What `--time-unit` takes; `None` where the format leaves no choice.
+    /// It; `None` where the format leaves no choice.
     #[serde(serialize_with = "as_words")]
     pub unit: Option<TimeUnit>,
     /// Events a second as the times were taken.
@@ -33,20 +33,6 @@ pub struct OtherUnit {
 
 fn as_words<S: Serializer>(unit: &Option<TimeUnit>, serializer: S) -> Result<S::Ok, S::Error> {
     unit.map(|unit| unit.to_string()).serialize(serializer)
-}
-
-impl OtherUnit {
-    /// What to do.
-    pub fn advice(&self) -> String {
-        let unit = match self.unit {
-            Some(TimeUnit::Seconds) => "s",
-            Some(TimeUnit::Milliseconds) => "ms",
-            Some(TimeUnit::Microseconds) => "us",
-            Some(TimeUnit::Nanoseconds) => "ns",
-            None => return "are the times in the file in the unit of its format?".to_owned(),
-        };
-        format!("add --time-unit {unit}")
-    }
 }
 
 impl fmt::Display for OtherUnit {
@@ -134,7 +120,7 @@ mod tests {
     use super::*;
 
     /// What is told of 30 000 events `step` apart, with `pause` before the last thousand, in µs as long as nobody says otherwise.
-    fn told(step: i64, pause: i64) -> Option<String> {
+    fn told(step: i64, pause: i64) -> Option<Option<TimeUnit>> {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("events.csv");
         let line = |index: i64| {
@@ -144,7 +130,7 @@ mod tests {
         std::fs::write(&path, format!("t,x,y,p\n{}", (0..30_000).map(line).collect::<String>())).unwrap();
         let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
         let duration = (29_999 * step + pause) as f64 * 1e-6;
-        other_unit(&recording, 30_000.0 / duration).map(|other| other.advice())
+        other_unit(&recording, 30_000.0 / duration).map(|other| other.unit)
     }
 
     #[test]
@@ -153,7 +139,7 @@ mod tests {
         // The advice was the unit in use: a year without events in a recording in µs.
         assert_eq!(told(1, 31_557_600_000_000), None);
         // Multiples of 1000 would be taken for nanoseconds at once.
-        assert_eq!(told(1001, 0).as_deref(), Some("add --time-unit ns"));
+        assert_eq!(told(1001, 0), Some(Some(TimeUnit::Nanoseconds)));
     }
 
     /// The advice was nanoseconds, of which 26 million a second come nearer to the middle.

@@ -50,7 +50,7 @@ pub enum SerialError {
         error: serialport::Error,
     },
     /// What comes cannot be saved.
-    #[error(transparent)]
+    #[error("{0}")]
     Save(#[from] SaveError),
     /// No circle arrived.
     #[error("{port}: no circle in {bytes} bytes ({frames} messages); {advice}")]

@@ -1,6 +1,6 @@
 //! Circle tracks: what a detector found, as a CSV file.
 //!
-//! `evcal detect` writes such files and `evcal calibrate` reads them in place of a recording, so
+//! The detection writes such files and a calibration reads them in place of a recording, so
 //! that a detector elsewhere (a microcontroller) can feed the calibration.
 //!
 //! One line per circle, below a line of names. Columns may stand in any order; separators are

@@ -17,7 +17,7 @@ use evcal_core::pattern::{Layout, Pattern};
 use nalgebra::{DMatrix, Matrix2, Matrix2x5, Matrix5, SVector, Vector2, Vector5};
 
 use crate::circles::event_pixel::EventPixel;
-use crate::circles::reference_frame::ReferenceFrame;
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 
 /// What the events of one or more windows say of the dots' form.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -35,8 +35,16 @@ pub struct DotShape {
     opposite: f64,
 }
 
-/// A dot of the board in a window: index, centre and radius in pixels.
-pub type Dot = (usize, Vector2<f64>, f64);
+/// A dot of the board in a window.
+#[derive(Clone, Copy, Debug)]
+pub struct Dot {
+    /// Its place on the board.
+    pub index: usize,
+    /// Centre (px).
+    pub center: Vector2<f64>,
+    /// Radius (px).
+    pub radius: f64,
+}
 
 /// Events up to this many radii from the centre are looked at: a ring whose hole was found has its outer rim there.
 const FAR: f64 = 2.3;
@@ -60,7 +68,9 @@ impl DotShape {
     /// What a frame says of the dots of `pattern`; `None` if it holds no events.
     pub fn of_frame(frame: &ReferenceFrame, pattern: &Pattern) -> Option<Self> {
         let circles = frame.circles.iter();
-        let dots: Vec<Dot> = circles.filter_map(|circle| Some((circle.index, circle.center, circle.radius?))).collect();
+        let dot =
+            |circle: &ObservedCircle| Some(Dot { index: circle.index, center: circle.center, radius: circle.radius? });
+        let dots: Vec<Dot> = circles.filter_map(dot).collect();
         Some(Self::of_dots(&dots, frame.events()?, pattern))
     }
 
@@ -71,7 +81,7 @@ impl DotShape {
         let mut shape = Self::default();
         let mut around: Vec<(Vector2<f64>, Polarity)> = Vec::new();
         for dot in dots.iter().step_by(dots.len().div_ceil(MOST_DOTS).max(1)) {
-            let Some(to_board) = map.inverse_jacobian_at(pattern.lattice_position(dot.0)) else { continue };
+            let Some(to_board) = map.jacobian_at(lattice_place(pattern, dot.index)).try_inverse() else { continue };
             let unit = map.radius;
             let cell = cell_of(pattern.layout, unit);
             gather(dot, pixels, &(to_board / unit), &mut around);
@@ -79,7 +89,7 @@ impl DotShape {
             if around.len() < FEWEST || heading == Vector2::zeros() {
                 continue;
             }
-            let margin = RIM.max(RIM_PIXELS / dot.2);
+            let margin = RIM.max(RIM_PIXELS / dot.radius);
             for (place, polarity) in &around {
                 let radius = place.norm();
                 // OFF where the dark dot arrives.
@@ -132,13 +142,9 @@ impl DotShape {
 }
 
 /// The places of events around a `dot`, as `to_board` takes them there, with their polarities, into `around`.
-fn gather(
-    &(_, center, _): &Dot,
-    pixels: &[EventPixel],
-    to_board: &Matrix2<f64>,
-    around: &mut Vec<(Vector2<f64>, Polarity)>,
-) {
+fn gather(dot: &Dot, pixels: &[EventPixel], to_board: &Matrix2<f64>, around: &mut Vec<(Vector2<f64>, Polarity)>) {
     around.clear();
+    let center = dot.center;
     let Some(to_image) = to_board.try_inverse() else { return };
     // The ellipse that the circle of radius FAR becomes is this high and wide.
     let (wide, high) = (FAR * to_image.row(0).norm(), FAR * to_image.row(1).norm());
@@ -180,6 +186,12 @@ fn cell_of(layout: Layout, unit: f64) -> impl Fn(&Vector2<f64>) -> bool {
     }
 }
 
+/// The place of a circle on the lattice.
+fn lattice_place(pattern: &Pattern, index: usize) -> Vector2<f64> {
+    let (x, y) = pattern.lattice_position(index);
+    Vector2::new(f64::from(x), f64::from(y))
+}
+
 /// A smooth map from the lattice to the image, and the dots' radius in spacings.
 struct LatticeMap {
     middle: Vector2<f64>,
@@ -191,20 +203,17 @@ struct LatticeMap {
 impl LatticeMap {
     /// Least squares through the dots; `None` if there are too few.
     fn through(dots: &[Dot], pattern: &Pattern) -> Option<Self> {
-        let place = |index: usize| {
-            let (x, y) = pattern.lattice_position(index);
-            Vector2::new(f64::from(x), f64::from(y))
-        };
+        let place = |dot: &Dot| lattice_place(pattern, dot.index);
         let count = dots.len();
-        let middle = dots.iter().map(|dot| place(dot.0)).sum::<Vector2<f64>>() / count.max(1) as f64;
+        let middle = dots.iter().map(place).sum::<Vector2<f64>>() / count.max(1) as f64;
         let columns = if count < CURVED { 3 } else { 6 };
         let design = DMatrix::from_fn(count, columns, |row, column| {
-            let offset = dots.get(row).map_or_else(Vector2::zeros, |dot| place(dot.0) - middle);
+            let offset = dots.get(row).map_or_else(Vector2::zeros, |dot| place(dot) - middle);
             let (x, y) = (offset.x, offset.y);
             [1.0, x, y, x * x, x * y, y * y].get(column).copied().unwrap_or(0.0)
         });
         let centers = DMatrix::from_fn(count, 2, |row, column| {
-            dots.get(row).and_then(|dot| dot.1.get(column).copied()).unwrap_or(0.0)
+            dots.get(row).and_then(|dot| dot.center.get(column).copied()).unwrap_or(0.0)
         });
         let solution = design.tr_mul(&design).cholesky()?.solve(&design.tr_mul(&centers));
         let term = |row: usize| {
@@ -213,8 +222,8 @@ impl LatticeMap {
         };
         let mut map = Self { middle, terms: [term(1), term(2), term(3), term(4), term(5)], radius: 1.0 };
         let radii = dots.iter().filter_map(|dot| {
-            let area = map.jacobian_at(pattern.lattice_position(dot.0)).determinant().abs();
-            (area > 0.0).then(|| dot.2 / area.sqrt())
+            let area = map.jacobian_at(place(dot)).determinant().abs();
+            (area > 0.0).then(|| dot.radius / area.sqrt())
         });
         let mut radii: Vec<f64> = radii.collect();
         radii.sort_by(f64::total_cmp);
@@ -222,17 +231,13 @@ impl LatticeMap {
         Some(map)
     }
 
-    fn jacobian_at(&self, (x, y): (i32, i32)) -> Matrix2<f64> {
+    fn jacobian_at(&self, place: Vector2<f64>) -> Matrix2<f64> {
         let [by_x, by_y, xx, xy, yy] = self.terms;
-        let offset = Vector2::new(f64::from(x), f64::from(y)) - self.middle;
+        let offset = place - self.middle;
         Matrix2::from_columns(&[
             by_x + xx * (2.0 * offset.x) + xy * offset.y,
             by_y + xy * offset.x + yy * (2.0 * offset.y),
         ])
-    }
-
-    fn inverse_jacobian_at(&self, place: (i32, i32)) -> Option<Matrix2<f64>> {
-        self.jacobian_at(place).try_inverse()
     }
 }
 

@@ -50,17 +50,19 @@ pub struct RecognisedLayout {
 }
 
 impl RecognisedLayout {
-    /// What to measure, and where to write it.
-    pub fn advice(&self) -> String {
+    /// What to measure.
+    pub fn to_measure(&self) -> String {
         let spacing = match self.pattern.layout {
             Layout::Asymmetric => "the spacing (half the distance of neighbours in a row)",
             Layout::Symmetric => "the spacing of neighbours",
         };
         let about = self.radius.map(|radius| format!(" (about {radius:.2} of the spacing)")).unwrap_or_default();
-        let name = layout_name(&self.pattern);
-        format!(
-            "measure {spacing} and the radius of a circle{about}, and give both, for example --board {name}:55mm:r17.5mm"
-        )
+        format!("measure {spacing} and the radius of a circle{about}")
+    }
+
+    /// A board of this layout, as it is written.
+    pub fn example(&self) -> String {
+        format!("{}:55mm:r17.5mm", layout_name(&self.pattern))
     }
 }
 

@@ -68,23 +68,23 @@ pub enum NoBoard {
 }
 
 impl NoBoard {
-    /// What to do when most windows have no board for this reason; `max_interval` is that of the window policy.
-    pub fn advice(self, max_interval: u16) -> String {
+    /// What may help when most windows have no board for this reason; `max_interval` is that of the window policy.
+    pub fn what_helps(self, max_interval: u16) -> String {
         match self {
             Self::TooFewEvents => {
                 format!("move faster, or set a larger detection.window.max_interval (now {max_interval})")
             }
             Self::TooFewCircles => {
-                "is the board in view, moving and in focus? Try --extraction soft, or move faster".to_owned()
+                "is the board in view, moving and in focus? Try the soft extraction, or move faster".to_owned()
             }
             Self::BesideBoard | Self::TooFewOfBoard | Self::PlaceUncertain => {
-                "is --board right: rows and columns, acircles or circles?".to_owned()
+                "is the board described right: rows and columns, acircles or circles?".to_owned()
             }
             Self::NotRound => {
                 "they have corners or holes, like tags, keys, nuts or windows: is the board with round dots in view?"
                     .to_owned()
             }
-            _ => "is the board in view and flat, and is --board right?".to_owned(),
+            _ => "is the board in view and flat, and is it described right?".to_owned(),
         }
     }
 }
@@ -96,7 +96,7 @@ pub fn only_one_polarity(polarity: Polarity) -> String {
         Polarity::Off => "OFF",
     };
     format!(
-        "all events are {only}, and a circle is found from ON and OFF events together: export the polarity too, or say which column it is with --columns"
+        "all events are {only}, and a circle is found from ON and OFF events together: export the polarity too, or state which column it is"
     )
 }
 

@@ -33,7 +33,7 @@ pub struct OtherReading {
 impl fmt::Display for OtherReading {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { fitting, windows, board } = self;
-        write!(f, "{fitting} of {windows} windows fit --board {board} instead")
+        write!(f, "{fitting} of {windows} windows fit the board {board} instead")
     }
 }
 

@@ -17,7 +17,7 @@ const DIAMETER: std::ops::Range<f64> = 1.6..2.4;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
     "the circles look like {:.1} mm in radius, not {:.1} mm, for the stated spacing: {}",
-    1e3 * .seen, 1e3 * .stated, advice(.meant)
+    1e3 * .seen, 1e3 * .stated, in_words(.meant)
 )]
 pub struct OtherRadius {
     /// The radius that they look like, for the stated spacing (m).
@@ -28,12 +28,12 @@ pub struct OtherRadius {
     pub meant: Vec<(&'static str, Board)>,
 }
 
-/// What to do, of which boards may be meant.
-fn advice(meant: &[(&'static str, Board)]) -> String {
+/// Which boards may be meant.
+fn in_words(meant: &[(&'static str, Board)]) -> String {
     let meant: Vec<String> =
-        meant.iter().map(|(question, board)| format!("{question} Then use --board {board}")).collect();
+        meant.iter().map(|(question, board)| format!("{question} Then the board is {board}")).collect();
     match meant.as_slice() {
-        [] => "measure both on the board, and give them with --board".to_owned(),
+        [] => "measure both on the board".to_owned(),
         meant => meant.join("; "),
     }
 }

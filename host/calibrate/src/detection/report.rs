@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::no_board::{NoBoard, only_one_polarity};
 use super::other_board::OtherReading;
-use event_recordings::counted::counted;
+use crate::counted::counted;
 
 /// Why a pair of clusters is no circle. Declared in the order of the words, in which reports list them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -147,7 +147,7 @@ pub fn too_short(events: u64) -> String {
     format!("the recording is too short, with only {}", counted(events, "event", "events"))
 }
 
-/// Why no window held the board, and what to do about it.
+/// Why no window held the board.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub struct NoPattern {
     report: Box<DetectionReport>,
@@ -155,31 +155,56 @@ pub struct NoPattern {
     other: Option<OtherReading>,
 }
 
+/// The most telling cause of it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum NoPatternCause {
+    /// The circles fit another board.
+    OtherBoard(OtherReading),
+    /// There are so few events that no more can be said.
+    TooShort,
+    /// All events have this polarity.
+    OnePolarity(Polarity),
+    /// So many windows lacked a board for the same reason.
+    Windows(NoBoard, u64),
+    /// There were no windows.
+    Nothing,
+}
+
 impl NoPattern {
     /// What was found in place of the board.
     pub fn report(&self) -> &DetectionReport {
         &self.report
+    }
+
+    /// The most telling cause.
+    pub fn cause(&self) -> NoPatternCause {
+        if let Some(other) = &self.other {
+            return NoPatternCause::OtherBoard(other.clone());
+        }
+        if (1..FEWEST_EVENTS).contains(&self.report.events) {
+            return NoPatternCause::TooShort;
+        }
+        if let Some(polarity) = self.report.only_polarity() {
+            return NoPatternCause::OnePolarity(polarity);
+        }
+        self.report
+            .main_reason()
+            .map_or(NoPatternCause::Nothing, |(reason, count)| NoPatternCause::Windows(reason, count))
     }
 }
 
 impl fmt::Display for NoPattern {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "no pattern found in {} windows", self.report.windows + self.report.too_few_events)?;
-        // One advice: what fits.
-        if let Some(other) = &self.other {
-            return write!(f, "; {other}");
+        match self.cause() {
+            NoPatternCause::OtherBoard(other) => write!(f, "; {other}"),
+            NoPatternCause::TooShort => write!(f, ": {}: record 10 seconds", too_short(self.report.events)),
+            NoPatternCause::OnePolarity(polarity) => write!(f, ": {}", only_one_polarity(polarity)),
+            NoPatternCause::Windows(reason, count) => {
+                write!(f, ": {count} had {reason}: {}", reason.what_helps(self.max_interval))
+            }
+            NoPatternCause::Nothing => Ok(()),
         }
-        let events = self.report.events;
-        if (1..FEWEST_EVENTS).contains(&events) {
-            return write!(f, ": {}: record 10 seconds", too_short(events));
-        }
-        if let Some(polarity) = self.report.only_polarity() {
-            return write!(f, ": {}", only_one_polarity(polarity));
-        }
-        if let Some((reason, count)) = self.report.main_reason() {
-            write!(f, ": {count} had {reason}: {}", reason.advice(self.max_interval))?;
-        }
-        Ok(())
     }
 }
 
@@ -196,12 +221,12 @@ mod tests {
         );
         report.grids_refused = BTreeMap::from([(NoBoard::BesideBoard, 5), (NoBoard::NoLattice, 4)]);
         let text = report.no_pattern(100, None).to_string();
-        assert!(text.contains("5 had circles beside the board: is --board right"), "{text}");
+        assert!(text.contains("5 had circles beside the board: is the board described right"), "{text}");
         let board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
         let text = report.no_pattern(100, Some(OtherReading { fitting: 7, windows: 8, board })).to_string();
         assert_eq!(
             text,
-            "no pattern found in 13 windows; 7 of 8 windows fit --board acircles:9x4:55mm:r17.5mm instead"
+            "no pattern found in 13 windows; 7 of 8 windows fit the board acircles:9x4:55mm:r17.5mm instead"
         );
         assert_eq!(DetectionReport::default().no_pattern(1, None).to_string(), "no pattern found in 0 windows");
     }

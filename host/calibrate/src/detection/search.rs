@@ -16,7 +16,7 @@ use crate::circles::stream::CircleStream;
 use crate::circles::track::{self, CircleFrames};
 use evcal_files::FileError;
 use event_recordings::given_sensor::{OtherSensor, check_outside, check_stated};
-use event_recordings::likely_sensor::{likely_sensor_of, sensor_advice};
+use event_recordings::likely_sensor::{likely_sensor_of, likely_words};
 use event_recordings::pass::read_while;
 use event_recordings::{ReadReport, Recording, RecordingError};
 
@@ -67,10 +67,10 @@ pub struct BestWindow<'a> {
 #[non_exhaustive]
 pub enum SearchError {
     /// It cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Recording(#[from] RecordingError),
     /// The sensor size is not known.
-    #[error("{file} does not say how many pixels the sensor has: {}", sensor_advice(*.likely))]
+    #[error("{file} does not say how many pixels the sensor has{}", likely_words(*.likely))]
     SensorUnknown {
         /// The file.
         file: String,
@@ -78,7 +78,7 @@ pub enum SearchError {
         likely: Option<Sensor>,
     },
     /// The sensor that was asked for is not that of the recording.
-    #[error(transparent)]
+    #[error("{0}")]
     OtherSensor(#[from] OtherSensor),
     /// The sensor is too large.
     #[error("{file} is of a sensor of {sensor} pixels; up to {} are supported", LARGEST_SENSOR)]

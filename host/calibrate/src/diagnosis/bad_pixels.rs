@@ -94,9 +94,7 @@ impl PixelCounter {
 
 impl Repetition {
     /// What to do.
-    pub fn advice(self) -> String {
-        "export each event once, with its time in full microseconds".to_owned()
-    }
+    pub const ADVICE: &str = "export each event once, with its time in full microseconds";
 }
 
 impl fmt::Display for Repetition {

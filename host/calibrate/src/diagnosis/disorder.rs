@@ -27,9 +27,7 @@ impl Disorder {
     }
 
     /// What to do.
-    pub fn advice(&self) -> String {
-        "sort the events by time".to_owned()
-    }
+    pub const ADVICE: &str = "sort the events by time";
 }
 
 impl fmt::Display for Disorder {

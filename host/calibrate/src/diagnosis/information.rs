@@ -1,4 +1,4 @@
-//! What a recording holds, at a glance: the content of `evcal info`.
+//! What a recording holds, at a glance.
 
 mod statistics;
 mod text;
@@ -10,7 +10,6 @@ use serde::Serialize;
 use self::statistics::Statistics;
 use crate::diagnosis::flicker::Flicker;
 use event_recordings::date::date;
-use event_recordings::extras::open_extras;
 use event_recordings::likely_sensor::likely_sensor;
 use event_recordings::{ReadReport, Recording, RecordingError, StreamSummary};
 
@@ -117,7 +116,7 @@ pub struct HotPixel {
 pub fn gather(recording: &Recording) -> Result<Information, RecordingError> {
     let mut information = gather_events(recording)?;
     information.streams = recording.streams()?;
-    information.notes.extend(open_extras(recording)?.chosen());
+    information.notes.extend(recording.open_extras()?.chosen());
     Ok(information)
 }
 

@@ -33,7 +33,7 @@ pub struct CapturedFiles {
 #[non_exhaustive]
 pub enum CapturedError {
     /// The trajectory cannot be opened.
-    #[error("{}: {error}: give the trajectory of the camera with --trajectory FILE", file.display())]
+    #[error("{}: {error}: give the trajectory of the camera", file.display())]
     Open {
         /// The trajectory.
         file: PathBuf,
@@ -49,7 +49,7 @@ pub enum CapturedError {
         error: TumError,
     },
     /// The capture cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Capture(#[from] CaptureFileError),
     /// They do not fit.
     #[error("{} and {}: {error}", trajectory.display(), capture.display())]

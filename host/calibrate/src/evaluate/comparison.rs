@@ -1,5 +1,6 @@
 //! A calibration against the truth or another calibration, from their files.
 
+use std::fmt;
 use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
@@ -88,12 +89,30 @@ impl TrajectoryComparison {
     }
 }
 
+/// Whose trajectory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TrajectoryOf {
+    /// The estimated one.
+    Calibration,
+    /// The one that it is compared with.
+    Truth,
+}
+
+impl fmt::Display for TrajectoryOf {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Calibration => "the calibration",
+            Self::Truth => "the truth",
+        })
+    }
+}
+
 /// Why files cannot be compared.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CompareError {
     /// A camera cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Camera(#[from] CameraFileError),
     /// They are of different sensors.
     #[error(
@@ -111,15 +130,15 @@ pub enum CompareError {
         true_sensor: Sensor,
     },
     /// The cameras see nothing in common.
-    #[error(transparent)]
+    #[error("{0}")]
     Projection(#[from] NoCommonView),
     /// One trajectory was named, and the other is not where it is looked for.
-    #[error("there is no {TRAJECTORY_FILE} beside {}: give {option} too", file.display())]
+    #[error("there is no {TRAJECTORY_FILE} beside {}: name the trajectory of {which} too", file.display())]
     NoTrajectory {
         /// What the trajectory is not beside.
         file: PathBuf,
-        /// The option that names it.
-        option: &'static str,
+        /// Whose it is.
+        which: TrajectoryOf,
     },
     /// A trajectory cannot be opened.
     #[error("{}: {error}", file.display())]
@@ -190,11 +209,11 @@ fn trajectories(
     let beside = |file: &Path| Some(file.with_file_name(TRAJECTORY_FILE)).filter(|path| path.exists());
     let estimate = files.trajectory.clone().or_else(|| beside(calibration));
     let real = files.true_trajectory.clone().or_else(|| beside(truth));
-    let missing = |option, file: &Path| CompareError::NoTrajectory { file: file.to_owned(), option };
+    let missing = |which, file: &Path| CompareError::NoTrajectory { file: file.to_owned(), which };
     match (estimate, real) {
         (Some(estimate), Some(real)) => Ok(Some((estimate, real))),
-        (Some(_), None) if files.trajectory.is_some() => Err(missing("--true-trajectory", truth)),
-        (None, Some(_)) if files.true_trajectory.is_some() => Err(missing("--trajectory", calibration)),
+        (Some(_), None) if files.trajectory.is_some() => Err(missing(TrajectoryOf::Truth, truth)),
+        (None, Some(_)) if files.true_trajectory.is_some() => Err(missing(TrajectoryOf::Calibration, calibration)),
         _ => Ok(None),
     }
 }

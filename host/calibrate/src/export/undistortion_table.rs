@@ -270,7 +270,7 @@ fn cell(coordinate: f32, pixels: u16, nodes_a_pixel: f32, nodes: u16) -> Option<
         let IdealCamera { fx, fy, cx, cy } = self.ideal;
         let [x, y] = self.at;
         vec![
-            "Undistortion of single pixels, written by evcal export.".to_owned(),
+            "Undistortion of single pixels, written by evcal.".to_owned(),
             format!("Lens: {kind}, {}.", parameters.join(", ")),
             format!("Undistorted pixels are those of a pinhole camera: fx {fx}, fy {fy}, cx {cx}, cy {cy}."),
             "Pixel (0, 0) is the centre of the top-left pixel.".to_owned(),

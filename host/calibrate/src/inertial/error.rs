@@ -2,6 +2,7 @@
 
 use super::csv::CsvError;
 use crate::solve::control_band::NotPositiveDefinite;
+use crate::trajectory::alignment::AlignmentError;
 use event_recordings::RecordingError;
 
 /// Why an inertial unit cannot be calibrated, and what to do.
@@ -9,19 +10,19 @@ use event_recordings::RecordingError;
 #[non_exhaustive]
 pub enum InertialError {
     /// A recording could not be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Recording(#[from] RecordingError),
     /// A file of samples could not be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Csv(#[from] CsvError),
     /// The camera was calibrated from pictures, each with a pose of its own.
-    #[error("an inertial unit is calibrated along trajectories, and --frames-only makes none: leave it out")]
+    #[error("an inertial unit is calibrated along trajectories, and frames alone give none: calibrate from events")]
     NoTrajectory,
     /// One file of samples cannot belong to several recordings.
     #[error("a file of inertial samples belongs to one recording: calibrate with one recording")]
     SeveralRecordings,
     /// There are no samples.
-    #[error("{file} holds no inertial samples: record with the IMU on, or give them with --imu FILE.csv")]
+    #[error("{file} holds no inertial samples: record with the IMU on, or give a CSV file of them")]
     NoSamples {
         /// The recording.
         file: String,
@@ -89,46 +90,9 @@ pub enum InertialError {
         /// The likely unit.
         unit: &'static str,
     },
-    /// The camera hardly turned.
-    #[error("the camera turned by {rate:.1} °/s only: turn it about two of its axes, back and forth, quickly")]
-    LittleRotation {
-        /// Root mean square of the angular velocity.
-        rate: f64,
-    },
-    /// The camera turned at the same rate all the time.
-    #[error(
-        "the camera turned by {rate:.1} °/s all the time: neither delays nor where the unit is can be told from that: turn it back and forth about two of its axes"
-    )]
-    EvenRotation {
-        /// Root mean square of the angular velocity.
-        rate: f64,
-    },
-    /// The camera turned about one axis.
-    #[error(
-        "the camera turned about one axis only, its {axis}: where the unit lies along that axis cannot be measured: turn it about another axis too"
-    )]
-    OneAxis {
-        /// The axis in words.
-        axis: &'static str,
-    },
-    /// Nothing in the samples looks like the motion of the camera.
-    #[error(
-        "the turns of the inertial unit are not those of the camera (best correlation {correlation:.2}, wanted 0.9): give the samples of the same unit and the same time as the events"
-    )]
-    OtherMotion {
-        /// The largest correlation.
-        correlation: f64,
-    },
-    /// The motion repeats itself.
-    #[error(
-        "the motion repeats itself, so that the delay between camera and inertial unit may be {first:.2} s or {second:.2} s: move less regularly"
-    )]
-    Ambiguous {
-        /// The better delay.
-        first: f64,
-        /// The other one.
-        second: f64,
-    },
+    /// The motion does not tell how the two are aligned.
+    #[error(transparent)]
+    Alignment(#[from] AlignmentError),
     /// A mirrored coordinate system.
     #[error("the axes of the inertial unit are left-handed: change the sign of one axis of both sensors")]
     LeftHanded,

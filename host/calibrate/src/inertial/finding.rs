@@ -136,7 +136,7 @@ impl fmt::Display for Finding {
             ),
             Self::CameraMoved { sigmas } => write!(
                 f,
-                "solving with the inertial unit moved an intrinsic parameter by {sigmas:.1} σ: hold the intrinsics at those of a slower recording with --camera DIR"
+                "solving with the inertial unit moved an intrinsic parameter by {sigmas:.1} σ: hold the intrinsics at those of a slower recording"
             ),
             Self::OtherCamera { sigmas } => write!(
                 f,

@@ -72,7 +72,7 @@ fn inertial_part(joint: &Joint, estimate: &Estimate, task: &Task) -> Option<Part
         }
     }
     let product = &rows * rows.transpose();
-    Some(Part::from_product((task.segment, samples.first()?.t), (first?, ORDER), COUNT, &product, cost))
+    Some(Part::from_product(task.segment, samples.first()?.t, first?, ORDER, COUNT, &product, cost))
 }
 
 fn fill_row(row: &mut [f64], prediction: &Prediction, axis: usize, error: f64, weight: f64) {

@@ -161,7 +161,7 @@ fn least_cost(joint: &Joint, estimate: Estimate, relinearised: usize) -> Result<
         });
         Ok::<_, InertialError>(trial)
     };
-    minimise((estimate, start), |now: &Linearised| &now.system, attempt)
+    minimise(estimate, start, |now: &Linearised| &now.system, attempt)
 }
 
 fn stepped(joint: &Joint, estimate: &Estimate, step: &Step) -> Option<Estimate> {

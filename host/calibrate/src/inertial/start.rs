@@ -6,29 +6,23 @@
 //!    one: where that is better, the axes are left-handed.
 //! 3. **Lever arm, gravity, accelerometer bias**: linear least squares; gravity must come out in its size.
 
-use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::error::InertialError;
 use super::parameters::InertialParameters;
 use super::prediction::Motion;
 use super::sample::Sample;
 use crate::trajectory::Trajectory;
-use evcal_geometry::numerics::lag::{NoLag, Rules, lag};
+use crate::trajectory::alignment::{
+    AlignmentError, ComparedTurns, LEAST_RATE, Offset, Overlap, Series, Turns, check_axes, offset,
+};
 
 /// Step of the grid on which rates are compared (s).
 const STEP: f64 = 5e-3;
 /// Readings further apart than this, or than three intervals, leave a gap (s).
 const LONGEST_GAP: f64 = 0.04;
-/// Smallest correlation that is believed.
-const CORRELATION: f64 = 0.9;
-/// Share of the best peak that another one must stay below.
-const SECOND_PEAK: f64 = 0.9;
-/// Nearest another peak may be (s).
-const PEAK_DISTANCE: f64 = 0.4;
-/// Smallest overlap, as a share of the shorter stream.
-const OVERLAP: f64 = 0.4;
-/// Root mean square of the angular velocity below which the camera hardly turned (rad/s).
-const LEAST_RATE: f64 = 0.08;
+/// Smallest overlap: as a share of the shorter stream, and in seconds.
+const OVERLAP: Overlap = Overlap { share: 0.4, seconds: 1.0 };
 /// Share of the angular velocity that changes, below which it is the same all the time.
 const EVENLY: f64 = 0.5;
 /// Second singular value over the first below which the camera turned about one axis.
@@ -37,25 +31,6 @@ const ONE_AXIS: f64 = 0.01;
 const GRAVITY_ERROR: f64 = 0.07;
 /// Share of gravity below which it was taken off the accelerations, rather than measured wrongly.
 const GRAVITY_LEFT: f64 = 0.2;
-
-/// A vector at even times, where it is known.
-struct Grid {
-    start: f64,
-    values: Vec<Option<Vector3<f64>>>,
-}
-
-impl Grid {
-    fn known(&self) -> impl Iterator<Item = Vector3<f64>> + '_ {
-        self.values.iter().flatten().copied()
-    }
-
-    fn without_mean(mut self) -> Self {
-        let count = self.known().count().max(1) as f64;
-        let mean = self.known().sum::<Vector3<f64>>() / count;
-        self.values.iter_mut().flatten().for_each(|value| *value -= mean);
-        self
-    }
-}
 
 /// What the start found.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,56 +47,49 @@ pub struct Start {
 /// # Errors
 /// [`InertialError`] says what was not found, and why.
 pub fn start(trajectories: &[&Trajectory], samples: &[Sample], gravity: f64) -> Result<Start, InertialError> {
-    let turning = camera_rates(trajectories);
-    let whole = root_mean_square(&turning);
-    let camera = turning.without_mean();
-    let unit = unit_values(samples, |sample| sample.angular_velocity).without_mean();
-    let rate = root_mean_square(&camera);
+    let turning = camera_turns(trajectories);
+    let whole = turning.rates().root_mean_square();
+    let camera = without_mean(turning);
+    let unit = without_mean(unit_values(samples, |sample| sample.angular_velocity));
+    let rate = camera.rates().root_mean_square();
     if rate < LEAST_RATE && rate < EVENLY * whole {
-        return Err(InertialError::EvenRotation { rate: whole.to_degrees() });
+        return Err(AlignmentError::EvenRotation { rate: whole.to_degrees() }.into());
     }
-    if rate < LEAST_RATE {
-        return Err(InertialError::LittleRotation { rate: rate.to_degrees() });
-    }
+    camera.rates().check()?;
     let turns = camera.known().map(|rate| rate * rate.transpose()).sum::<Matrix3<f64>>();
-    if let Some(axis) = only_axis(&turns) {
-        return Err(InertialError::OneAxis { axis });
-    }
-    let (delay, correlation) = delay(&camera, &unit)?;
+    check_axes(&turns, ONE_AXIS)?;
+    let Offset { seconds: delay, correlation } = offset(&camera.rates(), &unit.rates(), OVERLAP)?;
     let rotation = rotation(&camera, &unit, delay)?;
-    let parameters = lever_arm(trajectories, samples, (delay, rotation), gravity)?;
+    let parameters = lever_arm(trajectories, samples, delay, rotation, gravity)?;
     Ok(Start { parameters, correlation })
 }
 
-fn root_mean_square(grid: &Grid) -> f64 {
-    let count = grid.known().count().max(1) as f64;
-    (grid.known().map(|rate| rate.norm_squared()).sum::<f64>() / count).sqrt()
+fn without_mean(mut turns: Turns) -> Turns {
+    let count = turns.known().count().max(1) as f64;
+    let mean = turns.known().sum::<Vector3<f64>>() / count;
+    turns.values.iter_mut().flatten().for_each(|value| *value -= mean);
+    turns
 }
 
-fn camera_rates(trajectories: &[&Trajectory]) -> Grid {
+fn camera_turns(trajectories: &[&Trajectory]) -> Turns {
     let start = trajectories.iter().map(|one| one.start()).fold(f64::INFINITY, f64::min);
     let end = trajectories.iter().map(|one| one.end()).fold(f64::NEG_INFINITY, f64::max);
-    let count = ((end - start) / STEP).max(0.0) as usize + 1;
-    let at = |index: usize| {
-        let t = start + STEP * index as f64;
+    Series::new(start, end, STEP, |t| {
         // The ends of a trajectory are uncertain.
         let inside = |one: &&&Trajectory| t > one.start() + 0.03 && t < one.end() - 0.03;
         let trajectory = trajectories.iter().find(inside)?;
         Some(Motion::new(trajectory, t)?.angular_velocity())
-    };
-    Grid { start, values: (0..count).map(at).collect() }
+    })
 }
 
 /// Means of the readings within half a step, or between the neighbours where there are none.
-fn unit_values(samples: &[Sample], value: impl Fn(&Sample) -> Vector3<f64>) -> Grid {
+fn unit_values(samples: &[Sample], value: impl Fn(&Sample) -> Vector3<f64>) -> Series<Vector3<f64>> {
     let (Some(first), Some(last)) = (samples.first(), samples.last()) else {
-        return Grid { start: 0.0, values: Vec::new() };
+        return Series { start: 0.0, step: STEP, values: Vec::new() };
     };
-    let count = ((last.t - first.t) / STEP).clamp(0.0, 1e8) as usize + 1;
     let interval = (last.t - first.t) / samples.len() as f64;
     let longest = LONGEST_GAP.max(3.0 * interval);
-    let at = |index: usize| {
-        let t = first.t + STEP * index as f64;
+    Series::new(first.t, last.t, STEP, |t| {
         let from = samples.partition_point(|sample| sample.t < t - 0.5 * STEP);
         let to = samples.partition_point(|sample| sample.t < t + 0.5 * STEP);
         let near = samples.get(from..to).unwrap_or_default();
@@ -131,61 +99,13 @@ fn unit_values(samples: &[Sample], value: impl Fn(&Sample) -> Vector3<f64>) -> G
         let (before, after) = (samples.get(from.checked_sub(1)?)?, samples.get(from)?);
         let share = (t - before.t) / (after.t - before.t);
         (after.t - before.t < longest).then(|| value(before).lerp(&value(after), share))
-    };
-    Grid { start: first.t, values: (0..count).map(at).collect() }
-}
-
-/// How much later the unit's stamps are than the events', and the correlation there.
-fn delay(camera: &Grid, unit: &Grid) -> Result<(f64, f64), InertialError> {
-    let sizes = |grid: &Grid| -> Vec<Option<f64>> { grid.values.iter().map(|value| value.map(|w| w.norm())).collect() };
-    let (of_camera, of_unit) = (sizes(camera), sizes(unit));
-    let known = |sizes: &[Option<f64>]| sizes.iter().flatten().count() as f64;
-    let rules = Rules {
-        fewest_pairs: (OVERLAP * known(&of_camera).min(known(&of_unit))).max(1.0 / STEP),
-        correlation: CORRELATION,
-        second_peak: SECOND_PEAK,
-        peak_distance: (PEAK_DISTANCE / STEP) as usize,
-    };
-    let delay_of = |steps: f64| unit.start - camera.start + steps * STEP;
-    match lag(&of_camera, &of_unit, &rules) {
-        Ok(found) => Ok((delay_of(found.steps), found.correlation)),
-        Err(NoLag::Steady { mean }) => Err(InertialError::EvenRotation { rate: mean.to_degrees() }),
-        Err(NoLag::Unlike { correlation }) => Err(InertialError::OtherMotion { correlation }),
-        Err(NoLag::Ambiguous { first, second }) => {
-            Err(InertialError::Ambiguous { first: delay_of(first), second: delay_of(second) })
-        }
-    }
-}
-
-/// The axis of the camera about which it turned if there was no other; `turns` is the sum of the products of angular velocities with
-/// those of the camera.
-fn only_axis(turns: &Matrix3<f64>) -> Option<&'static str> {
-    let svd = turns.svd(false, true);
-    let axis = svd.v_t?.row(0).transpose().iamax();
-    let sizes = svd.singular_values;
-    let axis = ["x axis (to the right)", "y axis (downwards)", "z axis (the line of sight)"][axis];
-    (sizes[1] < ONE_AXIS * sizes[0]).then_some(axis)
+    })
 }
 
 /// R_imu_camera.
-fn rotation(camera: &Grid, unit: &Grid, delay: f64) -> Result<UnitQuaternion<f64>, InertialError> {
-    let mut product = Matrix3::zeros();
-    let (mut of_camera, mut of_unit) = (0.0, 0.0);
-    for (index, w) in camera.values.iter().enumerate() {
-        let place = (camera.start + STEP * index as f64 + delay - unit.start) / STEP;
-        let below = place.floor().max(0.0) as usize;
-        let pair = (unit.values.get(below), unit.values.get(below + 1));
-        if let (Some(w), (Some(Some(before)), Some(Some(after)))) = (w, pair) {
-            let read = before.lerp(after, place - below as f64);
-            product += read * w.transpose();
-            of_camera += w.norm_squared();
-            of_unit += read.norm_squared();
-        }
-    }
-    let svd = product.svd(true, true);
-    let (Some(left), Some(right)) = (svd.u, svd.v_t) else { return Err(InertialError::Singular) };
-    let sizes = svd.singular_values;
-    let factor = (of_unit / of_camera).sqrt();
+fn rotation(camera: &Turns, unit: &Turns, delay: f64) -> Result<UnitQuaternion<f64>, InertialError> {
+    let turns = ComparedTurns::new(camera, unit, delay);
+    let factor = (turns.of_second / turns.of_first).sqrt();
     let (degrees, radians) = (180.0 / std::f64::consts::PI, std::f64::consts::PI / 180.0);
     for (wrong, unit) in [(degrees, "°/s, and were read as rad/s"), (radians, "rad/s, and were read as °/s")] {
         if (0.7..1.4).contains(&(factor / wrong)) {
@@ -195,19 +115,15 @@ fn rotation(camera: &Grid, unit: &Grid, delay: f64) -> Result<UnitQuaternion<f64
     if !(0.7..1.4).contains(&factor) {
         return Err(InertialError::AngularUnit { factor, unit: "another unit than stated" });
     }
-    if let Some(axis) = only_axis(&product) {
-        return Err(InertialError::OneAxis { axis });
-    }
-    let determinant = (left * right).determinant().signum();
-    // Residuals of the best rotation and of the best mirrored one differ by the smallest singular value.
-    let scale = of_unit / factor;
-    let proper = scale - (sizes[0] + sizes[1] + determinant * sizes[2]);
-    let mirrored = scale - (sizes[0] + sizes[1] - determinant * sizes[2]);
-    if determinant < 0.0 && mirrored < 0.3 * proper {
+    check_axes(&turns.products, ONE_AXIS)?;
+    let best = turns.rotation().ok_or(InertialError::Singular)?;
+    // What the best rotation and the best mirrored one leave.
+    let scale = turns.of_second / factor;
+    let (proper, mirrored) = (scale - best.explained, scale - best.explained_mirrored);
+    if mirrored < 0.3 * proper {
         return Err(InertialError::LeftHanded);
     }
-    let matrix = left * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, determinant)) * right;
-    Ok(UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix)))
+    Ok(best.rotation)
 }
 
 /// Unknowns of the linear step: gravity, lever arm, bias in camera axes.
@@ -216,7 +132,8 @@ const UNKNOWNS: usize = 9;
 fn lever_arm(
     trajectories: &[&Trajectory],
     samples: &[Sample],
-    (delay, rotation): (f64, UnitQuaternion<f64>),
+    delay: f64,
+    rotation: UnitQuaternion<f64>,
     gravity: f64,
 ) -> Result<InertialParameters, InertialError> {
     let unit = unit_values(samples, |sample| sample.acceleration);

@@ -8,7 +8,6 @@ use super::sample::Sample;
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 use evcal_geometry::numerics::statistics::{median, quantile};
 use event_recordings::extras::Extra;
-use event_recordings::extras::open_extras;
 use event_recordings::{Recording, RecordingError};
 
 /// Largest share of samples at the end of their scale.
@@ -49,7 +48,7 @@ pub struct ReadSamples {
 /// # Errors
 /// [`RecordingError`] when it cannot be opened.
 pub fn read(recording: &Recording) -> Result<ReadSamples, RecordingError> {
-    let mut extras = open_extras(recording)?;
+    let mut extras = recording.open_extras()?;
     let (mut samples, mut lost) = (Vec::new(), Vec::new());
     while let Some(extra) = extras.next_until(i64::MAX, &mut lost) {
         if let Extra::Inertial(sample) = extra {

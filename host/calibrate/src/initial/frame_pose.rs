@@ -3,8 +3,9 @@
 use evcal_core::camera::Camera;
 use nalgebra::Isometry3;
 
+use super::bundle_adjustment::ImagePoint;
 use super::planar_pose::PlanePoint;
-use super::pose::{cost, distance, normalised, refine_pose};
+use super::pose::{cost, normalised, refine_pose};
 use super::settings::InitialSettings;
 use super::sighting::BoardPoint;
 use super::start::start_of;
@@ -74,7 +75,7 @@ pub fn settle_pose(
     let mut inliers = Vec::new();
     for _ in 0..ROUNDS {
         let now: Vec<bool> =
-            points.iter().map(|point| distance(camera, &pose, point) <= settings.max_circle_error).collect();
+            points.iter().map(|point| point.distance(camera, &pose) <= settings.max_circle_error).collect();
         if now == inliers {
             break;
         }
@@ -94,7 +95,7 @@ pub fn settle_pose(
         .iter()
         .zip(&inliers)
         .filter(|(_, inlier)| **inlier)
-        .map(|(point, _)| distance(camera, &pose, point).powi(2))
+        .map(|(point, _)| point.distance(camera, &pose).powi(2))
         .collect();
     let rms = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
     if rms.is_finite() && rms <= settings.max_frame_rms {

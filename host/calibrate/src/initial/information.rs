@@ -63,7 +63,8 @@ pub fn view_information(
 pub fn sigma_in_cells(
     camera: &Camera<f64>,
     sensor: Sensor,
-    (columns, rows): (u16, u16),
+    columns: u16,
+    rows: u16,
     information: &Information,
 ) -> Option<Vec<Option<f64>>> {
     let pixels = places(sensor);

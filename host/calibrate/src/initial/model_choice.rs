@@ -1,5 +1,5 @@
 //! Which camera model: the simplest one that predicts what it has not seen as well as any
-//! (`--model auto`).
+//! ([`ModelRequest::Auto`]).
 //!
 //! Every candidate goes through the initial stage. The candidate whose model explains the most circles
 //! provides the circles on which all are compared, frame by frame held out of the calibration
@@ -73,7 +73,7 @@ impl FromStr for ModelRequest {
 }
 
 settings! {
-    /// Which camera model, with `--model auto`.
+    /// Which camera model, where it is left to the program.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct ModelChoiceSettings {

@@ -43,7 +43,8 @@ pub fn vote(voters: &[Voter], reach: usize, agree: impl Fn(usize, usize) -> Opti
         let Some(&own) = alive.get(position) else { return tally };
         let first = position.saturating_sub(reach);
         for &other in alive.iter().skip(first).take(position - first + reach + 1) {
-            let neighbours = other != own && voters.get(other).zip(voters.get(own)).is_some_and(same_recording);
+            let neighbours = other != own
+                && voters.get(other).zip(voters.get(own)).is_some_and(|(other, own)| other.recording == own.recording);
             match neighbours.then(|| agree(own.min(other), own.max(other))).flatten() {
                 Some(true) => tally.for_it += 1,
                 Some(false) => tally.against += 1,
@@ -75,10 +76,6 @@ pub fn vote(voters: &[Voter], reach: usize, agree: impl Fn(usize, usize) -> Opti
         }
     }
     kept
-}
-
-fn same_recording((a, b): (&Voter, &Voter)) -> bool {
-    a.recording == b.recording
 }
 
 #[cfg(test)]

@@ -2,9 +2,10 @@
 
 use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, SMatrix, Vector2, Vector3, Vector6};
 
+use super::bundle_adjustment::{ImagePoint, ReprojectionResidual};
 use super::planar_pose::PlanePoint;
 use super::sighting::BoardPoint;
-use evcal_core::camera::{Camera, ProjectionParameterJacobian};
+use evcal_core::camera::Camera;
 use evcal_geometry::board::homography::{homography, pose_from_homography};
 use evcal_geometry::numerics::huber::{huber_cost, huber_weight};
 use evcal_geometry::numerics::levenberg_marquardt::{Costed, Schedule, minimise};
@@ -17,39 +18,29 @@ const SCHEDULE: Schedule =
 /// Smallest z of a bearing whose x/z, y/z PnP can work with (84° from the optical axis).
 const MIN_BEARING_Z: f64 = 0.1;
 
-/// A reprojection error and what it depends on.
-pub struct ReprojectionResidual {
-    /// Projected minus observed image point, in pixels.
-    pub error: Vector2<f64>,
-    /// Its derivative by the step of [`step_pose`].
-    pub by_pose: SMatrix<f64, 2, 6>,
-    /// Its derivative by the camera's parameters.
-    pub by_parameters: ProjectionParameterJacobian<f64>,
-}
+impl ImagePoint for BoardPoint {
+    fn distance(&self, camera: &Camera<f64>, pose: &Isometry3<f64>) -> f64 {
+        let seen = pose * Point3::new(self.object.x, self.object.y, 0.0);
+        camera.project(&seen.coords).map_or(f64::INFINITY, |pixel| (pixel - self.image).norm())
+    }
 
-/// The reprojection error of `point`; `None` outside the camera's domain.
-pub fn residual(camera: &Camera<f64>, pose: &Isometry3<f64>, point: &BoardPoint) -> Option<ReprojectionResidual> {
-    let turned = pose.rotation * Vector3::new(point.object.x, point.object.y, 0.0);
-    let projection = camera.project_with_jacobians(&(turned + pose.translation.vector))?;
-    let by_rotation: Matrix3<f64> = -turned.cross_matrix();
-    let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
-    by_pose.fixed_columns_mut::<3>(0).copy_from(&(projection.by_point * by_rotation));
-    by_pose.fixed_columns_mut::<3>(3).copy_from(&projection.by_point);
-    Some(ReprojectionResidual {
-        error: projection.pixel - point.image,
-        by_pose,
-        by_parameters: projection.by_parameters,
-    })
-}
-
-/// Distance in pixels of `point` from its projection; infinite outside the camera's domain.
-pub fn distance(camera: &Camera<f64>, pose: &Isometry3<f64>, point: &BoardPoint) -> f64 {
-    let seen = pose * Point3::new(point.object.x, point.object.y, 0.0);
-    camera.project(&seen.coords).map_or(f64::INFINITY, |pixel| (pixel - point.image).norm())
+    fn residual(&self, camera: &Camera<f64>, pose: &Isometry3<f64>) -> Option<ReprojectionResidual> {
+        let turned = pose.rotation * Vector3::new(self.object.x, self.object.y, 0.0);
+        let projection = camera.project_with_jacobians(&(turned + pose.translation.vector))?;
+        let by_rotation: Matrix3<f64> = -turned.cross_matrix();
+        let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
+        by_pose.fixed_columns_mut::<3>(0).copy_from(&(projection.by_point * by_rotation));
+        by_pose.fixed_columns_mut::<3>(3).copy_from(&projection.by_point);
+        Some(ReprojectionResidual {
+            error: projection.pixel - self.image,
+            by_pose,
+            by_parameters: projection.by_parameters,
+        })
+    }
 }
 
 pub fn cost(camera: &Camera<f64>, pose: &Isometry3<f64>, points: &[BoardPoint], huber: f64) -> f64 {
-    points.iter().map(|point| huber_cost(distance(camera, pose, point).powi(2), huber)).sum()
+    points.iter().map(|point| huber_cost(point.distance(camera, pose).powi(2), huber)).sum()
 }
 
 /// A pose and how well it fits.
@@ -71,7 +62,7 @@ pub fn refine_pose(camera: &Camera<f64>, points: &[BoardPoint], start: &Isometry
     let linearise = |pose: &Isometry3<f64>| {
         let mut normal = Matrix6::zeros();
         let mut gradient = Vector6::zeros();
-        for residual in points.iter().filter_map(|point| residual(camera, pose, point)) {
+        for residual in points.iter().filter_map(|point| point.residual(camera, pose)) {
             let weight = huber_weight(residual.error.norm_squared(), huber);
             normal += residual.by_pose.transpose() * residual.by_pose * weight;
             gradient += residual.by_pose.transpose() * residual.error * weight;
@@ -125,12 +116,12 @@ mod tests {
     fn jacobians_equal_difference_quotients() {
         let pose = Isometry3::new(Vector3::new(-0.1, -0.2, 0.7), Vector3::new(0.3, -0.4, 0.9));
         let point = BoardPoint { object: Vector2::new(0.11, 0.23), image: Vector2::new(170.0, 127.0) };
-        let exact = residual(&camera(), &pose, &point).unwrap();
+        let exact = point.residual(&camera(), &pose).unwrap();
         for index in 0..6 {
             let at = |step: f64| {
                 let mut direction = Vector6::zeros();
                 direction[index] = step;
-                residual(&camera(), &step_pose(&pose, &direction), &point).unwrap().error
+                point.residual(&camera(), &step_pose(&pose, &direction)).unwrap().error
             };
             let numeric = (at(1e-6) - at(-1e-6)) / 2e-6;
             assert!((numeric - exact.by_pose.column(index)).norm() < 1e-5 * exact.by_pose.norm(), "{index}");

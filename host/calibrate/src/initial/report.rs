@@ -190,7 +190,7 @@ pub enum InitialError {
     /// Most frames show the board mirrored.
     #[error(
         "the board is seen mirrored in {mirrored} of {found} frames: the sensor's image is flipped, or the board is \
-         described with the wrong layout; flip x in the recording or correct --board"
+         described with the wrong layout; flip x in the recording or correct the board"
     )]
     Mirrored {
         /// Frames with a mirrored board.
@@ -200,7 +200,7 @@ pub enum InitialError {
     },
     /// No start gave a camera, or its refinement diverged.
     #[error(
-        "no camera fits the {views} selected views ({reason}): check rows, columns and spacing of --board, and \
+        "no camera fits the {views} selected views ({reason}): check rows, columns and spacing of the board, and \
          the camera model"
     )]
     NoCamera {

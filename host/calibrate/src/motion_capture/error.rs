@@ -1,5 +1,7 @@
 //! Why a trajectory cannot be compared with a capture.
 
+use crate::trajectory::alignment::AlignmentError;
+
 /// Why a trajectory cannot be compared with a capture, and what to do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -29,50 +31,9 @@ pub enum MotionCaptureError {
         /// What is needed.
         needed: f64,
     },
-    /// The camera hardly turned.
-    #[error(
-        "the camera turned by {rate:.1} °/s only: turn it about two of its axes, or the body's place on it cannot be told"
-    )]
-    LittleRotation {
-        /// Root mean square of the angular velocity.
-        rate: f64,
-    },
-    /// The camera turned at the same rate all the time.
-    #[error(
-        "the camera turned by {rate:.1} °/s all the time, which leaves the offset of the clocks open: turn it back and forth"
-    )]
-    EvenRotation {
-        /// Mean of the angular velocity.
-        rate: f64,
-    },
-    /// The camera turned about one axis, as it does where it moves in a plane.
-    #[error(
-        "the camera turned about one axis only, near its {axis}: where the body sits along it cannot be told: turn about another axis too"
-    )]
-    OneAxis {
-        /// The axis in words.
-        axis: &'static str,
-    },
-    /// The turns have nothing in common.
-    #[error(
-        "the body does not turn as the camera does (best correlation {correlation:.2}, wanted {wanted}): give the capture of this recording, and of the body on the camera"
-    )]
-    OtherMotion {
-        /// The largest correlation.
-        correlation: f64,
-        /// What is wanted.
-        wanted: f64,
-    },
-    /// The motion repeats itself.
-    #[error(
-        "the motion repeats itself, so that the clocks may be {first:.2} s or {second:.2} s apart: move less regularly"
-    )]
-    Ambiguous {
-        /// The better offset.
-        first: f64,
-        /// The other one.
-        second: f64,
-    },
+    /// The motion does not tell how the two are aligned.
+    #[error(transparent)]
+    Alignment(#[from] AlignmentError),
     /// w stands first.
     #[error("the quaternions of the capture seem to have w first, and were read as x y z w: write them as qx qy qz qw")]
     QuaternionOrder,

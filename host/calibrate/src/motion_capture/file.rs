@@ -35,7 +35,7 @@ pub struct CaptureFileError {
 #[non_exhaustive]
 pub enum CaptureError {
     /// The system says so.
-    #[error(transparent)]
+    #[error("{0}")]
     Io(#[from] io::Error),
     /// No pose of a trajectory in TUM form.
     #[error("{0}; EuRoC's CSV with its first line and the CSV of OptiTrack Motive are read too")]
@@ -84,7 +84,7 @@ pub enum CaptureError {
     #[error("there is no rigid body in the file: export from Motive with rigid bodies, in one file")]
     NoBody,
     /// Another rigid body was asked for.
-    #[error("there is no rigid body {wanted:?}; there are {names}: name one of them with --body")]
+    #[error("there is no rigid body {wanted:?}; there are {names}: name one of them")]
     OtherBodies {
         /// What was asked for.
         wanted: String,
@@ -92,13 +92,13 @@ pub enum CaptureError {
         names: String,
     },
     /// Which one?
-    #[error("there are several rigid bodies, {names}: name that on the camera with --body")]
+    #[error("there are several rigid bodies, {names}: name that on the camera")]
     SeveralBodies {
         /// Those of the file.
         names: String,
     },
     /// A name without a choice.
-    #[error("only files of OptiTrack Motive name bodies: leave out --body")]
+    #[error("only files of OptiTrack Motive name bodies: name none")]
     NoNames,
     /// No pose.
     #[error("there is no pose in the file")]
@@ -138,8 +138,11 @@ fn number(field: Option<&&str>, line: usize) -> Result<f64, CaptureError> {
 fn push(
     poses: &mut Vec<TimedPose>,
     line: usize,
-    (t, position, [w, x, y, z]): (f64, Vector3<f64>, [f64; 4]),
+    t: f64,
+    position: Vector3<f64>,
+    quaternion: [f64; 4],
 ) -> Result<(), CaptureError> {
+    let [w, x, y, z] = quaternion;
     let quaternion = Quaternion::new(w, x, y, z);
     let length = quaternion.norm();
     if (length - 1.0).abs() > UNIT_LENGTH {

@@ -211,7 +211,7 @@ impl Equations {
     }
 
     /// Adds one pose, position and rotation each with its own loss.
-    pub(super) fn add(&mut self, (error, by): &(SVector<f64, ROWS>, Row), spread: &Spread) {
+    pub(super) fn add(&mut self, error: &SVector<f64, ROWS>, by: &Row, spread: &Spread) {
         for (first, (cost, weight)) in [0, 3].into_iter().zip(spread.losses(error)) {
             let (error, by) = (error.fixed_rows::<3>(first), by.fixed_rows::<3>(first));
             self.normal += by.tr_mul(&by) * weight;
@@ -270,7 +270,7 @@ fn solve(
     for _ in 0..ROUNDS {
         let linearise = |at: &HandEye| {
             let mut equations = Equations::none();
-            rows(at).iter().for_each(|row| equations.add(row, &spread));
+            rows(at).iter().for_each(|(error, by)| equations.add(error, by, &spread));
             equations.cost += priors.add(at, &mut equations.normal, &mut equations.gradient);
             equations
         };

@@ -61,10 +61,11 @@ pub fn held_out(
     path: &Path,
     capture: &[TimedPose],
     all: &Fitted,
-    (drifts, interval): (bool, f64),
+    drifts: bool,
+    interval: f64,
 ) -> Result<HeldOut, MotionCaptureError> {
     let even = fit(path, capture, all.hand_eye, drifts, is_even)?.hand_eye;
-    let of = |wanted: bool| slice_errors(&residuals(path, capture, &even, wanted), (&even, interval));
+    let of = |wanted: bool| slice_errors(&residuals(path, capture, &even, wanted), &even, interval);
     of(true).zip(of(false)).map(|(fitted, held_out)| HeldOut { fitted, held_out }).ok_or(MotionCaptureError::Singular)
 }
 
@@ -92,7 +93,7 @@ fn residuals(path: &Path, capture: &[TimedPose], at: &HandEye, even: bool) -> Ve
     matched.map(residual).collect()
 }
 
-fn slice_errors(residuals: &[Residual], (at, interval): (&HandEye, f64)) -> Option<SliceErrors> {
+fn slice_errors(residuals: &[Residual], at: &HandEye, interval: f64) -> Option<SliceErrors> {
     let slice = |residual: &Residual| (at.event_time(residual.t) / SLICE).floor() as i64;
     let slices: Vec<&[Residual]> = residuals.chunk_by(|a, b| slice(a) == slice(b)).collect();
     Some(SliceErrors {

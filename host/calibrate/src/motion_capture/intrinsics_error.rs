@@ -43,7 +43,7 @@ pub fn variances(
         let Some(pose_by) = (intrinsics.poses_by)(&moment.pose) else { continue };
         let (error, by) = at.row(body, &moment);
         let weights = fitted.spread.weights(&error);
-        equations.add(&(error, by), &fitted.spread);
+        equations.add(&error, &by, &fitted.spread);
         let weighted = SMatrix::<f64, COUNT, POSE>::from_fn(|row, column| by[(column, row)] * weights[column / 3]);
         right += weighted * at.by_camera_pose(&moment) * pose_by;
     }

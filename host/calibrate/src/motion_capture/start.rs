@@ -9,12 +9,12 @@
 //!
 //! Where that fails, poses are read as if they were inverse, or their quaternions in another order: what fits then is told.
 
-use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Quaternion, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
 use super::error::MotionCaptureError;
 use super::fit::HandEye;
 use super::path::Path;
-use evcal_geometry::numerics::lag::{NoLag, Rules, lag};
+use crate::trajectory::alignment::{ComparedTurns, Offset, Overlap, Series, Turns, check_axes, offset};
 use evcal_geometry::numerics::rigid::best_rotation;
 use evcal_geometry::timed_pose::TimedPose;
 
@@ -24,19 +24,8 @@ const STEP: f64 = 0.01;
 const WINDOW: f64 = 0.04;
 /// Fewest poses in that time.
 const FEWEST_POSES: usize = 4;
-/// Smallest correlation that is believed.
-const CORRELATION: f64 = 0.9;
-/// Share of the best peak that another one must stay below.
-const SECOND_PEAK: f64 = 0.9;
-/// Nearest another peak may be (s).
-const PEAK_DISTANCE: f64 = 0.4;
 /// Smallest overlap: as a share of the shorter series, and in seconds.
-const OVERLAP: f64 = 0.4;
-const FEWEST_SECONDS: f64 = 2.0;
-/// Longest capture (s); longer ones have other units.
-const LONGEST: f64 = 86_400.0;
-/// Root mean square of the angular velocity below which the camera hardly turned (rad/s).
-const LEAST_RATE: f64 = 0.08;
+const OVERLAP: Overlap = Overlap { share: 0.4, seconds: 2.0 };
 /// Second singular value over the first below which the camera turned about one axis.
 const ONE_AXIS: f64 = 0.02;
 /// Share of the angular velocities' squares that a rotation may leave.
@@ -54,37 +43,10 @@ pub struct Start {
     pub correlation: f64,
 }
 
-/// Angular velocities in the axes of what turns, at even times, where they are known.
-struct Turns {
-    start: f64,
-    values: Vec<Option<Vector3<f64>>>,
-}
-
-impl Turns {
-    fn new(poses: &[TimedPose]) -> Self {
-        let (Some(first), Some(last)) = (poses.first(), poses.last()) else {
-            return Self { start: 0.0, values: Vec::new() };
-        };
-        let count = ((last.t - first.t).clamp(0.0, LONGEST) / STEP) as usize + 1;
-        let at = |index: usize| angular_velocity(poses, first.t + STEP * index as f64);
-        Self { start: first.t, values: (0..count).map(at).collect() }
-    }
-
-    fn sizes(&self) -> Vec<Option<f64>> {
-        self.values.iter().map(|value| value.map(|w| w.norm())).collect()
-    }
-
-    /// Between the grid's times.
-    fn at(&self, t: f64) -> Option<Vector3<f64>> {
-        let place = (t - self.start) / STEP;
-        let below = place.floor();
-        if below < 0.0 {
-            return None;
-        }
-        let pair = (self.values.get(below as usize)?, self.values.get(below as usize + 1)?);
-        let (Some(before), Some(after)) = pair else { return None };
-        Some(before.lerp(after, place - below))
-    }
+/// How what has these poses turns.
+fn turns(poses: &[TimedPose]) -> Turns {
+    let (start, end) = (poses.first().map_or(0.0, |one| one.t), poses.last().map_or(0.0, |one| one.t));
+    Series::new(start, end, STEP, |t| angular_velocity(poses, t))
 }
 
 /// The slope of the rotation vectors from the middle pose, of the poses within [`WINDOW`] of `t`.
@@ -110,18 +72,14 @@ fn angular_velocity(poses: &[TimedPose], t: f64) -> Option<Vector3<f64>> {
 /// # Errors
 /// [`MotionCaptureError`] says what was not found, and why.
 pub fn start(camera: &[TimedPose], capture: &[TimedPose]) -> Result<Start, MotionCaptureError> {
-    let of_camera = Turns::new(camera);
-    let known: Vec<Vector3<f64>> = of_camera.values.iter().flatten().copied().collect();
-    let rate = (known.iter().map(|w| w.norm_squared()).sum::<f64>() / known.len().max(1) as f64).sqrt();
-    if rate < LEAST_RATE {
-        return Err(MotionCaptureError::LittleRotation { rate: rate.to_degrees() });
-    }
+    let of_camera = turns(camera);
+    of_camera.rates().check()?;
     let path = Path::new(camera)?;
     let find = |capture: &[TimedPose]| {
-        let of_body = Turns::new(capture);
-        let (offset, correlation) = offset(&of_camera, &of_body)?;
+        let of_body = turns(capture);
+        let Offset { seconds: offset, correlation } = offset(&of_camera.rates(), &of_body.rates(), OVERLAP)?;
         let body_camera = rotation(&of_camera, &of_body, offset)?;
-        let hand_eye = translations(&path, capture, (offset, body_camera.inverse()))?;
+        let hand_eye = translations(&path, capture, offset, body_camera.inverse())?;
         Ok(Start { hand_eye, correlation })
     };
     let read_otherwise = |read: fn(&Isometry3<f64>) -> Isometry3<f64>| {
@@ -149,52 +107,16 @@ fn conjugate(pose: &Isometry3<f64>) -> Isometry3<f64> {
     Isometry3::from_parts(pose.translation, pose.rotation.inverse())
 }
 
-/// t_mocap − t_events, and the correlation there.
-fn offset(camera: &Turns, body: &Turns) -> Result<(f64, f64), MotionCaptureError> {
-    let (of_camera, of_body) = (camera.sizes(), body.sizes());
-    let known = |sizes: &[Option<f64>]| sizes.iter().flatten().count() as f64;
-    let rules = Rules {
-        fewest_pairs: (OVERLAP * known(&of_camera).min(known(&of_body))).max(FEWEST_SECONDS / STEP),
-        correlation: CORRELATION,
-        second_peak: SECOND_PEAK,
-        peak_distance: (PEAK_DISTANCE / STEP) as usize,
-    };
-    let offset_of = |steps: f64| body.start - camera.start + steps * STEP;
-    match lag(&of_camera, &of_body, &rules) {
-        Ok(found) => Ok((offset_of(found.steps), found.correlation)),
-        Err(NoLag::Steady { mean }) => Err(MotionCaptureError::EvenRotation { rate: mean.to_degrees() }),
-        Err(NoLag::Unlike { correlation }) => Err(MotionCaptureError::OtherMotion { correlation, wanted: CORRELATION }),
-        Err(NoLag::Ambiguous { first, second }) => {
-            Err(MotionCaptureError::Ambiguous { first: offset_of(first), second: offset_of(second) })
-        }
-    }
-}
-
 /// `R_body_camera`.
 fn rotation(camera: &Turns, body: &Turns, offset: f64) -> Result<UnitQuaternion<f64>, MotionCaptureError> {
-    let mut product = Matrix3::zeros();
-    let mut squares = 0.0;
-    for (index, w) in camera.values.iter().enumerate() {
-        let Some(w) = w else { continue };
-        let Some(read) = body.at(camera.start + STEP * index as f64 + offset) else { continue };
-        product += read * w.transpose();
-        squares += w.norm_squared() + read.norm_squared();
+    let turns = ComparedTurns::new(camera, body, offset);
+    check_axes(&turns.products, ONE_AXIS)?;
+    let best = turns.rotation().ok_or(MotionCaptureError::Singular)?;
+    let left = 1.0 - 2.0 * best.explained / (turns.of_first + turns.of_second);
+    if left > LEFT {
+        return Err(MotionCaptureError::OtherAxes { left });
     }
-    let svd = product.svd(true, true);
-    let (Some(left), Some(right)) = (svd.u, svd.v_t) else { return Err(MotionCaptureError::Singular) };
-    let sizes = svd.singular_values;
-    if sizes[1] < ONE_AXIS * sizes[0] {
-        let axis = right.row(0).transpose();
-        let axis = ["x axis (to the right)", "y axis (downwards)", "z axis (the line of sight)"][axis.iamax()];
-        return Err(MotionCaptureError::OneAxis { axis });
-    }
-    let determinant = (left * right).determinant().signum();
-    let unexplained = 1.0 - 2.0 * (sizes[0] + sizes[1] + determinant * sizes[2]) / squares;
-    if unexplained > LEFT {
-        return Err(MotionCaptureError::OtherAxes { left: unexplained });
-    }
-    let matrix = left * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, determinant)) * right;
-    Ok(UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix)))
+    Ok(best.rotation)
 }
 
 /// Unknowns of the linear step: `t_mocap_world`, `t_camera_body` in the capture's lengths, and the scale.
@@ -203,7 +125,8 @@ const UNKNOWNS: usize = 7;
 fn translations(
     path: &Path,
     capture: &[TimedPose],
-    (offset, camera_body): (f64, UnitQuaternion<f64>),
+    offset: f64,
+    camera_body: UnitQuaternion<f64>,
 ) -> Result<HandEye, MotionCaptureError> {
     let middle = path.start() + offset;
     let pairs: Vec<_> = capture.iter().filter_map(|pose| Some((pose.pose, path.at(pose.t - offset)?.pose))).collect();

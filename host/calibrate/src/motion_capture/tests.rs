@@ -5,6 +5,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
+use crate::trajectory::alignment::AlignmentError;
 use evcal_geometry::numerics::random::normal;
 
 const SECONDS: f64 = 24.0;
@@ -43,8 +44,19 @@ fn mocap_world() -> Isometry3<f64> {
     Isometry3::new(Vector3::new(1.2, 0.8, -2.5), Vector3::new(-0.3, 2.0, 0.5))
 }
 
-/// What a capture of `noise` (m, degrees) sees.
-fn capture(turn: Vector3<f64>, noise: (f64, f64)) -> Vec<TimedPose> {
+/// Noise of a capture.
+struct Noise {
+    /// Of positions (m).
+    position: f64,
+    /// Of rotations (degrees).
+    rotation: f64,
+}
+
+const NONE: Noise = Noise { position: 0.0, rotation: 0.0 };
+const USUAL: Noise = Noise { position: 3e-4, rotation: 0.2 };
+
+/// What a capture of `noise` sees.
+fn capture(turn: Vector3<f64>, noise: Noise) -> Vec<TimedPose> {
     let mut random = ChaCha8Rng::seed_from_u64(5);
     let mut vector = |size: f64| Vector3::from_fn(|_, _| size * normal(&mut random));
     let count = (120.0 * (SECONDS + 4.0)) as usize;
@@ -53,20 +65,20 @@ fn capture(turn: Vector3<f64>, noise: (f64, f64)) -> Vec<TimedPose> {
             let t = OFFSET_TRUE - 2.0 + index as f64 / 120.0;
             let event_time = t - OFFSET_TRUE - DRIFT_TRUE * (t - OFFSET_TRUE - 0.5 * SECONDS);
             let pose = mocap_world() * camera(event_time, turn) * camera_body();
-            let rotation = pose.rotation * UnitQuaternion::new(vector(noise.1.to_radians()));
-            let position = Translation3::from(pose.translation.vector + vector(noise.0));
+            let rotation = pose.rotation * UnitQuaternion::new(vector(noise.rotation.to_radians()));
+            let position = Translation3::from(pose.translation.vector + vector(noise.position));
             TimedPose { t, pose: Isometry3::from_parts(position, rotation) }
         })
         .collect()
 }
 
 fn changed(change: impl Fn(Isometry3<f64>) -> Isometry3<f64>) -> Vec<TimedPose> {
-    capture(free(), (3e-4, 0.2)).iter().map(|pose| TimedPose { t: pose.t, pose: change(pose.pose) }).collect()
+    capture(free(), USUAL).iter().map(|pose| TimedPose { t: pose.t, pose: change(pose.pose) }).collect()
 }
 
 #[test]
 fn a_perfect_capture_gives_the_truth() {
-    let found = compare(&camera_poses(free()), &capture(free(), (0.0, 0.0)), None).unwrap();
+    let found = compare(&camera_poses(free()), &capture(free(), NONE), None).unwrap();
     let moved = found.camera_body.pose.inverse() * camera_body();
     assert!(moved.translation.vector.norm() < 1e-6 && moved.rotation.angle() < 1e-6, "{found:?}");
     let moved = found.mocap_world.pose.inverse() * mocap_world();
@@ -80,7 +92,7 @@ fn a_perfect_capture_gives_the_truth() {
 #[test]
 fn noise_is_told_and_taken_off() {
     let (position, rotation) = (3e-4, 0.2);
-    let found = compare(&camera_poses(free()), &capture(free(), (position, rotation)), None).unwrap();
+    let found = compare(&camera_poses(free()), &capture(free(), Noise { position, rotation }), None).unwrap();
     let moved = found.camera_body.pose.inverse() * camera_body();
     assert!(moved.translation.vector.norm() < 5.0 * found.camera_body.translation_sigma.norm());
     assert!(found.camera_body.translation_sigma.norm() < 1e-4, "{found:?}");
@@ -107,7 +119,7 @@ fn the_error_of_a_trajectory_is_found_under_the_noise() {
         .iter()
         .map(|pose| TimedPose { t: pose.t, pose: Translation3::from(wrong(pose.t)) * pose.pose })
         .collect();
-    let found = compare(&poses, &capture(free(), (3e-4, 0.2)), None).unwrap();
+    let found = compare(&poses, &capture(free(), USUAL), None).unwrap();
     let truth = (1.5f64).sqrt() * 4e-4;
     let errors = &found.errors.held_out.position;
     assert!((errors.error.value / truth - 1.0).abs() < 0.05 && errors.error.sigma < 0.05 * truth, "{errors:?} {truth}");
@@ -116,7 +128,7 @@ fn the_error_of_a_trajectory_is_found_under_the_noise() {
 
 #[test]
 fn missing_and_wild_poses_do_no_harm() {
-    let mut capture = capture(free(), (3e-4, 0.2));
+    let mut capture = capture(free(), USUAL);
     capture.retain(|pose| (pose.t * 1.7).fract() > 0.1);
     for pose in capture.iter_mut().step_by(97) {
         pose.pose.translation.vector.x += 0.05;
@@ -129,17 +141,17 @@ fn missing_and_wild_poses_do_no_harm() {
 
 #[test]
 fn motion_that_tells_too_little_is_refused() {
-    let refused = |turn: Vector3<f64>| compare(&camera_poses(turn), &capture(turn, (3e-4, 0.2)), None).unwrap_err();
-    assert!(matches!(refused(Vector3::zeros()), MotionCaptureError::LittleRotation { .. }));
+    let refused = |turn: Vector3<f64>| compare(&camera_poses(turn), &capture(turn, USUAL), None).unwrap_err();
+    assert!(matches!(refused(Vector3::zeros()), MotionCaptureError::Alignment(AlignmentError::LittleRotation { .. })));
     for (axis, name) in ["x axis", "y axis", "z axis"].into_iter().enumerate() {
         let error = refused(Vector3::from_fn(|row, _| if row == axis { 1.0 } else { 0.0 }));
         assert!(error.to_string().contains(name), "{error}");
     }
-    let short = &capture(free(), (3e-4, 0.2))[..600];
+    let short = &capture(free(), USUAL)[..600];
     let error = compare(&camera_poses(free()), short, None).unwrap_err();
     assert!(matches!(error, MotionCaptureError::TooShort { .. }), "{error}");
     let sparse: Vec<TimedPose> = camera_poses(free()).into_iter().step_by(8).collect();
-    let error = compare(&sparse, &capture(free(), (0.0, 0.0)), None).unwrap_err();
+    let error = compare(&sparse, &capture(free(), NONE), None).unwrap_err();
     assert!(error.to_string().contains("every 40 ms"), "{error}");
 }
 
@@ -153,11 +165,11 @@ fn motion_that_leaves_the_clocks_open_is_refused() {
         compare(&camera, &body, None).unwrap_err()
     };
     let error = refused(|t| Isometry3::new(Vector3::z() * -0.7, Vector3::y() * (0.2 * t - 2.4)));
-    assert!(matches!(error, MotionCaptureError::EvenRotation { .. }), "{error}");
+    assert!(matches!(error, MotionCaptureError::Alignment(AlignmentError::EvenRotation { .. })), "{error}");
     let error = refused(|t| {
         Isometry3::new(Vector3::z() * -0.7, Vector3::new(0.4 * (4.0 * t).sin(), 0.3 * (8.0 * t).cos(), 0.0))
     });
-    assert!(matches!(error, MotionCaptureError::Ambiguous { .. }), "{error}");
+    assert!(matches!(error, MotionCaptureError::Alignment(AlignmentError::Ambiguous { .. })), "{error}");
 }
 
 #[test]
@@ -200,10 +212,10 @@ fn mistakes_in_a_capture_are_named() {
             Isometry3::from_parts(pose.translation, quaternion(q.w, q.x, q.z, q.y))
         }),
     );
-    let mut other = capture(free(), (3e-4, 0.2));
+    let mut other = capture(free(), USUAL);
     other.iter_mut().for_each(|pose| pose.pose = self::camera(0.77 * pose.t + 100.0, free()));
-    refused("this recording", &other);
-    let mut late = capture(free(), (3e-4, 0.2));
+    refused("does not turn as the camera does", &other);
+    let mut late = capture(free(), USUAL);
     late.iter_mut().for_each(|pose| pose.t *= 1e9);
     refused("times in seconds", &late);
 }

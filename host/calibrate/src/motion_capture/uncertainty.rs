@@ -21,7 +21,8 @@ pub fn sigmas(path: &Path, capture: &[TimedPose], fitted: &Fitted) -> Result<[f6
         .matched(path, capture)
         .map(|(body, moment)| {
             let mut equations = Equations::none();
-            equations.add(&at.row(body, &moment), &fitted.spread);
+            let (error, by) = at.row(body, &moment);
+            equations.add(&error, &by, &fitted.spread);
             (at.event_time(body.t), equations)
         })
         .collect();

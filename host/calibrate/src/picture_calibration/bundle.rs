@@ -1,9 +1,7 @@
-//! Camera and the pose of every picture together, by least squares on the centres of dots, and how sure
-//! the camera is.
+//! Camera and the pose of every picture together, by least squares on the centres of dots
+//! ([`bundle_adjustment`](crate::initial::bundle_adjustment)), and how sure the camera is.
 //!
 //! A residual is the predicted centre of area of a dot's image ([`CircleImage`]) less the measured one.
-//! The normal equations have a block for each picture's pose and a border of camera parameters; poses are
-//! eliminated picture by picture.
 //!
 //! The errors within a picture are not independent: blur, the shutter and the paper move all its dots
 //! together. Pictures are. So the covariance is the jackknife's over pictures (Efron 1982): with the border
@@ -12,27 +10,22 @@
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::sensor::Sensor;
-use nalgebra::{DMatrix, DVector, Isometry3, SMatrix, SVector, Vector2};
-use rayon::prelude::*;
+use nalgebra::{DMatrix, DVector, Isometry3, Vector2};
 
 use super::circle_image::{CircleImage, circle_image_center};
-use evcal_geometry::lens::distortion_prior::{DistortionPrior, distortion_prior};
-use evcal_geometry::numerics::arrow::{PoseEquations, unit_diagonal};
-use evcal_geometry::numerics::huber::{huber_cost, huber_weight};
-use evcal_geometry::numerics::levenberg_marquardt::{Costed, Schedule, minimise};
-use evcal_geometry::numerics::rigid::step_pose;
+use crate::initial::bundle_adjustment::{Equations, Estimate, ImagePoint, ReprojectionResidual, Target, View};
+use evcal_geometry::lens::distortion_prior::distortion_prior;
+use evcal_geometry::numerics::arrow::unit_diagonal;
+use evcal_geometry::numerics::levenberg_marquardt::Costed;
 use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
 
-type Border = SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>;
-type BorderVector = SVector<f64, MAX_PARAMETERS>;
-/// Normal equations of one view.
-type Equations = PoseEquations<MAX_PARAMETERS>;
-
-/// A dot: its circle's centre on the board (m) and its centre of area in the picture (px).
+/// A dot: its circle on the board and its centre of area in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SeenDot {
     /// Centre of the circle on the board in metres.
     pub object: Vector2<f64>,
+    /// The circle's radius in metres.
+    pub radius: f64,
     /// Centre of area in pixels.
     pub image: Vector2<f64>,
 }
@@ -67,103 +60,35 @@ pub struct PictureBundle {
     pub steps: usize,
 }
 
-/// How one pass goes.
-const SCHEDULE: Schedule = Schedule {
-    first_damping: 1e-4,
-    smallest_damping: 1e-10,
-    largest_damping: 1e8,
-    most_steps: 50,
-    smallest_gain: 1e-10,
-};
 /// Passes, each with the spread that the one before has left.
 const PASSES: usize = 3;
 /// Smallest spread that is believed (px).
 const SMALLEST_SPREAD: f64 = 0.002;
 
-/// What stays the same during a solve.
-struct Target<'a> {
-    radius: f64,
-    views: &'a [PictureView],
-    prior: DistortionPrior,
-    /// Huber's bound in pixels.
-    bound: f64,
+impl SeenDot {
+    /// How far the dot is from the centre of area of its circle's image (px).
+    fn error(&self, camera: &Camera<f64>, pose: &Isometry3<f64>) -> Option<Vector2<f64>> {
+        Some(circle_image_center(camera, pose, self.object, self.radius)? - self.image)
+    }
 }
 
-/// What is refined: camera and `T_camera_world` of each view.
-#[derive(Clone)]
-struct Estimate {
-    camera: Camera<f64>,
-    poses: Vec<Isometry3<f64>>,
+impl ImagePoint for SeenDot {
+    fn distance(&self, camera: &Camera<f64>, pose: &Isometry3<f64>) -> f64 {
+        self.error(camera, pose).map_or(f64::INFINITY, |error| error.norm())
+    }
+
+    fn residual(&self, camera: &Camera<f64>, pose: &Isometry3<f64>) -> Option<ReprojectionResidual> {
+        let CircleImage { center, by_pose, by_parameters } = CircleImage::new(camera, pose, self.object, self.radius)?;
+        Some(ReprojectionResidual { error: center - self.image, by_pose, by_parameters })
+    }
 }
 
-impl Target<'_> {
-    fn cost(&self, estimate: &Estimate) -> f64 {
-        let of_view = |(view, pose): (&PictureView, &Isometry3<f64>)| -> f64 {
-            let distance = |dot: &SeenDot| {
-                circle_image_center(&estimate.camera, pose, dot.object, self.radius)
-                    .map_or(f64::INFINITY, |center| (center - dot.image).norm_squared())
-            };
-            view.dots.iter().map(|dot| huber_cost(distance(dot), self.bound)).sum()
-        };
-        let costs: Vec<f64> = self.views.par_iter().zip(&estimate.poses).map(of_view).collect();
-        costs.iter().sum::<f64>() + self.prior.cost(&estimate.camera)
-    }
-
-    fn equations(&self, camera: &Camera<f64>, pose: &Isometry3<f64>, view: &PictureView) -> Equations {
-        let mut sum = Equations::new();
-        for dot in &view.dots {
-            let Some(image) = CircleImage::new(camera, pose, dot.object, self.radius) else { continue };
-            let error = image.center - dot.image;
-            let weight = huber_weight(error.norm_squared(), self.bound);
-            sum.add(error, &image.by_parameters, &image.by_pose, weight);
-        }
-        sum
-    }
-
-    fn linearise(&self, estimate: &Estimate) -> Vec<Equations> {
-        let views = self.views.par_iter().zip(&estimate.poses);
-        views.map(|(view, pose)| self.equations(&estimate.camera, pose, view)).collect()
-    }
-
-    /// `estimate` after one damped step; `None` where the equations have no solution.
-    fn step(&self, estimate: &Estimate, linear: &[Equations], damping: f64) -> Option<Costed<Estimate>> {
-        let eliminated: Vec<_> = linear.iter().map(|view| view.eliminate(damping)).collect::<Option<_>>()?;
-        let parameters = estimate.camera.parameters();
-        let count = parameters.len();
-        let mut border = Border::zeros();
-        let mut gradient = BorderVector::zeros();
-        for (view, eliminated) in linear.iter().zip(&eliminated) {
-            border += view.border - eliminated.border;
-            gradient += view.border_gradient - eliminated.gradient;
-        }
-        let prior = self.prior.equations(&estimate.camera, &[true; MAX_PARAMETERS]);
-        border.set_diagonal(&((border.diagonal() + prior.weights) * (1.0 + damping)));
-        gradient += prior.gradient;
-        let (border, scale) = unit_diagonal(&border.view((0, 0), (count, count)).into_owned());
-        let right = gradient.rows(0, count).component_mul(&scale);
-        let step = -border.cholesky()?.solve(&right).component_mul(&scale);
-        let moved: Vec<f64> = parameters.iter().zip(step.iter()).map(|(value, step)| value + step).collect();
-        let camera = Camera::from_parameters(estimate.camera.kind(), &moved)?;
-        let mut of_border = BorderVector::zeros();
-        of_border.rows_mut(0, count).copy_from(&step);
-        let poses = estimate.poses.iter().zip(linear.iter().zip(&eliminated));
-        let poses = poses
-            .map(|(pose, (equations, eliminated))| step_pose(pose, &equations.pose_step(eliminated, &of_border)))
-            .collect();
-        let estimate = Estimate { camera, poses };
-        let cost = self.cost(&estimate);
-        Some(Costed { estimate, cost })
-    }
-
-    /// The residuals of all dots in pixels.
-    fn residuals(&self, estimate: &Estimate) -> Vec<Vector2<f64>> {
-        let of_view = |(view, pose): (&PictureView, &Isometry3<f64>)| -> Vec<Vector2<f64>> {
-            let residual =
-                |dot: &SeenDot| Some(circle_image_center(&estimate.camera, pose, dot.object, self.radius)? - dot.image);
-            view.dots.iter().filter_map(residual).collect()
-        };
-        self.views.iter().zip(&estimate.poses).flat_map(of_view).collect()
-    }
+/// The residuals of all dots in pixels.
+fn residuals(target: &Target<'_, SeenDot>, estimate: &Estimate) -> Vec<Vector2<f64>> {
+    let of_view = |(view, pose): (&View<'_, SeenDot>, &Isometry3<f64>)| -> Vec<Vector2<f64>> {
+        view.points.iter().filter_map(|dot| dot.error(&estimate.camera, pose)).collect()
+    };
+    target.views.iter().zip(&estimate.poses).flat_map(of_view).collect()
 }
 
 /// The inverse of a symmetric positive definite matrix; `None` if it is none.
@@ -180,14 +105,13 @@ fn robust_spread(residuals: &[Vector2<f64>]) -> f64 {
     median(&mut sizes, f64::total_cmp).map_or(SMALLEST_SPREAD, |median| (SIGMA_BY_MEDIAN * median).max(SMALLEST_SPREAD))
 }
 
-/// Refines `camera` and the poses of `views` on circles of `radius` (m). `sensor` is (width, height) in
+/// Refines `camera` and the poses of `views`. `sensor` is (width, height) in
 /// pixels, `huber` the distance in spreads from which a centre counts linearly.
 ///
 /// `None` if a dot starts outside the camera's domain or the views do not determine the camera.
 pub fn picture_bundle(
     camera: &Camera<f64>,
     views: &[PictureView],
-    radius: f64,
     sensor: Sensor,
     huber: f64,
 ) -> Option<PictureBundle> {
@@ -195,25 +119,22 @@ pub fn picture_bundle(
     let dots: usize = views.iter().map(|view| view.dots.len()).sum();
     let freedom = (2 * dots).checked_sub(6 * views.len() + count).filter(|freedom| *freedom > 0)?;
     let prior = distortion_prior(camera, sensor);
-    let mut target = Target { radius, views, prior, bound: f64::INFINITY };
+    let seen: Vec<View<'_, SeenDot>> = views.iter().map(|view| View { points: &view.dots, pose: view.pose }).collect();
+    let free = &[true; MAX_PARAMETERS];
+    let mut target = Target { views: &seen, free, prior, huber: f64::INFINITY };
     let start = Estimate { camera: *camera, poses: views.iter().map(|view| view.pose).collect() };
     let mut best = Costed { estimate: start, cost: f64::INFINITY };
     let mut steps = 0;
     for _ in 0..PASSES {
-        target.bound = huber * robust_spread(&target.residuals(&best.estimate));
+        target.huber = huber * robust_spread(&residuals(&target, &best.estimate));
         best.cost = target.cost(&best.estimate);
-        steps += minimise(
-            &mut best,
-            &SCHEDULE,
-            |estimate| target.linearise(estimate),
-            |estimate, linear, damping| target.step(estimate, linear, damping),
-        );
+        steps += target.refine(&mut best);
         if !best.cost.is_finite() {
             return None;
         }
     }
     let estimate = best.estimate;
-    let residuals = target.residuals(&estimate);
+    let residuals = residuals(&target, &estimate);
     let linear = target.linearise(&estimate);
     let squares: f64 = linear.iter().map(|view| view.squares).sum();
     // Border and gradient of each view, its pose eliminated.
@@ -292,7 +213,7 @@ mod tests {
                     let object = board.circle_center(index);
                     let image = circle_image_center(camera, &pose, object, board.radius)?;
                     let noise = Vector2::new(normal(&mut rng), normal(&mut rng)) * noise;
-                    Some(SeenDot { object, image: middle + (image - middle) * scale + noise })
+                    Some(SeenDot { object, radius: board.radius, image: middle + (image - middle) * scale + noise })
                 });
                 PictureView { dots: dots.collect(), pose }
             })
@@ -305,7 +226,7 @@ mod tests {
         let truth = camera();
         let (mut squares, mut stated) = ([0.0; 8], [0.0; 8]);
         for seed in 0..REPETITIONS {
-            let bundle = picture_bundle(&truth, &views(&truth, seed), 0.0175, SENSOR, 2.5).unwrap();
+            let bundle = picture_bundle(&truth, &views(&truth, seed), SENSOR, 2.5).unwrap();
             let found = bundle.camera.parameters();
             for index in 0..8 {
                 squares[index] += (found[index] - truth.parameters()[index]).powi(2) / REPETITIONS as f64;
@@ -326,7 +247,7 @@ mod tests {
         for view in &mut views {
             view.pose.translation.vector.z *= 1.04;
         }
-        let bundle = picture_bundle(&start.unwrap(), &views, 0.0175, SENSOR, 2.5).unwrap();
+        let bundle = picture_bundle(&start.unwrap(), &views, SENSOR, 2.5).unwrap();
         let sigma = bundle.covariance.diagonal().map(f64::sqrt);
         for (index, (found, truth)) in bundle.camera.parameters().iter().zip(truth.parameters()).enumerate() {
             assert!((found - truth).abs() < 4.0 * sigma[index], "parameter {index}: {found} {truth}");

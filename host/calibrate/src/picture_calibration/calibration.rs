@@ -118,7 +118,7 @@ pub enum PictureFailure {
         advice: &'static str,
     },
     /// There is no first camera.
-    #[error(transparent)]
+    #[error("{0}")]
     Initial(#[from] InitialError),
     /// The views are too much alike.
     #[error("the {views} frames with the board do not determine the camera: tilt it more")]
@@ -133,7 +133,7 @@ impl PictureFailure {
     pub fn with_larger_board(self) -> Self {
         match self {
             Self::TooFewPictures { found, read, required, refused, .. } if !refused.is_empty() => {
-                let advice = "--board names only a part of the board in view";
+                let advice = "the stated board is only a part of the one in view";
                 Self::TooFewPictures { found, read, required, refused, advice }
             }
             other => other,
@@ -175,12 +175,13 @@ pub fn calibrate_pictures(
         .map(|posed| {
             let measured = frames.get(posed.frame).map_or(&[][..], |frame| &frame.circles);
             let dots = posed.circles.iter().filter_map(|circle| {
-                Some(SeenDot { object: board.circle_center(circle.index), image: nearest(measured, circle)? })
+                let (object, radius) = (board.circle_center(circle.index), board.radius);
+                Some(SeenDot { object, radius, image: nearest(measured, circle)? })
             });
             PictureView { dots: dots.collect(), pose: posed.pose.inverse() }
         })
         .collect();
-    let bundle = picture_bundle(&initial.camera, &views, board.radius, sensor, settings.huber);
+    let bundle = picture_bundle(&initial.camera, &views, sensor, settings.huber);
     let Some(PictureBundle { camera, poses, covariance, inflation, spread, rms, median, .. }) = bundle else {
         let reason = PictureFailure::Undetermined { views: views.len() };
         return Err(NoPictureCalibration { reason, report: Box::new(report) });

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+use crate::advice::Wording;
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
 use crate::calibrate::stretch_choice::StretchChoice;
 use crate::detection::DetectionReport;
@@ -61,7 +62,7 @@ pub struct CalibrationFile {
     /// The lens.
     pub camera: CameraDescription,
     /// Whether it is good, and why.
-    pub verdict: Verdict,
+    pub verdict: Verdict<String>,
     /// Standard deviation of each lens parameter.
     pub sigma: CameraDescription,
     /// How sure the result is.
@@ -363,8 +364,8 @@ pub struct SegmentSummary {
 }
 
 impl CalibrationFile {
-    /// The result of `calibrated`, seen on `board`.
-    pub fn new(calibrated: &Calibrated, board: &Board) -> Self {
+    /// The result of `calibrated`, seen on `board`, with advice as `wording` has it.
+    pub fn new(calibrated: &Calibrated, board: &Board, wording: Wording) -> Self {
         let camera = calibrated.camera();
         let names = camera.kind().parameter_names();
         let trust = &calibrated.trust;
@@ -379,7 +380,7 @@ impl CalibrationFile {
             pixel_convention: "pixel (0, 0) is the centre of the top-left pixel (OpenCV, ROS)".to_owned(),
             sensor: calibrated.sensor,
             camera: CameraDescription::new(camera),
-            verdict: calibrated.verdict.clone(),
+            verdict: calibrated.verdict.worded(wording),
             uncertainty: UncertaintySummary::new(trust, events.map(|events| &events.trust)),
             coverage: trust.coverage.clone(),
             split_half: events.and_then(|events| events.trust.split_half.as_ref().map(SplitHalfSummary::from)),

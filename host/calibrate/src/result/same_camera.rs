@@ -56,7 +56,7 @@ pub struct ComparedCalibrations {
 #[non_exhaustive]
 pub enum CompareError {
     /// One cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Camera(#[from] CameraFileError),
     /// They are of different sensors, and so of different cameras.
     #[error(
@@ -74,7 +74,7 @@ pub enum CompareError {
         other_sensor: Sensor,
     },
     /// They see nothing in common.
-    #[error(transparent)]
+    #[error("{0}")]
     Projection(#[from] NoCommonView),
 }
 
@@ -179,7 +179,7 @@ mod tests {
     const CAMERA: &str = r#"{"model": "radtan4", "parameters": {"fx": 330.0, "fy": 331.0, "cx": CX, "cy": 131.0, "k1": K1, "k2": 0.1, "p1": 0.0, "p2": 0.0}}"#;
 
     /// A calibration with a standard deviation of k1 alone.
-    fn write(folder: &Path, name: &str, (cx, k1): (f64, f64), sigma: Option<f64>) -> PathBuf {
+    fn write(folder: &Path, name: &str, cx: f64, k1: f64, sigma: Option<f64>) -> PathBuf {
         let camera = CAMERA.replace("CX", &cx.to_string()).replace("K1", &k1.to_string());
         let covariance: Vec<Vec<f64>> = (0..8)
             .map(|row| {
@@ -199,20 +199,20 @@ mod tests {
     fn a_difference_is_held_against_what_the_calibrations_say() {
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path();
-        let sure = write(folder, "sure", (170.0, -0.35), Some(0.001));
+        let sure = write(folder, "sure", 170.0, -0.35, Some(0.001));
         let compare = |second: &Path| compare_calibrations(&sure, second).unwrap();
-        let same = compare(&write(folder, "same", (170.0, -0.351), Some(0.001)));
+        let same = compare(&write(folder, "same", 170.0, -0.351, Some(0.001)));
         assert_eq!(same.sameness, Sameness::Same);
         // One parameter alone: the difference in its standard deviations.
-        let near = compare(&write(folder, "near", (170.0, -0.358), Some(0.001)));
+        let near = compare(&write(folder, "near", 170.0, -0.358, Some(0.001)));
         let expected = near.expected_rms.unwrap();
         assert!((near.difference_rms / expected - 8.0 / 2f64.sqrt()).abs() < 0.1, "{near:?}");
         assert_eq!(near.sameness, Sameness::Near);
-        let different = compare(&write(folder, "different", (175.0, -0.2), Some(0.001)));
+        let different = compare(&write(folder, "different", 175.0, -0.2, Some(0.001)));
         assert_eq!(different.sameness, Sameness::Different);
         assert!(different.to_string().contains("do not use one for the other"));
         // The same distance, but neither was sure of it.
-        let unsure = write(folder, "unsure", (170.0, -0.358), Some(0.01));
+        let unsure = write(folder, "unsure", 170.0, -0.358, Some(0.01));
         assert_eq!(compare(&unsure).sameness, Sameness::Same);
     }
 
@@ -220,8 +220,8 @@ mod tests {
     fn without_uncertainty_only_equal_cameras_are_known_to_be_the_same() {
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path();
-        let one = write(folder, "one", (170.0, -0.35), None);
-        let other = write(folder, "other", (170.0, -0.3), None);
+        let one = write(folder, "one", 170.0, -0.35, None);
+        let other = write(folder, "other", 170.0, -0.3, None);
         assert_eq!(compare_calibrations(&one, &one).unwrap().sameness, Sameness::Same);
         let compared = compare_calibrations(&one, &other).unwrap();
         assert_eq!((compared.sameness, compared.expected_rms), (Sameness::Unknown, None));

@@ -2,13 +2,13 @@
 
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
 use crate::calibrate::stretch_choice::StretchChoice;
+use crate::counted::counted;
 use crate::detection::DetectionReport;
 use crate::initial::InitialReport;
 use crate::picture_calibration::calibration::{PictureCalibration, PictureReport};
 use crate::picture_calibration::joint::JointReport;
 use crate::solve::refinement::RoundReport;
 use crate::trust::witness::{Comparison, WitnessOutcome};
-use event_recordings::counted::counted;
 
 /// One stage.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,4 +1,4 @@
-//! What every stage took in and gave out, as text for people (`stages.txt`, `--verbose`).
+//! What every stage took in and gave out, as text for people (`stages.txt`).
 
 use std::fmt::Write as _;
 

@@ -1,6 +1,7 @@
 //! Why a second camera cannot be calibrated against the first.
 
 use crate::solve::control_band::NotPositiveDefinite;
+use crate::trajectory::alignment::AlignmentError;
 
 /// Why a second camera cannot be calibrated against the first, and what to do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -8,19 +9,17 @@ use crate::solve::control_band::NotPositiveDefinite;
 pub enum SecondCameraError {
     /// A camera was calibrated from pictures, each with a pose of its own, or from circles.
     #[error(
-        "cameras are calibrated against the trajectory of the first one's events: leave out --frames-only, and give a recording of events before --with"
+        "cameras are calibrated against the trajectory of the first one's events: calibrate the first from a recording of events, not from frames or circles"
     )]
     NoTrajectory,
     /// The second camera was calibrated from circles.
-    #[error("give events, not circles, with --with: circles tell too little of the time between them")]
+    #[error("give events, not circles, of the second camera: circles tell too little of the time between them")]
     CirclesOfSecond,
     /// Which recording of the first camera belongs to that of the second?
-    #[error("a second camera belongs to one recording of the first: give one recording before --with")]
+    #[error("a second camera belongs to one recording of the first: give only one")]
     SeveralRecordings,
     /// The same events twice.
-    #[error(
-        "{file} holds the events of a camera that is there already: give the recording of another camera with --with"
-    )]
+    #[error("{file} holds the events of a camera that is there already: give the recording of another camera")]
     SameRecording {
         /// The file.
         file: String,
@@ -35,42 +34,9 @@ pub enum SecondCameraError {
         /// What is needed.
         needed: f64,
     },
-    /// The cameras hardly turned.
-    #[error(
-        "the cameras turned by {rate:.1} °/s only, too little to tell the offset of their clocks: turn them quickly, back and forth"
-    )]
-    LittleRotation {
-        /// Root mean square of the angular velocity in degrees a second.
-        rate: f64,
-    },
-    /// The cameras turned at the same rate all the time.
-    #[error(
-        "the cameras turned by {rate:.1} °/s all the time, which leaves the offset of their clocks open: turn them back and forth"
-    )]
-    EvenRotation {
-        /// Mean of the angular velocity in degrees a second.
-        rate: f64,
-    },
-    /// The turns have nothing in common.
-    #[error(
-        "the second camera does not turn as the first does (best correlation {correlation:.2}, wanted {wanted}): give recordings of the same session that overlap in time"
-    )]
-    OtherMotion {
-        /// The largest correlation.
-        correlation: f64,
-        /// What is wanted.
-        wanted: f64,
-    },
-    /// The motion repeats itself.
-    #[error(
-        "the motion repeats itself, so that the clocks may be {first:.2} s or {second:.2} s apart: move less regularly"
-    )]
-    Ambiguous {
-        /// The better offset.
-        first: f64,
-        /// The other one.
-        second: f64,
-    },
+    /// The motion does not tell how the two are aligned.
+    #[error(transparent)]
+    Alignment(#[from] AlignmentError),
     /// The board looks the same from both sides, and so do both answers.
     #[error(
         "the board looks the same after a turn, and the motion does not tell which way round each camera sees it: use a board with an odd number of shifted rows, such as acircles:9x4"
@@ -89,7 +55,7 @@ pub enum SecondCameraError {
     },
     /// The rows of its frames are exposed one after the other, which nobody said.
     #[error(
-        "the second camera has a rolling shutter: each row of its frames is exposed {:.2} ± {:.2} µs after the one above it ({:.1} ms from the first to the last): add --rolling-shutter",
+        "the second camera has a rolling shutter: each row of its frames is exposed {:.2} ± {:.2} µs after the one above it ({:.1} ms from the first to the last): state that it has",
         1e6 * line_delay, 1e6 * sigma, 1e3 * line_delay * f64::from(*rows)
     )]
     RollingShutter {

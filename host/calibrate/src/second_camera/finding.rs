@@ -99,7 +99,7 @@ impl fmt::Display for Finding {
             ),
             Self::NoLineDelay { line_delay, sigma } => write!(
                 f,
-                "no line delay was found ({:.3} ± {:.3} µs a row): the shutter is a global one, leave out --rolling-shutter",
+                "no line delay was found ({:.3} ± {:.3} µs a row): the shutter is a global one: do not state a rolling one",
                 1e6 * line_delay,
                 1e6 * sigma
             ),

@@ -80,13 +80,13 @@ pub fn solve(joint: &Joint, estimate: Estimate, settings: &UncertaintySettings) 
         // Observations that fall out of a model's domain must not make a step look good.
         Ok::<_, SecondCameraError>(next.counts.iter().ge(now.counts.iter()).then_some((trial, next)))
     };
-    let (estimate, now) = minimise((estimate, start), |now: &Linearised| &now.system, attempt)?;
+    let (estimate, now) = minimise(estimate, start, |now: &Linearised| &now.system, attempt)?;
     let formal = now.system.covariance()?;
     let blocks = now.system.contributions(&now.parts, 0.5 * settings.block)?;
     let total = estimate.first.trajectories.iter().map(|one| one.end() - one.start()).sum();
     let time = Time { starts: &blocks.times, total };
     let count = estimate.mount.count();
-    let (covariance, inflation, blocks) = stated(&formal, (&blocks.contributions, &|all| all), time, count, settings);
+    let (covariance, inflation, blocks) = stated(&formal, &blocks.contributions, &|all| all, time, count, settings);
     Ok(Solved { estimate, covariance, inflation, blocks, used: now.counts[1], misfit: now.misfit, rms: now.rms })
 }
 

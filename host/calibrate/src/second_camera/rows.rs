@@ -62,25 +62,27 @@ pub fn second_parts(
     });
     let points: Vec<Moment> = points.collect();
     let of_bins = bins.chunk_by(|a, b| a.segment == b.segment).map(|run| {
-        part_of((mount.count(), free), run, |sums, moment| {
+        part_of(mount.count(), free, run, |sums, moment| {
             let bin = observations.bins.get(moment.index);
             let events = bin.and_then(|bin| observations.events.get(bin.first..bin.end)).unwrap_or_default();
-            sums.add_events((problem, &estimate.second, bearings), &moment.carried.pose, events);
+            sums.add_events(problem, &estimate.second, bearings, &moment.carried.pose, events);
         })
     });
     let of_points = points.chunk_by(|a, b| a.segment == b.segment).map(|run| {
-        part_of((mount.count(), free), run, |sums, moment| {
+        part_of(mount.count(), free, run, |sums, moment| {
             if let Some(point) = observations.points.get(moment.index) {
-                sums.add_point((problem, &estimate.second), &moment.carried.pose, point);
+                sums.add_point(problem, &estimate.second, &moment.carried.pose, point);
             }
         })
     });
     of_bins.flatten().chain(of_points.flatten()).collect()
 }
 
-/// The equations of one run of moments, whose observations `add` adds.
+/// The equations of one run of moments, whose observations `add` adds; of the border `of_mount` parameters are the mount's, then those
+/// that are `free` of the second camera's follow.
 fn part_of<'a>(
-    (of_mount, free): (usize, &[usize]),
+    of_mount: usize,
+    free: &[usize],
     run: &[Moment],
     add: impl Fn(&mut BinSums<'a>, &Moment),
 ) -> Option<SecondPart> {
@@ -106,7 +108,7 @@ fn part_of<'a>(
     let mut sums = BinSums::default();
     for moment in run {
         add(&mut sums, moment);
-        add_moment(&mut part, moment, &sums.products, (of_mount, free));
+        add_moment(&mut part, moment, &sums.products, of_mount, free);
         sums.products.clear_pose();
     }
     let mut own = StretchEquations::new(0, 0, order);
@@ -123,7 +125,7 @@ fn part_of<'a>(
 
 /// Adds what `products` say of the second camera's pose, in terms of the control points of the first camera's trajectory and of the
 /// mount.
-fn add_moment(part: &mut Part, moment: &Moment, products: &RowProducts, (of_mount, free): (usize, &[usize])) {
+fn add_moment(part: &mut Part, moment: &Moment, products: &RowProducts, of_mount: usize, free: &[usize]) {
     if !products.is_touched {
         return;
     }

@@ -2,11 +2,12 @@
 
 use nalgebra::{Isometry3, Translation3};
 
+use crate::trajectory::alignment::Rates;
 use crate::trajectory::{PoseSample, Trajectory};
 use evcal_geometry::numerics::statistics::median;
 
 /// Step of the grid on which turns are compared (s), and steps from one pose of a trajectory to the next.
-pub const STEP: f64 = 0.005;
+const STEP: f64 = 0.005;
 const POSE_STEPS: usize = 4;
 /// Time at the ends of a trajectory that is left out (s).
 const MARGIN: f64 = 0.03;
@@ -29,8 +30,8 @@ pub struct SeenPose {
 /// The motion of the second camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Seen {
-    /// The first of even times, a [`STEP`] apart, and how fast the camera turns at each of them, where that is known (rad/s).
-    pub rates: (f64, Vec<Option<f64>>),
+    /// How fast the camera turns.
+    pub rates: Rates,
     /// Its poses in order of time.
     pub poses: Vec<SeenPose>,
     /// Seconds from one pose to the next.
@@ -69,7 +70,7 @@ impl Seen {
             let until = ((after.t - start) / STEP).ceil() as usize;
             rates.resize(until.max(rates.len()), (gap < EVENLY).then_some(rate));
         }
-        Self { rates: (start, rates), poses, every }
+        Self { rates: Rates { start, step: STEP, values: rates }, poses, every }
     }
 }
 
@@ -96,13 +97,8 @@ fn span(trajectories: &[Trajectory]) -> (f64, f64) {
     ends.fold((f64::INFINITY, f64::NEG_INFINITY), |span, one| (span.0.min(one.0), span.1.max(one.1)))
 }
 
-/// How fast a camera turns, at even times from the first one on, where that is known.
-pub fn rates(trajectories: &[Trajectory]) -> (f64, Vec<Option<f64>>) {
+/// How fast a camera turns.
+pub fn rates(trajectories: &[Trajectory]) -> Rates {
     let (start, end) = span(trajectories);
-    let count = if end > start { ((end - start) / STEP) as usize + 1 } else { 0 };
-    let rate = |index: usize| {
-        let (_, sample) = inner_sample(trajectories, start + STEP * index as f64)?;
-        Some(sample.rotation.angular_velocity.norm())
-    };
-    (start, (0..count).map(rate).collect())
+    Rates::new(start, end, STEP, |t| Some(inner_sample(trajectories, t)?.1.rotation.angular_velocity.norm()))
 }

@@ -12,25 +12,18 @@ use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Translation3, UnitQuaternio
 
 use super::error::SecondCameraError;
 use super::mount::{COUNT, Mount, OFFSET, RATE, RATE_SIGMA, ROTATION, TRANSLATION};
-use super::seen::{STEP, Seen, SeenPose, inner_sample, pose_of, rates};
+use super::seen::{Seen, SeenPose, inner_sample, pose_of, rates};
 use crate::trajectory::Trajectory;
+use crate::trajectory::alignment::{Offset, Overlap, offset};
 use evcal_geometry::board::symmetry::Symmetry;
-use evcal_geometry::numerics::lag::{NoLag, Rules, lag};
 use evcal_geometry::numerics::rigid::best_rotation;
 use evcal_geometry::numerics::statistics::median;
+use evcal_geometry::timed_pose::TimedPose;
 
-/// Smallest correlation that is believed.
-const CORRELATION: f64 = 0.9;
-/// Share of the best peak that another one must stay below.
-const SECOND_PEAK: f64 = 0.9;
-/// Nearest another peak may be (s).
-const PEAK_DISTANCE: f64 = 0.4;
-/// Smallest overlap, as a share of the shorter recording.
-const OVERLAP: f64 = 0.25;
 /// Fewest seconds with the board before both cameras.
 pub const FEWEST_SECONDS: f64 = 2.0;
-/// Root mean square of the angular velocity below which the cameras hardly turned (rad/s).
-const LEAST_RATE: f64 = 0.08;
+/// Smallest overlap: as a share of the shorter recording, and in seconds.
+const OVERLAP: Overlap = Overlap { share: 0.25, seconds: FEWEST_SECONDS };
 /// How many times more another way round must scatter.
 const CLEARLY: f64 = 3.0;
 /// How many metres count as much as a radian.
@@ -83,12 +76,8 @@ pub fn start(
     loose: [f64; 2],
 ) -> Result<Start, SecondCameraError> {
     let of_first = rates(first);
-    let known: Vec<f64> = of_first.1.iter().flatten().copied().collect();
-    let rate = (known.iter().map(|rate| rate * rate).sum::<f64>() / known.len().max(1) as f64).sqrt();
-    if rate < LEAST_RATE {
-        return Err(SecondCameraError::LittleRotation { rate: rate.to_degrees() });
-    }
-    let (offset, correlation) = offset(&of_first, &second.rates)?;
+    of_first.check()?;
+    let Offset { seconds: offset, correlation } = offset(&of_first, &second.rates, OVERLAP)?;
     let pairs = pairs(first, &second.poses, offset);
     let seconds = pairs.len() as f64 * second.every;
     let (Some(begin), Some(end)) = (pairs.first(), pairs.last()) else {
@@ -102,32 +91,12 @@ pub fn start(
     let mount = Mount { second_first: first_second.inverse(), offset, rate: 0.0, middle, line_delay: None };
     let seen = pairs.iter().filter_map(|pair| {
         let turn = symmetries.get(*turns.get(&pair.segments)?)?;
-        Some((pair.t, turn.pose * pair.poses.1))
+        Some(TimedPose { t: pair.t, pose: turn.pose * pair.poses.1 })
     });
-    let seen: Vec<(f64, Isometry3<f64>)> = seen.collect();
+    let seen: Vec<TimedPose> = seen.collect();
     let mount = fitted(first, &seen, mount)?;
     fixed(first, &seen, &mount, loose)?;
     Ok(Start { mount, correlation, turns, seconds })
-}
-
-/// t_second − t_first, and the correlation there.
-fn offset(first: &(f64, Vec<Option<f64>>), second: &(f64, Vec<Option<f64>>)) -> Result<(f64, f64), SecondCameraError> {
-    let known = |rates: &[Option<f64>]| rates.iter().flatten().count() as f64;
-    let rules = Rules {
-        fewest_pairs: (OVERLAP * known(&first.1).min(known(&second.1))).max(FEWEST_SECONDS / STEP),
-        correlation: CORRELATION,
-        second_peak: SECOND_PEAK,
-        peak_distance: (PEAK_DISTANCE / STEP) as usize,
-    };
-    let offset_of = |steps: f64| second.0 - first.0 + steps * STEP;
-    match lag(&first.1, &second.1, &rules) {
-        Ok(found) => Ok((offset_of(found.steps), found.correlation)),
-        Err(NoLag::Steady { mean }) => Err(SecondCameraError::EvenRotation { rate: mean.to_degrees() }),
-        Err(NoLag::Unlike { correlation }) => Err(SecondCameraError::OtherMotion { correlation, wanted: CORRELATION }),
-        Err(NoLag::Ambiguous { first, second }) => {
-            Err(SecondCameraError::Ambiguous { first: offset_of(first), second: offset_of(second) })
-        }
-    }
 }
 
 fn pairs(first: &[Trajectory], second: &[SeenPose], offset: f64) -> Vec<Pair> {
@@ -191,9 +160,10 @@ fn ways_round(pairs: &[Pair], symmetries: &[Symmetry]) -> Result<(Isometry3<f64>
 /// axes of the first), with the derivatives by the parameters.
 fn residual(
     first: &[Trajectory],
-    (t, second): &(f64, Isometry3<f64>),
+    seen: &TimedPose,
     mount: &Mount,
 ) -> Option<(SVector<f64, 6>, SMatrix<f64, 6, COUNT>)> {
+    let TimedPose { t, pose: second } = seen;
     let (_, sample) = inner_sample(first, mount.first_time(*t))?;
     let first_second = mount.second_first.inverse();
     let to_first = sample.rotation.rotation.inverse();
@@ -216,7 +186,7 @@ fn residual(
     Some((SVector::from_fn(|row, _| if row < 3 { rotation[row] } else { off[row - 3] }), by))
 }
 
-fn fitted(first: &[Trajectory], seen: &[(f64, Isometry3<f64>)], mut mount: Mount) -> Result<Mount, SecondCameraError> {
+fn fitted(first: &[Trajectory], seen: &[TimedPose], mut mount: Mount) -> Result<Mount, SecondCameraError> {
     for _ in 0..ROUNDS {
         let mut normal = SMatrix::<f64, COUNT, COUNT>::zeros();
         let mut gradient = SVector::<f64, COUNT>::zeros();
@@ -239,12 +209,7 @@ fn fitted(first: &[Trajectory], seen: &[(f64, Isometry3<f64>)], mut mount: Mount
 }
 
 /// Whether the transform is the same all the time, but for changes as large as `loose`.
-fn fixed(
-    first: &[Trajectory],
-    seen: &[(f64, Isometry3<f64>)],
-    mount: &Mount,
-    loose: [f64; 2],
-) -> Result<(), SecondCameraError> {
+fn fixed(first: &[Trajectory], seen: &[TimedPose], mount: &Mount, loose: [f64; 2]) -> Result<(), SecondCameraError> {
     let residuals: Vec<_> = seen.iter().filter_map(|pose| residual(first, pose, mount)).collect();
     let usual = |part: usize| {
         let mut sizes: Vec<f64> = residuals.iter().map(|(row, _)| row.fixed_rows::<3>(3 * part).norm()).collect();

@@ -5,7 +5,7 @@ use evcal_core::settings::{above, at_least, from_to};
 use serde::{Deserialize, Serialize};
 
 settings! {
-    /// When `evcal live` has seen enough of the board and stops; none of these settings changes a calibration.
+    /// When a live session has seen enough of the board and stops; none of these settings changes a calibration.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct LiveSettings {
@@ -26,8 +26,7 @@ settings! {
         /// Shortest time from the first sight of the board on.
         pub shortest: f64 = 15.0, "s", at_least(0.0);
         /// Largest error of the projection that a calibration of the recording so far may state: one standard
-        /// deviation, root mean square over the sensor; the largest anywhere on it may be three times this. The option
-        /// `--target` sets it.
+        /// deviation, root mean square over the sensor; the largest anywhere on it may be three times this.
         pub target: f64 = 0.05, "px", above(0.0);
         /// When the first such calibration is made, after the first sight of the board.
         pub first_checkpoint: f64 = 10.0, "s", at_least(0.0);

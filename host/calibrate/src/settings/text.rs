@@ -11,8 +11,8 @@ use super::Settings;
 const WIDTH: usize = 100;
 
 /// What comes first in a file of settings.
-const HEAD: &str = "The settings of a calibration. `evcal calibrate --settings FILE` reads such a file or any part of it; what it \
-                    does not name keeps its default.";
+const HEAD: &str = "The settings of a calibration. This file, or any part of it, can be given to another one; what is not in it keeps \
+                    its default.";
 
 /// `toml`, the values of `settings`, with the meaning of each value before it.
 pub fn commented(settings: &Group, toml: &str) -> String {
@@ -81,10 +81,7 @@ fn comment(text: &mut String, words: &str) {
 }
 
 /// What the tables in `docs/settings.md` stand between.
-const MARKS: [&str; 2] = [
-    "<!-- The tables are made from the code: `cargo run -p evcal --example settings_document` writes them. -->\n",
-    "<!-- End of the tables. -->\n",
-];
+const MARKS: [&str; 2] = ["<!-- The tables, made from the code. -->\n", "<!-- End of the tables. -->\n"];
 
 /// The text of `docs/settings.md` with its tables made anew; `None` if the marks around them are missing.
 pub fn document(text: &str) -> Option<String> {

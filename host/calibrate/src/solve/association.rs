@@ -18,7 +18,7 @@ use crate::solve::board_ray::{BoardRay, is_in_front};
 use crate::solve::board_surface::{BoardGround, BoardSurface};
 use crate::solve::event_bias::bias::Bias;
 use crate::solve::event_bias::{EventKind, speed_range};
-use crate::solve::event_row::EventEdge;
+use crate::solve::event_row::{EventEdge, EventRay};
 use crate::solve::event_sample::RankedEvent;
 use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use crate::solve::pose_bin::PoseBin;
@@ -115,6 +115,7 @@ pub struct Associator<'a> {
 type Associated = (usize, u32, EventObservation);
 
 /// What came of the events that one thread worked on.
+#[derive(Default)]
 struct Part {
     found: Vec<Associated>,
     /// Segment and time (s) of events on the board that are far from every edge.
@@ -156,21 +157,19 @@ impl<'a> Associator<'a> {
         let parts: Vec<Part> = events
             .par_chunks(CHUNK)
             .map(|events| {
-                let (mut found, mut far) = (Vec::new(), Vec::new());
-                let mut report = AssociationReport::default();
+                let mut part = Part::default();
                 for event in events {
-                    report.events += 1;
-                    let out = (&mut far, &mut report);
+                    part.report.events += 1;
                     let observation = match &self.ground {
-                        BoardGround::Flat(surface) => self.associate(surface, event, &bins, out),
-                        BoardGround::Shaped(surface) => self.associate(surface, event, &bins, out),
+                        BoardGround::Flat(surface) => self.associate(surface, event, &bins, &mut part),
+                        BoardGround::Shaped(surface) => self.associate(surface, event, &bins, &mut part),
                     };
                     if let Some(observation) = observation {
-                        report.kept += 1;
-                        found.push(observation);
+                        part.report.kept += 1;
+                        part.found.push(observation);
                     }
                 }
-                Part { found, far, report }
+                part
             })
             .collect();
         for Part { found, far, report } in parts {
@@ -193,7 +192,7 @@ impl<'a> Associator<'a> {
         surface: &S,
         event: &RankedEvent,
         bins: &[SegmentBins],
-        (far, report): (&mut Vec<(usize, f32)>, &mut AssociationReport),
+        part: &mut Part,
     ) -> Option<Associated> {
         let settings = self.context.settings;
         let class = EventKind { polarity: event.polarity, place: event.place }.class();
@@ -202,7 +201,7 @@ impl<'a> Associator<'a> {
         let Some((segment, bin, pose)) =
             bins.iter().enumerate().find_map(|(index, bins)| bins.pose(time).map(|(bin, pose)| (index, bin, pose)))
         else {
-            report.outside_segments += 1;
+            part.report.outside_segments += 1;
             return None;
         };
         let trajectory_bin = bins.get(segment)?;
@@ -215,14 +214,14 @@ impl<'a> Associator<'a> {
         let ray = ray.filter(|(ray, _)| is_in_front(ray.depth()));
         let circle = ray.and_then(|(ray, _)| self.context.board.nearest_circle(ray.point()));
         let (Some((ray, by_pixel)), Some(circle)) = (ray, circle) else {
-            report.off_board += 1;
+            part.report.off_board += 1;
             return None;
         };
         let &center = self.circle_centers.get(circle)?;
         let radius = self.context.state.board.radius;
-        let ray = (&ray, &by_pixel);
-        let Some(edge) = EventEdge::of_event(self.context.bearings, pose, (pixel, dt), ray, center, radius) else {
-            report.off_board += 1;
+        let seen = EventRay { pixel, dt, ray, by_pixel };
+        let Some(edge) = EventEdge::of_event(self.context.bearings, pose, &seen, center, radius) else {
+            part.report.off_board += 1;
             return None;
         };
         let speed_range = speed_range(edge.passage.normal_speed);
@@ -233,20 +232,20 @@ impl<'a> Associator<'a> {
         };
         let distance = edge.from_expected(bias).abs();
         if distance.is_nan() || distance >= band {
-            report.far_from_edge += 1;
-            far.push((segment, time as f32));
+            part.report.far_from_edge += 1;
+            part.far.push((segment, time as f32));
             return None;
         }
         let normal_speed = edge.passage.normal_speed;
         let sliding = edge.distance.sliding / edge.distance.scale;
         let speed = (normal_speed * normal_speed + sliding * sliding).sqrt();
         if normal_speed.abs() < settings.slowest_edge || normal_speed.abs() < settings.tangent * speed {
-            report.edge_slides += 1;
+            part.report.edge_slides += 1;
             return None;
         }
         let predicted = if normal_speed > 0.0 { Polarity::On } else { Polarity::Off };
         if predicted != event.polarity {
-            report.wrong_polarity += 1;
+            part.report.wrong_polarity += 1;
             return None;
         }
         let observation = EventObservation {

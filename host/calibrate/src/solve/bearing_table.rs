@@ -142,8 +142,8 @@ impl BearingTable {
         let size = (extent(sensor.width), extent(sensor.height));
         let middle = [f64::from(sensor.width) / 2.0 - 0.5, f64::from(sensor.height) / 2.0 - 0.5];
         let (cell_columns, cell_rows) = (size.0 / CELL, size.1 / CELL);
-        let bearings = bearings(camera, size);
-        let cells = cells(camera, (cell_columns, cell_rows));
+        let bearings = bearings(camera, size.0, size.1);
+        let cells = cells(camera, cell_columns, cell_rows);
         let parameters = camera.parameters();
         let parameter = |index: usize| parameters.get(index).copied().unwrap_or(1.0);
         let plane = ImagePlane {
@@ -219,12 +219,12 @@ fn position(index: usize) -> f64 {
 /// Nodes between which a bearing is interpolated, in each direction.
 const NODES: usize = 4;
 
-/// Unit vectors of all pixels of a table of `size`. One of sixteen is computed, the others are interpolated (error below a
+/// Unit vectors of all pixels of a table of `width` × `height`. One of sixteen is computed, the others are interpolated (error below a
 /// hundred-thousandth of a pixel); at the border of the model's domain all are computed.
-fn bearings(camera: &Camera<f64>, size: (usize, usize)) -> Vec<[f64; 3]> {
+fn bearings(camera: &Camera<f64>, width: usize, height: usize) -> Vec<[f64; 3]> {
     let exact = |x: f64, y: f64| camera.unproject(&Vector2::new(x, y)).map_or([f64::NAN; 3], Into::into);
     // From one before the first pixel to two beyond the last.
-    let (columns, rows) = (size.0 / CELL + NODES - 1, size.1 / CELL + NODES - 1);
+    let (columns, rows) = (width / CELL + NODES - 1, height / CELL + NODES - 1);
     let node = |index: usize| (CELL * index) as f64 - (CELL + MARGIN) as f64;
     let nodes: Vec<[f64; 3]> = (0..columns * rows)
         .into_par_iter()
@@ -246,9 +246,9 @@ fn bearings(camera: &Camera<f64>, size: (usize, usize)) -> Vec<[f64; 3]> {
             let found = between(column % CELL, std::array::from_fn(|index| line[column / CELL + index]));
             if found[0].is_nan() { exact(position(column), position(row)) } else { found }
         };
-        (0..size.0).map(pixel).collect::<Vec<_>>()
+        (0..width).map(pixel).collect::<Vec<_>>()
     };
-    (0..size.1).into_par_iter().flat_map_iter(of_row).collect()
+    (0..height).into_par_iter().flat_map_iter(of_row).collect()
 }
 
 /// Lagrange's weights of the values at −1, 0, 1 and 2 for the one at `t`, between 0 and 1.
@@ -258,7 +258,7 @@ fn cubic_weights(t: f64) -> [f64; NODES] {
 }
 
 /// The cells of a table of `columns` × `rows` cells.
-fn cells(camera: &Camera<f64>, (columns, rows): (usize, usize)) -> Vec<Cell> {
+fn cells(camera: &Camera<f64>, columns: usize, rows: usize) -> Vec<Cell> {
     let center = |column: usize, row: usize| {
         Vector2::new(position(CELL * column) + CELL_CENTER, position(CELL * row) + CELL_CENTER)
     };

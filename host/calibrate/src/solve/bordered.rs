@@ -61,7 +61,8 @@ pub struct Part {
 impl Part {
     /// What events say, weighed by `weight`; `free` are their global parameters, which begin at `offset` of the border.
     pub fn from_events(
-        (segment, t): (usize, f64),
+        segment: usize,
+        t: f64,
         equations: &StretchEquations,
         free: &[usize],
         offset: usize,
@@ -94,8 +95,10 @@ impl Part {
     /// What rows say whose products with each other are `product`: six columns for each of `order` control points, then
     /// `globals` border parameters, then the residual.
     pub fn from_product(
-        (segment, t): (usize, f64),
-        (first, order): (usize, usize),
+        segment: usize,
+        t: f64,
+        first: usize,
+        order: usize,
         globals: usize,
         product: &DMatrix<f64>,
         cost: f64,
@@ -153,8 +156,8 @@ pub fn event_parts(problem: &Problem, state: &State, offset: usize, weight: f64)
     let free = problem.free.places();
     let bearings = BearingTable::new(&state.camera, problem.sensor);
     let part = |(stretch, equations): &(Stretch, StretchEquations)| {
-        let place = (stretch.segment, stretch.start(&problem.segments));
-        (Part::from_events(place, equations, &free, offset, weight), equations.count)
+        let t = stretch.start(&problem.segments);
+        (Part::from_events(stretch.segment, t, equations, &free, offset, weight), equations.count)
     };
     // The equations of a stretch are large, and needed no longer than it takes to pick what is free.
     let of_group = |group: &[Stretch]| -> Vec<(Part, usize)> {
@@ -182,7 +185,8 @@ pub fn moved_by(state: &State, problem: &Problem, step: &Step, offset: usize) ->
 /// # Errors
 /// Those of `attempt`, and where the system determines no step.
 pub fn minimise<E, L, F: From<NotPositiveDefinite>>(
-    (mut estimate, mut now): (E, L),
+    mut estimate: E,
+    mut now: L,
     system: impl Fn(&L) -> &System,
     mut attempt: impl FnMut(usize, (&E, &L), &Step) -> Result<Option<(E, L)>, F>,
 ) -> Result<(E, L), F> {
@@ -322,7 +326,7 @@ impl System {
         for ((segment, trajectory), weights) in segments.filter(|((segment, _), _)| segment.order > 3) {
             let (gradient, _) = segment.gradient.as_mut_slice().as_chunks_mut();
             for (jerk, weights) in jerks(trajectory).iter().zip(weights) {
-                self.cost += add_jerk((jerk, *weights), segment.order, &mut segment.blocks, gradient);
+                self.cost += add_jerk(jerk, *weights, segment.order, &mut segment.blocks, gradient);
             }
         }
     }

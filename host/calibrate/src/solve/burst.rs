@@ -137,7 +137,7 @@ impl BurstTracker {
 
     /// The place of an earlier event of pixel (`x`, `y`), now that its burst has gone on. Of bursts with more than 16 others after them nothing
     /// is known any more; they count as long.
-    pub fn place(&self, (x, y): (u16, u16), beginning: BurstBeginning) -> BurstPlace {
+    pub fn place(&self, x: u16, y: u16, beginning: BurstBeginning) -> BurstPlace {
         let BurstBeginning { rank, burst } = beginning;
         let state = self.pixel(x, y).and_then(|pixel| self.pixels.get(pixel));
         let length = state.map_or_else(BurstLength::default, |state| match state.burst.wrapping_sub(burst) {
@@ -164,7 +164,7 @@ mod tests {
         let events = [(0, Off), (10, Off), (20, On), (30, On), (40, On), (50, On), (60, On), (2000, On), (2001, Off)];
         let beginnings = events.map(|(t, polarity)| tracker.push(&Event { t, x: 3, y: 2, polarity }).unwrap());
         assert_eq!(beginnings.map(|one| one.rank), [0, 1, 0, 1, 2, 3, 3, 0, 0]);
-        let lengths = beginnings.map(|one| tracker.place((3, 2), one).length);
+        let lengths = beginnings.map(|one| tracker.place(3, 2, one).length);
         let [short, long] = [OneOrTwo, FiveOrMore];
         assert_eq!(lengths, [short, short, long, long, long, long, long, short, short]);
         assert_eq!(tracker.push(&Event { t: 3000, x: 4, y: 0, polarity: On }), None);
@@ -197,9 +197,9 @@ mod tests {
             _ => FiveOrMore,
         };
         for (first, count) in firsts.iter().zip(counts).skip(1) {
-            assert_eq!(tracker.place((0, 0), *first), BurstPlace { rank: 0, length: length(count) }, "{count}");
+            assert_eq!(tracker.place(0, 0, *first), BurstPlace { rank: 0, length: length(count) }, "{count}");
         }
         // The first has seventeen after it.
-        assert_eq!(tracker.place((0, 0), firsts[0]).length, FiveOrMore);
+        assert_eq!(tracker.place(0, 0, firsts[0]).length, FiveOrMore);
     }
 }

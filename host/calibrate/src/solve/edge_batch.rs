@@ -174,7 +174,8 @@ impl<'a> EdgeBatch<'a> {
     #[inline(always)]
     pub fn find(
         &mut self,
-        (problem, shape): (&Problem, &BoardShape),
+        problem: &Problem,
+        shape: &BoardShape,
         bearings: &'a BearingTable,
         pose: &PoseBin,
         events: impl Iterator<Item = BatchEvent>,
@@ -193,8 +194,8 @@ impl<'a> EdgeBatch<'a> {
             self.take(lane, problem, bearings);
         }
         match &BoardGround::of_problem(problem, shape) {
-            BoardGround::Flat(surface) => self.find_on(surface, (problem, shape.radius), bearings.plane(), pose),
-            BoardGround::Shaped(surface) => self.find_on(surface, (problem, shape.radius), bearings.plane(), pose),
+            BoardGround::Flat(surface) => self.find_on(surface, problem, shape.radius, bearings.plane(), pose),
+            BoardGround::Shaped(surface) => self.find_on(surface, problem, shape.radius, bearings.plane(), pose),
         }
         for (lane, cell) in self.cells.iter_mut().take(self.count).enumerate() {
             let is_in_view = is_in_front(self.to_edge.depth[lane])
@@ -208,17 +209,19 @@ impl<'a> EdgeBatch<'a> {
     fn find_on<S: BoardSurface>(
         &mut self,
         surface: &S,
-        (problem, radius): (&Problem, f64),
+        problem: &Problem,
+        radius: f64,
         plane: &ImagePlane,
         pose: &PoseBin,
     ) {
         let lanes = self.count.next_multiple_of(GROUP);
         match problem.settings.residual {
-            ResidualMeasure::Pixel => steps_to_edge(&self.rays, surface, (pose, radius), lanes, &mut self.to_edge),
+            ResidualMeasure::Pixel => steps_to_edge(&self.rays, surface, pose, radius, lanes, &mut self.to_edge),
             ResidualMeasure::Plane => self.to_edge = StepsToEdge { depth: [1.0; LANES], pixels: [NOTHING; 2] },
         }
         let mean_scale = problem.residual_scale();
-        edges(&self.rays, surface, (pose, radius, plane, mean_scale), &self.to_edge, lanes, &mut self.edges);
+        let circle = CircleView { pose, radius, plane, mean_scale };
+        edges(&self.rays, surface, circle, &self.to_edge, lanes, &mut self.edges);
     }
 
     /// The edges that were found last.
@@ -262,7 +265,8 @@ impl<'a> EdgeBatch<'a> {
 fn steps_to_edge<S: BoardSurface>(
     rays: &Rays,
     surface: &S,
-    (pose, radius): (&PoseBin, f64),
+    pose: &PoseBin,
+    radius: f64,
     lanes: usize,
     found: &mut StepsToEdge,
 ) {
@@ -276,15 +280,26 @@ fn steps_to_edge<S: BoardSurface>(
     }
 }
 
+/// How circles are seen from one pose.
+#[derive(Clone, Copy)]
+struct CircleView<'a> {
+    pose: &'a PoseBin,
+    radius: f64,
+    plane: &'a ImagePlane,
+    /// The metres on the board for each pixel that all share, if they do.
+    mean_scale: Option<f64>,
+}
+
 #[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
 fn edges<S: BoardSurface>(
     rays: &Rays,
     surface: &S,
-    (pose, radius, plane, mean_scale): (&PoseBin, f64, &ImagePlane, Option<f64>),
+    circle: CircleView,
     to_edge: &StepsToEdge,
     lanes: usize,
     found: &mut Edges,
 ) {
+    let CircleView { pose, radius, plane, mean_scale } = circle;
     for lane in 0..lanes.min(LANES) {
         let step = [to_edge.pixels[0][lane], to_edge.pixels[1][lane]];
         let (ray, by_pixel) = rays.ray(surface, pose, lane, [-step[0], -step[1]]);

@@ -29,7 +29,8 @@ impl Eliminated {
     /// Of control points, `order` of which act together, with this `factor` of their matrix, this `border` and `gradient`; the
     /// parameters that are `free` of the global ones.
     pub fn new(
-        (factor, order): (BandedCholesky, usize),
+        factor: BandedCholesky,
+        order: usize,
         border: &[BorderBlock],
         gradient: &[[f64; POINT]],
         free: &[usize],

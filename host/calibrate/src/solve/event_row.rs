@@ -44,6 +44,18 @@ pub const fn row_bias(bias: Bias) -> usize {
 const _: () = assert!(ROW_INTRINSICS + MAX_PARAMETERS <= ROW_BOARD && ROW_BOARD + BOARD_PARAMETERS <= ROW_BIASES);
 const _: () = assert!(ROW_BIASES + Bias::COUNT <= ROW);
 
+/// An event and where it looks.
+pub struct EventRay<S: BoardSurface> {
+    /// Column and row.
+    pub pixel: [f64; 2],
+    /// Its time after the centre of the bin (s).
+    pub dt: f64,
+    /// Its ray.
+    pub ray: BoardRay<S>,
+    /// How its bearing changes with column and row.
+    pub by_pixel: [[f64; 3]; 2],
+}
+
 /// An event's distance from the projected edge.
 #[derive(Clone, Copy)]
 pub struct EventEdge {
@@ -56,21 +68,19 @@ pub struct EventEdge {
 }
 
 impl EventEdge {
-    /// The edge of the circle at `center` (metres) for the event at `pixel`, `dt` seconds after the
-    /// centre of the bin, whose ray is `ray` and whose bearing changes `by_pixel`; `None` when the edge is
-    /// not in view there.
+    /// The edge of the circle at `center` (metres) for an event; `None` when the edge is not in view there.
     pub fn of_event<S: BoardSurface>(
         bearings: &BearingTable,
         pose: &PoseBin,
-        (pixel, dt): ([f64; 2], f64),
-        (ray, by_pixel): (&BoardRay<S>, &[[f64; 3]; 2]),
+        event: &EventRay<S>,
         center: [f64; 2],
         radius: f64,
     ) -> Option<Self> {
+        let EventRay { pixel, dt, ray, by_pixel } = event;
         let step = step_to_edge(&ray.edge_distance(pose, by_pixel, center, radius));
         let at = [pixel[0] - step[0], pixel[1] - step[1]];
         let (bearing, by_pixel) = bearings.place(at[0], at[1])?.bearing();
-        let ray = BoardRay::new(ray.surface(), pose, dt, &bearing);
+        let ray = BoardRay::new(ray.surface(), pose, *dt, &bearing);
         let distance = ray.edge_distance(pose, &by_pixel, center, radius);
         let pixels = distance.beyond(step) / distance.scale;
         let passage = EdgePassage::new(pose, &distance, bearings.plane().corner_share(at), radius);
@@ -185,13 +195,14 @@ mod tests {
     fn residual(
         camera: &Camera<f64>,
         pose: &PoseBin,
-        (dt, pixel): (f64, [f64; 2]),
+        dt: f64,
+        pixel: [f64; 2],
         shape: &BoardShape,
     ) -> (f64, [f64; ROW]) {
         let problem = problem();
         let table = BearingTable::new(camera, problem.sensor);
         let mut batch = EdgeBatch::default();
-        batch.find((&problem, shape), &table, pose, std::iter::once(BatchEvent { pixel, dt, circle: 0 }));
+        batch.find(&problem, shape, &table, pose, std::iter::once(BatchEvent { pixel, dt, circle: 0 }));
         let mut bias = unknown(1.0)[0];
         bias.biases[Bias::Offset] = OFFSET;
         let mut rows = RowBatch::default();
@@ -212,16 +223,16 @@ mod tests {
         let bin = moving_at(rotation, translation);
         let rim = rim(&reference, &shape);
         let pixel = [rim.x + beside[0], rim.y + beside[1]];
-        let (_, row) = residual(&reference, &bin, (0.0, pixel), &shape);
+        let (_, row) = residual(&reference, &bin, 0.0, pixel, &shape);
         let difference = |plus: f64, minus: f64| (plus - minus) / (2.0 * STEP);
         for axis in 0..3 {
             let mut delta = Vector3::zeros();
             delta[axis] = STEP;
             let turned = |delta: Vector3<f64>| moving_at(rotation * Rotation3::new(delta), translation);
-            let at = |delta: Vector3<f64>| residual(&reference, &turned(delta), (0.0, pixel), &shape).0;
+            let at = |delta: Vector3<f64>| residual(&reference, &turned(delta), 0.0, pixel, &shape).0;
             assert_close(row[axis], difference(at(delta), at(-delta)), "rotation");
             let at = |delta: Vector3<f64>| {
-                residual(&reference, &moving_at(rotation, translation + delta), (0.0, pixel), &shape).0
+                residual(&reference, &moving_at(rotation, translation + delta), 0.0, pixel, &shape).0
             };
             assert_close(row[3 + axis], difference(at(delta), at(-delta)), "translation");
         }
@@ -229,17 +240,17 @@ mod tests {
             let at = |delta: f64| {
                 let mut moved = PARAMETERS;
                 moved[parameter] += delta;
-                residual(&camera(&moved), &bin, (0.0, pixel), &shape).0
+                residual(&camera(&moved), &bin, 0.0, pixel, &shape).0
             };
             // Wide enough for the table's single precision.
             let step = 1e3 * STEP;
             assert_close(row[ROW_INTRINSICS + parameter], (at(step) - at(-step)) / (2.0 * step), "intrinsics");
         }
         // A later latency means an earlier pose.
-        let at = |dt: f64| residual(&reference, &bin, (dt, pixel), &shape).0;
+        let at = |dt: f64| residual(&reference, &bin, dt, pixel, &shape).0;
         assert_close(row[row_bias(Bias::Latency)], difference(at(-STEP), at(STEP)), "latency");
         assert_close(row[row_bias(Bias::Offset)], -1.0, "offset");
-        assert_close(row[ROW_RESIDUAL], residual(&reference, &bin, (0.0, pixel), &shape).0, "residual");
+        assert_close(row[ROW_RESIDUAL], residual(&reference, &bin, 0.0, pixel, &shape).0, "residual");
         // The ratio in tenths: where its derivative is small by the place on the rim, what is left of second order is not.
         let units = [0.1, 1.0, 1.0, 1.0];
         let changes: [fn(&mut BoardShape, f64); BOARD_PARAMETERS] = [
@@ -252,7 +263,7 @@ mod tests {
             let at = |step: f64| {
                 let mut shape = shape;
                 change(&mut shape, step);
-                residual(&reference, &bin, (0.0, pixel), &shape).0
+                residual(&reference, &bin, 0.0, pixel, &shape).0
             };
             let analytic = units[parameter] * row[ROW_BOARD + parameter];
             assert_close(analytic, difference(at(STEP), at(-STEP)), "board");
@@ -286,13 +297,13 @@ mod tests {
         let dt = |index: u32| f64::from(index) * 1e-5;
         let events = (0..27).map(|index| BatchEvent { pixel: pixel(index), dt: dt(index), circle: 0 });
         let mut batch = EdgeBatch::default();
-        batch.find((&problem, &FLAT), &table, &bin, events);
+        batch.find(&problem, &FLAT, &table, &bin, events);
         for index in 0..27 {
             let [x, y] = pixel(index);
             let (bearing, by_pixel) = table.place(x, y).unwrap().bearing();
             let ray = BoardRay::new(&surface, &bin, dt(index), &bearing);
-            let at = ([x, y], dt(index));
-            let edge = EventEdge::of_event(&table, &bin, at, (&ray, &by_pixel), CENTER, RADIUS).unwrap();
+            let event = EventRay { pixel: [x, y], dt: dt(index), ray, by_pixel };
+            let edge = EventEdge::of_event(&table, &bin, &event, CENTER, RADIUS).unwrap();
             let lane = index as usize;
             assert!(batch.cells()[lane].is_some());
             let (edges, passage) = (batch.edges(), batch.edges().passage(lane));
@@ -333,7 +344,7 @@ mod tests {
         let (bin, reference) = (moving_at(rotation, translation), camera(&PARAMETERS));
         let nearly = BoardShape { print_ratio: 1.0 + 1e-13, ..FLAT };
         let rim = rim(&reference, &FLAT);
-        let [flat, shaped] = [FLAT, nearly].map(|shape| residual(&reference, &bin, (1e-4, [rim.x, rim.y]), &shape));
+        let [flat, shaped] = [FLAT, nearly].map(|shape| residual(&reference, &bin, 1e-4, [rim.x, rim.y], &shape));
         for (flat, shaped) in flat.1.into_iter().zip(shaped.1) {
             assert!((flat - shaped).abs() < 1e-6 * (1.0 + flat.abs()), "{flat} {shaped}");
         }

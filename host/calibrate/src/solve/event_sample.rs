@@ -106,7 +106,7 @@ impl Thinning {
     fn ranked(&self, event: &Waiting) -> RankedEvent {
         let Waiting { x, y, polarity, beginning, .. } = *event;
         let t = event.t(self.latest);
-        RankedEvent { t, x, y, polarity, place: self.bursts.place((x, y), beginning) }
+        RankedEvent { t, x, y, polarity, place: self.bursts.place(x, y, beginning) }
     }
 
     /// The recording is over: `keep` gets the events that still wait.

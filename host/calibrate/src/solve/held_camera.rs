@@ -36,7 +36,7 @@ pub fn follow<E: Send>(
 ) -> Result<Followed, RefinementError<E>> {
     let bearings = BearingTable::new(&state.camera, input.sensor);
     let associated = |state: &State| {
-        let (segments, association) = associate_all(input, state, &bearings, settings, (true, 1.0), &mut |_| {})?;
+        let (segments, association) = associate_all(input, state, &bearings, settings, true, 1.0, &mut |_| {})?;
         let mut problem = problem(input, settings, segments, state);
         problem.mean_scale = solved.mean_scale;
         leave_out(&mut problem, state, input.left_out);

@@ -208,7 +208,7 @@ fn reduced(
                     let column = other.first + column;
                     let weight = row_weight * weight;
                     if weight != 0.0 {
-                        add_block(&mut matrix, (row, column), weight, block, back == 0);
+                        add_block(&mut matrix, row, column, weight, block, back == 0);
                     }
                 }
             }
@@ -221,7 +221,8 @@ fn reduced(
 /// (column, row) of the blocks of `matrix`, of which only the lower triangle is kept.
 fn add_block(
     matrix: &mut BandedCholesky,
-    (row, column): (usize, usize),
+    row: usize,
+    column: usize,
     weight: f64,
     block: &super::control_band::Block,
     symmetric: bool,

@@ -14,7 +14,8 @@ use evcal_geometry::board::shape::{BoardShape, CircleArea, Surface};
 /// project it. `center` is its place on the print of a board of this `shape` with circles in `area`.
 pub fn point_rows(
     camera: &Camera<f64>,
-    (area, shape): (&CircleArea, &BoardShape),
+    area: &CircleArea,
+    shape: &BoardShape,
     pose: &PoseBin,
     center: [f64; 2],
     pixel: Vector2<f64>,

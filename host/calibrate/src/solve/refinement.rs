@@ -148,10 +148,10 @@ pub struct Refined {
 #[derive(Debug, thiserror::Error)]
 pub enum RefinementError<E> {
     /// A recording could not be read again.
-    #[error(transparent)]
-    Read(E),
+    #[error("{0}")]
+    Read(#[source] E),
     /// The joint solve failed.
-    #[error(transparent)]
+    #[error("{0}")]
     Solve(#[from] SolveError),
 }
 
@@ -195,7 +195,7 @@ pub fn refine<E: Send>(
         // An answer that it should end is heard at once after it.
         let mut associating = |done| _ = tell(ASSOCIATED * done);
         let (segments, association) =
-            associate_all(input, &state, &bearings, settings, (!first, share), &mut associating)?;
+            associate_all(input, &state, &bearings, settings, !first, share, &mut associating)?;
         tell(ASSOCIATED).map_err(RefinementError::Read)?;
         kept_share = (association.kept as f64 / (association.events.max(1) as f64 * share)).clamp(1e-3, 1.0);
         let mut problem = problem(input, settings, segments, &state);
@@ -262,7 +262,8 @@ pub(super) fn associate_all<E: Send>(
     state: &State,
     bearings: &BearingTable,
     settings: StageSettings,
-    (sigma_known, share): (bool, f64),
+    sigma_known: bool,
+    share: f64,
     tell: &mut dyn FnMut(f64),
 ) -> Result<(Vec<SegmentObservations>, AssociationReport), RefinementError<E>> {
     let mut segments = vec![SegmentObservations::default(); state.trajectories.len()];

@@ -95,7 +95,7 @@ impl RowBatch {
     /// Weighs the first `count` lanes of `edges`. `mean_scale` is the unit of the residual where that is not the pixel.
     pub fn weigh(&mut self, edges: &Edges, huber: f64, mean_scale: Option<f64>, count: usize) {
         (self.step, self.filled) = (0, 0);
-        weigh(&self.expected, edges, (huber, mean_scale), count.next_multiple_of(GROUP), &mut self.weighed);
+        weigh(&self.expected, edges, huber, mean_scale, count.next_multiple_of(GROUP), &mut self.weighed);
     }
 
     /// Adds the rows of the events that have a cell; the `classes` are those of all events. How many there are and the sum of
@@ -154,13 +154,7 @@ fn collect(batch: &mut RowBatch, cells: &[Option<&Cell>]) -> (usize, f64) {
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
-fn weigh(
-    expected: &Expected,
-    edges: &Edges,
-    (bound, mean_scale): (f64, Option<f64>),
-    count: usize,
-    weighed: &mut Weighed,
-) {
+fn weigh(expected: &Expected, edges: &Edges, bound: f64, mean_scale: Option<f64>, count: usize, weighed: &mut Weighed) {
     for lane in 0..count.min(LANES) {
         let passage = edges.passage(lane);
         let biases = Biases::from_array(std::array::from_fn(|bias| expected.biases[bias][lane]));

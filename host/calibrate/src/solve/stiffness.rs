@@ -96,11 +96,13 @@ impl Estimate {
 /// Adds a jerk with the weights of rotation and centre to the normal equations of a segment, of whose control points `order` act
 /// together: `blocks` of a control point with itself and those before it, and `gradient`. What it adds to the cost.
 pub fn add_jerk(
-    (jerk, [rotation, translation]): (&Jerk, [f64; 2]),
+    jerk: &Jerk,
+    weights: [f64; 2],
     order: usize,
     blocks: &mut [Block],
     gradient: &mut [[f64; CONTROL_POINT]],
 ) -> f64 {
+    let [rotation, translation] = weights;
     let square = |from: usize| jerk.value.iter().skip(from).take(3).map(|value| value * value).sum::<f64>();
     let cost = 0.5 * (rotation * square(0) + translation * square(3));
     let [x, y, z, moving @ ..] = jerk.value;

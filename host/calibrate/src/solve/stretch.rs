@@ -85,13 +85,13 @@ pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stre
     for bin in bins {
         let Some(pose) = PoseBin::new(trajectory, bin.t) else { continue };
         let events = observations.events.get(bin.first..bin.end).unwrap_or_default();
-        sums.add_events((problem, state, bearings), &pose, events);
+        sums.add_events(problem, state, bearings, &pose, events);
         equations.add_bin(&pose, &mut sums.products);
     }
 
     for point in points {
         let Some(pose) = PoseBin::new(trajectory, point.t) else { continue };
-        sums.add_point((problem, state), &pose, point);
+        sums.add_point(problem, state, &pose, point);
         equations.add_bin(&pose, &mut sums.products);
     }
     equations.add_globals(&sums.products);
@@ -117,12 +117,14 @@ impl<'a> BinSums<'a> {
     #[inline(always)]
     pub fn add_events(
         &mut self,
-        (problem, state, bearings): (&Problem, &State, &'a BearingTable),
+        problem: &Problem,
+        state: &State,
+        bearings: &'a BearingTable,
         pose: &PoseBin,
         events: &[EventObservation],
     ) {
         for part in events.chunks(LANES) {
-            find_edges(problem, state, bearings, (pose, part), &mut self.batch);
+            find_edges(problem, state, bearings, pose, part, &mut self.batch);
             for (lane, event) in part.iter().enumerate() {
                 let bias = &state.bias[class_of(event)];
                 let range = usize::from(event.speed_range).min(SPEED_RANGE_COUNT - 1);
@@ -139,11 +141,11 @@ impl<'a> BinSums<'a> {
     }
 
     /// Adds a circle centre that was seen from this `pose`, where the model can project it.
-    pub fn add_point(&mut self, (problem, state): (&Problem, &State), pose: &PoseBin, point: &PointObservation) {
+    pub fn add_point(&mut self, problem: &Problem, state: &State, pose: &PoseBin, point: &PointObservation) {
         let inverse_sigma = 1.0 / problem.point_sigma;
         let Some(&center) = problem.circle_centers.get(point.circle) else { return };
-        let board = (&problem.area, &state.board);
-        let Some(rows) = point_rows(&state.camera, board, pose, center, point.pixel) else { return };
+        let rows = point_rows(&state.camera, &problem.area, &state.board, pose, center, point.pixel);
+        let Some(rows) = rows else { return };
         let error = rows[0][ROW_RESIDUAL].hypot(rows[1][ROW_RESIDUAL]) * inverse_sigma;
         let (cost, root_weight) = huber(error, problem.settings.huber);
         let mut weighed = [[0.0; ROW]; STEP];
@@ -167,7 +169,8 @@ fn find_edges<'a>(
     problem: &Problem,
     state: &State,
     bearings: &'a BearingTable,
-    (pose, events): (&PoseBin, &[EventObservation]),
+    pose: &PoseBin,
+    events: &[EventObservation],
     batch: &mut EdgeBatch<'a>,
 ) {
     let batched = events.iter().map(|event| {
@@ -176,7 +179,7 @@ fn find_edges<'a>(
         let pixel = [f64::from(event.x), f64::from(event.y)];
         BatchEvent { pixel, dt: f64::from(event.dt) + later, circle: event.circle }
     });
-    batch.find((problem, &state.board), bearings, pose, batched);
+    batch.find(problem, &state.board, bearings, pose, batched);
 }
 
 /// The residual of one event.
@@ -225,7 +228,7 @@ pub fn residuals_and_scale(
         for bin in observations.bins.get(stretch.bins.clone()).unwrap_or_default() {
             let Some(pose) = PoseBin::new(trajectory, bin.t) else { continue };
             for part in observations.events.get(bin.first..bin.end).unwrap_or_default().chunks(LANES) {
-                find_edges(problem, state, bearings, (&pose, part), &mut batch);
+                find_edges(problem, state, bearings, &pose, part, &mut batch);
                 let edges = batch.edges();
                 let in_view = part.iter().zip(batch.cells()).enumerate().filter(|(_, (_, cell))| cell.is_some());
                 for (lane, (event, _)) in in_view {
@@ -279,7 +282,7 @@ pub fn point_residuals(problem: &Problem, state: &State) -> Vec<PointResidual> {
     let residual = |trajectory, point: &PointObservation| {
         let pose = PoseBin::new(trajectory, point.t)?;
         let &center = problem.circle_centers.get(point.circle)?;
-        let rows = point_rows(&state.camera, (&problem.area, &state.board), &pose, center, point.pixel)?;
+        let rows = point_rows(&state.camera, &problem.area, &state.board, &pose, center, point.pixel)?;
         let residual = -Vector2::new(rows[0][ROW_RESIDUAL], rows[1][ROW_RESIDUAL]);
         Some(PointResidual { t: point.t, pixel: point.pixel, residual })
     };

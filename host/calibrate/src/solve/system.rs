@@ -181,7 +181,7 @@ impl System {
     pub fn add_jerks(&mut self, segment: usize, jerks: &[Jerk], weights: &[[f64; 2]]) {
         let Some(segment) = self.segments.get_mut(segment).filter(|segment| segment.order > 3) else { return };
         for (jerk, weights) in jerks.iter().zip(weights) {
-            self.cost += add_jerk((jerk, *weights), segment.order, &mut segment.blocks, &mut segment.gradient);
+            self.cost += add_jerk(jerk, *weights, segment.order, &mut segment.blocks, &mut segment.gradient);
         }
     }
 
@@ -198,7 +198,7 @@ impl System {
             globals[global] = *value;
         }
         let segments: Vec<Vec<f64>> = eliminated.iter().map(|part| part.back_substitute(&reduced)).collect();
-        let predicted = predicted_decrease((&gradients, &corner_gradient), &segments, &globals);
+        let predicted = predicted_decrease(&gradients, &corner_gradient, &segments, &globals);
         Ok(Step { segments, globals, predicted })
     }
 
@@ -207,7 +207,7 @@ impl System {
         let free = places(free);
         let segments = self.segments.par_iter().map(|segment| segment.eliminated(damping, &free));
         let segments = segments.collect::<Result<_, NotPositiveDefinite>>()?;
-        Ok(Reduced::new(free, segments, (&self.corner, &self.corner_gradient), damping))
+        Ok(Reduced::new(free, segments, &self.corner, &self.corner_gradient, damping))
     }
 
     /// The same where the system is of no use afterwards: each of its segments goes as soon as it is eliminated.
@@ -215,14 +215,15 @@ impl System {
         let free = places(free);
         let segments = self.segments.into_par_iter().map(|segment| segment.eliminated(damping, &free));
         let segments = segments.collect::<Result<_, NotPositiveDefinite>>()?;
-        Ok(Reduced::new(free, segments, (&self.corner, &self.corner_gradient), damping))
+        Ok(Reduced::new(free, segments, &self.corner, &self.corner_gradient, damping))
     }
 }
 
 /// −gᵀδ − ½ δᵀHδ, using Hδ = −g − damping·Dδ: for small damping half of −gᵀδ. Gradients of the control points of each segment and of
 /// the global parameters.
 fn predicted_decrease(
-    (gradients, corner_gradient): (&[Vec<[f64; 6]>], &DVector<f64>),
+    gradients: &[Vec<[f64; 6]>],
+    corner_gradient: &DVector<f64>,
     segments: &[Vec<f64>],
     globals: &[f64],
 ) -> f64 {
@@ -247,7 +248,8 @@ impl Reduced {
     fn new(
         free: Vec<usize>,
         segments: Vec<Eliminated>,
-        (corner, gradient): (&DMatrix<f64>, &DVector<f64>),
+        corner: &DMatrix<f64>,
+        gradient: &DVector<f64>,
         damping: f64,
     ) -> Self {
         let mut schur = DMatrix::from_fn(free.len(), free.len(), |row, column| {
@@ -360,6 +362,6 @@ impl SegmentSystem {
     /// Its control points eliminated, damped by `damping`, from the global parameters that are `free`.
     fn eliminated(&self, damping: f64, free: &[usize]) -> Result<Eliminated, NotPositiveDefinite> {
         let factor = factored(&self.blocks, self.order, damping, self.scale)?;
-        Ok(Eliminated::new((factor, self.order), &self.border, &self.gradient, free))
+        Ok(Eliminated::new(factor, self.order, &self.border, &self.gradient, free))
     }
 }

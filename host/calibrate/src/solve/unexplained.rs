@@ -52,7 +52,7 @@ pub fn unexplained(
         .map(|(segment, (observations, trajectory))| {
             let place = |segment: usize| residuals.partition_point(|event| (event.segment as usize) < segment);
             let residuals = residuals.get(place(segment)..place(segment + 1)).unwrap_or_default();
-            unexplained_cells(state, trajectory, (observations, residuals), settings)
+            unexplained_cells(state, trajectory, observations, residuals, settings)
         })
         .collect();
     let mut found: Vec<(LeftOut, usize)> = Vec::new();
@@ -73,7 +73,8 @@ pub fn unexplained(
 fn unexplained_cells(
     state: &State,
     trajectory: &Trajectory,
-    (observations, residuals): (&SegmentObservations, &[EventResidual]),
+    observations: &SegmentObservations,
+    residuals: &[EventResidual],
     settings: &UnexplainedSettings,
 ) -> Vec<LeftOut> {
     let cells = ((trajectory.end() - trajectory.start()) / settings.cell).ceil().max(0.0) as usize;

@@ -66,13 +66,24 @@ pub enum FirstTrajectoryError {
     Trajectory(TrajectoryError),
 }
 
+/// All thresholds of [`first_trajectories`].
+#[derive(Clone, Copy)]
+pub struct FirstTrajectorySettings<'a> {
+    /// Segments.
+    pub segment: &'a SegmentSettings,
+    /// Splines.
+    pub spline: &'a SplineSettings,
+    /// Their knots.
+    pub knots: &'a KnotSettings,
+}
+
 /// Cuts `frames`, those with a pose in `initial`, into segments and fits a spline to each.
 pub fn first_trajectories(
     initial: &InitialModel,
     frames: &[ReferenceFrame],
-    segment_settings: &SegmentSettings,
-    (spline, knots): (&SplineSettings, &KnotSettings),
+    settings: FirstTrajectorySettings,
 ) -> Result<FirstTrajectories, FirstTrajectoryError> {
+    let FirstTrajectorySettings { segment: segment_settings, spline, knots } = settings;
     let posed = || initial.frames.iter().filter_map(|posed| frames.get(posed.frame));
     let from_circles = || posed().filter(|frame| !frame.is_from_events());
     // A segment covers all of its frames.

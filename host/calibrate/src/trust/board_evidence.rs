@@ -11,6 +11,7 @@ use evcal_core::settings::at_least;
 use serde::{Deserialize, Serialize};
 
 use crate::solve::event_bias::bias::Bias;
+use crate::solve::refinement::Refined;
 use crate::solve::system::Contribution;
 use crate::solve::{BOARD_INDEX, FreeParameters, Problem, State};
 use evcal_geometry::board::Board;
@@ -88,15 +89,15 @@ pub struct BoardEstimate {
 }
 
 impl BoardEstimate {
-    /// The board of `state`, which solves `problem`, with its `sigma` and with the `evidence` there; `camera_as_stated` came out
+    /// The board of `refined` with its `sigma` and with the `evidence` there; `camera_as_stated` came out
     /// before.
     pub fn new(
-        (problem, state): (&Problem, &State),
+        refined: &Refined,
         sigma: [f64; PARAMETERS],
         evidence: Option<BoardEvidence>,
         camera_as_stated: Option<Camera<f64>>,
     ) -> Self {
-        Self { shape: state.board, estimated: problem.free.board, sigma, evidence, camera_as_stated }
+        Self { shape: refined.state.board, estimated: refined.problem.free.board, sigma, evidence, camera_as_stated }
     }
 }
 
@@ -107,7 +108,8 @@ impl BoardEvidence {
         state: &State,
         step: &[f64],
         testable: [bool; PARAMETERS],
-        (variances, radius_error): (impl Iterator<Item = f64>, f64),
+        variances: impl Iterator<Item = f64>,
+        radius_error: f64,
     ) -> Self {
         let steps = step.iter().skip(BOARD_INDEX);
         let mut values = state.board.parameters();

@@ -90,7 +90,8 @@ fn cautious_rms(difference: &ProjectionDifference) -> f64 {
 pub fn lens_explains_more(
     problem: &Problem,
     state: &State,
-    (shape, asked): (BoardShape, [bool; BOARD_PARAMETERS]),
+    shape: BoardShape,
+    asked: [bool; BOARD_PARAMETERS],
     inflation: f64,
 ) -> bool {
     let step = thinning(problem);

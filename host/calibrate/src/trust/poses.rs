@@ -57,7 +57,8 @@ pub fn determined<'a>(poses: &'a [UncertainPose], settings: &'a PoseSettings) ->
 /// stretches that are left out.
 pub fn sampled_poses(
     state: &State,
-    (covariance, left_out): (&PoseCovariance, &[LeftOut]),
+    covariance: &PoseCovariance,
+    left_out: &[LeftOut],
     recording: usize,
     settings: &PoseSettings,
 ) -> Vec<UncertainPose> {

@@ -205,9 +205,9 @@ pub fn uncertainty(
     let time = Time { starts: &times, total };
     let of_free = |one: Contribution| one.of(&places);
     let (stated, inflation, blocks) =
-        stated(&formal, (&contributions_with_board, &of_free), time, first_count(&free), settings);
+        stated(&formal, &contributions_with_board, &of_free, time, first_count(&free), settings);
     let board = formal_with_board.zip(step_with_board).map(|(formal, step)| {
-        board_evidence(problem, state, (&formal, &step), &contributions_with_board, time, settings)
+        board_evidence(problem, state, &formal, &step, &contributions_with_board, time, settings)
     });
     drop(contributions_with_board);
 
@@ -278,7 +278,8 @@ fn first_count(free: &[bool; GLOBAL_COUNT]) -> usize {
 /// number of blocks behind it; `formal` is the inverse of the whole information, `contributions` what stretches of observations say.
 pub fn stated(
     formal: &DMatrix<f64>,
-    (contributions, part): (&[PackedContribution], &dyn Fn(Contribution) -> Contribution),
+    contributions: &[PackedContribution],
+    part: &dyn Fn(Contribution) -> Contribution,
     time: Time,
     first: usize,
     settings: &UncertaintySettings,
@@ -300,7 +301,8 @@ pub fn stated(
 fn board_evidence(
     problem: &Problem,
     state: &State,
-    (formal, step): (&DMatrix<f64>, &[f64]),
+    formal: &DMatrix<f64>,
+    step: &[f64],
     contributions: &[PackedContribution],
     time: Time,
     settings: &UncertaintySettings,
@@ -309,11 +311,11 @@ fn board_evidence(
     let free = parameters.mask();
     let there = |one: Contribution| after(step, one, &free);
     let first = first_count(&free);
-    let (stated, ..) = self::stated(formal, (contributions, &there), time, first, settings);
+    let (stated, ..) = self::stated(formal, contributions, &there, time, first, settings);
     let board = parameters.board.iter().filter(|&&free| free).count();
     let variances: Vec<f64> = stated.diagonal().iter().skip(first - board).copied().collect();
     let radius_error = settings.systematic_radius * problem.mean_scale;
-    BoardEvidence::new(state, step, parameters.board, (variances.into_iter(), radius_error))
+    BoardEvidence::new(state, step, parameters.board, variances.into_iter(), radius_error)
 }
 
 /// What the model of events gets wrong, as a share of the `formal` covariance of the intrinsics; `model_error` is what it moves the

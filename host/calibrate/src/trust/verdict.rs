@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use self::findings::findings_on;
 pub use self::settings::VerdictSettings;
+use crate::advice::{Advice, Wording};
 use crate::trust::{EventTrust, Trust};
 use evcal_geometry::board::Board;
 use evcal_geometry::lens::axial_focal::axial_focal_gradients;
@@ -115,9 +116,9 @@ pub enum Cause {
     OtherCamera,
 }
 
-/// Something that speaks for caution.
+/// Something that speaks for caution. Its advice is data, or a `String` in the words of a program.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Finding {
+pub struct Finding<A = Advice> {
     /// What it is about.
     pub cause: Cause,
     /// How much it matters.
@@ -125,21 +126,34 @@ pub struct Finding {
     /// What is the case, as the end of a sentence.
     pub reason: String,
     /// What to do.
-    pub advice: String,
+    pub advice: A,
 }
 
 /// The verdict.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Verdict {
+pub struct Verdict<A = Advice> {
     /// How good.
     pub grade: Grade,
     /// In one sentence.
     pub sentence: String,
     /// The reasons, gravest first; among those that weigh the same, causes before what follows from them.
-    pub findings: Vec<Finding>,
+    pub findings: Vec<Finding<A>>,
 }
 
-impl fmt::Display for Verdict {
+impl Verdict {
+    /// The same with its advice in the words of a program.
+    pub fn worded(&self, wording: Wording) -> Verdict<String> {
+        let findings = self.findings.iter().map(|finding| Finding {
+            cause: finding.cause,
+            severity: finding.severity,
+            reason: finding.reason.clone(),
+            advice: wording(&finding.advice),
+        });
+        Verdict { grade: self.grade, sentence: self.sentence.clone(), findings: findings.collect() }
+    }
+}
+
+impl<A: fmt::Display> fmt::Display for Verdict<A> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.sentence)?;
         for finding in &self.findings {
@@ -221,7 +235,7 @@ mod tests {
     use super::*;
 
     fn finding(cause: Cause, severity: Severity, reason: &str) -> Finding {
-        Finding { cause, severity, reason: reason.to_owned(), advice: String::new() }
+        Finding { cause, severity, reason: reason.to_owned(), advice: "".into() }
     }
 
     #[test]

@@ -118,13 +118,13 @@ pub struct FailedWitness {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NoWitness {
     /// They give no camera.
-    #[error(transparent)]
-    NoCalibration(PictureFailure),
+    #[error("{0}")]
+    NoCalibration(#[source] PictureFailure),
     /// Their camera sees another part of the sensor than that of the events.
-    #[error(transparent)]
+    #[error("{0}")]
     NoCommonView(#[from] NoCommonView),
     /// A camera sees next to nothing of the sensor.
-    #[error(transparent)]
+    #[error("{0}")]
     NoView(#[from] NoView),
 }
 
@@ -168,7 +168,7 @@ impl WitnessOutcome {
             advice:
                 "both look through the same lens: is it in focus, is the board flat, was it seen all over the image, \
                      did lens or board change while recording?"
-                    .to_owned(),
+                    .into(),
         })
     }
 }

@@ -21,7 +21,7 @@ pub enum PictureError {
         error: ImageFileError,
     },
     /// It cannot be written.
-    #[error(transparent)]
+    #[error("{0}")]
     Write(#[from] FileError),
     /// Two pictures would have the same name in the folder.
     #[error("two of the pictures would become {}: give one of them another name", .0.display())]

@@ -17,7 +17,7 @@ use event_recordings::convert::{
     Change, ConversionProgress, ConversionReport, ConvertError, TimeOrigin, convert_changed,
 };
 use event_recordings::encode::OutputFormat;
-use event_recordings::extras::{Extra, NoExtras, left_out, open_extras};
+use event_recordings::extras::{Extra, NoExtras, left_out};
 use event_recordings::{EventReader, Recording, RecordingError, RecordingOptions};
 
 /// The camera of undistorted frames or pictures, in their folder.
@@ -80,7 +80,7 @@ fn camera_text(camera: &Camera<f64>, sensor: Sensor) -> serde_json::Result<Strin
 }
 
 /// What became of a recording.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Debug, Default, Serialize)]
 pub struct UndistortionReport {
     /// Events that were beyond the new image and are left out.
     pub events_outside: u64,
@@ -94,13 +94,13 @@ pub struct UndistortionReport {
 #[non_exhaustive]
 pub enum UndistortError {
     /// The recording cannot be read, or the output not be written.
-    #[error(transparent)]
+    #[error("{0}")]
     Convert(#[from] ConvertError),
     /// The recording cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Recording(#[from] RecordingError),
     /// A frame cannot be written.
-    #[error(transparent)]
+    #[error("{0}")]
     Picture(#[from] PictureError),
     /// It is of another sensor.
     #[error("{file} is of a sensor with {found} pixels, the calibration of one with {calibrated}")]
@@ -113,7 +113,7 @@ pub enum UndistortError {
         calibrated: Sensor,
     },
     /// A file or the folder of the frames cannot be written.
-    #[error(transparent)]
+    #[error("{0}")]
     File(#[from] FileError),
 }
 
@@ -185,7 +185,7 @@ pub fn undistort_sub_pixel(
             Ok(true) => {}
             Ok(false) => break,
             Err(error) => {
-                report.conversion.error = Some(error.to_string());
+                report.conversion.error = Some(error.into());
                 break;
             }
         }
@@ -230,7 +230,7 @@ pub struct WrittenFrames {
 pub fn undistort_frames(recording: &Recording, folder: &Path, maps: &Maps) -> Result<WrittenFrames, UndistortError> {
     check_sensor(recording, &recording.open()?, maps)?;
     fs::create_dir_all(folder).map_err(|error| FileError::new(folder, error))?;
-    let mut extras = open_extras(recording)?;
+    let mut extras = recording.open_extras()?;
     let (mut lost, mut count) = (Vec::new(), 0_u64);
     while let Some(extra) = extras.next_until(i64::MAX, &mut lost) {
         let Extra::Frame(mut frame) = extra else { continue };

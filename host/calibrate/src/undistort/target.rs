@@ -24,7 +24,7 @@ pub enum TargetProjection {
 pub enum TargetError {
     /// The rim of the sensor is outside of what the projection holds.
     #[error(
-        "the view at the edge of the sensor is too wide for this projection: leave out --alpha, or use --model equidistant"
+        "the view at the edge of the sensor is too wide for this projection: keep the camera matrix, or take the projection equidistant"
     )]
     RimUnseen,
     /// The calibrated camera is none that can be inverted.

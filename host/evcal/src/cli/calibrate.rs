@@ -7,6 +7,7 @@ use std::error::Error;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
+use super::advice::with_advice;
 use super::settings::read_settings;
 use evcal_calibrate::calibrate::board_choice::choose_board;
 use evcal_calibrate::calibrate::inertia::InertialRequest;
@@ -262,7 +263,7 @@ impl CalibrationArguments {
             ModelRequest::Given(model) => Some(model),
             ModelRequest::Auto => None,
         };
-        ParameterRequests::new(model, &self.fix, &self.free).map_err(|error| UsageError(error.to_string()))
+        ParameterRequests::new(model, &self.fix, &self.free).map_err(|error| UsageError(with_advice(&error)))
     }
 
     /// The inertial unit that is asked for.
@@ -287,7 +288,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         // Its calibration was printed.
         Err(error) if arguments.calibration.json && !error.is::<NotGoodEnough>() => match error.downcast_ref() {
             Some(Failed { failure, .. }) => print::json(failure)?,
-            None => print::json(&serde_json::json!({ "error": error.to_string() }))?,
+            None => print::json(&serde_json::json!({ "error": with_advice(&**error) }))?,
         },
         _ => {}
     }

@@ -3,10 +3,12 @@
 use std::path::PathBuf;
 
 use evcal_calibrate::calibrate::input::open_events;
-use evcal_calibrate::check::check;
+use evcal_calibrate::check::{Checked, check};
 use evcal_calibrate::settings::Settings;
 use evcal_geometry::board::request::BoardRequest;
+use serde::Serialize;
 
+use super::advice::calibrate::worded;
 use super::calibrate::board_in;
 use super::print;
 use super::progress::{Waiting, short_name};
@@ -27,6 +29,14 @@ pub struct Arguments {
     json: bool,
 }
 
+/// What was seen, and what to do next.
+#[derive(Serialize)]
+struct WithNext {
+    #[serde(flatten)]
+    checked: Checked,
+    next: String,
+}
+
 /// Runs `evcal check`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let recording = open_events(&arguments.recording, arguments.source.options())?;
@@ -43,5 +53,9 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     };
     let checked = check(&recording, board.as_ref(), &settings)?;
     waiting.finish();
-    if arguments.json { print::json(&checked) } else { print::line(checked) }
+    let next = worded(&checked.next);
+    match arguments.json {
+        true => print::json(&WithNext { checked, next }),
+        false => print::line(format!("{checked}\nnext: {next}")),
+    }
 }

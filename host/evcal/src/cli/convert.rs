@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use evcal_calibrate::calibrate::input::open_events;
-use event_recordings::convert::{TimeOrigin, convert, output_of};
+use event_recordings::convert::{ConvertError, TimeOrigin, convert, output_of};
 use event_recordings::encode::OutputFormat;
 
 use super::output_arguments::OutputArguments;
@@ -35,6 +35,15 @@ pub struct Arguments {
     json: bool,
 }
 
+/// Reading stopped before the end of the recording.
+#[derive(Debug, thiserror::Error)]
+#[error("{error}\nwhat came before is in {}", output.display())]
+pub(super) struct BrokenOff {
+    #[source]
+    pub error: ConvertError,
+    pub output: PathBuf,
+}
+
 /// Runs `evcal convert`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let (input, output) = (&arguments.input, &arguments.output);
@@ -57,7 +66,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         (false, false) => print::aside(format!("{}: {report}", output.display())),
     }
     match report.error {
-        Some(error) => Err(format!("{error}\nwhat came before is in {}", output.display()).into()),
+        Some(error) => Err(BrokenOff { error, output: output.clone() }.into()),
         None => Ok(()),
     }
 }

@@ -13,6 +13,7 @@ use evcal_geometry::lens::projection_difference::ProjectionDifference;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 
+use super::advice::with_advice;
 use super::{UsageError, print, value};
 
 mod motion_capture;
@@ -69,7 +70,7 @@ pub fn run(arguments: Arguments) -> super::Outcome {
         time_shift: arguments.time_shift,
     };
     let comparison = match compare(&files) {
-        Err(error @ CompareError::NoTrajectory { .. }) => return Err(UsageError(error.to_string()).into()),
+        Err(error @ CompareError::NoTrajectory { .. }) => return Err(UsageError(with_advice(&error)).into()),
         comparison => comparison?,
     };
     let Comparison { calibration, truth, intrinsics, projection, board, trajectory } = &comparison;

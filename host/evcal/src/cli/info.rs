@@ -2,10 +2,13 @@
 
 use std::path::PathBuf;
 
+use evcal_calibrate::advice::Advice;
 use evcal_calibrate::calibrate::input::open_events;
 use evcal_calibrate::check::units::unusual_unit;
 use evcal_calibrate::diagnosis::information;
 
+use super::advice::calibrate::worded;
+use super::advice::with_advice;
 use super::print;
 use super::source_arguments::SourceArguments;
 
@@ -31,7 +34,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         let (information, recording) = match gathered {
             Ok(gathered) => gathered,
             Err(error) => {
-                failures.push(error.to_string());
+                failures.push(with_advice(&error));
                 continue;
             }
         };
@@ -41,7 +44,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             let separator = if index == 0 { "" } else { "\n" };
             print::line(format!("{separator}{}", information.to_string().trim_end()))?;
             if let Some(other) = unusual_unit(&recording, information.mean_rate) {
-                print::line(format!("{:<12}{other}: {}", "time unit", other.advice()))?;
+                print::line(format!("{:<12}{other}: {}", "time unit", worded(&Advice::NameTimeUnit(other.unit))))?;
             }
         }
         if let Some(error) = &information.error {

@@ -1,8 +1,11 @@
 //! What was probably meant by a command line that clap refuses.
 
+use std::error::Error as _;
 use std::path::Path;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
+
+use super::advice::advice;
 
 /// Adds to `error`, of the words `words`, what clap does not think of: a recording in place of a subcommand, a long option with one
 /// hyphen, and how a board is written.
@@ -14,6 +17,7 @@ pub fn explained(mut error: clap::Error, words: impl Iterator<Item = String>) ->
             other_program(&error, &words).or_else(|| one_hyphen(&error, words.into_iter()))
         }
         ErrorKind::MissingRequiredArgument => without_board(&error),
+        ErrorKind::ValueValidation => error.source().and_then(advice),
         _ => None,
     };
     if let Some(tip) = tip {

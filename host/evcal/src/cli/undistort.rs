@@ -16,6 +16,7 @@ use evcal_geometry::lens::camera_file::{self, CameraDescription};
 use event_recordings::convert::{ConversionProgress, output_of};
 use event_recordings::encode::OutputFormat;
 
+use super::convert::BrokenOff;
 use super::output_arguments::OutputArguments;
 use super::progress::{Waiting, short_name};
 use super::source_arguments::SourceArguments;
@@ -78,7 +79,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 
 fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f64>, sensor: Sensor) -> super::Outcome {
     if let Some(output) = &arguments.output {
-        check_outputs(arguments, [output.as_path()], &camera_path_beside(output), (new, sensor))?;
+        check_outputs(arguments, [output.as_path()], &camera_path_beside(output), new, sensor)?;
     }
     let folder = arguments.frames.as_deref();
     let folder = folder.map(|folder| arguments.results.open_folder(folder, is_frame_file, &[])).transpose()?;
@@ -132,7 +133,7 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
     }
     match report {
         Some((output, UndistortionReport { conversion, .. })) => match conversion.error {
-            Some(error) => Err(format!("{error}\nwhat came before is in {}", output.display()).into()),
+            Some(error) => Err(BrokenOff { error, output: output.clone() }.into()),
             None => Ok(()),
         },
         None => Ok(()),
@@ -148,7 +149,7 @@ fn undistort_several(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sens
     let single = is_single(&arguments.inputs, output);
     let camera = if single { camera_path_beside(output) } else { output.join(FRAMES_CAMERA) };
     let _folder = if single { None } else { Some(OutputFolder::open(output)?) };
-    check_outputs(arguments, written.iter().map(PathBuf::as_path), &camera, (new, sensor))?;
+    check_outputs(arguments, written.iter().map(PathBuf::as_path), &camera, new, sensor)?;
     undistort_pictures(&arguments.inputs, &written, &maps.back)?;
     write_camera(&camera, new, sensor)?;
     if arguments.json {
@@ -166,7 +167,8 @@ fn check_outputs<'a>(
     arguments: &Arguments,
     outputs: impl IntoIterator<Item = &'a Path>,
     camera_file: &'a Path,
-    (camera, sensor): (&Camera<f64>, Sensor),
+    camera: &Camera<f64>,
+    sensor: Sensor,
 ) -> super::Outcome {
     let other = (!holds_camera(camera_file, camera, sensor)).then_some(camera_file);
     let calibration = camera_file::camera_path(&arguments.calibration);

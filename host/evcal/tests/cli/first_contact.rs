@@ -435,7 +435,7 @@ fn check_leads_to_the_calibration() {
         "{checked}"
     );
     let checked = succeed(&["check", &fixture(), "--board", "acircles:4x9:55mm:r17.5mm"]);
-    assert!(checked.ends_with(&format!("windows fit --board {BOARD} instead\n")), "{checked}");
+    assert!(checked.ends_with(&format!("windows fit the board {BOARD} instead; use --board {BOARD}\n")), "{checked}");
     let checked = succeed(&["check", &fixture()]);
     assert!(checked.contains("next: the board is acircles:9x4, which fits"), "{checked}");
     assert!(checked.contains("measure the spacing (half the distance of neighbours in a row)"), "{checked}");

@@ -31,7 +31,6 @@ use evcal_simulator::scene::SceneSettings;
 use evcal_simulator::sensor::SensorModel;
 use evcal_simulator::{Simulation, SimulationSettings};
 use event_recordings::pass::read_recording;
-use event_recordings::pictures::visit_frames;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -308,7 +307,7 @@ fn frames_of_a_recording_come_in_time() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let simulated = recording(&out.join("events.aedat4"));
     let mut frames = Vec::new();
-    visit_frames(&simulated, |frame| frames.push((frame.exposure.0, frame.image.unwrap()))).unwrap();
+    simulated.visit_frames(|frame| frames.push((frame.exposure.0, frame.image.unwrap()))).unwrap();
     assert!(frames.len() > 5, "{}", frames.len());
     let mut first = None;
     read_recording(&simulated, &mut |batch| first = first.or(batch.first().map(|event| event.t))).unwrap();

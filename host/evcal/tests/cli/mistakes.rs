@@ -309,8 +309,8 @@ const BOARDS: &[Mistake] = &[
     mistake(
         "calibrate FIXTURE --board BOARD --fix cx=9999 --model radtan -o DIR/out",
         1,
-        "with the values of --fix",
-        "Without --fix",
+        "no event lies near the board's circles",
+        "leave out --fix",
     ),
     mistake("calibrate FIXTURE --board auto -o DIR/out", 1, "the board is acircles:9x4", "--board acircles:9x4:"),
 ];

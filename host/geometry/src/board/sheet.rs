@@ -105,11 +105,11 @@ impl fmt::Display for DoesNotFit {
         let Self { board, paper, needed: [width, height], largest, papers } = self;
         write!(f, "{board} does not fit on {paper}: it needs {width:.0} x {height:.0} mm with margins and rulers; ")?;
         match largest {
-            Some(largest) => write!(f, "the largest of its kind that fits is --board {largest}")?,
+            Some(largest) => write!(f, "the largest of its kind that fits is {largest}")?,
             None => write!(f, "this paper is too small for any board of its kind")?,
         }
         if papers.is_empty() {
-            write!(f, ", and no paper that evcal knows is large enough: give its size as --paper WIDTHxHEIGHTmm")
+            write!(f, ", and no paper that evcal knows is large enough")
         } else {
             write!(f, "; it fits on {}", papers.join(", "))
         }
@@ -169,9 +169,14 @@ fn bottom(lines: usize) -> f64 {
 
 fn needed(board: &Board, margin: f64) -> [f64; 2] {
     let [width, height] = dots_size(board);
-    let first_line = format!("--board {board}").len() as f64 * LETTER_WIDTH;
+    let first_line = name(board).len() as f64 * LETTER_WIDTH;
     let inner = (width + LEFT).max(LEFT + TICK_DISTANCE).max(first_line);
     [inner, height + TOP + bottom(writing(board, LONGEST_RULER, inner).len())].map(|side| side + 2.0 * margin)
+}
+
+/// What stands first below the dots.
+fn name(board: &Board) -> String {
+    format!("Board {board}")
 }
 
 /// What stands below the dots, in lines of at most `width` mm.
@@ -186,7 +191,7 @@ fn writing(board: &Board, ruler: f64, width: f64) -> Vec<String> {
         millimetres(2.0 * board.radius)
     );
     let most = (width / LETTER_WIDTH).floor().max(1.0) as usize;
-    let mut lines = vec![format!("--board {board}")];
+    let mut lines = vec![name(board)];
     let mut line = String::new();
     for word in sentences.split(' ') {
         if !line.is_empty() && line.len() + 1 + word.len() > most {

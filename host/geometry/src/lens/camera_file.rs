@@ -57,7 +57,7 @@ pub fn camera_path(path: &Path) -> PathBuf {
 #[non_exhaustive]
 pub enum CameraFileError {
     /// The file could not be read.
-    #[error("{file}: {error}; name the calibration.json that evcal calibrate wrote, or its folder")]
+    #[error("{file}: {error}; name the calibration.json of a calibration, or its folder")]
     Read {
         /// The file.
         file: String,

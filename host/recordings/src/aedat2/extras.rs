@@ -14,9 +14,11 @@ use evcal_core::sensor::Sensor;
 
 use super::{Clock, Layout, RECORD, Ranges, is_level, is_sample, start};
 use crate::bytes::ByteReader;
+use crate::error::RecordingError;
 use crate::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras, take_until};
+use crate::options::RecordingOptions;
 use crate::pictures::{NoImage, TimedImage};
-use crate::{ReadReport, RecordingError, RecordingOptions};
+use crate::read_report::ReadReport;
 
 /// Names of what a pass through the events leaves out.
 pub const LEVELS: &str = "words of frames";
@@ -290,8 +292,6 @@ pub fn visit_frames(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::extras::open_extras;
-    use crate::pictures::visit_frames;
     use crate::{Recording, testing};
 
     const SENSOR: Sensor = Sensor::new(240, 180);
@@ -350,7 +350,7 @@ mod tests {
             vec![event(t + 8000)],
         ];
         let (_directory, recording) = recording(&records.concat());
-        let mut extras = open_extras(&recording).unwrap();
+        let mut extras = recording.open_extras().unwrap();
         assert_eq!(extras.held(), OtherStreams { frames: true, imu: true });
         let t = i64::from(t);
         let picture = |t: i64| Frame {
@@ -386,7 +386,7 @@ mod tests {
         assert_eq!((in_order(&found), lost), (in_order(&expected), Vec::new()));
         assert!(extras.reads(LEVELS) && extras.reads(SAMPLES) && !extras.reads("signals"));
         let mut count = 0;
-        assert_eq!(visit_frames(&recording, |_| count += 1).unwrap(), None);
+        assert_eq!(recording.visit_frames(|_| count += 1).unwrap(), None);
         assert_eq!(count, 2);
         // The events are read as ever.
         let events = testing::read(&file(&records.concat())).events;
@@ -403,7 +403,7 @@ mod tests {
         let records = [records, frame(5000), vec![event(9000)]].concat();
         let (_directory, recording) = recording(&records);
         let mut times = Vec::new();
-        assert_eq!(visit_frames(&recording, |image| times.push(image.exposure)).unwrap(), None);
+        assert_eq!(recording.visit_frames(|image| times.push(image.exposure)).unwrap(), None);
         assert_eq!(times, [(5005, 6000)]);
     }
 
@@ -436,7 +436,7 @@ mod tests {
             let image = image.image.unwrap();
             sizes.push((image.width(), image.height()));
         };
-        assert_eq!(visit_frames(&recording, &mut take).unwrap(), None);
+        assert_eq!(recording.visit_frames(&mut take).unwrap(), None);
         assert_eq!(sizes, [(SENSOR.width.into(), SENSOR.height.into())]);
         // Row by row: no moment at which all pixels were exposed.
         let rows = (0..180_u32).flat_map(|row| {
@@ -447,7 +447,7 @@ mod tests {
         rows.sort_by_key(|[word, t]| (*t, *word & EXPOSED));
         let (_directory, recording) = self::recording(&[rows, vec![event(900)]].concat());
         let mut images = Vec::new();
-        assert_eq!(visit_frames(&recording, |image| images.push(image.image.err())).unwrap(), None);
+        assert_eq!(recording.visit_frames(|image| images.push(image.image.err())).unwrap(), None);
         assert_eq!(images, [Some(NoImage::RollingShutter)]);
     }
 
@@ -460,8 +460,8 @@ mod tests {
             let path = directory.path().join("recording.aedat");
             std::fs::write(&path, &content[..cut]).unwrap();
             if let Ok(recording) = Recording::new(&path, RecordingOptions::default()) {
-                let _ = visit_frames(&recording, |_| {});
-                let _ = open_extras(&recording);
+                let _ = recording.visit_frames(|_| {});
+                let _ = recording.open_extras();
             }
         }
     }

@@ -3,8 +3,8 @@
 //! The first is `#!AER-DAT2.0`. jAER writes the settings of the camera into them, thousands of lines of hundreds of kilobytes, one byte a
 //! letter. Newer files end them with `#End Of ASCII Header`.
 
-use crate::RecordingError;
 use crate::bytes::ByteReader;
+use crate::error::RecordingError;
 
 /// No line is longer: Java's preferences have values of up to 8192 letters.
 const LONGEST_LINE: u64 = 1 << 16;

@@ -10,9 +10,11 @@ use std::path::Path;
 use super::packets::{Header, PacketHead, header, name, next_head, sensor, time};
 use super::{chosen, other_name};
 use crate::bytes::ByteReader;
+use crate::error::{RecordingError, RecordingErrorKind};
 use crate::extras::{BOTH, Extra, Frame, InertialSample, OtherStreams, ReadExtras, take_until, told};
+use crate::format::Head;
+use crate::options::RecordingOptions;
 use crate::pictures::TimedImage;
-use crate::{Head, RecordingError, RecordingErrorKind, RecordingOptions};
 
 const FRAMES: i16 = 2;
 const SAMPLES: i16 = 3;
@@ -212,8 +214,6 @@ pub fn visit_frames(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::extras::open_extras;
-    use crate::pictures::visit_frames;
     use crate::{Recording, RecordingOptions, testing};
 
     fn packet(kind: i16, turns: i32, events: &[Vec<u8>]) -> Vec<u8> {
@@ -266,7 +266,7 @@ mod tests {
     #[test]
     fn frames_and_samples_made_by_hand() {
         let (_directory, recording) = recording(&file());
-        let mut extras = open_extras(&recording).unwrap();
+        let mut extras = recording.open_extras().unwrap();
         assert_eq!(extras.held(), OtherStreams { frames: true, imu: true });
         let t = |t: i64| (1 << 31) + t;
         let grey = Frame {
@@ -293,7 +293,7 @@ mod tests {
         assert_eq!((found.as_slice(), lost), (expected.as_slice(), Vec::new()));
         assert!(extras.reads("frames (2)") && extras.reads("inertial samples (3)") && !extras.reads("events (1)"));
         let mut count = 0;
-        assert_eq!(visit_frames(&recording, |_| count += 1).unwrap(), None);
+        assert_eq!(recording.visit_frames(|_| count += 1).unwrap(), None);
         assert_eq!(count, 2);
     }
 
@@ -304,7 +304,7 @@ mod tests {
         let packets = content.windows(2).position(|bytes| bytes == b"\n\x01").unwrap() + 1;
         let lines = b"#!AER-DAT3.0\r\n#Format: RAW\r\n#Source 1: DAVIS346\r\n";
         let (_directory, recording) = recording(&[lines, &content[packets..]].concat());
-        let mut extras = open_extras(&recording).unwrap();
+        let mut extras = recording.open_extras().unwrap();
         let found: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut Vec::new())).collect();
         let Some(Extra::Frame(grey)) = found.first() else { panic!("a frame first") };
         assert_eq!((&grey.pixels[..], grey.position), (&[4, 5, 255, 1, 2, 3][..], (5, 260 - 6 - 2)));
@@ -323,7 +323,7 @@ mod tests {
         let frames = packet(2, 0, &[good.clone(), good.clone(), bad, good.clone()]);
         let (_directory, recording) = recording(&[&lines[..], &frames].concat());
         let mut count = 0;
-        let lost = visit_frames(&recording, |_| count += 1).unwrap().unwrap();
+        let lost = recording.visit_frames(|_| count += 1).unwrap().unwrap();
         assert!(count == 2 && lost.contains("frames is damaged"), "{count} {lost}");
         let mut packets = Packets::open(recording.path(), &RecordingOptions::default()).unwrap();
         packets.next().unwrap();
@@ -337,7 +337,7 @@ mod tests {
         bad[20] = 4;
         let lines = b"#!AER-DAT3.1\r\n#Format: RAW\r\n#Source 1: DAVIS346\r\n#!END-HEADER\r\n";
         let (_directory, recording) = recording(&[&lines[..], &packet(2, 0, &[bad])].concat());
-        let (mut extras, mut lost) = (open_extras(&recording).unwrap(), Vec::new());
+        let (mut extras, mut lost) = (recording.open_extras().unwrap(), Vec::new());
         assert_eq!((extras.next_until(0, &mut lost), extras.next_until(i64::MAX, &mut lost)), (None, None));
         assert!(lost.len() == 1 && lost[0].contains(&format!("byte {}", lines.len())), "{lost:?}");
     }
@@ -355,7 +355,7 @@ mod tests {
         sparse.set_len(byte + 28 + size as u64).unwrap();
         let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
         let mut count = 0;
-        let lost = visit_frames(&recording, |_| count += 1).unwrap().unwrap();
+        let lost = recording.visit_frames(|_| count += 1).unwrap().unwrap();
         assert!(count == 2 && lost.contains(&format!("byte {byte}")) && lost.contains("67108865 bytes"), "{lost}");
     }
 
@@ -365,7 +365,7 @@ mod tests {
         let width = content.windows(8).rposition(|bytes| bytes == [3, 0, 0, 0, 2, 0, 0, 0]).unwrap();
         content[width] = 4;
         let (_directory, recording) = recording(&content);
-        let lost = visit_frames(&recording, |_| {}).unwrap().unwrap();
+        let lost = recording.visit_frames(|_| {}).unwrap().unwrap();
         assert!(lost.contains("frames is damaged") && lost.contains("byte"), "{lost}");
     }
 

@@ -3,7 +3,8 @@
 use evcal_core::sensor::Sensor;
 
 use crate::bytes::ByteReader;
-use crate::{RecordingError, Truncation};
+use crate::error::RecordingError;
+use crate::read_report::Truncation;
 
 /// How a file begins.
 pub const MAGIC: &[u8] = b"#!AER-DAT3.";

@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use super::other_streams::{FrameReader, InertialReader};
+use crate::error::RecordingError;
 use crate::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras, frame_start, told};
-use crate::{RecordingError, RecordingOptions};
+use crate::options::RecordingOptions;
 
 /// Those of an AEDAT4 file.
 pub struct Aedat4Extras {

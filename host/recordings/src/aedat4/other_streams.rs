@@ -14,9 +14,11 @@ use super::flatbuffer::{self, Malformed, Table};
 use super::header::Stream;
 use super::packets::{PacketHead, PacketReader};
 use super::{EVENTS, choose_stream, describe, event, events};
+use crate::error::{RecordingError, RecordingErrorKind};
 use crate::extras::{Frame, InertialSample, Skipped};
+use crate::format::StreamSummary;
+use crate::options::RecordingOptions;
 use crate::pictures::TimedImage;
-use crate::{RecordingError, RecordingErrorKind, RecordingOptions, StreamSummary};
 
 const FRAMES: &str = "FRME";
 const INERTIAL: &str = "IMUS";

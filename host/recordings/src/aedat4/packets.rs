@@ -12,14 +12,13 @@ use zstd::stream::raw::{Decoder, InBuffer, Operation, OutBuffer};
 
 use super::header::{self, Compression, Header, MAGIC};
 use crate::bytes::share;
-use crate::{RecordingError, RecordingErrorKind, Truncation};
+use crate::error::{RecordingError, RecordingErrorKind, Usable};
+use crate::read_report::Truncation;
 
 /// A packet that unpacks to more (64 MiB, 4 million events) is damaged: a camera would need seconds to fill it, and programs write many a second.
 pub(super) const MAX_UNPACKED: usize = 1 << 26;
 /// What cannot be compressed grows by less when it is packed.
 const MAX_PACKED: u64 = MAX_UNPACKED as u64 + (1 << 20);
-
-const SKIP_ADVICE: &str = "the events before it can be used; damaged packets can be left out (--skip-damaged)";
 
 /// Reads a file packet by packet.
 pub struct PacketReader {
@@ -54,8 +53,7 @@ impl PacketReader {
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let io = |error| RecordingError::io(path, error);
         let damaged = |byte, what: String| {
-            let advice = "nothing can be read without the header";
-            RecordingError::new(path, RecordingErrorKind::Damaged { byte, what, advice })
+            RecordingError::new(path, RecordingErrorKind::Damaged { byte, what, usable: Usable::Nothing })
         };
         let file = File::open(path).map_err(io)?;
         let file_length = file.metadata().map_err(io)?.len();
@@ -112,7 +110,7 @@ impl PacketReader {
     /// An error about the packet `head`.
     pub fn damaged(&self, head: &PacketHead, what: &str) -> RecordingError {
         let what = format!("a packet of stream {} is damaged: {what}", head.stream);
-        RecordingError::new(&self.path, RecordingErrorKind::Damaged { byte: head.byte, what, advice: SKIP_ADVICE })
+        RecordingError::new(&self.path, RecordingErrorKind::Damaged { byte: head.byte, what, usable: Usable::Around })
     }
 
     /// Bytes that its packets take.
@@ -148,8 +146,8 @@ impl PacketReader {
         let size = i32::from_le_bytes([e, f, g, h]);
         let Ok(length) = u64::try_from(size) else {
             let what = format!("a packet of stream {stream} says that it has {size} bytes");
-            let advice = "the file cannot be read beyond it; the events before it can be used";
-            return Err(RecordingError::new(&self.path, RecordingErrorKind::Damaged { byte: start, what, advice }));
+            let kind = RecordingErrorKind::Damaged { byte: start, what, usable: Usable::Before };
+            return Err(RecordingError::new(&self.path, kind));
         };
         let byte = start + 8;
         let available = self.end - byte;
@@ -165,9 +163,9 @@ impl PacketReader {
     /// Notes that the file ends within a packet; an error if it does not end there.
     fn cut_off(&mut self, byte: u64, rest: String) -> Result<(), RecordingError> {
         if self.header.table_position == Some(self.end) {
-            let what = format!("{rest} are left before the closing table");
-            let advice = "the sizes of packets do not add up; the events before it can be used";
-            return Err(RecordingError::new(&self.path, RecordingErrorKind::Damaged { byte, what, advice }));
+            let what = format!("{rest} are left before the closing table: the sizes of packets do not add up");
+            let kind = RecordingErrorKind::Damaged { byte, what, usable: Usable::Before };
+            return Err(RecordingError::new(&self.path, kind));
         }
         let lost = match &self.truncated {
             Some(truncation) => format!("{rest} are left; {}", truncation.lost),

@@ -105,7 +105,7 @@ impl<W: Write + Seek> Encoder<W> {
 
     /// Writes a frame, which is a packet of its own.
     pub fn frame(&mut self, frame: &Frame) -> Result<(), WriteError> {
-        self.write_packet(FRAMES, &frame_packet(frame)?, 1, (frame.t, frame.t))
+        self.write_packet(FRAMES, &frame_packet(frame)?, 1, frame.t, frame.t)
     }
 
     /// Writes inertial samples, which come after those written before.
@@ -113,7 +113,7 @@ impl<W: Write + Seek> Encoder<W> {
         let packet = |sample: &InertialSample| sample.t.div_euclid(PACKET_DURATION);
         for samples in samples.chunk_by(|a, b| packet(a) == packet(b)) {
             if let (Some(first), Some(last)) = (samples.first(), samples.last()) {
-                self.write_packet(IMU, &imu_packet(samples)?, samples.len(), (first.t, last.t))?;
+                self.write_packet(IMU, &imu_packet(samples)?, samples.len(), first.t, last.t)?;
             }
         }
         Ok(())
@@ -123,9 +123,9 @@ impl<W: Write + Seek> Encoder<W> {
         let (Some(first), Some(last)) = (self.packet.first(), self.packet.last()) else {
             return Ok(());
         };
-        let times = (first.t, last.t);
+        let (first, last) = (first.t, last.t);
         let packet = event_packet(&self.packet)?;
-        self.write_packet(EVENTS, &packet, self.packet.len(), times)?;
+        self.write_packet(EVENTS, &packet, self.packet.len(), first, last)?;
         self.packet.clear();
         Ok(())
     }
@@ -135,7 +135,8 @@ impl<W: Write + Seek> Encoder<W> {
         stream: i32,
         content: &[u8],
         elements: usize,
-        (first, last): (i64, i64),
+        first: i64,
+        last: i64,
     ) -> Result<(), WriteError> {
         let packed = pack(self.compression, content)?;
         let size = i32::try_from(packed.len()).map_err(|_| WriteError::TooLarge)?;

@@ -61,7 +61,7 @@ impl DumpSink {
         if serial.is_none() {
             header.identity = None;
         }
-        header.writer = "evcal convert".to_owned();
+        header.writer = env!("CARGO_PKG_NAME").to_owned();
         header.note = "converted from events; the settings of the camera are not known".to_owned();
         if origin != 0 {
             header.start_unix_ns = u64::try_from(origin).unwrap_or(0).saturating_mul(1000);
@@ -195,8 +195,7 @@ impl Encode for DumpSink {
     fn lost(&self) -> Vec<String> {
         let tell = |count: u64, what: &str| (count > 0).then(|| format!("{count} {what}"));
         let origin = (self.origin != 0).then(|| {
-            let back =
-                if self.origin > 0 { " (it is in the header; evcal convert --unix-time adds it again)" } else { "" };
+            let back = if self.origin > 0 { " (it is in the header)" } else { "" };
             format!("times count from {} us{back}", self.origin)
         });
         [

@@ -6,9 +6,10 @@ use std::path::Path;
 use usb_davis::protocol::{ImuSample, Message, Shutter};
 
 use super::Messages;
+use crate::error::RecordingError;
 use crate::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras};
+use crate::options::RecordingOptions;
 use crate::pictures::{GreyImage, NoImage, TimedImage};
-use crate::{RecordingError, RecordingOptions};
 
 /// What a camera sent beside events.
 pub struct CameraExtras {

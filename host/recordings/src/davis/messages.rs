@@ -11,9 +11,11 @@ use usb_davis::protocol::{AnomalyKind, Decoder, Message, Polarity as WirePolarit
 use usb_davis::registers::Dropped;
 
 use super::{FRAMES, INERTIAL, SIGNALS};
-use crate::bytes::{BEFORE_IT, share};
+use crate::bytes::share;
+use crate::error::Usable;
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::read_report::{ReadReport, RepairedTimes, StreamFaults, Truncation};
 use crate::reader::PAUSE_AFTER_RESET;
-use crate::{ReadReport, RecordingError, RecordingErrorKind, RepairedTimes, StreamFaults, Truncation};
 
 /// Bytes read at a time.
 const BUFFER: usize = 1 << 18;
@@ -198,7 +200,7 @@ fn error(path: &Path, error: CaptureError) -> RecordingError {
     match error {
         CaptureError::Io(error) => RecordingError::io(path, error),
         CaptureError::Damaged { byte, what } => {
-            RecordingError::new(path, RecordingErrorKind::Damaged { byte, what, advice: BEFORE_IT })
+            RecordingError::new(path, RecordingErrorKind::Damaged { byte, what, usable: Usable::Before })
         }
         error => RecordingError::new(path, RecordingErrorKind::Capture(error)),
     }

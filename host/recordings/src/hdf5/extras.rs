@@ -8,11 +8,13 @@ use hdf5_reader::{Dataset, SliceInfo, SliceInfoElem};
 
 use super::layout::Found;
 use super::{arrange, choose, structure, table};
+use crate::error::Usable;
+use crate::error::{RecordingError, RecordingErrorKind};
 use crate::extras::{BOTH, Extra, Frame, InertialSample, OtherStreams, READOUT, ReadExtras, Skipped, take_until, told};
 use crate::numbers::{Number, written};
+use crate::options::{RecordingOptions, TimeUnit};
 use crate::pictures::TimedImage;
 use crate::ros::GRAVITY;
-use crate::{RecordingError, RecordingErrorKind, RecordingOptions, TimeUnit};
 
 /// What they are called in reports.
 pub const FRAMES: &str = "frames";
@@ -33,7 +35,7 @@ struct Timed {
 }
 
 impl Timed {
-    fn open((data, times): (Dataset, Dataset), unit: TimeUnit, offset: i64) -> Option<Self> {
+    fn open(data: Dataset, times: Dataset, unit: TimeUnit, offset: i64) -> Option<Self> {
         let mut numbers = table::numbers(&times, MOST_TIMES)?;
         numbers.truncate(written(numbers.iter(), |time| time.value() == 0.0));
         let times: Option<Vec<i64>> = numbers.iter().map(|time| time.microseconds(unit)).collect();
@@ -95,7 +97,10 @@ impl Beside {
         let Found { table, offset, frames, samples, .. } = choose(path, options)?.0;
         let (_, unit) = arrange(path, table, options, &mut Vec::new())?;
         let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
-        let open = |found: Option<(Dataset, Dataset)>| Timed::open(found?, unit, offset);
+        let open = |found: Option<(Dataset, Dataset)>| {
+            let (data, times) = found?;
+            Timed::open(data, times, unit, offset)
+        };
         let skipped = Skipped::new(options.damage);
         Ok(Self { path: path.to_owned(), frames: open(frames), samples: open(samples), skipped })
     }
@@ -154,8 +159,7 @@ fn damaged(path: &Path, error: &Error) -> RecordingError {
     match structure(path, error) {
         RecordingError { kind: RecordingErrorKind::Damaged { byte, .. }, path } => {
             let what = format!("frames or inertial samples cannot be read: {error}");
-            let advice = "those before them can be used";
-            RecordingError::new(&path, RecordingErrorKind::Damaged { byte, what, advice })
+            RecordingError::new(&path, RecordingErrorKind::Damaged { byte, what, usable: Usable::Before })
         }
         other => other,
     }
@@ -203,7 +207,7 @@ pub fn visit_frames(
 #[cfg(test)]
 mod tests {
     use super::super::structure::{Integer, group, shaped, superblock};
-    use crate::extras::{Extra, open_extras};
+    use crate::extras::Extra;
     use crate::{Damage, Recording, RecordingOptions};
 
     /// Four events and two samples, and two pictures which stand where the file has nothing.
@@ -241,7 +245,7 @@ mod tests {
         let path = directory.path().join("recording");
         std::fs::write(&path, without_pictures()).unwrap();
         let recording = Recording::new(&path, RecordingOptions { damage, ..RecordingOptions::default() }).unwrap();
-        let (mut extras, mut lost) = (open_extras(&recording).unwrap(), Vec::new());
+        let (mut extras, mut lost) = (recording.open_extras().unwrap(), Vec::new());
         assert!(extras.held().frames && extras.held().imu);
         let read: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut lost)).collect();
         let samples = read.iter().map(|extra| match extra {

@@ -5,8 +5,9 @@ use hdf5_reader::error::Error;
 use hdf5_reader::{Dataset, Hdf5File};
 
 use super::table::{self, Table};
+use crate::columns;
 use crate::numbers::Number;
-use crate::{Column, columns};
+use crate::options::Column;
 
 /// Groups deeper than this are not looked into.
 const DEEPEST: usize = 6;

@@ -4,8 +4,9 @@ use hdf5_reader::error::Error;
 use hdf5_reader::{Attribute, ByteOrder, CompoundField, Dataset, Datatype, H5Type, SliceInfo, SliceInfoElem};
 
 use super::filters::Limits;
+use crate::columns;
 use crate::numbers::{Number, NumberKind, NumberType};
-use crate::{Column, Columns, TimeUnit, columns};
+use crate::options::{Column, Columns, TimeUnit};
 
 /// One event: what its numbers are, and the numbers.
 pub type Row = [(Column, Number); 4];

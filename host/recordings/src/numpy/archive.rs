@@ -8,7 +8,9 @@ use flate2::bufread::DeflateDecoder;
 use flate2::{Crc, CrcReader};
 use rawzip::{CompressionMethod, RECOMMENDED_BUFFER_SIZE, ZipArchive};
 
-use crate::{RecordingError, RecordingErrorKind};
+use crate::error::Usable;
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::foreign::ForeignFormat;
 
 /// How an archive begins.
 pub const MAGIC: &[u8] = b"PK\x03\x04";
@@ -170,9 +172,9 @@ pub fn members(path: &Path) -> Result<Vec<Member>, RecordingError> {
     let length = file.metadata().map_err(|error| RecordingError::io(path, error))?.len();
     let damaged = |error: rawzip::Error| {
         let what = format!(
-            "the list of the archive's files at its end cannot be read ({error}); the file is cut off or damaged"
+            "the list of the archive's files at its end cannot be read ({error}): the file is cut off or damaged"
         );
-        let kind = RecordingErrorKind::Damaged { byte: length, what, advice: "copy the file again" };
+        let kind = RecordingErrorKind::Damaged { byte: length, what, usable: Usable::Nothing };
         RecordingError::new(path, kind)
     };
     let mut buffer = vec![0; RECOMMENDED_BUFFER_SIZE];
@@ -187,7 +189,7 @@ pub fn members(path: &Path) -> Result<Vec<Member>, RecordingError> {
         let deflated = match entry.compression_method() {
             CompressionMethod::STORE => false,
             CompressionMethod::DEFLATE => true,
-            _ => return Err(unsupported(path, "pack it again with numpy.savez_compressed")),
+            _ => return Err(unsupported(path, ForeignFormat::ZipCompression)),
         };
         let packed = Packed { deflated, size: entry.uncompressed_size_hint(), checksum: entry.crc32() };
         let (start, end) = archive.get_entry(entry.wayfinder()).map_err(damaged)?.compressed_data_range();
@@ -199,18 +201,15 @@ pub fn members(path: &Path) -> Result<Vec<Member>, RecordingError> {
     }
     if members.is_empty() {
         return Err(match is_spreadsheet {
-            true => {
-                let kind = RecordingErrorKind::Unsupported { format: "spreadsheet", advice: "save its events as CSV" };
-                RecordingError::new(path, kind)
-            }
-            false => unsupported(path, "unpack it first"),
+            true => unsupported(path, ForeignFormat::Spreadsheet),
+            false => unsupported(path, ForeignFormat::Zip),
         });
     }
     Ok(members)
 }
 
-fn unsupported(path: &Path, advice: &'static str) -> RecordingError {
-    RecordingError::new(path, RecordingErrorKind::Unsupported { format: "ZIP", advice })
+fn unsupported(path: &Path, format: ForeignFormat) -> RecordingError {
+    RecordingError::new(path, RecordingErrorKind::Unsupported(format))
 }
 
 #[cfg(test)]

@@ -2,8 +2,9 @@
 //! `shape`.
 
 use super::literal::{self, Literal};
+use crate::columns;
 use crate::numbers::{NumberKind, NumberType};
-use crate::{Column, columns};
+use crate::options::Column;
 
 /// How an npy array begins.
 pub const MAGIC: &[u8] = b"\x93NUMPY";

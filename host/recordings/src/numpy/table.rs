@@ -7,9 +7,11 @@ use evcal_core::sensor::Sensor;
 
 use super::archive::{EXTENSION, Member, Place};
 use super::header::{self, Element, HeadError, Header};
-use crate::bytes::BEFORE_IT;
+use crate::columns;
+use crate::error::Usable;
+use crate::error::{RecordingError, RecordingErrorKind};
 use crate::numbers::NumberType;
-use crate::{Column, RecordingError, RecordingErrorKind, columns};
+use crate::options::Column;
 
 /// More columns than this are none of events.
 const MOST_COLUMNS: u64 = 16;
@@ -44,7 +46,7 @@ impl Table {
 }
 
 fn damaged(path: &Path, place: &Place, what: &str) -> RecordingError {
-    let kind = RecordingErrorKind::Damaged { byte: place.start, what: what.to_owned(), advice: BEFORE_IT };
+    let kind = RecordingErrorKind::Damaged { byte: place.start, what: what.to_owned(), usable: Usable::Before };
     RecordingError::new(place.file(path), kind)
 }
 

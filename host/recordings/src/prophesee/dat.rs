@@ -18,7 +18,11 @@ use evcal_core::event::{Event, Polarity};
 
 use super::header::Header;
 use crate::bytes::ByteReader;
-use crate::{Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingInformation, RecordingOptions};
+use crate::error::RecordingError;
+use crate::format::{FileFormat, Head, Opened};
+use crate::options::RecordingOptions;
+use crate::read_report::ReadReport;
+use crate::reader::{Decode, RecordingInformation};
 
 /// Prophesee DAT.
 pub const FORMAT: FileFormat = FileFormat::of_events("Prophesee DAT", |head| layout(head).is_some(), open);

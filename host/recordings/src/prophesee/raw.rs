@@ -9,10 +9,12 @@ use super::header::Header;
 use super::write::OUTPUT;
 use super::{TRIGGERS, tell};
 use crate::bytes::ByteReader;
-use crate::{
-    Decode, FileFormat, Head, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation,
-    RecordingOptions, Truncation,
-};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::foreign::ForeignFormat;
+use crate::format::{FileFormat, Head, Opened};
+use crate::options::RecordingOptions;
+use crate::read_report::{ReadReport, Truncation};
+use crate::reader::{Decode, RecordingInformation};
 
 /// Prophesee RAW.
 pub const FORMAT: FileFormat = FileFormat {
@@ -111,10 +113,7 @@ struct Decoder {
 }
 
 fn open(path: &Path, _: &RecordingOptions) -> Opened {
-    let unsupported = RecordingErrorKind::Unsupported {
-        format: "Prophesee RAW with another encoding than EVT 2.0, 2.1 or 3.0",
-        advice: "convert it with metavision_file_to_csv",
-    };
+    let unsupported = RecordingErrorKind::Unsupported(ForeignFormat::PropheseeEncoding);
     let head = Head::read(path)?;
     let words = |header: Header| {
         let words = Words::new(&header, head.bytes.get(header.length..).unwrap_or_default())?;

@@ -14,7 +14,9 @@ use super::message::Kind;
 use super::write::BAG_OUTPUT;
 use super::{events, extras};
 use crate::bytes::ByteReader;
-use crate::{FileFormat, RecordingError, Truncation, Uses};
+use crate::error::RecordingError;
+use crate::format::{FileFormat, Uses};
+use crate::read_report::Truncation;
 
 const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 

@@ -6,7 +6,9 @@ use std::path::Path;
 use super::fields::{MessageError, Wire};
 use super::message::Kind;
 use crate::bytes::ByteReader;
-use crate::{Damage, RecordingError, RecordingErrorKind, Truncation};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::options::Damage;
+use crate::read_report::Truncation;
 
 /// A chunk that says it unpacks to more is damaged: writers begin a new one after some megabytes.
 pub const MOST_UNPACKED: u64 = 1 << 26;
@@ -94,7 +96,7 @@ pub type OpenContainer = fn(&Path) -> Result<Box<dyn Container>, RecordingError>
 #[derive(Debug, thiserror::Error)]
 pub enum ChunkError {
     /// Its head.
-    #[error(transparent)]
+    #[error("{0}")]
     Head(#[from] MessageError),
     /// It has fewer bytes than its head says.
     #[error("it ends within its records")]
@@ -106,7 +108,7 @@ pub enum ChunkError {
         known: &'static str,
     },
     /// What is packed is damaged.
-    #[error(transparent)]
+    #[error("{0}")]
     Packed(#[from] io::Error),
     /// It says that it holds more than any writer puts into one.
     #[error("it is said to unpack to {size} bytes, where {MOST_UNPACKED} are the most that are read")]

@@ -8,7 +8,9 @@ use super::fields::Wire;
 use super::message::Kind;
 use super::sqlite::{self, Description, Pages, Table, Value};
 use super::{events, extras};
-use crate::{FileFormat, RecordingError, RecordingErrorKind, Truncation, Uses};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::format::{FileFormat, Uses};
+use crate::read_report::Truncation;
 
 /// ROS 2 bag in SQLite.
 pub const FORMAT: FileFormat = FileFormat {

@@ -6,12 +6,14 @@ use evcal_core::event::Event;
 
 use super::container::{Container, MessageHead, OpenContainer, Topic, is_skipped};
 use super::message::{self, Description, Kind};
+use super::packet::ENCODINGS;
 use super::packet::PacketDecoder;
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::format::{Opened, StreamSummary};
+use crate::options::{Damage, RecordingOptions};
 use crate::prophesee::{TRIGGERS, tell};
-use crate::{
-    Damage, Decode, Opened, ReadReport, RecordingError, RecordingErrorKind, RecordingInformation, RecordingOptions,
-    StreamSummary, Truncation,
-};
+use crate::read_report::{ReadReport, Truncation};
+use crate::reader::{Decode, RecordingInformation};
 
 /// A batch is handed out as soon as it has this many events.
 const BATCH: usize = 16_384;
@@ -79,7 +81,7 @@ fn first_of(
         };
         if let Some(encoding) = description.unread_encoding() {
             let (topic, encoding) = (topic.name.clone(), encoding.to_owned());
-            unread.get_or_insert(RecordingErrorKind::EventEncoding { topic, encoding });
+            unread.get_or_insert(RecordingErrorKind::EventEncoding { topic, encoding, known: &ENCODINGS });
             continue;
         }
         let has_events = description.has_events;

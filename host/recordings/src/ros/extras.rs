@@ -13,9 +13,10 @@ use evcal_core::sensor::Sensor;
 use super::container::{Container, OpenContainer, is_skipped};
 use super::message::{self, Kind};
 use super::picture;
+use crate::error::{RecordingError, RecordingErrorKind};
 use crate::extras::{BOTH, Extra, OtherStreams, ReadExtras, Skipped, take_until, told};
+use crate::options::{Damage, RecordingOptions};
 use crate::pictures::TimedImage;
-use crate::{Damage, RecordingError, RecordingErrorKind, RecordingOptions};
 
 /// So many messages are looked at for topics where the file does not list them, more if there is none of a kind among them.
 const LOOKED_AT: usize = 4096;

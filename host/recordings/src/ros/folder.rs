@@ -10,7 +10,9 @@ use yaml_rust2::Yaml;
 
 use super::container::{Container, MessageHead, OpenContainer, Topic};
 use super::{BAG_FORMAT, DB3_FORMAT, MCAP_FORMAT, bag, db3, events, extras, mcap};
-use crate::{FileFormat, Head, RecordingError, RecordingErrorKind, Truncation, Uses, find_format};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::format::{FileFormat, Head, Uses};
+use crate::read_report::Truncation;
 use evcal_files::yaml;
 
 /// Folder of a ROS 2 bag. It is told by what is in it, not by how it begins.
@@ -64,8 +66,7 @@ fn open_file(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
     match file_opener(path)? {
         Some(open) => open(path),
         None => {
-            let format = find_format(path, &Head::read(path)?)?;
-            let what = format!("content of another format ({})", format.name);
+            let what = "content of another format than those of bags".to_owned();
             Err(RecordingError::new(path, RecordingErrorKind::NoEventStream(what)))
         }
     }
@@ -74,10 +75,7 @@ fn open_file(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
 /// The files that the metadata of the folder name, in their order; one at least.
 fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     let path = folder.join(METADATA);
-    let damaged = |what| {
-        let advice = "name the .db3 or .mcap file itself";
-        RecordingError::new(&path, RecordingErrorKind::Damaged { byte: 0, what, advice })
-    };
+    let damaged = |what| RecordingError::new(&path, RecordingErrorKind::BagMetadata(what));
     let mut text = Vec::new();
     let read = File::open(&path).and_then(|file| file.take(LONGEST_METADATA as u64 + 1).read_to_end(&mut text));
     read.map_err(|error| RecordingError::io(&path, error))?;

@@ -8,9 +8,10 @@ use evcal_core::sensor::Sensor;
 use super::container::{MessageHead, OpenContainer, Topic, is_skipped};
 use super::message::Kind;
 use super::{folder, picture};
+use crate::error::{RecordingError, RecordingErrorKind};
 use crate::extras::Frame;
+use crate::options::Damage;
 use crate::pictures::TimedImage;
-use crate::{Damage, RecordingError, RecordingErrorKind};
 
 /// Images of one topic, all of one size.
 #[derive(Clone, Debug)]

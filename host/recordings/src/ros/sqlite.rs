@@ -7,7 +7,8 @@
 use std::path::Path;
 
 use crate::bytes::{ByteReader, share};
-use crate::{RecordingError, RecordingErrorKind, Truncation};
+use crate::error::{RecordingError, RecordingErrorKind};
+use crate::read_report::Truncation;
 
 /// How a file begins.
 pub const MAGIC: &[u8] = b"SQLite format 3\0";

@@ -18,7 +18,6 @@ use super::ImageTopic;
 use super::fields::Wire;
 use super::write::{BAG_OUTPUT, MCAP_OUTPUT};
 use crate::encode::{Description, OutputFormat, WriteError};
-use crate::extras::open_extras;
 use crate::extras::{Extra, Frame, InertialSample, OtherStreams};
 use crate::image_file::{ImageFile, Samples};
 use crate::testing::{self, Outcome};
@@ -71,7 +70,7 @@ fn every_container_gives_events_frames_and_samples() {
         ];
         assert_eq!(counts.collect::<Vec<_>>(), expected);
 
-        let mut extras = open_extras(&recording).unwrap();
+        let mut extras = recording.open_extras().unwrap();
         assert!(extras.held().frames && extras.held().imu);
         let (Some(Extra::Frame(frame)), Some(Extra::Inertial(sample))) =
             (extras.next_until(i64::MAX, &mut Vec::new()), extras.next_until(i64::MAX, &mut Vec::new()))
@@ -271,7 +270,7 @@ fn frames_and_samples_are_of_the_camera_whose_events_are_read() {
         for (stream, times) in [(None, [2, 8]), (Some("/rig/left/events"), [2, 8]), (Some("/rig/right/events"), [3, 7])]
         {
             let options = RecordingOptions { stream: stream.map(str::to_owned), ..RecordingOptions::default() };
-            let mut reader = open_extras(&Recording::new(&path, options).unwrap()).unwrap();
+            let mut reader = Recording::new(&path, options).unwrap().open_extras().unwrap();
             let found: Vec<i64> = std::iter::from_fn(|| reader.next_until(i64::MAX, &mut Vec::new()))
                 .map(|extra| match extra {
                     Extra::Frame(frame) => frame.t - START,
@@ -411,7 +410,7 @@ fn a_bag_that_was_split_is_one_recording() {
             recording.streams().unwrap().into_iter().map(|stream| (stream.name, stream.elements)).collect();
         let count = |name: &str| counts.iter().find(|(known, _)| known.starts_with(name)).unwrap().1;
         assert_eq!((count("/dvs/events"), count("/dvs/imu"), count("/other")), (12, 2, 1));
-        let mut extras = open_extras(&recording).unwrap();
+        let mut extras = recording.open_extras().unwrap();
         assert_eq!(std::iter::from_fn(|| extras.next_until(i64::MAX, &mut Vec::new())).count(), 3);
         assert_eq!(extras.chosen().len(), 2);
     }
@@ -557,7 +556,7 @@ fn what_was_written_is_read_again() {
             let path = directory.path().join("recording");
             std::fs::write(&path, &content).unwrap();
             let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
-            let mut reader = open_extras(&recording).unwrap();
+            let mut reader = recording.open_extras().unwrap();
             let found = std::iter::from_fn(|| reader.next_until(i64::MAX, &mut Vec::new()));
             assert_eq!(found.collect::<Vec<_>>(), extras, "{}", output.name);
         }
@@ -578,7 +577,7 @@ fn frames_are_written_without_how_opaque_they_are() {
             let directory = tempfile::tempdir().unwrap();
             let path = directory.path().join("recording");
             std::fs::write(&path, &content).unwrap();
-            let mut reader = open_extras(&Recording::new(&path, RecordingOptions::default()).unwrap()).unwrap();
+            let mut reader = Recording::new(&path, RecordingOptions::default()).unwrap().open_extras().unwrap();
             let found = reader.next_until(i64::MAX, &mut Vec::new());
             assert_eq!(found, Some(Extra::Frame(expected.clone())), "{}", output.name);
         }

@@ -1,8 +1,10 @@
 //! What can be wrong with a line of a text file.
 
-use super::MAX_LINE;
 use crate::counted::counted;
-use crate::{Columns, TimeUnit};
+use crate::options::{Columns, TimeUnit};
+
+/// No line with an event is longer (bytes).
+pub(crate) const MAX_LINE: u64 = 4096;
 
 /// Why a line is no event.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -12,7 +14,7 @@ pub enum LineError {
     #[error("is longer than {MAX_LINE} characters; is this a text file?")]
     TooLong,
     /// More or fewer fields than columns.
-    #[error("has {}, not {} ({columns}){}", counted(*count as u64, "field", "fields"), columns.as_slice().len(), field_advice(*count, columns))]
+    #[error("has {}, not {} ({columns})", counted(*count as u64, "field", "fields"), columns.as_slice().len())]
     FieldCount {
         /// Fields of the line.
         count: usize,
@@ -38,12 +40,4 @@ pub enum LineError {
     /// A polarity that is none.
     #[error("{0:?} is not a polarity (1 for ON, 0 or -1 for OFF)")]
     Polarity(String),
-}
-
-fn field_advice(count: usize, columns: &Columns) -> &'static str {
-    if count > columns.as_slice().len() {
-        ": do numbers have a comma in place of the point? write 0.5, not 0,5; or name all columns with --columns"
-    } else {
-        ": name those that there are with --columns, or complete the line"
-    }
 }

@@ -2,7 +2,8 @@
 
 use super::{Fields, is_comment, number};
 use crate::columns::{self, Cell, LayoutError, SAMPLE};
-use crate::{Column, Columns, MAX_SENSOR_SIZE, RecordingOptions, TimeUnit};
+use crate::options::{Column, Columns, RecordingOptions, TimeUnit};
+use crate::reader::MAX_SENSOR_SIZE;
 use evcal_core::sensor::Sensor;
 
 /// How the lines of a file are to be read.

@@ -2,7 +2,7 @@
 
 use evcal_core::event::Polarity;
 
-use crate::TimeUnit;
+use crate::options::TimeUnit;
 
 /// A plain decimal number: sign, whole digits, digits after the point.
 struct Decimal<'a> {

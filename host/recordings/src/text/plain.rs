@@ -5,7 +5,7 @@
 use evcal_core::event::{Event, Polarity};
 
 use super::layout::Layout;
-use crate::Column;
+use crate::options::Column;
 
 /// An event, with what was read for it.
 pub struct PlainLine {

@@ -47,7 +47,8 @@ pub fn is_failure(file: &Path) -> bool {
     [TEXT, PICTURE].iter().any(|name| Path::new(name) == file)
 }
 
-/// Tells of a failed calibration, and writes into `folder` what was seen, if anything was looked at.
+/// Tells of a failed calibration, and writes into `folder` what was seen, if anything was looked at. `why` is the error in the words of
+/// the program.
 ///
 /// # Errors
 /// [`FileError`] names the file that could not be written.
@@ -55,9 +56,10 @@ pub fn write_failure(
     folder: &Path,
     task: &Task,
     error: &CalibrateError,
+    why: String,
     stages: Vec<String>,
 ) -> Result<Failure, FileError> {
-    let mut failure = Failure { error: error.to_string(), stages, seen: None, files: Vec::new() };
+    let mut failure = Failure { error: why, stages, seen: None, files: Vec::new() };
     if !error.is_of_what_was_seen() {
         return Ok(failure);
     }

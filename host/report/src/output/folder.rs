@@ -26,14 +26,13 @@ use evcal_files::folder::{FolderError, OutputFolder};
 use evcal_geometry::board::Board;
 use evcal_geometry::timed_pose::TimedPose;
 use evcal_geometry::tum;
-use event_recordings::pictures::image_at;
 
 /// Folder of files for other programs.
 const EXPORTS: &str = "exports";
 /// The folders of a result.
 pub const FOLDERS: &[&str] = &[EXPORTS];
 
-/// Formats that every calibration is written in, and the folder of each; `evcal export` writes the others.
+/// Formats that every calibration is written in, and the folder of each; exports on demand write the others.
 const FOR_OTHERS: &[(ExportFormat, &str)] = &[(opencv::YAML, ""), (ros::FORMAT, EXPORTS), (kalibr::FORMAT, EXPORTS)];
 
 /// Files of one name each.
@@ -79,10 +78,10 @@ pub fn is_result(file: &Path) -> bool {
 #[non_exhaustive]
 pub enum WriteError {
     /// The folder cannot be used.
-    #[error(transparent)]
+    #[error("{0}")]
     Folder(#[from] FolderError),
     /// A file cannot be written.
-    #[error(transparent)]
+    #[error("{0}")]
     File(#[from] FileError),
 }
 
@@ -110,7 +109,7 @@ pub fn write_folder(
     task: &Task,
     progress: &mut (dyn FnMut(Step) + Send),
 ) -> Result<Written, FileError> {
-    let calibration = CalibrationFile::new(calibrated, task.board);
+    let calibration = CalibrationFile::new(calibrated, task.board, task.wording);
     let failed = |error: serde_json::Error| FileError::new(&folder.path().join("calibration.json"), error.into());
     let json = serde_json::to_string_pretty(&calibration).map_err(failed)?;
     let on_one_line = serde_json::to_string(&calibration).map_err(failed)?;
@@ -267,9 +266,10 @@ fn picture_examples(calibrated: &Calibrated, task: &Task) -> Vec<(&'static str, 
     best_and_worst(calibrated.posed(), |posed, frame| {
         let Some(Input::Events(recording)) = task.inputs.get(frame.recording) else { return None };
         let exposure = (calibrated.starts.get(frame.recording)? + frame.start) * 1e6;
-        let picture = image_at(recording, exposure.round() as i64)?;
-        let image = (picture.image.as_ref().ok()?, picture.position);
-        Some(grey_frame_picture(image, frame, calibrated.sensor, task.board, calibrated.camera(), &posed.pose))
+        let picture = recording.image_at(exposure.round() as i64)?;
+        let (image, position) = (picture.image.as_ref().ok()?, picture.position);
+        let (sensor, camera) = (calibrated.sensor, calibrated.camera());
+        Some(grey_frame_picture(image, position, frame, sensor, task.board, camera, &posed.pose))
     })
 }
 
@@ -303,8 +303,8 @@ fn frames(calibrated: &Calibrated, recording: usize) -> impl Iterator<Item = Cow
 fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &PoseSettings) -> Vec<UncertainPose> {
     let mut poses = match &calibrated.evidence {
         Evidence::Events(events) => {
-            let covariance = (&events.trust.poses, events.refined.left_out.as_slice());
-            let mut poses = sampled_poses(&events.refined.state, covariance, recording, settings);
+            let (state, left_out) = (&events.refined.state, &events.refined.left_out);
+            let mut poses = sampled_poses(state, &events.trust.poses, left_out, recording, settings);
             let followed = events.followed.iter().filter(|stretch| stretch.recording == recording);
             poses.extend(followed.flat_map(|stretch| &stretch.poses).copied());
             poses.sort_by(|a, b| a.pose.t.total_cmp(&b.pose.t));

@@ -197,7 +197,8 @@ pub fn reference_frame_picture(
 
 /// The same over one of the camera's own pictures, which begins at pixel `position` of the sensor.
 pub fn grey_frame_picture(
-    (image, position): (&GreyImage, (u16, u16)),
+    image: &GreyImage,
+    position: (u16, u16),
     frame: &ReferenceFrame,
     sensor: Sensor,
     board: &Board,

@@ -32,7 +32,7 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     let ideal = ideal_camera(calibrated.camera(), calibrated.sensor);
     let examples: Vec<_> = examples
         .into_par_iter()
-        .map(|(name, &(posed, frame))| (name, frame, pictures(calibrated, board, &ideal, (posed, frame))))
+        .map(|(name, &(posed, frame))| (name, frame, pictures(calibrated, board, &ideal, posed, frame)))
         .collect();
     let content = html! {
         p {
@@ -57,7 +57,8 @@ fn pictures(
     calibrated: &Calibrated,
     board: &Board,
     ideal: &IdealCamera<f64>,
-    (posed, frame): (&PosedFrame, &ReferenceFrame),
+    posed: &PosedFrame,
+    frame: &ReferenceFrame,
 ) -> Markup {
     let (camera, sensor) = (calibrated.camera(), calibrated.sensor);
     let pose = calibrated.best_pose(posed, frame);

@@ -34,8 +34,8 @@ pub fn drawing(thing: &str, names: [&str; 2], thing_from_camera: &Isometry3<f64>
         svg role="img" aria-label={ "Axes of the camera and of the " (thing) "." } viewBox={ "0 0 " (WIDTH) " " (HEIGHT) }
             style="width:100%;max-width:40rem" font-size="20" fill="currentColor" {
             (line(camera, unit, "currentColor", Some("3 6")))
-            (frame((names[0], ABOVE), camera, |axis| axis))
-            (frame((names[1], if apart.norm() < CROWDED { BELOW } else { ABOVE }), unit, |axis| camera_from_thing.rotation * axis))
+            (frame(names[0], ABOVE, camera, |axis| axis))
+            (frame(names[1], if apart.norm() < CROWDED { BELOW } else { ABOVE }, unit, |axis| camera_from_thing.rotation * axis))
         }
     }
 }
@@ -46,7 +46,7 @@ fn on_paper(direction: &Vector3<f64>) -> Vector2<f64> {
 }
 
 /// Three axes, each turned to the camera frame by `turn`, and a name to the left of their origin, so far above or below it.
-fn frame((name, height): (&str, f64), origin: Vector2<f64>, turn: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Markup {
+fn frame(name: &str, height: f64, origin: Vector2<f64>, turn: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Markup {
     let tip = |index: usize| origin + on_paper(&turn(Vector3::ith(index, 1.0))) * AXIS;
     let axes = AXES.iter().enumerate().map(|(index, axis)| (axis, tip(index)));
     html! {

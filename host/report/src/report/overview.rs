@@ -4,6 +4,7 @@ use maud::{Markup, html};
 
 use super::number::{count, percent, signed};
 use super::page::figure;
+use evcal_calibrate::advice::Wording;
 use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::{Calibrated, Measured};
 use evcal_calibrate::calibrate::input::Input;
@@ -34,9 +35,9 @@ pub fn head(calibrated: &Calibrated, task: &Task) -> Markup {
         div.verdict.(class(verdict.grade)) {
             p.sentence { @if !beside.is_empty() { "Camera: " } (verdict.sentence) }
             @if let (true, Some(first)) = (verdict.grade != Grade::Good, verdict.findings.first()) {
-                p.first { strong { "Do this first: " } (first.advice) "." }
+                p.first { strong { "Do this first: " } ((task.wording)(&first.advice)) "." }
             }
-            @if !verdict.findings.is_empty() { (findings(&verdict.findings)) }
+            @if !verdict.findings.is_empty() { (findings(&verdict.findings, task.wording)) }
         }
         @for VerdictBeside { about, grade, sentence } in &beside {
             div.verdict.(class(*grade)) { p.sentence { (about) ": " (sentence) } }
@@ -53,13 +54,13 @@ fn class(grade: Grade) -> &'static str {
     }
 }
 
-fn findings(findings: &[Finding]) -> Markup {
+fn findings(findings: &[Finding], wording: Wording) -> Markup {
     html! {
         ul.findings {
             @for finding in findings {
                 li {
                     strong { (severity(finding.severity)) ": " } (capital(&finding.reason)) ". "
-                    em { "What to do: " } (finding.advice) "."
+                    em { "What to do: " } (wording(&finding.advice)) "."
                 }
             }
         }

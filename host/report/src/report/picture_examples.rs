@@ -14,7 +14,7 @@ use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
 use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::circles::reference_frame::ReferenceFrame;
 use evcal_geometry::board::Board;
-use event_recordings::pictures::{GreyImage, TimedImage, visit_frames};
+use event_recordings::pictures::{GreyImage, TimedImage};
 
 /// Most pictures that are carried to the board.
 const MOST_PICTURES: usize = 24;
@@ -77,7 +77,7 @@ fn visit_with_pose(calibrated: &Calibrated, task: &Task, mut visit: impl FnMut(T
         if !recording.may_hold_frames() {
             continue;
         }
-        let _ = visit_frames(recording, |picture| {
+        let _ = recording.visit_frames(|picture| {
             let middle = 0.5 * (picture.exposure.0 as f64 + picture.exposure.1 as f64);
             if let (Ok(_), Some(pose)) = (&picture.image, pose_at(calibrated, number, middle * 1e-6 - start)) {
                 visit(picture, pose);

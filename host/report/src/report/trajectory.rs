@@ -1,5 +1,7 @@
 //! How the camera moved.
 
+use std::ops::Range;
+
 use maud::{Markup, html};
 
 use super::chart::{Chart, Color, Series, range_of};
@@ -150,12 +152,12 @@ fn plots(
     let PoseCurves { position, rotation, position_sigma, rotation_sigma } = curves;
     let sigmas = (!position_sigma.iter().flatten().all(Vec::is_empty)).then(|| {
         [
-            chart("Standard deviation of the position over time.", "σ (mm)", position_sigma, (start, end), 0.1),
-            chart("Standard deviation of the rotation over time.", "σ (°)", rotation_sigma, (start, end), 0.01),
+            chart("Standard deviation of the position over time.", "σ (mm)", position_sigma, start..end, 0.1),
+            chart("Standard deviation of the rotation over time.", "σ (°)", rotation_sigma, start..end, 0.01),
         ]
     });
-    let position = chart("Position of the camera over time.", "position (m)", position, (start, end), 0.1);
-    let mut rotation = chart("Roll, pitch and yaw of the camera over time.", "angle (°)", rotation, (start, end), 10.0);
+    let position = chart("Position of the camera over time.", "position (m)", position, start..end, 0.1);
+    let mut rotation = chart("Roll, pitch and yaw of the camera over time.", "angle (°)", rotation, start..end, 10.0);
     rotation.series.iter_mut().zip(ANGLES).for_each(|(series, name)| name.clone_into(&mut series.name));
     Some(html! {
         @if recordings > 1 { h3 { "Recording " (recording + 1) } }
@@ -199,7 +201,7 @@ fn chart(
     description: &str,
     y_label: &'static str,
     curves: [Vec<Vec<(f64, f64)>>; 3],
-    (start, end): (f64, f64),
+    times: Range<f64>,
     narrowest: f64,
 ) -> Chart<'static> {
     let values: Vec<f64> = curves.iter().flatten().flatten().map(|point| point.1).collect();
@@ -208,7 +210,7 @@ fn chart(
         description: description.to_owned(),
         x_label: "time (s)",
         y_label,
-        x: start..end.max(start + 1e-3),
+        x: times.start..times.end.max(times.start + 1e-3),
         y: range_of(values.into_iter(), narrowest),
         series: series
             .map(|((curves, name), color)| Series { name: name.to_owned(), color, curves, points: Vec::new() })

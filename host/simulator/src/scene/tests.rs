@@ -18,12 +18,7 @@ fn pose(board: &Board, distance: f64, tilt: f64, roll: f64) -> Isometry3<f64> {
 
 /// The unblurred scene at one point of the image, by the pose itself and the board's own list
 /// of circles. The ray is followed to a bent board step by step.
-fn sharp(
-    camera: &Camera<f64>,
-    pose: &Isometry3<f64>,
-    (board, printed): (&Board, &BoardShape),
-    pixel: Vector2<f64>,
-) -> f64 {
+fn sharp(camera: &Camera<f64>, pose: &Isometry3<f64>, board: &Board, printed: &BoardShape, pixel: Vector2<f64>) -> f64 {
     let settings = SceneSettings::default();
     let direction = pose.rotation * camera.unproject(&pixel).unwrap();
     let origin = pose.translation.vector;
@@ -73,7 +68,7 @@ fn greatest_errors(camera: &Camera<f64>, pose: &Isometry3<f64>, step: usize, pri
         for (u, v) in (0..SIDE).flat_map(|v| (0..SIDE).map(move |u| (offset(u), offset(v)))) {
             let weight = (-0.5 * (u * u + v * v)).exp();
             let place = Vector2::new(f64::from(x), f64::from(y)) + Vector2::new(u, v) * POINT_SPREAD;
-            let radiance = sharp(camera, pose, (&board, &printed), place);
+            let radiance = sharp(camera, pose, &board, &printed, place);
             at_sheet |= usize::from(radiance == background);
             sum += weight * radiance;
             weights += weight;

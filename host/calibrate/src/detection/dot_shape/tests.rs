@@ -67,7 +67,7 @@ fn window(form: Form, map: &Matrix3<f64>, share: f64, heading: f64, shift: f64) 
         let center = through(map, x, y);
         let right = through(map, x + 0.01, y) - center;
         let down = through(map, x, y + 0.01) - center;
-        (index, center, share * RADIUS * (right.perp(&down).abs() * 1e4).sqrt())
+        Dot { index, center, radius: share * RADIUS * (right.perp(&down).abs() * 1e4).sqrt() }
     });
     (dots.collect(), pixels)
 }
@@ -148,8 +148,9 @@ fn odd_dots_tell_nothing_and_do_no_harm() {
     let (dots, events) = window(disc, &view(8.0, 0.0), 1.0, 0.0, 0.2);
     assert_eq!(DotShape::of_dots(&dots[..2], &events, &PATTERN).corners(), None);
     assert_eq!(DotShape::of_dots(&dots, &[], &PATTERN).corners(), None);
-    let same: Vec<Dot> = dots.iter().map(|dot| (dot.0, dots[0].1, dot.2)).collect();
-    let off: Vec<Dot> = dots.iter().map(|dot| (dot.0, Vector2::repeat(f64::NAN), f64::INFINITY)).collect();
+    let same: Vec<Dot> = dots.iter().map(|dot| Dot { center: dots[0].center, ..*dot }).collect();
+    let off: Vec<Dot> =
+        dots.iter().map(|dot| Dot { center: Vector2::repeat(f64::NAN), radius: f64::INFINITY, ..*dot }).collect();
     for odd in [same, off] {
         let shape = DotShape::of_dots(&odd, &events, &PATTERN);
         assert!(shape.corners().is_none() && shape.hollowness() == 0.0, "{shape:?}");

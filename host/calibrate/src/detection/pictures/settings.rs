@@ -32,7 +32,7 @@ settings! {
         /// Uncertainty of the frames' projection (rms over the sensor) above which they cannot tell whether the
         /// events are right.
         pub too_uncertain: f64 = 1.0, "px", above(0.0);
-        /// Largest offset between frames and events with `--joint-frames`; its standard deviation must be below a
+        /// Largest offset between frames and events where they are solved together; its standard deviation must be below a
         /// tenth of it.
         pub max_time_offset: f64 = 0.02, "s", at_least(0.0);
     }

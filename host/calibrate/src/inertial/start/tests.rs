@@ -1,5 +1,5 @@
 use evcal_core::spline::rotation::exp;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Rotation3};
 
 use super::super::prediction::{accelerometer, gyroscope};
 use super::super::solve::smooth_trajectories;
@@ -123,14 +123,17 @@ fn motions_that_leave_something_open_are_named() {
         start(&[trajectory], &samples, GRAVITY).map(|found| found.parameters).unwrap_err()
     };
     let still = refusal(&hand([0.0; 3]));
-    assert!(matches!(still, InertialError::LittleRotation { .. }), "{still}");
+    assert!(matches!(still, InertialError::Alignment(AlignmentError::LittleRotation { .. })), "{still}");
     let one = refusal(&hand([0.0, 0.3, 0.0]));
-    assert!(matches!(one, InertialError::OneAxis { axis } if axis.starts_with('y')), "{one}");
+    assert!(
+        matches!(one, InertialError::Alignment(AlignmentError::OneAxis { axis }) if axis.starts_with('y')),
+        "{one}"
+    );
     let swing = refusal(&of_motion(|t| {
         let turn = Vector3::new(0.3 * (4.0 * t).sin(), 0.2 * (4.0 * t + 1.0).sin(), 0.0);
         Isometry3::new(Vector3::new(0.0, 0.0, -0.7), turn)
     }));
-    assert!(matches!(swing, InertialError::Ambiguous { .. }), "{swing}");
+    assert!(matches!(swing, InertialError::Alignment(AlignmentError::Ambiguous { .. })), "{swing}");
     // A turntable.
     let table = refusal(&of_motion(|t| Isometry3::new(Vector3::new(0.0, 0.0, -0.7), Vector3::new(0.0, 0.4 * t, 0.0))));
     assert!(!table.to_string().is_empty());

@@ -22,7 +22,7 @@ pub fn parse(text: &str) -> Result<Vec<TimedPose>, CaptureError> {
         let origin = *first.get_or_insert(stamp);
         let t = origin as f64 * 1e-9 + stamp.saturating_sub(origin) as f64 * 1e-9;
         let position = Vector3::new(at(1)?, at(2)?, at(3)?);
-        push(&mut poses, line, (t, position, [at(4)?, at(5)?, at(6)?, at(7)?]))?;
+        push(&mut poses, line, t, position, [at(4)?, at(5)?, at(6)?, at(7)?])?;
     }
     Ok(poses)
 }

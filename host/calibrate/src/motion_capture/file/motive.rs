@@ -43,7 +43,7 @@ pub fn parse(text: &str, body: Option<&str>) -> Result<Vec<TimedPose>, CaptureEr
         let [x, y, z] = columns.position;
         let position = Vector3::new(at(x)?, at(y)?, at(z)?) * unit;
         let [w, i, j, k] = columns.rotation;
-        push(&mut poses, line, (at(columns.time)?, position, [at(w)?, at(i)?, at(j)?, at(k)?]))?;
+        push(&mut poses, line, at(columns.time)?, position, [at(w)?, at(i)?, at(j)?, at(k)?])?;
     }
     Ok(poses)
 }

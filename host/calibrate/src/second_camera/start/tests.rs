@@ -1,9 +1,12 @@
 //! Two cameras on a mount that move as no others.
 
+use std::ops::Range;
+
 use nalgebra::Vector3;
 
 use super::*;
 use crate::trajectory::RotationSpline;
+use crate::trajectory::alignment::AlignmentError;
 use crate::trajectory::fit::{TrajectoryShape, fit};
 use evcal_geometry::board::Board;
 use evcal_geometry::board::symmetry::symmetries;
@@ -32,18 +35,19 @@ fn second_first() -> Isometry3<f64> {
     Isometry3::new(Vector3::new(-0.1, 0.01, 0.02), Vector3::new(0.02, 0.15, -0.3))
 }
 
-fn fitted_to(pose: impl Fn(f64) -> Isometry3<f64>, span: (f64, f64)) -> Trajectory {
-    let count = (200.0 * (span.1 - span.0)) as usize;
-    let times = (0..=count).map(|index| (span.0 + (span.1 - span.0) * index as f64 / count as f64).min(span.1));
+fn fitted_to(pose: impl Fn(f64) -> Isometry3<f64>, span: Range<f64>) -> Trajectory {
+    let count = (200.0 * (span.end - span.start)) as usize;
+    let times =
+        (0..=count).map(|index| (span.start + (span.end - span.start) * index as f64 / count as f64).min(span.end));
     let poses: Vec<TimedPose> = times.map(|t| TimedPose { t, pose: pose(t) }).collect();
     let shape = TrajectoryShape { degree: 3, rotation: RotationSpline::Quaternion, knot_spacing: 0.0175 };
-    fit(0, &poses, span.0, span.1, &shape).unwrap()
+    fit(0, &poses, span.start, span.end, &shape).unwrap()
 }
 
 fn first(turn: f64) -> Vec<Trajectory> {
     vec![
-        fitted_to(|t| first_pose(t, turn), (0.0, 0.6 * SECONDS)),
-        fitted_to(|t| first_pose(t, turn), (0.65 * SECONDS, SECONDS)),
+        fitted_to(|t| first_pose(t, turn), 0.0..0.6 * SECONDS),
+        fitted_to(|t| first_pose(t, turn), 0.65 * SECONDS..SECONDS),
     ]
 }
 
@@ -54,7 +58,7 @@ fn second(turn: f64, world: Isometry3<f64>) -> Vec<Trajectory> {
         let time = t - OFFSET_TRUE - RATE_TRUE * (t - middle);
         world.inverse() * first_pose(time, turn) * second_first().inverse()
     };
-    vec![fitted_to(pose, (1.0, 0.5 * SECONDS)), fitted_to(pose, (0.55 * SECONDS, SECONDS + 2.0))]
+    vec![fitted_to(pose, 1.0..0.5 * SECONDS), fitted_to(pose, 0.55 * SECONDS..SECONDS + 2.0)]
 }
 
 fn board(name: &str) -> Vec<Symmetry> {
@@ -125,8 +129,8 @@ fn where_nothing_tells_the_way_round_the_board_is_refused() {
         Isometry3::new(middle - Vector3::z() * (0.7 + 0.1 * (1.3 * t).sin()), Vector3::z() * turn)
     };
     let aside = Isometry3::new(Vector3::new(0.0, 0.0, 0.05), Vector3::zeros());
-    let one = vec![fitted_to(along, (0.0, 10.0))];
-    let other = vec![fitted_to(|t| along(t) * aside, (0.0, 10.0))];
+    let one = vec![fitted_to(along, 0.0..10.0)];
+    let other = vec![fitted_to(|t| along(t) * aside, 0.0..10.0)];
     assert_eq!(start(&one, &Seen::along(&other), &symmetries, LOOSE), Err(SecondCameraError::SymmetricBoard));
 }
 
@@ -137,24 +141,24 @@ fn mistakes_are_named() {
         start(first, &Seen::along(second), &symmetries, LOOSE).unwrap_err()
     };
     let still = |t: f64| first_pose(t, 0.0);
-    let error = refused(&[fitted_to(still, (0.0, 8.0))], &[fitted_to(still, (0.0, 8.0))]);
-    assert!(matches!(error, SecondCameraError::LittleRotation { .. }), "{error}");
+    let error = refused(&[fitted_to(still, 0.0..8.0)], &[fitted_to(still, 0.0..8.0)]);
+    assert!(matches!(error, SecondCameraError::Alignment(AlignmentError::LittleRotation { .. })), "{error}");
     let other = |t: f64| first_pose(0.77 * t + 100.0, 1.0);
-    let error = refused(&first(1.0), &[fitted_to(other, (0.0, 20.0))]);
-    assert!(matches!(error, SecondCameraError::OtherMotion { .. }), "{error}");
+    let error = refused(&first(1.0), &[fitted_to(other, 0.0..20.0)]);
+    assert!(matches!(error, SecondCameraError::Alignment(AlignmentError::OtherMotion { .. })), "{error}");
     let periodic = |t: f64| {
         Isometry3::new(Vector3::new(0.2, 0.2, -0.7), Vector3::new(0.4 * (4.0 * t).sin(), 0.3 * (8.0 * t).cos(), 0.0))
     };
-    let error = refused(&[fitted_to(periodic, (0.0, 12.0))], &[fitted_to(periodic, (0.0, 12.0))]);
-    assert!(matches!(error, SecondCameraError::Ambiguous { .. }), "{error}");
+    let error = refused(&[fitted_to(periodic, 0.0..12.0)], &[fitted_to(periodic, 0.0..12.0)]);
+    assert!(matches!(error, SecondCameraError::Alignment(AlignmentError::Ambiguous { .. })), "{error}");
     let even = |t: f64| Isometry3::new(Vector3::new(0.2, 0.2, -0.7), Vector3::y() * (0.2 * t - 1.2));
-    let error = refused(&[fitted_to(even, (0.0, 12.0))], &[fitted_to(even, (0.0, 12.0))]);
-    assert!(matches!(error, SecondCameraError::EvenRotation { .. }), "{error}");
+    let error = refused(&[fitted_to(even, 0.0..12.0)], &[fitted_to(even, 0.0..12.0)]);
+    assert!(matches!(error, SecondCameraError::Alignment(AlignmentError::EvenRotation { .. })), "{error}");
     // A mount that bends by 10 cm, back and forth.
     let loose =
         |t: f64| first_pose(t, 1.0) * Isometry3::new(Vector3::new(0.1 * (0.7 * t).sin(), 0.0, 0.0), Vector3::zeros());
-    let error = refused(&first(1.0), &[fitted_to(loose, (0.0, SECONDS))]);
+    let error = refused(&first(1.0), &[fitted_to(loose, 0.0..SECONDS)]);
     assert!(matches!(error, SecondCameraError::NotFixed { distance, .. } if distance > 0.02), "{error}");
     let error = refused(&first(1.0), &[]);
-    assert!(matches!(error, SecondCameraError::OtherMotion { .. }), "{error}");
+    assert!(matches!(error, SecondCameraError::Alignment(AlignmentError::OtherMotion { .. })), "{error}");
 }

@@ -17,7 +17,7 @@ pub(super) fn board_finding(estimate: &BoardEstimate, board: &Board, camera: &Ca
         advice:
             "nothing has to be done: the calibration takes this into account. A stiff, flat board and a measured print \
                  make it more certain"
-                .to_owned(),
+                .into(),
     })
 }
 

@@ -6,6 +6,7 @@ use evcal_core::sensor::Sensor;
 use super::board_statement::board_finding;
 use super::settings::{CERTAIN_DIFFERENCE, KNOWN_TOGETHER, OPEN_FOCAL_LENGTH, TOLD_FROM_ZERO};
 use super::{Cause, Finding, Severity, VerdictSettings};
+use crate::advice::Advice;
 use crate::solve::left_out::{LeftOut, Reason};
 use crate::trust::board_evidence::{BoardEvidence, RADIUS};
 use crate::trust::coverage::Coverage;
@@ -64,13 +65,13 @@ fn unexplained(left_out: &[LeftOut]) -> Option<Finding> {
         cause: Cause::Unexplained,
         severity: if seconds < SHORT { Severity::Note } else { Severity::Warning },
         reason: format!("the motion could not be followed for {seconds:.2} s ({places}): these times were not used"),
-        advice: "did something else move, or was the board hidden? If not, move the camera more smoothly".to_owned(),
+        advice: "did something else move, or was the board hidden? If not, move the camera more smoothly".into(),
     })
 }
 
 fn saturated(events: &EventTrust) -> Option<Finding> {
     let advice =
-        "move the camera more slowly, from further away, or raise the contrast thresholds of its pixels".to_owned();
+        "move the camera more slowly, from further away, or raise the contrast thresholds of its pixels".into();
     let what = "there were more events than the camera can send";
     if let Some((seconds, _)) = places(events.saturated.iter()) {
         let reason =
@@ -96,13 +97,13 @@ fn uncertain(trust: &Trust, settings: &VerdictSettings) -> Option<Finding> {
         cause: Cause::Uncertain,
         severity,
         reason: format!("the projection is only known to {bound:.2} px"),
-        advice: "record longer, with the board near, tilted to all sides and in every corner of the image".to_owned(),
+        advice: "record longer, with the board near, tilted to all sides and in every corner of the image".into(),
     })
 }
 
 fn views(coverage: &Coverage, settings: &VerdictSettings) -> Vec<Finding> {
     let warning =
-        |cause, reason, advice: &str| Finding { cause, severity: Severity::Warning, reason, advice: advice.to_owned() };
+        |cause, reason, advice: &str| Finding { cause, severity: Severity::Warning, reason, advice: advice.into() };
     let mut findings = Vec::new();
     if coverage.duration < settings.shortest {
         findings.push(warning(
@@ -201,10 +202,10 @@ fn radius(
             1e3 * board.radius,
             1e3 * board.spacing
         ),
-        advice: format!(
+        advice: Advice::Plain(format!(
             "measure radius and spacing on the print: one of them is wrong (with the stated radius the spacing would be {:.1} mm); if both are right, ON and OFF are exchanged, or the dots are lighter than the paper",
             1e3 * board.spacing / ratio
-        ),
+        )),
     })
 }
 
@@ -220,7 +221,7 @@ fn pixels_not_square(camera: &Camera<f64>, trust: &Trust, settings: &VerdictSett
         severity: Severity::Warning,
         reason: format!("fx and fy differ by {difference:.2} ± {sigma:.2} px, but pixels are square"),
         advice: "tilt and turn the board more: its print and bend are estimated, but must be seen from all sides"
-            .to_owned(),
+            .into(),
     })
 }
 
@@ -230,8 +231,7 @@ fn not_one_to_one(camera: &Camera<f64>, sensor: Sensor) -> Option<Finding> {
         cause: Cause::NotOneToOne,
         severity: Severity::Warning,
         reason: format!("the distortion folds over inside the image, at {:.1} % of the pixels", 100.0 * share),
-        advice: "cover the corners of the image, or take a model with fewer coefficients or one for wide lenses"
-            .to_owned(),
+        advice: "cover the corners of the image, or take a model with fewer coefficients or one for wide lenses".into(),
     })
 }
 
@@ -241,15 +241,11 @@ fn held(camera: &Camera<f64>, held: &[usize]) -> Option<Finding> {
         .iter()
         .filter_map(|&index| Some(format!("{} was kept at {}", names.get(index)?, values.get(index)?)))
         .collect();
-    let free: Vec<String> = held.iter().filter_map(|&index| Some(format!("--free {}", names.get(index)?))).collect();
     (!told.is_empty()).then(|| Finding {
         cause: Cause::ParameterUndetermined,
         severity: Severity::Note,
         reason: format!("this recording does not determine all of the lens: {}", told.join(", ")),
-        advice: format!(
-            "bring the board into the corners of the image, or estimate it all the same with {}",
-            free.join(" ")
-        ),
+        advice: Advice::Free(held.iter().filter_map(|&index| names.get(index).copied()).collect()),
     })
 }
 
@@ -276,14 +272,14 @@ fn undetermined(camera: &Camera<f64>, trust: &Trust, held: &[usize]) -> Option<F
             severity: Severity::Note,
             reason: "focal length and shape parameters of this model are known together only, not each of them alone"
                 .to_owned(),
-            advice: "use them together, or take a model with fewer coefficients".to_owned(),
+            advice: "use them together, or take a model with fewer coefficients".into(),
         });
     }
     (!lost.is_empty()).then(|| Finding {
         cause: Cause::ParameterUndetermined,
         severity: Severity::Note,
         reason: format!("zero is within the uncertainty of {}", lost.join(", ")),
-        advice: "a model with fewer coefficients is probably enough".to_owned(),
+        advice: "a model with fewer coefficients is probably enough".into(),
     })
 }
 
@@ -299,18 +295,17 @@ fn too_poor(camera: &Camera<f64>, events: &EventTrust, settings: &VerdictSetting
                 "residuals of {:.3} px stay in the same places of the image, and no other model explains them better",
                 pattern.shift
             ),
-            advice: "is the board wavy, or the lens dirty? A smooth bend and an uneven print are estimated already, unless --fix keeps them"
-                .to_owned(),
+            advice: Advice::LookAtBoard,
         });
     };
     Some(Finding {
         cause: Cause::ModelTooPoor,
         severity: if misfit.rms > settings.misfit { Severity::Failure } else { Severity::Warning },
         reason: format!(
-            "{own} cannot follow this lens: take --model {kind}, which differs by {:.2} px over the sensor ({:.1} px at most)",
+            "{own} cannot follow this lens: take the model {kind}, which differs by {:.2} px over the sensor ({:.1} px at most)",
             difference.rms, difference.max
         ),
-        advice: format!("calibrate again with --model {kind}"),
+        advice: Advice::TakeModel(*kind),
     })
 }
 
@@ -322,7 +317,7 @@ fn halves(halves: &SplitHalf) -> Option<Finding> {
             "two halves of the recording differ by {:.3} px, more than the {:.3} px that their uncertainty allows",
             halves.difference.rms, halves.bound
         ),
-        advice: "did anything change in between: focus, board, temperature? The stated ± is too small".to_owned(),
+        advice: "did anything change in between: focus, board, temperature? The stated ± is too small".into(),
     })
 }
 

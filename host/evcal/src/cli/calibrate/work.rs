@@ -30,6 +30,8 @@ use evcal_report::output::failure::{Failure, write_failure};
 use evcal_report::output::folder::write_folder;
 use rayon::ThreadPool;
 
+use super::super::advice::calibrate::worded;
+use super::super::advice::with_advice;
 use super::super::progress::Waiting;
 use super::super::{NotGoodEnough, Outcome, command_line, print};
 use super::CalibrationArguments;
@@ -116,6 +118,7 @@ impl Work<'_> {
             parameters: self.parameters,
             settings: self.settings,
             command_line,
+            wording: worded,
             readers: self.readers.as_ref(),
         }
     }
@@ -145,7 +148,7 @@ impl Work<'_> {
             Ok(calibrated) => calibrated,
             Err(error) => {
                 waiting.finish();
-                let failure = write_failure(folder.path(), &task, &error, attempt.stages)?;
+                let failure = write_failure(folder.path(), &task, &error, with_advice(&error), attempt.stages)?;
                 return Err(Failed { error, failure }.into());
             }
         };
@@ -191,13 +194,13 @@ impl Work<'_> {
 /// Why the inertial unit or one of the other cameras was not calibrated.
 #[derive(Debug, thiserror::Error)]
 enum BesideError {
-    #[error(transparent)]
+    #[error("{0}")]
     Inertial(#[from] InertialError),
-    #[error(transparent)]
+    #[error("{0}")]
     Held(#[from] OtherSensor),
-    #[error(transparent)]
-    Apart(CalibrateError),
-    #[error(transparent)]
+    #[error("{0}")]
+    Apart(#[source] CalibrateError),
+    #[error("{0}")]
     Together(#[from] SecondCameraError),
 }
 
@@ -218,11 +221,11 @@ impl fmt::Display for AllBeside {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0.as_slice() {
             // What it is about goes without saying, but for the calibration of another camera apart.
-            [Beside { what, error: error @ BesideError::Apart(_) }] => write!(f, "{what}: {error}"),
-            [Beside { error, .. }] => write!(f, "{error}"),
+            [Beside { what, error: error @ BesideError::Apart(_) }] => write!(f, "{what}: {}", with_advice(error)),
+            [Beside { error, .. }] => f.write_str(&with_advice(error)),
             several => {
                 write!(f, "{} were not calibrated:", several.len())?;
-                several.iter().try_for_each(|Beside { what, error }| write!(f, "\n  {what}: {error}"))
+                several.iter().try_for_each(|Beside { what, error }| write!(f, "\n  {what}: {}", with_advice(error)))
             }
         }
     }
@@ -258,7 +261,7 @@ impl Work<'_> {
             failed.push(Beside { what: "the camera's own frames".to_owned(), error });
         }
         for (number, other) in self.others.iter().enumerate() {
-            if let Err(error) = self.add_other(first, (number, other), task, waiting) {
+            if let Err(error) = self.add_other(first, number, other, task, waiting) {
                 failed.push(Beside { what: other.input.name(), error });
             }
         }
@@ -275,10 +278,12 @@ impl Work<'_> {
     fn add_other(
         &self,
         first: &mut Calibrated,
-        (number, Other { input, sensor, model }): (usize, &Other),
+        number: usize,
+        other: &Other,
         task: &Task,
         waiting: &mut Waiting,
     ) -> Result<(), BesideError> {
+        let Other { input, sensor, model } = other;
         let uncertainty = &self.settings.uncertainty;
         let inputs = std::slice::from_ref(input);
         let pictures = match input {
@@ -299,8 +304,8 @@ impl Work<'_> {
         let lenses = [self.held_of_first(first)?, held];
         let second = match input {
             Input::Images(images) => {
-                let frames = (images, self.rolling_shutter);
-                calibrate_frame_camera(first, &second, frames, &self.board, lenses, uncertainty)?
+                let rolling_shutter = self.rolling_shutter;
+                calibrate_frame_camera(first, &second, images, rolling_shutter, &self.board, lenses, uncertainty)?
             }
             Input::Events(_) | Input::Circles { .. } => {
                 calibrate_second_camera(first, &second, &input.name(), &self.board, lenses, uncertainty)?

@@ -40,7 +40,8 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
     /// Begins with the recordings `before`, which are whole, and that at `path`, of which `shared` tells how far it is written.
     pub fn start(
         scope: &'scope Scope<'scope, 'env>,
-        (before, path): (&'env [PathBuf], &'env Path),
+        before: &'env [PathBuf],
+        path: &'env Path,
         board: Board,
         arguments: &'env CalibrationArguments,
         settings: &'env Settings,

@@ -58,9 +58,9 @@ pub fn run(
         recordings.push(path.clone());
         let recorded = thread::scope(|scope| {
             let calibration = &arguments.calibration;
-            let ahead = Ahead::start(scope, (&before, &path), board, calibration, settings, &shared);
+            let ahead = Ahead::start(scope, &before, &path, board, calibration, settings, &shared);
             let session = Session { arguments, settings, board: &board, interrupt, window: window.as_ref() };
-            let recorded = session.record(camera, (&before, &path), &shared.growth, memory.take())?;
+            let recorded = session.record(camera, &before, &path, &shared.growth, memory.take())?;
             let calibrated = ahead.finish(&recordings, calibration, settings, folder);
             Ok::<_, Box<dyn Error>>((recorded, calibrated))
         });
@@ -105,7 +105,8 @@ impl Session<'_> {
     fn record(
         self,
         mut camera: Camera,
-        (before, path): (&[PathBuf], &Path),
+        before: &[PathBuf],
+        path: &Path,
         growth: &Growth,
         memory: Option<Memory>,
     ) -> Result<Recorded, Box<dyn Error>> {
@@ -117,7 +118,8 @@ impl Session<'_> {
             arguments,
             settings,
             board,
-            (before, path),
+            before,
+            path,
             &RecordingOptions::default(),
             Telling::WhenReady,
         )?;

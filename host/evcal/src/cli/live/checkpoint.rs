@@ -15,6 +15,7 @@ use evcal_geometry::board::Board;
 use evcal_live::checkpoint::{Checkpoints, Stated, Telling};
 use event_recordings::{Recording, RecordingOptions};
 
+use super::super::advice::with_advice;
 use super::Arguments;
 
 /// What is calibrated at a checkpoint, and how.
@@ -33,7 +34,8 @@ pub fn start(
     arguments: &Arguments,
     settings: &Settings,
     board: &Board,
-    (before, recording): (&[PathBuf], &Path),
+    before: &[PathBuf],
+    recording: &Path,
     options: &RecordingOptions,
     telling: Telling,
 ) -> io::Result<Checkpoints> {
@@ -52,9 +54,9 @@ pub fn start(
 impl Work {
     /// What a calibration of the first `seconds` states, or why there is none.
     fn state(&self, seconds: f64, stop: &AtomicBool) -> Result<Stated, String> {
-        let recording = Recording::new(&self.recording, self.options.clone()).map_err(|error| error.to_string())?;
+        let recording = Recording::new(&self.recording, self.options.clone()).map_err(|error| with_advice(&error))?;
         let before = self.before.iter().map(|path| Input::open(path, &self.options, &self.board));
-        let before: Vec<Input> = before.collect::<Result<_, _>>().map_err(|error| error.to_string())?;
+        let before: Vec<Input> = before.collect::<Result<_, _>>().map_err(|error| with_advice(&error))?;
         let task = Task {
             model: self.model,
             sensor: self.options.sensor,
@@ -65,7 +67,7 @@ impl Work {
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
         };
-        let calibrated = calibrate_beginning(&recording, seconds, &task, go_on).map_err(|error| error.to_string())?;
+        let calibrated = calibrate_beginning(&recording, seconds, &task, go_on).map_err(|error| with_advice(&error))?;
         let split_half = calibrated.events().and_then(|events| events.trust.split_half.as_ref());
         let projection = &calibrated.trust.projection;
         Ok(Stated {

@@ -37,7 +37,7 @@ pub fn run(
     let method = &arguments.calibration.method;
     let board = &method.choose_board(&[path.to_owned()], &options, &settings.detection)?;
     let checkpoints =
-        checkpoint::start(arguments, settings, board, (&[], path), &options, Telling::AtLength(TOLD_AT_LENGTH))?;
+        checkpoint::start(arguments, settings, board, &[], path, &options, Telling::AtLength(TOLD_AT_LENGTH))?;
     let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, board, sensor)
         .with_checkpoints(checkpoints);
     let latest = Latest::new(observer.seen());

@@ -23,6 +23,7 @@ use event_recordings::Recording;
 use event_recordings::pictures::GreyImage;
 
 use super::super::NotGoodEnough;
+use super::super::advice::with_advice;
 use super::super::print;
 use super::browser::{self, Redirect, is_desktop};
 
@@ -123,7 +124,7 @@ impl Window {
     ) -> Next {
         let failure = calibrated.as_ref().err().filter(|error| !error.is::<NotGoodEnough>());
         let outcome = match failure {
-            Some(error) => Err(error.to_string()),
+            Some(error) => Err(with_advice(&**error)),
             None => self.outcome(folder.path()).map_err(|error| error.to_string()),
         };
         let (phase, outcome) = match outcome {

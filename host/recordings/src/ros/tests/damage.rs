@@ -133,14 +133,14 @@ fn extras(content: &[u8], options: RecordingOptions) -> (Vec<i64>, Vec<String>, 
     let path = directory.path().join("recording");
     std::fs::write(&path, content).unwrap();
     let recording = Recording::new(&path, options).unwrap();
-    let (mut reader, mut lost) = (open_extras(&recording).unwrap(), Vec::new());
+    let (mut reader, mut lost) = (recording.open_extras().unwrap(), Vec::new());
     let time = |extra| match extra {
         Extra::Frame(frame) => frame.t - START,
         Extra::Inertial(sample) => sample.t - START,
     };
     let times = std::iter::from_fn(|| reader.next_until(i64::MAX, &mut lost).map(time)).collect();
     let mut pictures = 0;
-    crate::pictures::visit_frames(&recording, |_| pictures += 1).unwrap();
+    recording.visit_frames(|_| pictures += 1).unwrap();
     (times, lost, pictures)
 }
 

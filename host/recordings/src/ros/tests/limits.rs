@@ -177,7 +177,7 @@ fn of_many_units_the_one_beside_the_events_is_found() {
     let records = [mcap_record(3, &schema), mcap_record(4, &channel), mcap_record(5, &message)].concat();
     let content = [&b"\x89MCAP0\r\n"[..], &units, &records, &mcap_record(15, &[0; 4])].concat();
     let (_directory, path) = sparse(&content, 0);
-    let reader = open_extras(&Recording::new(&path, RecordingOptions::default()).unwrap()).unwrap();
+    let reader = Recording::new(&path, RecordingOptions::default()).unwrap().open_extras().unwrap();
     let chosen = reader.chosen();
     assert!(chosen.len() == 1 && chosen[0].contains("/t777/imu ("), "{chosen:?}");
 }

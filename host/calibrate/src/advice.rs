@@ -1,0 +1,157 @@
+//! What to do, as data: who shows it knows what its users can type.
+//!
+//! `Display` has it in words that hold for all users of this library. A program with options, or with arguments of
+//! functions, hands in a [`Wording`] of its own.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use evcal_core::camera::ModelKind;
+use evcal_core::event::Polarity;
+use evcal_core::sensor::Sensor;
+use evcal_geometry::board::Board;
+use event_recordings::TimeUnit;
+
+use crate::detection::NoPattern;
+use crate::detection::layout::RecognisedLayout;
+use crate::detection::no_board::only_one_polarity;
+use crate::detection::radius::OtherRadius;
+
+/// How a program words advice.
+pub type Wording = fn(&Advice) -> String;
+
+/// The wording of this library: what [`Advice`] displays.
+pub fn plain(advice: &Advice) -> String {
+    advice.to_string()
+}
+
+/// What to do about a finding, or with a recording.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Advice {
+    /// Something that no program has an option for.
+    Plain(String),
+    /// Calibrate again with this camera model.
+    TakeModel(ModelKind),
+    /// Calibrate again with the whole board, of which the stated one is a part.
+    TakeWholeBoard(Board),
+    /// Count rows and columns of the board.
+    CountRows,
+    /// Look at lens and board, if bend and print were estimated.
+    LookAtBoard,
+    /// See more of the lens, or estimate these parameters all the same.
+    Free(Vec<&'static str>),
+    /// State the size of the sensor, probably this one.
+    NameSensor(Option<Sensor>),
+    /// State the unit of the times; `None` where the format leaves no choice.
+    NameTimeUnit(Option<TimeUnit>),
+    /// Count pixels from 0.
+    CountFromZero {
+        /// The sensor.
+        sensor: Sensor,
+        /// Whether its size is to be stated, too.
+        name_sensor: bool,
+    },
+    /// Exchange x and y.
+    ExchangeAxes,
+    /// State the order of the columns, for these events lie outside the sensor.
+    NameColumns(Outside),
+    /// State the true size of the sensor, for these events lie outside of it.
+    CorrectSensor(Outside),
+    /// Export events of both polarities, not of this one alone.
+    BothPolarities(Polarity),
+    /// State the board.
+    NameBoard,
+    /// Measure the board that was recognised.
+    Measure(RecognisedLayout),
+    /// What keeps the board from being found.
+    FindBoard(NoPattern),
+    /// Correct radius or spacing of the board.
+    CorrectRadius(OtherRadius),
+    /// Calibrate from this recording.
+    Calibrate {
+        /// The recording.
+        recording: PathBuf,
+        /// The board in it.
+        board: String,
+    },
+}
+
+/// Events outside the sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outside {
+    /// All events.
+    All,
+    /// So many of them.
+    Some(u64),
+}
+
+impl fmt::Display for Outside {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::All => write!(f, "all events lie outside the sensor"),
+            Self::Some(count) => write!(f, "{count} events lie outside the sensor"),
+        }
+    }
+}
+
+impl From<&str> for Advice {
+    fn from(words: &str) -> Self {
+        Self::Plain(words.to_owned())
+    }
+}
+
+impl fmt::Display for Advice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Plain(words) => f.write_str(words),
+            Self::TakeModel(kind) => write!(f, "calibrate again with the model {kind}"),
+            Self::TakeWholeBoard(board) => write!(
+                f,
+                "calibrate again with the board {board}, which takes more of the recording; the lens is right within what is stated"
+            ),
+            Self::CountRows => {
+                write!(f, "count them on the board: more are stated than it has, or a part of it was never in view")
+            }
+            Self::LookAtBoard => write!(
+                f,
+                "is the board wavy, or the lens dirty? A smooth bend and an uneven print are estimated already, unless they are held"
+            ),
+            Self::Free(names) => write!(
+                f,
+                "bring the board into the corners of the image, or let {} be estimated all the same",
+                names.join(", ")
+            ),
+            Self::NameSensor(Some(sensor)) => write!(f, "state the size of the sensor, probably {sensor}"),
+            Self::NameSensor(None) => write!(f, "state the size of the camera's sensor"),
+            Self::NameTimeUnit(Some(unit)) => write!(f, "state that times are in {unit}"),
+            Self::NameTimeUnit(None) => write!(f, "are the times in the file in the unit of its format?"),
+            Self::CountFromZero { sensor, name_sensor } => {
+                let Sensor { width, height } = sensor;
+                write!(f, "pixels are counted from 1, up to column {width} and row {height}: subtract 1 from x and y")?;
+                if *name_sensor { write!(f, ", and state the size of the sensor, {sensor}") } else { Ok(()) }
+            }
+            Self::ExchangeAxes => {
+                write!(
+                    f,
+                    "x and y are swapped: correct the order of the columns, or swap width and height of the sensor"
+                )
+            }
+            Self::NameColumns(outside) => {
+                write!(f, "{outside}: are the columns in another order? State it, such as x,y,t,p")
+            }
+            Self::CorrectSensor(outside) => write!(f, "{outside}: state its true size"),
+            Self::BothPolarities(only) => f.write_str(&only_one_polarity(*only)),
+            Self::NameBoard => write!(f, "circles were seen: name the board to look for it"),
+            Self::Measure(layout) => write!(
+                f,
+                "the board is {layout}: {}, and give both, for example {}",
+                layout.to_measure(),
+                layout.example()
+            ),
+            Self::FindBoard(error) => error.fmt(f),
+            Self::CorrectRadius(error) => error.fmt(f),
+            Self::Calibrate { board, .. } => write!(f, "calibrate from it with the board {board}"),
+        }
+    }
+}

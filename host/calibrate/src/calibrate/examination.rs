@@ -1,0 +1,83 @@
+//! What speaks for and against a calibration, and what against the recordings.
+
+use evcal_core::sensor::Sensor;
+
+use super::Task;
+use super::board_solve::BoardSolve;
+use super::error::CalibrateError;
+use super::health::{self, Health};
+use super::joint_solve::examine_settings;
+use super::{other_camera, unseen_rows, unstated_rows};
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::detection::larger_pattern::larger_pattern;
+use crate::detection::unplaced::UnplacedWindows;
+use crate::initial::InitialModel;
+use crate::solve::State;
+use crate::solve::left_out::LeftOut;
+use crate::solve::refinement::Refined;
+use crate::trust::verdict::{Finding, Verdict, verdict};
+use crate::trust::witness::WitnessOutcome;
+use crate::trust::{EventTrust, SolveCertainty, Trust, examine};
+
+/// What the stages before the joint solve saw.
+pub(super) struct Seen<'a> {
+    pub(super) sensor: Sensor,
+    /// How the light and the pixels were.
+    pub(super) health: &'a [Health],
+    /// Windows with more circles than the board has.
+    pub(super) unplaced: &'a [UnplacedWindows],
+    /// The frames that the joint solve took.
+    pub(super) frames: &'a [ReferenceFrame],
+    /// The first camera.
+    pub(super) initial: &'a InitialModel,
+}
+
+/// A calibration and what speaks for and against it.
+pub(super) struct Examined {
+    pub(super) refined: Refined,
+    pub(super) trust: Trust,
+    pub(super) event_trust: EventTrust,
+    pub(super) witness: Option<WitnessOutcome>,
+    pub(super) verdict: Verdict,
+}
+
+/// Examines the joint solve, in which the `saturated` stretches are, and gives the verdict on all that was seen.
+///
+/// # Errors
+/// [`CalibrateError::Solve`] when the observations do not determine the camera.
+pub(super) fn examine_calibration(
+    task: &Task,
+    seen: &Seen,
+    solve: BoardSolve,
+    saturated: &[LeftOut],
+    witness: Option<WitnessOutcome>,
+) -> Result<Examined, CalibrateError> {
+    let BoardSolve { refined, certainty: uncertainty, board, undetermined, .. } = solve;
+    let certainty = SolveCertainty { uncertainty, board, undetermined };
+    let (trust, event_trust) = examine(&refined, certainty, task.board, saturated, examine_settings(task.settings))
+        .map_err(CalibrateError::Solve)?;
+    let (findings, witness) = findings(task, seen, &refined.state, witness);
+    let camera = &refined.state.camera;
+    let settings = &task.settings.verdict;
+    let verdict = verdict(camera, &trust, Some(&event_trust), task.board, seen.sensor, findings, settings);
+    Ok(Examined { refined, trust, event_trust, witness, verdict })
+}
+
+/// What is to be said of the recordings once they were solved to `state`, and what their pictures say now that the board's size is known.
+fn findings(
+    task: &Task,
+    seen: &Seen,
+    state: &State,
+    witness: Option<WitnessOutcome>,
+) -> (Vec<Finding>, Option<WitnessOutcome>) {
+    let mut findings = health::findings_on(seen.health);
+    findings.extend(other_camera::findings_on(task.inputs, seen.frames, seen.initial));
+    findings.extend(unseen_rows::finding_on(task.board.pattern, seen.frames));
+    let larger = larger_pattern(seen.unplaced, task.board.pattern, seen.sensor);
+    let witness = if larger.is_some() { witness.map(WitnessOutcome::with_larger_board) } else { witness };
+    findings.extend(
+        larger.map(|larger| unstated_rows::finding_on(&larger, task.board, &state.camera, &state.trajectories)),
+    );
+    findings.extend(witness.as_ref().and_then(WitnessOutcome::finding));
+    (findings, witness)
+}

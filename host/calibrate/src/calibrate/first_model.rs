@@ -1,0 +1,71 @@
+//! The first camera, and why there is none.
+
+use evcal_core::sensor::Sensor;
+
+use super::Task;
+use super::board_choice::larger_board;
+use super::error::CalibrateError;
+use super::progress::Progress;
+use crate::circles::reference_frame::ReferenceFrame;
+use crate::detection::radius::other_radius;
+use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, choose_model};
+use crate::initial::{InitialModel, initial_model};
+
+/// The first camera, and the poses of the frames before it.
+pub(super) struct FirstModel {
+    pub(super) initial: InitialModel,
+    /// How its model was chosen, where that was left to the program.
+    pub(super) choice: Option<ModelChoice>,
+}
+
+/// The first camera, of the model that was asked for or that suits the recording best.
+///
+/// # Errors
+/// [`CalibrateError`] says what the frames show in place of a camera, or that the caller wants the end.
+pub(super) fn first_model(
+    task: &Task,
+    frames: &[ReferenceFrame],
+    sensor: Sensor,
+    progress: &Progress,
+) -> Result<FirstModel, CalibrateError> {
+    of_model(task, frames, sensor, progress).map_err(|error| explained(error, task, frames))
+}
+
+fn of_model(
+    task: &Task,
+    frames: &[ReferenceFrame],
+    sensor: Sensor,
+    progress: &Progress,
+) -> Result<FirstModel, CalibrateError> {
+    let settings = task.settings;
+    progress.tell(format!("initial model from {} reference frames", frames.len()))?;
+    match task.model {
+        ModelRequest::Given(model) => {
+            let initial = initial_model(frames, task.board, sensor, model, &settings.initial)?;
+            Ok(FirstModel { initial, choice: None })
+        }
+        ModelRequest::Auto => {
+            let (stage, choice) = (&settings.initial, &settings.model_choice);
+            // It cannot be ended there, and is afterwards.
+            let tell = |model| {
+                let _ = progress.tell(format!("initial model {model} from {} reference frames", frames.len()));
+            };
+            let (initial, choice) = choose_model(frames, task.board, sensor, &CANDIDATES, stage, choice, tell)?;
+            progress.go_on()?;
+            Ok(FirstModel { initial, choice: Some(choice) })
+        }
+    }
+}
+
+/// Why there is no first camera, where the frames tell more than `error` does.
+fn explained(error: CalibrateError, task: &Task, frames: &[ReferenceFrame]) -> CalibrateError {
+    if !matches!(error, CalibrateError::Initial(_)) {
+        return error;
+    }
+    // A wrong radius keeps circles from being confirmed, whatever else is told of them.
+    match other_radius(frames, task.board) {
+        Some(other) => CalibrateError::OtherRadius(other),
+        None => larger_board(task.inputs, task.board, &task.settings.detection)
+            .map_or(error, |larger| CalibrateError::LargerBoard(Box::new(larger))),
+    }
+}

@@ -1,0 +1,50 @@
+//! Which reference frames the joint solve takes, and which of them keep their events.
+
+use super::stretch_choice::{ChosenSeconds, StretchChoice, second_of};
+use crate::circles::compact_frame::CompactFrame;
+use crate::circles::reference_frame::{ReferenceFrame, SeenIn};
+use crate::initial::InitialModel;
+
+/// All reference frames.
+pub(super) struct Frames {
+    /// Those that the joint solve takes, in order of recording.
+    pub(super) taken: Vec<ReferenceFrame>,
+    /// Those that it has no room for.
+    pub(super) others: Vec<CompactFrame>,
+}
+
+/// Takes the frames of circle inputs, and those of the `windows` that are in the chosen seconds.
+pub(super) fn take_frames(
+    windows: Vec<CompactFrame>,
+    of_circles: Vec<ReferenceFrame>,
+    choice: Option<&StretchChoice>,
+) -> Frames {
+    let chosen = choice.map(ChosenSeconds::new);
+    let (mut taken, mut others) = (of_circles, Vec::new());
+    for mut window in windows {
+        if chosen.as_ref().is_none_or(|chosen| chosen.has(window.recording, second_of(window.t()))) {
+            taken.push(window.into());
+        } else {
+            window.seen_in = SeenIn::PassedEvents;
+            others.push(window);
+        }
+    }
+    taken.sort_by_key(|frame| frame.recording);
+    Frames { taken, others }
+}
+
+/// Drops the events of all frames but those with the smallest, the middle and the largest error, which are shown: after the first
+/// camera nothing else needs them.
+pub(super) fn keep_examples(frames: &mut [ReferenceFrame], initial: &InitialModel) {
+    let with_events = |frame: usize| frames.get(frame).is_some_and(|frame| frame.events().is_some());
+    let mut ranked: Vec<(f64, usize)> =
+        initial.frames.iter().map(|posed| (posed.rms, posed.frame)).filter(|(_, frame)| with_events(*frame)).collect();
+    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let last = ranked.len().saturating_sub(1);
+    let shown = [0, last.div_ceil(2), last].map(|place| ranked.get(place).map(|(_, frame)| *frame));
+    for (index, frame) in frames.iter_mut().enumerate() {
+        if matches!(frame.seen_in, SeenIn::Events(_)) && !shown.contains(&Some(index)) {
+            frame.seen_in = SeenIn::PassedEvents;
+        }
+    }
+}

@@ -1,0 +1,36 @@
+//! The joint solve, with another camera model where the events ask for one.
+
+use evcal_core::camera::refit::refit;
+
+use super::Task;
+use super::board_solve::{BoardSolve, solve_with_board};
+use super::error::CalibrateError;
+use super::joint_solve::examine_settings;
+use super::progress::Progress;
+use crate::initial::model_choice::ModelChoice;
+use crate::solve::State;
+use crate::solve::refinement::RefinementInput;
+use crate::trust::better_model;
+
+/// Solves from `state` on, and once more with the model that the events ask for, where the model was chosen and they ask for another one.
+///
+/// # Errors
+/// [`CalibrateError`].
+pub(super) fn solve_with_model(
+    task: &Task,
+    input: &RefinementInput<CalibrateError>,
+    state: State,
+    choice: Option<ModelChoice>,
+    progress: &Progress,
+) -> Result<(BoardSolve, Option<ModelChoice>), CalibrateError> {
+    let board = state.board;
+    let solved = solve_with_board(task, input, state, progress)?;
+    let Some(choice) = choice else { return Ok((solved, None)) };
+    let better = better_model(&solved.refined, solved.certainty.intrinsics.inflation, examine_settings(task.settings));
+    let camera = better.and_then(|kind| refit(kind, &solved.refined.state.camera, input.sensor));
+    let Some((kind, camera)) = better.zip(camera) else { return Ok((solved, Some(choice))) };
+    progress.tell(format!("joint solve with {kind}"))?;
+    let state = State { camera, board, ..solved.refined.state };
+    let solved = solve_with_board(task, input, state, progress)?;
+    Ok((solved, Some(choice.instead(kind))))
+}

@@ -1,0 +1,68 @@
+//! The camera's own pictures beside the events: their dots along the trajectories, and the solve of both.
+
+use super::board_solve::BoardSolve;
+use super::calibrated::OwnPictures;
+use super::error::CalibrateError;
+use super::joint_solve::solve;
+use super::pictures::{CalibratedPictures, observations, require};
+use super::progress::Progress;
+use super::{PictureUse, Task};
+use crate::picture_calibration::joint::{JointPoints, JointReport};
+use crate::solve::FreeParameters;
+use crate::solve::refinement::RefinementInput;
+use crate::trust::board_evidence::BoardEstimate;
+
+/// A joint solve, and what the pictures have to do with it.
+pub(super) struct WithPictures {
+    pub(super) solve: BoardSolve,
+    /// How pictures and events were solved together, if they were.
+    pub(super) joint: Option<JointReport>,
+    /// The pictures, where they are to be taken for those of a second camera.
+    pub(super) own: Option<OwnPictures>,
+}
+
+/// Solves pictures and events together, or lays the pictures' dots along the trajectories of `solve`, as the task says.
+///
+/// # Errors
+/// [`CalibrateError`].
+pub(super) fn join_pictures(
+    task: &Task,
+    input: RefinementInput<CalibrateError>,
+    solve: BoardSolve,
+    pictures: Option<&CalibratedPictures>,
+    progress: &Progress,
+) -> Result<WithPictures, CalibrateError> {
+    let is_joint = match task.pictures {
+        PictureUse::Joint => true,
+        PictureUse::SecondCamera => false,
+        PictureUse::Ignore | PictureUse::Witness | PictureUse::Only => {
+            return Ok(WithPictures { solve, joint: None, own: None });
+        }
+    };
+    let calibration = require(task, pictures)?;
+    let JointPoints { points, report } = observations(task, &solve.refined, &solve.certainty.intrinsics, calibration)?;
+    if is_joint {
+        let input = RefinementInput { points, point_sigma: report.sigma, ..input };
+        let solve = solve_with_pictures(task, input, solve, progress)?;
+        Ok(WithPictures { solve, joint: Some(report), own: None })
+    } else {
+        let own = OwnPictures { camera: calibration.camera, sigma: calibration.sigma(), points, report };
+        Ok(WithPictures { solve, joint: None, own: Some(own) })
+    }
+}
+
+/// Solves once more from `solved` on, with the centres of dots in pictures that `input` has beside the events; free is what was free.
+fn solve_with_pictures(
+    task: &Task,
+    input: RefinementInput<CalibrateError>,
+    solved: BoardSolve,
+    progress: &Progress,
+) -> Result<BoardSolve, CalibrateError> {
+    let BoardSolve { refined, board, as_stated, undetermined, .. } = solved;
+    let FreeParameters { board: free_board, intrinsics, .. } = refined.problem.free;
+    let held = std::array::from_fn(|index| !intrinsics[index] || undetermined.contains(&index));
+    let input = RefinementInput { free_board, held, ..input };
+    let (refined, certainty) = solve(task, &input, refined.state, progress)?;
+    let board = BoardEstimate { shape: refined.state.board, sigma: certainty.board_sigma, ..board };
+    Ok(BoardSolve { refined, certainty, board, as_stated, undetermined })
+}

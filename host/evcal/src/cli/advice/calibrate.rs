@@ -1,0 +1,255 @@
+//! What to do about calibrations, boards and the page: options and commands for what the libraries say in words.
+
+use std::error::Error;
+
+use evcal_calibrate::advice::Advice;
+use evcal_calibrate::calibrate::board_choice::BoardChoiceError;
+use evcal_calibrate::calibrate::error::CalibrateError;
+use evcal_calibrate::calibrate::parameter_request::ParameterError;
+use evcal_calibrate::calibrate::repeat::{RepeatError, shorter_parts};
+use evcal_calibrate::detection::no_board::NoBoard;
+use evcal_calibrate::detection::radius::OtherRadius;
+use evcal_calibrate::detection::{NoPattern, NoPatternCause};
+use evcal_calibrate::evaluate::captured::CapturedError;
+use evcal_calibrate::evaluate::comparison::{CompareError, TrajectoryOf};
+use evcal_calibrate::inertial::error::InertialError;
+use evcal_calibrate::initial::InitialError;
+use evcal_calibrate::motion_capture::file::{CaptureError, CaptureFileError};
+use evcal_calibrate::second_camera::error::SecondCameraError;
+use evcal_calibrate::undistort::target::TargetError;
+use evcal_files::shell_word::shell_word;
+use evcal_geometry::board::sheet::DoesNotFit;
+use evcal_geometry::board::{BoardError, BoardProblem};
+use evcal_live::page::PageError;
+use event_recordings::TimeUnit;
+
+/// What to do about `error`, where it is one of evcal-calibrate, evcal-geometry or evcal-live.
+pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
+    let of_boards = || {
+        let known = error.downcast_ref().and_then(about_no_pattern);
+        let known = known.or_else(|| error.downcast_ref().map(about_radius));
+        let known = known.or_else(|| error.downcast_ref().and_then(about_board_choice));
+        let known = known.or_else(|| error.downcast_ref().and_then(about_board));
+        known.or_else(|| error.downcast_ref().and_then(about_sheet))
+    };
+    let of_others = || {
+        let known = error.downcast_ref().and_then(about_second_camera);
+        let known = known.or_else(|| error.downcast_ref().and_then(about_inertial));
+        let known = known.or_else(|| error.downcast_ref().and_then(about_capture));
+        known.map(str::to_owned)
+    };
+    let of_results = || {
+        let known = error.downcast_ref().and_then(about_captured);
+        let known = known.or_else(|| error.downcast_ref().and_then(about_comparison));
+        let known = known.or_else(|| error.downcast_ref().and_then(about_target));
+        known.or_else(|| error.downcast_ref().map(about_page)).map(str::to_owned)
+    };
+    let of_calibration = error.downcast_ref().and_then(about_calibration);
+    let of_calibration = of_calibration.or_else(|| error.downcast_ref().and_then(about_initial).map(str::to_owned));
+    let of_calibration = of_calibration.or_else(|| error.downcast_ref().and_then(about_parameter).map(str::to_owned));
+    let of_calibration = of_calibration.or_else(|| error.downcast_ref().and_then(about_parts));
+    of_calibration.or_else(of_boards).or_else(of_others).or_else(of_results)
+}
+
+/// `advice` in the words of the command line.
+pub fn worded(advice: &Advice) -> String {
+    match advice {
+        Advice::TakeModel(kind) => format!("calibrate again with --model {kind}"),
+        Advice::TakeWholeBoard(board) => format!(
+            "calibrate again with --board {board}, which takes more of the recording; the lens is right within what is stated"
+        ),
+        Advice::CountRows => {
+            "count them on the board: --board names more than it has, or a part of it was never in view".to_owned()
+        }
+        Advice::LookAtBoard => {
+            "is the board wavy, or the lens dirty? A smooth bend and an uneven print are estimated already, unless --fix keeps them"
+                .to_owned()
+        }
+        Advice::Free(names) => {
+            let options: Vec<String> = names.iter().map(|name| format!("--free {name}")).collect();
+            format!(
+                "bring the board into the corners of the image, or estimate it all the same with {}",
+                options.join(" ")
+            )
+        }
+        Advice::NameSensor(Some(sensor)) => format!("add --sensor {}x{}", sensor.width, sensor.height),
+        Advice::NameSensor(None) => "add --sensor WIDTHxHEIGHT, the size of the camera's sensor".to_owned(),
+        Advice::NameTimeUnit(Some(unit)) => format!("add --time-unit {}", short_unit(*unit)),
+        Advice::CountFromZero { sensor, name_sensor: true } => {
+            let without = Advice::CountFromZero { sensor: *sensor, name_sensor: false };
+            format!("{without}, and add --sensor {}x{}", sensor.width, sensor.height)
+        }
+        Advice::ExchangeAxes => {
+            "x and y are swapped: correct --columns, or swap the two numbers of --sensor".to_owned()
+        }
+        Advice::NameColumns(outside) => {
+            format!("{outside}: are the columns in another order? Say it with --columns, such as x,y,t,p")
+        }
+        Advice::CorrectSensor(outside) => format!("{outside}: give its true size with --sensor"),
+        Advice::BothPolarities(_) => format!("{advice} with --columns"),
+        Advice::NameBoard => {
+            "circles were seen: add --board LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS to look for your board".to_owned()
+        }
+        Advice::Measure(found) => {
+            let measure = found.to_measure();
+            format!("the board is {found}: {measure}, and give both, for example --board {}", found.example())
+        }
+        Advice::FindBoard(error) => {
+            about_no_pattern(error).map_or_else(|| error.to_string(), |next| format!("{error}; {next}"))
+        }
+        Advice::CorrectRadius(error) => format!("{error}; {}", about_radius(error)),
+        Advice::Calibrate { recording, board } => {
+            format!("evcal calibrate {} --board {board} -o calibration", shell_word(&recording.to_string_lossy()))
+        }
+        others => others.to_string(),
+    }
+}
+
+fn short_unit(unit: TimeUnit) -> &'static str {
+    match unit {
+        TimeUnit::Seconds => "s",
+        TimeUnit::Milliseconds => "ms",
+        TimeUnit::Microseconds => "us",
+        TimeUnit::Nanoseconds => "ns",
+    }
+}
+
+fn about_calibration(error: &CalibrateError) -> Option<String> {
+    let next = match error {
+        CalibrateError::TimeUnit { unit, .. } => return Some(worded(&Advice::NameTimeUnit(unit.unit))),
+        CalibrateError::LargerBoard(larger) => return Some(format!("use --board {}", larger.board)),
+        CalibrateError::ImpossibleValues => "change the values of --fix",
+        CalibrateError::HeldFarOff => "leave out --fix",
+        CalibrateError::OnlyFrames { .. } => "name the recording of events first, and the frames after --with",
+        CalibrateError::NoPictures { .. } => "record with --frames, or leave out the option that asks for frames",
+        _ => return None,
+    };
+    Some(next.to_owned())
+}
+
+fn about_initial(error: &InitialError) -> Option<&'static str> {
+    match error {
+        InitialError::Mirrored { .. } => Some("flip x in the recording or correct --board"),
+        InitialError::NoCamera { .. } => Some("check --board and --model"),
+        _ => None,
+    }
+}
+
+fn about_parameter(error: &ParameterError) -> Option<&'static str> {
+    match error {
+        ParameterError::Unknown { model: None, .. } => Some("name the model of the lens with --model"),
+        ParameterError::Value(_) => Some("for example --fix k3=0"),
+        ParameterError::Both(_) => Some("leave out --fix or --free"),
+        _ => None,
+    }
+}
+
+fn about_parts(error: &RepeatError) -> Option<String> {
+    match error {
+        RepeatError::TooFew { .. } => Some("try longer parts with --seconds".to_owned()),
+        RepeatError::TooShort { duration, .. } => {
+            shorter_parts(*duration).map(|seconds| format!("try --seconds {seconds:.1}s"))
+        }
+        _ => None,
+    }
+}
+
+fn about_no_pattern(error: &NoPattern) -> Option<String> {
+    let next = match error.cause() {
+        NoPatternCause::OtherBoard(other) => return Some(format!("use --board {}", other.board)),
+        NoPatternCause::OnePolarity(_) => "say which column the polarity is in with --columns",
+        NoPatternCause::Windows(NoBoard::TooFewCircles, _) => "try --extraction soft",
+        NoPatternCause::Windows(NoBoard::TooFewEvents | NoBoard::NotRound, _)
+        | NoPatternCause::TooShort
+        | NoPatternCause::Nothing => return None,
+        NoPatternCause::Windows(..) => "check layout, rows and columns of --board",
+    };
+    Some(next.to_owned())
+}
+
+fn about_radius(error: &OtherRadius) -> String {
+    let boards: Vec<String> = error.meant.iter().map(|(_, board)| format!("--board {board}")).collect();
+    match boards.is_empty() {
+        true => "give what you measured with --board".to_owned(),
+        false => format!("use {}", boards.join(" or ")),
+    }
+}
+
+fn about_board_choice(error: &BoardChoiceError) -> Option<String> {
+    match error {
+        BoardChoiceError::NoEvents => Some("for example --board acircles:9x4:55mm:r17.5mm".to_owned()),
+        BoardChoiceError::NotRecognised { .. } => {
+            Some("name it with --board LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS".to_owned())
+        }
+        BoardChoiceError::SizeUnknown { found } => Some(format!("give both, for example --board {}", found.example())),
+        _ => None,
+    }
+}
+
+fn about_board(error: &BoardError) -> Option<String> {
+    match error.problem {
+        BoardProblem::NoCircles(_) => Some("print one with evcal board --pdf board.pdf".to_owned()),
+        BoardProblem::File => Some("recordings stand apart from --board".to_owned()),
+        _ => None,
+    }
+}
+
+fn about_sheet(error: &DoesNotFit) -> Option<String> {
+    match (&error.largest, error.papers.is_empty()) {
+        (_, true) => Some("give the size of your paper as --paper WIDTHxHEIGHTmm".to_owned()),
+        (Some(largest), false) => Some(format!("print --board {largest}, or choose a larger --paper")),
+        (None, false) => Some("choose a larger --paper".to_owned()),
+    }
+}
+
+fn about_second_camera(error: &SecondCameraError) -> Option<&'static str> {
+    match error {
+        SecondCameraError::NoTrajectory => {
+            Some("leave out --frames-only, and give a recording of events before --with")
+        }
+        SecondCameraError::CirclesOfSecond => Some("give its events with --with"),
+        SecondCameraError::SeveralRecordings => Some("give one recording before --with"),
+        SecondCameraError::SameRecording { .. } => Some("give the recording of another camera with --with"),
+        SecondCameraError::RollingShutter { .. } => Some("add --rolling-shutter"),
+        _ => None,
+    }
+}
+
+fn about_inertial(error: &InertialError) -> Option<&'static str> {
+    match error {
+        InertialError::NoTrajectory => Some("leave out --frames-only"),
+        InertialError::NoSamples { .. } => Some("record with the IMU on, or give its samples with --imu FILE.csv"),
+        _ => None,
+    }
+}
+
+fn about_capture(error: &CaptureFileError) -> Option<&'static str> {
+    match error.reason {
+        CaptureError::OtherBodies { .. } | CaptureError::SeveralBodies { .. } => Some("name it with --body"),
+        CaptureError::NoNames => Some("leave out --body"),
+        _ => None,
+    }
+}
+
+fn about_captured(error: &CapturedError) -> Option<&'static str> {
+    matches!(error, CapturedError::Open { .. }).then_some("give it with --trajectory FILE")
+}
+
+fn about_comparison(error: &CompareError) -> Option<&'static str> {
+    match error {
+        CompareError::NoTrajectory { which: TrajectoryOf::Calibration, .. } => Some("give it with --trajectory FILE"),
+        CompareError::NoTrajectory { which: TrajectoryOf::Truth, .. } => Some("give it with --true-trajectory FILE"),
+        _ => None,
+    }
+}
+
+fn about_target(error: &TargetError) -> Option<&'static str> {
+    matches!(error, TargetError::RimUnseen).then_some("leave out --alpha, or use --model equidistant")
+}
+
+fn about_page(error: &PageError) -> &'static str {
+    match error {
+        PageError::Port { .. } => "choose one with --port, or leave the page out with --no-page",
+        PageError::System(_) => "add --no-page to run without it",
+    }
+}

@@ -1,0 +1,173 @@
+//! What to do about an error, in Python's words. The libraries say what is wrong, as data.
+
+use std::error::Error;
+
+use evcal_calibrate::advice::Advice;
+use evcal_calibrate::calibrate::board_choice::BoardChoiceError;
+use evcal_calibrate::calibrate::error::CalibrateError;
+use evcal_calibrate::detection::radius::OtherRadius;
+use evcal_calibrate::detection::search::SearchError;
+use evcal_calibrate::detection::{NoPattern, NoPatternCause};
+use evcal_core::sensor::Sensor;
+use evcal_files::folder::FolderError;
+use evcal_geometry::board::Board;
+use event_recordings::given_sensor::{Exchanged, OtherSensor};
+use event_recordings::text::LineError;
+use event_recordings::{ForeignFormat, FormatOption, LayoutError, RecordingError, RecordingErrorKind, TimeUnit};
+
+/// The one thing to do next about `error`, if there is one to name: about the first error of its chain of causes that is known here.
+pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
+    let mut cause = Some(error);
+    while let Some(error) = cause {
+        if let Some(next) = of_one(error) {
+            return Some(next);
+        }
+        cause = error.source();
+    }
+    None
+}
+
+fn of_one(error: &(dyn Error + 'static)) -> Option<String> {
+    if let Some(RecordingError { kind, .. }) = error.downcast_ref() {
+        return about_recording(kind).map(str::to_owned);
+    }
+    if let Some(error) = error.downcast_ref() {
+        return Some(about_sensor(error));
+    }
+    if let Some(SearchError::SensorUnknown { likely, .. }) = error.downcast_ref() {
+        return Some(give_sensor(*likely));
+    }
+    if let Some(CalibrateError::SensorUnknown { likely, .. }) = error.downcast_ref() {
+        return Some(give_sensor(*likely));
+    }
+    if let Some(FolderError::Taken(_)) = error.downcast_ref() {
+        return Some("name another folder, or give force=True".to_owned());
+    }
+    about_calibration(error)
+}
+
+/// What to do about `error`, where it is one of evcal-calibrate.
+fn about_calibration(error: &(dyn Error + 'static)) -> Option<String> {
+    if let Some(error) = error.downcast_ref() {
+        return match error {
+            CalibrateError::TimeUnit { unit, .. } => unit.unit.map(|unit| format!("give time_unit={:?}", short(unit))),
+            CalibrateError::LargerBoard(larger) => Some(give_board(larger.board)),
+            CalibrateError::NoPictures { .. } => Some("give frames=\"witness\"".to_owned()),
+            _ => None,
+        };
+    }
+    if let Some(error) = error.downcast_ref::<NoPattern>() {
+        return match error.cause() {
+            NoPatternCause::OtherBoard(other) => Some(give_board(other.board)),
+            NoPatternCause::OnePolarity(_) => Some("say which column the polarity is in with columns=".to_owned()),
+            _ => None,
+        };
+    }
+    if let Some(OtherRadius { meant, .. }) = error.downcast_ref() {
+        return meant.first().map(|(_, board)| give_board(*board));
+    }
+    match error.downcast_ref()? {
+        BoardChoiceError::NoEvents | BoardChoiceError::NotRecognised { .. } => {
+            Some("for example board=\"acircles:9x4:55mm:r17.5mm\"".to_owned())
+        }
+        BoardChoiceError::SizeUnknown { found } => Some(format!("for example board={:?}", found.example())),
+        _ => None,
+    }
+}
+
+fn give_board(board: Board) -> String {
+    format!("give board=\"{board}\"")
+}
+
+fn short(unit: TimeUnit) -> &'static str {
+    match unit {
+        TimeUnit::Seconds => "s",
+        TimeUnit::Milliseconds => "ms",
+        TimeUnit::Microseconds => "us",
+        TimeUnit::Nanoseconds => "ns",
+    }
+}
+
+/// The advice of a finding in Python's words.
+pub fn worded(advice: &Advice) -> String {
+    match advice {
+        Advice::TakeModel(kind) => format!("calibrate again with model=\"{kind}\""),
+        Advice::TakeWholeBoard(board) => format!(
+            "calibrate again with board=\"{board}\", which takes more of the recording; the lens is right within what is stated"
+        ),
+        others => others.to_string(),
+    }
+}
+
+fn argument(Sensor { width, height }: Sensor) -> String {
+    format!("sensor=({width}, {height})")
+}
+
+fn give_sensor(likely: Option<Sensor>) -> String {
+    format!("give {}", likely.map_or_else(|| "sensor=(width, height)".to_owned(), argument))
+}
+
+fn about_recording(kind: &RecordingErrorKind) -> Option<&'static str> {
+    Some(match kind {
+        RecordingErrorKind::Missing(_) => "is the path right?",
+        RecordingErrorKind::Directory { .. } => "name the recording in it",
+        RecordingErrorKind::Unsupported(format) => about_format(*format)?,
+        RecordingErrorKind::Line { what: LineError::FieldCount { .. }, .. } => {
+            "complete the line, or name all columns with columns="
+        }
+        RecordingErrorKind::Line { what: LineError::Time { .. }, .. } | RecordingErrorKind::EventTime { .. } => {
+            "name the unit with time_unit="
+        }
+        RecordingErrorKind::NoEffect { option: FormatOption::Stream, .. } => "leave out stream",
+        RecordingErrorKind::NoEffect { option: FormatOption::Columns, .. } => "leave out columns",
+        RecordingErrorKind::NoEffect { option: FormatOption::TimeUnit, .. } => "leave out time_unit",
+        RecordingErrorKind::Sensor { .. } | RecordingErrorKind::ChipUnknown => "give sensor=(width, height)",
+        RecordingErrorKind::Layout(LayoutError::Named) => "leave out columns",
+        RecordingErrorKind::Layout(
+            LayoutError::Names(_)
+            | LayoutError::FirstLine(_)
+            | LayoutError::FieldCount(_)
+            | LayoutError::Unclear
+            | LayoutError::Ambiguous,
+        ) => "say what its columns are, for example columns=\"t,x,y,p\"",
+        _ => return None,
+    })
+}
+
+fn about_format(format: ForeignFormat) -> Option<&'static str> {
+    Some(match format {
+        ForeignFormat::Gzip
+        | ForeignFormat::Xz
+        | ForeignFormat::Zstandard
+        | ForeignFormat::Bzip2
+        | ForeignFormat::Tar
+        | ForeignFormat::SevenZip
+        | ForeignFormat::Rar
+        | ForeignFormat::Zip => "unpack it first",
+        ForeignFormat::Calibration => "evcal.Camera.load reads it",
+        ForeignFormat::Parquet | ForeignFormat::Pickle | ForeignFormat::Spreadsheet | ForeignFormat::VirtualHdf5 => {
+            "load it in Python and give its events as an array"
+        }
+        ForeignFormat::Html => "a web page was saved in place of the recording: download it again",
+        ForeignFormat::GitLfsPointer => "the recording itself was not fetched: run git lfs pull",
+        ForeignFormat::Utf16 | ForeignFormat::Latin1 => "save it as UTF-8",
+        _ => return None,
+    })
+}
+
+fn about_sensor(error: &OtherSensor) -> String {
+    let turned = |sensor: &Sensor| format!("give {}", argument(Sensor::new(sensor.height, sensor.width)));
+    let next = match error {
+        OtherSensor::TooSmall { own: Some(_), .. } | OtherSensor::TooLarge { .. } => "leave out sensor",
+        OtherSensor::Exchanged {
+            exchanged: Exchanged::InTheSizeAskedFor | Exchanged::InTheSizeOfTheFile,
+            sensor,
+            ..
+        } => return turned(sensor),
+        OtherSensor::Exchanged { .. } => "exchange x and y",
+        OtherSensor::CountedFromOne { .. } => "subtract 1 from x and y",
+        OtherSensor::NoPixels { .. } => "say which columns x and y are with columns=",
+        _ => "give the true size as sensor=(width, height)",
+    };
+    next.to_owned()
+}
