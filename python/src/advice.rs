@@ -57,7 +57,7 @@ fn about_calibration(error: &(dyn Error + 'static)) -> Option<String> {
         };
     }
     if let Some(error) = error.downcast_ref::<NoPattern>() {
-        return match error.cause() {
+        return match error.main_cause() {
             NoPatternCause::OtherBoard(other) => Some(give_board(other.board)),
             NoPatternCause::OnePolarity(_) => Some("say which column the polarity is in with columns=".to_owned()),
             _ => None,

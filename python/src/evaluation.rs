@@ -9,7 +9,7 @@ use pyo3::types::PyAny;
 
 use crate::calibration::Calibration;
 use crate::camera::Camera;
-use crate::{failed, to_python};
+use crate::{Error, failed, to_python};
 
 /// A camera, however it is given.
 fn camera_of(value: &Bound<'_, PyAny>) -> PyResult<(evcal_core::camera::Camera<f64>, Sensor)> {
@@ -36,9 +36,8 @@ pub fn evaluate<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let ((camera, sensor), (true_camera, true_sensor)) = (camera_of(calibration)?, camera_of(truth)?);
     if sensor != true_sensor {
-        return Err(crate::Error::new_err(format!(
-            "one is for a sensor of {sensor} pixels, the other for one of {true_sensor}"
-        )));
+        let what = format!("one is for a sensor of {sensor} pixels, the other for one of {true_sensor}");
+        return Err(Error::new_err(what));
     }
     let difference = py.detach(|| projection_difference(&true_camera, &camera, sensor)).map_err(failed)?;
     to_python(py, serde_json::to_string(&difference))

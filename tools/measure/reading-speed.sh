@@ -7,7 +7,7 @@ cd "$(dirname "$0")/../.."
 
 folder="${1:-${CARGO_TARGET_DIR:-target}/reading-speed}"
 program="${CARGO_TARGET_DIR:-target}/release"
-cargo build --release --quiet --locked -p evcal --bin evcal --example reading_speed
+cargo build --release --quiet --locked -p evcal --bin evcal -p event-recordings --example reading_speed
 mkdir -p "$folder"
 "$program/evcal" simulate --force --motion fast --duration 4s -o "$folder/simulation" >/dev/null
 rm -f "$folder"/*.*

@@ -32,5 +32,3 @@ pub use model::Model;
 pub use output::Pace;
 pub use piece::{CapturePieces, Piece};
 pub use stall::{Stall, TransferFault};
-
-pub use crate::registers::default_registers;

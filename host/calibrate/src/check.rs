@@ -126,7 +126,7 @@ pub fn check(
         if count < MOST_EVENTS { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     })?;
     let whole = count < MOST_EVENTS;
-    let beginning = recording.section((pass.first, pass.first.saturating_add(end).saturating_add(1)));
+    let beginning = recording.section(pass.first..pass.first.saturating_add(end).saturating_add(1));
     let information = gather_events(&beginning)?;
     let mut other = unusual_unit(recording, information.mean_rate);
     let outside = information.report.out_of_range;

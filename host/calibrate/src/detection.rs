@@ -5,6 +5,7 @@
 //! number of threads.
 
 mod board_finder;
+pub(crate) mod counted;
 pub mod dot_shape;
 pub mod focus;
 mod kept_pixels;

@@ -7,7 +7,6 @@ pub mod advice;
 pub mod calibrate;
 pub mod check;
 pub mod circles;
-mod counted;
 pub mod detection;
 pub mod diagnosis;
 pub mod evaluate;

@@ -24,7 +24,7 @@ pub(super) fn exchange(folder: &Path, old: &[PathBuf], from: &Path, new: &[PathB
     // In the folder itself: nothing can be moved to another disk.
     let aside = super::scratch_in(folder).map_err(|error| FileError::new(folder, error))?;
     let mut steps = Vec::new();
-    match put_in(folder, old, from, new, aside.path(), &mut steps) {
+    match put_in(folder, old, &Filled { folder: from, files: new }, aside.path(), &mut steps) {
         Ok(()) => Ok(()),
         Err(error) => Err(match undo(steps) {
             Ok(()) => error,
@@ -33,27 +33,26 @@ pub(super) fn exchange(folder: &Path, old: &[PathBuf], from: &Path, new: &[PathB
     }
 }
 
-fn put_in(
-    folder: &Path,
-    old: &[PathBuf],
-    from: &Path,
-    new: &[PathBuf],
-    aside: &Path,
-    steps: &mut Vec<Step>,
-) -> Result<(), FileError> {
+/// New files, by their paths in the folder where they are.
+struct Filled<'a> {
+    folder: &'a Path,
+    files: &'a [PathBuf],
+}
+
+fn put_in(folder: &Path, old: &[PathBuf], new: &Filled, aside: &Path, steps: &mut Vec<Step>) -> Result<(), FileError> {
     let is_replaced = |file: &&PathBuf| !old.contains(file) && folder.join(file).symlink_metadata().is_ok();
-    for file in old.iter().chain(new.iter().filter(is_replaced)) {
+    for file in old.iter().chain(new.files.iter().filter(is_replaced)) {
         let place = folder.join(file);
-        move_file(&place, aside, file, steps).map_err(|error| FileError::new(&place, error))?;
+        move_file(file, folder, aside, steps).map_err(|error| FileError::new(&place, error))?;
     }
-    for file in new {
-        move_file(&from.join(file), folder, file, steps).map_err(|error| FileError::new(&folder.join(file), error))?;
+    for file in new.files {
+        move_file(file, new.folder, folder, steps).map_err(|error| FileError::new(&folder.join(file), error))?;
     }
     Ok(())
 }
 
-/// Moves a file to its place in `folder`.
-fn move_file(from: &Path, folder: &Path, file: &Path, steps: &mut Vec<Step>) -> io::Result<()> {
+/// Moves `file` from one folder to its place in another.
+fn move_file(file: &Path, from: &Path, folder: &Path, steps: &mut Vec<Step>) -> io::Result<()> {
     let mut outer: Vec<&Path> = file.ancestors().skip(1).filter(|path| !path.as_os_str().is_empty()).collect();
     outer.reverse();
     for parent in outer {
@@ -64,8 +63,9 @@ fn move_file(from: &Path, folder: &Path, file: &Path, steps: &mut Vec<Step>) -> 
         }
     }
     let to = folder.join(file);
-    fs::rename(from, &to)?;
-    steps.push(Step::Moved { from: from.to_owned(), to });
+    let from = from.join(file);
+    fs::rename(&from, &to)?;
+    steps.push(Step::Moved { from, to });
     Ok(())
 }
 

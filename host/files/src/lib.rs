@@ -1,7 +1,4 @@
-//! Files that appear whole or not at all.
-//!
-//! A [`NewFile`] is written beside its place under a name of its own and gets its name when it is whole: a full
-//! disk or a program that is ended leaves no cut file behind that looks like a result.
+#![doc = include_str!("../README.md")]
 
 mod exchange;
 pub mod folder;

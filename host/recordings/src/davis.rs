@@ -15,7 +15,7 @@ use std::path::Path;
 
 use evcal_core::event::Event;
 pub use messages::Messages;
-pub use messages::{CameraClock, event, wire_event};
+pub use messages::{CameraClock, event};
 use usb_davis::capture::{Capture, CaptureFormat, sniff};
 use usb_davis::dump::Growth;
 use usb_davis::protocol::Message;

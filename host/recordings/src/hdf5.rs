@@ -38,7 +38,7 @@ use crate::format::{FileFormat, Head, Opened, StreamSummary, Uses};
 use crate::options::{Column, Damage, RecordingOptions, TimeUnit};
 use crate::read_report::{ReadReport, Truncation};
 use crate::reader::{Decode, RecordingInformation};
-use layout::{Contents, Found};
+use layout::{Contents, Found, TimedDataset};
 use table::{Row, Table};
 
 /// An HDF5 file with events.
@@ -69,7 +69,7 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
     let (table, unit) = arrange(path, table, options, &mut notes)?;
     let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
     let beside = [(extras::FRAMES, frames), (extras::SAMPLES, samples)];
-    let other = beside.into_iter().filter_map(|(name, found)| Some((name.to_owned(), length(&found?.0)))).collect();
+    let other = beside.into_iter().filter_map(|(name, found)| Some((name.to_owned(), length(&found?.data)))).collect();
     let information = RecordingInformation { format: FORMAT.name, sensor, camera_name: None, began: None, notes };
     let path = path.to_owned();
     let (damage, counter) = (options.damage, TimeCounter::new(unit));
@@ -170,7 +170,7 @@ fn streams(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummary>
         let mut summaries =
             vec![StreamSummary { name, packets: 1, elements: count, times_us: times(path, &found, options) }];
         for (name, beside) in [(extras::FRAMES, found.frames), (extras::SAMPLES, found.samples)] {
-            if let Some((data, _)) = beside {
+            if let Some(TimedDataset { data, .. }) = beside {
                 let name = format!("{name} beside {}", found.name);
                 summaries.push(StreamSummary { name, packets: 1, elements: length(&data), times_us: None });
             }

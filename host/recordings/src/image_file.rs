@@ -70,11 +70,11 @@ const DEFLATE: u64 = 1032;
 /// Pixels that a byte of a JPEG holds at most: no block of 64 takes less than a bit.
 const JPEG_PIXELS: u64 = 512;
 
-/// Whether a file of `length` bytes, each of which holds at most so many `pixels`, can hold a picture of this `size`. Memory is
-/// taken for the size that a file states.
-fn check_size(size: (u32, u32), pixels: u64, length: u64) -> Result<(), ImageFileError> {
-    if u64::from(size.0).saturating_mul(size.1.into()) > length.saturating_mul(pixels) {
-        return Err(ImageFileError::TooLarge { size, length });
+/// Whether a file of `length` bytes, each of which holds at most so many `pixels`, can hold a picture of `width` × `height` pixels.
+/// Memory is taken for the size that a file states.
+fn check_size(width: u32, height: u32, pixels: u64, length: u64) -> Result<(), ImageFileError> {
+    if u64::from(width).saturating_mul(height.into()) > length.saturating_mul(pixels) {
+        return Err(ImageFileError::TooLarge { size: (width, height), length });
     }
     Ok(())
 }
@@ -117,7 +117,7 @@ fn read_png(file: impl BufRead + Seek, file_length: u64) -> Result<ImageFile, Im
     let header = reader.info();
     // Samples of less than a byte become bytes.
     let pixels = DEFLATE * 8 / header.bits_per_pixel().max(1) as u64;
-    check_size(header.size(), pixels, file_length)?;
+    check_size(header.width, header.height, pixels, file_length)?;
     let (size, is_interlaced) = (header.size(), header.interlaced);
     let length = reader.output_buffer_size().ok_or(png::DecodingError::LimitsExceeded)?;
     if length > MOST_BYTES {
@@ -154,7 +154,7 @@ fn read_jpeg(file: impl BufRead + Seek, length: u64) -> Result<ImageFile, ImageF
     let size = decoder.dimensions().ok_or_else(|| ImageFileError::Jpeg("it has no size".to_owned()))?;
     let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
     let size = (side(size.0), side(size.1));
-    check_size(size, JPEG_PIXELS, length)?;
+    check_size(size.0, size.1, JPEG_PIXELS, length)?;
     let samples = decoder.decode().map_err(failed)?;
     Ok(ImageFile { size, channels: if grey { 1 } else { 3 }, samples: Samples::Eight(samples) })
 }

@@ -1,16 +1,4 @@
-//! Recordings: files of events in any of the formats listed in [`FORMATS`].
-//!
-//! - The format is found from the content of a file, not from its name ([`format_of`]).
-//! - Readers stream: [`Recording::open`] starts a new pass from the beginning, and
-//!   [`EventReader::next_batch`] hands out a few ten thousand events at a time. Nothing holds the
-//!   whole recording.
-//! - A file that ends too early is read to its last whole event or packet, and [`ReadReport::truncated`]
-//!   tells what was lost. A damaged packet is an error that names its byte; everything before it
-//!   has been handed out by then.
-//! - No content of a file makes a reader panic.
-//!
-//! Times are those of the file, in microseconds, non-decreasing (see [`EventReader::next_batch`]);
-//! pixel (0, 0) is the top-left one.
+#![doc = include_str!("../README.md")]
 //!
 //! A new format is one file with a [`FileFormat`] in it and one line in [`FORMATS`].
 

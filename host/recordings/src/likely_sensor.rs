@@ -25,7 +25,8 @@ pub fn likely_sensor_of(recording: &Recording) -> Option<Sensor> {
             largest = Some((event.x.max(x), event.y.max(y)));
         }
     }
-    likely_sensor(largest?)
+    let (column, row) = largest?;
+    likely_sensor(column, row)
 }
 
 /// What the size of the sensor of a recording likely is, as words to append to a sentence that says that it is not known.
@@ -33,7 +34,7 @@ pub fn likely_words(likely: Option<Sensor>) -> String {
     likely.map_or_else(String::new, |sensor| format!("; all events fit in {sensor}"))
 }
 
-/// The smallest usual sensor that has the pixel `largest`.
-pub fn likely_sensor(largest: (u16, u16)) -> Option<Sensor> {
-    SENSORS.into_iter().find(|sensor| sensor.contains(largest.0, largest.1))
+/// The smallest usual sensor that has this column and row.
+pub fn likely_sensor(column: u16, row: u16) -> Option<Sensor> {
+    SENSORS.into_iter().find(|sensor| sensor.contains(column, row))
 }

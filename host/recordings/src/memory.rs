@@ -86,7 +86,7 @@ mod tests {
             assert_eq!((reader.report().steps_back, reader.report().out_of_range), (1, 1));
             assert_eq!(reader.information().sensor, sensor);
         }
-        let part = recording.section((110, 120));
+        let part = recording.section(110..120);
         let mut batch = Vec::new();
         assert!(part.open().unwrap().next_batch(&mut batch).unwrap());
         assert_eq!(batch.len(), 10);

@@ -1,5 +1,6 @@
 //! One pass through a recording, whatever its format: the checks that every event must pass.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use evcal_core::event::Event;
@@ -77,7 +78,7 @@ pub struct EventReader {
     decoded: u64,
     ended: bool,
     pending: Option<RecordingError>,
-    span: Option<(i64, i64)>,
+    span: Option<Range<i64>>,
 }
 
 /// The state that makes times non-decreasing.
@@ -127,7 +128,7 @@ impl EventReader {
     }
 
     /// The same, but only events from the first of these times up to the second are handed out.
-    pub(super) fn within(self, span: Option<(i64, i64)>) -> Self {
+    pub(super) fn within(self, span: Option<Range<i64>>) -> Self {
         Self { span, ..self }
     }
 
@@ -190,7 +191,7 @@ impl EventReader {
 
     /// Takes away what is not in the span asked for; behind it nothing more is read.
     fn cut(&mut self, events: &mut Vec<Event>) {
-        let Some((start, end)) = self.span else { return };
+        let Some(Range { start, end }) = self.span else { return };
         if events.last().is_some_and(|event| event.t >= end) {
             self.ended = true;
             self.pending = None;

@@ -1,5 +1,6 @@
 //! Events that can be read as often as needed.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -23,7 +24,7 @@ pub struct Recording {
     path: PathBuf,
     options: RecordingOptions,
     source: Source,
-    span: Option<(i64, i64)>,
+    span: Option<Range<i64>>,
 }
 
 /// Where the events of a recording are.
@@ -65,9 +66,8 @@ impl Recording {
         Some(Self { path: path.into(), options, source: Source::Growing(growth), span: None })
     }
 
-    /// The part of the recording from the first of these times, in microseconds as in the file, up to the
-    /// second, which is not part of it.
-    pub fn section(&self, span: (i64, i64)) -> Self {
+    /// The part of the recording in this span of time, in microseconds as in the file.
+    pub fn section(&self, span: Range<i64>) -> Self {
         Self { span: Some(span), ..self.clone() }
     }
 
@@ -116,7 +116,7 @@ impl Recording {
             Source::Growing(growth) => davis::follow(&self.path, growth)?,
             Source::Memory(events) => Box::new(MemoryDecoder::new(Arc::clone(events), self.options.sensor)),
         };
-        Ok(EventReader::new(&self.path, decoder, &self.options)?.within(self.span))
+        Ok(EventReader::new(&self.path, decoder, &self.options)?.within(self.span.clone()))
     }
 
     /// Counts what the streams of the recording hold; empty where there is but one stream of events.

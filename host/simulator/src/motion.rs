@@ -31,21 +31,30 @@ const VARIATION_FREQUENCY: f64 = 0.5;
 /// Columns and rows of the cells of the sensor in which image speeds are measured.
 pub const SPEED_GRID: (u16, u16) = (18, 14);
 
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Sinusoid {
+    amplitude: f64,
+    frequency: f64,
+    /// Where in its cycle it begins, 0 to 1.
+    offset: f64,
+}
+
 /// A sum of two sinusoids, between -1 and 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Wave {
-    parts: [(f64, f64, f64); 2],
+    parts: [Sinusoid; 2],
 }
 
 impl Wave {
     fn new(frequency: f64, rng: &mut ChaCha8Rng) -> Self {
         let base = frequency * uniform_in(rng, 0.85, 1.15);
         let overtone = base * uniform_in(rng, 2.1, 2.9);
-        Self { parts: [(0.75, base, uniform(rng)), (0.25, overtone, uniform(rng))] }
+        let mut part = |amplitude, frequency| Sinusoid { amplitude, frequency, offset: uniform(rng) };
+        Self { parts: [part(0.75, base), part(0.25, overtone)] }
     }
 
     fn at(&self, phase: f64) -> f64 {
-        let part = |&(amplitude, frequency, offset): &(f64, f64, f64)| {
+        let part = |&Sinusoid { amplitude, frequency, offset }: &Sinusoid| {
             amplitude * libm::sin(std::f64::consts::TAU * (frequency * phase + offset))
         };
         self.parts.iter().map(part).sum()

@@ -145,7 +145,7 @@ pub fn repeat(
         progress(index);
         let start = uniform_in(&mut rng, 0.0, duration - settings.seconds);
         let end = start + settings.seconds;
-        let span = (pass.first + (start * 1e6) as i64, pass.first + (end * 1e6) as i64);
+        let span = pass.first + (start * 1e6) as i64..pass.first + (end * 1e6) as i64;
         let inputs = [Input::Events(recording.section(span))];
         let task = Task { inputs: &inputs, model, ..*task };
         let outcome: Result<Calibrated, CalibrateError> = calibrate(&task, |_| ControlFlow::Continue(()));

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-
 use super::{Checked, Seen};
 use crate::advice::{Advice, Outside};
 use crate::detection::{FEWEST_EVENTS, too_short};
@@ -126,6 +125,7 @@ fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> Advice {
 #[cfg(test)]
 mod tests {
     use evcal_core::event::{Event, Polarity};
+    use evcal_core::sensor::Sensor;
 
     use super::*;
     use crate::check::check;

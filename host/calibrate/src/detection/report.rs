@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::no_board::{NoBoard, only_one_polarity};
 use super::other_board::OtherReading;
-use crate::counted::counted;
+use crate::detection::counted::counted;
 
 /// Why a pair of clusters is no circle. Declared in the order of the words, in which reports list them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -177,7 +177,7 @@ impl NoPattern {
     }
 
     /// The most telling cause.
-    pub fn cause(&self) -> NoPatternCause {
+    pub fn main_cause(&self) -> NoPatternCause {
         if let Some(other) = &self.other {
             return NoPatternCause::OtherBoard(other.clone());
         }
@@ -196,7 +196,7 @@ impl NoPattern {
 impl fmt::Display for NoPattern {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "no pattern found in {} windows", self.report.windows + self.report.too_few_events)?;
-        match self.cause() {
+        match self.main_cause() {
             NoPatternCause::OtherBoard(other) => write!(f, "; {other}"),
             NoPatternCause::TooShort => write!(f, ": {}: record 10 seconds", too_short(self.report.events)),
             NoPatternCause::OnePolarity(polarity) => write!(f, ": {}", only_one_polarity(polarity)),

@@ -140,7 +140,7 @@ pub fn gather_events(recording: &Recording) -> Result<Information, RecordingErro
     let duration_s = times_us.map_or(0.0, |(first, last)| seconds(last - first));
     let (hot_pixel_count, hottest_pixels) = statistics.hot_pixels();
     let likely_sensor = match known.sensor {
-        None if statistics.events > 0 => likely_sensor(statistics.largest),
+        None if statistics.events > 0 => likely_sensor(statistics.largest.0, statistics.largest.1),
         _ => None,
     };
     Ok(Information {

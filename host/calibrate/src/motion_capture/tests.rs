@@ -160,7 +160,7 @@ fn motion_that_leaves_the_clocks_open_is_refused() {
     let refused = |pose: fn(f64) -> Isometry3<f64>| {
         let mut camera = camera_poses(free());
         camera.iter_mut().for_each(|one| one.pose = pose(one.t));
-        let mut body = capture(free(), (0.0, 0.0));
+        let mut body = capture(free(), NONE);
         body.iter_mut().for_each(|one| one.pose = mocap_world() * pose(one.t - OFFSET_TRUE) * camera_body());
         compare(&camera, &body, None).unwrap_err()
     };

@@ -2,8 +2,8 @@
 
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
 use crate::calibrate::stretch_choice::StretchChoice;
-use crate::counted::counted;
 use crate::detection::DetectionReport;
+use crate::detection::counted::counted;
 use crate::initial::InitialReport;
 use crate::picture_calibration::calibration::{PictureCalibration, PictureReport};
 use crate::picture_calibration::joint::JointReport;

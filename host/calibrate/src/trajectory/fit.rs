@@ -127,6 +127,15 @@ pub fn fit_on_knots(
     Ok(Trajectory { recording, knots, degree, translation, rotation })
 }
 
+/// Pulls the steps from a control point to the next and from that to the one after towards the same velocity.
+struct EvenPull {
+    /// Index of the first of the three.
+    first: usize,
+    /// Factors of both steps, whose difference is to vanish.
+    before: f64,
+    after: f64,
+}
+
 /// Times, knots, and which control points are fixed.
 struct Design<'a> {
     knots: Knots<'a, f64>,
@@ -156,12 +165,11 @@ impl<'a> Design<'a> {
         self.knots.degree().max(2)
     }
 
-    /// The pull towards constant velocity, one for every three neighbouring control points: the index
-    /// of the first, and the factors of the steps from the first to the second and from the second to
-    /// the third whose difference is to vanish. Empty when both ends are fixed: the samples suffice.
+    /// The pull towards constant velocity, one for every three neighbouring control points. Empty when both ends are fixed: the samples
+    /// suffice.
     ///
     /// A curve has constant velocity when its control points have it at the Greville abscissae.
-    fn smoothness(&self) -> Vec<(usize, f64, f64)> {
+    fn smoothness(&self) -> Vec<EvenPull> {
         if self.first_fixed && self.last_fixed {
             return Vec::new();
         }
@@ -169,7 +177,7 @@ impl<'a> Design<'a> {
         let factors = greville.windows(3).enumerate().map(|(first, three)| {
             let (before, after) = (three[1] - three[0], three[2] - three[1]);
             let scale = 0.5 * (before + after) * SMOOTHNESS.sqrt();
-            (first, scale / before, scale / after)
+            EvenPull { first, before: scale / before, after: scale / after }
         });
         factors.collect()
     }
@@ -205,7 +213,7 @@ impl<'a> Design<'a> {
             let basis = self.knots.basis(t)?;
             add(basis.first, &basis.value[..basis.order], *sample);
         }
-        for (first, before, after) in self.smoothness() {
+        for EvenPull { first, before, after } in self.smoothness() {
             add(first, &[before, -before - after, after], [0.0; D]);
         }
         for index in (0..count).filter(|&index| self.is_fixed(index)) {

@@ -33,15 +33,6 @@ pub fn event(event: &PolarityEvent, shift: i64) -> Event {
     }
 }
 
-/// An event of a recording as one of the wire, at `time` µs of the camera's clock.
-pub fn wire_event(event: &Event, time: u64) -> PolarityEvent {
-    let polarity = match event.polarity {
-        Polarity::Off => WirePolarity::Off,
-        Polarity::On => WirePolarity::On,
-    };
-    PolarityEvent { time, x: event.x, y: event.y, polarity }
-}
-
 /// Makes one time of the camera's, which begins at zero whenever its clock is reset: it goes on 1 s
 /// after the latest time before.
 #[derive(Clone, Copy, Debug, Default)]

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use hdf5_reader::error::Error;
 use hdf5_reader::{Dataset, SliceInfo, SliceInfoElem};
 
-use super::layout::Found;
+use super::layout::{Found, TimedDataset};
 use super::{arrange, choose, structure, table};
 use crate::error::Usable;
 use crate::error::{RecordingError, RecordingErrorKind};
@@ -35,7 +35,7 @@ struct Timed {
 }
 
 impl Timed {
-    fn open(data: Dataset, times: Dataset, unit: TimeUnit, offset: i64) -> Option<Self> {
+    fn open(TimedDataset { data, times }: TimedDataset, unit: TimeUnit, offset: i64) -> Option<Self> {
         let mut numbers = table::numbers(&times, MOST_TIMES)?;
         numbers.truncate(written(numbers.iter(), |time| time.value() == 0.0));
         let times: Option<Vec<i64>> = numbers.iter().map(|time| time.microseconds(unit)).collect();
@@ -97,10 +97,7 @@ impl Beside {
         let Found { table, offset, frames, samples, .. } = choose(path, options)?.0;
         let (_, unit) = arrange(path, table, options, &mut Vec::new())?;
         let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
-        let open = |found: Option<(Dataset, Dataset)>| {
-            let (data, times) = found?;
-            Timed::open(data, times, unit, offset)
-        };
+        let open = |found: Option<TimedDataset>| Timed::open(found?, unit, offset);
         let skipped = Skipped::new(options.damage);
         Ok(Self { path: path.to_owned(), frames: open(frames), samples: open(samples), skipped })
     }

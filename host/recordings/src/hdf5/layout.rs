@@ -38,9 +38,9 @@ pub struct Found {
     /// What has to be added to all times, in their unit.
     pub offset: Option<Number>,
     /// Pictures beside them, and their times.
-    pub frames: Option<(Dataset, Dataset)>,
+    pub frames: Option<TimedDataset>,
     /// Inertial samples beside them, and their times.
-    pub samples: Option<(Dataset, Dataset)>,
+    pub samples: Option<TimedDataset>,
 }
 
 /// A group with its path, and that of the group above it.
@@ -90,12 +90,19 @@ const OFFSET: &str = "t_offset";
 const FRAMES: &str = "image_raw";
 const SAMPLES: &str = "imu";
 
+/// A dataset and that of its times.
+#[derive(Clone)]
+pub struct TimedDataset {
+    pub data: Dataset,
+    pub times: Dataset,
+}
+
 /// The dataset of this name that has so many sides, and that of its times.
-fn timed(datasets: &[Dataset], name: &str, sides: usize) -> Option<(Dataset, Dataset)> {
+fn timed(datasets: &[Dataset], name: &str, sides: usize) -> Option<TimedDataset> {
     let named = |name: &str| datasets.iter().find(|dataset| last(dataset) == name);
     let (data, times) = (named(name)?, named(&format!("{name}_ts"))?);
     let fits = data.shape().len() == sides && table::is_list(times) && table::unread(times).is_none();
-    fits.then(|| (data.clone(), times.clone()))
+    fits.then(|| TimedDataset { data: data.clone(), times: times.clone() })
 }
 
 fn join(path: &str, name: &str) -> String {

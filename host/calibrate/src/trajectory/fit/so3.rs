@@ -9,7 +9,7 @@ use evcal_core::spline::{SplineError, so3};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::super::TrajectoryError;
-use super::Design;
+use super::{Design, EvenPull};
 use evcal_geometry::numerics::banded::BandedCholesky;
 
 /// Most Gauss-Newton steps for an SO(3) spline; from the quaternion fit three or four suffice.
@@ -50,7 +50,7 @@ impl Design<'_> {
     fn so3_equations(
         &self,
         samples: &[UnitQuaternion<f64>],
-        smoothness: &[(usize, f64, f64)],
+        smoothness: &[EvenPull],
         control: &[UnitQuaternion<f64>],
     ) -> Result<(f64, TurnEquations), TrajectoryError> {
         let mut cost = 0.0;
@@ -62,7 +62,7 @@ impl Design<'_> {
             cost += residual.norm_squared();
             equations.add(self, basis.first, &sample.jacobians[..basis.order], &residual);
         }
-        for &(first, before, after) in smoothness {
+        for &EvenPull { first, before, after } in smoothness {
             let steps = [first, first + 1].map(|index| log(&(control[index].inverse() * control[index + 1])));
             let residual = steps[0] * before - steps[1] * after;
             cost += residual.norm_squared();

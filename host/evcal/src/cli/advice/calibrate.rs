@@ -155,7 +155,7 @@ fn about_parts(error: &RepeatError) -> Option<String> {
 }
 
 fn about_no_pattern(error: &NoPattern) -> Option<String> {
-    let next = match error.cause() {
+    let next = match error.main_cause() {
         NoPatternCause::OtherBoard(other) => return Some(format!("use --board {}", other.board)),
         NoPatternCause::OnePolarity(_) => "say which column the polarity is in with --columns",
         NoPatternCause::Windows(NoBoard::TooFewCircles, _) => "try --extraction soft",

@@ -1,4 +1,4 @@
-//! How fast recordings are read on one core: `cargo run --release --example reading_speed FILE...`.
+//! How fast recordings are read on one core: `cargo run --release -p event-recordings --example reading_speed FILE...`.
 //!
 //! Each file is read three times; the fastest counts. The time is that of the processor where the system tells it (Linux), so other
 //! programs on the computer matter little.

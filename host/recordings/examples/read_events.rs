@@ -1,7 +1,7 @@
 //! Opens a recording of any format and prints how many events it holds, for how long, and how many a second.
 //!
 //! ```sh
-//! cargo run --release --example read_events -- recording.aedat4
+//! cargo run --release -p event-recordings --example read_events -- recording.aedat4
 //! ```
 
 use std::error::Error;
