@@ -1,4 +1,4 @@
-//! Files that evcal reads and writes, against other programs, and the documents of the project.
+//! Files that evcal reads and writes, against other programs.
 
 mod board;
 mod calibration_file;
@@ -8,6 +8,5 @@ mod corpus;
 mod exports;
 mod formats;
 mod image_topics;
-mod links;
 mod recordings;
 mod undistort;
