@@ -2,6 +2,10 @@
 //!
 //! A new format is one file with a [`FileFormat`] in it and one line in [`FORMATS`].
 
+// No input makes it panic; the program prints.
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+
 mod aedat2;
 mod aedat3;
 pub mod aedat4;
