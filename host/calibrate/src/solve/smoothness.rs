@@ -105,13 +105,13 @@ mod tests {
     #[test]
     fn constant_velocity_costs_nothing_and_acceleration_is_that_of_the_curve() {
         for found in accelerations(&trajectory(|t| 0.2 + 3.0 * t)) {
-            assert!(found.residual.iter().all(|value| value.abs() < 1e-9), "{:?}", found.residual);
+            assert!(found.residual.iter().all(|value| value.abs() < 1e-11), "{:?}", found.residual);
         }
-        let found = accelerations(&trajectory(|t| 200.0 * t * t));
+        let found = accelerations(&trajectory(|t| 2.0 * t * t));
         assert_eq!(found.len(), 4);
         for found in found {
-            assert!((found.residual[3] - 400.0 / 100.0).abs() < 1e-9, "{:?}", found.residual);
-            assert!((found.residual[1] - 400.0 / 300.0).abs() < 1e-9, "{:?}", found.residual);
+            assert!((found.residual[3] - 4.0 / 100.0).abs() < 1e-11, "{:?}", found.residual);
+            assert!((found.residual[1] - 4.0 / 300.0).abs() < 1e-11, "{:?}", found.residual);
         }
     }
 }
