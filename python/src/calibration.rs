@@ -43,7 +43,14 @@ struct Asked {
 impl Asked {
     fn task(&self) -> Task<'_> {
         let Self { inputs, board, model, sensor, pictures, settings } = self;
-        Task { model: *model, sensor: *sensor, pictures: *pictures, settings, wording: worded, ..Task::new(inputs, board) }
+        Task {
+            model: *model,
+            sensor: *sensor,
+            pictures: *pictures,
+            settings,
+            wording: worded,
+            ..Task::new(inputs, board)
+        }
     }
 }
 

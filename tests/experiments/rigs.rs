@@ -29,10 +29,13 @@ fn figure(name: &'static str, errors: &[f64], sigmas: &[f64], factor: f64) -> Fi
     Figure { name, errors, sigmas }
 }
 
+/// Simulates and calibrates in a folder, with these options, and gives what came out.
+type Trial = fn(&Path, &[&str]) -> Vec<Figure>;
+
 fn main() {
     let mut arguments = std::env::args().skip(1);
     let kind = arguments.next().unwrap_or_else(|| "inertial".to_owned());
-    let (trial, usual): (fn(&Path, &[&str]) -> Vec<Figure>, _) = match kind.as_str() {
+    let (trial, usual): (Trial, _) = match kind.as_str() {
         "inertial" => (inertial, "201-204"),
         "stereo" => (stereo, "601-604"),
         "motion-capture" => (motion_capture, "511-514"),

@@ -40,7 +40,7 @@ const SHORTEST_FOR_FLICKER: f64 = 0.25;
 const CELLS: [u16; 2] = [8, 6];
 
 /// What was seen at the beginning of a recording.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Debug, Serialize)]
 pub struct Checked {
     /// Rate, duration, size, hot pixels, faults.
     #[serde(flatten)]

@@ -22,6 +22,8 @@ use event_recordings::{aedat4, event_calib, text};
 
 /// Size of the sensor of a DAVIS346.
 pub const DAVIS346_SENSOR: Sensor = Sensor::new(346, 260);
+/// Who wrote a dump, in its header; recordings that were simulated before have it too.
+const WRITER: &str = "evcal simulate";
 /// Name of the camera in files that have a place for it.
 const CAMERA_NAME: &str = "evcal simulator";
 /// Serial number of the camera in dumps.
@@ -133,8 +135,8 @@ pub fn write(
             }
             let configuration = configuration(davis);
             let mut header = davis346_header(SERIAL, &configuration);
-            // Neither version nor time: the same command gives the same bytes.
-            header.writer = "evcal".to_owned();
+            // Neither version nor time: the same settings give the same bytes.
+            header.writer = WRITER.to_owned();
             header.note = "simulated".to_owned();
             let clocks = header.registers.clocks();
             let exposure_cycles = clocks.cycles(clocks.adc, configuration.exposure);

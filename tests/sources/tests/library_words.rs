@@ -39,6 +39,8 @@ const OF_OTHERS: &[(&str, &str)] = &[
     ("--third", STYLE_SHEET),
     ("--fourth", STYLE_SHEET),
 ];
+/// Commands that are names in files.
+const NAMES_IN_FILES: &[(&str, &str)] = &[("evcal simulate", "who wrote a simulated dump, in its header")];
 const ROS_TRANSFORM: &str = "ros2 run tf2_ros static_transform_publisher, a line of an exported file";
 const STYLE_SHEET: &str = "a colour of the report's style sheet";
 
@@ -76,7 +78,8 @@ fn words_of_the_command_line(text: &str) -> Vec<String> {
     };
     let options = words.iter().filter(is_option).map(|word| (*word).to_owned());
     let commands = words.windows(2).filter(|pair| pair[0] == "evcal" && SUBCOMMANDS.contains(&pair[1]));
-    options.chain(commands.map(|pair| pair.join(" "))).collect()
+    let commands = commands.map(|pair| pair.join(" "));
+    options.chain(commands.filter(|command| !NAMES_IN_FILES.iter().any(|(name, _)| name == command))).collect()
 }
 
 fn is_test(attributes: &[Attribute]) -> bool {

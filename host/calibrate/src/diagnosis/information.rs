@@ -5,7 +5,7 @@ mod text;
 
 use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use self::statistics::Statistics;
 use crate::diagnosis::flicker::Flicker;
@@ -16,7 +16,7 @@ use event_recordings::{ReadReport, Recording, RecordingError, StreamSummary};
 /// How many gaps and hot pixels are listed.
 const LISTED: usize = 10;
 /// What a recording holds.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Debug, Serialize)]
 pub struct Information {
     /// The file.
     pub path: String,
@@ -65,7 +65,13 @@ pub struct Information {
     /// What the reader took for granted.
     pub notes: Vec<String>,
     /// Why reading stopped before the end.
-    pub error: Option<String>,
+    #[serde(serialize_with = "what_is_wrong")]
+    pub error: Option<RecordingError>,
+}
+
+/// What is wrong, without the file.
+fn what_is_wrong<S: Serializer>(error: &Option<RecordingError>, serializer: S) -> Result<S::Ok, S::Error> {
+    error.as_ref().map(|error| error.kind.to_string()).serialize(serializer)
 }
 
 /// The 10 ms of a recording with the most events.
@@ -132,7 +138,7 @@ pub fn gather_events(recording: &Recording) -> Result<Information, RecordingErro
         match reader.next_batch(&mut events) {
             Ok(true) => events.iter().for_each(|event| statistics.add(event)),
             Ok(false) => break None,
-            Err(error) => break Some(error.kind.to_string()),
+            Err(error) => break Some(error),
         }
     };
     let known = reader.information();
@@ -270,6 +276,6 @@ mod tests {
         std::fs::write(&path, "t_us,x,y,p\n1,2,3,1\n2,2,3,1\n3,2,3,nan\n").unwrap();
         let information = of(&path);
         assert_eq!(information.events, 2);
-        assert!(information.error.unwrap().contains("line 4"));
+        assert!(information.error.unwrap().to_string().contains("line 4"));
     }
 }

@@ -180,8 +180,7 @@ pub fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> Syst
         system.add(&linearised(problem, state, &bearings, group));
     }
     system.close();
-    let smoothness: Vec<Vec<Acceleration>> =
-        state.trajectories.iter().map(|trajectory| accelerations(trajectory)).collect();
+    let smoothness: Vec<Vec<Acceleration>> = state.trajectories.iter().map(accelerations).collect();
     system.add_smoothness(&smoothness);
     for (segment, (trajectory, weights)) in state.trajectories.iter().zip(&problem.stiffness).enumerate() {
         system.add_jerks(segment, &jerks(trajectory), weights);

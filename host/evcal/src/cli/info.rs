@@ -48,7 +48,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             }
         }
         if let Some(error) = &information.error {
-            failures.push(format!("{}: {error}", path.display()));
+            failures.push(with_advice(error));
         }
     }
     if failures.is_empty() { Ok(()) } else { Err(failures.join("\nevcal: ").into()) }

@@ -38,9 +38,9 @@ fn both_starts_reach_the_same_model_on_every_input() {
         for (input, scene) in inputs(kind) {
             // Wrong frames among many, which both must drop.
             let fault = |frame| match frame {
-                11 if scene.count >= 60 => Fault::Turned,
-                23 if scene.count >= 60 => Fault::Mirrored,
-                35 if scene.count >= 60 => Fault::Shifted,
+                11 if input == "many views" => Fault::Turned,
+                23 if input == "many views" => Fault::Mirrored,
+                35 if input == "many views" => Fault::Shifted,
                 _ => Fault::None,
             };
             let frames = scene.frames(3, fault);

@@ -22,7 +22,7 @@ impl fmt::Display for Information {
             line(f, "note", note.clone())?;
         }
         if let Some(error) = &self.error {
-            line(f, "error", format!("reading stopped: {error}"))?;
+            line(f, "error", format!("reading stopped: {}", error.kind))?;
         }
         Ok(())
     }
