@@ -116,7 +116,7 @@ impl Watcher {
         self.latest.clone()
     }
 
-    /// Waits until everything taken has been looked at, [`super::LiveSettings::longest_wait`] of it at
+    /// Waits until everything taken has been looked at, [`LiveSettings::longest_wait`](evcal_calibrate::settings::LiveSettings::longest_wait) of it at
     /// most. What was seen, and what is to be remembered of it.
     pub fn finish(mut self) -> (Seen, Option<Memory>) {
         let memory = self.end();

@@ -1,5 +1,5 @@
 //! Camera and the pose of every picture together, by least squares on the centres of dots
-//! ([`bundle_adjustment`](crate::initial::bundle_adjustment)), and how sure the camera is.
+//! (`initial::bundle_adjustment`), and how sure the camera is.
 //!
 //! A residual is the predicted centre of area of a dot's image ([`CircleImage`]) less the measured one.
 //!

@@ -17,8 +17,8 @@
 //!
 //! No scatter shows an error that every part of a recording has. Simulated recordings with known truth do. What the biases of
 //! the events do not follow, some thousandths of a pixel, is the larger the more their latencies move them. It moves the camera in the
-//! directions that the views hardly determine, the further the less they do ([`MODEL_ERROR`]; the poses and the board
-//! go with it), and the focal lengths, even if the views determine them well ([`LATENCY_SCALE`]).
+//! directions that the views hardly determine, the further the less they do (`MODEL_ERROR`; the poses and the board
+//! go with it), and the focal lengths, even if the views determine them well (`LATENCY_SCALE`).
 
 pub mod blocks;
 pub mod parts;
