@@ -90,7 +90,9 @@ fn mistakes_in_the_file_are_named() {
     refused("w first", |f| vec![f[0], f[1], f[2], f[3], f[7], f[4], f[5], f[6]]);
     refused("times in seconds", |f| vec![1e3 * f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7]]);
     // Ever faster, which no camera was.
-    refused("recordings of the same session", |f| vec![(f[0] - 12.3).powi(2) / 12.0, f[1], f[2], f[3], f[4], f[5], f[6], f[7]]);
+    refused("recordings of the same session", |f| {
+        vec![(f[0] - 12.3).powi(2) / 12.0, f[1], f[2], f[3], f[4], f[5], f[6], f[7]]
+    });
 }
 
 /// A motion that leaves open where the body sits, and what to do. Other such motions are in the tests of `evcal-calibrate`.

@@ -121,7 +121,7 @@ fn what_does_not_fit_and_wrong_use_are_told() {
         (
             &["--board", evcal_tests::BOARD, "--pdf", "/nonexistent/b.pdf"][..],
             1,
-            "largest of its kind that fits is --board",
+            "print --board acircles:9x4:23mm:r7.3mm",
         ),
         (&["--pdf", "/nonexistent/b.pdf"], 1, "/nonexistent/b.pdf"),
         (&["--paper", "a3"], 2, "--pdf"),
