@@ -80,7 +80,7 @@ fn the_advice_on_damaged_packets_names_the_option_that_leaves_them_out() {
     bytes[middle..middle + 200].fill(0x5a);
     fs::write(&file, bytes).unwrap();
     let message = fail(&["info", text(&file)]);
-    let advice = message.split(['(', ')', ' ']).find(|word| word.starts_with("--")).expect("an option is named");
+    let advice = message.split(['(', ')', ' ', '\n']).find(|word| word.starts_with("--")).expect("an option is named");
     let told: Value = serde_json::from_str(&succeed(&["info", "--json", advice, text(&file)])).unwrap();
     let left = told["events"].as_u64().unwrap();
     assert!((5000..10_000).contains(&left), "{left} of 10000 events are left");
