@@ -23,6 +23,8 @@ use evcal_geometry::board::{BoardError, BoardProblem};
 use evcal_live::page::PageError;
 use event_recordings::TimeUnit;
 
+use super::recordings::add_sensor;
+
 /// What to do about `error`, where it is one of evcal-calibrate, evcal-geometry or evcal-live.
 pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
     let of_boards = || {
@@ -72,12 +74,12 @@ pub fn worded(advice: &Advice) -> String {
                 options.join(" ")
             )
         }
-        Advice::NameSensor(Some(sensor)) => format!("add --sensor {}x{}", sensor.width, sensor.height),
+        Advice::NameSensor(Some(sensor)) => add_sensor(Some(*sensor)),
         Advice::NameSensor(None) => "add --sensor WIDTHxHEIGHT, the size of the camera's sensor".to_owned(),
         Advice::NameTimeUnit(Some(unit)) => format!("add --time-unit {}", short_unit(*unit)),
         Advice::CountFromZero { sensor, name_sensor: true } => {
             let without = Advice::CountFromZero { sensor: *sensor, name_sensor: false };
-            format!("{without}, and add --sensor {}x{}", sensor.width, sensor.height)
+            format!("{without}, and {}", add_sensor(Some(*sensor)))
         }
         Advice::ExchangeAxes => {
             "x and y are swapped: correct --columns, or swap the two numbers of --sensor".to_owned()
