@@ -5,6 +5,7 @@ use std::error::Error;
 use evcal_calibrate::advice::Advice;
 use evcal_calibrate::calibrate::board_choice::BoardChoiceError;
 use evcal_calibrate::calibrate::error::CalibrateError;
+use evcal_calibrate::calibrate::input::EventsError;
 use evcal_calibrate::calibrate::parameter_request::ParameterError;
 use evcal_calibrate::calibrate::repeat::{RepeatError, shorter_parts};
 use evcal_calibrate::detection::no_board::NoBoard;
@@ -27,6 +28,9 @@ use super::recordings::add_sensor;
 
 /// What to do about `error`, where it is one of evcal-calibrate, evcal-geometry or evcal-live.
 pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
+    if let Some(EventsError::Circles(_)) = error.downcast_ref() {
+        return Some("evcal calibrate takes it as it is, other commands need the recording itself".to_owned());
+    }
     let of_boards = || {
         let known = error.downcast_ref().and_then(about_no_pattern);
         let known = known.or_else(|| error.downcast_ref().map(about_radius));
