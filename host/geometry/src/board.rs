@@ -5,6 +5,7 @@ pub mod request;
 pub mod shape;
 pub mod sheet;
 pub mod symmetry;
+pub mod tag;
 
 use std::fmt;
 use std::ops::RangeInclusive;
