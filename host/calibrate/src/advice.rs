@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use evcal_core::camera::ModelKind;
 use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
-use evcal_geometry::board::Board;
+use evcal_geometry::board::CircleBoard;
 use event_recordings::TimeUnit;
 
 use crate::detection::NoPattern;
@@ -34,7 +34,7 @@ pub enum Advice {
     /// Calibrate again with this camera model.
     TakeModel(ModelKind),
     /// Calibrate again with the whole board, of which the stated one is a part.
-    TakeWholeBoard(Board),
+    TakeWholeBoard(CircleBoard),
     /// Count rows and columns of the board.
     CountRows,
     /// Look at lens and board, if bend and print were estimated.

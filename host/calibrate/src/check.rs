@@ -23,7 +23,7 @@ use crate::detection::settings::DetectionSettings;
 use crate::detection::{LARGEST_SENSOR, NoPattern};
 use crate::diagnosis::bad_pixels::{BadPixels, PixelCounter, Repetition};
 use crate::diagnosis::information::{Information, gather_events};
-use evcal_geometry::board::{Board, layout_name};
+use evcal_geometry::board::{CircleBoard, layout_name};
 use event_recordings::given_sensor::counted_from_one;
 use event_recordings::pass::{read_recording, read_while};
 use event_recordings::{Recording, RecordingError};
@@ -116,7 +116,7 @@ impl Serialize for BoardFailure {
 /// [`RecordingError`] when not one event can be read.
 pub fn check(
     recording: &Recording,
-    board: Option<&Board>,
+    board: Option<&CircleBoard>,
     settings: &DetectionSettings,
 ) -> Result<Checked, RecordingError> {
     let (mut count, mut end) = (0, 0);
@@ -173,7 +173,7 @@ fn look(
     recording: &Recording,
     sensor: Sensor,
     slots_with_events: usize,
-    board: Option<&Board>,
+    board: Option<&CircleBoard>,
     settings: &DetectionSettings,
 ) -> Result<Seen, RecordingError> {
     let wanted = board.map_or(SearchFor::Circles(FEWEST_CIRCLES), |board| SearchFor::Board(board.pattern));

@@ -234,27 +234,29 @@ fn seen_by_both(
     start: &Start,
     symmetries: &[Symmetry],
 ) -> Vec<SegmentObservations> {
+    let edges: Vec<Vec<u16>> = symmetries.iter().map(|turn| first.problem.edges.turned(turn)).collect();
     let turn = |t: f64, segment: usize| {
         let time = start.mount.first_time(t);
         let (of_first, _) = sample_at(&first.state.trajectories, time)?;
         if covers(&first.left_out, 0, time) {
             return None;
         }
-        symmetries.get(*start.turns.get(&(of_first, segment))?)
+        let turn = *start.turns.get(&(of_first, segment))?;
+        Some((symmetries.get(turn)?, edges.get(turn)?))
     };
     let of_segment = |(segment, observations): (usize, &SegmentObservations)| {
         let mut seen = SegmentObservations::default();
         for bin in &observations.bins {
-            let Some(turn) = turn(bin.t, segment) else { continue };
+            let Some((_, edges)) = turn(bin.t, segment) else { continue };
             let begin = seen.events.len();
             for event in observations.events.get(bin.first..bin.end).unwrap_or_default() {
-                let Some(&circle) = turn.circles.get(usize::from(event.circle)) else { continue };
-                seen.events.push(EventObservation { circle, ..*event });
+                let Some(&edge) = edges.get(usize::from(event.edge)) else { continue };
+                seen.events.push(EventObservation { edge, ..*event });
             }
             seen.bins.push(EventBin { t: bin.t, first: begin, end: seen.events.len() });
         }
         for point in &observations.points {
-            let circle = turn(point.t, segment).and_then(|turn| turn.circles.get(point.circle));
+            let circle = turn(point.t, segment).and_then(|(turn, _)| turn.points.get(point.circle));
             seen.points.extend(circle.map(|&circle| PointObservation { circle: circle.into(), ..*point }));
         }
         seen

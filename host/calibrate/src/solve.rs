@@ -1,13 +1,14 @@
 //! Sections 9 and 10 of method.md: the joint solve.
 //!
 //! The intrinsics, the control points of every trajectory segment and the biases of the event
-//! classes together minimise Σ ρ(r), where r is the distance of an event from the edge of its
-//! circle, carried to the board plane through the pose at the event's own time (paper, eq. of
+//! classes together minimise Σ ρ(r), where r is the distance of an event from its edge of the
+//! print, carried to the board plane through the pose at the event's own time (paper, eq. of
 //! III-C). Levenberg-Marquardt on the normal equations, which are block-banded per segment with a
 //! border of global parameters ([`normal`]); the rows are analytic ([`event_row`], [`point_row`]).
 
 pub mod association;
 pub mod bearing_table;
+pub mod board_edge;
 pub mod board_ray;
 pub mod board_surface;
 pub mod bordered;
@@ -49,6 +50,7 @@ use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, EventBias, bias_place};
 use crate::trajectory::Trajectory;
 use evcal_core::camera::MAX_PARAMETERS;
 use evcal_geometry::board::shape::{self, BoardShape, CircleArea};
+use board_edge::BoardEdges;
 use observation::SegmentObservations;
 use stiffness::Stiffness;
 
@@ -137,8 +139,10 @@ pub const ITERATIONS: usize = 12;
 pub struct Problem {
     /// Sensor size (width, height) in pixels.
     pub sensor: Sensor,
-    /// Centres of the board's circles on the print, in metres.
-    pub circle_centers: Vec<[f64; 2]>,
+    /// The points of the board on the print, in metres.
+    pub points: Vec<[f64; 2]>,
+    /// The edges of the print.
+    pub edges: BoardEdges,
     /// The area that they cover.
     pub area: CircleArea,
     /// Metres on the board for each pixel, on average: the unit of the plane residual.
@@ -164,7 +168,7 @@ pub struct Problem {
 impl Problem {
     /// The same with other observations.
     pub fn with_segments(&self, segments: Vec<SegmentObservations>) -> Self {
-        Self { segments, stiffness: self.stiffness.clone(), circle_centers: self.circle_centers.clone(), ..*self }
+        Self { segments, stiffness: self.stiffness.clone(), points: self.points.clone(), edges: self.edges.clone(), ..*self }
     }
 
     /// Metres on the board for each unit of the residual, where that is the same everywhere.

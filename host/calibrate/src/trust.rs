@@ -202,6 +202,9 @@ fn observed_radius(refined: &Refined) -> Option<ObservedRadius> {
     let bias = &refined.state.bias;
     let radius = refined.state.board.radius;
     let scale = refined.problem.mean_scale;
+    if !refined.problem.edges.are_bent() {
+        return None;
+    }
     let inverse_radius = scale / radius;
     let (mut sum, mut count) = (0.0, 0_usize);
     // The mean over both polarities: what delays events moves them to opposite sides.

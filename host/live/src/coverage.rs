@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector2};
 use super::wanted::Wanted;
 use evcal_calibrate::circles::reference_frame::ReferenceFrame;
 use evcal_calibrate::settings::LiveSettings;
-use evcal_geometry::board::Board;
+use evcal_geometry::board::CircleBoard;
 use evcal_geometry::board::homography::{homography, pose_from_homography};
 
 /// Fewest windows with the board.
@@ -94,7 +94,7 @@ pub struct CoverageSummary {
 #[derive(Clone, Debug)]
 pub struct LiveCoverage {
     settings: LiveSettings,
-    board: Board,
+    board: CircleBoard,
     sensor: Sensor,
     cells: Vec<u64>,
     /// Homographies from the board (in spacings) to pixels from the middle of the sensor, divided by
@@ -110,7 +110,7 @@ pub struct LiveCoverage {
 
 impl LiveCoverage {
     /// Nothing seen yet, of a sensor of this width and height.
-    pub fn new(settings: &LiveSettings, board: &Board, sensor: Sensor) -> Self {
+    pub fn new(settings: &LiveSettings, board: &CircleBoard, sensor: Sensor) -> Self {
         let cells = vec![0; usize::from(COLUMNS) * usize::from(ROWS)];
         Self {
             settings: settings.clone(),
@@ -309,7 +309,7 @@ mod tests {
 
     const SENSOR: Sensor = Sensor::new(346, 260);
 
-    fn board() -> Board {
+    fn board() -> CircleBoard {
         "acircles:9x4:55mm:r17.5mm".parse().unwrap()
     }
 

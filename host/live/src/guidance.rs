@@ -24,7 +24,7 @@ use evcal_calibrate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use evcal_calibrate::initial::InitialSettings;
 use evcal_calibrate::initial::information::{Information, ProjectionMeasure, prior, sigma_in_cells, view_information};
 use evcal_calibrate::initial::provisional::{provisional_camera, provisional_pose};
-use evcal_geometry::board::Board;
+use evcal_geometry::board::CircleBoard;
 
 pub use self::hint::{Hint, Swing};
 pub use self::place::Place;
@@ -98,7 +98,7 @@ pub struct GhostOutline {
 
 /// What is known of the camera, where the board should go, and how to say so.
 pub struct Guidance {
-    board: Board,
+    board: CircleBoard,
     sensor: Sensor,
     settings: InitialSettings,
     views: Vec<View>,
@@ -121,7 +121,7 @@ pub struct Guidance {
 
 impl Guidance {
     /// Nothing seen yet of `board` by a camera with this sensor.
-    pub fn new(board: &Board, sensor: Sensor, settings: &InitialSettings) -> Option<Self> {
+    pub fn new(board: &CircleBoard, sensor: Sensor, settings: &InitialSettings) -> Option<Self> {
         // 53° across until the views tell.
         let (width, height) = (f64::from(sensor.width), f64::from(sensor.height));
         let start = [width, width, 0.5 * (width - 1.0), 0.5 * (height - 1.0), 0.0, 0.0, 0.0, 0.0, 0.0];
@@ -393,7 +393,7 @@ impl Guidance {
 }
 
 /// Corners of the printed board (m): a spacing beyond its outermost circles, clockwise as it is printed.
-pub fn corners(board: &Board) -> [Vector2<f64>; 4] {
+pub fn corners(board: &CircleBoard) -> [Vector2<f64>; 4] {
     let (low, high) = board.extent();
     let (low, high) = (low.add_scalar(-board.spacing), high.add_scalar(board.spacing));
     [low, Vector2::new(high.x, low.y), high, Vector2::new(low.x, high.y)]

@@ -17,7 +17,7 @@ use evcal_calibrate::detection::DetectionStage;
 use evcal_calibrate::detection::settings::DetectionSettings;
 use evcal_calibrate::initial::InitialSettings;
 use evcal_calibrate::settings::LiveSettings;
-use evcal_geometry::board::Board;
+use evcal_geometry::board::CircleBoard;
 use evcal_geometry::board::homography::homography;
 
 /// Chunks that are searched in one go: a fifth of a second, unless the settings say otherwise.
@@ -142,7 +142,7 @@ pub struct Observer<'a> {
     sigma_in_cells: Vec<Option<f64>>,
     guidance: Option<Guidance>,
     checkpoints: Option<Checkpoints>,
-    board: Board,
+    board: CircleBoard,
     target: f64,
     shortest: f64,
     /// When the board was seen first (s).
@@ -159,7 +159,7 @@ impl<'a> Observer<'a> {
         detection: &'a DetectionSettings,
         initial: &InitialSettings,
         live: &LiveSettings,
-        board: &Board,
+        board: &CircleBoard,
         sensor: Sensor,
     ) -> Self {
         let coverage = LiveCoverage::new(live, board, sensor);

@@ -11,7 +11,7 @@ use evcal_calibrate::circles::reference_frame::UnorderedFrame;
 use evcal_calibrate::detection::other_board::{OtherReading, other_reading};
 use evcal_calibrate::detection::settings::DetectionSettings;
 use evcal_calibrate::detection::{CircleWindow, DetectionReport, DetectionStage, NoCircle};
-use evcal_geometry::board::Board;
+use evcal_geometry::board::CircleBoard;
 use evcal_geometry::numerics::statistics::median;
 
 /// A board that was not seen for so long is explained (s), and again after the same time.
@@ -78,7 +78,7 @@ pub struct Explanation {
 }
 
 /// Why `board` is not found in `events`, which are in order of time (µs) and of one short moment.
-pub fn explain(events: &[Event], board: &Board, sensor: Sensor, settings: &DetectionSettings) -> Explanation {
+pub fn explain(events: &[Event], board: &CircleBoard, sensor: Sensor, settings: &DetectionSettings) -> Explanation {
     let duration = events.first().zip(events.last()).map_or(0.0, |(first, last)| (last.t - first.t) as f64 * 1e-6);
     if (events.len() as f64) < FEWEST_EVENTS * duration.max(MOMENT) {
         return Explanation { obstacle: Obstacle::NoEvents, circles: Vec::new() };
@@ -103,7 +103,7 @@ pub fn explain(events: &[Event], board: &Board, sensor: Sensor, settings: &Detec
 }
 
 /// What windows with as many circles as half a board are.
-fn of_whole(windows: &[CircleWindow], report: &DetectionReport, board: &Board, sensor: Sensor) -> Obstacle {
+fn of_whole(windows: &[CircleWindow], report: &DetectionReport, board: &CircleBoard, sensor: Sensor) -> Obstacle {
     let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
     match other_reading(&frames, board, sensor) {
         Some(other) if other.board.pattern != board.pattern => Obstacle::OtherBoard(other),
@@ -163,7 +163,7 @@ pub struct Explainer {
 
 impl Explainer {
     /// Takes the next events.
-    pub fn push(&mut self, events: &[Event], board: &Board, sensor: Sensor, settings: &DetectionSettings) {
+    pub fn push(&mut self, events: &[Event], board: &CircleBoard, sensor: Sensor, settings: &DetectionSettings) {
         let Some(now) = events.last().map(|event| event.t as f64 * 1e-6) else { return };
         if now - self.settled < PATIENCE {
             return;

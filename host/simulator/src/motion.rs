@@ -21,7 +21,7 @@ use rand_chacha::ChaCha8Rng;
 use super::clock::Ramps;
 use super::rays::{Ray, Rays};
 use super::view::View;
-use evcal_geometry::board::Board;
+use evcal_geometry::board::CircleBoard;
 use evcal_geometry::numerics::random::{uniform, uniform_in};
 
 const PAUSE_RAMP: f64 = 0.2;
@@ -85,7 +85,7 @@ pub struct Motion {
 impl Motion {
     /// Motion before `board` of a camera with these `rays`, for a recording of `duration` seconds
     /// (over which the mean speed is set). Fails when the lens has no usable field of view.
-    pub fn new(settings: &MotionSettings, board: &Board, rays: &Rays, duration: f64, seed: u64) -> Option<Self> {
+    pub fn new(settings: &MotionSettings, board: &CircleBoard, rays: &Rays, duration: f64, seed: u64) -> Option<Self> {
         let (center, half_view) = field_of_view(rays)?;
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(MOTION_STREAM);
@@ -189,7 +189,7 @@ impl Motion {
 
     /// Mean speed in pixels per second of the board's points in view, over the time in which the
     /// camera neither pauses nor looks away. Zero when the board is never in view.
-    pub fn mean_speed(&self, board: &Board, rays: &Rays, duration: f64) -> f64 {
+    pub fn mean_speed(&self, board: &CircleBoard, rays: &Rays, duration: f64) -> f64 {
         const TIMES: u32 = 300;
         let (mut sum, mut count) = (0.0, 0u32);
         for step in 0..TIMES {

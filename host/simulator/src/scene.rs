@@ -25,7 +25,7 @@ use super::light::{Glare, Lamp};
 use super::rays::Ray;
 use super::surroundings::{Hand, Texture};
 use super::view::{Gaze, View};
-use evcal_geometry::board::Board;
+use evcal_geometry::board::CircleBoard;
 use evcal_geometry::board::shape::{BoardShape, CircleArea, Surface};
 
 /// Radiance of the parts of the scene, and the size of the sheet. White is 1 by convention.
@@ -90,9 +90,9 @@ pub struct Sample {
 /// The board, ready to be looked at.
 #[derive(Clone, Debug)]
 pub struct Scene {
-    stated: Board,
+    stated: CircleBoard,
     /// The stated one with its circles as large as they are printed.
-    board: Board,
+    board: CircleBoard,
     surface: Option<Surface>,
     settings: SceneSettings,
     lower: Vector2<f64>,
@@ -110,10 +110,10 @@ pub struct Scene {
 impl Scene {
     /// The scene of `board` seen through a point-spread function of `point_spread` pixels
     /// (standard deviation).
-    pub fn new(stated: Board, settings: SceneSettings, point_spread: f64) -> Self {
+    pub fn new(stated: CircleBoard, settings: SceneSettings, point_spread: f64) -> Self {
         let printed = settings.printed.unwrap_or(BoardShape::stated(&stated));
         let surface = (!printed.is_flat()).then(|| Surface::new(&CircleArea::new(&stated), &printed));
-        let board = Board { radius: printed.radius, ..stated };
+        let board = CircleBoard { radius: printed.radius, ..stated };
         let centers = (0..board.circle_count()).map(|index| board.circle_center(index));
         let corner = centers.fold(Vector2::zeros(), |corner: Vector2<f64>, center| corner.sup(&center));
         let margin = Vector2::repeat((settings.margin * board.spacing).max(board.radius));
@@ -138,7 +138,7 @@ impl Scene {
     }
 
     /// The board as it is stated.
-    pub fn stated_board(&self) -> &Board {
+    pub fn stated_board(&self) -> &CircleBoard {
         &self.stated
     }
 

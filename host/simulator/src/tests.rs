@@ -14,7 +14,7 @@ use super::row::Stepping;
 use super::scene::SceneSettings;
 use super::sensor::{Arbiter, SensorModel};
 use super::{EventCounts, Simulation, SimulationError, SimulationSettings};
-use evcal_geometry::board::Board;
+use evcal_geometry::board::CircleBoard;
 
 pub fn radtan() -> Camera<f64> {
     let parameters = [331.6, 331.1, 176.9, 134.2, -0.352, 0.149, -0.0004, 0.0005, -0.03];
@@ -26,7 +26,7 @@ pub fn kannala_brandt() -> Camera<f64> {
     Camera::from_parameters(ModelKind::KannalaBrandt, &parameters).unwrap()
 }
 
-pub fn board() -> Board {
+pub fn board() -> CircleBoard {
     "acircles:9x4:55mm:r17.5mm".parse().unwrap()
 }
 
@@ -64,7 +64,7 @@ fn by_pixel(events: &[Event]) -> BTreeMap<(u16, u16), Vec<Event>> {
 
 /// Signed distance in pixels from the rim of the nearest circle, positive inside, straight from the
 /// camera, the pose and the board. `None` further than 1.4 radii from any centre.
-fn rim_distance(camera: &Camera<f64>, pose: &Isometry3<f64>, board: &Board, pixel: Vector2<f64>) -> Option<f64> {
+fn rim_distance(camera: &Camera<f64>, pose: &Isometry3<f64>, board: &CircleBoard, pixel: Vector2<f64>) -> Option<f64> {
     let depth = |pixel: Vector2<f64>| {
         let direction = pose.rotation * camera.unproject(&pixel)?;
         let origin = pose.translation.vector;
@@ -336,7 +336,7 @@ fn truth_is_a_camera_file_and_comes_back_from_json() {
     assert_eq!(serde_json::from_str::<super::truth::Truth>(&text).unwrap(), truth);
     let file: evcal_geometry::lens::camera_file::CameraFile = serde_json::from_str(&text).unwrap();
     assert_eq!(file.camera.camera().unwrap().parameters(), radtan().parameters());
-    assert_eq!(truth.board.parse::<Board>().unwrap(), board());
+    assert_eq!(truth.board.parse::<CircleBoard>().unwrap(), board());
     let trajectory = simulation.trajectory(1000.0);
     assert_eq!(trajectory.len(), 101);
     assert_eq!(trajectory[50].pose, simulation.pose(trajectory[50].t));

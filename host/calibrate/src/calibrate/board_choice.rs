@@ -4,7 +4,7 @@ use super::input::Input;
 use crate::detection::layout::{RecognisedLayout, find_layout};
 use crate::detection::search::{SearchError, sensor_of};
 use crate::detection::settings::DetectionSettings;
-use evcal_geometry::board::Board;
+use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::board::request::{BoardRequest, CircleSize};
 use event_recordings::Recording;
 
@@ -50,7 +50,7 @@ pub fn choose_board(
     let found = recognise_layout(recordings, settings)?;
     match size {
         Some(CircleSize { spacing, radius }) => {
-            Ok(Board { pattern: found.pattern, spacing: *spacing, radius: *radius })
+            Ok(CircleBoard { pattern: found.pattern, spacing: *spacing, radius: *radius }.into())
         }
         None => Err(BoardChoiceError::SizeUnknown { found }),
     }
@@ -81,17 +81,17 @@ pub struct LargerBoard {
     /// The layout.
     pub found: RecognisedLayout,
     /// It with the stated spacing and radius.
-    pub board: Board,
+    pub board: CircleBoard,
 }
 
 /// The board with more circles than `board` that is recognised in `inputs`, if there is one.
-pub fn larger_board(inputs: &[Input], board: &Board, settings: &DetectionSettings) -> Option<LargerBoard> {
+pub fn larger_board(inputs: &[Input], board: &CircleBoard, settings: &DetectionSettings) -> Option<LargerBoard> {
     let recordings = inputs.iter().filter_map(|input| match input {
         Input::Events(recording) => Some(recording),
         Input::Images(_) | Input::Circles { .. } => None,
     });
     // Where none is recognised there is nothing to tell.
     let found = recognise_layout(&recordings.collect::<Vec<_>>(), settings).ok()?;
-    let fitting = Board { pattern: found.pattern, ..*board };
+    let fitting = CircleBoard { pattern: found.pattern, ..*board };
     (found.pattern.circle_count() > board.circle_count()).then_some(LargerBoard { found, board: fitting })
 }

@@ -126,7 +126,7 @@ impl Detected {
         progress: &Progress,
     ) -> Result<(Fingerprint, Option<RecordingError>), CalibrateError> {
         let sensor = self.sensor;
-        let mut stage = DetectionStage::for_board(&task.settings.detection, sensor, task.board.pattern, index);
+        let mut stage = DetectionStage::for_board(&task.settings.detection, sensor, task.board.lattice(), index);
         let (mut fingerprint, mut saturation) = (Fingerprint::default(), SaturationDetector::default());
         let mut thinning = Thinning::new(sensor);
         self.events.sample.begin(index);
@@ -257,10 +257,11 @@ fn check_units(task: &Task, reports: &[RecordingReport]) -> Result<(), Calibrate
 
 /// What the board in the recordings looks like, if not like the stated one.
 fn other_board(task: &Task, sensor: Sensor, progress: &Progress) -> Result<Option<OtherReading>, CalibrateError> {
+    let Some(board) = task.board.circles() else { return Ok(None) };
     for (index, input) in task.inputs.iter().enumerate() {
         if let Input::Events(_) = input {
             progress.tell(format!("looking for another board in {}", input.short_name()))?;
-            let mut other = OtherBoard::new(&task.settings.detection, task.board, sensor);
+            let mut other = OtherBoard::new(&task.settings.detection, board, sensor);
             progress.read(task.inputs, index, &mut |events| other.push(events))?;
             if let Some(found) = other.finish() {
                 return Ok(Some(found));

@@ -70,12 +70,13 @@ fn findings(
 ) -> (Vec<Finding>, Option<WitnessOutcome>) {
     let mut findings = health::findings_on(seen.health);
     findings.extend(other_camera::findings_on(task.inputs, seen.frames, seen.initial));
-    findings.extend(unseen_rows::finding_on(task.board.pattern, seen.frames));
-    let larger = larger_pattern(seen.unplaced, task.board.pattern, seen.sensor);
+    findings.extend(unseen_rows::finding_on(task.board.lattice(), seen.frames));
+    let circles = task.board.circles();
+    let larger = circles.and_then(|board| larger_pattern(seen.unplaced, board.pattern, seen.sensor));
     let witness = if larger.is_some() { witness.map(WitnessOutcome::with_larger_board) } else { witness };
-    findings.extend(
-        larger.map(|larger| unstated_rows::finding_on(&larger, task.board, &state.camera, &state.trajectories)),
-    );
+    findings.extend(larger.zip(circles).map(|(larger, board)| {
+        unstated_rows::finding_on(&larger, board, &state.camera, &state.trajectories)
+    }));
     findings.extend(witness.as_ref().and_then(WitnessOutcome::finding));
     (findings, witness)
 }

@@ -61,10 +61,11 @@ fn explained(error: CalibrateError, task: &Task, frames: &[ReferenceFrame]) -> C
     if !matches!(error, CalibrateError::Initial(_)) {
         return error;
     }
+    let Some(board) = task.board.circles() else { return error };
     // A wrong radius keeps circles from being confirmed, whatever else is told of them.
-    match other_radius(frames, task.board) {
+    match other_radius(frames, board) {
         Some(other) => CalibrateError::OtherRadius(other),
-        None => larger_board(task.inputs, task.board, &task.settings.detection)
+        None => larger_board(task.inputs, board, &task.settings.detection)
             .map_or(error, |larger| CalibrateError::LargerBoard(Box::new(larger))),
     }
 }

@@ -157,7 +157,7 @@ impl Input {
         match InputKind::of(path)? {
             InputKind::Events => Ok(Self::Events(Recording::new(path, options.clone())?)),
             InputKind::CircleTrack => {
-                let track = track::read(path, &board.pattern, 0)?;
+                let track = track::read(path, &board.lattice(), 0)?;
                 Ok(Self::from_track(path, track, None, board))
             }
             InputKind::CircleStream => Ok(Self::from_stream(path, stream::read(path)?, board)),
@@ -180,7 +180,7 @@ impl Input {
     fn from_track(path: &Path, track: CircleTrack, sensor: Option<Sensor>, board: &Board) -> Self {
         let (frames, detection) = match track.frames {
             CircleFrames::Ordered(frames) => (frames, DetectionReport::default()),
-            CircleFrames::Unordered(frames) => order_frames(&frames, &board.pattern, sensor),
+            CircleFrames::Unordered(frames) => order_frames(&frames, &board.lattice(), sensor),
         };
         let start = track.time_origin_us as f64 * 1e-6;
         Self::Circles { path: path.to_owned(), sensor, frames, start, notes: track.notes, detection }

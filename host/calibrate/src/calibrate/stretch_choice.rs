@@ -190,7 +190,7 @@ impl Told {
 fn information(camera: &Camera<f64>, frame: &CompactFrame, board: &Board) -> Option<Information> {
     let circles = frame.observed();
     let pose = provisional_pose(camera, &circles, board)?;
-    view_information(camera, &pose, circles.iter().map(|circle| board.circle_center(circle.index)))
+    view_information(camera, &pose, circles.iter().map(|circle| board.point(circle.index)))
 }
 
 #[cfg(test)]

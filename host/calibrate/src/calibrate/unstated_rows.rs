@@ -12,7 +12,7 @@ use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::larger_pattern::LargerPattern;
 use crate::trajectory::Trajectory;
 use crate::trust::verdict::{Cause, Finding, Severity};
-use evcal_geometry::board::Board;
+use evcal_geometry::board::CircleBoard;
 
 /// An origin is on a circle when it is nearer to it than this part of the distance to the circle's neighbour in the image.
 const ON_CIRCLE: f64 = 0.3;
@@ -21,7 +21,7 @@ const ON_CIRCLE: f64 = 0.3;
 /// with the stated one.
 pub(super) fn finding_on(
     larger: &LargerPattern,
-    board: &Board,
+    board: &CircleBoard,
     camera: &Camera<f64>,
     trajectories: &[Trajectory],
 ) -> Finding {
@@ -48,7 +48,7 @@ pub(super) fn finding_on(
             "only {}x{} of the board's {}x{} rows and columns are stated{consequence}",
             stated.rows, stated.columns, seen.rows, seen.columns
         ),
-        advice: Advice::TakeWholeBoard(Board { pattern: seen, ..*board }),
+        advice: Advice::TakeWholeBoard(CircleBoard { pattern: seen, ..*board }),
     }
 }
 
@@ -97,7 +97,7 @@ mod tests {
 
     /// What is said where the segments have their origins in these lattice places of the larger board.
     fn told(stated: &str, larger: &str, origins: &[(i32, i32)]) -> Finding {
-        let [board, seen] = [stated, larger].map(|name| format!("{name}:55mm:r17.5mm").parse::<Board>().unwrap());
+        let [board, seen] = [stated, larger].map(|name| format!("{name}:55mm:r17.5mm").parse::<CircleBoard>().unwrap());
         let camera = Camera::from_parameters(ModelKind::Radtan4, &[300.0, 300.0, 173.0, 130.0, 0.0, 0.0, 0.0, 0.0]);
         let camera = camera.unwrap();
         // The camera is one metre in front of the larger board's middle.

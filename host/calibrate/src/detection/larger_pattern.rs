@@ -80,12 +80,12 @@ mod tests {
 
     use super::*;
     use crate::circles::reference_frame::UnorderedCircle;
-    use evcal_geometry::board::Board;
+    use evcal_geometry::board::CircleBoard;
 
     const SENSOR: Sensor = Sensor::new(346, 260);
 
     fn pattern(text: &str) -> Pattern {
-        format!("{text}:55mm:r17.5mm").parse::<Board>().unwrap().pattern
+        format!("{text}:55mm:r17.5mm").parse::<CircleBoard>().unwrap().pattern
     }
 
     /// A window in which these lattice places of a tilted board are seen, and two circles beside it.

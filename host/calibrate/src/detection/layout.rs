@@ -15,7 +15,7 @@ use evcal_core::sensor::Sensor;
 use super::settings::DetectionSettings;
 use super::{CircleWindow, DetectionStage, order_frames};
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, UnorderedFrame};
-use evcal_geometry::board::{Board, layout_name};
+use evcal_geometry::board::{CircleBoard, layout_name};
 use evcal_geometry::numerics::statistics::median;
 use event_recordings::pass::read_while;
 use event_recordings::{Recording, RecordingError};
@@ -111,7 +111,7 @@ pub(super) fn recognise(frames: &[UnorderedFrame], sensor: Sensor) -> Option<Rec
     if found.len() < FEWEST_WINDOWS || (found.len() as f64) < FEWEST_FITS * frames.len() as f64 {
         return None;
     }
-    let unit = Board { pattern, spacing: 1.0, radius: 0.0 };
+    let unit = CircleBoard { pattern, spacing: 1.0, radius: 0.0 };
     let mut ratios: Vec<f64> = found.iter().flat_map(|frame| radius_ratios(frame, &unit)).collect();
     let radius = median(&mut ratios, f64::total_cmp).map(|ratio| ratio * unit.neighbour_distance());
     Some(RecognisedLayout { pattern, fitting: found.len(), windows: frames.len(), radius })
@@ -136,7 +136,7 @@ pub(super) fn most_fitting(
 
 /// Radius over the distance of neighbouring centres in the image, for each circle with a neighbour. Of the board, its layout
 /// alone counts.
-pub fn radius_ratios(frame: &ReferenceFrame, board: &Board) -> Vec<f64> {
+pub fn radius_ratios(frame: &ReferenceFrame, board: &CircleBoard) -> Vec<f64> {
     let nearest = board.neighbour_distance() * 1.01;
     let circles = &frame.circles;
     let ratio = |(index, circle): (usize, &ObservedCircle)| {
@@ -178,7 +178,7 @@ mod tests {
     const SENSOR: Sensor = Sensor::new(346, 260);
 
     /// Views of a board that turns and tilts, with clutter.
-    fn views(board: &Board) -> Vec<UnorderedFrame> {
+    fn views(board: &CircleBoard) -> Vec<UnorderedFrame> {
         (0..60)
             .map(|view| {
                 let part = f64::from(view) / 60.0;
@@ -211,7 +211,7 @@ mod tests {
             "circles:6x5:20mm:r6mm",
             "circles:7x7:20mm:r6mm",
         ] {
-            let board: Board = text.parse().unwrap();
+            let board: CircleBoard = text.parse().unwrap();
             let found = recognise(&views(&board), SENSOR).unwrap();
             assert_eq!(found.pattern, board.pattern, "{text}");
             assert!(found.fitting > 50 && found.windows == 60, "{text}: {found:?}");

@@ -14,7 +14,7 @@ use super::layout::{FEWEST_CIRCLES, RecognisedLayout, beginning, recognise};
 use super::settings::DetectionSettings;
 use crate::circles::reference_frame::UnorderedFrame;
 use crate::detection::{CircleWindow, DetectionStage, order_frames};
-use evcal_geometry::board::Board;
+use evcal_geometry::board::CircleBoard;
 
 /// A reading must fit at least this share of the windows that hold as many circles as half the board.
 const FEWEST_FITS: f64 = 0.2;
@@ -27,7 +27,7 @@ pub struct OtherReading {
     /// Windows with enough circles.
     pub windows: usize,
     /// The board.
-    pub board: Board,
+    pub board: CircleBoard,
 }
 
 impl fmt::Display for OtherReading {
@@ -40,13 +40,13 @@ impl fmt::Display for OtherReading {
 /// Collects the circles of the first seconds of a recording.
 pub struct OtherBoard<'a> {
     stage: DetectionStage<'a>,
-    board: Board,
+    board: CircleBoard,
     sensor: Sensor,
 }
 
 impl<'a> OtherBoard<'a> {
     /// For a recording in which `board` was not found.
-    pub fn new(settings: &'a DetectionSettings, board: &Board, sensor: Sensor) -> Self {
+    pub fn new(settings: &'a DetectionSettings, board: &CircleBoard, sensor: Sensor) -> Self {
         let fewest = FEWEST_CIRCLES.min(half(board));
         Self { stage: DetectionStage::for_circles(settings, sensor, fewest), board: *board, sensor }
     }
@@ -66,7 +66,7 @@ impl<'a> OtherBoard<'a> {
 
 /// The board that the circles of all frames fit instead of `board`: one of those that users take for it, else any layout
 /// that is recognised; `None` when they fit none.
-pub fn other_reading(all: &[UnorderedFrame], board: &Board, sensor: Sensor) -> Option<OtherReading> {
+pub fn other_reading(all: &[UnorderedFrame], board: &CircleBoard, sensor: Sensor) -> Option<OtherReading> {
     let frames: Vec<UnorderedFrame> = all.iter().filter(|frame| frame.circles.len() >= half(board)).cloned().collect();
     let pattern = board.pattern;
     let exchanged = Pattern { rows: pattern.columns, columns: pattern.rows, ..pattern };
@@ -80,13 +80,13 @@ pub fn other_reading(all: &[UnorderedFrame], board: &Board, sensor: Sensor) -> O
     });
     let (fitting, pattern) = readings.into_iter().max_by_key(|(count, _)| *count)?;
     if fitting > 0 && fitting as f64 >= FEWEST_FITS * frames.len() as f64 {
-        return Some(OtherReading { fitting, windows: frames.len(), board: Board { pattern, ..*board } });
+        return Some(OtherReading { fitting, windows: frames.len(), board: CircleBoard { pattern, ..*board } });
     }
     let RecognisedLayout { pattern, fitting, windows, .. } = recognise(all, sensor)?;
-    Some(OtherReading { fitting, windows, board: Board { pattern, ..*board } })
+    Some(OtherReading { fitting, windows, board: CircleBoard { pattern, ..*board } })
 }
 
 /// Half of a board's circles.
-fn half(board: &Board) -> usize {
+fn half(board: &CircleBoard) -> usize {
     board.circle_count().div_ceil(2)
 }

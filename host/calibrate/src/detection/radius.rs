@@ -4,7 +4,7 @@ use evcal_core::pattern::Layout;
 
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::layout::radius_ratios;
-use evcal_geometry::board::Board;
+use evcal_geometry::board::CircleBoard;
 use evcal_geometry::numerics::statistics::median;
 
 /// The stated radius, for the stated spacing, may be off by so many times before it is told. The circles found in events are
@@ -25,11 +25,11 @@ pub struct OtherRadius {
     /// The radius stated (m).
     pub stated: f64,
     /// The board that is meant, if the radius is its diameter or the spacing the distance of neighbours in a row.
-    pub meant: Vec<(&'static str, Board)>,
+    pub meant: Vec<(&'static str, CircleBoard)>,
 }
 
 /// Which boards may be meant.
-fn in_words(meant: &[(&'static str, Board)]) -> String {
+fn in_words(meant: &[(&'static str, CircleBoard)]) -> String {
     let meant: Vec<String> =
         meant.iter().map(|(question, board)| format!("{question} Then the board is {board}")).collect();
     match meant.as_slice() {
@@ -39,7 +39,7 @@ fn in_words(meant: &[(&'static str, Board)]) -> String {
 }
 
 /// What the circles of `frames` look like, if not like those of `board`.
-pub fn other_radius(frames: &[ReferenceFrame], board: &Board) -> Option<OtherRadius> {
+pub fn other_radius(frames: &[ReferenceFrame], board: &CircleBoard) -> Option<OtherRadius> {
     let mut ratios: Vec<f64> = frames.iter().flat_map(|frame| radius_ratios(frame, board)).collect();
     let seen = median(&mut ratios, f64::total_cmp)? * board.neighbour_distance();
     let times = board.radius / seen;
@@ -48,12 +48,12 @@ pub fn other_radius(frames: &[ReferenceFrame], board: &Board) -> Option<OtherRad
     }
     let mut meant = Vec::new();
     if DIAMETER.contains(&times) {
-        meant.push(("is the radius a diameter?", Board { radius: 0.5 * board.radius, ..*board }));
+        meant.push(("is the radius a diameter?", CircleBoard { radius: 0.5 * board.radius, ..*board }));
     }
     if DIAMETER.contains(&(1.0 / times)) && board.pattern.layout == Layout::Asymmetric {
         meant.push((
             "is the spacing the distance of neighbours in a row, of which half is asked for?",
-            Board { spacing: 0.5 * board.spacing, ..*board },
+            CircleBoard { spacing: 0.5 * board.spacing, ..*board },
         ));
     }
     Some(OtherRadius { seen, stated: board.radius, meant })
@@ -67,7 +67,7 @@ mod tests {
     use crate::circles::reference_frame::{ObservedCircle, SeenIn};
 
     /// A board seen head-on at 2 px a millimetre.
-    fn frame(board: &Board) -> ReferenceFrame {
+    fn frame(board: &CircleBoard) -> ReferenceFrame {
         let circle = |index| {
             let center: Vector2<f64> = board.circle_center(index) * 2000.0;
             ObservedCircle { index, t: 0.0, center, radius: Some(board.radius * 2000.0), velocity: None }
@@ -78,7 +78,7 @@ mod tests {
 
     #[test]
     fn diameters_and_distances_in_a_row_are_recognised() {
-        let parse = |text: &str| text.parse::<Board>().unwrap();
+        let parse = |text: &str| text.parse::<CircleBoard>().unwrap();
         let seen = [frame(&parse("acircles:9x4:55mm:r17.5mm"))];
         assert_eq!(other_radius(&seen, &parse("acircles:9x4:55mm:r17.5mm")), None);
         assert_eq!(other_radius(&seen, &parse("acircles:9x4:55mm:r20mm")), None);

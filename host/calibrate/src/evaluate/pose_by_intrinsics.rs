@@ -37,8 +37,8 @@ pub fn pose_by_intrinsics(known: &KnownCamera, pose: &Isometry3<f64>) -> Option<
     let mut normal = SMatrix::<f64, 6, 6>::zeros();
     let mut right = DMatrix::zeros(6, neighbours.len());
     let mut seen = 0;
-    for index in 0..board.circle_count() {
-        let center = board.circle_center(index);
+    for index in 0..board.point_count() {
+        let center = board.point(index);
         let point = pose.inverse_transform_point(&[center.x, center.y, 0.0].into()).coords;
         let inside = |pixel: &Vector2<f64>| {
             let within = |value: f64, size: u16| (-0.5..f64::from(size) - 0.5).contains(&value);
@@ -150,7 +150,7 @@ mod tests {
         let by = pose_by_intrinsics(&was, &pose()).unwrap();
         let predicted = (by.column(0) + by.column(1)) * 0.3 + by.column(2) * -0.2;
         let points: Vec<Vector3<f64>> =
-            (0..was.board.circle_count()).map(|index| was.board.circle_center(index).push(0.0)).collect();
+            (0..was.board.point_count()).map(|index| was.board.point(index).push(0.0)).collect();
         let project = |known: &KnownCamera, pose: &Isometry3<f64>, point: &Vector3<f64>| {
             known.camera.project(&pose.inverse_transform_point(&(*point).into()).coords).unwrap()
         };

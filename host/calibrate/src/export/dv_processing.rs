@@ -1,5 +1,6 @@
 //! Calibration JSON, version 2, of dv-processing. It comes from a property tree: every scalar is text.
 
+use evcal_geometry::board::Board;
 use evcal_core::camera::ModelKind;
 use evcal_core::pattern::Layout;
 use serde_json::json;
@@ -36,7 +37,7 @@ fn write(content: &Content) -> String {
         "distortionModel": model,
         "transformationToC0": identity,
     });
-    if let (Some(board), Some(object)) = (&calibrated.board, camera.as_object_mut()) {
+    if let (Some(board), Some(object)) = (calibrated.board.as_ref().and_then(Board::circles), camera.as_object_mut()) {
         let shape = [board.pattern.columns.to_string(), board.pattern.rows.to_string()];
         let pattern_type = match board.pattern.layout {
             Layout::Asymmetric => "asymmetricCirclesGrid",

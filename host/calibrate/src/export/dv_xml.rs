@@ -1,5 +1,6 @@
 //! The calibration XML of DV: OpenCV's, with the camera in a node of its own name.
 
+use evcal_geometry::board::Board;
 use evcal_core::camera::ModelKind;
 use evcal_core::pattern::Layout;
 
@@ -34,7 +35,7 @@ fn entries(content: &Content) -> Vec<Entry> {
         entry("type", Value::Word("camera".to_owned())),
         entry("distortion_model", Value::Word(distortion_model.to_owned())),
     ];
-    if let Some(board) = &calibrated.board {
+    if let Some(board) = calibrated.board.as_ref().and_then(Board::circles) {
         let (columns, rows) = (i64::from(board.pattern.columns), i64::from(board.pattern.rows));
         let pattern_type = match board.pattern.layout {
             Layout::Asymmetric => "asymmetricCirclesGrid",

@@ -148,7 +148,8 @@ impl Bench {
         let samples = (0..(SAMPLES * (SECONDS - 0.02)) as usize).filter_map(sample).collect();
         let problem = Problem {
             sensor: (346, 260).into(),
-            circle_centers: centers.iter().map(|center| center.map(|along| along * stated)).collect(),
+            edges: BoardEdges::Rims(points.clone()),
+            points,
             area: CircleArea { middle: [0.0; 2], half: [0.2, 0.075] },
             mean_scale: 1.0,
             point_sigma: PIXEL,

@@ -17,7 +17,7 @@ use super::settings::{InitialSettings, MAX_MOTION_GAP};
 use super::sighting::{BoardPoint, Sighting};
 use super::{Posed, drop_frame, settled};
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
-use evcal_geometry::board::Board;
+use evcal_geometry::board::{Board, CircleBoard};
 
 /// What the cross-validation makes of one frame.
 struct Validated {
@@ -41,8 +41,9 @@ pub fn cross_validate(
         .enumerate()
         .map(|(position, here)| {
             let frame = frames.get(here.sighting.frame);
-            let validated = match frame.and_then(|frame| Some((frame, frame.events()?))) {
-                Some((frame, events)) => {
+            let events = frame.and_then(|frame| Some((frame, frame.events()?, board.circles()?)));
+            let validated = match events {
+                Some((frame, events, board)) => {
                     let motion = motion(&posed, position, frame.end - frame.start);
                     let pixels = PixelRows::new(events);
                     let view = Frame { camera, pose: here.pose, motion, sensor, pixels: &pixels };
@@ -86,7 +87,7 @@ fn motion(posed: &[Posed], position: usize, duration: f64) -> Option<(Isometry3<
 }
 
 /// The circles of a frame as its events confirm them.
-fn confirm(view: &Frame<'_>, sighting: &Sighting, board: &Board, settings: &InitialSettings) -> Validated {
+fn confirm(view: &Frame<'_>, sighting: &Sighting, board: &CircleBoard, settings: &InitialSettings) -> Validated {
     let mut counts = ValidationCounts { seen: sighting.circles.len(), ..ValidationCounts::default() };
     let mut inside = 0_u32;
     let mut circles = Vec::with_capacity(board.circle_count());
@@ -124,7 +125,7 @@ fn confirm(view: &Frame<'_>, sighting: &Sighting, board: &Board, settings: &Init
 fn perspective_corrected(camera: &Camera<f64>, posed: &Posed, board: &Board) -> Validated {
     let mut sighting = posed.sighting.clone();
     for (circle, point) in sighting.circles.iter_mut().zip(&mut sighting.points) {
-        if let Some(projected) = ProjectedCircle::new(camera, &posed.pose, point.object, board.radius) {
+        if let Some(projected) = ProjectedCircle::new(camera, &posed.pose, point.object, board.dot_radius()) {
             let offset = projected.center - projected.middle;
             circle.center += offset;
             point.image += offset;

@@ -64,7 +64,7 @@ impl ComparedCircles {
         let seen = |posed: &super::PosedFrame| {
             let t = frames.get(posed.frame)?.t();
             let points = posed.circles.iter().map(|circle| BoardPoint {
-                object: board.circle_center(circle.index),
+                object: board.point(circle.index),
                 image: circle.center + circle.velocity.unwrap_or_default() * (t - circle.t),
             });
             Some(SeenFrame { points: points.collect(), pose: posed.pose.inverse() })

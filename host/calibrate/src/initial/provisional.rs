@@ -16,7 +16,7 @@ use evcal_geometry::board::Board;
 
 fn points(circles: &[ObservedCircle], board: &Board) -> Vec<BoardPoint> {
     let point =
-        |circle: &ObservedCircle| BoardPoint { object: board.circle_center(circle.index), image: circle.center };
+        |circle: &ObservedCircle| BoardPoint { object: board.point(circle.index), image: circle.center };
     circles.iter().map(point).collect()
 }
 

@@ -13,7 +13,7 @@ use nalgebra::{Isometry3, Matrix2, Matrix3, Point3, Vector2, Vector3};
 
 use super::settings::CrossValidationSettings;
 use crate::circles::event_pixel::EventPixel;
-use evcal_geometry::board::Board;
+use evcal_geometry::board::CircleBoard;
 
 /// Points in which a rim is projected.
 const RIM_POINTS: usize = 24;
@@ -179,7 +179,7 @@ pub struct Frame<'a> {
 /// Looks for circle `index` of the board in a frame's events.
 pub fn refit_circle(
     frame: &Frame<'_>,
-    board: &Board,
+    board: &CircleBoard,
     index: usize,
     settings: &CrossValidationSettings,
 ) -> Result<RefitCircle, Rejection> {

@@ -109,7 +109,7 @@ pub struct RotationGate {
 /// Judges `sightings` (in the order of recording and time) by the directions of their rows, and gives
 /// the circles of symmetric boards indices that are continuous in time.
 pub fn rotation_gate(sightings: &mut [Sighting], board: &Board, settings: &InitialSettings) -> RotationGate {
-    let pattern = board.pattern;
+    let pattern = board.lattice();
     let turns = board_turns(pattern);
     let period = TAU / turns.len() as f64;
     let mirrored: Vec<bool> = sightings.iter().map(|sighting| mirrored(&sighting.circles, pattern)).collect();
@@ -215,11 +215,11 @@ mod tests {
 
     fn sighting(board: &Board, t: f64, angle: f64, rename: impl Fn(usize) -> usize) -> Sighting {
         let rotation = Rotation2::new(angle);
-        let mut circles: Vec<ObservedCircle> = (0..board.circle_count())
+        let mut circles: Vec<ObservedCircle> = (0..board.point_count())
             .map(|index| ObservedCircle {
                 index: rename(index),
                 t,
-                center: rotation * (board.circle_center(index) - board.middle()) * 500.0 + Vector2::new(170.0, 130.0),
+                center: rotation * (board.point(index) - board.middle()) * 500.0 + Vector2::new(170.0, 130.0),
                 radius: None,
                 velocity: None,
             })
@@ -245,7 +245,7 @@ mod tests {
     #[test]
     fn mirrored_and_turned_frames_leave_even_if_they_come_first() {
         let board: Board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
-        let columns = usize::from(board.pattern.columns);
+        let columns = usize::from(board.lattice().columns);
         let mut sightings: Vec<Sighting> = (0..30)
             .map(|step| {
                 let (t, angle) = (f64::from(step) * 0.01, f64::from(step) * 0.05);
@@ -274,7 +274,7 @@ mod tests {
     fn symmetric_boards_are_chained_to_continuous_names() {
         for (text, quarter) in [("circles:3x6:40mm:r10mm", 1), ("circles:5x5:40mm:r10mm", 2)] {
             let board: Board = text.parse().unwrap();
-            let turns = board_turns(board.pattern);
+            let turns = board_turns(board.lattice());
             let mut sightings: Vec<Sighting> = (0..60)
                 .map(|step| {
                     // Two full turns of the board, with names that change now and then.

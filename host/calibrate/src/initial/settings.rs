@@ -111,7 +111,7 @@ impl InitialSettings {
             frames.iter().flat_map(|frame| &frame.circles).filter_map(|circle| circle.radius).collect();
         let larger = median(&mut radii, f64::total_cmp).map_or(1.0, |radius| (radius / USUAL_RADIUS).max(1.0));
         Self {
-            min_circles: self.min_circles.min(board.circle_count()).max(MINIMUM_POINTS),
+            min_circles: self.min_circles.min(board.point_count()).max(MINIMUM_POINTS),
             max_circle_error: self.max_circle_error * larger,
             max_frame_rms: self.max_frame_rms * larger,
             ..self.clone()

@@ -57,7 +57,7 @@ fn valid_circles(frame: &ReferenceFrame, board: &Board) -> Vec<ObservedCircle> {
             && circle.velocity.is_none_or(|velocity| velocity.iter().all(|value| value.is_finite()))
     };
     let mut circles: Vec<_> =
-        frame.circles.iter().filter(|circle| circle.index < board.circle_count() && finite(circle)).copied().collect();
+        frame.circles.iter().filter(|circle| circle.index < board.point_count() && finite(circle)).copied().collect();
     circles.sort_by_key(|circle| circle.index);
     circles.dedup_by_key(|circle| circle.index);
     circles
@@ -120,7 +120,7 @@ pub fn pair_points(sightings: &mut [Sighting], board: &Board) -> usize {
             .circles
             .iter()
             .map(|circle| BoardPoint {
-                object: board.circle_center(circle.index),
+                object: board.point(circle.index),
                 image: circle.center + circle.velocity.unwrap_or_default() * (t - circle.t),
             })
             .collect();

@@ -74,7 +74,7 @@ fn every_model_comes_back_from_noisy_partial_boards_with_wrong_frames() {
 fn symmetric_boards_get_continuous_poses_whatever_their_frames_call_the_first_circle() {
     let kind = ModelKind::Radtan4;
     let scene = Scene { board: "circles:5x7:40mm:r10mm".parse().unwrap(), ..Scene::new(kind) };
-    let count = scene.board.circle_count();
+    let count = scene.board.point_count();
     let turned = |frame: usize| frame.is_multiple_of(3);
     let frames = scene.frames(3, |frame| if turned(frame) { Fault::Turned } else { Fault::None });
     let model = initial_model(&frames, &scene.board, SENSOR, kind, &InitialSettings::default()).unwrap();
@@ -143,7 +143,7 @@ fn hopeless_input_gets_an_error_that_says_what_to_do() {
         .map(|frame| {
             let t = f64::from(frame) * 0.02;
             let pose = Isometry3::translation(0.05 * (3.0 * t).sin() - middle.x, 0.04 * t - middle.y, 0.8);
-            let circles = (0..scene.board.circle_count())
+            let circles = (0..scene.board.point_count())
                 .filter_map(|index| {
                     let center = image(&scene.camera, &pose, &scene.board, index)? + noise(&mut rng);
                     Some(ObservedCircle { index, t, center, radius: None, velocity: None })
@@ -192,7 +192,7 @@ fn dark(bearings: &[(u16, u16, Vector3<f64>)], pose: &Isometry3<f64>, board: &Bo
             let point = origin - direction * (origin.z / direction.z);
             board
                 .nearest_circle(point.xy())
-                .is_some_and(|index| (board.circle_center(index) - point.xy()).norm() < board.radius)
+                .is_some_and(|index| (board.point(index) - point.xy()).norm() < board.radius)
         })
         .collect()
 }
@@ -231,7 +231,7 @@ fn events_confirm_circles_add_missing_ones_and_correct_displaced_ones() {
     for frame in &model.frames {
         let pose = scene.truth(frame.frame);
         for circle in &frame.circles {
-            let center = scene.board.circle_center(circle.index);
+            let center = scene.board.point(circle.index);
             let truth = scene.camera.project(&(pose * Point3::new(center.x, center.y, 0.0)).coords).unwrap();
             squares += (circle.center - truth).norm_squared();
             assert!((circle.center - truth).norm() < 1.0, "{} {circle:?} {truth}", frame.frame);

@@ -24,7 +24,7 @@ const ROLL_WEIGHT: f64 = 0.3;
 const LARGEST_FEATURE: f64 = 5.0;
 
 fn features(points: &[BoardPoint], board: &Board, sensor: Sensor) -> Option<Features> {
-    let extent = 0.5 * board.circle_center(board.circle_count().checked_sub(1)?).norm();
+    let extent = 0.5 * board.point(board.point_count().checked_sub(1)?).norm();
     let plane: Vec<Vector2<f64>> = points.iter().map(|point| (point.object - board.middle()) / extent).collect();
     let image: Vec<Vector2<f64>> = points.iter().map(|point| point.image).collect();
     let h: Matrix3<f64> = homography(&plane, &image)?;
@@ -61,7 +61,7 @@ pub fn select_views(views: &[&[BoardPoint]], board: &Board, sensor: Sensor, coun
         .iter()
         .enumerate()
         .filter_map(|(index, points)| {
-            let completeness = points.len() as f64 / board.circle_count() as f64;
+            let completeness = points.len() as f64 / board.point_count() as f64;
             Some((index, features(points, board, sensor)?, completeness))
         })
         .collect();

@@ -209,8 +209,8 @@ mod tests {
                 let pose = Isometry3::from_parts(Translation3::from(position - turned), rotation);
                 let noise = if view % 5 == 0 { 0.08 } else { 0.02 };
                 let scale = 1.0 + 2e-4 * normal(&mut rng);
-                let dots = (0..board.circle_count()).filter_map(|index| {
-                    let object = board.circle_center(index);
+                let dots = (0..board.point_count()).filter_map(|index| {
+                    let object = board.point(index);
                     let image = circle_image_center(camera, &pose, object, board.radius)?;
                     let noise = Vector2::new(normal(&mut rng), normal(&mut rng)) * noise;
                     Some(SeenDot { object, radius: board.radius, image: middle + (image - middle) * scale + noise })

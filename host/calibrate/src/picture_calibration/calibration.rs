@@ -176,7 +176,7 @@ pub fn calibrate_pictures(
         .map(|posed| {
             let measured = frames.get(posed.frame).map_or(&[][..], |frame| &frame.circles);
             let dots = posed.circles.iter().filter_map(|circle| {
-                let (object, radius) = (board.circle_center(circle.index), board.radius);
+                let (object, radius) = (board.point(circle.index), board.dot_radius());
                 Some(SeenDot { object, radius, image: nearest(measured, circle)? })
             });
             PictureView { dots: dots.collect(), pose: posed.pose.inverse() }
@@ -192,7 +192,7 @@ pub fn calibrate_pictures(
         posed.pose = pose.inverse();
         let mut squares = 0.0;
         for (circle, dot) in posed.circles.iter_mut().zip(&view.dots) {
-            let Some(bias) = center_bias(&camera, pose, dot.object, board.radius) else { continue };
+            let Some(bias) = center_bias(&camera, pose, dot.object, board.dot_radius()) else { continue };
             circle.center = dot.image - bias;
             let projected = camera.project(&(pose * nalgebra::Point3::new(dot.object.x, dot.object.y, 0.0)).coords);
             squares += projected.map_or(0.0, |projected| (projected - circle.center).norm_squared());

@@ -140,7 +140,7 @@ pub fn joint_points(
         };
         let bias = pose_at(trajectory, dot.t).and_then(|pose| {
             let pose = onto_board(&pose, state, board, dot.circle);
-            center_bias(&state.camera, &pose, board.circle_center(dot.circle), state.board.radius)
+            center_bias(&state.camera, &pose, board.point(dot.circle), state.board.radius)
         });
         let Some(bias) = bias else { continue };
         points.push(PointObservation { t: dot.t, pixel: dot.measured.center - bias, circle: dot.circle });
@@ -173,7 +173,7 @@ fn onto_board(pose: &Isometry3<f64>, state: &State, board: &Board, circle: usize
     if state.board.is_flat() {
         return *pose;
     }
-    let center = board.circle_center(circle);
+    let center = board.point(circle);
     let [x, y, z] = Surface::new(&CircleArea::new(board), &state.board).place(center.into());
     pose * Translation3::new(x - center.x, y - center.y, z)
 }
@@ -195,9 +195,9 @@ fn tie<'a>(frames: &[&'a ReferenceFrame], state: &State, board: &Board, offset: 
         let [Some(now), Some(before), Some(after)] = poses else { continue };
         let image = |pose: &Isometry3<f64>, circle: usize| {
             let pose = onto_board(pose, state, board, circle);
-            circle_image_center(&state.camera, &pose, board.circle_center(circle), state.board.radius)
+            circle_image_center(&state.camera, &pose, board.point(circle), state.board.radius)
         };
-        let expected: Vec<Option<Vector2<f64>>> = (0..board.circle_count()).map(|circle| image(&now, circle)).collect();
+        let expected: Vec<Option<Vector2<f64>>> = (0..board.point_count()).map(|circle| image(&now, circle)).collect();
         for measured in &frame.circles {
             let distance = |place: &Vector2<f64>| (place - measured.center).norm();
             let nearest = expected
@@ -205,7 +205,7 @@ fn tie<'a>(frames: &[&'a ReferenceFrame], state: &State, board: &Board, offset: 
                 .enumerate()
                 .filter_map(|(circle, place)| Some((circle, place.as_ref()?)))
                 .min_by(|a, b| distance(a.1).total_cmp(&distance(b.1)));
-            let near = NEAR * measured.radius.unwrap_or(0.0) * board.neighbour_distance() / board.radius;
+            let near = NEAR * measured.radius.unwrap_or(0.0) * board.print_period() / board.dot_radius();
             let Some((circle, place)) = nearest.filter(|(_, place)| distance(place) <= near) else {
                 elsewhere += 1;
                 continue;

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::solve::State;
 use crate::solve::bearing_table::BearingTable;
+use crate::solve::board_edge::{BoardEdge, Line, NearestEdge, Rim};
 use crate::solve::board_ray::{BoardRay, is_in_front};
 use crate::solve::board_surface::{BoardGround, BoardSurface};
 use crate::solve::event_bias::bias::Bias;
@@ -41,6 +42,8 @@ settings! {
 const FIRST_BAND: f64 = 3.0;
 /// Largest distance from where the event's class is expected, whatever the spread (px).
 const WIDEST_BAND: f64 = 2.5;
+/// Smallest distance from where lines cross or end (px).
+const CLEARANCE: f64 = 1.5;
 /// Slowest normal speed of an edge (px/s).
 const SLOWEST_EDGE: f64 = 30.0;
 /// Smallest share of the motion that is across the edge; below it the edge slides along itself.
@@ -102,7 +105,7 @@ pub struct Associator<'a> {
     context: AssociationContext<'a>,
     /// Index of the segment and its trajectory, in order of time.
     segments: Vec<(usize, &'a Trajectory)>,
-    circle_centers: Vec<[f64; 2]>,
+    edges: NearestEdge,
     ground: BoardGround,
     found: Vec<Vec<(u32, EventObservation)>>,
     /// Times of events that are too far from an edge, by segment.
@@ -112,6 +115,16 @@ pub struct Associator<'a> {
 
 /// An associated event with the index of its segment and of its time bin.
 type Associated = (usize, u32, EventObservation);
+
+/// An edge that an event saw.
+struct SeenEdge {
+    /// Which one of the board's.
+    index: u16,
+    /// How it passed.
+    edge: EventEdge,
+    /// How far from it the event may be (px).
+    reach: f64,
+}
 
 /// What came of the events that one thread worked on.
 #[derive(Default)]
@@ -133,11 +146,10 @@ impl<'a> Associator<'a> {
             state.trajectories.iter().enumerate().filter(|(_, t)| t.recording == recording).collect();
         segments.sort_by(|a, b| a.1.start().total_cmp(&b.1.start()));
         let board = context.board;
-        let circle_centers = (0..board.circle_count()).map(|index| board.circle_center(index).into()).collect();
         Self {
             found: vec![Vec::new(); segments.len()],
             far: vec![Vec::new(); segments.len()],
-            circle_centers,
+            edges: NearestEdge::of_board(board),
             ground: BoardGround::of_board(board, &state.board),
             report: AssociationReport::default(),
             segments,
@@ -210,16 +222,9 @@ impl<'a> Associator<'a> {
             let (bearing, by_pixel) = place.bearing();
             (BoardRay::new(surface, pose, dt, &bearing), by_pixel)
         });
-        let ray = ray.filter(|(ray, _)| is_in_front(ray.depth()));
-        let circle = ray.and_then(|(ray, _)| self.context.board.nearest_circle(ray.point()));
-        let (Some((ray, by_pixel)), Some(circle)) = (ray, circle) else {
-            part.report.off_board += 1;
-            return None;
-        };
-        let &center = self.circle_centers.get(circle)?;
-        let radius = self.context.state.board.radius;
-        let seen = EventRay { pixel, dt, ray, by_pixel };
-        let Some(edge) = EventEdge::of_event(self.context.bearings, pose, &seen, center, radius) else {
+        let seen = ray.filter(|(ray, _)| is_in_front(ray.depth()));
+        let seen = seen.map(|(ray, by_pixel)| EventRay { pixel, dt, ray, by_pixel });
+        let Some(SeenEdge { index, edge, reach }) = seen.and_then(|seen| self.edge_of(pose, &seen)) else {
             part.report.off_board += 1;
             return None;
         };
@@ -229,6 +234,7 @@ impl<'a> Associator<'a> {
         } else {
             FIRST_BAND
         };
+        let band = band.min(reach);
         let distance = edge.from_expected(bias).abs();
         if distance.is_nan() || distance >= band {
             part.report.far_from_edge += 1;
@@ -251,11 +257,39 @@ impl<'a> Associator<'a> {
             dt: dt as f32,
             x: event.x,
             y: event.y,
-            circle: u16::try_from(circle).ok()?,
+            edge: index,
             class: class as u8,
             speed_range: speed_range as u8,
         };
         Some((segment, bin, observation))
+    }
+
+    /// The edge that an event saw.
+    fn edge_of<S: BoardSurface>(&self, pose: &PoseBin, event: &EventRay<S>) -> Option<SeenEdge> {
+        let radius = self.context.state.board.radius;
+        match &self.edges {
+            NearestEdge::Rims(board) => {
+                let circle = board.nearest_circle(event.ray.point())?;
+                let rim = Rim { center: board.circle_center(circle).into(), radius };
+                self.seen_edge(pose, event, circle, rim)
+            }
+            NearestEdge::Lines { places, lines } => {
+                let clearance = CLEARANCE * event.ray.widest_pixel(&event.by_pixel);
+                let line = places.nearest(event.ray.point().into(), clearance)?;
+                self.seen_edge(pose, event, line, Line { radius, ..*lines.get(line)? })
+            }
+        }
+    }
+
+    fn seen_edge<S: BoardSurface>(
+        &self,
+        pose: &PoseBin,
+        event: &EventRay<S>,
+        index: usize,
+        edge: impl BoardEdge,
+    ) -> Option<SeenEdge> {
+        let seen = EventEdge::of_event(self.context.bearings, pose, event, edge)?;
+        Some(SeenEdge { index: u16::try_from(index).ok()?, reach: edge.reach(seen.distance.scale), edge: seen })
     }
 
     /// The observations by index of the segment, and the report.

@@ -1,10 +1,9 @@
-//! Where the ray of a pixel meets the board, and how far that is from a circle's edge.
+//! Where the ray of a pixel meets the board, and how far that is from an edge of the print.
 //!
-//! With the bearing b of a pixel, the pose (R, p) = `T_world_camera` and a circle's centre l on the
-//! board plane z = 0:
+//! With the bearing b of a pixel, the pose (R, p) = `T_world_camera` and an edge on the board plane z = 0, at whose signed distance f
+//! with gradient n ([`board_edge`](super::board_edge)) a point X of the plane is:
 //!
-//! d = R b, X = p − (p_z / d_z) d (the ray meets the board), n = (X − l) / ‖X − l‖,
-//! f = ‖X − l‖ − radius, h = λ (n_x, n_y, −(n · d_xy) / d_z), λ = −p_z / d_z,
+//! d = R b, X = p − (p_z / d_z) d (the ray meets the board), h = λ (n_x, n_y, −(n · d_xy) / d_z), λ = −p_z / d_z,
 //! ∂f/∂ω = b × Rᵀh (rotation perturbed in the camera frame), ∂f/∂p = h / λ,
 //! ∂f/∂pixel = Rᵀh · ∂b/∂pixel, and s = ‖∂f/∂pixel‖ is the local scale in metres per pixel.
 //!
@@ -17,6 +16,7 @@
 use nalgebra::Vector2;
 
 use super::BOARD_PARAMETERS;
+use super::board_edge::{BoardEdge, PrintDistance};
 use super::board_surface::{BoardSurface, RayMeeting};
 use super::pose_bin::{PoseBin, cross, dot};
 
@@ -44,10 +44,10 @@ pub fn is_in_front(depth: f64) -> bool {
     depth > 0.0 && depth < 1e6
 }
 
-/// Distance of a ray from the edge of a circle on the board, and its derivatives.
+/// Distance of a ray from an edge on the board, and its derivatives.
 #[derive(Clone, Copy, Debug)]
 pub struct EdgeDistance {
-    /// Signed distance from the circle's edge in metres on the board plane, positive outside.
+    /// Signed distance from the edge in metres on the board plane, positive on its light side.
     pub metres: f64,
     /// Metres on the board plane for each pixel across the edge.
     pub scale: f64,
@@ -59,7 +59,7 @@ pub struct EdgeDistance {
     pub by_rotation: [f64; 3],
     /// How fast a pixel's ray slides along the edge, in m/s.
     pub sliding: f64,
-    /// Direction out of the circle on the print.
+    /// Direction on the print from the dark side to the light one.
     pub normal: [f64; 2],
 }
 
@@ -88,27 +88,26 @@ impl<S: BoardSurface> BoardRay<S> {
         self.depth
     }
 
+    /// Metres on the board that a pixel covers along its longer side, where the bearing changes `by_pixel`: more, the more the board
+    /// is tilted.
+    #[inline(always)]
+    pub fn widest_pixel(&self, by_pixel: &[[f64; 3]; 2]) -> f64 {
+        let square = dot(&by_pixel[0], &by_pixel[0]).max(dot(&by_pixel[1], &by_pixel[1]));
+        let tilt = dot(&self.direction, &self.direction) * self.inverse * self.inverse;
+        self.depth * (square * tilt).sqrt()
+    }
+
     /// Where it meets the board: place on the print, in metres.
     #[inline(always)]
     pub fn point(&self) -> Vector2<f64> {
         Vector2::from(self.point)
     }
 
-    /// Distance from the edge of the circle at `center` with `radius` (metres). `by_pixel` is the
-    /// derivative of the bearing by pixel x and y.
+    /// Distance from `edge`. `by_pixel` is the derivative of the bearing by pixel x and y.
     #[inline(always)]
-    pub fn edge_distance(
-        &self,
-        pose: &PoseBin,
-        by_pixel: &[[f64; 3]; 2],
-        center: [f64; 2],
-        radius: f64,
-    ) -> EdgeDistance {
-        let (x, y) = (self.point[0] - center[0], self.point[1] - center[1]);
-        let distance = (x * x + y * y).sqrt();
-        let inverse = 1.0 / distance;
-        let (normal_x, normal_y) = (x * inverse, y * inverse);
-        let gradient = self.surface.scaled([normal_x, normal_y]);
+    pub fn edge_distance(&self, pose: &PoseBin, by_pixel: &[[f64; 3]; 2], edge: impl BoardEdge) -> EdgeDistance {
+        let PrintDistance { metres, normal } = edge.distance(self.point);
+        let gradient = self.surface.scaled(normal);
         let along = gradient[0] * self.direction[0] + gradient[1] * self.direction[1];
         let by_translation = S::by_camera(self.slope, gradient, along * self.inverse);
         let [x, y, z] = by_translation;
@@ -117,9 +116,8 @@ impl<S: BoardSurface> BoardRay<S> {
         let by_pixel = [dot(&by_bearing, &by_pixel[0]), dot(&by_bearing, &by_pixel[1])];
         let scale = (by_pixel[0] * by_pixel[0] + by_pixel[1] * by_pixel[1]).sqrt();
         let velocity = self.velocity(pose);
-        let sliding = normal_x * velocity[1] - normal_y * velocity[0];
-        let normal = [normal_x, normal_y];
-        EdgeDistance { metres: distance - radius, scale, by_pixel, by_translation, by_rotation, sliding, normal }
+        let sliding = normal[0] * velocity[1] - normal[1] * velocity[0];
+        EdgeDistance { metres, scale, by_pixel, by_translation, by_rotation, sliding, normal }
     }
 
     /// Derivatives of an edge's `distance` by print ratio and bends, in metres for each of their units.

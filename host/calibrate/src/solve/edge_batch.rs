@@ -7,6 +7,7 @@
 use multiversion::multiversion;
 
 use super::bearing_table::{BearingSlopes, BearingTable, Cell, ImagePlane, Spot};
+use super::board_edge::{BoardEdge, BoardEdges, Line, Rim};
 use super::board_ray::{BoardRay, is_in_front};
 use super::board_surface::{BoardGround, BoardSurface};
 use super::event_row::step_to_edge;
@@ -32,8 +33,8 @@ pub struct BatchEvent {
     pub pixel: [f64; 2],
     /// Seconds after the centre of the bin.
     pub dt: f64,
-    /// Index of the circle on the board.
-    pub circle: u16,
+    /// Index of the edge among those of the board.
+    pub edge: u16,
 }
 
 /// Room for a batch.
@@ -51,7 +52,8 @@ pub struct EdgeBatch<'a> {
 struct Rays {
     dt: Lane,
     pixel: [Lane; 2],
-    center: [Lane; 2],
+    /// Of a rim its centre; of a line its normal, offset and width.
+    edge: [Lane; 4],
     bearing: [Lane; 3],
     beside_pixel: [Lane; 2],
     beside_cell: [Lane; 2],
@@ -68,7 +70,7 @@ struct StepsToEdge {
 /// The edges of the events of a batch; see [`EventEdge`](super::event_row::EventEdge).
 pub struct Edges {
     depth: Lane,
-    /// Signed distance in pixels, positive outside the circle.
+    /// Signed distance in pixels, positive on the light side.
     pub pixels: Lane,
     /// Metres on the board for each pixel across the edge.
     pub scale: Lane,
@@ -85,7 +87,7 @@ pub struct Edges {
     /// Derivative of the pixel by fx and fy.
     pub by_focal_length: [Lane; 2],
     normal_speed: Lane,
-    inverse_radius: Lane,
+    narrowness: Lane,
     corner_share: Lane,
     acceleration: Lane,
 }
@@ -105,7 +107,7 @@ impl Edges {
         beside_cell: [NOTHING; 2],
         by_focal_length: [NOTHING; 2],
         normal_speed: NOTHING,
-        inverse_radius: NOTHING,
+        narrowness: NOTHING,
         corner_share: NOTHING,
         acceleration: NOTHING,
     };
@@ -115,7 +117,7 @@ impl Edges {
     pub fn passage(&self, lane: usize) -> EdgePassage {
         EdgePassage {
             normal_speed: self.normal_speed[lane],
-            inverse_radius: self.inverse_radius[lane],
+            narrowness: self.narrowness[lane],
             corner_share: self.corner_share[lane],
             acceleration: self.acceleration[lane],
         }
@@ -126,7 +128,7 @@ impl Rays {
     const EMPTY: Self = Self {
         dt: NOTHING,
         pixel: [NOTHING; 2],
-        center: [NOTHING; 2],
+        edge: [NOTHING; 4],
         bearing: [NOTHING; 3],
         beside_pixel: [NOTHING; 2],
         beside_cell: [NOTHING; 2],
@@ -158,7 +160,7 @@ impl Rays {
 impl Default for EdgeBatch<'_> {
     fn default() -> Self {
         Self {
-            events: [BatchEvent { pixel: [0.0; 2], dt: 0.0, circle: 0 }; LANES],
+            events: [BatchEvent { pixel: [0.0; 2], dt: 0.0, edge: 0 }; LANES],
             spots: [None; LANES],
             rays: Rays::EMPTY,
             to_edge: StepsToEdge { depth: NOTHING, pixels: [NOTHING; 2] },
@@ -194,8 +196,8 @@ impl<'a> EdgeBatch<'a> {
             self.take(lane, problem, bearings);
         }
         match &BoardGround::of_problem(problem, shape) {
-            BoardGround::Flat(surface) => self.find_on(surface, problem, shape.radius, bearings.plane(), pose),
-            BoardGround::Shaped(surface) => self.find_on(surface, problem, shape.radius, bearings.plane(), pose),
+            BoardGround::Flat(surface) => self.find_on(surface, problem, shape, bearings.plane(), pose),
+            BoardGround::Shaped(surface) => self.find_on(surface, problem, shape, bearings.plane(), pose),
         }
         for (lane, cell) in self.cells.iter_mut().take(self.count).enumerate() {
             let is_in_view = is_in_front(self.to_edge.depth[lane])
@@ -210,18 +212,36 @@ impl<'a> EdgeBatch<'a> {
         &mut self,
         surface: &S,
         problem: &Problem,
-        radius: f64,
+        shape: &BoardShape,
+        plane: &ImagePlane,
+        pose: &PoseBin,
+    ) {
+        match problem.edges {
+            BoardEdges::Rims(_) => self.find_edges::<S, Rim>(surface, problem, shape, plane, pose),
+            BoardEdges::Lines(_) => self.find_edges::<S, Line>(surface, problem, shape, plane, pose),
+        }
+    }
+
+    #[inline(always)]
+    fn find_edges<S: BoardSurface, E: LaneEdge>(
+        &mut self,
+        surface: &S,
+        problem: &Problem,
+        shape: &BoardShape,
         plane: &ImagePlane,
         pose: &PoseBin,
     ) {
         let lanes = self.count.next_multiple_of(GROUP);
+        let radius = shape.radius;
         match problem.residual {
-            ResidualMeasure::Pixel => steps_to_edge(&self.rays, surface, pose, radius, lanes, &mut self.to_edge),
+            ResidualMeasure::Pixel => {
+                steps_to_edge::<S, E>(&self.rays, surface, pose, radius, lanes, &mut self.to_edge);
+            }
             ResidualMeasure::Plane => self.to_edge = StepsToEdge { depth: [1.0; LANES], pixels: [NOTHING; 2] },
         }
         let mean_scale = problem.residual_scale();
-        let circle = CircleView { pose, radius, plane, mean_scale };
-        edges(&self.rays, surface, circle, &self.to_edge, lanes, &mut self.edges);
+        let view = EdgeView { pose, radius, plane, mean_scale };
+        edges::<S, E>(&self.rays, surface, view, &self.to_edge, lanes, &mut self.edges);
     }
 
     /// The edges that were found last.
@@ -239,16 +259,19 @@ impl<'a> EdgeBatch<'a> {
         let rays = &mut self.rays;
         let event = &self.events[lane];
         let place = self.spots[lane].and_then(|spot| bearings.place_at(spot, event.pixel[0], event.pixel[1]));
-        let center = problem.circle_centers.get(usize::from(event.circle));
+        let edge = match &problem.edges {
+            BoardEdges::Rims(centers) => centers.get(usize::from(event.edge)).map(|&[x, y]| [x, y, 0.0, 0.0]),
+            BoardEdges::Lines(lines) => lines.get(usize::from(event.edge)).map(Line::numbers),
+        };
         self.cells[lane] = None;
-        let (Some(place), Some(center)) = (place, center) else { return };
+        let (Some(place), Some(edge)) = (place, edge) else { return };
         self.cells[lane] = Some(place.cell);
         rays.dt[lane] = event.dt;
         let put = |lanes: &mut [Lane; 2], values: &[f64; 2]| {
             lanes.iter_mut().zip(values).for_each(|(lanes, value)| lanes[lane] = *value);
         };
         put(&mut rays.pixel, &event.pixel);
-        put(&mut rays.center, center);
+        rays.edge.iter_mut().zip(edge).for_each(|(lanes, value)| lanes[lane] = value);
         put(&mut rays.beside_pixel, &place.beside_pixel);
         put(&mut rays.beside_cell, &place.beside_cell);
         for (lanes, value) in rays.bearing.iter_mut().zip(place.pixel_bearing) {
@@ -262,7 +285,7 @@ impl<'a> EdgeBatch<'a> {
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
-fn steps_to_edge<S: BoardSurface>(
+fn steps_to_edge<S: BoardSurface, E: LaneEdge>(
     rays: &Rays,
     surface: &S,
     pose: &PoseBin,
@@ -272,17 +295,44 @@ fn steps_to_edge<S: BoardSurface>(
 ) {
     for lane in 0..lanes.min(LANES) {
         let (ray, by_pixel) = rays.ray(surface, pose, lane, [0.0; 2]);
-        let center = [rays.center[0][lane], rays.center[1][lane]];
-        let [x, y] = step_to_edge(&ray.edge_distance(pose, &by_pixel, center, radius));
+        let [x, y] = step_to_edge(&ray.edge_distance(pose, &by_pixel, E::of_lane(&rays.edge, lane, radius)));
         found.depth[lane] = ray.depth();
         found.pixels[0][lane] = x;
         found.pixels[1][lane] = y;
     }
 }
 
-/// How circles are seen from one pose.
+/// An edge whose numbers stand in lanes.
+trait LaneEdge: BoardEdge {
+    /// The edge of a lane on a board of this [`BoardShape::radius`].
+    fn of_lane(lanes: &[Lane; 4], lane: usize, radius: f64) -> Self;
+}
+
+impl LaneEdge for Rim {
+    #[inline(always)]
+    fn of_lane(lanes: &[Lane; 4], lane: usize, radius: f64) -> Self {
+        Self { center: [lanes[0][lane], lanes[1][lane]], radius }
+    }
+}
+
+impl LaneEdge for Line {
+    #[inline(always)]
+    fn of_lane(lanes: &[Lane; 4], lane: usize, radius: f64) -> Self {
+        let normal = [lanes[0][lane], lanes[1][lane]];
+        Self { normal, offset: lanes[2][lane], width: lanes[3][lane], radius }
+    }
+}
+
+impl Line {
+    /// Normal, offset and width.
+    fn numbers(&self) -> [f64; 4] {
+        [self.normal[0], self.normal[1], self.offset, self.width]
+    }
+}
+
+/// How edges are seen from one pose.
 #[derive(Clone, Copy)]
-struct CircleView<'a> {
+struct EdgeView<'a> {
     pose: &'a PoseBin,
     radius: f64,
     plane: &'a ImagePlane,
@@ -291,22 +341,22 @@ struct CircleView<'a> {
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
-fn edges<S: BoardSurface>(
+fn edges<S: BoardSurface, E: LaneEdge>(
     rays: &Rays,
     surface: &S,
-    circle: CircleView,
+    view: EdgeView,
     to_edge: &StepsToEdge,
     lanes: usize,
     found: &mut Edges,
 ) {
-    let CircleView { pose, radius, plane, mean_scale } = circle;
+    let EdgeView { pose, radius, plane, mean_scale } = view;
     for lane in 0..lanes.min(LANES) {
         let step = [to_edge.pixels[0][lane], to_edge.pixels[1][lane]];
         let (ray, by_pixel) = rays.ray(surface, pose, lane, [-step[0], -step[1]]);
-        let center = [rays.center[0][lane], rays.center[1][lane]];
-        let distance = ray.edge_distance(pose, &by_pixel, center, radius);
+        let edge = E::of_lane(&rays.edge, lane, radius);
+        let distance = ray.edge_distance(pose, &by_pixel, edge);
         let at = [rays.pixel[0][lane] - step[0], rays.pixel[1][lane] - step[1]];
-        let passage = EdgePassage::new(pose, &distance, plane.corner_share(at), radius);
+        let passage = EdgePassage::new(pose, &distance, plane.corner_share(at), edge);
         let by_focal_length = plane.by_focal_length(at);
         let by_shape = ray.by_shape(&distance);
         found.depth[lane] = ray.depth();
@@ -323,7 +373,7 @@ fn edges<S: BoardSurface>(
             found.by_shape[axis][lane] = by_shape;
         }
         found.normal_speed[lane] = passage.normal_speed;
-        found.inverse_radius[lane] = passage.inverse_radius;
+        found.narrowness[lane] = passage.narrowness;
         found.corner_share[lane] = passage.corner_share;
         found.acceleration[lane] = passage.acceleration;
     }

@@ -98,10 +98,10 @@ pub fn speed_range(normal_speed: f64) -> usize {
 /// How an edge passes a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgePassage {
-    /// Normal speed in px/s, positive where the pixel leaves the dot.
+    /// Normal speed in px/s, positive where the pixel becomes brighter.
     pub normal_speed: f64,
-    /// One over the dot's radius in pixels.
-    pub inverse_radius: f64,
+    /// One over the dot's radius in pixels; at a straight edge one over the width of the narrower strip beside it.
+    pub narrowness: f64,
     /// Squared distance from the middle of the sensor, 1 at its corners.
     pub corner_share: f64,
     /// Second derivative of the distance from the edge by time (px/s²).
@@ -117,9 +117,9 @@ impl EdgePassage {
         derivatives[Bias::Offset] = 1.0;
         derivatives[Bias::Latency] = speed;
         derivatives[Bias::Bend] = speed * speed;
-        derivatives[Bias::Curvature] = self.inverse_radius;
+        derivatives[Bias::Curvature] = self.narrowness;
         derivatives[Bias::CornerLatency] = speed * self.corner_share;
-        derivatives[Bias::CurvatureLatency] = speed * self.inverse_radius;
+        derivatives[Bias::CurvatureLatency] = speed * self.narrowness;
         derivatives[Bias::Memory] = self.acceleration;
         derivatives
     }
@@ -137,12 +137,12 @@ impl ClassBias {
 /// Distance in pixels from the edge at which an event with these biases is expected, the latency left out.
 #[inline(always)]
 pub fn expected_distance(biases: &Biases<f64>, passage: &EdgePassage) -> f64 {
-    let EdgePassage { normal_speed, inverse_radius, corner_share, acceleration } = *passage;
+    let EdgePassage { normal_speed, narrowness, corner_share, acceleration } = *passage;
     let latency = biases[Bias::Bend] * normal_speed
         + biases[Bias::CornerLatency] * corner_share
-        + biases[Bias::CurvatureLatency] * inverse_radius;
+        + biases[Bias::CurvatureLatency] * narrowness;
     biases[Bias::Offset]
-        + biases[Bias::Curvature] * inverse_radius
+        + biases[Bias::Curvature] * narrowness
         + biases[Bias::Memory] * acceleration
         + normal_speed * latency
 }
@@ -190,7 +190,7 @@ mod tests {
     #[test]
     fn derivatives_are_those_of_the_distance() {
         let passage =
-            EdgePassage { normal_speed: 300.0, inverse_radius: 0.1, corner_share: 0.6, acceleration: -2000.0 };
+            EdgePassage { normal_speed: 300.0, narrowness: 0.1, corner_share: 0.6, acceleration: -2000.0 };
         let [known, ..] = unknown(1.0);
         for bias in Bias::ALL.into_iter().filter(|&bias| bias != Bias::Latency) {
             let mut moved = known;

@@ -10,7 +10,7 @@
 //!
 //! ∂r/∂k = −n' · ∂m'/∂k, ∂r/∂radius = −1/s, ∂r/∂offset = −1, ∂r/∂latency = −v, ∂r/∂bend = −v², ∂r/∂curvature = −1/ρ,
 //! ∂r/∂(corner latency) = −v s², ∂r/∂(curvature latency) = −v/ρ, ∂r/∂memory = −a, with the normal speed
-//! v = dr/dt, the dot's radius ρ in pixels, the distance s from the middle of the sensor and the edge's
+//! v = dr/dt, the radius or width ρ in pixels of what the edge encloses, the distance s from the middle of the sensor and the edge's
 //! acceleration a (see [`crate::solve::event_bias`]).
 
 use evcal_core::camera::MAX_PARAMETERS;
@@ -20,6 +20,7 @@ use crate::solve::event_bias::{ClassBias, EdgePassage};
 
 use super::BOARD_PARAMETERS;
 use super::bearing_table::BearingTable;
+use super::board_edge::BoardEdge;
 use super::board_ray::{BoardRay, EdgeDistance, is_in_front};
 use super::board_surface::BoardSurface;
 use super::pose_bin::PoseBin;
@@ -59,7 +60,7 @@ pub struct EventRay<S: BoardSurface> {
 /// An event's distance from the projected edge.
 #[derive(Clone, Copy)]
 pub struct EventEdge {
-    /// Signed distance in pixels, positive outside the circle.
+    /// Signed distance in pixels, positive on the light side.
     pub pixels: f64,
     /// The board distance where derivatives are taken.
     pub distance: EdgeDistance,
@@ -68,22 +69,21 @@ pub struct EventEdge {
 }
 
 impl EventEdge {
-    /// The edge of the circle at `center` (metres) for an event; `None` when the edge is not in view there.
+    /// The `edge` of the print for an event; `None` when it is not in view there.
     pub fn of_event<S: BoardSurface>(
         bearings: &BearingTable,
         pose: &PoseBin,
         event: &EventRay<S>,
-        center: [f64; 2],
-        radius: f64,
+        edge: impl BoardEdge,
     ) -> Option<Self> {
         let EventRay { pixel, dt, ray, by_pixel } = event;
-        let step = step_to_edge(&ray.edge_distance(pose, by_pixel, center, radius));
+        let step = step_to_edge(&ray.edge_distance(pose, by_pixel, edge));
         let at = [pixel[0] - step[0], pixel[1] - step[1]];
         let (bearing, by_pixel) = bearings.place(at[0], at[1])?.bearing();
         let ray = BoardRay::new(ray.surface(), pose, *dt, &bearing);
-        let distance = ray.edge_distance(pose, &by_pixel, center, radius);
+        let distance = ray.edge_distance(pose, &by_pixel, edge);
         let pixels = distance.beyond(step) / distance.scale;
-        let passage = EdgePassage::new(pose, &distance, bearings.plane().corner_share(at), radius);
+        let passage = EdgePassage::new(pose, &distance, bearings.plane().corner_share(at), edge);
         (is_in_front(ray.depth()) && pixels.is_finite()).then_some(Self { pixels, distance, passage })
     }
 
@@ -103,15 +103,15 @@ impl EdgeDistance {
 }
 
 impl EdgePassage {
-    /// How the edge at `distance` passes, in whose place `corner_share` is the squared distance from the middle of the
+    /// How the `edge` at `distance` passes, in whose place `corner_share` is the squared distance from the middle of the
     /// sensor.
     #[inline(always)]
-    pub fn new(pose: &PoseBin, distance: &EdgeDistance, corner_share: f64, radius: f64) -> Self {
+    pub fn new(pose: &PoseBin, distance: &EdgeDistance, corner_share: f64, edge: impl BoardEdge) -> Self {
         Self {
             normal_speed: distance.normal_speed(pose),
-            inverse_radius: distance.scale / radius,
+            narrowness: edge.narrowness(distance.scale),
             corner_share,
-            acceleration: distance.sliding * distance.sliding / (radius * distance.scale),
+            acceleration: edge.acceleration(distance.sliding, distance.scale),
         }
     }
 }
@@ -175,7 +175,8 @@ mod tests {
     fn problem() -> Problem {
         Problem {
             sensor: Sensor::new(346, 260),
-            circle_centers: vec![CENTER],
+            points: vec![CENTER],
+            edges: BoardEdges::Rims(vec![CENTER]),
             area: AREA,
             mean_scale: 1.0,
             point_sigma: 1.0,
@@ -204,7 +205,7 @@ mod tests {
         let problem = problem();
         let table = BearingTable::new(camera, problem.sensor);
         let mut batch = EdgeBatch::default();
-        batch.find(&problem, shape, &table, pose, std::iter::once(BatchEvent { pixel, dt, circle: 0 }));
+        batch.find(&problem, shape, &table, pose, std::iter::once(BatchEvent { pixel, dt, edge: 0 }));
         let mut bias = unknown(1.0)[0];
         bias.biases[Bias::Offset] = OFFSET;
         let mut rows = RowBatch::default();
@@ -297,7 +298,7 @@ mod tests {
         let table = BearingTable::new(&reference, problem.sensor);
         let pixel = |index: u32| [rim.x + f64::from(index % 5) * 0.7 - 1.4, rim.y + f64::from(index % 7) * 0.5 - 1.5];
         let dt = |index: u32| f64::from(index) * 1e-5;
-        let events = (0..27).map(|index| BatchEvent { pixel: pixel(index), dt: dt(index), circle: 0 });
+        let events = (0..27).map(|index| BatchEvent { pixel: pixel(index), dt: dt(index), edge: 0 });
         let mut batch = EdgeBatch::default();
         batch.find(&problem, &FLAT, &table, &bin, events);
         for index in 0..27 {
@@ -305,7 +306,7 @@ mod tests {
             let (bearing, by_pixel) = table.place(x, y).unwrap().bearing();
             let ray = BoardRay::new(&surface, &bin, dt(index), &bearing);
             let event = EventRay { pixel: [x, y], dt: dt(index), ray, by_pixel };
-            let edge = EventEdge::of_event(&table, &bin, &event, CENTER, RADIUS).unwrap();
+            let edge = EventEdge::of_event(&table, &bin, &event, Rim { center: CENTER, radius: RADIUS }).unwrap();
             let lane = index as usize;
             assert!(batch.cells()[lane].is_some());
             let (edges, passage) = (batch.edges(), batch.edges().passage(lane));
@@ -335,7 +336,7 @@ mod tests {
         let slope_y = (metres(x, y + 1e-4) - metres(x, y - 1e-4)) / 2e-4;
         let table = BearingTable::new(&reference, Sensor::new(346, 260));
         let (bearing, by_pixel) = table.place(x, y).unwrap().bearing();
-        let distance = BoardRay::new(&flat(), &bin, 0.0, &bearing).edge_distance(&bin, &by_pixel, CENTER, RADIUS);
+        let distance = BoardRay::new(&flat(), &bin, 0.0, &bearing).edge_distance(&bin, &by_pixel, Rim { center: CENTER, radius: RADIUS });
         assert_close(distance.scale / slope_x.hypot(slope_y), 1.0, "scale");
         assert_close(distance.metres, metres(x, y), "metres");
     }

@@ -1,4 +1,4 @@
-//! What the joint solve is fed: events and circle centres, each tied to a circle of the board.
+//! What the joint solve is fed: events and circle centres, each tied to an edge or a point of the board.
 
 use crate::circles::reference_frame::PointObservation;
 
@@ -12,8 +12,8 @@ pub struct EventObservation {
     pub x: u16,
     /// Row in pixels.
     pub y: u16,
-    /// Index of the circle on the board.
-    pub circle: u16,
+    /// Index of the edge among those of the board.
+    pub edge: u16,
     /// Event class (see [`crate::solve::event_bias::EventKind::class`]).
     pub class: u8,
     /// Range of the edge's normal speed (see [`crate::solve::event_bias::speed_range`]).
@@ -78,7 +78,7 @@ mod tests {
 
     #[test]
     fn every_third_event_stays_in_its_bin() {
-        let event = |x| EventObservation { dt: 0.0, x, y: 0, circle: 0, class: 0, speed_range: 0 };
+        let event = |x| EventObservation { dt: 0.0, x, y: 0, edge: 0, class: 0, speed_range: 0 };
         let bin = |t, first, end| EventBin { t, first, end };
         let all = SegmentObservations {
             bins: vec![bin(0.1, 0, 4), bin(0.2, 4, 6), bin(0.3, 6, 8)],

@@ -32,6 +32,7 @@ use crate::solve::{
 };
 use crate::trajectory::knot_grid::KnotSettings;
 use evcal_geometry::board::Board;
+use crate::solve::board_edge::BoardEdges;
 use evcal_geometry::board::shape::CircleArea;
 
 settings! {
@@ -204,6 +205,9 @@ pub fn refine<E: Send>(
         if !has_points {
             problem.free.biases[latency_reference(&counts)][Bias::Latency] = false;
         }
+        if !problem.edges.are_bent() {
+            problem.free.biases.iter_mut().for_each(|biases| biases[Bias::Memory] = false);
+        }
         problem.free.board = input.free_board;
         let intrinsics = problem.free.intrinsics.iter_mut().zip(input.held);
         intrinsics.for_each(|(free, held)| *free &= !held);
@@ -297,10 +301,10 @@ pub(super) fn problem<E>(
     segments: Vec<SegmentObservations>,
     state: &State,
 ) -> Problem {
-    let circle_centers = (0..input.board.circle_count()).map(|index| input.board.circle_center(index).into()).collect();
     Problem {
         sensor: input.sensor,
-        circle_centers,
+        points: (0..input.board.point_count()).map(|index| input.board.point(index).into()).collect(),
+        edges: BoardEdges::of_board(input.board),
         area: CircleArea::new(input.board),
         mean_scale: 1.0,
         point_sigma: input.point_sigma,

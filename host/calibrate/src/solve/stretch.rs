@@ -143,7 +143,7 @@ impl<'a> BinSums<'a> {
     /// Adds a circle centre that was seen from this `pose`, where the model can project it.
     pub fn add_point(&mut self, problem: &Problem, state: &State, pose: &PoseBin, point: &PointObservation) {
         let inverse_sigma = 1.0 / problem.point_sigma;
-        let Some(&center) = problem.circle_centers.get(point.circle) else { return };
+        let Some(&center) = problem.points.get(point.circle) else { return };
         let rows = point_rows(&state.camera, &problem.area, &state.board, pose, center, point.pixel);
         let Some(rows) = rows else { return };
         let error = rows[0][ROW_RESIDUAL].hypot(rows[1][ROW_RESIDUAL]) * inverse_sigma;
@@ -177,7 +177,7 @@ fn find_edges<'a>(
         let class = class_of(event);
         let later = problem.associated_latencies[class] - state.bias[class].biases[Bias::Latency];
         let pixel = [f64::from(event.x), f64::from(event.y)];
-        BatchEvent { pixel, dt: f64::from(event.dt) + later, circle: event.circle }
+        BatchEvent { pixel, dt: f64::from(event.dt) + later, edge: event.edge }
     });
     batch.find(problem, &state.board, bearings, pose, batched);
 }
@@ -191,7 +191,7 @@ pub struct EventResidual {
     pub segment: u32,
     /// Column and row.
     pub pixel: [u16; 2],
-    /// Unit vector across the edge in the image, out of the circle.
+    /// Unit vector across the edge in the image, towards its light side.
     pub normal: [f32; 2],
     /// Event class.
     pub class: u8,
@@ -281,7 +281,7 @@ pub fn point_residuals(problem: &Problem, state: &State) -> Vec<PointResidual> {
     let segments = problem.segments.iter().zip(&state.trajectories);
     let residual = |trajectory, point: &PointObservation| {
         let pose = PoseBin::new(trajectory, point.t)?;
-        let &center = problem.circle_centers.get(point.circle)?;
+        let &center = problem.points.get(point.circle)?;
         let rows = point_rows(&state.camera, &problem.area, &state.board, &pose, center, point.pixel)?;
         let residual = -Vector2::new(rows[0][ROW_RESIDUAL], rows[1][ROW_RESIDUAL]);
         Some(PointResidual { t: point.t, pixel: point.pixel, residual })
@@ -347,7 +347,7 @@ pub(crate) mod tests {
                     dt: 1e-6 * event as f32,
                     x: pixel.x.round() as u16,
                     y: pixel.y.round() as u16,
-                    circle: circle as u16,
+                    edge: circle as u16,
                     class: [0, 2, 5][event / 25],
                     speed_range: 1,
                 });
@@ -373,7 +373,8 @@ pub(crate) mod tests {
         let trajectory = trajectory();
         let problem = Problem {
             sensor: Sensor::new(346, 260),
-            circle_centers: CENTERS.to_vec(),
+            points: CENTERS.to_vec(),
+            edges: BoardEdges::Rims(CENTERS.to_vec()),
             area: AREA,
             mean_scale: 1.0,
             point_sigma: 1.0,

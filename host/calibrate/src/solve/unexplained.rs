@@ -130,7 +130,8 @@ mod tests {
         let of_bins = (0..bins).map(|bin| EventBin { t: (bin as f64 + 0.5) / bins as f64, first: 0, end: 0 });
         let problem = Problem {
             sensor: Sensor::new(346, 260),
-            circle_centers: Vec::new(),
+            points: Vec::new(),
+            edges: BoardEdges::Rims(Vec::new()),
             area: CircleArea { middle: [0.1; 2], half: [0.1; 2] },
             mean_scale: 1.0,
             point_sigma: 1.0,

@@ -33,7 +33,7 @@ const SIGNIFICANCE: [f64; PARAMETERS] = [5.0, 5.0, 5.0, 3.0];
 const SMALLEST_RATIO: f64 = 2e-4;
 /// Smallest bend that is estimated, as a share of the longer side of the circles' area.
 const SMALLEST_BEND: f64 = 1e-4;
-/// Smallest difference of the radius that is estimated, as a share of the stated one.
+/// Smallest difference of the radius that is estimated, as a share of the stated one, or of half the width of a square or module.
 const SMALLEST_RADIUS: f64 = 0.017;
 
 /// Where the radius is among the parameters.
@@ -124,7 +124,7 @@ impl BoardEvidence {
     pub fn asks_for(&self, stated: &BoardShape, board: &Board) -> [bool; PARAMETERS] {
         let stated = stated.parameters();
         let bend = SMALLEST_BEND * board.longer_side();
-        let smallest = [SMALLEST_RATIO, bend, bend, SMALLEST_RADIUS * board.radius];
+        let smallest = [SMALLEST_RATIO, bend, bend, SMALLEST_RADIUS * board.print_radius()];
         std::array::from_fn(|index| {
             let difference = (self.values[index] - stated[index]).abs();
             difference > SIGNIFICANCE[index] * self.sigma[index] && difference > smallest[index]

@@ -114,7 +114,7 @@ pub fn coverage_of(
         }
     }
 
-    let circles: Vec<_> = (0..board.circle_count()).map(|index| board.circle_center(index).push(0.0)).collect();
+    let circles: Vec<_> = (0..board.point_count()).map(|index| board.point(index).push(0.0)).collect();
     let middle = circles.iter().sum::<nalgebra::Vector3<f64>>() / circles.len().max(1) as f64;
     let (mut distances, mut tilts, mut fills) = (Vec::new(), Vec::new(), Vec::new());
     for pose in poses {

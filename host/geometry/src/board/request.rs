@@ -3,7 +3,8 @@
 use std::fmt;
 use std::str::FromStr;
 
-use super::{Board, BoardError, BoardProblem, length, radius_of};
+use super::circles::{length, millimetres, radius_of};
+use super::{Board, BoardError, BoardProblem};
 
 /// The board of a recording, as far as it is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,7 +18,7 @@ pub enum BoardRequest {
 /// What events cannot tell of a board: how large it is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CircleSize {
-    /// Lattice spacing in metres, as [`Board::spacing`].
+    /// Lattice spacing in metres, as [`CircleBoard::spacing`](super::CircleBoard::spacing).
     pub spacing: f64,
     /// Radius of a circle in metres.
     pub radius: f64,
@@ -53,7 +54,7 @@ impl fmt::Display for BoardRequest {
             Self::Given(board) => board.fmt(f),
             Self::Recognise(None) => f.write_str(AUTO),
             Self::Recognise(Some(CircleSize { spacing, radius })) => {
-                write!(f, "{AUTO}:{}mm:r{}mm", super::millimetres(*spacing), super::millimetres(*radius))
+                write!(f, "{AUTO}:{}mm:r{}mm", millimetres(*spacing), millimetres(*radius))
             }
         }
     }

@@ -1,4 +1,4 @@
-//! How a printed board differs from its description: scale of the print, bending, radius of the circles.
+//! How a printed board differs from its description: scale of the print, bending, radius of the circles or width of dark squares.
 //!
 //! The print is a plane with coordinates (u, v), on which circles are round and lie on the stated lattice. On the board it
 //! is stretched about the middle of its circles by √q along x and 1/√q along y, with the print ratio q, and lies on
@@ -24,14 +24,14 @@ pub struct BoardShape {
     pub print_ratio: f64,
     /// How much further from a camera in front the middle is than the edges, along x and along y, in metres.
     pub bend: [f64; 2],
-    /// Radius of the circles in metres.
+    /// Radius of the circles in metres; of a board of squares half the width of a dark square or module.
     pub radius: f64,
 }
 
 impl BoardShape {
     /// A board as it is stated.
     pub fn stated(board: &Board) -> Self {
-        Self { print_ratio: 1.0, bend: [0.0; 2], radius: board.radius }
+        Self { print_ratio: 1.0, bend: [0.0; 2], radius: board.print_radius() }
     }
 
     /// Print ratio, bend along x, bend along y, radius.
@@ -55,7 +55,7 @@ impl BoardShape {
         (0.5..2.0).contains(&self.print_ratio)
             && self.bend.iter().all(|bend| bend.abs() < 0.5 * side)
             && self.radius > 0.0
-            && 2.0 * self.radius < board.neighbour_distance()
+            && 2.0 * self.radius < board.print_period()
     }
 }
 

@@ -13,7 +13,7 @@ use std::fmt;
 
 use evcal_core::pattern::{Layout, Pattern};
 
-use crate::board::Board;
+use crate::board::CircleBoard;
 use paper::{PAPERS, Paper};
 
 /// White around a dot, at least: to the next mark or text.
@@ -76,7 +76,7 @@ pub struct BoardSheet {
     /// Width and height of the sheet (mm).
     pub size: [f64; 2],
     /// The board on it.
-    pub board: Board,
+    pub board: CircleBoard,
     /// Length of both rulers (mm).
     pub ruler: f64,
     /// The dots, in the order of the board's circles.
@@ -90,12 +90,12 @@ pub struct BoardSheet {
 /// A board does not fit.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub struct DoesNotFit {
-    board: Board,
+    board: CircleBoard,
     paper: Paper,
     /// Smallest sheet that holds it (mm).
     pub needed: [f64; 2],
     /// The board of this layout with the largest spacing that fits on the paper.
-    pub largest: Option<Board>,
+    pub largest: Option<CircleBoard>,
     /// Papers on which the board fits.
     pub papers: Vec<&'static str>,
 }
@@ -120,7 +120,7 @@ impl fmt::Display for DoesNotFit {
 ///
 /// # Errors
 /// [`DoesNotFit`] says what would.
-pub fn board_sheet(board: &Board, paper: &Paper, margin: f64) -> Result<BoardSheet, DoesNotFit> {
+pub fn board_sheet(board: &CircleBoard, paper: &Paper, margin: f64) -> Result<BoardSheet, DoesNotFit> {
     lay_out(board, paper, margin).ok_or_else(|| {
         let fits = |paper: &&Paper| lay_out(board, paper, margin).is_some();
         DoesNotFit {
@@ -134,22 +134,22 @@ pub fn board_sheet(board: &Board, paper: &Paper, margin: f64) -> Result<BoardShe
 }
 
 /// The board of this `pattern` with the largest spacing, in whole millimetres, that fits on `paper`.
-pub fn board_that_fits(pattern: Pattern, paper: &Paper, margin: f64) -> Option<Board> {
+pub fn board_that_fits(pattern: Pattern, paper: &Paper, margin: f64) -> Option<CircleBoard> {
     largest_board(pattern, RADIUS_BY_SPACING, paper, margin)
 }
 
-fn largest_board(pattern: Pattern, radius_by_spacing: f64, paper: &Paper, margin: f64) -> Option<Board> {
+fn largest_board(pattern: Pattern, radius_by_spacing: f64, paper: &Paper, margin: f64) -> Option<CircleBoard> {
     let longest = paper.size.into_iter().fold(0.0, f64::max).ceil() as u32;
     (1..=longest).rev().map(f64::from).filter(|spacing| *spacing >= SMALLEST_SPACING).find_map(|spacing| {
         // In tenths of a millimetre.
         let radius = (spacing * radius_by_spacing * 10.0).floor() / 10.0;
-        let board = Board { pattern, spacing: spacing / 1e3, radius: radius / 1e3 };
+        let board = CircleBoard { pattern, spacing: spacing / 1e3, radius: radius / 1e3 };
         (radius > 0.0 && lay_out(&board, paper, margin).is_some()).then_some(board)
     })
 }
 
 /// Width and height of the area of the dots (mm).
-fn dots_size(board: &Board) -> [f64; 2] {
+fn dots_size(board: &CircleBoard) -> [f64; 2] {
     let (columns, rows) = (f64::from(board.pattern.columns), f64::from(board.pattern.rows));
     let across = match board.pattern.layout {
         Layout::Asymmetric => 2.0 * columns - 1.0,
@@ -167,7 +167,7 @@ fn bottom(lines: usize) -> f64 {
     CLEARANCE + END_TICK + 1.0 + LINE_HEIGHT * lines as f64
 }
 
-fn needed(board: &Board, margin: f64) -> [f64; 2] {
+fn needed(board: &CircleBoard, margin: f64) -> [f64; 2] {
     let [width, height] = dots_size(board);
     let first_line = name(board).len() as f64 * LETTER_WIDTH;
     let inner = (width + LEFT).max(LEFT + TICK_DISTANCE).max(first_line);
@@ -175,12 +175,12 @@ fn needed(board: &Board, margin: f64) -> [f64; 2] {
 }
 
 /// What stands first below the dots.
-fn name(board: &Board) -> String {
-    format!("Board {board}")
+fn name(board: &CircleBoard) -> String {
+    format!("CircleBoard {board}")
 }
 
 /// What stands below the dots, in lines of at most `width` mm.
-fn writing(board: &Board, ruler: f64, width: f64) -> Vec<String> {
+fn writing(board: &CircleBoard, ruler: f64, width: f64) -> Vec<String> {
     let millimetres = |metres: f64| (metres * 1e7).round() / 1e4;
     let sentences = format!(
         "evcal {}. Print at 100 %, without scaling: both rulers must measure {ruler} mm between their end lines. \
@@ -207,7 +207,7 @@ fn writing(board: &Board, ruler: f64, width: f64) -> Vec<String> {
 }
 
 /// The sheet the way round that leaves more room, if the board fits either way.
-fn lay_out(board: &Board, paper: &Paper, margin: f64) -> Option<BoardSheet> {
+fn lay_out(board: &CircleBoard, paper: &Paper, margin: f64) -> Option<BoardSheet> {
     let [short, long] = paper.size;
     let sheets = [[short, long], [long, short]].map(|size| draw(board, size, margin));
     let room = |(_, room): &(BoardSheet, f64)| *room;
@@ -216,7 +216,7 @@ fn lay_out(board: &Board, paper: &Paper, margin: f64) -> Option<BoardSheet> {
 }
 
 /// The sheet of this width and height, and what it leaves free in the tighter direction (mm).
-fn draw(board: &Board, size: [f64; 2], margin: f64) -> Option<(BoardSheet, f64)> {
+fn draw(board: &CircleBoard, size: [f64; 2], margin: f64) -> Option<(BoardSheet, f64)> {
     let [width, height] = dots_size(board);
     let across = size[0] - 2.0 * margin;
     let inner = [across - LEFT, size[1] - 2.0 * margin - TOP];

@@ -1,6 +1,6 @@
 //! The turns of a board after which it looks the same: what a camera alone cannot tell apart.
 
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 
 use super::Board;
 
@@ -9,13 +9,21 @@ use super::Board;
 pub struct Symmetry {
     /// From places on the board to those where they look the same (m).
     pub pose: Isometry3<f64>,
-    /// For each circle the one in whose place it comes.
-    pub circles: Vec<u16>,
+    /// For each point the one in whose place it comes.
+    pub points: Vec<u16>,
 }
 
 /// All turns of `board` about its normal onto itself, the one by nothing first.
 pub fn symmetries(board: &Board) -> Vec<Symmetry> {
-    (0..4).filter_map(|quarters| symmetry(board, quarters)).collect()
+    (0..4).filter(|&quarters| looks_same(board, quarters)).filter_map(|quarters| symmetry(board, quarters)).collect()
+}
+
+/// Whether what is between the points looks the same after a turn by so many quarters.
+fn looks_same(board: &Board, quarters: u8) -> bool {
+    match board {
+        Board::Circles(_) => true,
+        Board::Squares(squares) => squares.quarters().contains(&quarters),
+    }
 }
 
 /// The turn by so many quarters, if the board looks the same after it.
@@ -25,15 +33,14 @@ fn symmetry(board: &Board, quarters: u8) -> Option<Symmetry> {
     let angle = f64::from(quarters) * std::f64::consts::FRAC_PI_2;
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
     let pose = Isometry3::from_parts(Translation3::from(middle - turn * middle), turn);
-    let place = |index: usize| {
-        let center = board.circle_center(index);
-        let turned = (pose * Point3::new(center.x, center.y, 0.0)).xy();
-        let other = board.nearest_circle(turned.coords)?;
-        let apart = (board.circle_center(other) - turned.coords).norm();
-        (apart < 1e-6 * board.spacing).then_some(u16::try_from(other).ok()?)
+    let points: Vec<_> = (0..board.point_count()).map(|index| board.point(index)).collect();
+    let place = |point: &Vector2<f64>| {
+        let turned = (pose * Point3::new(point.x, point.y, 0.0)).xy().coords;
+        let other = points.iter().position(|other| (other - turned).norm() < 1e-6 * board.print_radius())?;
+        u16::try_from(other).ok()
     };
-    let circles = (0..board.circle_count()).map(place).collect::<Option<_>>()?;
-    Some(Symmetry { pose, circles })
+    let points = points.iter().map(place).collect::<Option<_>>()?;
+    Some(Symmetry { pose, points })
 }
 
 #[cfg(test)]
@@ -49,7 +56,7 @@ mod tests {
         for board in ["acircles:9x4:55mm:r17.5mm", "acircles:11x4:20mm:r5mm"] {
             let [none] = found(board).try_into().unwrap();
             assert_eq!(none.pose, Isometry3::identity());
-            assert!(none.circles.iter().enumerate().all(|(index, other)| index == usize::from(*other)));
+            assert!(none.points.iter().enumerate().all(|(index, other)| index == usize::from(*other)));
         }
     }
 
@@ -63,9 +70,9 @@ mod tests {
     #[test]
     fn circles_come_where_the_turn_puts_them() {
         let board: Board = "circles:5x5:50mm:r15mm".parse().unwrap();
-        for Symmetry { pose, circles } in symmetries(&board) {
-            for (index, other) in circles.iter().enumerate() {
-                let (from, to) = (board.circle_center(index), board.circle_center(usize::from(*other)));
+        for Symmetry { pose, points } in symmetries(&board) {
+            for (index, other) in points.iter().enumerate() {
+                let (from, to) = (board.point(index), board.point(usize::from(*other)));
                 assert!((pose * Point3::new(from.x, from.y, 0.0) - Point3::new(to.x, to.y, 0.0)).norm() < 1e-12);
             }
         }

@@ -9,7 +9,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use evcal_calibrate::initial::information::{Information, view_information};
-use evcal_geometry::board::Board;
+use evcal_geometry::board::CircleBoard;
 use evcal_geometry::numerics::random::normal;
 
 /// How large the board appears: its longer side as a share of the sensor's shorter one.
@@ -63,7 +63,7 @@ pub struct Place {
 
 impl Place {
     /// `T_camera_world` of the board.
-    pub fn pose(&self, board: &Board) -> Isometry3<f64> {
+    pub fn pose(&self, board: &CircleBoard) -> Isometry3<f64> {
         let tilt = UnitQuaternion::from_scaled_axis(Vector3::new(self.tilt.x, self.tilt.y, 0.0));
         let rotation = tilt * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.roll);
         let middle = board.middle();
@@ -77,14 +77,14 @@ impl Place {
 /// ([`evcal_core::grid`]).
 pub fn visible(
     camera: &Camera<f64>,
-    board: &Board,
+    board: &CircleBoard,
     sensor: Sensor,
     pose: &Isometry3<f64>,
 ) -> Option<Vec<Vector2<f64>>> {
     in_image(camera, board, sensor, pose).filter(|circles| reach_all_ends(circles, board))
 }
 
-fn reach_all_ends(circles: &[Vector2<f64>], board: &Board) -> bool {
+fn reach_all_ends(circles: &[Vector2<f64>], board: &CircleBoard) -> bool {
     let (low, high) = board.extent();
     let first = circles.iter().fold(high, |first, circle| first.inf(circle));
     let last = circles.iter().fold(low, |last, circle| last.sup(circle));
@@ -95,7 +95,7 @@ fn reach_all_ends(circles: &[Vector2<f64>], board: &Board) -> bool {
 /// `None` where too few are in the image, too small or too steep.
 pub fn in_image(
     camera: &Camera<f64>,
-    board: &Board,
+    board: &CircleBoard,
     sensor: Sensor,
     pose: &Isometry3<f64>,
 ) -> Option<Vec<Vector2<f64>>> {
@@ -132,7 +132,7 @@ pub struct Candidate {
 
 /// What one window of the board near `place` tells of `camera`: the mean over poses as a person's hands reach them,
 /// nothing for those in which the board would not be found.
-pub fn expected_information(camera: &Camera<f64>, board: &Board, sensor: Sensor, place: &Place) -> Information {
+pub fn expected_information(camera: &Camera<f64>, board: &CircleBoard, sensor: Sensor, place: &Place) -> Information {
     // The same hands for every place, so that places can be compared.
     let mut hands = ChaCha8Rng::seed_from_u64(1);
     let mut sum = Information::zeros();
@@ -151,7 +151,7 @@ pub fn expected_information(camera: &Camera<f64>, board: &Board, sensor: Sensor,
 }
 
 /// Places at which `camera` would see the board, all over the image, near and far, tilted and turned.
-pub fn candidates(camera: &Camera<f64>, board: &Board, sensor: Sensor) -> Vec<Candidate> {
+pub fn candidates(camera: &Camera<f64>, board: &CircleBoard, sensor: Sensor) -> Vec<Candidate> {
     let Some(focal) = camera.parameters().first().copied() else { return Vec::new() };
     let (width, height) = (f64::from(sensor.width), f64::from(sensor.height));
     let mut places = Vec::new();

@@ -19,7 +19,7 @@ const LENS: [f64; 9] = [330.0, 330.0, 172.0, 131.0, -0.35, 0.15, 0.0005, -0.0005
 /// Time of one step of the simulated person (s).
 const STEP: f64 = 0.1;
 
-fn board() -> Board {
+fn board() -> CircleBoard {
     "acircles:9x4:55mm:r17.5mm".parse().unwrap()
 }
 
@@ -294,7 +294,7 @@ fn by_coverage(coverage: &LiveCoverage, step: u64, random: &mut ChaCha8Rng) -> P
 /// A window: once the board was seen, it may lose an end and still be followed.
 fn frame(
     camera: &Camera<f64>,
-    board: &Board,
+    board: &CircleBoard,
     at: &Place,
     t: f64,
     was_seen: bool,

@@ -89,7 +89,7 @@ fn look_again(input: &Input, task: &Task, error: &CalibrateError) -> Option<(Str
     let Input::Events(recording) = input else { return None };
     let wanted = match error {
         CalibrateError::NoPattern(_) => SearchFor::Circles(1),
-        _ => SearchFor::Board(task.board.pattern),
+        _ => SearchFor::Board(task.board.lattice()),
     };
     // What cannot be read any more is not looked at.
     let sensor = sensor_of(recording).ok()?;

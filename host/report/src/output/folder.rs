@@ -179,7 +179,7 @@ fn write_files(
         let frames = frames(calibrated, recording);
         let origin = (start * 1e6).round() as i64;
         evcal_files::write_with(&folder.join(of_recording(CIRCLES)), |file| {
-            track::write(file, frames, &task.board.pattern, origin)
+            track::write(file, frames, &task.board.lattice(), origin)
         })?;
     }
     if let Some((nearest, farthest)) = distances {

@@ -157,7 +157,7 @@ pub struct BoardFrame {
 impl BoardFrame {
     /// A picture of all circles of `board` with a margin, of so many `columns`, or fewer where it would be more than twice as high as wide.
     pub fn new(board: &Board, columns: u16) -> Self {
-        let centers = || (0..board.circle_count()).map(|index| board.circle_center(index));
+        let centers = || (0..board.point_count()).map(|index| board.point(index));
         let margin = Vector2::repeat(0.6 * board.neighbour_distance());
         let last = centers().fold(Vector2::zeros(), |last: Vector2<f64>, center| last.sup(&center)) + margin;
         let extent = last + margin;

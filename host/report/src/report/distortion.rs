@@ -77,7 +77,7 @@ fn offsets(calibrated: &Calibrated, board: &Board) -> Vec<Vector2<f64>> {
     };
     let of_frames = calibrated.posed().flat_map(|(posed, frame)| {
         posed.circles.iter().filter_map(move |circle| {
-            let point = board.circle_center(circle.index).push(0.0);
+            let point = board.point(circle.index).push(0.0);
             let expected = camera.project(&posed.pose.inverse_transform_point(&point.into()).coords)?;
             let moved = circle.velocity.map_or(Vector2::zeros(), |velocity| velocity * (frame.t() - circle.t));
             Some(circle.center + moved - expected)

@@ -119,7 +119,7 @@ impl Picture {
         project: impl Fn(&Point3<f64>) -> Option<Vector2<f64>>,
         place: impl Fn(Vector2<f64>) -> Option<Vector2<f64>>,
     ) {
-        let columns = usize::from(board.pattern.columns.max(1));
+        let columns = usize::from(board.lattice().columns.max(1));
         for pair in frame.circles.windows(2) {
             if let [a, b] = pair
                 && a.index / columns == b.index / columns
@@ -136,8 +136,8 @@ impl Picture {
 
     /// Draws the rims of `board` in green where `project` puts its points (metres).
     pub fn rims(&mut self, board: &Board, project: impl Fn(&Point3<f64>) -> Option<Vector2<f64>>) {
-        for index in 0..board.circle_count() {
-            let center = board.circle_center(index);
+        for index in 0..board.point_count() {
+            let center = board.point(index);
             let rim = |step: usize| {
                 let angle = step as f64 * std::f64::consts::TAU / 48.0;
                 let point = center + Vector2::new(angle.cos(), angle.sin()) * board.radius;

@@ -9,7 +9,7 @@ use crate::tests::{board, kannala_brandt, radtan};
 const POINT_SPREAD: f64 = 0.6;
 
 /// A camera at `distance` metres from the middle of the board, tilted and rolled in degrees.
-fn pose(board: &Board, distance: f64, tilt: f64, roll: f64) -> Isometry3<f64> {
+fn pose(board: &CircleBoard, distance: f64, tilt: f64, roll: f64) -> Isometry3<f64> {
     let turn = nalgebra::UnitQuaternion::from_euler_angles(tilt.to_radians(), 0.3 * tilt.to_radians(), 0.0)
         * nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, roll.to_radians());
     let position = board.middle().push(0.0) - turn * Vector3::new(0.0, 0.0, distance);
@@ -18,7 +18,7 @@ fn pose(board: &Board, distance: f64, tilt: f64, roll: f64) -> Isometry3<f64> {
 
 /// The unblurred scene at one point of the image, by the pose itself and the board's own list
 /// of circles. The ray is followed to a bent board step by step.
-fn sharp(camera: &Camera<f64>, pose: &Isometry3<f64>, board: &Board, printed: &BoardShape, pixel: Vector2<f64>) -> f64 {
+fn sharp(camera: &Camera<f64>, pose: &Isometry3<f64>, board: &CircleBoard, printed: &BoardShape, pixel: Vector2<f64>) -> f64 {
     let settings = SceneSettings::default();
     let direction = pose.rotation * camera.unproject(&pixel).unwrap();
     let origin = pose.translation.vector;

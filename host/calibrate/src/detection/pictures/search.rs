@@ -12,7 +12,7 @@ use super::dot::{Dot, NoDot, measure};
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
 use crate::detection::board_finder::{BoardFinder, within_capacity};
 use crate::detection::no_board::NoBoard;
-use evcal_geometry::board::Board;
+use evcal_geometry::board::CircleBoard;
 use evcal_geometry::numerics::statistics::median;
 use event_recordings::pictures::{GreyImage, TimedImage};
 
@@ -64,7 +64,7 @@ struct SeenBoard {
 
 /// Looks for the board in the pictures of recordings.
 pub struct PictureSearch<'a> {
-    board: &'a Board,
+    board: &'a CircleBoard,
     /// Largest radius of a dot (px).
     largest_radius: f64,
     /// Fewest circles of a board.
@@ -76,7 +76,7 @@ pub struct PictureSearch<'a> {
 
 impl<'a> PictureSearch<'a> {
     /// Looks for `board`, of which at least `fewest` circles must be seen, with radii up to `largest_radius` (px).
-    pub fn new(board: &'a Board, fewest: usize, largest_radius: f64) -> Self {
+    pub fn new(board: &'a CircleBoard, fewest: usize, largest_radius: f64) -> Self {
         let report = PictureSearchReport::default();
         Self { board, largest_radius, fewest, frames: Vec::new(), blurs: Vec::new(), report }
     }

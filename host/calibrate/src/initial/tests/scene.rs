@@ -48,7 +48,7 @@ pub fn pose(camera: &Camera<f64>, board: &Board, t: f64) -> Isometry3<f64> {
 }
 
 pub fn image(camera: &Camera<f64>, pose: &Isometry3<f64>, board: &Board, index: usize) -> Option<Vector2<f64>> {
-    let center = board.circle_center(index);
+    let center = board.point(index);
     let pixel = camera.project(&(pose * Point3::new(center.x, center.y, 0.0)).coords)?;
     let inside = |value: f64, size: u16| value > 8.0 && value < f64::from(size) - 9.0;
     (inside(pixel.x, SENSOR.width) && inside(pixel.y, SENSOR.height)).then_some(pixel)
@@ -86,8 +86,8 @@ impl Scene {
     /// parts of the board that leave the image are missing.
     pub fn frames(&self, seed: u64, fault: impl Fn(usize) -> Fault) -> Vec<ReferenceFrame> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let columns = usize::from(self.board.pattern.columns);
-        let count = self.board.circle_count();
+        let columns = usize::from(self.board.lattice().columns);
+        let count = self.board.point_count();
         (0..self.count)
             .map(|frame| {
                 let t = frame as f64 * self.step;
@@ -95,7 +95,7 @@ impl Scene {
                 let mut circles = Vec::new();
                 for index in 0..count {
                     let Some(projected) =
-                        ProjectedCircle::new(&self.camera, &pose, self.board.circle_center(index), self.board.radius)
+                        ProjectedCircle::new(&self.camera, &pose, self.board.point(index), self.board.radius)
                     else {
                         continue;
                     };

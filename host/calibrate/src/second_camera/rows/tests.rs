@@ -47,7 +47,7 @@ fn observations(trajectory: &Trajectory) -> SegmentObservations {
                 dt: 0.0,
                 x: pixel.x.round() as u16,
                 y: pixel.y.round() as u16,
-                circle: circle as u16,
+                edge: circle as u16,
                 class: [0, 2][event / 25],
                 speed_range: 1,
             });
@@ -66,7 +66,8 @@ fn parts(problem: &Problem, estimate: &Estimate, free: &[usize]) -> Vec<SecondPa
 fn problem(segment: SegmentObservations) -> Problem {
     Problem {
         sensor: Sensor::new(346, 260),
-        circle_centers: CENTERS.to_vec(),
+        points: CENTERS.to_vec(),
+        edges: BoardEdges::Rims(CENTERS.to_vec()),
         area: AREA,
         mean_scale: 1.0,
         point_sigma: 1.0,

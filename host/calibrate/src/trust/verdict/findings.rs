@@ -16,7 +16,7 @@ use crate::trust::coverage::Coverage;
 use crate::trust::misfit::BetterModel;
 use crate::trust::split_half::SplitHalf;
 use crate::trust::{EventTrust, ObservedRadius, Trust};
-use evcal_geometry::board::Board;
+use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::lens::folds::folded_share;
 
 /// All that is found.
@@ -30,7 +30,7 @@ pub(super) fn findings_on(
 ) -> Vec<Finding> {
     let mut findings = Vec::from_iter(uncertain(trust, settings));
     findings.extend(views(&trust.coverage));
-    findings.extend(events.and_then(|events| radius(&events.radius?, events.board.evidence.as_ref(), board)));
+    findings.extend(events.and_then(|events| radius(&events.radius?, events.board.evidence.as_ref(), board.circles()?)));
     findings.extend(events.and_then(|events| board_finding(&events.board, board, camera)));
     findings.extend(pixels_not_square(camera, trust));
     findings.extend(not_one_to_one(camera, sensor));
@@ -183,7 +183,7 @@ const MOST_DIFFERENT_OFFSETS: f64 = 0.5;
 
 /// The stated radius disagrees with the mean offset of the events, and with the `evidence`, if that tells the one from the other: a small
 /// dot in little light moves the offset too.
-fn radius(observed: &ObservedRadius, evidence: Option<&BoardEvidence>, board: &Board) -> Option<Finding> {
+fn radius(observed: &ObservedRadius, evidence: Option<&BoardEvidence>, board: &CircleBoard) -> Option<Finding> {
     let ratio = observed.radius / board.radius;
     let pixels = (observed.radius - board.radius) / observed.scale;
     let speaks_against = |evidence: &&BoardEvidence| {

@@ -20,7 +20,7 @@ pub fn pdf(sheet: &BoardSheet) -> Vec<u8> {
     root.pages(pages);
     root.viewer_preferences().pair(Name(b"PrintScaling"), Name(b"None"));
     root.finish();
-    pdf.document_info(information).title(TextStr(&format!("Board {}", sheet.board)));
+    pdf.document_info(information).title(TextStr(&format!("CircleBoard {}", sheet.board)));
     pdf.pages(pages).kids([page]).count(1);
     let letters = Name(b"Letters");
     let [width, height] = sheet.size.map(|side| (side * POINTS) as f32);

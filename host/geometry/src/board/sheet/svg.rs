@@ -28,7 +28,7 @@ pub fn svg(sheet: &BoardSheet) -> String {
         .set("width", format!("{width}mm"))
         .set("height", format!("{height}mm"))
         .set("viewBox", format!("0 0 {width} {height}"))
-        .add(Title::new(format!("Board {}", sheet.board)))
+        .add(Title::new(format!("CircleBoard {}", sheet.board)))
         .add(Rectangle::new().set("width", width).set("height", height).set("fill", "white"))
         .add(dots)
         .add(lines)

@@ -2,7 +2,7 @@ use super::*;
 
 const MARGIN: f64 = 10.0;
 
-fn board(text: &str) -> Board {
+fn board(text: &str) -> CircleBoard {
     text.parse().unwrap()
 }
 
@@ -56,7 +56,7 @@ fn what_does_not_fit_is_told_what_does() {
     let error = board_sheet(&board("acircles:9x4:55mm:r17.5mm"), &paper("a4"), MARGIN).unwrap_err();
     let largest = error.largest.unwrap();
     assert!(board_sheet(&largest, &paper("a4"), MARGIN).is_ok());
-    let more = Board { spacing: largest.spacing + 1e-3, ..largest };
+    let more = CircleBoard { spacing: largest.spacing + 1e-3, ..largest };
     assert!(board_sheet(&more, &paper("a4"), MARGIN).is_err());
     assert!(error.papers.contains(&"a1") && !error.papers.contains(&"a2"), "{error}");
     let [width, height] = error.needed;
@@ -75,5 +75,5 @@ fn the_default_board_has_the_proportions_of_the_documentation() {
     let pattern = Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 };
     let fits = board_that_fits(pattern, &paper("a4"), MARGIN).unwrap();
     assert!(fits.spacing >= 0.023 && (fits.radius / fits.spacing - RADIUS_BY_SPACING).abs() < 0.005, "{fits}");
-    assert!(fits.to_string().parse::<Board>().is_ok());
+    assert!(fits.to_string().parse::<CircleBoard>().is_ok());
 }

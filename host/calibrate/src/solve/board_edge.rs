@@ -1,0 +1,191 @@
+//! The edges of a print: the rims of circles, and the straight lines between dark and light squares.
+//!
+//! An event tells that an edge passed its pixel. All that the solve needs of an edge is the signed distance of a place on the print
+//! from it, positive on the light side, the gradient of this distance, and how the edge is bent and how narrow its print is there.
+
+use evcal_geometry::board::symmetry::Symmetry;
+use evcal_geometry::board::squares::SquareEdges;
+use evcal_geometry::board::{Board, CircleBoard};
+use nalgebra::{Vector2, Vector3};
+
+/// Largest distance from a line as a share of the width of the narrower strip beside it: beyond half of it, the next line is nearer.
+const REACH: f64 = 0.45;
+
+/// An edge of the print.
+pub trait BoardEdge: Copy + Send + Sync {
+    /// Distance of a `point` on the print (metres).
+    fn distance(&self, point: [f64; 2]) -> PrintDistance;
+
+    /// One over the length of the print behind the edge, in pixels, where a pixel is `scale` metres: the radius of a circle, the width
+    /// of the narrower strip beside a line.
+    fn narrowness(&self, scale: f64) -> f64;
+
+    /// Farthest from it that an event may be that belongs to it and to no other edge, in pixels of `scale` metres.
+    fn reach(&self, scale: f64) -> f64;
+
+    /// Second derivative by time of the distance in pixels at a pixel that slides along the edge with `sliding` m/s (px/s²).
+    fn acceleration(&self, sliding: f64, scale: f64) -> f64;
+}
+
+/// Distance of a place on the print from an edge.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PrintDistance {
+    /// In metres, positive on the light side.
+    pub metres: f64,
+    /// Direction on the print in which it grows.
+    pub normal: [f64; 2],
+}
+
+/// The rim of a dark circle.
+#[derive(Clone, Copy, Debug)]
+pub struct Rim {
+    /// Centre in metres.
+    pub center: [f64; 2],
+    /// Radius in metres.
+    pub radius: f64,
+}
+
+impl BoardEdge for Rim {
+    #[inline(always)]
+    fn distance(&self, point: [f64; 2]) -> PrintDistance {
+        let (x, y) = (point[0] - self.center[0], point[1] - self.center[1]);
+        let distance = (x * x + y * y).sqrt();
+        let inverse = 1.0 / distance;
+        PrintDistance { metres: distance - self.radius, normal: [x * inverse, y * inverse] }
+    }
+
+    #[inline(always)]
+    fn narrowness(&self, scale: f64) -> f64 {
+        scale / self.radius
+    }
+
+    #[inline(always)]
+    fn reach(&self, _scale: f64) -> f64 {
+        f64::INFINITY
+    }
+
+    #[inline(always)]
+    fn acceleration(&self, sliding: f64, scale: f64) -> f64 {
+        sliding * sliding / (self.radius * scale)
+    }
+}
+
+/// A straight edge between dark and light, along x or y.
+#[derive(Clone, Copy, Debug)]
+pub struct Line {
+    /// Direction on the print from the dark side to the light one.
+    pub normal: [f64; 2],
+    /// Where along `normal` the edge would lie if dark squares had no width: half the stated one before it (m).
+    pub offset: f64,
+    /// Width of the narrower strip beside it (m).
+    pub width: f64,
+    /// Half the width of a dark square: [`BoardShape::radius`](evcal_geometry::board::shape::BoardShape::radius) (m).
+    pub radius: f64,
+}
+
+impl BoardEdge for Line {
+    #[inline(always)]
+    fn distance(&self, point: [f64; 2]) -> PrintDistance {
+        let along = self.normal[0] * point[0] + self.normal[1] * point[1];
+        PrintDistance { metres: along - self.offset - self.radius, normal: self.normal }
+    }
+
+    #[inline(always)]
+    fn narrowness(&self, scale: f64) -> f64 {
+        scale / self.width
+    }
+
+    #[inline(always)]
+    fn reach(&self, scale: f64) -> f64 {
+        REACH * self.width / scale
+    }
+
+    #[inline(always)]
+    fn acceleration(&self, _sliding: f64, _scale: f64) -> f64 {
+        0.0
+    }
+}
+
+/// All edges of a board, which events name by index.
+#[derive(Clone, Debug)]
+pub enum BoardEdges {
+    /// Rims of circles, with their centres in metres; their radius is that of the board's shape.
+    Rims(Vec<[f64; 2]>),
+    /// Lines.
+    Lines(Vec<Line>),
+}
+
+impl BoardEdges {
+    /// The edges of `board`.
+    pub fn of_board(board: &Board) -> Self {
+        match board {
+            Board::Circles(circles) => {
+                Self::Rims((0..circles.circle_count()).map(|index| circles.circle_center(index).into()).collect())
+            }
+            Board::Squares(squares) => Self::Lines(lines(&SquareEdges::new(squares), board.print_radius())),
+        }
+    }
+
+    /// For each edge the one in whose place it comes by a turn of the board onto itself. Pieces of one line are the same edge to the
+    /// solve.
+    pub fn turned(&self, turn: &Symmetry) -> Vec<u16> {
+        match self {
+            Self::Rims(_) => turn.points.clone(),
+            Self::Lines(lines) => {
+                let place = |line: &Line| {
+                    let normal = (turn.pose.rotation * Vector3::new(line.normal[0], line.normal[1], 0.0)).xy();
+                    let offset = line.offset + normal.dot(&turn.pose.translation.vector.xy());
+                    let apart = |other: &Line| {
+                        let turned = (Vector2::from(other.normal) - normal).norm() * line.width;
+                        turned.max((other.offset - offset).abs()).max((other.width - line.width).abs())
+                    };
+                    let nearest = lines.iter().map(apart).enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+                    nearest.map_or(0, |(index, _)| index as u16)
+                };
+                lines.iter().map(place).collect()
+            }
+        }
+    }
+
+    /// Whether they are bent: lines have no memory of how they turned.
+    pub fn are_bent(&self) -> bool {
+        matches!(self, Self::Rims(_))
+    }
+}
+
+/// Finds the edge that an event belongs to.
+#[derive(Clone, Debug)]
+pub enum NearestEdge {
+    /// Among the rims of circles.
+    Rims(CircleBoard),
+    /// Among lines.
+    Lines {
+        /// Where they are on the print.
+        places: SquareEdges,
+        /// The lines in the same order.
+        lines: Vec<Line>,
+    },
+}
+
+impl NearestEdge {
+    /// The edges of `board`.
+    pub fn of_board(board: &Board) -> Self {
+        match board {
+            Board::Circles(circles) => Self::Rims(*circles),
+            Board::Squares(squares) => {
+                let places = SquareEdges::new(squares);
+                let lines = lines(&places, board.print_radius());
+                Self::Lines { places, lines }
+            }
+        }
+    }
+}
+
+/// The lines at `places`, where dark squares are stated to have half the width `radius` (m).
+fn lines(places: &SquareEdges, radius: f64) -> Vec<Line> {
+    let line = |edge: &evcal_geometry::board::squares::SquareEdge| {
+        let normal = if edge.axis == 0 { [edge.light, 0.0] } else { [0.0, edge.light] };
+        Line { normal, offset: edge.light * edge.position - radius, width: edge.width, radius }
+    };
+    places.edges.iter().map(line).collect()
+}
