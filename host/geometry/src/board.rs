@@ -4,6 +4,7 @@ pub mod homography;
 pub mod request;
 pub mod shape;
 pub mod sheet;
+pub mod squares;
 pub mod symmetry;
 pub mod tag;
 

@@ -9,7 +9,7 @@ use super::Board;
 pub struct Symmetry {
     /// From places on the board to those where they look the same (m).
     pub pose: Isometry3<f64>,
-    /// For each circle the one in whose place it comes.
+    /// For each circle, or point of a board of squares, the one in whose place it comes.
     pub circles: Vec<u16>,
 }
 
