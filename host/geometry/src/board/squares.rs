@@ -4,6 +4,7 @@
 //! others. z = 0 on the board.
 
 mod codes;
+pub mod edges;
 pub mod family;
 pub mod raster;
 mod text;
