@@ -15,8 +15,20 @@ use std::str::FromStr;
 use evcal_core::pattern::Pattern;
 use nalgebra::Vector2;
 
-pub use self::circles::{BOARD_FORM, BoardError, BoardProblem, CircleBoard, any_length, layout_name};
-pub use self::squares::SquareBoard;
+pub use self::circles::{BOARD_FORM, BoardProblem, CircleBoard, CircleBoardError, any_length, layout_name};
+use self::squares::names_squares;
+pub use self::squares::{SquareBoard, SquareBoardError};
+
+/// Why the description of a board was refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum BoardError {
+    /// That of a board of circles.
+    #[error("{0}")]
+    Circles(#[from] CircleBoardError),
+    /// That of a board of squares.
+    #[error("{0}")]
+    Squares(#[from] SquareBoardError),
+}
 
 /// A printed board. World coordinates: x and y on the board, z = 0; a camera in front of it is at z < 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,7 +52,7 @@ impl Board {
     pub fn point(&self, index: usize) -> Vector2<f64> {
         match self {
             Self::Circles(board) => board.circle_center(index),
-            Self::Squares(board) => board.point(index).into(),
+            Self::Squares(board) => board.point(index),
         }
     }
 
@@ -106,7 +118,7 @@ impl FromStr for Board {
     type Err = BoardError;
 
     fn from_str(text: &str) -> Result<Self, BoardError> {
-        if SquareBoard::is_named_by(text) { text.parse().map(Self::Squares) } else { text.parse().map(Self::Circles) }
+        if names_squares(text) { Ok(Self::Squares(text.parse()?)) } else { Ok(Self::Circles(text.parse()?)) }
     }
 }
 

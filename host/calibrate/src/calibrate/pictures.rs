@@ -56,6 +56,9 @@ pub(super) fn calibrate_beside(
     model: ModelKind,
     progress: &Progress,
 ) -> Result<Option<CalibratedPictures>, CalibrateError> {
+    if task.board.circles().is_none() && task.pictures == PictureUse::Witness {
+        return Ok(None);
+    }
     let is_needed = match task.pictures {
         PictureUse::Ignore | PictureUse::Only => return Ok(None),
         PictureUse::Witness => false,

@@ -4,7 +4,7 @@
 //! from it, positive on the light side, the gradient of this distance, and how the edge is bent and how narrow its print is there.
 
 use evcal_geometry::board::symmetry::Symmetry;
-use evcal_geometry::board::squares::SquareEdges;
+use evcal_geometry::board::squares::edges::{Axis, Edge, Side, SquareEdges};
 use evcal_geometry::board::{Board, CircleBoard};
 use nalgebra::{Vector2, Vector3};
 
@@ -122,7 +122,7 @@ impl BoardEdges {
             Board::Circles(circles) => {
                 Self::Rims((0..circles.circle_count()).map(|index| circles.circle_center(index).into()).collect())
             }
-            Board::Squares(squares) => Self::Lines(lines(&SquareEdges::new(squares), board.print_radius())),
+            Board::Squares(squares) => Self::Lines(lines(&SquareEdges::new(&squares.raster()), board.print_radius())),
         }
     }
 
@@ -173,7 +173,7 @@ impl NearestEdge {
         match board {
             Board::Circles(circles) => Self::Rims(*circles),
             Board::Squares(squares) => {
-                let places = SquareEdges::new(squares);
+                let places = SquareEdges::new(&squares.raster());
                 let lines = lines(&places, board.print_radius());
                 Self::Lines { places, lines }
             }
@@ -183,9 +183,16 @@ impl NearestEdge {
 
 /// The lines at `places`, where dark squares are stated to have half the width `radius` (m).
 fn lines(places: &SquareEdges, radius: f64) -> Vec<Line> {
-    let line = |edge: &evcal_geometry::board::squares::SquareEdge| {
-        let normal = if edge.axis == 0 { [edge.light, 0.0] } else { [0.0, edge.light] };
-        Line { normal, offset: edge.light * edge.position - radius, width: edge.width, radius }
+    let line = |edge: &Edge| {
+        let light = match edge.dark {
+            Side::Low => 1.0,
+            Side::High => -1.0,
+        };
+        let normal = match edge.across {
+            Axis::X => [light, 0.0],
+            Axis::Y => [0.0, light],
+        };
+        Line { normal, offset: light * edge.position - radius, width: edge.width(), radius }
     };
-    places.edges.iter().map(line).collect()
+    places.edges().iter().map(line).collect()
 }

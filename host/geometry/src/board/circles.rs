@@ -29,7 +29,7 @@ pub const BOARD_FORM: &str = "LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS with LAYOUT ac
 /// Why a board description was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("board {text:?}: {problem}{}", .problem.form())]
-pub struct BoardError {
+pub struct CircleBoardError {
     /// What was typed.
     pub text: String,
     /// What is wrong.
@@ -251,10 +251,10 @@ pub(super) fn millimetres(metres: f64) -> f64 {
 }
 
 impl FromStr for CircleBoard {
-    type Err = BoardError;
+    type Err = CircleBoardError;
 
-    fn from_str(text: &str) -> Result<Self, BoardError> {
-        let error = |problem| BoardError { text: text.to_owned(), problem };
+    fn from_str(text: &str) -> Result<Self, CircleBoardError> {
+        let error = |problem| CircleBoardError { text: text.to_owned(), problem };
         let parts: Vec<&str> = text.split(':').collect();
         let name = parts.first().map(|name| name.to_lowercase()).unwrap_or_default();
         if let Some((_, kind)) = OTHER_BOARDS.iter().find(|(part, _)| name.contains(part)) {

@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use super::circles::{length, millimetres, radius_of};
-use super::{Board, BoardError, BoardProblem};
+use super::{Board, BoardError, BoardProblem, CircleBoardError};
 
 /// The board of a recording, as far as it is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,7 +31,7 @@ impl FromStr for BoardRequest {
     type Err = BoardError;
 
     fn from_str(text: &str) -> Result<Self, BoardError> {
-        let error = |problem| BoardError { text: text.to_owned(), problem };
+        let error = |problem| CircleBoardError { text: text.to_owned(), problem };
         let parts: Vec<&str> = text.split(':').collect();
         match parts.as_slice() {
             [AUTO] => Ok(Self::Recognise(None)),
@@ -42,7 +42,7 @@ impl FromStr for BoardRequest {
                 };
                 Ok(Self::Recognise(Some(size)))
             }
-            [AUTO, ..] => Err(error(BoardProblem::Auto)),
+            [AUTO, ..] => Err(error(BoardProblem::Auto).into()),
             _ => Ok(Self::Given(text.parse()?)),
         }
     }

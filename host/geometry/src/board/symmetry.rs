@@ -15,15 +15,11 @@ pub struct Symmetry {
 
 /// All turns of `board` about its normal onto itself, the one by nothing first.
 pub fn symmetries(board: &Board) -> Vec<Symmetry> {
-    (0..4).filter(|&quarters| looks_same(board, quarters)).filter_map(|quarters| symmetry(board, quarters)).collect()
-}
-
-/// Whether what is between the points looks the same after a turn by so many quarters.
-fn looks_same(board: &Board, quarters: u8) -> bool {
-    match board {
-        Board::Circles(_) => true,
-        Board::Squares(squares) => squares.quarters().contains(&quarters),
-    }
+    let quarters = match board {
+        Board::Circles(_) => &[0, 1, 2, 3],
+        Board::Squares(squares) => squares.quarters(),
+    };
+    quarters.iter().filter_map(|&quarters| symmetry(board, quarters)).collect()
 }
 
 /// The turn by so many quarters, if the board looks the same after it.

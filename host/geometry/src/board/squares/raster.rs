@@ -1,0 +1,90 @@
+//! A board as dark and light rectangles between lines.
+
+/// Coordinates nearer to each other than this (m) are one line: what arithmetic makes of one length in two ways.
+const SAME_LINE: f64 = 1e-9;
+
+/// A rectangle on the board with sides along its axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rectangle {
+    /// Lowest x and y in metres.
+    pub low: [f64; 2],
+    /// Highest x and y in metres.
+    pub high: [f64; 2],
+}
+
+impl Rectangle {
+    /// The rectangle with these two opposite corners.
+    pub fn between(one: [f64; 2], other: [f64; 2]) -> Self {
+        let pick = |choose: fn(f64, f64) -> f64| std::array::from_fn(|axis| choose(one[axis], other[axis]));
+        Self { low: pick(f64::min), high: pick(f64::max) }
+    }
+}
+
+/// Dark and light cells between lines along x and y; everything outside is light.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Raster {
+    x: Vec<f64>,
+    y: Vec<f64>,
+    dark: Vec<bool>,
+}
+
+impl Raster {
+    /// The board whose dark parts are `rectangles`.
+    pub fn of_dark(rectangles: &[Rectangle]) -> Self {
+        let lines = |axis: usize| {
+            let mut all: Vec<f64> =
+                rectangles.iter().flat_map(|rectangle| [rectangle.low[axis], rectangle.high[axis]]).collect();
+            all.sort_by(f64::total_cmp);
+            all.dedup_by(|next, line| *next - *line < SAME_LINE);
+            all
+        };
+        let (x, y) = (lines(0), lines(1));
+        let columns = x.len().saturating_sub(1);
+        let mut dark = vec![false; columns * y.len().saturating_sub(1)];
+        let place = |lines: &[f64], value: f64| lines.partition_point(|line| *line < value - SAME_LINE);
+        for Rectangle { low, high } in rectangles {
+            let covered = place(&x, low[0])..place(&x, high[0]);
+            for row in place(&y, low[1])..place(&y, high[1]) {
+                let start = row * columns;
+                if let Some(cells) = dark.get_mut(start + covered.start..start + covered.end) {
+                    cells.fill(true);
+                }
+            }
+        }
+        Self { x, y, dark }
+    }
+
+    /// The lines x = constant in metres, increasing.
+    pub fn x_lines(&self) -> &[f64] {
+        &self.x
+    }
+
+    /// The lines y = constant in metres, increasing.
+    pub fn y_lines(&self) -> &[f64] {
+        &self.y
+    }
+
+    /// Number of cells along x.
+    pub fn columns(&self) -> usize {
+        self.x.len().saturating_sub(1)
+    }
+
+    /// Number of cells along y.
+    pub fn rows(&self) -> usize {
+        self.y.len().saturating_sub(1)
+    }
+
+    /// `true` if the cell between lines `column` and `column + 1` of x and `row` and `row + 1` of y is dark. Cells outside are light.
+    pub fn is_dark(&self, column: usize, row: usize) -> bool {
+        column < self.columns() && self.dark.get(row * self.columns() + column).is_some_and(|dark| *dark)
+    }
+
+    /// `true` if the board is dark at `point` (metres on the board).
+    pub fn is_dark_at(&self, point: [f64; 2]) -> bool {
+        let cell = |lines: &[f64], value: f64| lines.partition_point(|line| *line <= value).checked_sub(1);
+        match (cell(&self.x, point[0]), cell(&self.y, point[1])) {
+            (Some(column), Some(row)) => self.is_dark(column, row),
+            _ => false,
+        }
+    }
+}
