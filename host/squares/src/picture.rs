@@ -41,6 +41,16 @@ impl Picture {
         inside(pixel[0], self.width) && inside(pixel[1], self.height)
     }
 
+    /// The difference between bright and dark: the range of the pixels without the brightest and the darkest 5 %.
+    pub fn contrast(&self) -> f32 {
+        // A part of the pixels is enough; 7 divides no usual width.
+        let step = if self.values.len() > 10_000 { 7 } else { 1 };
+        let mut values: Vec<f32> = self.values.iter().copied().step_by(step).collect();
+        let (rank, last) = (values.len() / 20, values.len() - 1);
+        let mut at = |rank: usize| *values.select_nth_unstable_by(rank, f32::total_cmp).1;
+        at(last - rank) - at(rank)
+    }
+
     fn row(&self, y: usize) -> &[f32] {
         let start = y.min(self.height - 1) * self.width;
         &self.values[start..start + self.width]
@@ -62,7 +72,7 @@ impl Picture {
 
     /// The picture after a Gaussian filter with this standard deviation in pixels; unchanged for 0.
     pub fn blurred(&self, sigma: f32) -> Self {
-        if !(sigma > 0.0) {
+        if sigma.is_nan() || sigma <= 0.0 {
             return self.clone();
         }
         let radius = ((3.0 * sigma).ceil() as usize).max(1);
