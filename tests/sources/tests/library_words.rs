@@ -19,6 +19,7 @@ const CRATES: &[&str] = &[
     "host/recordings",
     "host/report",
     "host/simulator",
+    "host/squares",
     "usb-davis",
 ];
 

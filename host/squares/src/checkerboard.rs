@@ -1,0 +1,332 @@
+//! Checkerboards: saddle points put in the order of the board's inner corners.
+//!
+//! The corners of a board form a symmetric lattice, so the lattice finder of `evcal-core` orders them. It accepts boards that are
+//! visible only in part, if their place on the board is certain or predicted. The shades around every corner must alternate.
+
+use evcal_core::grid::{
+    FoundGrid, GridCandidate, GridError, GridOptions, GridWorkspace, find_grid, find_grid_near, reorder, symmetry,
+};
+use evcal_core::pattern::{Layout, Pattern};
+use nalgebra::Vector2;
+
+use crate::found_point::FoundPoint;
+use crate::picture::Picture;
+use crate::saddles::{Saddle, find_saddles, refine_saddle};
+
+/// Saddles that the lattice finder has room for.
+const CAPACITY: usize = 512;
+/// Least part of the corners whose shades must be the board's.
+const LEAST_ALTERNATING: f64 = 0.85;
+/// Half the window for a corner's position as a part of the distance to its neighbours, and its bounds in pixels.
+const WINDOW: f32 = 0.3;
+const WINDOWS: [f32; 2] = [2.0, 6.0];
+
+/// The reason why a picture has no checkerboard.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
+#[non_exhaustive]
+pub enum NoCheckerboard {
+    /// Boards have at least two rows and columns of corners, and at most as many corners as the finder has room for.
+    #[error("boards of {rows} x {columns} inner corners are not supported")]
+    BoardSize {
+        /// Rows of inner corners.
+        rows: u8,
+        /// Columns of inner corners.
+        columns: u8,
+    },
+    /// There are fewer saddle points than corners are needed.
+    #[error("{found} saddle points found, {needed} corners needed")]
+    TooFewSaddles {
+        /// Saddle points found.
+        found: usize,
+        /// Corners needed.
+        needed: usize,
+    },
+    /// The saddle points do not form a lattice.
+    #[error("the saddle points do not form a lattice")]
+    NoLattice,
+    /// Too few corners of the board were found.
+    #[error("{found} corners of the board found, {needed} needed")]
+    TooFewCorners {
+        /// Corners found.
+        found: usize,
+        /// Corners needed.
+        needed: usize,
+    },
+    /// The saddle points scatter too much about a smooth lattice.
+    #[error("the saddle points scatter too much to be corners of a flat board")]
+    Scattered,
+    /// Dark and light squares do not alternate.
+    #[error("dark and light squares do not alternate")]
+    NotAlternating,
+    /// The lattice continues beyond the board: its size is another one.
+    #[error("{outside} corners beyond the board: its size is another one")]
+    BesideBoard {
+        /// Corners beyond the board.
+        outside: usize,
+    },
+    /// The board is cut by the border of the picture and could be in several places.
+    #[error("the board could be in two places: {best} or {runner_up} corners agree")]
+    PlaceUncertain {
+        /// Corners that agree with the best place.
+        best: usize,
+        /// Corners that agree with the next best.
+        runner_up: usize,
+    },
+    /// There is a lattice, but not where the board is expected.
+    #[error("the corners are not where the board is expected")]
+    NotAsExpected,
+}
+
+impl From<GridError> for NoCheckerboard {
+    fn from(error: GridError) -> Self {
+        match error {
+            GridError::TooFewCandidates { usable, needed } => Self::TooFewSaddles { found: usable, needed },
+            GridError::TooFewCircles { found, needed } => Self::TooFewCorners { found, needed },
+            GridError::NotSmooth => Self::Scattered,
+            GridError::WrongBoard { outside } => Self::BesideBoard { outside },
+            GridError::AmbiguousPlacement { best, runner_up } => Self::PlaceUncertain { best, runner_up },
+            GridError::NotAsExpected => Self::NotAsExpected,
+            _ => Self::NoLattice,
+        }
+    }
+}
+
+/// Finds the inner corners of a checkerboard with `rows` × `columns` of them, indexed row by row, by rising index. Not all
+/// corners need be visible.
+///
+/// The order is that of OpenCV's `findChessboardCorners`. If one of the counts is odd and the other even, there is one order: the
+/// square at the outside of the first corner is dark. If not, the board looks the same after a half turn (a square board with even
+/// counts also after a quarter turn); then the order is the one nearest to `expected`, the positions of the corners in a
+/// neighbouring picture by index, and without them the one whose first corner is nearest to the top left.
+///
+/// `expected` also decides which corners are visible if the border of the picture cuts the board.
+///
+/// # Errors
+/// [`NoCheckerboard`] if there is no board for certain.
+pub fn find_checkerboard(
+    picture: &Picture,
+    rows: u8,
+    columns: u8,
+    expected: Option<&[Option<[f32; 2]>]>,
+) -> Result<Vec<FoundPoint>, NoCheckerboard> {
+    let pattern = Pattern { layout: Layout::Symmetric, rows, columns };
+    if rows < 2 || columns < 2 || pattern.circle_count() * 2 > CAPACITY {
+        return Err(NoCheckerboard::BoardSize { rows, columns });
+    }
+    let mut saddles = find_saddles(picture);
+    saddles.truncate(CAPACITY);
+    let candidate = |saddle: &Saddle| GridCandidate { center: Vector2::from(saddle.pixel).cast(), radius: 0.0 };
+    let candidates: Vec<GridCandidate<f64>> = saddles.iter().map(candidate).collect();
+    let options = GridOptions::new(&pattern, (picture.width() as f64, picture.height() as f64));
+    let mut workspace = Box::new(GridWorkspace::<f64, CAPACITY>::new());
+    let near = expected.and_then(|expected| {
+        let expected: Vec<_> = expected.iter().map(|pixel| pixel.map(|pixel| Vector2::from(pixel).cast())).collect();
+        find_grid_near(&candidates, &pattern, &options, &expected, &mut workspace).ok()
+    });
+    let found = match near {
+        Some(found) => found,
+        None => find_grid(&candidates, &pattern, &options, &mut workspace)?,
+    };
+    let corners = corners(&found, &saddles);
+    let mut corners = oriented(corners, &pattern, expected)?;
+    for index in 0..corners.len() {
+        let pixel = corners[index].1.pixel;
+        let nearest = corners.iter().map(|(_, other)| distance(other.pixel, pixel)).filter(|&distance| distance > 0.0);
+        let half = (nearest.fold(f32::INFINITY, f32::min) * WINDOW).clamp(WINDOWS[0], WINDOWS[1]);
+        if let Some(pixel) = refine_saddle(picture, pixel, half.round() as usize) {
+            corners[index].1.pixel = pixel;
+        }
+    }
+    Ok(corners.into_iter().map(|(index, saddle)| FoundPoint { index, pixel: saddle.pixel }).collect())
+}
+
+fn distance(a: [f32; 2], b: [f32; 2]) -> f32 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+fn corners(found: &FoundGrid<f64, CAPACITY>, saddles: &[Saddle]) -> Vec<(usize, Saddle)> {
+    let corner = |circle: &evcal_core::grid::GridCircle| {
+        Some((circle.board.into(), *saddles.get(usize::from(circle.candidate))?))
+    };
+    found.circles.iter().filter_map(corner).collect()
+}
+
+/// How much the shades around the corners are those of a board: from 1, if the square at the outside of the first corner is dark, to
+/// −1, if it is bright.
+fn shades(corners: &[(usize, Saddle)], columns: usize) -> f64 {
+    let at = |index: usize| {
+        corners.binary_search_by_key(&index, |corner| corner.0).ok().and_then(|place| corners.get(place))
+    };
+    let (mut sum, mut count) = (0_i32, 0_i32);
+    for &(index, saddle) in corners {
+        let (row, column) = (index / columns, index % columns);
+        let direction = |from: Option<usize>, to: Option<usize>| {
+            let [from, to] = [from, to].map(|index| index.and_then(at).map(|corner| corner.1.pixel));
+            let (from, to) = (from.or(to.map(|_| saddle.pixel))?, to.or(from.map(|_| saddle.pixel))?);
+            let length = distance(from, to);
+            Some([(to[0] - from[0]) / length, (to[1] - from[1]) / length])
+        };
+        let along = direction((column > 0).then(|| index - 1), (column + 1 < columns).then_some(index + 1));
+        let across = direction(index.checked_sub(columns), Some(index + columns));
+        let (Some(along), Some(across)) = (along, across) else { continue };
+        // The quadrant between both directions has the shade of the opposite one.
+        let quadrant = libm::atan2f(along[1] + across[1], along[0] + across[0]);
+        let bright = libm::cosf(2.0 * (quadrant - saddle.bright)) > 0.0;
+        sum += if bright == ((row + column) % 2 == 1) { 1 } else { -1 };
+        count += 1;
+    }
+    f64::from(sum) / f64::from(count.max(1))
+}
+
+/// The corners in the order that the shades and the expectation determine, by rising index.
+fn oriented(
+    corners: Vec<(usize, Saddle)>,
+    pattern: &Pattern,
+    expected: Option<&[Option<[f32; 2]>]>,
+) -> Result<Vec<(usize, Saddle)>, NoCheckerboard> {
+    let turned = |turn: usize| {
+        let mut turned: Vec<(usize, Saddle)> =
+            corners.iter().filter_map(|&(index, saddle)| Some((reorder(pattern, index, turn)?, saddle))).collect();
+        turned.sort_by_key(|corner| corner.0);
+        (shades(&turned, pattern.columns.into()), turned)
+    };
+    let turns: Vec<(f64, Vec<(usize, Saddle)>)> = (0..symmetry(pattern)).map(turned).collect();
+    if turns.iter().any(|(shades, _)| shades.abs() < LEAST_ALTERNATING) {
+        return Err(NoCheckerboard::NotAlternating);
+    }
+    let any_dark = turns.iter().any(|(shades, _)| *shades > 0.0);
+    let right = turns.into_iter().filter(|(shades, _)| *shades > 0.0 || !any_dark).map(|(_, corners)| corners);
+    // The first is the one that is found without an expectation; later ones must be better.
+    let cost = |corners: &[(usize, Saddle)]| {
+        let Some(expected) = expected else { return top_left(corners, pattern) };
+        let off = corners.iter().filter_map(|&(index, saddle)| {
+            let expected = expected.get(index).copied().flatten()?;
+            Some(f64::from(distance(saddle.pixel, expected)).powi(2))
+        });
+        off.sum()
+    };
+    let best = right.map(|corners| (cost(&corners), corners)).min_by(|a, b| a.0.total_cmp(&b.0));
+    best.map(|(_, corners)| corners).ok_or(NoCheckerboard::NotAlternating)
+}
+
+/// Smaller if the first corner is nearer to the top left: the slope of x + y over the board.
+fn top_left(corners: &[(usize, Saddle)], pattern: &Pattern) -> f64 {
+    let count = corners.len().max(1) as f64;
+    let place = |index: usize| {
+        let (x, y) = pattern.lattice_position(index);
+        f64::from(x + y)
+    };
+    let middle = corners.iter().map(|corner| place(corner.0)).sum::<f64>() / count;
+    let slope =
+        |&(index, saddle): &(usize, Saddle)| (place(index) - middle) * f64::from(saddle.pixel[0] + saddle.pixel[1]);
+    -corners.iter().map(slope).sum::<f64>()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rendering::{View, noisy};
+
+    const SQUARE: f64 = 0.025;
+
+    /// The brightness of a board with `rows` × `columns` inner corners, the first at the origin; the square at its outside is
+    /// dark or not.
+    fn board(rows: i32, columns: i32, dark: bool) -> impl Fn(f64, f64) -> f32 {
+        move |x, y| {
+            let (column, row) = ((x / SQUARE).floor() as i32 + 1, (y / SQUARE).floor() as i32 + 1);
+            let inside = (0..=columns).contains(&column) && (0..=rows).contains(&row);
+            if inside && ((row + column) % 2 == 0) == dark { 0.1 } else { 0.9 }
+        }
+    }
+
+    fn middle(rows: i32, columns: i32) -> [f64; 2] {
+        [f64::from(columns - 1) * SQUARE / 2.0, f64::from(rows - 1) * SQUARE / 2.0]
+    }
+
+    fn truth(view: &View, columns: usize, index: usize) -> [f32; 2] {
+        view.pixel(Vector2::new((index % columns) as f64 * SQUARE, (index / columns) as f64 * SQUARE))
+    }
+
+    /// Root mean square distance from the truth in pixels.
+    fn error(found: &[FoundPoint], view: &View, columns: usize) -> f32 {
+        let square = |point: &FoundPoint| distance(point.pixel, truth(view, columns, point.index)).powi(2);
+        (found.iter().map(square).sum::<f32>() / found.len() as f32).sqrt()
+    }
+
+    #[test]
+    fn corners_are_where_they_are_and_in_order() {
+        for turn in [0.0, 1.6, 3.1, -1.5] {
+            let view = View::new(middle(6, 9), 0.45, [0.4, -0.3, turn]);
+            let picture = view.render(board(6, 9, true));
+            let found = find_checkerboard(&picture, 6, 9, None).unwrap();
+            assert!(found.iter().map(|point| point.index).eq(0..54));
+            let error = error(&found, &view, 9);
+            assert!(error < 0.1, "{error} px");
+            // A quarter of the contrast as noise.
+            let found = find_checkerboard(&noisy(&picture, 0.2), 6, 9, None).unwrap();
+            assert!(found.len() >= 50);
+        }
+    }
+
+    #[test]
+    fn the_first_corner_has_the_dark_square() {
+        // The same board, described from its other end.
+        let view = View::new(middle(6, 9), 0.45, [0.2, 0.1, 0.0]);
+        let found = find_checkerboard(&view.render(board(6, 9, false)), 6, 9, None).unwrap();
+        let turned: Vec<FoundPoint> =
+            found.iter().map(|point| FoundPoint { index: 53 - point.index, ..*point }).collect();
+        assert!(error(&turned, &view, 9) < 0.1);
+    }
+
+    #[test]
+    fn boards_that_a_half_turn_does_not_change_follow_the_expectation() {
+        let view = View::new(middle(5, 7), 0.4, [0.3, 0.2, 2.4]);
+        let picture = view.render(board(5, 7, true));
+        let alone = find_checkerboard(&picture, 5, 7, None).unwrap();
+        let sum = |pixel: [f32; 2]| pixel[0] + pixel[1];
+        assert!(sum(alone[0].pixel) < sum(alone[34].pixel));
+        for half_turn in [false, true] {
+            let near = view.moved(9.0, -6.0);
+            let index = |index: usize| if half_turn { 34 - index } else { index };
+            let expected: Vec<_> = (0..35).map(|corner| Some(truth(&near, 7, index(corner)))).collect();
+            let found = find_checkerboard(&picture, 5, 7, Some(&expected)).unwrap();
+            let found: Vec<_> = found.iter().map(|point| FoundPoint { index: index(point.index), ..*point }).collect();
+            assert_eq!(found.len(), 35);
+            assert!(error(&found, &view, 7) < 0.1);
+        }
+    }
+
+    #[test]
+    fn a_board_cut_by_the_border_needs_an_expectation() {
+        let close = View::new(middle(6, 9), 0.19, [0.1, 0.1, 0.0]);
+        for view in [close, View::new(middle(6, 9), 0.35, [0.1, 0.1, 0.0]).moved(-110.0, 0.0)] {
+            let picture = view.render(board(6, 9, true));
+            assert!(matches!(find_checkerboard(&picture, 6, 9, None), Err(NoCheckerboard::PlaceUncertain { .. })));
+            let near = view.moved(5.0, 4.0);
+            let expected: Vec<_> = (0..54).map(|index| Some(truth(&near, 9, index))).collect();
+            let found = find_checkerboard(&picture, 6, 9, Some(&expected)).unwrap();
+            assert!(found.len() >= 24 && found.len() < 54 && error(&found, &view, 9) < 0.1);
+        }
+    }
+
+    #[test]
+    fn other_patterns_are_refused_with_their_reason() {
+        let view = View::new(middle(6, 9), 0.45, [0.2, -0.3, 0.1]);
+        let refused = |picture: &Picture| find_checkerboard(picture, 6, 9, None).unwrap_err();
+        assert!(matches!(refused(&view.render(board(8, 9, true))), NoCheckerboard::PlaceUncertain { .. }));
+        let dots = |x: f64, y: f64| {
+            let off = [x, y].map(|place| (place / SQUARE).round() * SQUARE - place);
+            if off[0].hypot(off[1]) < 0.3 * SQUARE { 0.1 } else { 0.9 }
+        };
+        refused(&view.render(dots));
+        assert!(matches!(refused(&view.render(|_, _| 0.5)), NoCheckerboard::TooFewSaddles { found: 0, .. }));
+        // Saddles everywhere, but all of one kind.
+        let kites = |x: f64, y: f64| {
+            let [a, b] = [x + y, x - y].map(|place| (place / SQUARE).rem_euclid(1.0) - 0.5);
+            if a.abs().max(b.abs()) < 0.25 || a.abs().min(b.abs()) > 0.25 { 0.1 } else { 0.9 }
+        };
+        refused(&view.render(kites));
+        let size = NoCheckerboard::BoardSize { rows: 1, columns: 9 };
+        assert_eq!(find_checkerboard(&view.render(|_, _| 0.5), 1, 9, None), Err(size));
+    }
+}

@@ -1,0 +1,12 @@
+#![doc = include_str!("../README.md")]
+// No input makes it panic; the program prints.
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+
+pub mod checkerboard;
+pub mod found_point;
+pub mod picture;
+pub mod reconstruction;
+#[cfg(test)]
+mod rendering;
+pub mod saddles;

@@ -1,0 +1,216 @@
+//! Grey pictures: sampling between pixels, smoothing, enlarging.
+
+/// A grey picture. Pixel (0, 0) is the centre of the top-left pixel; beyond the border the nearest pixel counts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    width: usize,
+    height: usize,
+    values: Vec<f32>,
+}
+
+impl Picture {
+    /// A picture of `values`, row by row; `None` if there are not `width` × `height` of them, or no pixels at all.
+    pub fn new(width: usize, height: usize, values: Vec<f32>) -> Option<Self> {
+        let size = width.checked_mul(height)?;
+        (size > 0 && values.len() == size).then_some(Self { width, height, values })
+    }
+
+    /// A picture of bytes, row by row, as of a camera; `None` as for [`Picture::new`].
+    pub fn from_bytes(width: usize, height: usize, bytes: &[u8]) -> Option<Self> {
+        Self::new(width, height, bytes.iter().map(|&byte| byte.into()).collect())
+    }
+
+    /// Pixels in a row.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Pixels in a column.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// The pixels, row by row.
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    /// `true` if a pixel position is at least `margin` away from the border's pixel centres.
+    pub fn contains(&self, pixel: [f32; 2], margin: f32) -> bool {
+        let inside = |value: f32, size: usize| value >= margin && value <= (size - 1) as f32 - margin;
+        inside(pixel[0], self.width) && inside(pixel[1], self.height)
+    }
+
+    /// The difference between bright and dark: the range of the pixels without the brightest and the darkest 5 %.
+    pub fn contrast(&self) -> f32 {
+        // A part of the pixels is enough; 7 divides no usual width.
+        let step = if self.values.len() > 10_000 { 7 } else { 1 };
+        let mut values: Vec<f32> = self.values.iter().copied().step_by(step).collect();
+        let (rank, last) = (values.len() / 20, values.len() - 1);
+        let mut at = |rank: usize| *values.select_nth_unstable_by(rank, f32::total_cmp).1;
+        at(last - rank) - at(rank)
+    }
+
+    fn row(&self, y: usize) -> &[f32] {
+        let start = y.min(self.height - 1) * self.width;
+        &self.values[start..start + self.width]
+    }
+
+    /// The value at a position between pixels, linear in x and y.
+    pub fn bilinear(&self, x: f32, y: f32) -> f32 {
+        // A position that is not a number becomes 0.
+        let x = x.max(0.0).min((self.width - 1) as f32);
+        let y = y.max(0.0).min((self.height - 1) as f32);
+        let (column, row) = (x as usize, y as usize);
+        let (a, b) = (x - column as f32, y - row as f32);
+        let (above, below) = (self.row(row), self.row(row + 1));
+        let next = (column + 1).min(self.width - 1);
+        let upper = above[column] + a * (above[next] - above[column]);
+        let lower = below[column] + a * (below[next] - below[column]);
+        upper + b * (lower - upper)
+    }
+
+    /// The picture after a Gaussian filter with this standard deviation in pixels; unchanged for 0.
+    pub fn blurred(&self, sigma: f32) -> Self {
+        if sigma.is_nan() || sigma <= 0.0 {
+            return self.clone();
+        }
+        let radius = ((3.0 * sigma).ceil() as usize).max(1);
+        let weight = |offset: usize| libm::expf(-0.5 * (offset as f32 / sigma).powi(2));
+        let half: Vec<f32> = (0..=radius).map(weight).collect();
+        let sum = half.iter().skip(1).sum::<f32>() * 2.0 + half[0];
+        let half: Vec<f32> = half.iter().map(|weight| weight / sum).collect();
+        self.filtered(&half)
+    }
+
+    /// The picture after a symmetric filter along x and along y: `half` has the weight of the middle and of its neighbours on
+    /// one side.
+    fn filtered(&self, half: &[f32]) -> Self {
+        let radius = half.len() - 1;
+        let mut along_x = vec![0.0; self.values.len()];
+        let mut padded = vec![0.0; self.width + 2 * radius];
+        for (row, out) in self.values.chunks_exact(self.width).zip(along_x.chunks_exact_mut(self.width)) {
+            padded[..radius].fill(row[0]);
+            padded[radius..radius + self.width].copy_from_slice(row);
+            padded[radius + self.width..].fill(row[self.width - 1]);
+            for (value, middle) in out.iter_mut().zip(&padded[radius..]) {
+                *value = half[0] * middle;
+            }
+            for (offset, weight) in half.iter().enumerate().skip(1) {
+                let sides = padded[radius - offset..].iter().zip(&padded[radius + offset..]);
+                for (value, (left, right)) in out.iter_mut().zip(sides) {
+                    *value += weight * (left + right);
+                }
+            }
+        }
+        let row = |y: usize| &along_x[y * self.width..(y + 1) * self.width];
+        let mut values = vec![0.0; self.values.len()];
+        for (y, out) in values.chunks_exact_mut(self.width).enumerate() {
+            for (value, middle) in out.iter_mut().zip(row(y)) {
+                *value = half[0] * middle;
+            }
+            for (offset, weight) in half.iter().enumerate().skip(1) {
+                let sides = row(y.saturating_sub(offset)).iter().zip(row((y + offset).min(self.height - 1)));
+                for (value, (above, below)) in out.iter_mut().zip(sides) {
+                    *value += weight * (above + below);
+                }
+            }
+        }
+        Self { width: self.width, height: self.height, values }
+    }
+
+    /// The picture with `factor` × `factor` pixels for each of its own, by cubic convolution (Keys 1981, a = −0.5). Pixel p of
+    /// this picture is at (p + 0.5) · `factor` − 0.5 of the enlarged one.
+    pub fn enlarged(&self, factor: usize) -> Self {
+        if factor <= 1 {
+            return self.clone();
+        }
+        let columns = taps(self.width, factor);
+        let rows = taps(self.height, factor);
+        let width = self.width * factor;
+        let mut wide = vec![0.0; width * self.height];
+        for (row, out) in self.values.chunks_exact(self.width).zip(wide.chunks_exact_mut(width)) {
+            for (value, tap) in out.iter_mut().zip(&columns) {
+                *value = (0..4).map(|index| tap.weights[index] * row[tap.places[index]]).sum();
+            }
+        }
+        let mut values = vec![0.0; width * self.height * factor];
+        for (out, tap) in values.chunks_exact_mut(width).zip(&rows) {
+            for (place, weight) in tap.places.iter().zip(tap.weights) {
+                for (value, from) in out.iter_mut().zip(&wide[place * width..]) {
+                    *value += weight * from;
+                }
+            }
+        }
+        Self { width, height: self.height * factor, values }
+    }
+}
+
+/// The four pixels of a line that a pixel of its enlargement is made of.
+struct Tap {
+    places: [usize; 4],
+    weights: [f32; 4],
+}
+
+fn taps(length: usize, factor: usize) -> Vec<Tap> {
+    let tap = |index: usize| {
+        let position = (index as f32 + 0.5) / factor as f32 - 0.5;
+        let first = position.floor();
+        let a = position - first;
+        let weights = [
+            -0.5 * a + a * a - 0.5 * a * a * a,
+            1.0 - 2.5 * a * a + 1.5 * a * a * a,
+            0.5 * a + 2.0 * a * a - 1.5 * a * a * a,
+            -0.5 * a * a + 0.5 * a * a * a,
+        ];
+        let places =
+            std::array::from_fn(|offset| (first as isize - 1 + offset as isize).clamp(0, length as isize - 1) as usize);
+        Tap { places, weights }
+    };
+    (0..length * factor).map(tap).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn picture(width: usize, height: usize, value: impl Fn(f32, f32) -> f32) -> Picture {
+        let values = (0..width * height).map(|index| value((index % width) as f32, (index / width) as f32)).collect();
+        Picture::new(width, height, values).unwrap()
+    }
+
+    #[test]
+    fn a_plane_stays_a_plane() {
+        let plane = |x: f32, y: f32| 3.0 + 0.5 * x - 0.25 * y;
+        let small = picture(20, 15, plane);
+        assert!((small.bilinear(7.3, 4.8) - plane(7.3, 4.8)).abs() < 1e-5);
+        assert!((small.blurred(1.3).bilinear(9.0, 7.0) - plane(9.0, 7.0)).abs() < 1e-4);
+        let large = small.enlarged(3);
+        assert_eq!((large.width(), large.height()), (60, 45));
+        let at = |p: f32| (p + 0.5) * 3.0 - 0.5;
+        assert!((large.bilinear(at(8.0), at(6.0)) - plane(8.0, 6.0)).abs() < 1e-4);
+        assert!((large.bilinear(at(8.4), at(6.2)) - plane(8.4, 6.2)).abs() < 1e-4);
+    }
+
+    #[test]
+    fn blur_keeps_the_sum_and_has_its_width() {
+        let dot = picture(41, 41, |x, y| if (x, y) == (20.0, 20.0) { 1.0 } else { 0.0 });
+        let blurred = dot.blurred(1.5);
+        let sum: f32 = blurred.values().iter().sum();
+        let square: f32 =
+            blurred.values().iter().enumerate().map(|(index, v)| v * ((index % 41) as f32 - 20.0).powi(2)).sum();
+        assert!((sum - 1.0).abs() < 1e-4);
+        assert!((square.sqrt() - 1.5).abs() < 0.05, "{}", square.sqrt());
+    }
+
+    #[test]
+    fn places_beyond_the_border_have_its_value() {
+        let one = picture(1, 1, |_, _| 4.0);
+        for (x, y) in [(-5.0, 2.0), (0.4, f32::NAN), (f32::INFINITY, 0.0)] {
+            assert_eq!(one.bilinear(x, y), 4.0);
+        }
+        assert_eq!(one.blurred(2.0).values().len(), 1);
+        assert_eq!(Picture::new(2, 2, vec![0.0; 3]), None);
+        assert_eq!(Picture::new(0, 2, vec![]), None);
+    }
+}

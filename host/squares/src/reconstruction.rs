@@ -1,0 +1,374 @@
+//! Pictures of log intensity made of events.
+//!
+//! For each pixel, the events before a moment add up with a leak (time constant τ), and so do the events after it, taken
+//! backwards with opposite sign. The mean of both is the log intensity without its slow changes. Because past and future count
+//! alike, an edge is where it is at that moment: the response to a frequency ω is ω² / (ω² + 1/τ²), which has no phase. (The leaky
+//! integral alone, as in Scheerlinck et al., ACCV 2018, smears every edge to where it came from.)
+//!
+//! A short τ suits fast motion, a long one slow motion, so every moment has one picture per τ.
+
+use std::collections::VecDeque;
+
+use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
+use rayon::prelude::*;
+
+use crate::picture::Picture;
+
+/// Events later than this many time constants after a moment do not count.
+const REACH: f64 = 3.0;
+/// Parts of an interval in which all events have the same weight.
+const SLOTS: u16 = 128;
+/// ON and OFF thresholds of a sensor differ by less than this factor.
+const MOST_RATIO: f64 = 8.0;
+
+/// Which pictures to make.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReconstructionOptions {
+    /// Size of the sensor; events outside it are ignored.
+    pub sensor: Sensor,
+    /// Time from one picture to the next in microseconds, at least 1.
+    pub interval: u32,
+    /// Time constants τ in seconds, at least one millisecond each.
+    pub time_constants: Vec<f64>,
+    /// The integral of a pixel stays within ± this many OFF thresholds, so that a pixel that does not stop firing, or one that missed
+    /// events, is soon like the others again.
+    pub limit: f32,
+}
+
+impl ReconstructionOptions {
+    /// A picture every 20 ms, with time constants for fast, medium and slow motion.
+    pub fn new(sensor: Sensor) -> Self {
+        Self { sensor, interval: 20_000, time_constants: vec![0.05, 0.1, 0.3], limit: 6.0 }
+    }
+}
+
+/// The pictures of one moment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Moment {
+    /// Time in microseconds.
+    pub t: i64,
+    /// Log intensity in OFF thresholds, one picture per time constant.
+    pub pictures: Vec<Picture>,
+}
+
+/// A change at one pixel within an interval.
+#[derive(Clone, Copy)]
+struct Change {
+    pixel: u32,
+    slot: u16,
+    on: bool,
+}
+
+/// Makes pictures of a stream of events. A picture is complete about four times the longest τ after its moment; memory grows with
+/// the events of that time, never with the length of the recording.
+pub struct Reconstruction {
+    options: ReconstructionOptions,
+    bands: Vec<Band>,
+    /// Beginning of the first of the intervals, microseconds.
+    start: Option<i64>,
+    /// Complete intervals whose pictures are still to be made, and the events of those after them.
+    intervals: VecDeque<Vec<Change>>,
+    /// The interval that events are added to.
+    current: Vec<Change>,
+    /// Intervals whose pictures are made at once.
+    block: usize,
+    /// Intervals after a block whose events count.
+    reach: usize,
+}
+
+impl Reconstruction {
+    /// Begins a stream. Options out of their range count as the nearest within it.
+    pub fn new(mut options: ReconstructionOptions) -> Self {
+        options.interval = options.interval.max(1);
+        let interval = f64::from(options.interval) * 1e-6;
+        let size = usize::from(options.sensor.width) * usize::from(options.sensor.height);
+        let bands: Vec<Band> = options
+            .time_constants
+            .iter()
+            .map(|&tau| Band::new(tau.clamp(1e-3, 100.0), interval, options.limit, size))
+            .collect();
+        let reach = bands.iter().map(|band| band.reach).max().unwrap_or(1);
+        let block = (reach as f64 / REACH).ceil() as usize;
+        Self { options, bands, start: None, intervals: VecDeque::new(), current: Vec::new(), block, reach }
+    }
+
+    /// Adds events, in the order of time, and passes every picture that is complete to `each`, in the order of time. An event
+    /// earlier than the one before it counts as simultaneous.
+    pub fn push(&mut self, events: &[Event], mut each: impl FnMut(Moment)) {
+        let Sensor { width, height } = self.options.sensor;
+        let interval = i64::from(self.options.interval);
+        for event in events.iter().filter(|event| event.x < width && event.y < height) {
+            let mut start = self.start.unwrap_or(event.t);
+            // A long silence ends the pictures; they begin again with the next event.
+            let silence = interval.saturating_mul((self.intervals.len() + 2 * self.reach) as i64);
+            if event.t.saturating_sub(start) > silence {
+                self.finish(&mut each);
+                start = event.t;
+            }
+            self.start = Some(start);
+            let mut since = event.t.saturating_sub(self.current_start());
+            while since >= interval {
+                self.close_interval(&mut each);
+                since -= interval;
+            }
+            self.current.push(Change {
+                pixel: u32::from(event.y) * u32::from(width) + u32::from(event.x),
+                slot: (since.max(0) * i64::from(SLOTS) / interval) as u16,
+                on: event.polarity == Polarity::On,
+            });
+        }
+    }
+
+    /// Passes the pictures that are left to `each`: the events are over. What follows begins a new stream.
+    pub fn finish(&mut self, mut each: impl FnMut(Moment)) {
+        if self.start.is_some() {
+            self.intervals.push_back(std::mem::take(&mut self.current));
+        }
+        while !self.intervals.is_empty() {
+            self.make(&mut each);
+        }
+        self.start = None;
+        for band in &mut self.bands {
+            band.past.fill(0.0);
+        }
+    }
+
+    fn current_start(&self) -> i64 {
+        let elapsed = (self.intervals.len() as i64).saturating_mul(self.options.interval.into());
+        self.start.unwrap_or(0).saturating_add(elapsed)
+    }
+
+    fn close_interval(&mut self, each: &mut impl FnMut(Moment)) {
+        let next = Vec::with_capacity(self.current.len());
+        self.intervals.push_back(std::mem::replace(&mut self.current, next));
+        if self.intervals.len() >= self.block + self.reach {
+            self.make(each);
+        }
+    }
+
+    /// Makes the pictures at the ends of the first intervals and removes those.
+    fn make(&mut self, each: &mut impl FnMut(Moment)) {
+        let intervals = self.intervals.make_contiguous();
+        let block = self.block.min(intervals.len());
+        let ratio = on_weight(intervals);
+        let pictures: Vec<Vec<Vec<f32>>> =
+            self.bands.par_iter_mut().map(|band| band.pictures(intervals, block, ratio)).collect();
+        let mut bands: Vec<_> = pictures.into_iter().map(Vec::into_iter).collect();
+        let Sensor { width, height } = self.options.sensor;
+        for _ in 0..block {
+            let t = self.start.unwrap_or(0).saturating_add(self.options.interval.into());
+            self.start = Some(t);
+            let of_band =
+                |band: &mut std::vec::IntoIter<Vec<f32>>| Picture::new(width.into(), height.into(), band.next()?);
+            each(Moment { t, pictures: bands.iter_mut().filter_map(of_band).collect() });
+        }
+        self.intervals.drain(..block);
+    }
+}
+
+/// OFF events per ON event: what an ON event counts, because over time a pixel becomes brighter by as much as darker.
+fn on_weight(intervals: &[Vec<Change>]) -> f32 {
+    let all: usize = intervals.iter().map(Vec::len).sum();
+    let on: usize = intervals.iter().map(|changes| changes.iter().filter(|change| change.on).count()).sum();
+    let ratio = (all - on) as f64 / on.max(1) as f64;
+    ratio.clamp(1.0 / MOST_RATIO, MOST_RATIO) as f32
+}
+
+/// The pictures of one time constant.
+///
+/// Within an interval the state does not leak. Instead, weight and limit of an event grow with its time, and at the end of the
+/// interval all is scaled down at once.
+struct Band {
+    /// Intervals of the future that count.
+    reach: usize,
+    /// The growth exp(t/τ) from an end of the interval to the middle of each slot.
+    growth: [f32; SLOTS as usize],
+    /// The leak of a whole interval.
+    leak: f32,
+    limit: f32,
+    /// The integral over the past at the end of the last interval whose picture was made.
+    past: Vec<f32>,
+}
+
+impl Band {
+    fn new(tau: f64, interval: f64, limit: f32, size: usize) -> Self {
+        let growth = |slot: usize| libm::exp((slot as f64 + 0.5) / f64::from(SLOTS) * interval / tau) as f32;
+        Self {
+            reach: ((REACH * tau / interval).ceil() as usize).max(1),
+            growth: std::array::from_fn(growth),
+            leak: libm::exp(-interval / tau) as f32,
+            limit: limit.max(0.0),
+            past: vec![0.0; size],
+        }
+    }
+
+    /// The pictures at the ends of the first `block` intervals.
+    fn pictures(&mut self, intervals: &[Vec<Change>], block: usize, on_weight: f32) -> Vec<Vec<f32>> {
+        let mut state = vec![0.0; self.past.len()];
+        let mut pictures = Vec::with_capacity(block);
+        let last = intervals.len().min(block + self.reach);
+        for (index, changes) in intervals.iter().enumerate().take(last).skip(1).rev() {
+            let slots = |change: &Change| usize::from(SLOTS - 1 - change.slot.min(SLOTS - 1));
+            self.add(&mut state, changes.iter().rev(), slots, [1.0, -on_weight]);
+            if index <= block {
+                pictures.push(state.clone());
+            }
+        }
+        // After the last interval there is no future.
+        if pictures.len() < block {
+            pictures.insert(0, vec![0.0; self.past.len()]);
+        }
+        pictures.reverse();
+        let mut past = std::mem::take(&mut self.past);
+        for (picture, changes) in pictures.iter_mut().zip(intervals) {
+            self.add(&mut past, changes.iter(), |change| usize::from(change.slot.min(SLOTS - 1)), [-1.0, on_weight]);
+            for (value, past) in picture.iter_mut().zip(&past) {
+                *value = 0.5 * (*value + past);
+            }
+        }
+        self.past = past;
+        pictures
+    }
+
+    /// Adds the changes of an interval to the state and lets it leak; `weights` are those of OFF and ON.
+    fn add<'a>(
+        &self,
+        state: &mut [f32],
+        changes: impl Iterator<Item = &'a Change>,
+        slot: impl Fn(&Change) -> usize,
+        weights: [f32; 2],
+    ) {
+        for change in changes {
+            let growth = self.growth[slot(change)];
+            if let Some(value) = state.get_mut(change.pixel as usize) {
+                let limit = self.limit * growth;
+                *value = (*value + weights[usize::from(change.on)] * growth).max(-limit).min(limit);
+            }
+        }
+        for value in state {
+            *value *= self.leak;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SENSOR: Sensor = Sensor { width: 96, height: 4 };
+    /// Width of the dark bar in pixels.
+    const BAR: f64 = 12.0;
+
+    /// A dark bar moves over the sensor at `speed` (px/s); its left edge is at column 30 at `middle` (s). A pixel fires six
+    /// OFF events as the bar comes and `on` ON events as it goes, while the edge crosses it.
+    fn bar(speed: f64, middle: f64, on: u32) -> Vec<Event> {
+        let mut events = Vec::new();
+        for (x, y) in (0..SENSOR.height).flat_map(|y| (0..SENSOR.width).map(move |x| (x, y))) {
+            let [left, right] = [30.0, 30.0 + BAR].map(|edge| middle + (f64::from(x) - edge) / speed);
+            let (dark, bright) = if speed > 0.0 { (right, left) } else { (left, right) };
+            for (time, count, polarity) in [(dark, 6, Polarity::Off), (bright, on, Polarity::On)] {
+                events.extend((0..count).map(|index| {
+                    let t = time + ((f64::from(index) + 0.5) / f64::from(count) - 0.5) / speed.abs();
+                    Event { t: (t * 1e6).round() as i64, x, y, polarity }
+                }));
+            }
+        }
+        events.retain(|event| event.t >= 0);
+        events.sort_by_key(|event| event.t);
+        events
+    }
+
+    fn moments(options: &ReconstructionOptions, events: &[Event], part: usize) -> Vec<Moment> {
+        let mut reconstruction = Reconstruction::new(options.clone());
+        let mut moments = Vec::new();
+        for part in events.chunks(part) {
+            reconstruction.push(part, |moment| moments.push(moment));
+        }
+        reconstruction.finish(|moment| moments.push(moment));
+        moments
+    }
+
+    /// The columns where a row falls into the bar and rises out of it, through the middle between both sides of the edge.
+    fn edges(row: &[f32]) -> [f64; 2] {
+        let darkest = (0..row.len()).min_by(|&a, &b| row[a].total_cmp(&row[b])).unwrap();
+        let crossing = |outward: isize| {
+            let at = |steps: usize| row[darkest.checked_add_signed(outward * steps as isize).unwrap()];
+            let brightest = (1..20).map(at).fold(f32::NEG_INFINITY, f32::max);
+            let level = 0.5 * (row[darkest] + brightest);
+            let before = (0..20).take_while(|&steps| at(steps) < level).last().unwrap();
+            let part = (level - at(before)) / (at(before + 1) - at(before));
+            darkest as f64 + outward as f64 * (before as f64 + f64::from(part))
+        };
+        [crossing(-1), crossing(1)]
+    }
+
+    #[test]
+    fn edges_are_where_they_are_at_that_moment() {
+        let options = ReconstructionOptions { limit: 20.0, ..ReconstructionOptions::new(SENSOR) };
+        for speed in [150.0, -150.0] {
+            let events = bar(speed, 0.4, 6);
+            let moments = moments(&options, &events, 100);
+            let moment = moments.iter().min_by_key(|moment| (moment.t - 400_000).abs()).unwrap();
+            let left = 30.0 + speed * (moment.t as f64 * 1e-6 - 0.4);
+            assert_eq!(moment.pictures.len(), 3);
+            for (picture, tau) in moment.pictures.iter().zip(&options.time_constants) {
+                let row = &picture.values()[..SENSOR.width.into()];
+                let found = edges(row);
+                for (found, truth) in found.into_iter().zip([left, left + BAR]) {
+                    assert!((found - truth).abs() < 0.3, "{speed} px/s, τ {tau} s: {found} px, is {truth} px");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn pixels_are_as_bright_after_the_bar_as_before_it() {
+        // Twice as many OFF as ON events of equal contrast.
+        let options =
+            ReconstructionOptions { limit: 20.0, time_constants: vec![0.3], ..ReconstructionOptions::new(SENSOR) };
+        let moments = moments(&options, &bar(150.0, 0.6, 3), 1000);
+        let moment = moments.iter().min_by_key(|moment| (moment.t - 600_000).abs()).unwrap();
+        let left = (30.0 + 150.0 * (moment.t as f64 * 1e-6 - 0.6)) as usize;
+        let row = moment.pictures[0].values();
+        let (behind, ahead) = (row[left - 4], row[left + BAR as usize + 4]);
+        let dark = row[left + BAR as usize / 2];
+        assert!((behind - ahead).abs() < 0.5 && dark < behind - 5.0, "{behind} {dark} {ahead}");
+    }
+
+    #[test]
+    fn pictures_depend_neither_on_the_parts_nor_on_the_threads() {
+        let options = ReconstructionOptions::new(SENSOR);
+        let events = bar(100.0, 0.5, 6);
+        let once = moments(&options, &events, events.len());
+        assert!(once.windows(2).all(|pair| pair[1].t - pair[0].t == 20_000));
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+        for part in [1, 777] {
+            assert!(pool.install(|| moments(&options, &events, part)) == once);
+        }
+    }
+
+    #[test]
+    fn a_long_silence_has_no_pictures() {
+        let options = ReconstructionOptions::new(SENSOR);
+        let mut events = bar(200.0, 0.2, 6);
+        let end = events.last().unwrap().t;
+        let later: Vec<Event> = events.iter().map(|event| Event { t: event.t + i64::MAX / 2, ..*event }).collect();
+        let first = moments(&options, &events, 100);
+        assert!(first.last().unwrap().t < end + 20_000);
+        events.extend(&later);
+        let both = moments(&options, &events, 100);
+        assert_eq!(both.len(), 2 * first.len());
+        assert!(both[first.len()..].iter().zip(&first).all(|(later, first)| later.pictures == first.pictures));
+    }
+
+    #[test]
+    fn a_hot_pixel_stays_within_the_limit() {
+        let options = ReconstructionOptions::new(SENSOR);
+        let hot = |t| Event { t, x: 7, y: 2, polarity: Polarity::On };
+        let events: Vec<Event> = (0..500_000).step_by(100).map(hot).collect();
+        let moments = moments(&options, &events, 1000);
+        let largest = moments.iter().flat_map(|moment| &moment.pictures).flat_map(|picture| picture.values());
+        assert!(largest.fold(0.0_f32, |most, value| most.max(value.abs())) <= options.limit);
+    }
+}

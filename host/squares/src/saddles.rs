@@ -1,0 +1,167 @@
+//! Saddle points of a picture: places where two dark and two bright quadrants meet, as at the inner corners of a checkerboard.
+
+use std::f32::consts::PI;
+
+use crate::picture::Picture;
+
+/// Standard deviation in pixels of the smoothing before the search.
+const SMOOTHING: f32 = 1.2;
+/// A saddle between quadrants of less than this part of the picture's contrast is noise.
+const LEAST_CONTRAST: f32 = 0.08;
+/// Radius in pixels of the ring around a saddle that is looked at, and pixels on it.
+const RING_RADIUS: f32 = 3.5;
+const RING: usize = 16;
+/// Least part of the ring's variance that two dark and two bright quadrants explain (8/π² for sharp quadrants of 90°).
+const LEAST_EXPLAINED: f32 = 0.5;
+/// Half the side in pixels of the window that is used for the position before the neighbours of a saddle are known.
+const WINDOW: usize = 3;
+/// A position that moves further than this from where the search found it is wrong, in pixels.
+const FARTHEST: f32 = 2.0;
+/// Most steps to a position, and the step in pixels below which it is reached.
+const STEPS: usize = 30;
+const REACHED: f32 = 0.004;
+
+/// A place where two dark and two bright quadrants meet.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Saddle {
+    /// Position in the picture.
+    pub pixel: [f32; 2],
+    /// Direction of the middle of the bright quadrants: an angle from x towards y in radians, 0 to π.
+    pub bright: f32,
+    /// Contrast between the quadrants, in values of the picture.
+    pub strength: f32,
+}
+
+/// Finds the saddle points of a picture, the strongest first.
+pub fn find_saddles(picture: &Picture) -> Vec<Saddle> {
+    let (width, height) = (picture.width(), picture.height());
+    let smooth = picture.blurred(SMOOTHING);
+    let response = saddle_response(&smooth);
+    // The response of a saddle between sharp quadrants of this contrast.
+    let scale = 1.0 / (PI * SMOOTHING * SMOOTHING);
+    let least_contrast = LEAST_CONTRAST * smooth.contrast();
+    let least = (least_contrast * scale).powi(2);
+    let border = RING_RADIUS.ceil() as usize + 1;
+    let mut saddles = Vec::new();
+    for y in border..height.saturating_sub(border) {
+        for x in border..width.saturating_sub(border) {
+            let value = response[y * width + x];
+            if value <= least || !is_greatest(&response, width, x, y) {
+                continue;
+            }
+            let Some(found) = quadrants(&smooth, x as f32, y as f32).filter(|found| found.strength > least_contrast)
+            else {
+                continue;
+            };
+            let Some(pixel) = refine_saddle(picture, found.pixel, WINDOW) else { continue };
+            saddles.push(Saddle { pixel, ..found });
+        }
+    }
+    saddles.sort_by(|a, b| b.strength.total_cmp(&a.strength));
+    saddles
+}
+
+/// Minus the determinant of the second derivatives: greatest in the middle of a saddle.
+fn saddle_response(smooth: &Picture) -> Vec<f32> {
+    let (width, height) = (smooth.width(), smooth.height());
+    let mut response = vec![0.0; width * height];
+    if width < 3 || height < 3 {
+        return response;
+    }
+    let rows = smooth.values().chunks_exact(width);
+    let three = rows.clone().zip(rows.clone().skip(1)).zip(rows.skip(2));
+    for (((above, row), below), out) in three.zip(response.chunks_exact_mut(width).skip(1)) {
+        for x in 1..width - 1 {
+            let twice = 2.0 * row[x];
+            let xx = row[x - 1] + row[x + 1] - twice;
+            let yy = above[x] + below[x] - twice;
+            let xy = 0.25 * (above[x - 1] + below[x + 1] - above[x + 1] - below[x - 1]);
+            out[x] = xy * xy - xx * yy;
+        }
+    }
+    response
+}
+
+/// `true` if no pixel within two pixels has a greater response; of equal ones the first counts.
+fn is_greatest(response: &[f32], width: usize, x: usize, y: usize) -> bool {
+    let place = y * width + x;
+    let value = response[place];
+    (y - 2..=y + 2).all(|row| {
+        (row * width + x - 2..=row * width + x + 2).all(|other| {
+            let rival = response[other];
+            rival < value || (rival == value && other >= place)
+        })
+    })
+}
+
+/// The saddle at a pixel, if the ring around it has two dark and two bright parts.
+fn quadrants(smooth: &Picture, x: f32, y: f32) -> Option<Saddle> {
+    let ring: [f32; RING] = std::array::from_fn(|index| {
+        let (sine, cosine) = libm::sincosf(index as f32 * 2.0 * PI / RING as f32);
+        smooth.bilinear(x + RING_RADIUS * cosine, y + RING_RADIUS * sine)
+    });
+    let mean = ring.iter().sum::<f32>() / RING as f32;
+    let variance = ring.iter().map(|value| (value - mean).powi(2)).sum::<f32>() / RING as f32;
+    let (mut along, mut across) = (0.0, 0.0);
+    for (index, value) in ring.iter().enumerate() {
+        let (sine, cosine) = libm::sincosf(index as f32 * 4.0 * PI / RING as f32);
+        along += (value - mean) * cosine * 2.0 / RING as f32;
+        across += (value - mean) * sine * 2.0 / RING as f32;
+    }
+    let explained = 0.5 * (along * along + across * across);
+    let changes = (0..RING).filter(|&index| (ring[index] > mean) != (ring[(index + 1) % RING] > mean)).count();
+    if changes != 4 || explained < LEAST_EXPLAINED * variance {
+        return None;
+    }
+    let bright = (0.5 * libm::atan2f(across, along)).rem_euclid(PI);
+    // The amplitude of the second harmonic of sharp quadrants is 2/π of their contrast.
+    let strength = libm::sqrtf(along * along + across * across) * PI / 2.0;
+    strength.is_finite().then_some(Saddle { pixel: [x, y], bright, strength })
+}
+
+/// The position of the saddle near `start`: the point to which all edges in the window of `half` pixels to each side lead
+/// (Förstner and Gülch 1987; with the weights of OpenCV's `cornerSubPix`). `None` if there is no such point near by.
+pub fn refine_saddle(picture: &Picture, start: [f32; 2], half: usize) -> Option<[f32; 2]> {
+    let half = half.clamp(1, 10) as isize;
+    let mut pixel = start;
+    let side = (2 * half + 3) as usize;
+    let mut patch = vec![0.0; side * side];
+    let weights: Vec<f32> = (-half..=half).map(|offset| libm::expf(-(offset as f32 / half as f32).powi(2))).collect();
+    for _ in 0..STEPS {
+        for (index, value) in patch.iter_mut().enumerate() {
+            let (dx, dy) = ((index % side) as isize - half - 1, (index / side) as isize - half - 1);
+            *value = picture.bilinear(pixel[0] + dx as f32, pixel[1] + dy as f32);
+        }
+        let (mut xx, mut xy, mut yy, mut bx, mut by) = (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
+        for (row, weight_y) in weights.iter().enumerate() {
+            for (column, weight_x) in weights.iter().enumerate() {
+                let at = (row + 1) * side + column + 1;
+                let (dx, dy) = ((column as isize - half) as f32, (row as isize - half) as f32);
+                let weight = weight_x * weight_y;
+                let gx = patch[at + 1] - patch[at - 1];
+                let gy = patch[at + side] - patch[at - side];
+                let (gxx, gxy, gyy) = (weight * gx * gx, weight * gx * gy, weight * gy * gy);
+                xx += gxx;
+                xy += gxy;
+                yy += gyy;
+                bx += gxx * dx + gxy * dy;
+                by += gxy * dx + gyy * dy;
+            }
+        }
+        let determinant = xx * yy - xy * xy;
+        // All edges in one direction leave the position along them open.
+        if determinant.is_nan() || determinant <= 1e-3 * (xx + yy).powi(2) {
+            return None;
+        }
+        let step = [(yy * bx - xy * by) / determinant, (xx * by - xy * bx) / determinant];
+        pixel = [pixel[0] + step[0], pixel[1] + step[1]];
+        let moved = (pixel[0] - start[0]).powi(2) + (pixel[1] - start[1]).powi(2);
+        if moved > FARTHEST * FARTHEST || !picture.contains(pixel, 0.0) {
+            return None;
+        }
+        if step[0].abs().max(step[1].abs()) < REACHED {
+            break;
+        }
+    }
+    Some(pixel)
+}
