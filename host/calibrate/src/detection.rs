@@ -20,6 +20,8 @@ mod report;
 pub mod search;
 mod second_pass;
 pub mod settings;
+mod square_finder;
+pub mod squares;
 pub mod unplaced;
 
 use std::borrow::Cow;

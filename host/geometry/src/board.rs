@@ -16,6 +16,7 @@ use evcal_core::pattern::Pattern;
 use nalgebra::Vector2;
 
 pub use self::circles::{BOARD_FORM, BoardProblem, CircleBoard, CircleBoardError, any_length, layout_name};
+use self::squares::edges::{Edge, SquareEdges};
 use self::squares::names_squares;
 pub use self::squares::{SquareBoard, SquareBoardError};
 
@@ -90,6 +91,14 @@ impl Board {
         match self {
             Self::Circles(board) => board.neighbour_distance(),
             Self::Squares(board) => 2.0 * board.module(),
+        }
+    }
+
+    /// The edges of the print as lines from point to point, in metres: rims of circles, borders between dark and light squares.
+    pub fn outlines(&self) -> Vec<Vec<Vector2<f64>>> {
+        match self {
+            Self::Circles(board) => (0..board.circle_count()).map(|index| board.rim(index)).collect(),
+            Self::Squares(board) => SquareEdges::new(&board.raster()).edges().iter().map(Edge::pieces).collect(),
         }
     }
 

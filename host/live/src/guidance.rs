@@ -223,7 +223,7 @@ impl Guidance {
         let since = self.latest.map_or(WINDOW, |(t, _)| frame.t() - t);
         let weight = (since / WINDOW).clamp(0.0, 1.0);
         let view = View { t: frame.t(), circles: frame.circles.clone(), weight };
-        let Some(pose) = provisional_pose(&self.camera, &view.circles, &self.board) else { return };
+        let Some(pose) = provisional_pose(&self.camera, &view.circles, &self.board.into()) else { return };
         self.latest = Some((frame.t(), pose));
         self.seen += 1;
         if let Some(information) = self.information_of(&view, &pose) {
@@ -282,7 +282,7 @@ impl Guidance {
         let step = self.views.len().div_ceil(CAMERA_VIEWS).max(1);
         let views: Vec<&[ObservedCircle]> =
             self.views.iter().step_by(step).map(|view| view.circles.as_slice()).collect();
-        let camera = provisional_camera(&views, &self.board, self.sensor, ModelKind::Radtan, &self.settings);
+        let camera = provisional_camera(&views, &self.board.into(), self.sensor, ModelKind::Radtan, &self.settings);
         if let Some(camera) = camera {
             self.camera = camera;
             self.is_estimated = true;
@@ -311,7 +311,7 @@ impl Guidance {
     fn information_until(&self, t: f64) -> Information {
         let mut sum = prior(&self.camera);
         for view in self.views.iter().filter(|view| view.t <= t) {
-            let pose = provisional_pose(&self.camera, &view.circles, &self.board);
+            let pose = provisional_pose(&self.camera, &view.circles, &self.board.into());
             if let Some(information) = pose.and_then(|pose| self.information_of(view, &pose)) {
                 sum += information;
             }

@@ -111,8 +111,8 @@ impl Scene {
     /// The scene of `board` seen through a point-spread function of `point_spread` pixels
     /// (standard deviation).
     pub fn new(stated: CircleBoard, settings: SceneSettings, point_spread: f64) -> Self {
-        let printed = settings.printed.unwrap_or(BoardShape::stated(&stated));
-        let surface = (!printed.is_flat()).then(|| Surface::new(&CircleArea::new(&stated), &printed));
+        let printed = settings.printed.unwrap_or(BoardShape::stated(&stated.into()));
+        let surface = (!printed.is_flat()).then(|| Surface::new(&CircleArea::new(&stated.into()), &printed));
         let board = CircleBoard { radius: printed.radius, ..stated };
         let centers = (0..board.circle_count()).map(|index| board.circle_center(index));
         let corner = centers.fold(Vector2::zeros(), |corner: Vector2<f64>, center| corner.sup(&center));

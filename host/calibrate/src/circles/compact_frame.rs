@@ -8,6 +8,7 @@ use super::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct CompactCircle {
     center: [f32; 2],
+    /// 0 for a corner.
     radius: f32,
 }
 
@@ -67,7 +68,7 @@ impl CompactFrame {
             index: self.indices.get(place).map_or(place, |&index| index as usize),
             t,
             center: Vector2::from(circle.center).cast(),
-            radius: Some(f64::from(circle.radius)),
+            radius: (circle.radius > 0.0).then_some(f64::from(circle.radius)),
             velocity: None,
         };
         self.circles.iter().enumerate().map(observed).collect()

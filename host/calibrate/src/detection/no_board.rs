@@ -23,6 +23,21 @@ pub enum NoBoard {
     /// The lattice is not near the place to which the board moved.
     #[serde(rename = "board not where it is expected")]
     NotAsExpected,
+    /// The corners of squares are those of a larger or smaller checkerboard.
+    #[serde(rename = "corners beside the board")]
+    CornersBesideBoard,
+    /// The corners of squares are not those of a checkerboard.
+    #[serde(rename = "corners form no checkerboard")]
+    NoCheckerboard,
+    /// No tag of the board is seen.
+    #[serde(rename = "no tags of the board")]
+    NoTags,
+    /// The board is printed as in a mirror.
+    #[serde(rename = "mirrored print")]
+    MirroredPrint,
+    /// There are fewer corners of squares than a board needs.
+    #[serde(rename = "too few corners")]
+    TooFewCorners,
     /// The lattice goes on where the board ends.
     #[serde(rename = "circles beside the board")]
     BesideBoard,
@@ -80,6 +95,14 @@ impl NoBoard {
             Self::BesideBoard | Self::TooFewOfBoard | Self::PlaceUncertain => {
                 "is the board described right: rows and columns, acircles or circles?".to_owned()
             }
+            Self::CornersBesideBoard => {
+                "count the inner corners, where four squares meet: one row and one column fewer than squares".to_owned()
+            }
+            Self::TooFewCorners | Self::NoCheckerboard => {
+                "is all of the board in view and in focus? Show it for at least a second".to_owned()
+            }
+            Self::NoTags => "are the family of the tags, their border and their ids stated as printed?".to_owned(),
+            Self::MirroredPrint => "print the board again, not mirrored".to_owned(),
             Self::NotRound => {
                 "they have corners or holes, like tags, keys, nuts or windows: is the board with round dots in view?"
                     .to_owned()

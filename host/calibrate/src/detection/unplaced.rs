@@ -25,7 +25,8 @@ pub struct UnplacedWindows {
 }
 
 impl UnplacedWindows {
-    pub(super) fn new(recording: usize) -> Self {
+    /// None yet, of recording number `recording`.
+    pub fn new(recording: usize) -> Self {
         Self { recording, chunks: 0, as_stated: 0, every: 1, kept: Vec::new() }
     }
 

@@ -166,6 +166,17 @@ impl CircleBoard {
         Vector2::new(f64::from(x), f64::from(y)) * self.spacing
     }
 
+    /// Points around circle `index`, the first one again at the end, in metres.
+    pub(super) fn rim(&self, index: usize) -> Vec<Vector2<f64>> {
+        const STEPS: usize = 48;
+        let center = self.circle_center(index);
+        let point = |step: usize| {
+            let angle = step as f64 * std::f64::consts::TAU / STEPS as f64;
+            center + Vector2::new(angle.cos(), angle.sin()) * self.radius
+        };
+        (0..=STEPS).map(point).collect()
+    }
+
     /// The circle nearest to `point` (metres on the board plane), if one lies within one lattice
     /// spacing of it in x and y.
     pub fn nearest_circle(&self, point: Vector2<f64>) -> Option<usize> {

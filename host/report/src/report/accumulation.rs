@@ -155,16 +155,16 @@ pub struct BoardFrame {
 }
 
 impl BoardFrame {
-    /// A picture of all circles of `board` with a margin, of so many `columns`, or fewer where it would be more than twice as high as wide.
+    /// A picture of all points of `board` with a margin, of so many `columns`, or fewer where it would be more than twice as high as wide.
     pub fn new(board: &Board, columns: u16) -> Self {
-        let centers = || (0..board.point_count()).map(|index| board.point(index));
-        let margin = Vector2::repeat(0.6 * board.neighbour_distance());
-        let last = centers().fold(Vector2::zeros(), |last: Vector2<f64>, center| last.sup(&center)) + margin;
-        let extent = last + margin;
+        let (low, high) = board.extent();
+        let margin = Vector2::repeat(0.6 * board.print_period());
+        let corner = low - margin;
+        let extent = high + margin - corner;
         let (columns, most_rows) = (f64::from(columns), 2.0 * f64::from(columns));
         let pixels_per_metre = (columns / extent.x).min(most_rows / extent.y);
         let pixels = |metres: f64| (metres * pixels_per_metre).ceil().clamp(1.0, most_rows) as u16;
-        Self { corner: -margin, pixels_per_metre, size: Sensor::new(pixels(extent.x), pixels(extent.y)) }
+        Self { corner, pixels_per_metre, size: Sensor::new(pixels(extent.x), pixels(extent.y)) }
     }
 
     /// Where a point of the board (m) lies in the picture.

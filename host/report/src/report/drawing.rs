@@ -110,7 +110,7 @@ impl Picture {
         }
     }
 
-    /// Draws the rims of `board` where `project` puts points of the board (metres) in green, and the circles found in `frame`,
+    /// Draws the edges of `board` where `project` puts points of the board (metres) in green, and the circles found in `frame`,
     /// moved by `place` (px to px), in black, joined along the rows.
     pub fn board(
         &mut self,
@@ -128,23 +128,18 @@ impl Picture {
                 self.line(from, to, ROW_LINE);
             }
         }
-        self.rims(board, project);
+        self.edges(board, project);
         for center in frame.circles.iter().filter_map(|circle| place(circle.center)) {
             self.circle(center, 1.0, FOUND);
         }
     }
 
-    /// Draws the rims of `board` in green where `project` puts its points (metres).
-    pub fn rims(&mut self, board: &Board, project: impl Fn(&Point3<f64>) -> Option<Vector2<f64>>) {
-        for index in 0..board.point_count() {
-            let center = board.point(index);
-            let rim = |step: usize| {
-                let angle = step as f64 * std::f64::consts::TAU / 48.0;
-                let point = center + Vector2::new(angle.cos(), angle.sin()) * board.radius;
-                project(&Point3::new(point.x, point.y, 0.0))
-            };
-            for step in 0..48 {
-                if let (Some(from), Some(to)) = (rim(step), rim(step + 1)) {
+    /// Draws the edges of `board` in green where `project` puts its points (metres).
+    pub fn edges(&mut self, board: &Board, project: impl Fn(&Point3<f64>) -> Option<Vector2<f64>>) {
+        for outline in board.outlines() {
+            let images: Vec<_> = outline.iter().map(|point| project(&Point3::new(point.x, point.y, 0.0))).collect();
+            for pair in images.windows(2) {
+                if let &[Some(from), Some(to)] = pair {
                     self.line(from, to, MODEL);
                 }
             }

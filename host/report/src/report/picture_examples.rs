@@ -40,10 +40,10 @@ pub fn pictures(calibrated: &Calibrated, task: &Task) -> Markup {
     let grey = |pixel: Vector2<f64>| example.grey(pixel).map_or(BEYOND, |grey| [grey.round() as u8; 3]);
     let mut seen = Picture::of_sensor(sensor, scale(sensor), grey);
     let in_camera = |point: &Point3<f64>| example.pose.inverse_transform_point(point);
-    seen.rims(task.board, |point| camera.project(&in_camera(point).coords));
+    seen.edges(task.board, |point| camera.project(&in_camera(point).coords));
     let mut rectified =
         Picture::of_sensor(sensor, scale(sensor), |place| distorted(camera, &ideal, place).map_or(BEYOND, grey));
-    rectified.rims(task.board, |point| projected(&ideal, &in_camera(point)));
+    rectified.edges(task.board, |point| projected(&ideal, &in_camera(point)));
     let together = carried(calibrated, task.board, &shown);
     html! {
         div.pair {

@@ -1,5 +1,7 @@
 //! The straight edges between dark and light on a board of squares, and which of them is nearest to a point.
 
+use nalgebra::Vector2;
+
 use super::raster::Raster;
 
 /// An axis of the board.
@@ -40,6 +42,20 @@ pub struct Edge {
 }
 
 impl Edge {
+    /// Points along the piece, so near to each other that a lens bends it little between two of them, in metres.
+    pub(in crate::board) fn pieces(&self) -> Vec<Vector2<f64>> {
+        const STEPS: usize = 8;
+        let [start, end] = self.span;
+        let point = |step: usize| {
+            let along = start + (end - start) * step as f64 / STEPS as f64;
+            match self.across {
+                Axis::X => Vector2::new(self.position, along),
+                Axis::Y => Vector2::new(along, self.position),
+            }
+        };
+        (0..=STEPS).map(point).collect()
+    }
+
     /// Width of the narrower side in metres: the distance to the nearest parallel edge.
     pub fn width(&self) -> f64 {
         self.dark_width.min(self.light_width)
