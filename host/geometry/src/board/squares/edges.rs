@@ -144,8 +144,11 @@ impl Lines {
     #[inline(always)]
     fn at_or_below(&self, place: f64) -> usize {
         let bin = (((place - self.start) * self.bins_per_metre) as usize).min(self.below.len().saturating_sub(1));
-        let mut count = self.below.get(bin).map_or(0, |below| *below as usize);
-        while self.lines.get(count).is_some_and(|line| *line <= place) {
+        let first = self.below.get(bin).map_or(0, |below| *below as usize);
+        let is_below = |index: usize| self.lines.get(index).is_some_and(|line| *line <= place);
+        // A bin and its margin have at most two lines, unless there are too many bins. A branch would be mispredicted.
+        let mut count = first + usize::from(is_below(first)) + usize::from(is_below(first + 1));
+        while is_below(count) {
             count += 1;
         }
         count
@@ -212,10 +215,11 @@ impl SquareEdges {
             (near_y, near_x.distance, x)
         };
         let edge = self.edges.get(near.edge as usize)?;
-        let is_clear = other >= near.distance + clearance
-            && along - edge.line[0] >= clearance
-            && edge.line[1] - along >= clearance
-            && near.distance <= edge.width();
+        // Not `&&`: each of its branches would be mispredicted.
+        let is_clear = (other >= near.distance + clearance)
+            & (along - edge.line[0] >= clearance)
+            & (edge.line[1] - along >= clearance)
+            & (near.distance <= edge.width());
         if !is_clear {
             return None;
         }
