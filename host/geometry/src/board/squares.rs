@@ -6,6 +6,7 @@
 mod codes;
 pub mod edges;
 pub mod family;
+pub mod kalibr;
 pub mod raster;
 mod text;
 

@@ -156,7 +156,7 @@ impl<'a> Parts<'a> {
 }
 
 /// Gap by size of a tag.
-const SPACINGS: std::ops::RangeInclusive<f64> = 0.01..=4.0;
+pub(super) const SPACINGS: std::ops::RangeInclusive<f64> = 0.01..=4.0;
 
 fn checkerboard(mut parts: Parts<'_>) -> Result<SquareBoard, SquareBoardProblem> {
     let [rows, columns] = parts.size(2)?;
@@ -228,7 +228,7 @@ fn charuco(mut parts: Parts<'_>) -> Result<SquareBoard, SquareBoardProblem> {
     Ok(SquareBoard::Charuco(board))
 }
 
-fn enough(needed: usize, dictionary: Dictionary) -> Result<(), SquareBoardProblem> {
+pub(super) fn enough(needed: usize, dictionary: Dictionary) -> Result<(), SquareBoardProblem> {
     match needed <= usize::from(dictionary.tags) {
         true => Ok(()),
         false => Err(SquareBoardProblem::TooFewTags { needed, dictionary, has: dictionary.tags }),
