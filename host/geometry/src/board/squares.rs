@@ -157,6 +157,23 @@ impl SquareBoard {
         Raster::of_dark(&dark)
     }
 
+    /// The rectangle that the board covers: all squares, or all tags with the corner squares.
+    pub fn bounds(&self) -> Rectangle {
+        let sides = |columns: u8, rows: u8, side: f64| [f64::from(columns) * side, f64::from(rows) * side];
+        match self {
+            Self::Checkerboard(board) => {
+                Rectangle { low: [-board.square; 2], high: sides(board.columns, board.rows, board.square) }
+            }
+            Self::Tags(grid) => {
+                let outside = if grid.corner_squares { grid.spacing * grid.tag } else { 0.0 };
+                let high =
+                    [grid.columns, grid.rows].map(|count| f64::from(count) * grid.period() - grid.spacing * grid.tag);
+                Rectangle { low: [-outside; 2], high: high.map(|high| high + outside) }
+            }
+            Self::Charuco(board) => Rectangle { low: [0.0; 2], high: sides(board.columns, board.rows, board.square) },
+        }
+    }
+
     /// Direction of y on the upright print.
     pub fn y_axis(&self) -> YAxis {
         match self {

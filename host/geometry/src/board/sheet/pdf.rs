@@ -43,6 +43,14 @@ fn drawing(sheet: &BoardSheet, letters: Name) -> Vec<u8> {
         circle(&mut content, dot, point);
         content.fill_nonzero();
     }
+    if !sheet.rectangles.is_empty() {
+        // One path: between parts that are filled one by one, viewers show seams.
+        for rectangle in &sheet.rectangles {
+            let ([left, top], [right, bottom]) = (point(rectangle.low), point(rectangle.high));
+            content.move_to(left, top).line_to(right, top).line_to(right, bottom).line_to(left, bottom).close_path();
+        }
+        content.fill_nonzero();
+    }
     for line in &sheet.lines {
         let ([x0, y0], [x1, y1]) = (point(line.from), point(line.to));
         content.set_line_width((line.width * POINTS) as f32).move_to(x0, y0).line_to(x1, y1).stroke();
