@@ -26,7 +26,7 @@ pub enum Target {
     Circles(CircleTarget),
 }
 
-/// A grid of circles, of which Kalibr does not know the radius.
+/// A grid of circles without their radius, which target files do not contain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CircleTarget {
     /// Arrangement and number of the circles.
@@ -48,11 +48,11 @@ impl fmt::Display for CircleTarget {
 #[error("{file}: {problem}")]
 pub struct TargetFileError {
     file: String,
-    /// What is wrong.
+    /// The problem.
     pub problem: TargetProblem,
 }
 
-/// What is wrong with a target file.
+/// Problems of a target file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TargetProblem {
@@ -71,14 +71,14 @@ pub enum TargetProblem {
     /// A value is missing.
     #[error("{0} is missing")]
     Missing(&'static str),
-    /// A value cannot be that of a board.
+    /// No board has this value.
     #[error("{key} is {given}; it must be {range}")]
     Value {
         /// Its name in the file.
         key: &'static str,
         /// The value in the file.
         given: String,
-        /// What it can be.
+        /// Its range.
         range: String,
     },
     /// The fields of the checkerboard are not square.
