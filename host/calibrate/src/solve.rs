@@ -48,9 +48,9 @@ use serde::{Deserialize, Serialize};
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, EventBias, bias_place};
 use crate::trajectory::Trajectory;
+use board_edge::BoardEdges;
 use evcal_core::camera::MAX_PARAMETERS;
 use evcal_geometry::board::shape::{self, BoardShape, CircleArea};
-use board_edge::BoardEdges;
 use observation::SegmentObservations;
 use stiffness::Stiffness;
 
@@ -168,7 +168,13 @@ pub struct Problem {
 impl Problem {
     /// The same with other observations.
     pub fn with_segments(&self, segments: Vec<SegmentObservations>) -> Self {
-        Self { segments, stiffness: self.stiffness.clone(), points: self.points.clone(), edges: self.edges.clone(), ..*self }
+        Self {
+            segments,
+            stiffness: self.stiffness.clone(),
+            points: self.points.clone(),
+            edges: self.edges.clone(),
+            ..*self
+        }
     }
 
     /// Metres on the board for each unit of the residual, where that is the same everywhere.

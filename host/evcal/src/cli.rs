@@ -7,6 +7,7 @@ mod board;
 mod calibrate;
 mod camera_arguments;
 mod check;
+mod circles_only;
 mod compare;
 mod completions;
 mod convert;

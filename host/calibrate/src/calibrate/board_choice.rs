@@ -4,8 +4,8 @@ use super::input::Input;
 use crate::detection::layout::{RecognisedLayout, find_layout};
 use crate::detection::search::{SearchError, sensor_of};
 use crate::detection::settings::DetectionSettings;
-use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::board::request::{BoardRequest, CircleSize};
+use evcal_geometry::board::{Board, CircleBoard};
 use event_recordings::Recording;
 
 /// Why it is not known which board to look for.

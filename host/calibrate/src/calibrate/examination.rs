@@ -74,9 +74,11 @@ fn findings(
     let circles = task.board.circles();
     let larger = circles.and_then(|board| larger_pattern(seen.unplaced, board.pattern, seen.sensor));
     let witness = if larger.is_some() { witness.map(WitnessOutcome::with_larger_board) } else { witness };
-    findings.extend(larger.zip(circles).map(|(larger, board)| {
-        unstated_rows::finding_on(&larger, board, &state.camera, &state.trajectories)
-    }));
+    findings.extend(
+        larger
+            .zip(circles)
+            .map(|(larger, board)| unstated_rows::finding_on(&larger, board, &state.camera, &state.trajectories)),
+    );
     findings.extend(witness.as_ref().and_then(WitnessOutcome::finding));
     (findings, witness)
 }

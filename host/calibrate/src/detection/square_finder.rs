@@ -47,11 +47,7 @@ impl SquareFinder {
         best
     }
 
-    fn find_in(
-        &self,
-        picture: &Picture,
-        expected: Option<&[Option<[f32; 2]>]>,
-    ) -> Result<Points, NoBoard> {
+    fn find_in(&self, picture: &Picture, expected: Option<&[Option<[f32; 2]>]>) -> Result<Points, NoBoard> {
         match &self.board {
             SquareBoard::Checkerboard(board) => {
                 find_checkerboard(picture, board.rows, board.columns, expected).map_err(NoBoard::from)

@@ -1,8 +1,8 @@
 //! Calibration JSON, version 2, of dv-processing. It comes from a property tree: every scalar is text.
 
-use evcal_geometry::board::Board;
 use evcal_core::camera::ModelKind;
 use evcal_core::pattern::Layout;
+use evcal_geometry::board::Board;
 use serde_json::json;
 
 use super::content::{Content, ExportFormat};

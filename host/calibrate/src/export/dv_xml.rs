@@ -1,8 +1,8 @@
 //! The calibration XML of DV: OpenCV's, with the camera in a node of its own name.
 
-use evcal_geometry::board::Board;
 use evcal_core::camera::ModelKind;
 use evcal_core::pattern::Layout;
+use evcal_geometry::board::Board;
 
 use super::content::{Content, ExportFormat};
 use super::file_storage::{self, Entry, Value, entry, valid_name};

@@ -15,8 +15,7 @@ use crate::circles::reference_frame::ObservedCircle;
 use evcal_geometry::board::Board;
 
 fn points(circles: &[ObservedCircle], board: &Board) -> Vec<BoardPoint> {
-    let point =
-        |circle: &ObservedCircle| BoardPoint { object: board.point(circle.index), image: circle.center };
+    let point = |circle: &ObservedCircle| BoardPoint { object: board.point(circle.index), image: circle.center };
     circles.iter().map(point).collect()
 }
 

@@ -3,8 +3,8 @@
 //! An event tells that an edge passed its pixel. All that the solve needs of an edge is the signed distance of a place on the print
 //! from it, positive on the light side, the gradient of this distance, and how the edge is bent and how narrow its print is there.
 
-use evcal_geometry::board::symmetry::Symmetry;
 use evcal_geometry::board::squares::edges::{Axis, Edge, Side, SquareEdges};
+use evcal_geometry::board::symmetry::Symmetry;
 use evcal_geometry::board::{Board, CircleBoard};
 use nalgebra::{Vector2, Vector3};
 

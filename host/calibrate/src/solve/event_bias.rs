@@ -189,8 +189,7 @@ mod tests {
 
     #[test]
     fn derivatives_are_those_of_the_distance() {
-        let passage =
-            EdgePassage { normal_speed: 300.0, narrowness: 0.1, corner_share: 0.6, acceleration: -2000.0 };
+        let passage = EdgePassage { normal_speed: 300.0, narrowness: 0.1, corner_share: 0.6, acceleration: -2000.0 };
         let [known, ..] = unknown(1.0);
         for bias in Bias::ALL.into_iter().filter(|&bias| bias != Bias::Latency) {
             let mut moved = known;

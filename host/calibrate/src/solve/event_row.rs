@@ -336,7 +336,11 @@ mod tests {
         let slope_y = (metres(x, y + 1e-4) - metres(x, y - 1e-4)) / 2e-4;
         let table = BearingTable::new(&reference, Sensor::new(346, 260));
         let (bearing, by_pixel) = table.place(x, y).unwrap().bearing();
-        let distance = BoardRay::new(&flat(), &bin, 0.0, &bearing).edge_distance(&bin, &by_pixel, Rim { center: CENTER, radius: RADIUS });
+        let distance = BoardRay::new(&flat(), &bin, 0.0, &bearing).edge_distance(
+            &bin,
+            &by_pixel,
+            Rim { center: CENTER, radius: RADIUS },
+        );
         assert_close(distance.scale / slope_x.hypot(slope_y), 1.0, "scale");
         assert_close(distance.metres, metres(x, y), "metres");
     }

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::circles::reference_frame::PointObservation;
 use crate::solve::association::{AssociationContext, AssociationReport, AssociationSettings, Associator};
 use crate::solve::bearing_table::BearingTable;
+use crate::solve::board_edge::BoardEdges;
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::first_events::{common_delay, shift_clock};
 use crate::solve::event_bias::robust::{class_spreads, common_spread, shift_offsets};
@@ -32,7 +33,6 @@ use crate::solve::{
 };
 use crate::trajectory::knot_grid::KnotSettings;
 use evcal_geometry::board::Board;
-use crate::solve::board_edge::BoardEdges;
 use evcal_geometry::board::shape::CircleArea;
 
 settings! {

@@ -47,6 +47,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let board = match arguments.board {
         Some(board) => board,
         None => board_that_fits(PATTERN, paper, *margin)
+            .map(Board::Circles)
             .ok_or_else(|| format!("{paper} is too small for a board of 9x4 dots: choose a larger --paper"))?,
     };
     let sheet = board_sheet(&board, paper, *margin)?;

@@ -1,5 +1,6 @@
 //! `evcal check`.
 
+use crate::cli::circles_only::circles_of;
 use std::path::PathBuf;
 
 use evcal_calibrate::calibrate::input::open_events;
@@ -51,7 +52,8 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             Some(board_in(request, files, recording.options(), &settings)?)
         }
     };
-    let checked = check(&recording, board.as_ref(), &settings)?;
+    let circles = board.as_ref().map(circles_of).transpose()?;
+    let checked = check(&recording, circles, &settings)?;
     waiting.finish();
     let next = worded(&checked.next);
     match arguments.json {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::settings::read_settings;
-use evcal_calibrate::calibrate::board_choice::{BoardChoiceError, recognise_layout};
+use evcal_calibrate::calibrate::board_choice::recognise_layout;
 use evcal_calibrate::calibrate::input::{InputKind, open_events};
 use evcal_calibrate::circles::serial::SerialAddress;
 use evcal_calibrate::circles::stream::{self, CircleStream};
@@ -16,6 +16,7 @@ use evcal_report::report::drawing::circle_picture;
 use event_recordings::Recording;
 
 use super::calibrate::LISTENING;
+use super::circles_only::circles_of;
 use super::output_arguments::OutputArguments;
 use super::progress::{Waiting, short_name};
 use super::source_arguments::SourceArguments;
@@ -94,9 +95,9 @@ fn wanted(
     arguments: &Arguments,
     recordings: &[&Recording],
     settings: &DetectionSettings,
-) -> Result<SearchFor, BoardChoiceError> {
+) -> Result<SearchFor, Box<dyn std::error::Error>> {
     Ok(match &arguments.board {
-        Some(BoardRequest::Given(board)) => SearchFor::Board(board.pattern),
+        Some(BoardRequest::Given(board)) => SearchFor::Board(circles_of(board)?.pattern),
         Some(BoardRequest::Recognise(_)) => {
             let found = recognise_layout(recordings, settings)?;
             print::aside(format!("the board is {found}"));

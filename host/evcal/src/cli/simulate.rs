@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::shape::BoardShape;
-use evcal_geometry::board::{Board, any_length};
+use evcal_geometry::board::{CircleBoard, any_length};
 use evcal_geometry::lens::camera_file;
 use evcal_simulator::davis::DavisSettings;
 use evcal_simulator::dots::Dots;
@@ -53,7 +53,7 @@ pub struct Arguments {
     sensor: Option<SensorChoice>,
     /// The board: layout, rows x columns, spacing (asymmetric: half the distance in a row), radius
     #[arg(long, default_value = "acircles:9x4:55mm:r17.5mm")]
-    board: Board,
+    board: CircleBoard,
     /// How the camera moves
     #[arg(
         long,
@@ -239,13 +239,13 @@ fn tell(arguments: &Arguments, written: &WrittenFolder) -> super::Outcome {
 
 /// The board as it is printed, where that is not as stated.
 fn printed(arguments: &Arguments) -> Result<Option<BoardShape>, UsageError> {
-    let stated = BoardShape::stated(&arguments.board);
+    let stated = BoardShape::stated(&arguments.board.into());
     let shape = BoardShape {
         print_ratio: arguments.print_ratio.unwrap_or(stated.print_ratio),
         bend: arguments.bend.unwrap_or(stated.bend),
         radius: arguments.printed_radius.unwrap_or(stated.radius),
     };
-    if !shape.is_possible(&arguments.board) {
+    if !shape.is_possible(&arguments.board.into()) {
         return Err(UsageError(format!(
             "this print ratio, bend and radius are impossible for {}: circles must not overlap, and a bend must be below half the board's side",
             arguments.board

@@ -235,7 +235,7 @@ const fn layout_word(layout: Layout) -> &'static str {
 
 /// What is printed of a board is rounded to nanometres; with these bounds (in metres) it is read back as the same. Circles ten
 /// metres apart are millimetres written as metres.
-const LENGTHS: RangeInclusive<f64> = 1e-6..=10.0;
+pub(super) const LENGTHS: RangeInclusive<f64> = 1e-6..=10.0;
 
 pub(super) fn length(text: &str) -> Option<f64> {
     any_length(text).filter(|metres| LENGTHS.contains(metres))

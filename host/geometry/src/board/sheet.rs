@@ -3,20 +3,24 @@
 //! Lengths are millimetres, x to the right and y down from the top-left corner of the sheet. The board's
 //! rows run along x, so that what is read upright is seen by a camera as the board's own frame.
 
+mod circles;
+mod either;
 pub mod paper;
 pub mod pdf;
+mod squares;
 pub mod svg;
 #[cfg(test)]
 mod tests;
 
 use std::fmt;
 
-use evcal_core::pattern::{Layout, Pattern};
+use evcal_core::pattern::Pattern;
 
-use crate::board::CircleBoard;
+use crate::board::squares::raster::Rectangle;
+use crate::board::{Board, CircleBoard};
 use paper::{PAPERS, Paper};
 
-/// White around a dot, at least: to the next mark or text.
+/// White around the board, at least: to the next mark or text.
 const CLEARANCE: f64 = 6.0;
 /// Length of the end lines of a ruler; the others are shorter.
 const END_TICK: f64 = 4.0;
@@ -48,6 +52,32 @@ pub struct Dot {
     pub radius: f64,
 }
 
+/// The dark parts of a board on a sheet.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shapes {
+    /// The dots, in the order of the board's circles.
+    pub dots: Vec<Dot>,
+    /// Rectangles (mm), edge to edge where they touch.
+    pub rectangles: Vec<Rectangle>,
+    /// Top left corner of the area that they cover (mm).
+    pub corner: [f64; 2],
+}
+
+/// A board that can be printed. Its `Display` is its description.
+pub trait Printable: Copy + fmt::Display {
+    /// Width and height of the area of its dark parts (mm).
+    fn size(&self) -> [f64; 2];
+
+    /// Its dark parts, if the top left corner of their area is at `corner` (mm).
+    fn shapes(&self, corner: [f64; 2]) -> Shapes;
+
+    /// A sentence with the lengths that a caliper can check.
+    fn lengths(&self) -> String;
+
+    /// The same board with its spacing, or side of a square or tag, of `spacing` (mm) and all else in proportion.
+    fn scaled(&self, spacing: f64) -> Option<Self>;
+}
+
 /// A thin line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Line {
@@ -75,12 +105,14 @@ pub struct Words {
 pub struct BoardSheet {
     /// Width and height of the sheet (mm).
     pub size: [f64; 2],
-    /// The board on it.
-    pub board: CircleBoard,
+    /// Description of the board on it.
+    pub board: String,
     /// Length of both rulers (mm).
     pub ruler: f64,
     /// The dots, in the order of the board's circles.
     pub dots: Vec<Dot>,
+    /// The dark rectangles of a board of squares (mm), edge to edge where they touch.
+    pub rectangles: Vec<Rectangle>,
     /// Rulers and orientation mark.
     pub lines: Vec<Line>,
     /// What is written on it.
@@ -89,18 +121,18 @@ pub struct BoardSheet {
 
 /// A board does not fit.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub struct DoesNotFit {
-    board: CircleBoard,
+pub struct DoesNotFit<B: Printable = Board> {
+    board: B,
     paper: Paper,
     /// Smallest sheet that holds it (mm).
     pub needed: [f64; 2],
     /// The board of this layout with the largest spacing that fits on the paper.
-    pub largest: Option<CircleBoard>,
+    pub largest: Option<B>,
     /// Papers on which the board fits.
     pub papers: Vec<&'static str>,
 }
 
-impl fmt::Display for DoesNotFit {
+impl<B: Printable> fmt::Display for DoesNotFit<B> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { board, paper, needed: [width, height], largest, papers } = self;
         write!(f, "{board} does not fit on {paper}: it needs {width:.0} x {height:.0} mm with margins and rulers; ")?;
@@ -120,14 +152,14 @@ impl fmt::Display for DoesNotFit {
 ///
 /// # Errors
 /// [`DoesNotFit`] says what would.
-pub fn board_sheet(board: &CircleBoard, paper: &Paper, margin: f64) -> Result<BoardSheet, DoesNotFit> {
+pub fn board_sheet<B: Printable>(board: &B, paper: &Paper, margin: f64) -> Result<BoardSheet, DoesNotFit<B>> {
     lay_out(board, paper, margin).ok_or_else(|| {
         let fits = |paper: &&Paper| lay_out(board, paper, margin).is_some();
         DoesNotFit {
             board: *board,
             paper: *paper,
             needed: needed(board, margin),
-            largest: largest_board(board.pattern, board.radius / board.spacing, paper, margin),
+            largest: largest_board(board, paper, margin),
             papers: PAPERS.iter().filter(fits).map(|paper| paper.name).collect(),
         }
     })
@@ -135,60 +167,43 @@ pub fn board_sheet(board: &CircleBoard, paper: &Paper, margin: f64) -> Result<Bo
 
 /// The board of this `pattern` with the largest spacing, in whole millimetres, that fits on `paper`.
 pub fn board_that_fits(pattern: Pattern, paper: &Paper, margin: f64) -> Option<CircleBoard> {
-    largest_board(pattern, RADIUS_BY_SPACING, paper, margin)
+    largest_board(&CircleBoard { pattern, spacing: 1.0, radius: RADIUS_BY_SPACING }, paper, margin)
 }
 
-fn largest_board(pattern: Pattern, radius_by_spacing: f64, paper: &Paper, margin: f64) -> Option<CircleBoard> {
+fn largest_board<B: Printable>(board: &B, paper: &Paper, margin: f64) -> Option<B> {
     let longest = paper.size.into_iter().fold(0.0, f64::max).ceil() as u32;
-    (1..=longest).rev().map(f64::from).filter(|spacing| *spacing >= SMALLEST_SPACING).find_map(|spacing| {
-        // In tenths of a millimetre.
-        let radius = (spacing * radius_by_spacing * 10.0).floor() / 10.0;
-        let board = CircleBoard { pattern, spacing: spacing / 1e3, radius: radius / 1e3 };
-        (radius > 0.0 && lay_out(&board, paper, margin).is_some()).then_some(board)
-    })
+    let spacings = (1..=longest).rev().map(f64::from).filter(|spacing| *spacing >= SMALLEST_SPACING);
+    spacings.filter_map(|spacing| board.scaled(spacing)).find(|board| lay_out(board, paper, margin).is_some())
 }
 
-/// Width and height of the area of the dots (mm).
-fn dots_size(board: &CircleBoard) -> [f64; 2] {
-    let (columns, rows) = (f64::from(board.pattern.columns), f64::from(board.pattern.rows));
-    let across = match board.pattern.layout {
-        Layout::Asymmetric => 2.0 * columns - 1.0,
-        Layout::Symmetric => columns - 1.0,
-    };
-    [across, rows - 1.0].map(|steps| (steps * board.spacing + 2.0 * board.radius) * 1e3)
-}
-
-/// Width of the white, ruler and mark between the margin and the dots: left, top.
+/// Width of the white, ruler and mark between the margin and the board: left, top.
 const LEFT: f64 = END_TICK + CLEARANCE;
 const TOP: f64 = LINE_HEIGHT + CLEARANCE;
 
-/// Height of ruler and writing between the dots and the margin.
+/// Height of ruler and writing between the board and the margin.
 fn bottom(lines: usize) -> f64 {
     CLEARANCE + END_TICK + 1.0 + LINE_HEIGHT * lines as f64
 }
 
-fn needed(board: &CircleBoard, margin: f64) -> [f64; 2] {
-    let [width, height] = dots_size(board);
+fn needed(board: &impl Printable, margin: f64) -> [f64; 2] {
+    let [width, height] = board.size();
     let first_line = name(board).len() as f64 * LETTER_WIDTH;
     let inner = (width + LEFT).max(LEFT + TICK_DISTANCE).max(first_line);
     [inner, height + TOP + bottom(writing(board, LONGEST_RULER, inner).len())].map(|side| side + 2.0 * margin)
 }
 
-/// What stands first below the dots.
-fn name(board: &CircleBoard) -> String {
-    format!("CircleBoard {board}")
+/// The first line below the board.
+fn name(board: &impl Printable) -> String {
+    format!("Board {board}")
 }
 
-/// What stands below the dots, in lines of at most `width` mm.
-fn writing(board: &CircleBoard, ruler: f64, width: f64) -> Vec<String> {
-    let millimetres = |metres: f64| (metres * 1e7).round() / 1e4;
+/// The lines below the board, of at most `width` mm.
+fn writing(board: &impl Printable, ruler: f64, width: f64) -> Vec<String> {
     let sentences = format!(
         "evcal {}. Print at 100 %, without scaling: both rulers must measure {ruler} mm between their end lines. \
-         Spacing {} mm, neighbours {:.3} mm apart, dots {} mm across. If a caliper says otherwise, tell evcal what it says.",
+         {} If a caliper says otherwise, tell evcal what it says.",
         crate::VERSION,
-        millimetres(board.spacing),
-        board.neighbour_distance() * 1e3,
-        millimetres(2.0 * board.radius)
+        board.lengths()
     );
     let most = (width / LETTER_WIDTH).floor().max(1.0) as usize;
     let mut lines = vec![name(board)];
@@ -207,7 +222,7 @@ fn writing(board: &CircleBoard, ruler: f64, width: f64) -> Vec<String> {
 }
 
 /// The sheet the way round that leaves more room, if the board fits either way.
-fn lay_out(board: &CircleBoard, paper: &Paper, margin: f64) -> Option<BoardSheet> {
+fn lay_out(board: &impl Printable, paper: &Paper, margin: f64) -> Option<BoardSheet> {
     let [short, long] = paper.size;
     let sheets = [[short, long], [long, short]].map(|size| draw(board, size, margin));
     let room = |(_, room): &(BoardSheet, f64)| *room;
@@ -216,8 +231,8 @@ fn lay_out(board: &CircleBoard, paper: &Paper, margin: f64) -> Option<BoardSheet
 }
 
 /// The sheet of this width and height, and what it leaves free in the tighter direction (mm).
-fn draw(board: &CircleBoard, size: [f64; 2], margin: f64) -> Option<(BoardSheet, f64)> {
-    let [width, height] = dots_size(board);
+fn draw(board: &impl Printable, size: [f64; 2], margin: f64) -> Option<(BoardSheet, f64)> {
+    let [width, height] = board.size();
     let across = size[0] - 2.0 * margin;
     let inner = [across - LEFT, size[1] - 2.0 * margin - TOP];
     // A shorter ruler takes no more lines to write.
@@ -231,15 +246,11 @@ fn draw(board: &CircleBoard, size: [f64; 2], margin: f64) -> Option<(BoardSheet,
     if ruler < TICK_DISTANCE || widest > across + ROUNDING || room < -ROUNDING {
         return None;
     }
-    let radius = board.radius * 1e3;
-    let first = [margin + LEFT + free[0] / 2.0 + radius, margin + TOP + free[1] / 2.0 + radius];
-    let dots = (0..board.circle_count()).map(|index| {
-        let center = board.circle_center(index) * 1e3;
-        Dot { center: [first[0] + center.x, first[1] + center.y], radius }
-    });
+    let corner = [margin + LEFT + free[0] / 2.0, margin + TOP + free[1] / 2.0];
+    let Shapes { dots, rectangles, corner } = board.shapes(corner);
     let mut lines = ruler_lines([margin + LEFT, size[1] - margin - below + CLEARANCE], [1.0, 0.0], ruler);
     lines.extend(ruler_lines([margin, margin + TOP], [0.0, 1.0], ruler));
-    let mark = [first[0] - radius, first[1] - radius - CLEARANCE];
+    let mark = [corner[0], corner[1] - CLEARANCE];
     lines.extend(arrow(mark));
     let base = size[1] - margin - below + CLEARANCE + END_TICK + 1.0;
     let mut words: Vec<Words> = text
@@ -248,7 +259,7 @@ fn draw(board: &CircleBoard, size: [f64; 2], margin: f64) -> Option<(BoardSheet,
         .map(|(text, line)| Words { at: [margin, base + LINE_HEIGHT * f64::from(line) - 0.8], size: LETTER_SIZE, text })
         .collect();
     words.push(Words { at: [mark[0] + ARROW + 1.5, mark[1] + 0.9], size: LETTER_SIZE, text: "x".to_owned() });
-    Some((BoardSheet { size, board: *board, ruler, dots: dots.collect(), lines, words }, room))
+    Some((BoardSheet { size, board: board.to_string(), ruler, dots, rectangles, lines, words }, room))
 }
 
 /// A ruler of `length` from `start` along `direction`, its lines to the right of that.
@@ -269,7 +280,7 @@ fn ruler_lines(start: [f64; 2], direction: [f64; 2], length: f64) -> Vec<Line> {
     lines
 }
 
-/// An arrow along a row, above the first circle: too thin to be taken for a dot.
+/// An arrow along a row, above the top left corner of the board: too thin to be taken for a part of it.
 fn arrow(start: [f64; 2]) -> [Line; 3] {
     let tip = [start[0] + ARROW, start[1]];
     let line = |from| Line { from, to: tip, width: 2.0 * THIN };

@@ -6,6 +6,7 @@
 mod codes;
 pub mod edges;
 pub mod family;
+pub mod kalibr;
 pub mod raster;
 mod text;
 
@@ -141,6 +142,23 @@ impl SquareBoard {
         Raster::of_dark(&dark)
     }
 
+    /// The rectangle that the board covers: all squares, or all tags with the corner squares.
+    pub fn bounds(&self) -> Rectangle {
+        let sides = |columns: u8, rows: u8, side: f64| [f64::from(columns) * side, f64::from(rows) * side];
+        match self {
+            Self::Checkerboard(board) => {
+                Rectangle { low: [-board.square; 2], high: sides(board.columns, board.rows, board.square) }
+            }
+            Self::Tags(grid) => {
+                let outside = if grid.corner_squares { grid.spacing * grid.tag } else { 0.0 };
+                let high =
+                    [grid.columns, grid.rows].map(|count| f64::from(count) * grid.period() - grid.spacing * grid.tag);
+                Rectangle::between(grid.on_board([-outside; 2]), grid.on_board(high.map(|high| high + outside)))
+            }
+            Self::Charuco(board) => Rectangle { low: [0.0; 2], high: sides(board.columns, board.rows, board.square) },
+        }
+    }
+
     /// The rotations about its normal, in quarters, after which the board looks the same.
     pub fn quarters(&self) -> &'static [u8] {
         match self {
@@ -179,9 +197,8 @@ impl SquareBoard {
 
     /// Side of a square of a checkerboard or a module of a tag, whichever is smaller, in metres.
     pub fn module(&self) -> f64 {
-        let modules = |dictionary: Dictionary, border: u8| {
-            (dictionary.family.inner_side() + 2 * usize::from(border)) as f64
-        };
+        let modules =
+            |dictionary: Dictionary, border: u8| (dictionary.family.inner_side() + 2 * usize::from(border)) as f64;
         match self {
             Self::Checkerboard(board) => board.square,
             Self::Tags(grid) => grid.tag / modules(grid.dictionary, grid.border),

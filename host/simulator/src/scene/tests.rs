@@ -18,7 +18,13 @@ fn pose(board: &CircleBoard, distance: f64, tilt: f64, roll: f64) -> Isometry3<f
 
 /// The unblurred scene at one point of the image, by the pose itself and the board's own list
 /// of circles. The ray is followed to a bent board step by step.
-fn sharp(camera: &Camera<f64>, pose: &Isometry3<f64>, board: &CircleBoard, printed: &BoardShape, pixel: Vector2<f64>) -> f64 {
+fn sharp(
+    camera: &Camera<f64>,
+    pose: &Isometry3<f64>,
+    board: &CircleBoard,
+    printed: &BoardShape,
+    pixel: Vector2<f64>,
+) -> f64 {
     let settings = SceneSettings::default();
     let direction = pose.rotation * camera.unproject(&pixel).unwrap();
     let origin = pose.translation.vector;

@@ -45,7 +45,9 @@ fn statements(estimate: &BoardEstimate, board: &Board) -> Vec<String> {
     if by_radius {
         let radius = with_sigma(1e3 * shape.radius, 1e3 * radius_sigma);
         statements.push(match board {
-            Board::Circles(circles) => format!("its circles have a radius of {radius} mm, not {} mm", 1e3 * circles.radius),
+            Board::Circles(circles) => {
+                format!("its circles have a radius of {radius} mm, not {} mm", 1e3 * circles.radius)
+            }
             Board::Squares(_) => {
                 let wider = with_sigma(2e3 * (shape.radius - board.print_radius()), 2e3 * radius_sigma);
                 format!("its dark squares are {wider} mm wider than stated")

@@ -30,7 +30,8 @@ pub(super) fn findings_on(
 ) -> Vec<Finding> {
     let mut findings = Vec::from_iter(uncertain(trust, settings));
     findings.extend(views(&trust.coverage));
-    findings.extend(events.and_then(|events| radius(&events.radius?, events.board.evidence.as_ref(), board.circles()?)));
+    findings
+        .extend(events.and_then(|events| radius(&events.radius?, events.board.evidence.as_ref(), board.circles()?)));
     findings.extend(events.and_then(|events| board_finding(&events.board, board, camera)));
     findings.extend(pixels_not_square(camera, trust));
     findings.extend(not_one_to_one(camera, sensor));

@@ -20,7 +20,7 @@ use evcal_calibrate::second_camera::error::SecondCameraError;
 use evcal_calibrate::undistort::target::TargetError;
 use evcal_files::shell_word::shell_word;
 use evcal_geometry::board::sheet::DoesNotFit;
-use evcal_geometry::board::{BoardError, BoardProblem};
+use evcal_geometry::board::{BoardError, BoardProblem, CircleBoardError};
 use evcal_live::page::PageError;
 use event_recordings::TimeUnit;
 
@@ -193,6 +193,13 @@ fn about_board_choice(error: &BoardChoiceError) -> Option<String> {
 }
 
 fn about_board(error: &BoardError) -> Option<String> {
+    match error {
+        BoardError::Circles(error) => about_circle_board(error),
+        BoardError::Squares(_) => None,
+    }
+}
+
+fn about_circle_board(error: &CircleBoardError) -> Option<String> {
     match error.problem {
         BoardProblem::NoCircles(_) => Some("print one with evcal board --pdf board.pdf".to_owned()),
         BoardProblem::File => Some("recordings stand apart from --board".to_owned()),

@@ -175,7 +175,7 @@ impl Work<'_> {
         if calibrated.verdict.grade == Grade::NotGood
             && !told
             && let Some(LargerBoard { found, board }) =
-                larger_board(&self.inputs, &self.board, &self.settings.detection)
+                self.board.circles().and_then(|board| larger_board(&self.inputs, board, &self.settings.detection))
         {
             print::aside(format!("is the board right? It looks like {found}: --board {board}"));
         }

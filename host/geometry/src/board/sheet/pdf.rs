@@ -20,7 +20,7 @@ pub fn pdf(sheet: &BoardSheet) -> Vec<u8> {
     root.pages(pages);
     root.viewer_preferences().pair(Name(b"PrintScaling"), Name(b"None"));
     root.finish();
-    pdf.document_info(information).title(TextStr(&format!("CircleBoard {}", sheet.board)));
+    pdf.document_info(information).title(TextStr(&format!("Board {}", sheet.board)));
     pdf.pages(pages).kids([page]).count(1);
     let letters = Name(b"Letters");
     let [width, height] = sheet.size.map(|side| (side * POINTS) as f32);
@@ -41,6 +41,14 @@ fn drawing(sheet: &BoardSheet, letters: Name) -> Vec<u8> {
     content.set_fill_gray(0.0).set_stroke_gray(0.0);
     for dot in &sheet.dots {
         circle(&mut content, dot, point);
+        content.fill_nonzero();
+    }
+    if !sheet.rectangles.is_empty() {
+        // One path: between parts that are filled one by one, viewers show seams.
+        for rectangle in &sheet.rectangles {
+            let ([left, top], [right, bottom]) = (point(rectangle.low), point(rectangle.high));
+            content.move_to(left, top).line_to(right, top).line_to(right, bottom).line_to(left, bottom).close_path();
+        }
         content.fill_nonzero();
     }
     for line in &sheet.lines {

@@ -1,16 +1,24 @@
 //! A board sheet as SVG.
 
 use svg::Document;
-use svg::node::element::{Circle, Group, Line, Rectangle, Text, Title};
+use svg::node::element::{Circle, Group, Line, Path, Rectangle, Text, Title};
 
 use super::BoardSheet;
 
 /// The sheet as an SVG of exactly its size; one user unit is one millimetre.
 pub fn svg(sheet: &BoardSheet) -> String {
     let [width, height] = sheet.size;
-    let mut dots = Group::new().set("fill", "black");
+    let mut dark = Group::new().set("fill", "black");
     for dot in &sheet.dots {
-        dots = dots.add(Circle::new().set("cx", dot.center[0]).set("cy", dot.center[1]).set("r", dot.radius));
+        dark = dark.add(Circle::new().set("cx", dot.center[0]).set("cy", dot.center[1]).set("r", dot.radius));
+    }
+    if !sheet.rectangles.is_empty() {
+        // One path: between parts that are filled one by one, viewers show seams.
+        let outlines = sheet.rectangles.iter().map(|rectangle| {
+            let ([left, top], [right, bottom]) = (rectangle.low, rectangle.high);
+            format!("M{left} {top}H{right}V{bottom}H{left}Z")
+        });
+        dark = dark.add(Path::new().set("d", outlines.collect::<String>()));
     }
     let mut lines = Group::new().set("stroke", "black");
     for line in &sheet.lines {
@@ -28,9 +36,9 @@ pub fn svg(sheet: &BoardSheet) -> String {
         .set("width", format!("{width}mm"))
         .set("height", format!("{height}mm"))
         .set("viewBox", format!("0 0 {width} {height}"))
-        .add(Title::new(format!("CircleBoard {}", sheet.board)))
+        .add(Title::new(format!("Board {}", sheet.board)))
         .add(Rectangle::new().set("width", width).set("height", height).set("fill", "white"))
-        .add(dots)
+        .add(dark)
         .add(lines)
         .add(words);
     format!("{document}\n")

@@ -1,4 +1,7 @@
+use evcal_core::pattern::Layout;
+
 use super::*;
+use crate::board::squares::SquareBoard;
 
 const MARGIN: f64 = 10.0;
 
@@ -76,4 +79,63 @@ fn the_default_board_has_the_proportions_of_the_documentation() {
     let fits = board_that_fits(pattern, &paper("a4"), MARGIN).unwrap();
     assert!(fits.spacing >= 0.023 && (fits.radius / fits.spacing - RADIUS_BY_SPACING).abs() < 0.005, "{fits}");
     assert!(fits.to_string().parse::<CircleBoard>().is_ok());
+}
+
+const SQUARES: [&str; 5] = [
+    "checkerboard:6x9:20mm",
+    "aprilgrid:3x3:40mm:0.3",
+    "apriltags:2x3:40mm:0.25",
+    "apriltags:2x3:40mm:0.25:down",
+    "charuco:7x5:25mm:19mm:DICT_5X5_100",
+];
+
+fn squares(text: &str) -> SquareBoard {
+    text.parse().unwrap()
+}
+
+#[test]
+fn a_board_of_squares_is_upright_on_its_sheet() {
+    for text in SQUARES {
+        let board = squares(text);
+        let sheet = board_sheet(&board, &paper("a4"), MARGIN).unwrap();
+        assert_eq!(sheet.board, text);
+        let (raster, bounds) = (board.raster(), board.bounds());
+        let far = |pick: fn(f64, f64) -> f64, axis: usize, start: f64| {
+            sheet.rectangles.iter().flat_map(|dark| [dark.low[axis], dark.high[axis]]).fold(start, pick)
+        };
+        let low = [far(f64::min, 0, 1e9), far(f64::min, 1, 1e9)];
+        let high = [far(f64::max, 0, 0.0), far(f64::max, 1, 0.0)];
+        for axis in 0..2 {
+            assert!((high[axis] - low[axis] - (bounds.high[axis] - bounds.low[axis]) * 1e3).abs() < 1e-9, "{text}");
+            assert!(low[axis] >= MARGIN + CLEARANCE && high[axis] <= sheet.size[axis] - MARGIN, "{text}");
+        }
+        // Each place is dark on the sheet where it is dark on the board, and covered once.
+        for row in 0..97 {
+            for column in 0..89 {
+                let share = [(f64::from(column) + 0.37) / 89.0, (f64::from(row) + 0.37) / 97.0];
+                let at = |low: [f64; 2], high: [f64; 2], share: [f64; 2]| -> [f64; 2] {
+                    std::array::from_fn(|axis| low[axis] + share[axis] * (high[axis] - low[axis]))
+                };
+                let [x, y] = at(low, high, share);
+                let covers =
+                    |dark: &&Rectangle| dark.low[0] <= x && x < dark.high[0] && dark.low[1] <= y && y < dark.high[1];
+                let expected = raster.is_dark_at(at(bounds.low, bounds.high, share));
+                assert_eq!(sheet.rectangles.iter().filter(covers).count(), usize::from(expected), "{text} {share:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_board_of_squares_that_does_not_fit_is_made_smaller() {
+    for text in ["checkerboard:6x9:60mm", "aprilgrid:6x6:88mm:0.3", "charuco:5x7:60mm:44mm:DICT_5X5_100:legacy"] {
+        let error = board_sheet(&squares(text), &paper("a4"), MARGIN).unwrap_err();
+        let largest = error.largest.unwrap();
+        assert!(board_sheet(&largest, &paper("a4"), MARGIN).is_ok());
+        assert_eq!(largest.to_string().parse(), Ok(largest));
+        let (kind, last) = (text.split(':').take(2), text.split(':').skip(4));
+        let written = largest.to_string();
+        assert!(written.split(':').take(2).eq(kind) && written.split(':').skip(4).eq(last), "{written}");
+        assert!(error.to_string().contains(&written), "{error}");
+    }
 }

@@ -35,9 +35,9 @@ pub struct Edge {
     pub line: [f64; 2],
     /// The dark side.
     pub dark: Side,
-    /// How far it stays dark from the edge across the dark side.
+    /// Width of the dark run of cells on the dark side, across the edge.
     pub dark_width: f64,
-    /// How far it stays light from the edge across the light side; infinite outside the board.
+    /// Width of the light run of cells on the light side, across the edge; infinite outside the board.
     pub light_width: f64,
 }
 
@@ -70,7 +70,7 @@ pub struct SquareEdges {
     rows: Lines,
     /// Row by row; the first and last column and row are outside the board.
     cells: Vec<Cell>,
-    /// Corners and crossings that can be nearer to a point of a cell than the edges beside it.
+    /// Corners and crossings that can be nearer to a point of a cell than its four edges.
     vertices: Vec<[f64; 2]>,
 }
 
@@ -104,7 +104,7 @@ impl Beside {
     #[inline(always)]
     fn nearer(&self, place: f64) -> Near {
         let (low, high) = (place - self.low_position, self.high_position - place);
-        if low <= high { Near { edge: self.low, distance: low } } else { Near { edge: self.high, distance: high } }
+        Near { edge: if low <= high { self.low } else { self.high }, distance: low.min(high) }
     }
 
     /// Largest distance from a place in `range` to the nearer edge.
@@ -148,7 +148,7 @@ impl Lines {
         let narrowest = lines.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
         let bins = (length / narrowest).ceil().clamp(1.0, MOST_BINS);
         let bins_per_metre = if length > 0.0 { bins / length } else { 0.0 };
-        // Half a bin of margin: rounding may put a place into the bin beside its own.
+        // Half a bin of margin: rounding may put a place into a neighbouring bin.
         let below = |bin: u32| {
             let place = start + (f64::from(bin) - 0.5) / bins_per_metre;
             lines.partition_point(|line| *line < place) as u32
@@ -160,8 +160,11 @@ impl Lines {
     #[inline(always)]
     fn at_or_below(&self, place: f64) -> usize {
         let bin = (((place - self.start) * self.bins_per_metre) as usize).min(self.below.len().saturating_sub(1));
-        let mut count = self.below.get(bin).map_or(0, |below| *below as usize);
-        while self.lines.get(count).is_some_and(|line| *line <= place) {
+        let first = self.below.get(bin).map_or(0, |below| *below as usize);
+        let is_below = |index: usize| self.lines.get(index).is_some_and(|line| *line <= place);
+        // A bin and its margin have at most two lines, unless there are too many bins. A branch would be mispredicted.
+        let mut count = first + usize::from(is_below(first)) + usize::from(is_below(first + 1));
+        while is_below(count) {
             count += 1;
         }
         count
@@ -222,31 +225,31 @@ impl SquareEdges {
         let (column, row) = (self.columns.at_or_below(x), self.rows.at_or_below(y));
         let cell = self.cells.get(row * (self.columns.lines.len() + 1) + column)?;
         let (near_x, near_y) = (cell.x.nearer(x), cell.y.nearer(y));
-        let (near, other, along) = if near_x.distance <= near_y.distance {
-            (near_x, near_y.distance, y)
-        } else {
-            (near_y, near_x.distance, x)
-        };
-        let edge = self.edges.get(near.edge as usize)?;
-        let is_clear = other >= near.distance + clearance
-            && along - edge.line[0] >= clearance
-            && edge.line[1] - along >= clearance
-            && near.distance <= edge.width();
+        let is_x = near_x.distance <= near_y.distance;
+        let index = if is_x { near_x.edge } else { near_y.edge } as usize;
+        let along = if is_x { y } else { x };
+        let (distance, other) = (near_x.distance.min(near_y.distance), near_x.distance.max(near_y.distance));
+        let edge = self.edges.get(index)?;
+        // Not `&&`: each of its branches would be mispredicted.
+        let is_clear = (other >= distance + clearance)
+            & (along - edge.line[0] >= clearance)
+            & (edge.line[1] - along >= clearance)
+            & (distance <= edge.width());
         if !is_clear {
             return None;
         }
         let vertices = self.vertices.get(cell.first_vertex as usize..cell.end_vertex as usize)?;
-        let square = near.distance * near.distance;
+        let square = distance * distance;
         let is_nearer = |[a, b]: &[f64; 2]| (a - x) * (a - x) + (b - y) * (b - y) < square;
-        (!vertices.iter().any(is_nearer)).then_some(near.edge as usize)
+        (!vertices.iter().any(is_nearer)).then_some(index)
     }
 
-    /// Appends the vertices that can be nearer to a point of the cell than the edges beside it.
+    /// Appends the vertices that can be nearer to a point of the cell than the edges `x` and `y` on its sides.
     fn push_vertices(&mut self, [column, row]: [usize; 2], x: &Beside, y: &Beside, is_vertex: &[bool]) {
         let [columns, rows] = [self.columns.range(column), self.rows.range(row)];
         let widths = [x.low, x.high, y.low, y.high].map(|edge| self.edges.get(edge as usize).map_or(0.0, Edge::width));
         let reach = x.reach(columns).min(y.reach(rows)).min(widths.into_iter().fold(0.0, f64::max));
-        // On the line of an edge beside the cell or behind it a vertex is not nearer than that edge.
+        // A vertex on the line of one of these edges or behind it is not nearer than the edge.
         let within = |range: [f64; 2], beside: &Beside| {
             [(range[0] - reach).max(beside.low_position), (range[1] + reach).min(beside.high_position)]
         };
@@ -361,7 +364,7 @@ fn changes(raster: &Raster, across: Axis, band: usize, lines: &[f64]) -> Vec<Opt
     all
 }
 
-/// The edges beside each cell along the axis, band by band; the first and last cell of a band are outside the board.
+/// The nearest edges to each cell along the axis, band by band; the first and last cell of a band are outside the board.
 fn besides(across: &Across, edges: &[Edge]) -> Vec<Beside> {
     let mut all = vec![Beside::NOTHING; across.bands * (across.lines + 1)];
     let edge_at = |line: usize, band: usize| {
@@ -383,7 +386,7 @@ fn besides(across: &Across, edges: &[Edge]) -> Vec<Beside> {
     all
 }
 
-/// For each crossing of two lines, row by row, whether edges end there.
+/// `true` for each crossing of two lines, row by row, at which edges end.
 fn vertices(x_edges: &Across, edges: &[Edge]) -> Vec<bool> {
     let edge_at = |line: usize, band: Option<usize>| {
         let index = band.filter(|band| *band < x_edges.bands).map(|band| line * x_edges.bands + band)?;

@@ -68,8 +68,8 @@ impl TagFamily {
         table.get(usize::from(id)).copied()
     }
 
-    /// Which modules of tag `id` are light, row by row from the top left, with a dark border of `border` modules; `None` if the
-    /// family has no such tag.
+    /// Shades of the modules of tag `id` with a dark border of `border` modules, row by row from the top left, `true` for light;
+    /// `None` if the family has no such tag.
     pub fn light(self, id: u16, border: u8) -> Option<Vec<bool>> {
         let code = self.code(id)?;
         let (inner, border) = (self.inner_side(), usize::from(border));

@@ -87,4 +87,33 @@ impl Raster {
             _ => false,
         }
     }
+
+    /// The dark cells joined to rectangles that do not overlap.
+    pub fn dark_rectangles(&self) -> Vec<Rectangle> {
+        let mut done: Vec<Rectangle> = Vec::new();
+        let mut open: Vec<Rectangle> = Vec::new();
+        for (row, y) in self.y.windows(2).enumerate() {
+            let mut current: Vec<Rectangle> = Vec::new();
+            for (_, x) in self.x.windows(2).enumerate().filter(|(column, _)| self.is_dark(*column, row)) {
+                match current.last_mut().filter(|last| last.high[0] == x[0]) {
+                    Some(last) => last.high[0] = x[1],
+                    None => current.push(Rectangle { low: [x[0], y[0]], high: [x[1], y[1]] }),
+                }
+            }
+            // A rectangle of the row before with the same sides continues.
+            let mut ended = open.into_iter().peekable();
+            for rectangle in &mut current {
+                while let Some(above) = ended.next_if(|above| above.low[0] <= rectangle.low[0]) {
+                    match above.low[0] == rectangle.low[0] && above.high[0] == rectangle.high[0] {
+                        true => rectangle.low[1] = above.low[1],
+                        false => done.push(above),
+                    }
+                }
+            }
+            done.extend(ended);
+            open = current;
+        }
+        done.extend(open);
+        done
+    }
 }

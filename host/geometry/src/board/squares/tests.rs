@@ -96,7 +96,7 @@ fn an_aprilgrid_has_squares_at_the_corners_of_its_tags() {
     assert_eq!(rows[5].get(..13), Some("...##..#.#.##"));
 }
 
-/// What OpenCV 5.0 draws of `GridBoard((2, 2), 1.0, 1/3, DICT_APRILTAG_16h5)`.
+/// Drawn by OpenCV 5.0 as `GridBoard((2, 2), 1.0, 1/3, DICT_APRILTAG_16h5)`.
 #[test]
 fn a_grid_numbered_downwards_is_opencvs() {
     let board = board("apriltags:2x2:60mm:0.3333333333333333:16h5:down");
@@ -109,7 +109,7 @@ fn a_grid_numbered_downwards_is_opencvs() {
     assert!((tags[2].corners[2][1] - 0.08).abs() < 1e-12);
 }
 
-/// What OpenCV 5.0 draws of `CharucoBoard((3, 4), 1.0, 0.75, DICT_4X4_50)`, without and with `setLegacyPattern(True)`.
+/// Drawn by OpenCV 5.0 as `CharucoBoard((3, 4), 1.0, 0.75, DICT_4X4_50)`, without and with `setLegacyPattern(True)`.
 #[test]
 fn charuco_boards_are_as_opencv_draws_them() {
     let text = "charuco:4x3:80mm:60mm:DICT_4X4_50";
@@ -144,7 +144,7 @@ fn charuco_corners_have_opencvs_ids() {
     assert!(close(&[points[0], points[1], points[23]], &[[0.03, 0.03], [0.06, 0.03], [0.12, 0.18]]), "{points:?}");
 }
 
-/// Whether the raster is the same after so many quarter turns about the middle of the points.
+/// `true` if the raster is the same after so many quarter turns about the middle of the points.
 fn looks_the_same(board: &SquareBoard, quarters: u8) -> bool {
     let (raster, points) = (board.raster(), board.points());
     let middle = 0.5 * (points[0] + points[points.len() - 1]);

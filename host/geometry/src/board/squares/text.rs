@@ -1,4 +1,4 @@
-//! What a user types for a board of squares.
+//! Boards of squares as text.
 
 use std::fmt;
 use std::str::FromStr;
@@ -13,11 +13,11 @@ use crate::board::circles::{length, millimetres};
 pub struct SquareBoardError {
     text: String,
     form: &'static str,
-    /// What is wrong.
+    /// The problem.
     pub problem: SquareBoardProblem,
 }
 
-/// What is wrong with the description of a board of squares.
+/// Problems of the description of a board of squares.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SquareBoardProblem {
@@ -54,7 +54,7 @@ pub enum SquareBoardProblem {
     /// The spacing cannot be read.
     #[error("spacing {0:?} is not a number from 0.01 to 4: the gap between two tags divided by the size of a tag")]
     Spacing(String),
-    /// The gap itself in place of its ratio to the tag.
+    /// The gap itself instead of its ratio to the tag.
     #[error("the spacing is the gap divided by the size of a tag, here {0}")]
     Gap(String),
     /// The tags do not fit into the squares.
@@ -156,7 +156,7 @@ impl<'a> Parts<'a> {
 }
 
 /// Gap by size of a tag.
-const SPACINGS: std::ops::RangeInclusive<f64> = 0.01..=4.0;
+pub(super) const SPACINGS: std::ops::RangeInclusive<f64> = 0.01..=4.0;
 
 fn checkerboard(mut parts: Parts<'_>) -> Result<SquareBoard, SquareBoardProblem> {
     let [rows, columns] = parts.size(2)?;
@@ -228,7 +228,7 @@ fn charuco(mut parts: Parts<'_>) -> Result<SquareBoard, SquareBoardProblem> {
     Ok(SquareBoard::Charuco(board))
 }
 
-fn enough(needed: usize, dictionary: Dictionary) -> Result<(), SquareBoardProblem> {
+pub(super) fn enough(needed: usize, dictionary: Dictionary) -> Result<(), SquareBoardProblem> {
     match needed <= usize::from(dictionary.tags) {
         true => Ok(()),
         false => Err(SquareBoardProblem::TooFewTags { needed, dictionary, has: dictionary.tags }),

@@ -1,0 +1,43 @@
+//! Boards of circles on a sheet.
+
+use evcal_core::pattern::Layout;
+
+use super::{Dot, Printable, Shapes};
+use crate::board::CircleBoard;
+
+impl Printable for CircleBoard {
+    fn size(&self) -> [f64; 2] {
+        let (columns, rows) = (f64::from(self.pattern.columns), f64::from(self.pattern.rows));
+        let across = match self.pattern.layout {
+            Layout::Asymmetric => 2.0 * columns - 1.0,
+            Layout::Symmetric => columns - 1.0,
+        };
+        [across, rows - 1.0].map(|steps| (steps * self.spacing + 2.0 * self.radius) * 1e3)
+    }
+
+    fn shapes(&self, corner: [f64; 2]) -> Shapes {
+        let radius = self.radius * 1e3;
+        let first = corner.map(|low| low + radius);
+        let dots = (0..self.circle_count()).map(|index| {
+            let center = self.circle_center(index) * 1e3;
+            Dot { center: [first[0] + center.x, first[1] + center.y], radius }
+        });
+        Shapes { dots: dots.collect(), rectangles: Vec::new(), corner: first.map(|middle| middle - radius) }
+    }
+
+    fn lengths(&self) -> String {
+        let millimetres = |metres: f64| (metres * 1e7).round() / 1e4;
+        format!(
+            "Spacing {} mm, neighbours {:.3} mm apart, dots {} mm across.",
+            millimetres(self.spacing),
+            self.neighbour_distance() * 1e3,
+            millimetres(2.0 * self.radius)
+        )
+    }
+
+    fn scaled(&self, spacing: f64) -> Option<Self> {
+        // In tenths of a millimetre.
+        let radius = (spacing * (self.radius / self.spacing) * 10.0).floor() / 10.0;
+        (radius > 0.0).then_some(Self { spacing: spacing / 1e3, radius: radius / 1e3, ..*self })
+    }
+}
