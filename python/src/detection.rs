@@ -1,6 +1,6 @@
 //! The board in windows of time.
 
-use evcal_calibrate::calibrate::input::open_events;
+use evcal_calibrate::circles::file::open_events;
 use evcal_calibrate::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
 use evcal_calibrate::settings::Settings;
 use evcal_geometry::board::Board;

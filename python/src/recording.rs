@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
-use evcal_calibrate::calibrate::input::{EventsError, open_events};
+use evcal_calibrate::circles::file::{EventsError, open_events};
 use evcal_calibrate::diagnosis::information::gather;
 use event_recordings::{OptionError, Recording, RecordingOptions};
 use pyo3::exceptions::PyValueError;

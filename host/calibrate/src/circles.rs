@@ -2,6 +2,7 @@
 
 pub mod compact_frame;
 pub mod event_pixel;
+pub mod file;
 pub mod reference_frame;
 pub mod serial;
 pub mod stream;

@@ -11,6 +11,7 @@ use serde::Serialize;
 use super::PixelMap;
 use super::picture::{PictureError, undistort_frame, write_frame};
 use super::sub_pixel::{SubPixelFormat, SubPixelWriter};
+use crate::circles::file::{EventsError, open_events};
 use evcal_files::FileError;
 use evcal_geometry::lens::camera_file::{CameraDescription, CameraFile};
 use event_recordings::convert::{
@@ -44,13 +45,13 @@ impl Maps {
 /// Opens the recording at `path` of a camera with this `sensor`, which holds where the recording does not tell its own.
 ///
 /// # Errors
-/// [`RecordingError`].
-pub fn open_recording(path: &Path, options: RecordingOptions, sensor: Sensor) -> Result<Recording, RecordingError> {
+/// [`EventsError`] when it holds circles or cannot be read.
+pub fn open_recording(path: &Path, options: RecordingOptions, sensor: Sensor) -> Result<Recording, EventsError> {
     let told = match options.sensor {
         Some(sensor) => Some(sensor),
-        None => Recording::new(path, options.clone())?.open()?.information().sensor,
+        None => open_events(path, options.clone())?.open()?.information().sensor,
     };
-    Recording::new(path, RecordingOptions { sensor: told.or(Some(sensor)), ..options })
+    open_events(path, RecordingOptions { sensor: told.or(Some(sensor)), ..options })
 }
 
 /// Where the camera of an output is written: `events.csv` has `events.camera.json`.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use evcal_calibrate::calibrate::input::open_events;
+use evcal_calibrate::circles::file::open_events;
 use event_recordings::convert::{ConvertError, TimeOrigin, convert, output_of};
 use event_recordings::encode::OutputFormat;
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::settings::read_settings;
 use evcal_calibrate::calibrate::board_choice::recognise_layout;
-use evcal_calibrate::calibrate::input::{InputKind, open_events};
+use evcal_calibrate::circles::file::{InputKind, open_events};
 use evcal_calibrate::circles::serial::SerialAddress;
 use evcal_calibrate::circles::stream::{self, CircleStream};
 use evcal_calibrate::detection::search::{FoundCircles, SearchFor, search_events_telling, search_stream, sensor_of};

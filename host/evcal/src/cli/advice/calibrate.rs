@@ -5,7 +5,7 @@ use std::error::Error;
 use evcal_calibrate::advice::Advice;
 use evcal_calibrate::calibrate::board_choice::BoardChoiceError;
 use evcal_calibrate::calibrate::error::CalibrateError;
-use evcal_calibrate::calibrate::input::EventsError;
+use evcal_calibrate::circles::file::EventsError;
 use evcal_calibrate::calibrate::parameter_request::ParameterError;
 use evcal_calibrate::calibrate::repeat::{RepeatError, shorter_parts};
 use evcal_calibrate::detection::no_board::NoBoard;

@@ -4,7 +4,7 @@ use crate::cli::circles_only::circles_of;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use evcal_calibrate::calibrate::input::open_events;
+use evcal_calibrate::circles::file::open_events;
 use evcal_calibrate::detection::search::sensor_of;
 use evcal_calibrate::settings::Settings;
 use evcal_files::folder::OutputFolder;

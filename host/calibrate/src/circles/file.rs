@@ -1,0 +1,58 @@
+//! Whether a file holds events, or circles that a detector found in them.
+
+use std::path::{Path, PathBuf};
+
+use event_recordings::{Head, Recording, RecordingError, RecordingOptions};
+
+use super::{stream, track};
+
+/// What a file holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InputKind {
+    /// Events, or something unknown.
+    Events,
+    /// Circles that a detector found: see [`track`](mod@track).
+    CircleTrack,
+    /// Circles as a microcontroller sends them: see [`stream`](mod@stream).
+    CircleStream,
+}
+
+impl InputKind {
+    /// What the file at `path` holds, found from its content.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn of(path: &Path) -> Result<Self, RecordingError> {
+        if path.is_dir() {
+            return Ok(Self::Events);
+        }
+        let head = Head::read(path)?;
+        Ok(match head.text() {
+            Some(text) if track::is_circle_track(text) => Self::CircleTrack,
+            _ if stream::is_circle_stream(&head.bytes) => Self::CircleStream,
+            _ => Self::Events,
+        })
+    }
+}
+
+/// Why a file cannot be opened for its events.
+#[derive(Debug, thiserror::Error)]
+pub enum EventsError {
+    /// It is a circle track or stream.
+    #[error("{} holds circles, not events", .0.display())]
+    Circles(PathBuf),
+    /// It cannot be read as a recording.
+    #[error("{0}")]
+    Recording(#[from] RecordingError),
+}
+
+/// Opens the events of the file or folder at `path`.
+///
+/// # Errors
+/// [`EventsError`] when it holds no events or cannot be read.
+pub fn open_events(path: &Path, options: RecordingOptions) -> Result<Recording, EventsError> {
+    match InputKind::of(path)? {
+        InputKind::Events => Ok(Recording::new(path, options)?),
+        InputKind::CircleTrack | InputKind::CircleStream => Err(EventsError::Circles(path.to_owned())),
+    }
+}
