@@ -3,10 +3,13 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
+mod alignment;
 pub mod checkerboard;
 pub mod found_point;
 pub mod picture;
+pub mod quads;
 pub mod reconstruction;
 #[cfg(test)]
 mod rendering;
 pub mod saddles;
+pub mod tags;

@@ -83,6 +83,12 @@ impl Picture {
         self.filtered(&half)
     }
 
+    /// The picture with left and right exchanged.
+    pub fn mirrored(&self) -> Self {
+        let values = self.values.chunks_exact(self.width).flat_map(|row| row.iter().rev()).copied().collect();
+        Self { values, ..*self }
+    }
+
     /// The picture after a symmetric filter along x and along y: `half` has the weight of the middle and of its neighbours on
     /// one side.
     fn filtered(&self, half: &[f32]) -> Self {

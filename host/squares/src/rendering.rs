@@ -1,5 +1,6 @@
 //! Pictures of boards with a known truth, for tests.
 
+use evcal_geometry::board::tag::Tag;
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 
 use crate::picture::Picture;
@@ -59,4 +60,93 @@ pub fn noisy(picture: &Picture, amplitude: f32) -> Picture {
     };
     let values = picture.values().iter().map(|value| value + noise()).collect();
     Picture::new(picture.width(), picture.height(), values).unwrap()
+}
+
+/// Tags 0 to 23 of the family 36h11, as OpenCV turns them: 6 × 6 modules, light ones set, row by row from the highest bit.
+const CODES: [u64; 24] = [
+    0x2_1a14_6bab,
+    0x9_2d18_fe9b,
+    0x7_0890_14bb,
+    0x1_9397_9e27,
+    0x4_4153_d3d7,
+    0x3_5cd5_b8cf,
+    0xa_10ba_56a0,
+    0x2_b874_a608,
+    0xb_57fb_8d44,
+    0x4_e20b_5a64,
+    0x6_1d89_7f2c,
+    0xa_b346_9ffc,
+    0x5_94ca_45c2,
+    0xf_a1c2_d2e2,
+    0x9_7c24_b972,
+    0x7_5928_624a,
+    0x1_caaf_e99a,
+    0x3_236d_dc16,
+    0x8_84e5_27d6,
+    0x5_771a_8c7e,
+    0xf_5292_5b81,
+    0x2_e59c_c1a1,
+    0x7_fa58_ab31,
+    0xe_b433_84f9,
+];
+
+/// A grid of tags of side 1; rows are numbered along y.
+#[derive(Clone, Copy)]
+pub struct TagGrid {
+    pub rows: usize,
+    pub columns: usize,
+    /// Width of the dark border in modules.
+    pub border: usize,
+    /// Gap between tags in sides of a tag.
+    pub gap: f64,
+    pub corner_squares: bool,
+    pub first_id: usize,
+    /// `true` if y runs upwards on the print, as Kalibr has it.
+    pub upwards: bool,
+}
+
+impl TagGrid {
+    pub fn tags(&self) -> Vec<Tag> {
+        let side = 6 + 2 * self.border;
+        let tag = |place: usize| {
+            let id = self.first_id + place;
+            let inner = |row: usize, column: usize| {
+                let inside = (self.border..side - self.border).contains(&row)
+                    && (self.border..side - self.border).contains(&column);
+                inside && CODES[id] >> (35 - (row - self.border) * 6 - (column - self.border)) & 1 == 1
+            };
+            let [x, y] = [place % self.columns, place / self.columns].map(|step| step as f64 * (1.0 + self.gap));
+            let corners = [[x, y], [x + 1.0, y], [x + 1.0, y + 1.0], [x, y + 1.0]];
+            let corners = if self.upwards { [corners[3], corners[2], corners[1], corners[0]] } else { corners };
+            let light = (0..side * side).map(|index| inner(index / side, index % side)).collect();
+            Tag { id: id as u16, corners, side, light }
+        };
+        (0..self.rows * self.columns).map(tag).collect()
+    }
+
+    pub fn middle(&self) -> [f64; 2] {
+        [self.columns, self.rows].map(|count| (count as f64 * (1.0 + self.gap) - self.gap) / 2.0)
+    }
+
+    pub fn brightness(&self) -> impl Fn(f64, f64) -> f32 {
+        let (grid, tags) = (*self, self.tags());
+        move |x, y| {
+            let period = 1.0 + grid.gap;
+            let (column, row) = ((x / period).floor(), (y / period).floor());
+            let (dx, dy) = (x - column * period, y - row * period);
+            let on_board = |index: f64, count: usize| index >= 0.0 && index < count as f64;
+            let dark = if dx < 1.0 && dy < 1.0 {
+                on_board(column, grid.columns) && on_board(row, grid.rows) && {
+                    let tag = &tags[row as usize * grid.columns + column as usize];
+                    let down = if grid.upwards { 1.0 - dy } else { dy };
+                    let [m, n] = [dx, down].map(|place| ((place * tag.side as f64) as usize).min(tag.side - 1));
+                    !tag.light[n * tag.side + m]
+                }
+            } else {
+                let beside = on_board(column + 1.0, grid.columns + 1) && on_board(row + 1.0, grid.rows + 1);
+                grid.corner_squares && beside && dx >= 1.0 && dy >= 1.0
+            };
+            if dark { 0.1 } else { 0.9 }
+        }
+    }
 }

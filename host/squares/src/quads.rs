@@ -1,0 +1,246 @@
+//! Dark quadrilaterals of a picture: places where a tag may be.
+//!
+//! Pixels darker than the mean of their surroundings, for surroundings of several sizes, fall into connected regions. The outermost
+//! pixels of a region are taken off first, because the corners of tags may touch dark squares. A region whose convex hull is nearly
+//! a quadrilateral is a candidate.
+
+use crate::picture::Picture;
+
+/// The picture is enlarged by this factor.
+const ENLARGEMENT: usize = 2;
+/// Smoothing before, standard deviation in pixels.
+const SMOOTHING: f32 = 0.7;
+/// Half the side of the surroundings in enlarged pixels.
+const SURROUNDINGS: [usize; 4] = [7, 13, 22, 36];
+/// A pixel is dark if it is darker than its surroundings by this part of the contrast.
+const DARKER: f32 = 0.03;
+/// Least side of a quadrilateral in pixels of the picture.
+const LEAST_SIDE: f32 = 8.0;
+/// Least part of the quadrilateral that the hull of the region fills.
+const LEAST_FILLED: f32 = 0.8;
+/// What was taken off of the regions, and half a pixel, in enlarged pixels.
+const TAKEN_OFF: f32 = 1.2;
+
+/// The corners of a quadrilateral, clockwise as seen (x to the right, y down).
+pub type Quad = [[f32; 2]; 4];
+
+/// Finds dark quadrilaterals; the same one may be found several times.
+pub fn find_quads(picture: &Picture) -> Vec<Quad> {
+    let large = picture.blurred(SMOOTHING).enlarged(ENLARGEMENT);
+    let sums = sums(&large);
+    let darker = DARKER * large.contrast();
+    let mut quads = Vec::new();
+    for half in SURROUNDINGS {
+        let dark = shrunk(&dark_pixels(&large, &sums, half, darker), large.width());
+        for hull in hulls(&dark, large.width()) {
+            quads.extend(quad_of(hull).map(|quad| {
+                let scale = ENLARGEMENT as f32;
+                quad.map(|corner| corner.map(|place| (place + 0.5) / scale - 0.5))
+            }));
+        }
+    }
+    quads
+}
+
+/// Sums over the rectangles from the top left corner to each pixel; the first row and column are 0.
+fn sums(picture: &Picture) -> Vec<f64> {
+    let width = picture.width() + 1;
+    let mut sums = vec![0.0; width * (picture.height() + 1)];
+    for (y, row) in picture.values().chunks_exact(picture.width()).enumerate() {
+        let (above, below) = sums.split_at_mut((y + 1) * width);
+        let above = &above[y * width..];
+        let mut sum = 0.0;
+        for (x, value) in row.iter().enumerate() {
+            sum += f64::from(*value);
+            below[x + 1] = above[x + 1] + sum;
+        }
+    }
+    sums
+}
+
+/// The pixels that are darker by `darker` than the mean of their surroundings.
+fn dark_pixels(picture: &Picture, sums: &[f64], half: usize, darker: f32) -> Vec<bool> {
+    let (width, height) = (picture.width(), picture.height());
+    let mut dark = vec![false; width * height];
+    for (y, (row, out)) in picture.values().chunks_exact(width).zip(dark.chunks_exact_mut(width)).enumerate() {
+        let (top, bottom) = (y.saturating_sub(half), (y + half + 1).min(height));
+        let (above, below) = (&sums[top * (width + 1)..][..=width], &sums[bottom * (width + 1)..][..=width]);
+        for (x, (value, out)) in row.iter().zip(out).enumerate() {
+            let (left, right) = (x.saturating_sub(half), (x + half + 1).min(width));
+            let sum = below[right] - below[left] - above[right] + above[left];
+            let mean = sum / ((bottom - top) * (right - left)) as f64;
+            *out = f64::from(*value + darker) < mean;
+        }
+    }
+    dark
+}
+
+/// The pixels whose eight neighbours are set too.
+fn shrunk(set: &[bool], width: usize) -> Vec<bool> {
+    let along: Vec<bool> = set
+        .chunks_exact(width)
+        .flat_map(|row| (0..width).map(|x| x > 0 && x + 1 < width && row[x - 1] && row[x] && row[x + 1]))
+        .collect();
+    let mut shrunk = vec![false; set.len()];
+    let rows = along.chunks_exact(width);
+    let three = rows.clone().zip(rows.clone().skip(1)).zip(rows.skip(2));
+    for (((above, row), below), out) in three.zip(shrunk.chunks_exact_mut(width).skip(1)) {
+        for (x, out) in out.iter_mut().enumerate() {
+            *out = above[x] && row[x] && below[x];
+        }
+    }
+    shrunk
+}
+
+/// Neighbouring set pixels of a row.
+struct Run {
+    y: usize,
+    first: usize,
+    last: usize,
+    /// A run of the same region, or itself.
+    parent: usize,
+}
+
+/// The convex hulls of the connected regions that are large enough, clockwise as seen.
+fn hulls(set: &[bool], width: usize) -> Vec<Vec<[f32; 2]>> {
+    let mut runs: Vec<Run> = Vec::new();
+    let mut above = 0..0;
+    for (y, row) in set.chunks_exact(width).enumerate() {
+        let begin = runs.len();
+        let mut x = 0;
+        let mut candidate = above.start;
+        while x < width {
+            if !row[x] {
+                x += 1;
+                continue;
+            }
+            let first = x;
+            while x < width && row[x] {
+                x += 1;
+            }
+            let index = runs.len();
+            runs.push(Run { y, first, last: x - 1, parent: index });
+            while candidate < above.end && runs[candidate].last < first {
+                candidate += 1;
+            }
+            let mut touching = candidate;
+            while touching < above.end && runs[touching].first < x {
+                join(&mut runs, touching, index);
+                touching += 1;
+            }
+        }
+        above = begin..runs.len();
+    }
+    let mut order: Vec<(usize, usize)> = (0..runs.len()).map(|index| (root(&mut runs, index), index)).collect();
+    order.sort_unstable();
+    let least = LEAST_SIDE * ENLARGEMENT as f32 * 0.7;
+    let regions = order.chunk_by(|a, b| a.0 == b.0).filter(|region| region.len() as f32 >= least);
+    let ends = |region: &[(usize, usize)]| -> Vec<[f32; 2]> {
+        let ends = region.iter().flat_map(|&(_, index)| {
+            let run = &runs[index];
+            [[run.first as f32, run.y as f32], [run.last as f32, run.y as f32]]
+        });
+        ends.collect()
+    };
+    regions.map(|region| convex_hull(ends(region))).filter(|hull| hull.len() >= 4).collect()
+}
+
+fn root(runs: &mut [Run], mut index: usize) -> usize {
+    while runs[index].parent != index {
+        let grandparent = runs[runs[index].parent].parent;
+        runs[index].parent = grandparent;
+        index = grandparent;
+    }
+    index
+}
+
+fn join(runs: &mut [Run], a: usize, b: usize) {
+    let (a, b) = (root(runs, a), root(runs, b));
+    runs[a.max(b)].parent = a.min(b);
+}
+
+/// The cross product of the steps from `a` to `b` and on to `c`: positive for a turn to the right as seen.
+fn turn(a: [f32; 2], b: [f32; 2], c: [f32; 2]) -> f32 {
+    (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
+}
+
+/// The convex hull (Andrew's monotone chain), clockwise as seen.
+fn convex_hull(mut points: Vec<[f32; 2]>) -> Vec<[f32; 2]> {
+    points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+    let mut hull: Vec<[f32; 2]> = Vec::new();
+    for backwards in [false, true] {
+        let fixed = hull.len() + 1;
+        for index in 0..points.len() {
+            let point = points[if backwards { points.len() - 1 - index } else { index }];
+            while hull.len() > fixed && turn(hull[hull.len() - 2], hull[hull.len() - 1], point) <= 0.0 {
+                hull.pop();
+            }
+            hull.push(point);
+        }
+        // The last point begins the way back.
+        hull.pop();
+    }
+    hull
+}
+
+fn area(polygon: &[[f32; 2]]) -> f32 {
+    let next = polygon.iter().cycle().skip(1);
+    0.5 * polygon.iter().zip(next).map(|(a, b)| a[0] * b[1] - a[1] * b[0]).sum::<f32>()
+}
+
+/// The point where the lines through `a`, `b` and through `c`, `d` meet.
+fn meeting(a: [f32; 2], b: [f32; 2], c: [f32; 2], d: [f32; 2]) -> Option<[f32; 2]> {
+    let (u, v) = ([b[0] - a[0], b[1] - a[1]], [d[0] - c[0], d[1] - c[1]]);
+    let cross = u[0] * v[1] - u[1] * v[0];
+    let along = ((c[0] - a[0]) * v[1] - (c[1] - a[1]) * v[0]) / cross;
+    along.is_finite().then(|| [a[0] + along * u[0], a[1] + along * u[1]])
+}
+
+/// The quadrilateral around a hull, if the hull nearly fills it.
+fn quad_of(mut hull: Vec<[f32; 2]>) -> Option<Quad> {
+    let filled = area(&hull);
+    // Takes away one edge after the other, always the one whose neighbours meet after adding the least area.
+    while hull.len() > 4 {
+        let count = hull.len();
+        let without = |edge: usize| {
+            let [before, a, b, after] = [count - 1, 0, 1, 2].map(|step| hull[(edge + step) % count]);
+            let meeting = meeting(before, a, after, b)?;
+            // They must meet on the outer side.
+            let added = 0.5 * turn(a, meeting, b);
+            (added >= 0.0).then_some((added, edge, meeting))
+        };
+        let (_, edge, meeting) = (0..count).filter_map(without).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        hull[edge] = meeting;
+        hull.remove((edge + 1) % count);
+    }
+    let quad: Quad = hull.try_into().ok()?;
+    let quad = outset(&quad, TAKEN_OFF)?;
+    let least = LEAST_SIDE * ENLARGEMENT as f32;
+    let side = |index: usize| {
+        let (a, b) = (quad[index], quad[(index + 1) % 4]);
+        (a[0] - b[0]).hypot(a[1] - b[1])
+    };
+    let sides = [0, 1, 2, 3].map(side);
+    let (shortest, longest) =
+        sides.iter().fold((f32::INFINITY, 0.0_f32), |(low, high), &side| (low.min(side), high.max(side)));
+    let whole = filled + TAKEN_OFF * sides.iter().sum::<f32>();
+    let good = shortest >= least && longest < 4.0 * shortest && whole >= LEAST_FILLED * area(&quad);
+    good.then_some(quad)
+}
+
+/// The quadrilateral with its sides moved outwards.
+fn outset(quad: &Quad, by: f32) -> Option<Quad> {
+    let mut lines = [[[0.0; 2]; 2]; 4];
+    for (index, line) in lines.iter_mut().enumerate() {
+        let (a, b) = (quad[index], quad[(index + 1) % 4]);
+        let length = (b[0] - a[0]).hypot(b[1] - a[1]);
+        let out = [(b[1] - a[1]) / length * by, -(b[0] - a[0]) / length * by];
+        *line = [[a[0] + out[0], a[1] + out[1]], [b[0] + out[0], b[1] + out[1]]];
+    }
+    let mut moved = [[0.0; 2]; 4];
+    for (index, corner) in moved.iter_mut().enumerate() {
+        let ([a, b], [c, d]) = (lines[(index + 3) % 4], lines[index]);
+        *corner = meeting(a, b, c, d)?;
+    }
+    Some(moved)
+}

@@ -1,0 +1,595 @@
+//! Boards of square tags, also in blurred pictures whose tags no decoder reads.
+//!
+//! 1. Dark quadrilaterals are candidates.
+//! 2. The modules in a candidate are compared with the tags of this board only: the correlation must be good, and clearly better than
+//!    with any other tag.
+//! 3. Tags that disagree with the others about the board's position are left out.
+//! 4. From the tags that were found, the others are predicted through a local homography. One whose modules correlate is found too.
+//!
+//! The corners of a tag come from all its edges together ([`crate::alignment`]).
+
+use evcal_geometry::board::homography::homography;
+use evcal_geometry::board::tag::Tag;
+use nalgebra::{Matrix3, Vector2};
+
+use crate::alignment::{Pattern, Slopes, SquareMap, align};
+use crate::picture::Picture;
+use crate::quads::{Quad, find_quads};
+
+/// Least correlation of the modules of a candidate with a tag before its position is improved, and after.
+const LEAST_AT_FIRST: f32 = 0.4;
+const LEAST: f32 = 0.6;
+/// By how much the correlation must be better than with any other tag.
+const LEAST_MARGIN: f32 = 0.12;
+/// Least correlation where the tag is predicted.
+const LEAST_PREDICTED: f32 = 0.55;
+/// The board around a tag is brighter than the tag's border by at least this part of the tag's contrast.
+const LEAST_AROUND: f32 = 0.25;
+/// Usual widths of a tag's dark border in modules.
+const BORDERS: [usize; 3] = [1, 2, 3];
+/// Distance in pixels that corners keep from the border of the picture.
+const BORDER: f32 = 1.0;
+/// Tags agree if one predicts the other's middle to within this part of its side per side of distance.
+const AGREEMENT: f64 = 0.25;
+/// A prediction uses this many tags, the nearest of them at most this many sides away, from middle to middle.
+const PREDICTING: usize = 3;
+const NEIGHBOURHOOD: f64 = 2.2;
+/// For each tag found, at most this many may be missing next to those found.
+const MOST_MISSING: usize = 1;
+/// Least correlation of a tag that is found alone.
+const LEAST_ALONE: f32 = 0.75;
+/// With this many tags found where they were expected, candidates are not looked for.
+const ENOUGH: usize = 3;
+
+/// A tag of a board, found in a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FoundTag {
+    /// Index among the board's tags.
+    pub index: usize,
+    /// Its corners in the picture, in the order of [`Tag::corners`].
+    pub corners: [[f32; 2]; 4],
+    /// Correlation of its modules with those of the tag, at most 1.
+    pub score: f32,
+}
+
+/// The reason why tags cannot be looked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum TagsError {
+    /// There are no tags.
+    #[error("a board without tags")]
+    NoTags,
+    /// All tags of a board have the same number of modules, three along each side or more.
+    #[error("tag {id} does not have {side} x {side} modules")]
+    Modules {
+        /// Number of the tag in its family.
+        id: u16,
+        /// Modules along each side of the first tag.
+        side: usize,
+    },
+}
+
+/// The reason why a picture has no tags of a board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
+#[non_exhaustive]
+pub enum NoTags {
+    /// Nothing looks like a tag.
+    #[error("no dark square that could be a tag")]
+    NoQuads,
+    /// There are dark squares, but they are not tags of this board.
+    #[error("no tag of this board among {quads} dark quadrilaterals")]
+    OtherTags {
+        /// Dark quadrilaterals; the same one may count several times.
+        quads: usize,
+    },
+    /// Single squares look like tags of this board, but those next to them do not: another family, width of the border or spacing.
+    #[error("{found} tags look like those of this board, {missing} next to them do not")]
+    OtherBoard {
+        /// Tags that look like those of the board.
+        found: usize,
+        /// Places next to them without the board's tag.
+        missing: usize,
+    },
+    /// The dark border of the tags has another width than the board's.
+    #[error("the dark border of the tags is {border} modules wide")]
+    OtherBorder {
+        /// Its width in modules.
+        border: usize,
+    },
+    /// The tags are mirror images of the board's.
+    #[error("{tags} tags are mirrored")]
+    Mirrored {
+        /// Mirrored tags found.
+        tags: usize,
+    },
+}
+
+/// Finds the tags of one board.
+#[derive(Clone, Debug)]
+pub struct TagFinder {
+    tags: Vec<Tag>,
+    side: usize,
+    /// Width of the dark border in modules.
+    border: usize,
+    /// The modules of each tag, with mean 0 and norm 1.
+    patterns: Vec<Vec<f32>>,
+    /// Middle and side of each tag on the board.
+    places: Vec<Place>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    middle: Vector2<f64>,
+    side: f64,
+}
+
+/// A tag, how often a candidate must be turned to be upright, and the correlation then.
+#[derive(Clone, Copy)]
+struct Match {
+    tag: usize,
+    turn: usize,
+    score: f32,
+    /// The best correlation with another tag.
+    other: f32,
+}
+
+impl TagFinder {
+    /// Prepares the search for these tags.
+    ///
+    /// # Errors
+    /// [`TagsError`] if there are none, or not all of one size in modules.
+    pub fn new(tags: &[Tag]) -> Result<Self, TagsError> {
+        let side = tags.first().ok_or(TagsError::NoTags)?.side;
+        let wrong = |tag: &&Tag| side < 3 || tag.side != side || side.checked_mul(side) != Some(tag.light.len());
+        if let Some(tag) = tags.iter().find(wrong) {
+            return Err(TagsError::Modules { id: tag.id, side });
+        }
+        let pattern = |tag: &Tag| {
+            let mut values: Vec<f32> = tag.light.iter().map(|&light| if light { 1.0 } else { 0.0 }).collect();
+            normalise(&mut values);
+            values
+        };
+        let place = |tag: &Tag| {
+            let corners = tag.corners.map(Vector2::from);
+            let middle = corners.iter().sum::<Vector2<f64>>() / 4.0;
+            Place { middle, side: (corners[1] - corners[0]).norm() }
+        };
+        let (patterns, places) = (tags.iter().map(pattern).collect(), tags.iter().map(place).collect());
+        // As far as the outer modules of all tags are dark.
+        let dark = |border: &usize| {
+            let outer = |index: usize| {
+                [index % side, index / side].iter().any(|place| (*place).min(side - 1 - place) < *border)
+            };
+            tags.iter().all(|tag| !tag.light.iter().enumerate().any(|(index, light)| *light && outer(index)))
+        };
+        let border = (0..side / 2).take_while(dark).last().unwrap_or(0);
+        Ok(Self { tags: tags.to_vec(), side, border, patterns, places })
+    }
+
+    /// Finds the tags in a picture, by rising index. `expected` are the tags of a neighbouring picture, if there is one, moved to
+    /// where they are expected.
+    ///
+    /// # Errors
+    /// [`NoTags`] if there is none.
+    pub fn find(&self, picture: &Picture, expected: &[FoundTag]) -> Result<Vec<FoundTag>, NoTags> {
+        let slopes = Slopes::new(picture).ok_or(NoTags::NoQuads)?;
+        let mut found = vec![None; self.tags.len()];
+        for tag in expected {
+            keep_better(&mut found, self.verified(&slopes, tag.index, &tag.corners));
+        }
+        self.leave_out_disagreeing(&mut found);
+        let mut quads = Vec::new();
+        if found.iter().flatten().count() < ENOUGH.min(self.tags.len()) {
+            quads = find_quads(picture);
+            for quad in &quads {
+                keep_better(&mut found, self.recognised(&slopes, quad));
+            }
+            self.leave_out_disagreeing(&mut found);
+        }
+        let missing = self.grow(&slopes, &mut found);
+        let tags: Vec<FoundTag> = found.into_iter().flatten().collect();
+        if !is_board(&tags, missing) {
+            return Err(match (self.mirrored(picture, &quads), tags.len(), quads.len()) {
+                (mirrored, found, _) if mirrored > found => NoTags::Mirrored { tags: mirrored },
+                (_, 0, 0) => NoTags::NoQuads,
+                (_, 0, quads) => NoTags::OtherTags { quads },
+                (_, found, _) => NoTags::OtherBoard { found, missing },
+            });
+        }
+        match self.best_border(&slopes.smooth, &tags) {
+            border if border == self.border => Ok(tags),
+            border => Err(NoTags::OtherBorder { border }),
+        }
+    }
+
+    /// The width of the border with which the modules within it correlate best.
+    fn best_border(&self, picture: &Picture, found: &[FoundTag]) -> usize {
+        let inner = self.side - 2 * self.border;
+        let score = |border: usize| -> f32 {
+            let score = |tag: &FoundTag| {
+                let map = SquareMap::new(&tag.corners.map(|corner| corner.map(f64::from)));
+                let place = |index: usize| ((index + border) as f64 + 0.5) / (inner + 2 * border) as f64;
+                let (mut seen, mut printed) = (Vec::new(), Vec::new());
+                for (row, column) in (0..inner).flat_map(|row| (0..inner).map(move |column| (row, column))) {
+                    let [x, y] = map.at(place(column), place(row));
+                    seen.push(picture.bilinear(x as f32, y as f32));
+                    let module = (row + self.border) * self.side + column + self.border;
+                    printed.push(if self.tags[tag.index].light[module] { 1.0 } else { 0.0 });
+                }
+                normalise(&mut seen);
+                normalise(&mut printed);
+                seen.iter().zip(&printed).map(|(seen, printed)| seen * printed).sum::<f32>()
+            };
+            found.iter().map(score).sum()
+        };
+        let own = score(self.border);
+        let other = BORDERS.into_iter().filter(|border| *border != self.border).map(|border| (score(border), border));
+        match other.max_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some((other, border)) if other > own => border,
+            _ => self.border,
+        }
+    }
+
+    /// The modules in a quadrilateral, with mean 0 and norm 1.
+    fn modules(&self, picture: &Picture, quad: &Quad) -> Vec<f32> {
+        // Each module is the mean of four places in it.
+        const PLACES: [[f64; 2]; 4] = [[0.3, 0.3], [0.7, 0.3], [0.3, 0.7], [0.7, 0.7]];
+        let map = SquareMap::new(&quad.map(|corner| corner.map(f64::from)));
+        let mut values = Vec::with_capacity(self.side * self.side);
+        for row in 0..self.side {
+            for column in 0..self.side {
+                let place = |[dx, dy]: [f64; 2]| {
+                    let [u, v] = [column as f64 + dx, row as f64 + dy].map(|place| place / self.side as f64);
+                    let [x, y] = map.at(u, v);
+                    picture.bilinear(x as f32, y as f32)
+                };
+                values.push(PLACES.map(place).iter().sum());
+            }
+        }
+        normalise(&mut values);
+        values
+    }
+
+    /// `true` if the tag lies within the picture and ends where it should: around it the board is light. (A tag with a wider border
+    /// is dark there.)
+    fn is_whole(&self, picture: &Picture, tag: &FoundTag) -> bool {
+        if !within(picture, &tag.corners) {
+            return false;
+        }
+        let side = self.side as f64;
+        let map = SquareMap::new(&tag.corners.map(|corner| corner.map(f64::from)));
+        let at = |u: f64, v: f64| {
+            let [x, y] = map.at(u / side, v / side);
+            picture.bilinear(x as f32, y as f32)
+        };
+        // The mean of the modules along the four sides, this far outside.
+        let around = |outside: f64| {
+            let of_module = |index: usize| {
+                let along = index as f64 + 0.5;
+                at(along, -outside) + at(along, side + outside) + at(-outside, along) + at(side + outside, along)
+            };
+            (0..self.side).map(of_module).sum::<f32>() / (4.0 * self.side as f32)
+        };
+        let light = |index: &usize| self.tags.get(tag.index).is_some_and(|tag| tag.light.get(*index) == Some(&true));
+        let inner: Vec<f32> = (0..self.side * self.side)
+            .filter(light)
+            .map(|index| at((index % self.side) as f64 + 0.5, (index / self.side) as f64 + 0.5))
+            .collect();
+        let border = around(-0.5);
+        let bright = inner.iter().sum::<f32>() / inner.len().max(1) as f32;
+        around(0.5) - border > LEAST_AROUND * (bright - border)
+    }
+
+    fn correlation(&self, tag: usize, modules: &[f32]) -> f32 {
+        self.patterns.get(tag).map_or(0.0, |pattern| pattern.iter().zip(modules).map(|(a, b)| a * b).sum())
+    }
+
+    /// The tag that correlates best with the modules, turned in any way.
+    fn best_match(&self, mut modules: Vec<f32>) -> Match {
+        let mut best = Match { tag: 0, turn: 0, score: -1.0, other: -1.0 };
+        for turn in 0..4 {
+            for tag in 0..self.tags.len() {
+                let score = self.correlation(tag, &modules);
+                if score > best.score {
+                    let other = if tag == best.tag { best.other } else { best.score };
+                    best = Match { tag, turn, score, other };
+                } else if tag != best.tag {
+                    best.other = best.other.max(score);
+                }
+            }
+            modules = turned(&modules, self.side);
+        }
+        best
+    }
+
+    /// The tag in a candidate, if there is one for certain.
+    fn recognised(&self, slopes: &Slopes, quad: &Quad) -> Option<FoundTag> {
+        let first = self.best_match(self.modules(&slopes.smooth, quad));
+        if first.score < LEAST_AT_FIRST {
+            return None;
+        }
+        let upright: Quad = std::array::from_fn(|corner| quad[(corner + first.turn) % 4]);
+        let corners = self.aligned(slopes, first.tag, &upright)?;
+        let second = self.best_match(self.modules(&slopes.smooth, &corners));
+        let certain = second.score >= LEAST && second.score - second.other >= LEAST_MARGIN;
+        let found = FoundTag { index: second.tag, corners, score: second.score };
+        let same = second.turn == 0 && second.tag == first.tag;
+        (certain && same && self.is_whole(&slopes.smooth, &found)).then_some(found)
+    }
+
+    /// The tag where it is predicted, if it is there.
+    fn verified(&self, slopes: &Slopes, tag: usize, predicted: &Quad) -> Option<FoundTag> {
+        if !within(&slopes.smooth, predicted) {
+            return None;
+        }
+        let corners = self.aligned(slopes, tag, predicted)?;
+        let score = self.correlation(tag, &self.modules(&slopes.smooth, &corners));
+        let found = FoundTag { index: tag, corners, score };
+        (score >= LEAST_PREDICTED && self.is_whole(&slopes.smooth, &found)).then_some(found)
+    }
+
+    fn aligned(&self, slopes: &Slopes, tag: usize, start: &Quad) -> Option<Quad> {
+        align(slopes, &Pattern { side: self.side, light: &self.tags.get(tag)?.light }, start)
+    }
+
+    /// Keeps the largest group of tags that agree about where the board is.
+    fn leave_out_disagreeing(&self, found: &mut [Option<FoundTag>]) {
+        let tags: Vec<FoundTag> = found.iter().flatten().copied().collect();
+        let homographies: Vec<Option<Matrix3<f64>>> = tags.iter().map(|tag| self.homography_of(&[*tag])).collect();
+        let agrees = |from: usize, to: usize| {
+            let (a, b) = (&tags[from], &tags[to]);
+            let Some(map) = &homographies[from] else { return false };
+            let distance =
+                (self.places[a.index].middle - self.places[b.index].middle).norm() / self.places[a.index].side;
+            let off = (image(map, self.places[b.index].middle) - middle(&b.corners)).norm();
+            off <= AGREEMENT * distance * side_of(&b.corners)
+        };
+        let mut group: Vec<usize> = (0..tags.len()).collect();
+        for a in 0..tags.len() {
+            for b in 0..a {
+                if group[a] != group[b] && agrees(a, b) && agrees(b, a) {
+                    let (from, to) = (group[a], group[b]);
+                    group.iter_mut().filter(|group| **group == from).for_each(|group| *group = to);
+                }
+            }
+        }
+        let weight = |name: usize| -> f32 {
+            group.iter().zip(&tags).filter(|(group, _)| **group == name).map(|(_, tag)| 1.0 + 0.1 * tag.score).sum()
+        };
+        let Some(&largest) = group.iter().max_by(|a, b| weight(**a).total_cmp(&weight(**b)).then(b.cmp(a))) else {
+            return;
+        };
+        for (tag, group) in tags.iter().zip(&group) {
+            if *group != largest {
+                found[tag.index] = None;
+            }
+        }
+    }
+
+    /// The homography from the board to the picture that fits the corners of some tags.
+    fn homography_of(&self, tags: &[FoundTag]) -> Option<Matrix3<f64>> {
+        let plane: Vec<Vector2<f64>> =
+            tags.iter().flat_map(|tag| self.tags[tag.index].corners.map(Vector2::from)).collect();
+        let image: Vec<Vector2<f64>> =
+            tags.iter().flat_map(|tag| tag.corners.map(|corner| Vector2::from(corner).cast())).collect();
+        homography(&plane, &image)
+    }
+
+    /// Looks for the tags next to those found, until there are no more. Returns how many should be there, but are not.
+    fn grow(&self, slopes: &Slopes, found: &mut [Option<FoundTag>]) -> usize {
+        let mut news = true;
+        let mut missing = vec![false; found.len()];
+        // The tags that the last prediction was made from, so that none is made twice.
+        let mut tried: Vec<Vec<usize>> = vec![Vec::new(); found.len()];
+        while news {
+            news = false;
+            for tag in 0..found.len() {
+                if found[tag].is_some() {
+                    continue;
+                }
+                let place = self.places[tag];
+                let distance = |other: &FoundTag| (self.places[other.index].middle - place.middle).norm();
+                let mut near: Vec<FoundTag> = found.iter().flatten().copied().collect();
+                near.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
+                near.truncate(PREDICTING);
+                if near.first().is_none_or(|nearest| distance(nearest) > NEIGHBOURHOOD * place.side) {
+                    continue;
+                }
+                let from: Vec<usize> = near.iter().map(|tag| tag.index).collect();
+                if from == tried[tag] {
+                    continue;
+                }
+                tried[tag] = from;
+                let Some(map) = self.homography_of(&near) else { continue };
+                let predicted = self.tags[tag].corners.map(|corner| {
+                    let pixel = image(&map, Vector2::from(corner));
+                    [pixel.x as f32, pixel.y as f32]
+                });
+                found[tag] = self.verified(slopes, tag, &predicted);
+                news |= found[tag].is_some();
+                missing[tag] = found[tag].is_none() && within(&slopes.smooth, &predicted);
+            }
+        }
+        missing.into_iter().filter(|missing| *missing).count()
+    }
+
+    /// The number of tags that are mirror images of the board's; one alone may be chance and does not count.
+    fn mirrored(&self, picture: &Picture, quads: &[Quad]) -> usize {
+        let mirror = |[x, y]: [f32; 2]| [(picture.width() - 1) as f32 - x, y];
+        let looks_mirrored = |quad: &&Quad| {
+            let [a, b, c, d] = **quad;
+            self.best_match(self.modules(picture, &[a, d, c, b])).score >= LEAST_AT_FIRST
+        };
+        let candidates: Vec<&Quad> = quads.iter().filter(looks_mirrored).collect();
+        let Some(slopes) = (candidates.len() >= 2).then(|| Slopes::new(&picture.mirrored())).flatten() else {
+            return 0;
+        };
+        let mut found = vec![None; self.tags.len()];
+        for [a, b, c, d] in candidates {
+            keep_better(&mut found, self.recognised(&slopes, &[*a, *d, *c, *b].map(mirror)));
+        }
+        self.leave_out_disagreeing(&mut found);
+        let missing = self.grow(&slopes, &mut found);
+        let tags: Vec<FoundTag> = found.into_iter().flatten().collect();
+        if tags.len() >= 2.min(self.tags.len()) && is_board(&tags, missing) { tags.len() } else { 0 }
+    }
+}
+
+/// `true` if the tags are enough for certainty, with so many missing next to them.
+fn is_board(tags: &[FoundTag], missing: usize) -> bool {
+    match tags {
+        [] => false,
+        [tag] => tag.score >= LEAST_ALONE && missing <= MOST_MISSING,
+        tags => missing <= MOST_MISSING * tags.len(),
+    }
+}
+
+fn within(picture: &Picture, quad: &Quad) -> bool {
+    quad.iter().all(|&corner| picture.contains(corner, BORDER))
+}
+
+fn keep_better(found: &mut [Option<FoundTag>], tag: Option<FoundTag>) {
+    let Some(tag) = tag else { return };
+    if let Some(slot) = found.get_mut(tag.index)
+        && slot.is_none_or(|known| known.score < tag.score)
+    {
+        *slot = Some(tag);
+    }
+}
+
+/// Mean 0 and norm 1; all 0 if all are equal.
+fn normalise(values: &mut [f32]) {
+    let mean = values.iter().sum::<f32>() / values.len() as f32;
+    values.iter_mut().for_each(|value| *value -= mean);
+    let norm = values.iter().map(|value| value * value).sum::<f32>().sqrt();
+    let scale = if norm > 1e-9 && norm.is_finite() { 1.0 / norm } else { 0.0 };
+    values.iter_mut().for_each(|value| *value *= scale);
+}
+
+/// The modules of a candidate as they are if its next corner is the first.
+fn turned(modules: &[f32], side: usize) -> Vec<f32> {
+    (0..side * side).map(|index| modules[index % side * side + side - 1 - index / side]).collect()
+}
+
+fn image(map: &Matrix3<f64>, point: Vector2<f64>) -> Vector2<f64> {
+    let image = map * point.push(1.0);
+    image.xy() / image.z
+}
+
+fn middle(quad: &Quad) -> Vector2<f64> {
+    quad.iter().map(|corner| Vector2::from(*corner).cast::<f64>()).sum::<Vector2<f64>>() / 4.0
+}
+
+fn side_of(quad: &Quad) -> f64 {
+    let side = |index: usize| (Vector2::from(quad[(index + 1) % 4]) - Vector2::from(quad[index])).cast::<f64>().norm();
+    [0, 1, 2, 3].map(side).iter().sum::<f64>() / 4.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rendering::{TagGrid, View, noisy};
+
+    /// An AprilGrid as Kalibr prints it.
+    const KALIBR: TagGrid =
+        TagGrid { rows: 4, columns: 5, border: 2, gap: 0.3, corner_squares: true, first_id: 0, upwards: true };
+    /// Tags without squares at their corners.
+    const SHEET: TagGrid =
+        TagGrid { rows: 3, columns: 4, border: 1, gap: 0.25, corner_squares: false, first_id: 0, upwards: false };
+
+    fn finder(grid: &TagGrid) -> TagFinder {
+        TagFinder::new(&grid.tags()).unwrap()
+    }
+
+    /// A view of the whole grid; upright if y runs upwards as well.
+    fn view(grid: &TagGrid, distance: f64, rotation: [f64; 3]) -> View {
+        let [a, b, c] = rotation;
+        View::new(grid.middle(), distance, if grid.upwards { [a + std::f64::consts::PI, b, c] } else { rotation })
+    }
+
+    /// Root mean square distance of the corners from the truth in pixels.
+    fn error(found: &[FoundTag], grid: &TagGrid, view: &View) -> f32 {
+        let tags = grid.tags();
+        let corners = found.iter().flat_map(|tag| tag.corners.into_iter().zip(tags[tag.index].corners));
+        let squares: Vec<f32> = corners
+            .map(|(pixel, corner)| (Vector2::from(pixel) - Vector2::from(view.pixel(corner.into()))).norm_squared())
+            .collect();
+        (squares.iter().sum::<f32>() / squares.len() as f32).sqrt()
+    }
+
+    #[test]
+    fn tags_are_found_whichever_way_they_are_turned_and_numbered() {
+        for (grid, distance) in [(KALIBR, 10.5), (SHEET, 8.0)] {
+            for turn in [0.1, 1.5, 3.0, -1.7] {
+                for upwards in [true, false] {
+                    let grid = TagGrid { upwards, ..grid };
+                    let view = view(&grid, distance, [0.3, -0.35, turn]);
+                    let picture = view.render(grid.brightness());
+                    let found = finder(&grid).find(&picture, &[]).unwrap();
+                    assert!(found.iter().map(|tag| tag.index).eq(0..grid.rows * grid.columns), "{turn} {upwards}");
+                    let error = error(&found, &grid, &view);
+                    assert!(error < 0.1, "{error} px");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn tags_of_three_pixels_per_module_are_found_in_noise() {
+        let view = view(&KALIBR, 11.0, [0.2, 0.3, 0.2]);
+        let picture = noisy(&view.render(KALIBR.brightness()), 0.25);
+        let found = finder(&KALIBR).find(&picture, &[]).unwrap();
+        assert_eq!(found.len(), 20);
+        assert!(error(&found, &KALIBR, &view) < 0.4);
+    }
+
+    #[test]
+    fn tags_are_found_where_they_are_expected() {
+        let view = view(&SHEET, 7.0, [0.2, 0.3, 0.2]);
+        let picture = view.render(SHEET.brightness());
+        let finder = finder(&SHEET);
+        let first = finder.find(&picture, &[]).unwrap();
+        let moved = |tag: &FoundTag| FoundTag { corners: tag.corners.map(|[x, y]| [x + 1.2, y - 0.8]), ..*tag };
+        let expected: Vec<FoundTag> = first[..4].iter().map(moved).collect();
+        let found = finder.find(&picture, &expected).unwrap();
+        assert!(found.len() == 12 && error(&found, &SHEET, &view) < 0.1);
+        // A wrong expectation does no harm.
+        let wrong: Vec<FoundTag> = first.iter().map(|tag| FoundTag { index: 11 - tag.index, ..*tag }).collect();
+        assert_eq!(finder.find(&picture, &wrong).unwrap().len(), 12);
+    }
+
+    #[test]
+    fn a_board_that_is_partly_outside_has_its_other_tags() {
+        let view = view(&SHEET, 7.0, [0.2, 0.3, 0.2]).moved(-90.0, 0.0);
+        let found = finder(&SHEET).find(&view.render(SHEET.brightness()), &[]).unwrap();
+        assert!((4..12).contains(&found.len()) && error(&found, &SHEET, &view) < 0.1);
+    }
+
+    #[test]
+    fn other_boards_are_refused_with_their_reason() {
+        let refused = |grid: &TagGrid, shown: &TagGrid| {
+            let picture = view(shown, 8.0, [0.2, 0.3, 0.2]).render(shown.brightness());
+            finder(grid).find(&picture, &[]).unwrap_err()
+        };
+        assert!(matches!(
+            refused(&SHEET, &TagGrid { first_id: 12, ..SHEET }),
+            NoTags::OtherTags { .. } | NoTags::OtherBoard { .. }
+        ));
+        assert!(matches!(refused(&SHEET, &TagGrid { border: 2, ..SHEET }), NoTags::OtherBorder { border: 2 }));
+        // The same tags in another arrangement.
+        assert!(matches!(refused(&SHEET, &TagGrid { gap: 0.8, ..SHEET }), NoTags::OtherBoard { .. }));
+        let brightness = SHEET.brightness();
+        let mirrored = view(&SHEET, 7.0, [0.2, 0.3, 0.2]).render(|x, y| brightness(2.0 * SHEET.middle()[0] - x, y));
+        assert!(matches!(finder(&SHEET).find(&mirrored, &[]), Err(NoTags::Mirrored { tags: 2.. })));
+        let blank = view(&SHEET, 7.0, [0.0; 3]).render(|_, _| 0.5);
+        assert_eq!(finder(&SHEET).find(&blank, &[]), Err(NoTags::NoQuads));
+    }
+
+    #[test]
+    fn tags_of_different_sizes_are_no_board() {
+        let mut tags = SHEET.tags();
+        tags[3].side = 7;
+        assert_eq!(TagFinder::new(&tags).unwrap_err(), TagsError::Modules { id: 3, side: 8 });
+        assert_eq!(TagFinder::new(&[]).unwrap_err(), TagsError::NoTags);
+    }
+}
