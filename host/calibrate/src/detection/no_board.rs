@@ -32,6 +32,12 @@ pub enum NoBoard {
     /// No tag of the board is seen.
     #[serde(rename = "no tags of the board")]
     NoTags,
+    /// The dark border of the tags is not as wide as stated.
+    #[serde(rename = "tags with another border")]
+    OtherBorder,
+    /// Some tags are those of the board, those beside them are not.
+    #[serde(rename = "tags of another board")]
+    OtherTags,
     /// The board is printed as in a mirror.
     #[serde(rename = "mirrored print")]
     MirroredPrint,
@@ -101,6 +107,8 @@ impl NoBoard {
             Self::TooFewCorners | Self::NoCheckerboard => {
                 "is all of the board in view and in focus? Show it for at least a second".to_owned()
             }
+            Self::OtherBorder => "state the border as printed: 1 or 2 modules of the tag".to_owned(),
+            Self::OtherTags => "count rows and columns of tags, and measure tag and gap on the print".to_owned(),
             Self::NoTags => "are the family of the tags, their border and their ids stated as printed?".to_owned(),
             Self::MirroredPrint => "print the board again, not mirrored".to_owned(),
             Self::NotRound => {

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::no_board::NoBoard;
 use super::report::DetectionReport;
-use super::square_finder::{Points, SquareFinder};
+use super::square_finder::{FoundBoard, SquareFinder};
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
 
@@ -21,6 +21,16 @@ pub const INTERVAL: f64 = 0.02;
 /// Moments that are searched in one go.
 const TOGETHER: usize = 16;
 
+/// Moments that are searched one after the other, beside others.
+const IN_TURN: usize = 4;
+
+/// A board and when it was seen (s).
+#[derive(Clone)]
+struct Seen {
+    t: f64,
+    board: FoundBoard,
+}
+
 /// Searches the events of a recording, batch by batch, for a board of squares.
 pub struct SquareStage {
     reconstruction: Reconstruction,
@@ -28,8 +38,8 @@ pub struct SquareStage {
     recording: usize,
     waiting: Vec<Moment>,
     frames: Vec<CompactFrame>,
-    /// Where the points of the board were found last, and when (s).
-    last: Option<(f64, Points)>,
+    /// What was found last, and when (s).
+    last: Option<Seen>,
     report: DetectionReport,
 }
 
@@ -69,37 +79,39 @@ impl SquareStage {
 
     fn search(&mut self) {
         let moments = std::mem::take(&mut self.waiting);
-        let found: Vec<Result<Points, NoBoard>> =
-            moments.par_iter().map(|moment| self.finder.find(&moment.pictures, None)).collect();
+        let found: Vec<Result<FoundBoard, NoBoard>> =
+            moments.par_chunks(IN_TURN).flat_map_iter(|moments| self.search_in_turn(moments)).collect();
         for (moment, found) in moments.iter().zip(found) {
             self.report.windows += 1;
-            let t = moment.t as f64 * 1e-6;
-            let near = self.last.take().filter(|(before, _)| t - before < LONGEST_PREDICTION);
-            // What alone could be in several places, or was missed, is where it was a moment before.
-            let found = match (found, &near) {
-                (Err(_), Some((_, points))) => {
-                    let found = self.finder.find(&moment.pictures, Some(points));
-                    self.report.found_by_neighbours += u64::from(found.is_ok());
-                    found
-                }
-                (found, _) => found,
-            };
+            let t = seconds(moment);
             match found {
-                Ok(points) => {
+                Ok(board) => {
                     self.report.found += 1;
-                    self.report.board_circles += points.len() as u64;
-                    self.frames.push(self.frame(t, &points).into());
-                    self.last = Some((t, points));
+                    self.report.board_circles += board.points.len() as u64;
+                    self.frames.push(self.frame(t, &board).into());
+                    self.last = Some(Seen { t, board });
                 }
-                Err(reason) => {
-                    *self.report.grids_refused.entry(reason).or_default() += 1;
-                    self.last = near;
-                }
+                Err(reason) => *self.report.grids_refused.entry(reason).or_default() += 1,
             }
         }
     }
 
-    fn frame(&self, t: f64, points: &Points) -> ReferenceFrame {
+    /// What is found in each of `moments`, near its place in the one before.
+    fn search_in_turn(&self, moments: &[Moment]) -> Vec<Result<FoundBoard, NoBoard>> {
+        let mut last = self.last.clone();
+        let mut search = |moment: &Moment| {
+            let t = seconds(moment);
+            let near = last.as_ref().filter(|seen| t - seen.t < LONGEST_PREDICTION);
+            let found = self.finder.find(&moment.pictures, near.map(|seen| &seen.board));
+            if let Ok(board) = &found {
+                last = Some(Seen { t, board: board.clone() });
+            }
+            found
+        };
+        moments.iter().map(&mut search).collect()
+    }
+
+    fn frame(&self, t: f64, board: &FoundBoard) -> ReferenceFrame {
         let circle = |point: &evcal_squares::found_point::FoundPoint| ObservedCircle {
             index: point.index,
             t,
@@ -112,10 +124,14 @@ impl SquareStage {
             recording: self.recording,
             start: t - half,
             end: t + half,
-            circles: points.iter().map(circle).collect(),
+            circles: board.points.iter().map(circle).collect(),
             seen_in: SeenIn::PassedEvents,
         }
     }
+}
+
+fn seconds(moment: &Moment) -> f64 {
+    moment.t as f64 * 1e-6
 }
 
 /// Longest time over which the last place of the board tells where it is (s).

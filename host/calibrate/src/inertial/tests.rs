@@ -12,6 +12,7 @@ use super::prediction::{accelerometer, gyroscope};
 use super::*;
 use crate::circles::reference_frame::PointObservation;
 use crate::result::inertial_result::grade;
+use crate::solve::board_edge::BoardEdges;
 use crate::solve::event_bias::bias::Biases;
 use crate::solve::event_bias::{CLASS_COUNT, unknown};
 use crate::solve::observation::SegmentObservations;
@@ -148,8 +149,8 @@ impl Bench {
         let samples = (0..(SAMPLES * (SECONDS - 0.02)) as usize).filter_map(sample).collect();
         let problem = Problem {
             sensor: (346, 260).into(),
-            edges: BoardEdges::Rims(points.clone()),
-            points,
+            edges: BoardEdges::Rims(Vec::new()),
+            points: centers.iter().map(|center| center.map(|along| along * stated)).collect(),
             area: CircleArea { middle: [0.0; 2], half: [0.2, 0.075] },
             mean_scale: 1.0,
             point_sigma: PIXEL,

@@ -6,7 +6,6 @@
 
 use std::f64::consts::{PI, TAU};
 
-use evcal_core::grid::{reorder, symmetry};
 use evcal_core::pattern::Pattern;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
@@ -16,6 +15,7 @@ use super::settings::InitialSettings;
 use super::sighting::Sighting;
 use crate::circles::reference_frame::ObservedCircle;
 use evcal_geometry::board::Board;
+use evcal_geometry::board::symmetry::{Symmetry, symmetries};
 use evcal_geometry::numerics::statistics::median;
 
 /// Turn of a row that noise and perspective explain at any rate (rad).
@@ -23,18 +23,17 @@ const ROW_ANGLE_FLOOR: f64 = 0.1;
 
 /// For each turn of the board in its plane that maps it onto itself: the new index of every circle.
 /// The first turn is none.
-pub fn board_turns(pattern: Pattern) -> Vec<Vec<usize>> {
-    let turned = |turn| (0..pattern.circle_count()).filter_map(|index| reorder(&pattern, index, turn)).collect();
-    (0..symmetry(&pattern)).map(turned).collect()
+fn board_turns(board: &Board) -> Vec<Vec<usize>> {
+    let points = |symmetry: Symmetry| symmetry.points.into_iter().map(usize::from).collect();
+    symmetries(board).into_iter().map(points).collect()
 }
 
-/// The affine map from lattice positions to pixels that fits best; `None` for circles in one line.
-fn lattice_map(circles: &[ObservedCircle], pattern: Pattern) -> Option<Matrix2<f64>> {
+/// The affine map from the board to pixels that fits best; `None` for circles in one line.
+fn board_map(circles: &[ObservedCircle], board: &Board) -> Option<Matrix2<f64>> {
     let mut normal = Matrix3::zeros();
     let mut right = [Vector3::zeros(), Vector3::zeros()];
     for circle in circles {
-        let (x, y) = pattern.lattice_position(circle.index);
-        let row = Vector3::new(f64::from(x), f64::from(y), 1.0);
+        let row = board.point(circle.index).push(1.0);
         normal += row * row.transpose();
         right[0] += row * circle.center.x;
         right[1] += row * circle.center.y;
@@ -46,8 +45,8 @@ fn lattice_map(circles: &[ObservedCircle], pattern: Pattern) -> Option<Matrix2<f
 
 /// Whether the circles are seen as in a mirror. A board seen from its front never is: its x, y and
 /// the image's x, y have the same sense of rotation.
-fn mirrored(circles: &[ObservedCircle], pattern: Pattern) -> bool {
-    lattice_map(circles, pattern).is_some_and(|map| map.determinant() < 0.0)
+fn mirrored(circles: &[ObservedCircle], board: &Board) -> bool {
+    board_map(circles, board).is_some_and(|map| map.determinant() < 0.0)
 }
 
 /// Direction in the image, in rad, of each row of the pattern in which at least two circles were
@@ -110,9 +109,9 @@ pub struct RotationGate {
 /// the circles of symmetric boards indices that are continuous in time.
 pub fn rotation_gate(sightings: &mut [Sighting], board: &Board, settings: &InitialSettings) -> RotationGate {
     let pattern = board.lattice();
-    let turns = board_turns(pattern);
+    let turns = board_turns(board);
     let period = TAU / turns.len() as f64;
-    let mirrored: Vec<bool> = sightings.iter().map(|sighting| mirrored(&sighting.circles, pattern)).collect();
+    let mirrored: Vec<bool> = sightings.iter().map(|sighting| mirrored(&sighting.circles, board)).collect();
     // Row angles per sighting and turn.
     let angles: Vec<Vec<Vec<Option<f64>>>> = sightings
         .iter()
@@ -234,7 +233,7 @@ mod tests {
 
     #[test]
     fn only_turns_that_map_the_board_onto_itself_count() {
-        let turns = |text: &str| board_turns(text.parse::<Board>().unwrap().pattern).len();
+        let turns = |text: &str| board_turns(&text.parse().unwrap()).len();
         assert_eq!(turns("circles:3x6:40mm:r10mm"), 2);
         assert_eq!(turns("circles:5x5:40mm:r10mm"), 4);
         assert_eq!(turns("acircles:9x4:55mm:r10mm"), 1);
@@ -274,7 +273,7 @@ mod tests {
     fn symmetric_boards_are_chained_to_continuous_names() {
         for (text, quarter) in [("circles:3x6:40mm:r10mm", 1), ("circles:5x5:40mm:r10mm", 2)] {
             let board: Board = text.parse().unwrap();
-            let turns = board_turns(board.lattice());
+            let turns = board_turns(&board);
             let mut sightings: Vec<Sighting> = (0..60)
                 .map(|step| {
                     // Two full turns of the board, with names that change now and then.

@@ -191,8 +191,9 @@ fn dark(bearings: &[(u16, u16, Vector3<f64>)], pose: &Isometry3<f64>, board: &Bo
             let direction = world.rotation * bearing;
             let point = origin - direction * (origin.z / direction.z);
             board
-                .nearest_circle(point.xy())
-                .is_some_and(|index| (board.point(index) - point.xy()).norm() < board.radius)
+                .circles()
+                .and_then(|circles| circles.nearest_circle(point.xy()))
+                .is_some_and(|index| (board.point(index) - point.xy()).norm() < board.dot_radius())
         })
         .collect()
 }

@@ -211,9 +211,13 @@ mod tests {
                 let scale = 1.0 + 2e-4 * normal(&mut rng);
                 let dots = (0..board.point_count()).filter_map(|index| {
                     let object = board.point(index);
-                    let image = circle_image_center(camera, &pose, object, board.radius)?;
+                    let image = circle_image_center(camera, &pose, object, board.dot_radius())?;
                     let noise = Vector2::new(normal(&mut rng), normal(&mut rng)) * noise;
-                    Some(SeenDot { object, radius: board.radius, image: middle + (image - middle) * scale + noise })
+                    Some(SeenDot {
+                        object,
+                        radius: board.dot_radius(),
+                        image: middle + (image - middle) * scale + noise,
+                    })
                 });
                 PictureView { dots: dots.collect(), pose }
             })

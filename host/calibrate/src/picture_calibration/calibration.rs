@@ -236,16 +236,17 @@ mod tests {
     use evcal_core::pattern::{Layout, Pattern};
 
     use super::*;
+    use evcal_geometry::board::CircleBoard;
 
     #[test]
     fn what_helps_depends_on_what_was_refused() {
         let told = |refused: BTreeMap<NoBoard, u64>| {
             let detection = PictureSearchReport { frames: 7, refused, ..PictureSearchReport::default() };
-            let board = Board {
+            let board = Board::Circles(CircleBoard {
                 pattern: Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 },
                 spacing: 0.055,
                 radius: 0.0175,
-            };
+            });
             let settings = InitialSettings::default();
             let failure = start(&[], &detection, &board, Sensor::new(346, 260), ModelKind::Radtan, &settings);
             failure.err().unwrap()

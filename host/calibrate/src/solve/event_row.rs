@@ -128,6 +128,7 @@ mod tests {
     use evcal_core::sensor::Sensor;
 
     use super::*;
+    use crate::solve::board_edge::{BoardEdges, Rim};
     use crate::solve::board_surface::{BoardGround, FlatBoard};
     use crate::solve::edge_batch::{BatchEvent, EdgeBatch};
     use crate::solve::event_bias::bias::Biases;

@@ -300,6 +300,7 @@ pub(crate) mod tests {
     use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
     use super::*;
+    use crate::solve::board_edge::BoardEdges;
     use crate::solve::event_bias::bias::Biases;
     use crate::solve::event_bias::unknown;
     use crate::solve::levenberg::{linearised, moved};

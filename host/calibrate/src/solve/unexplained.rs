@@ -109,6 +109,7 @@ mod tests {
     use nalgebra::{UnitQuaternion, Vector3};
 
     use super::*;
+    use crate::solve::board_edge::BoardEdges;
     use crate::solve::event_bias::bias::Biases;
     use crate::solve::event_bias::{CLASS_COUNT, unknown};
     use crate::solve::left_out::{covers, leave_out};

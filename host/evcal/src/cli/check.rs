@@ -3,8 +3,8 @@
 use crate::cli::circles_only::circles_of;
 use std::path::PathBuf;
 
-use evcal_calibrate::circles::file::open_events;
 use evcal_calibrate::check::{Checked, check};
+use evcal_calibrate::circles::file::open_events;
 use evcal_calibrate::settings::Settings;
 use evcal_geometry::board::request::BoardRequest;
 use serde::Serialize;

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use evcal_calibrate::advice::Advice;
-use evcal_calibrate::circles::file::open_events;
 use evcal_calibrate::check::units::unusual_unit;
+use evcal_calibrate::circles::file::open_events;
 use evcal_calibrate::diagnosis::information;
 
 use super::advice::calibrate::worded;

@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use evcal_calibrate::circles::file::open_events;
 use evcal_calibrate::calibrate::repeat::{RepeatSettings, Repetition, Run, repeat};
 use evcal_calibrate::calibrate::{PictureUse, Task};
+use evcal_calibrate::circles::file::open_events;
 
 use super::calibrate::MethodArguments;
 use super::progress::Waiting;

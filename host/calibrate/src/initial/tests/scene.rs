@@ -95,7 +95,7 @@ impl Scene {
                 let mut circles = Vec::new();
                 for index in 0..count {
                     let Some(projected) =
-                        ProjectedCircle::new(&self.camera, &pose, self.board.point(index), self.board.radius)
+                        ProjectedCircle::new(&self.camera, &pose, self.board.point(index), self.board.dot_radius())
                     else {
                         continue;
                     };

@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::*;
 use crate::circles::reference_frame::PointObservation;
 use crate::second_camera::mount::{COUNT, LINE_DELAY, MOST, Mount, OFFSET, RATE, ROTATION, TRANSLATION};
+use crate::solve::board_edge::BoardEdges;
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::{CLASS_COUNT, unknown};
 use crate::solve::levenberg::moved;

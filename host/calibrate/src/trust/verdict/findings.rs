@@ -327,7 +327,7 @@ mod tests {
     /// In little light, dots of 3 px had an offset of their own (11 circles of 8 mm, 2.7 mm/px), and the radius was called wrong.
     #[test]
     fn a_radius_that_the_events_themselves_confirm_is_not_wrong() {
-        let board: Board = "acircles:11x5:30mm:r8mm".parse().unwrap();
+        let board: CircleBoard = "acircles:11x5:30mm:r8mm".parse().unwrap();
         let scale = 2.7e-3;
         let told = |pixels: f64, evidence: Option<(f64, f64)>| {
             let observed = ObservedRadius { mean_offset: pixels - 0.41, scale, radius: board.radius + pixels * scale };
