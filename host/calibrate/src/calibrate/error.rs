@@ -121,9 +121,6 @@ pub enum CalibrateError {
         /// The files.
         file: String,
     },
-    /// Frames are needed, in which boards of squares are not looked for.
-    #[error("in frames only boards of circles are found: calibrate from the events alone")]
-    NoPicturesOfSquares,
     /// The pictures give no calibration.
     #[error("no calibration from the camera's frames: {0}")]
     Pictures(NoPictureCalibration),

@@ -36,14 +36,14 @@ pub(super) fn take_frames(
 /// Drops the events of all frames but those with the smallest, the middle and the largest error, which are shown: after the first
 /// camera nothing else needs them.
 pub(super) fn keep_examples(frames: &mut [ReferenceFrame], initial: &InitialModel) {
-    let with_events = |frame: usize| frames.get(frame).is_some_and(|frame| frame.events().is_some());
+    let with_events = |frame: usize| frames.get(frame).is_some_and(ReferenceFrame::is_shown);
     let mut ranked: Vec<(f64, usize)> =
         initial.frames.iter().map(|posed| (posed.rms, posed.frame)).filter(|(_, frame)| with_events(*frame)).collect();
     ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
     let last = ranked.len().saturating_sub(1);
     let shown = [0, last.div_ceil(2), last].map(|place| ranked.get(place).map(|(_, frame)| *frame));
     for (index, frame) in frames.iter_mut().enumerate() {
-        if matches!(frame.seen_in, SeenIn::Events(_)) && !shown.contains(&Some(index)) {
+        if frame.is_shown() && !shown.contains(&Some(index)) {
             frame.seen_in = SeenIn::PassedEvents;
         }
     }

@@ -56,9 +56,6 @@ pub(super) fn calibrate_beside(
     model: ModelKind,
     progress: &Progress,
 ) -> Result<Option<CalibratedPictures>, CalibrateError> {
-    if task.board.circles().is_none() && task.pictures == PictureUse::Witness {
-        return Ok(None);
-    }
     let is_needed = match task.pictures {
         PictureUse::Ignore | PictureUse::Only => return Ok(None),
         PictureUse::Witness => false,
@@ -72,14 +69,11 @@ pub(super) fn calibrate_beside(
     Ok(calibrated)
 }
 
-/// Looks for the `circles` of the board in all pictures.
+/// Looks for the board in all pictures.
 fn see_pictures(task: &Task, files: Files, progress: &Progress) -> Result<SeenPictures, CalibrateError> {
     let Files { starts, without_pictures: without } = files;
     let fewest = task.settings.detection.fewest_circles(&task.board.lattice());
-    let Some(board) = task.board.circles() else {
-        return Err(CalibrateError::NoPicturesOfSquares);
-    };
-    let mut detection = PictureSearch::new(board, fewest, task.settings.frames.max_radius);
+    let mut detection = PictureSearch::new(task.board, fewest, task.settings.frames.max_radius);
     let mut origins = Vec::new();
     for (number, input) in task.inputs.iter().enumerate() {
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);

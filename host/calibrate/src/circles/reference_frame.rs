@@ -1,5 +1,6 @@
 //! Reference frames: time windows in which the board was found.
 
+use event_recordings::pictures::GreyImage;
 use nalgebra::Vector2;
 
 use crate::circles::event_pixel::EventPixel;
@@ -45,6 +46,8 @@ pub enum SeenIn {
     Circles,
     /// One of the camera's own pictures.
     Picture,
+    /// A picture made of the events around the frame's time.
+    Reconstruction(GreyImage),
 }
 
 impl ReferenceFrame {
@@ -53,13 +56,18 @@ impl ReferenceFrame {
     pub fn events(&self) -> Option<&[EventPixel]> {
         match &self.seen_in {
             SeenIn::Events(pixels) => Some(pixels),
-            SeenIn::PassedEvents | SeenIn::Circles | SeenIn::Picture => None,
+            SeenIn::PassedEvents | SeenIn::Circles | SeenIn::Picture | SeenIn::Reconstruction(_) => None,
         }
+    }
+
+    /// Whether there is something to show of it: its events, or a picture made of them.
+    pub fn is_shown(&self) -> bool {
+        matches!(self.seen_in, SeenIn::Events(_) | SeenIn::Reconstruction(_))
     }
 
     /// Whether the board was found in events.
     pub fn is_from_events(&self) -> bool {
-        matches!(self.seen_in, SeenIn::Events(_) | SeenIn::PassedEvents)
+        matches!(self.seen_in, SeenIn::Events(_) | SeenIn::PassedEvents | SeenIn::Reconstruction(_))
     }
 
     /// The time stamp of the frame: the centre of its window (paper III-A), in seconds.

@@ -60,7 +60,7 @@ impl KeptPixels {
 }
 
 fn pass(frame: &mut CompactFrame) {
-    if matches!(frame.seen_in, SeenIn::Events(_)) {
+    if matches!(frame.seen_in, SeenIn::Events(_) | SeenIn::Reconstruction(_)) {
         frame.seen_in = SeenIn::PassedEvents;
     }
 }
@@ -68,6 +68,8 @@ fn pass(frame: &mut CompactFrame) {
 fn count(frame: &CompactFrame) -> usize {
     match &frame.seen_in {
         SeenIn::Events(pixels) => pixels.len(),
+        // In units of four bytes, too.
+        SeenIn::Reconstruction(picture) => picture.pixels.len() / 4,
         SeenIn::PassedEvents | SeenIn::Circles | SeenIn::Picture => 0,
     }
 }

@@ -7,9 +7,11 @@ use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::SquareBoard;
 use evcal_squares::reconstruction::{Moment, Reconstruction, ReconstructionOptions};
+use event_recordings::pictures::GreyImage;
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
+use super::kept_pixels::KeptPixels;
 use super::no_board::NoBoard;
 use super::report::DetectionReport;
 use super::square_finder::{FoundBoard, SquareFinder};
@@ -41,6 +43,7 @@ pub struct SquareStage {
     /// What was found last, and when (s).
     last: Option<Seen>,
     report: DetectionReport,
+    kept_pixels: KeptPixels,
 }
 
 impl SquareStage {
@@ -56,6 +59,7 @@ impl SquareStage {
             frames: Vec::new(),
             last: None,
             report: DetectionReport::default(),
+            kept_pixels: KeptPixels::default(),
         }
     }
 
@@ -88,12 +92,13 @@ impl SquareStage {
                 Ok(board) => {
                     self.report.found += 1;
                     self.report.board_circles += board.points.len() as u64;
-                    self.frames.push(self.frame(t, &board).into());
+                    self.frames.push(self.frame(t, &board, moment).into());
                     self.last = Some(Seen { t, board });
                 }
                 Err(reason) => *self.report.grids_refused.entry(reason).or_default() += 1,
             }
         }
+        self.kept_pixels.limit(&mut self.frames);
     }
 
     /// What is found in each of `moments`, near its place in the one before.
@@ -111,7 +116,7 @@ impl SquareStage {
         moments.iter().map(&mut search).collect()
     }
 
-    fn frame(&self, t: f64, board: &FoundBoard) -> ReferenceFrame {
+    fn frame(&self, t: f64, board: &FoundBoard, moment: &Moment) -> ReferenceFrame {
         let circle = |point: &evcal_squares::found_point::FoundPoint| ObservedCircle {
             index: point.index,
             t,
@@ -125,9 +130,23 @@ impl SquareStage {
             start: t - half,
             end: t + half,
             circles: board.points.iter().map(circle).collect(),
-            seen_in: SeenIn::PassedEvents,
+            seen_in: grey(moment).map_or(SeenIn::PassedEvents, SeenIn::Reconstruction),
         }
     }
+}
+
+/// What a person sees best of a moment: the picture of the middle time constant, without its darkest and brightest pixels.
+fn grey(moment: &Moment) -> Option<GreyImage> {
+    let picture = moment.pictures.get(moment.pictures.len() / 2)?;
+    let mut sorted = picture.values().to_vec();
+    let mut at = |share: f64| {
+        let place = (share * (sorted.len().checked_sub(1)? as f64)) as usize;
+        Some(*sorted.select_nth_unstable_by(place, f32::total_cmp).1)
+    };
+    let (dark, bright) = (at(0.01)?, at(0.99)?);
+    let range = (bright - dark).max(f32::MIN_POSITIVE);
+    let pixels = picture.values().iter().map(|value| (255.0 * (value - dark) / range).clamp(0.0, 255.0) as u8);
+    GreyImage::new(picture.width(), picture.height(), pixels.collect())
 }
 
 fn seconds(moment: &Moment) -> f64 {

@@ -85,13 +85,16 @@ fn rim_point(pose: &Isometry3<f64>, center: Vector2<f64>, radius: f64, direction
 }
 
 /// Centre of area, in pixels, of the image of the circle at `center` with `radius` (metres on the board)
-/// seen from `pose` (`T_camera_world`); `None` if a part of it is outside the camera's domain.
+/// seen from `pose` (`T_camera_world`); of a radius of 0 the image of the point. `None` if a part of it is outside the camera's domain.
 pub fn circle_image_center(
     camera: &Camera<f64>,
     pose: &Isometry3<f64>,
     center: Vector2<f64>,
     radius: f64,
 ) -> Option<Vector2<f64>> {
+    if radius == 0.0 {
+        return camera.project(&(pose * Point3::new(center.x, center.y, 0.0)).coords);
+    }
     let mut points = [Vector2::zeros(); POINTS];
     for (point, direction) in points.iter_mut().zip(RIM.directions) {
         *point = camera.project(&(rim_point(pose, center, radius, direction) + pose.translation.vector))?;
@@ -124,6 +127,9 @@ pub struct CircleImage {
 impl CircleImage {
     /// As [`circle_image_center`], with derivatives.
     pub fn new(camera: &Camera<f64>, pose: &Isometry3<f64>, center: Vector2<f64>, radius: f64) -> Option<Self> {
+        if radius == 0.0 {
+            return Self::of_point(camera, pose, center);
+        }
         let turned = RIM.directions.map(|direction| rim_point(pose, center, radius, direction));
         let mut points = [Vector2::zeros(); POINTS];
         let mut derivatives = [(PointJacobian::zeros(), ProjectionParameterJacobian::zeros()); POINTS];
@@ -145,6 +151,17 @@ impl CircleImage {
             by_all_parameters += by_rim * by_parameters;
         }
         Some(Self { center, by_pose, by_parameters: by_all_parameters })
+    }
+
+    /// That of a point of the board.
+    fn of_point(camera: &Camera<f64>, pose: &Isometry3<f64>, point: Vector2<f64>) -> Option<Self> {
+        let turned = pose.rotation * point.push(0.0);
+        let Projection { pixel, by_point, by_parameters } =
+            camera.project_with_jacobians(&(turned + pose.translation.vector))?;
+        let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
+        by_pose.fixed_columns_mut::<3>(0).copy_from(&(-by_point * turned.cross_matrix()));
+        by_pose.fixed_columns_mut::<3>(3).copy_from(&by_point);
+        Some(Self { center: pixel, by_pose, by_parameters })
     }
 }
 
@@ -205,13 +222,18 @@ mod tests {
 
     #[test]
     fn jacobians_equal_difference_quotients() {
+        assert_jacobians(RADIUS);
+        assert_jacobians(0.0);
+    }
+
+    fn assert_jacobians(radius: f64) {
         let camera = radtan();
-        let exact = CircleImage::new(&camera, &pose(), CENTER, RADIUS).unwrap();
+        let exact = CircleImage::new(&camera, &pose(), CENTER, radius).unwrap();
         for index in 0..6 {
             let at = |step: f64| {
                 let mut direction = Vector6::zeros();
                 direction[index] = step;
-                circle_image_center(&camera, &step_pose(&pose(), &direction), CENTER, RADIUS).unwrap()
+                circle_image_center(&camera, &step_pose(&pose(), &direction), CENTER, radius).unwrap()
             };
             let numeric = (at(1e-6) - at(-1e-6)) / 2e-6;
             assert!((numeric - exact.by_pose.column(index)).norm() < 1e-5 * exact.by_pose.norm(), "{index}");
@@ -221,7 +243,7 @@ mod tests {
                 let mut parameters = camera.parameters();
                 parameters[index] += step;
                 let camera = Camera::from_parameters(camera.kind(), &parameters).unwrap();
-                circle_image_center(&camera, &pose(), CENTER, RADIUS).unwrap()
+                circle_image_center(&camera, &pose(), CENTER, radius).unwrap()
             };
             let numeric = (at(1e-5) - at(-1e-5)) / 2e-5;
             let column = exact.by_parameters.column(index);

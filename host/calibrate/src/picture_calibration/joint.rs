@@ -140,7 +140,7 @@ pub fn joint_points(
         };
         let bias = pose_at(trajectory, dot.t).and_then(|pose| {
             let pose = onto_board(&pose, state, board, dot.circle);
-            center_bias(&state.camera, &pose, board.point(dot.circle), state.board.radius)
+            center_bias(&state.camera, &pose, board.point(dot.circle), dot_radius(board, state))
         });
         let Some(bias) = bias else { continue };
         points.push(PointObservation { t: dot.t, pixel: dot.measured.center - bias, circle: dot.circle });
@@ -166,6 +166,24 @@ pub fn joint_points(
 /// `T_camera_world` at time `t`.
 fn pose_at(trajectory: &Trajectory, t: f64) -> Option<Isometry3<f64>> {
     trajectory.pose(t).map(|pose| pose.inverse())
+}
+
+/// Radius of what stands at each point of the board (m): none at corners.
+fn dot_radius(board: &Board, state: &State) -> f64 {
+    board.circles().map_or(0.0, |_| state.board.radius)
+}
+
+/// How far the next point of the board is from `measured` in the picture, where points are `expected` (px).
+fn neighbour_distance(measured: &ObservedCircle, expected: &[Option<Vector2<f64>>], board: &Board) -> f64 {
+    match (measured.radius, board.circles()) {
+        (Some(radius), Some(circles)) => radius * circles.neighbour_distance() / circles.radius,
+        _ => {
+            let place = expected.get(measured.index).copied().flatten();
+            let others = expected.iter().enumerate().filter(|(index, _)| *index != measured.index);
+            let apart = |(_, other): (usize, &Option<Vector2<f64>>)| Some((place? - (*other)?).norm());
+            others.filter_map(apart).fold(f64::INFINITY, f64::min)
+        }
+    }
 }
 
 /// `pose` (`T_camera_world`) moved such that a circle where the flat board has it is seen where the board of `state` has it.
@@ -195,7 +213,7 @@ fn tie<'a>(frames: &[&'a ReferenceFrame], state: &State, board: &Board, offset: 
         let [Some(now), Some(before), Some(after)] = poses else { continue };
         let image = |pose: &Isometry3<f64>, circle: usize| {
             let pose = onto_board(pose, state, board, circle);
-            circle_image_center(&state.camera, &pose, board.point(circle), state.board.radius)
+            circle_image_center(&state.camera, &pose, board.point(circle), dot_radius(board, state))
         };
         let expected: Vec<Option<Vector2<f64>>> = (0..board.point_count()).map(|circle| image(&now, circle)).collect();
         for measured in &frame.circles {
@@ -205,7 +223,7 @@ fn tie<'a>(frames: &[&'a ReferenceFrame], state: &State, board: &Board, offset: 
                 .enumerate()
                 .filter_map(|(circle, place)| Some((circle, place.as_ref()?)))
                 .min_by(|a, b| distance(a.1).total_cmp(&distance(b.1)));
-            let near = NEAR * measured.radius.unwrap_or(0.0) * board.print_period() / board.dot_radius();
+            let near = NEAR * neighbour_distance(measured, &expected, board);
             let Some((circle, place)) = nearest.filter(|(_, place)| distance(place) <= near) else {
                 elsewhere += 1;
                 continue;

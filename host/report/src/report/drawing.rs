@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Point3, Vector2};
 use rayon::prelude::*;
 
 use evcal_calibrate::circles::event_pixel::EventPixel;
-use evcal_calibrate::circles::reference_frame::ReferenceFrame;
+use evcal_calibrate::circles::reference_frame::{ReferenceFrame, SeenIn};
 use evcal_files::FileError;
 use evcal_geometry::board::Board;
 use event_recordings::pictures::GreyImage;
@@ -101,6 +101,14 @@ impl Picture {
         }
     }
 
+    /// Draws a grey picture that begins at pixel `position` of the sensor.
+    fn grey(&mut self, image: &GreyImage, position: (u16, u16)) {
+        for (index, &value) in image.pixels.iter().enumerate() {
+            let (x, y) = (index % image.width(), index / image.width());
+            self.pixel(usize::from(position.0) + x, usize::from(position.1) + y, [value; 3]);
+        }
+    }
+
     /// Fills a pixel of the sensor.
     fn pixel(&mut self, x: usize, y: usize, color: [u8; 3]) {
         for row in 0..self.scale {
@@ -175,8 +183,8 @@ impl Picture {
     }
 }
 
-/// A reference frame: ON events red, OFF events blue, circles found in black, joined along the rows
-/// of the board, and the rims where `camera` at `pose` (`T_world_camera`) puts them in green.
+/// A reference frame: ON events red, OFF events blue, or the picture made of events; circles or corners found in black, joined along the rows
+/// of the board, and the edges where `camera` at `pose` (`T_world_camera`) puts them in green.
 pub fn reference_frame_picture(
     frame: &ReferenceFrame,
     sensor: Sensor,
@@ -185,7 +193,10 @@ pub fn reference_frame_picture(
     pose: &Isometry3<f64>,
 ) -> Picture {
     let mut picture = Picture::new(sensor, SCALE);
-    picture.events(frame.events().unwrap_or_default());
+    match &frame.seen_in {
+        SeenIn::Reconstruction(image) => picture.grey(image, (0, 0)),
+        _ => picture.events(frame.events().unwrap_or_default()),
+    }
     picture.board(frame, board, |point| camera.project(&pose.inverse_transform_point(point).coords), Some);
     picture
 }
@@ -201,10 +212,7 @@ pub fn grey_frame_picture(
     pose: &Isometry3<f64>,
 ) -> Picture {
     let mut picture = Picture::new(sensor, SCALE);
-    for (index, &value) in image.pixels.iter().enumerate() {
-        let (x, y) = (index % image.width(), index / image.width());
-        picture.pixel(usize::from(position.0) + x, usize::from(position.1) + y, [value; 3]);
-    }
+    picture.grey(image, position);
     picture.board(frame, board, |point| camera.project(&pose.inverse_transform_point(point).coords), Some);
     picture
 }

@@ -11,8 +11,7 @@ use super::page::Section;
 use super::rectification::{distorted, ideal_camera, projected};
 use crate::report::drawing::{BEYOND, OFF, ON, Picture, WHITE};
 use evcal_calibrate::calibrate::calibrated::Calibrated;
-use evcal_calibrate::circles::event_pixel::EventPixel;
-use evcal_calibrate::circles::reference_frame::ReferenceFrame;
+use evcal_calibrate::circles::reference_frame::{ReferenceFrame, SeenIn};
 use evcal_calibrate::initial::PosedFrame;
 use evcal_geometry::board::Board;
 
@@ -22,7 +21,7 @@ const WIDEST: u16 = 800;
 /// The frames with the smallest, the middle and the largest error.
 pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     let mut ranked: Vec<(&PosedFrame, &ReferenceFrame)> =
-        calibrated.posed().filter(|(_, frame)| frame.events().is_some()).collect();
+        calibrated.posed().filter(|(_, frame)| frame.is_shown()).collect();
     ranked.sort_by(|a, b| a.0.rms.total_cmp(&b.0.rms));
     let mut examples = vec![("Best", ranked.first()?)];
     if let [_, middle @ .., last] = ranked.as_slice() {
@@ -36,8 +35,11 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
         .collect();
     let content = html! {
         p {
-            "Events of single time windows: ON red, OFF blue. Black rings are the circles found, yellow lines join those of a row. Green is "
-            "where the result puts the board: it should lie on the events. The second picture of each is without the lens's distortion: the yellow "
+            @match board {
+                Board::Circles(_) => "Events of single time windows: ON red, OFF blue. Black rings are the circles found, yellow lines join those of a row. ",
+                Board::Squares(_) => "Pictures made of events, as a camera would have taken them. Black rings are the corners found, yellow lines join those of a row. ",
+            }
+            "Green is where the result puts the board: it should lie on its edges. The second picture of each is without the lens's distortion: the yellow "
             "lines should be straight."
         }
         @for (name, frame, pictures) in examples {
@@ -62,7 +64,7 @@ fn pictures(
 ) -> Markup {
     let (camera, sensor) = (calibrated.camera(), calibrated.sensor);
     let pose = calibrated.best_pose(posed, frame);
-    let raster = Raster::new(sensor, frame.events().unwrap_or_default());
+    let raster = Raster::new(sensor, frame);
     let mut seen = Picture::of_sensor(sensor, scale(sensor), |place| raster.color(place));
     seen.board(frame, board, |point| camera.project(&pose.inverse_transform_point(point).coords), Some);
     let mut rectified = Picture::of_sensor(sensor, scale(sensor), |place| {
@@ -71,8 +73,8 @@ fn pictures(
     let place = |pixel: Vector2<f64>| ideal.of_pixel(camera, &pixel);
     rectified.board(frame, board, |point| projected(ideal, &pose.inverse_transform_point(point)), place);
     html! {
-        (figure(&seen, "Events of one time window as the sensor saw them, with the board.", "As the sensor saw it."))
-        (figure(&rectified, "The same events without the distortion of the lens, with the board.", "Without distortion."))
+        (figure(&seen, "One moment as the sensor saw it, with the board.", "As the sensor saw it."))
+        (figure(&rectified, "The same without the distortion of the lens, with the board.", "Without distortion."))
     }
 }
 
@@ -98,8 +100,12 @@ struct Raster {
 }
 
 impl Raster {
-    fn new(sensor: Sensor, pixels: &[EventPixel]) -> Self {
+    fn new(sensor: Sensor, frame: &ReferenceFrame) -> Self {
+        if let SeenIn::Reconstruction(picture) = &frame.seen_in {
+            return Self { sensor, colors: picture.pixels.iter().map(|&grey| [grey; 3]).collect() };
+        }
         let mut colors = vec![WHITE; usize::from(sensor.width) * usize::from(sensor.height)];
+        let pixels = frame.events().unwrap_or_default();
         for pixel in pixels.iter().filter(|pixel| pixel.x() < sensor.width) {
             if let Some(color) =
                 colors.get_mut(usize::from(pixel.y()) * usize::from(sensor.width) + usize::from(pixel.x()))

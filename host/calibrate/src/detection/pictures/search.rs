@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 
 use evcal_core::grid::{GridCandidate, GridOptions};
+use evcal_squares::found_point::FoundPoint;
+use evcal_squares::picture::Picture;
 use nalgebra::Vector2;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -12,7 +14,8 @@ use super::dot::{Dot, NoDot, measure};
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
 use crate::detection::board_finder::{BoardFinder, within_capacity};
 use crate::detection::no_board::NoBoard;
-use evcal_geometry::board::CircleBoard;
+use crate::detection::square_finder::SquareFinder;
+use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::numerics::statistics::median;
 use event_recordings::pictures::{GreyImage, TimedImage};
 
@@ -56,29 +59,51 @@ struct Searched {
 
 /// The board in one picture.
 struct SeenBoard {
-    /// Its dots with their indices.
-    dots: Vec<(usize, Dot)>,
+    /// Its dots or corners.
+    points: Vec<SeenPoint>,
     /// Median blur of the dots' edges (px).
     blur: Option<f64>,
 }
 
+/// A dot or corner of the board in a picture.
+struct SeenPoint {
+    index: usize,
+    /// Where, in pixels of the picture.
+    place: Vector2<f64>,
+    /// Radius of a dot (px).
+    radius: Option<f64>,
+}
+
 /// Looks for the board in the pictures of recordings.
 pub struct PictureSearch<'a> {
-    board: &'a CircleBoard,
-    /// Largest radius of a dot (px).
-    largest_radius: f64,
-    /// Fewest circles of a board.
-    fewest: usize,
+    target: Target<'a>,
     frames: Vec<ReferenceFrame>,
     blurs: Vec<f64>,
     report: PictureSearchReport,
 }
 
+/// What is looked for.
+enum Target<'a> {
+    Circles(CircleTarget<'a>),
+    Squares(SquareFinder),
+}
+
+struct CircleTarget<'a> {
+    board: &'a CircleBoard,
+    /// Largest radius of a dot (px).
+    largest_radius: f64,
+    /// Fewest circles of a board.
+    fewest: usize,
+}
+
 impl<'a> PictureSearch<'a> {
-    /// Looks for `board`, of which at least `fewest` circles must be seen, with radii up to `largest_radius` (px).
-    pub fn new(board: &'a CircleBoard, fewest: usize, largest_radius: f64) -> Self {
-        let report = PictureSearchReport::default();
-        Self { board, largest_radius, fewest, frames: Vec::new(), blurs: Vec::new(), report }
+    /// Looks for `board`; if it is one of circles, at least `fewest` of them must be seen, with radii up to `largest_radius` (px).
+    pub fn new(board: &'a Board, fewest: usize, largest_radius: f64) -> Self {
+        let target = match board {
+            Board::Circles(board) => Target::Circles(CircleTarget { board, largest_radius, fewest }),
+            Board::Squares(board) => Target::Squares(SquareFinder::new(board)),
+        };
+        Self { target, frames: Vec::new(), blurs: Vec::new(), report: PictureSearchReport::default() }
     }
 
     /// Searches the pictures of recording number `number` of the camera, which `hand_on` hands on in order of time; their times
@@ -111,10 +136,13 @@ impl<'a> PictureSearch<'a> {
     }
 
     fn search_pictures(&mut self, pictures: Vec<TimedImage>, number: usize, start: i64) {
-        let searched: Vec<Searched> = pictures
-            .par_iter()
-            .map_init(|| BoardFinder::new(self.board.pattern), |finder, picture| self.search_picture(picture, finder))
-            .collect();
+        let searched: Vec<Searched> = match &self.target {
+            Target::Circles(target) => pictures
+                .par_iter()
+                .map_init(|| BoardFinder::new(target.board.pattern), |finder, picture| target.search(picture, finder))
+                .collect(),
+            Target::Squares(finder) => pictures.par_iter().map(|picture| search_squares(picture, finder)).collect(),
+        };
         for (picture, searched) in pictures.iter().zip(searched) {
             self.report.frames += 1;
             self.report.dots += searched.dots;
@@ -122,19 +150,27 @@ impl<'a> PictureSearch<'a> {
                 *self.report.dots_refused.entry(reason).or_default() += 1;
             }
             match searched.board {
-                Ok(SeenBoard { dots, blur }) => {
+                Ok(SeenBoard { points: dots, blur }) => {
                     self.report.with_board += 1;
                     self.report.board_dots += dots.len() as u64;
                     self.report.without_exposure += u64::from(!picture.exposure_known);
                     self.blurs.extend(blur);
-                    self.frames.push(reference_frame(picture, &dots, number, start));
+                    self.frames.push(reference_frame(picture, dots, number, start));
                 }
                 Err(reason) => *self.report.refused.entry(reason).or_default() += 1,
             }
         }
     }
 
-    fn search_picture(&self, picture: &TimedImage, finder: &mut BoardFinder<f32>) -> Searched {
+    /// The pictures with the board in their order, and the report.
+    pub fn finish(mut self) -> (Vec<ReferenceFrame>, PictureSearchReport) {
+        self.report.blur = median(&mut self.blurs, f64::total_cmp).unwrap_or(0.0);
+        (self.frames, self.report)
+    }
+}
+
+impl CircleTarget<'_> {
+    fn search(&self, picture: &TimedImage, finder: &mut BoardFinder<f32>) -> Searched {
         let image = match &picture.image {
             Ok(image) => image,
             Err(reason) => return Searched { board: Err((*reason).into()), dots: 0, dots_refused: Vec::new() },
@@ -165,35 +201,46 @@ impl<'a> PictureSearch<'a> {
             ..GridOptions::new(&self.board.pattern, (image.width() as f64, image.height() as f64))
         };
         let placed = finder.find(&candidates, &options)?;
-        let dots: Vec<(usize, Dot)> =
-            placed.iter().filter_map(|placed| Some((placed.index, *dots.get(placed.candidate)?))).collect();
-        let mut blurs: Vec<f64> = dots.iter().map(|(_, dot)| dot.blur).collect();
+        let placed = placed.iter().filter_map(|placed| Some((placed.index, dots.get(placed.candidate)?)));
+        let placed: Vec<(usize, &Dot)> = placed.collect();
+        let mut blurs: Vec<f64> = placed.iter().map(|(_, dot)| dot.blur).collect();
         let blur = median(&mut blurs, f64::total_cmp);
         if blur.is_some_and(|blur| blur > MOST_BLURRED) {
             return Err(NoBoard::Blurred);
         }
-        Ok(SeenBoard { dots, blur })
-    }
-
-    /// The pictures with the board in their order, and the report.
-    pub fn finish(mut self) -> (Vec<ReferenceFrame>, PictureSearchReport) {
-        self.report.blur = median(&mut self.blurs, f64::total_cmp).unwrap_or(0.0);
-        (self.frames, self.report)
+        let seen = |(index, dot): (usize, &Dot)| SeenPoint { index, place: dot.center, radius: Some(dot.radius) };
+        Ok(SeenBoard { points: placed.into_iter().map(seen).collect(), blur })
     }
 }
 
-/// The reference frame of recording `number` that shows these dots; its times count from `start` (µs).
-fn reference_frame(picture: &TimedImage, dots: &[(usize, Dot)], number: usize, start: i64) -> ReferenceFrame {
+/// The points of a board of squares in a picture.
+fn search_squares(picture: &TimedImage, finder: &SquareFinder) -> Searched {
+    let board = picture.image.as_ref().map_err(|reason| NoBoard::from(*reason)).and_then(|image| {
+        let grey = Picture::from_bytes(image.width(), image.height(), &image.pixels).ok_or(NoBoard::NotGrey)?;
+        let found = finder.find(std::slice::from_ref(&grey), None)?;
+        let seen = |point: &FoundPoint| SeenPoint {
+            index: point.index,
+            place: Vector2::from(point.pixel).cast(),
+            radius: None,
+        };
+        Ok(SeenBoard { points: found.points.iter().map(seen).collect(), blur: None })
+    });
+    let dots = board.as_ref().map_or(0, |board| board.points.len() as u64);
+    Searched { board, dots, dots_refused: Vec::new() }
+}
+
+/// The reference frame of recording `number` that shows these points; its times count from `start` (µs).
+fn reference_frame(picture: &TimedImage, points: Vec<SeenPoint>, number: usize, start: i64) -> ReferenceFrame {
     let seconds = |t: i64| t.saturating_sub(start) as f64 * 1e-6;
     let (start, end) = (seconds(picture.exposure.0), seconds(picture.exposure.1));
     let position = Vector2::new(f64::from(picture.position.0), f64::from(picture.position.1));
-    let circle = |(index, dot): &(usize, Dot)| ObservedCircle {
-        index: *index,
+    let circle = |point: SeenPoint| ObservedCircle {
+        index: point.index,
         t: 0.5 * (start + end),
-        center: dot.center + position,
-        radius: Some(dot.radius),
+        center: point.place + position,
+        radius: point.radius,
         velocity: None,
     };
-    let circles = dots.iter().map(circle).collect();
+    let circles = points.into_iter().map(circle).collect();
     ReferenceFrame { recording: number, start, end, circles, seen_in: SeenIn::Picture }
 }
