@@ -35,12 +35,11 @@ pub struct Saddle {
 /// Finds the saddle points of a picture, the strongest first.
 pub fn find_saddles(picture: &Picture) -> Vec<Saddle> {
     let (width, height) = (picture.width(), picture.height());
-    let smooth = picture.blurred(SMOOTHING);
-    let response = saddle_response(&smooth);
+    let test = SaddleTest::new(picture);
+    let response = saddle_response(&test.smooth);
     // The response of a saddle between sharp quadrants of this contrast.
     let scale = 1.0 / (PI * SMOOTHING * SMOOTHING);
-    let least_contrast = LEAST_CONTRAST * smooth.contrast();
-    let least = (least_contrast * scale).powi(2);
+    let least = (test.least_contrast * scale).powi(2);
     let border = RING_RADIUS.ceil() as usize + 1;
     let mut saddles = Vec::new();
     for y in border..height.saturating_sub(border) {
@@ -49,16 +48,37 @@ pub fn find_saddles(picture: &Picture) -> Vec<Saddle> {
             if value <= least || !is_greatest(&response, width, x, y) {
                 continue;
             }
-            let Some(found) = quadrants(&smooth, x as f32, y as f32).filter(|found| found.strength > least_contrast)
-            else {
-                continue;
-            };
+            let Some(found) = test.saddle(x as f32, y as f32) else { continue };
             let Some(pixel) = refine_saddle(picture, found.pixel, WINDOW) else { continue };
             saddles.push(Saddle { pixel, ..found });
         }
     }
     saddles.sort_by(|a, b| b.strength.total_cmp(&a.strength));
     saddles
+}
+
+/// Tells saddles of a picture from other places.
+pub(crate) struct SaddleTest {
+    smooth: Picture,
+    least_contrast: f32,
+}
+
+impl SaddleTest {
+    pub(crate) fn new(picture: &Picture) -> Self {
+        let smooth = picture.blurred(SMOOTHING);
+        let least_contrast = LEAST_CONTRAST * smooth.contrast();
+        Self { smooth, least_contrast }
+    }
+
+    /// The saddle at a pixel, if its quadrants differ enough.
+    fn saddle(&self, x: f32, y: f32) -> Option<Saddle> {
+        quadrants(&self.smooth, x, y).filter(|found| found.strength > self.least_contrast)
+    }
+
+    /// `true` if there are two dark and two bright quadrants around this place.
+    pub(crate) fn is_saddle(&self, pixel: [f32; 2]) -> bool {
+        self.saddle(pixel[0], pixel[1]).is_some()
+    }
 }
 
 /// Minus the determinant of the second derivatives: greatest in the middle of a saddle.

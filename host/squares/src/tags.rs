@@ -31,9 +31,9 @@ const BORDERS: [usize; 3] = [1, 2, 3];
 const BORDER: f32 = 1.0;
 /// Tags agree if one predicts the other's middle to within this part of its side per side of distance.
 const AGREEMENT: f64 = 0.25;
-/// A prediction uses this many tags, the nearest of them at most this many sides away, from middle to middle.
+/// A prediction uses this many tags. The nearest of them is at most so far away, in distances of neighbouring tags.
 const PREDICTING: usize = 3;
-const NEIGHBOURHOOD: f64 = 2.2;
+const NEIGHBOURHOOD: f64 = 1.6;
 /// For each tag found, at most this many may be missing next to those found.
 const MOST_MISSING: usize = 1;
 /// Least correlation of a tag that is found alone.
@@ -115,6 +115,23 @@ pub struct TagFinder {
     patterns: Vec<Vec<f32>>,
     /// Middle and side of each tag on the board.
     places: Vec<Place>,
+    /// Greatest distance on the board over which a prediction holds, between middles.
+    reach: f64,
+}
+
+/// A homography from the board to the picture.
+pub(crate) struct BoardMap(Matrix3<f64>);
+
+impl BoardMap {
+    fn image(&self, point: Vector2<f64>) -> Vector2<f64> {
+        let image = self.0 * point.push(1.0);
+        image.xy() / image.z
+    }
+
+    /// The position of a point of the board in the picture.
+    pub(crate) fn pixel(&self, point: Vector2<f64>) -> [f32; 2] {
+        self.image(point).cast().into()
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -154,7 +171,13 @@ impl TagFinder {
             let middle = corners.iter().sum::<Vector2<f64>>() / 4.0;
             Place { middle, side: (corners[1] - corners[0]).norm() }
         };
-        let (patterns, places) = (tags.iter().map(pattern).collect(), tags.iter().map(place).collect());
+        let (patterns, places): (_, Vec<Place>) =
+            (tags.iter().map(pattern).collect(), tags.iter().map(place).collect());
+        let others = |index: usize| places.iter().enumerate().filter(move |(other, _)| *other != index);
+        let neighbour = |(index, place): (usize, &Place)| {
+            others(index).map(|(_, other)| (other.middle - place.middle).norm()).fold(f64::INFINITY, f64::min)
+        };
+        let neighbours = places.iter().enumerate().map(neighbour).fold(f64::INFINITY, f64::min);
         // As far as the outer modules of all tags are dark.
         let dark = |border: &usize| {
             let outer = |index: usize| {
@@ -163,7 +186,7 @@ impl TagFinder {
             tags.iter().all(|tag| !tag.light.iter().enumerate().any(|(index, light)| *light && outer(index)))
         };
         let border = (0..side / 2).take_while(dark).last().unwrap_or(0);
-        Ok(Self { tags: tags.to_vec(), side, border, patterns, places })
+        Ok(Self { tags: tags.to_vec(), side, border, patterns, places, reach: NEIGHBOURHOOD * neighbours })
     }
 
     /// Finds the tags in a picture, by rising index. `expected` are the tags of a neighbouring picture, if there is one, moved to
@@ -335,13 +358,13 @@ impl TagFinder {
     /// Keeps the largest group of tags that agree about where the board is.
     fn leave_out_disagreeing(&self, found: &mut [Option<FoundTag>]) {
         let tags: Vec<FoundTag> = found.iter().flatten().copied().collect();
-        let homographies: Vec<Option<Matrix3<f64>>> = tags.iter().map(|tag| self.homography_of(&[*tag])).collect();
+        let maps: Vec<Option<BoardMap>> = tags.iter().map(|tag| self.map_of(&[*tag])).collect();
         let agrees = |from: usize, to: usize| {
             let (a, b) = (&tags[from], &tags[to]);
-            let Some(map) = &homographies[from] else { return false };
+            let Some(map) = &maps[from] else { return false };
             let distance =
                 (self.places[a.index].middle - self.places[b.index].middle).norm() / self.places[a.index].side;
-            let off = (image(map, self.places[b.index].middle) - middle(&b.corners)).norm();
+            let off = (map.image(self.places[b.index].middle) - middle(&b.corners)).norm();
             off <= AGREEMENT * distance * side_of(&b.corners)
         };
         let mut group: Vec<usize> = (0..tags.len()).collect();
@@ -366,13 +389,31 @@ impl TagFinder {
         }
     }
 
-    /// The homography from the board to the picture that fits the corners of some tags.
-    fn homography_of(&self, tags: &[FoundTag]) -> Option<Matrix3<f64>> {
-        let plane: Vec<Vector2<f64>> =
-            tags.iter().flat_map(|tag| self.tags[tag.index].corners.map(Vector2::from)).collect();
+    /// The tags.
+    pub fn tags(&self) -> &[Tag] {
+        &self.tags
+    }
+
+    /// The tags found that are nearest to a place on the board, as many as a prediction uses; `None` if all are too far away.
+    pub(crate) fn nearest(&self, found: &[FoundTag], place: Vector2<f64>) -> Option<Vec<FoundTag>> {
+        let distance =
+            |tag: &FoundTag| self.places.get(tag.index).map_or(f64::INFINITY, |known| (known.middle - place).norm());
+        let mut near = found.to_vec();
+        near.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
+        near.truncate(PREDICTING);
+        (distance(near.first()?) <= self.reach).then_some(near)
+    }
+
+    /// The map from the board to the picture that fits the corners of some tags.
+    pub(crate) fn map_of(&self, tags: &[FoundTag]) -> Option<BoardMap> {
+        let plane: Vec<Vector2<f64>> = tags
+            .iter()
+            .filter_map(|tag| self.tags.get(tag.index))
+            .flat_map(|tag| tag.corners.map(Vector2::from))
+            .collect();
         let image: Vec<Vector2<f64>> =
             tags.iter().flat_map(|tag| tag.corners.map(|corner| Vector2::from(corner).cast())).collect();
-        homography(&plane, &image)
+        Some(BoardMap(homography(&plane, &image)?))
     }
 
     /// Looks for the tags next to those found, until there are no more. Returns how many should be there, but are not.
@@ -387,24 +428,15 @@ impl TagFinder {
                 if found[tag].is_some() {
                     continue;
                 }
-                let place = self.places[tag];
-                let distance = |other: &FoundTag| (self.places[other.index].middle - place.middle).norm();
-                let mut near: Vec<FoundTag> = found.iter().flatten().copied().collect();
-                near.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
-                near.truncate(PREDICTING);
-                if near.first().is_none_or(|nearest| distance(nearest) > NEIGHBOURHOOD * place.side) {
-                    continue;
-                }
+                let known: Vec<FoundTag> = found.iter().flatten().copied().collect();
+                let Some(near) = self.nearest(&known, self.places[tag].middle) else { continue };
                 let from: Vec<usize> = near.iter().map(|tag| tag.index).collect();
                 if from == tried[tag] {
                     continue;
                 }
                 tried[tag] = from;
-                let Some(map) = self.homography_of(&near) else { continue };
-                let predicted = self.tags[tag].corners.map(|corner| {
-                    let pixel = image(&map, Vector2::from(corner));
-                    [pixel.x as f32, pixel.y as f32]
-                });
+                let Some(map) = self.map_of(&near) else { continue };
+                let predicted = self.tags[tag].corners.map(|corner| map.pixel(corner.into()));
                 found[tag] = self.verified(slopes, tag, &predicted);
                 news |= found[tag].is_some();
                 missing[tag] = found[tag].is_none() && within(&slopes.smooth, &predicted);
@@ -469,11 +501,6 @@ fn normalise(values: &mut [f32]) {
 /// The modules of a candidate as they are if its next corner is the first.
 fn turned(modules: &[f32], side: usize) -> Vec<f32> {
     (0..side * side).map(|index| modules[index % side * side + side - 1 - index / side]).collect()
-}
-
-fn image(map: &Matrix3<f64>, point: Vector2<f64>) -> Vector2<f64> {
-    let image = map * point.push(1.0);
-    image.xy() / image.z
 }
 
 fn middle(quad: &Quad) -> Vector2<f64> {
