@@ -16,6 +16,8 @@ use crate::alignment::{Pattern, Slopes, SquareMap, align};
 use crate::picture::Picture;
 use crate::quads::{Quad, find_quads};
 
+/// Smoothing before tags are compared and aligned, standard deviation in pixels.
+const SMOOTHING: f32 = 0.7;
 /// Least correlation of the modules of a candidate with a tag before its position is improved, and after.
 const LEAST_AT_FIRST: f32 = 0.4;
 const LEAST: f32 = 0.6;
@@ -29,6 +31,8 @@ const LEAST_AROUND: f32 = 0.25;
 const BORDERS: [usize; 3] = [1, 2, 3];
 /// Distance in pixels that corners keep from the border of the picture.
 const BORDER: f32 = 1.0;
+/// Two quadrilaterals are the same if their middles are nearer than this part of the side.
+const SAME: f64 = 0.1;
 /// Tags agree if one predicts the other's middle to within this part of its side per side of distance.
 const AGREEMENT: f64 = 0.25;
 /// A prediction uses this many tags. The nearest of them is at most so far away, in distances of neighbouring tags.
@@ -119,6 +123,19 @@ pub struct TagFinder {
     reach: f64,
 }
 
+/// A picture as tags are compared with it and aligned in it.
+struct Smooth {
+    picture: Picture,
+    slopes: Slopes,
+}
+
+impl Smooth {
+    fn new(picture: &Picture) -> Self {
+        let picture = picture.blurred(SMOOTHING);
+        Self { slopes: Slopes::new(&picture), picture }
+    }
+}
+
 /// A homography from the board to the picture.
 pub(crate) struct BoardMap(Matrix3<f64>);
 
@@ -195,21 +212,25 @@ impl TagFinder {
     /// # Errors
     /// [`NoTags`] if there is none.
     pub fn find(&self, picture: &Picture, expected: &[FoundTag]) -> Result<Vec<FoundTag>, NoTags> {
-        let slopes = Slopes::new(picture).ok_or(NoTags::NoQuads)?;
+        let smooth = Smooth::new(picture);
         let mut found = vec![None; self.tags.len()];
         for tag in expected {
-            keep_better(&mut found, self.verified(&slopes, tag.index, &tag.corners));
+            keep_better(&mut found, self.verified(&smooth, tag.index, &tag.corners));
         }
         self.leave_out_disagreeing(&mut found);
         let mut quads = Vec::new();
         if found.iter().flatten().count() < ENOUGH.min(self.tags.len()) {
             quads = find_quads(picture);
             for quad in &quads {
-                keep_better(&mut found, self.recognised(&slopes, quad));
+                // Most quadrilaterals are found with several surroundings.
+                let known = |tag: &FoundTag| (middle(&tag.corners) - middle(quad)).norm() < SAME * side_of(quad);
+                if !found.iter().flatten().any(known) {
+                    keep_better(&mut found, self.recognised(&smooth, quad));
+                }
             }
             self.leave_out_disagreeing(&mut found);
         }
-        let missing = self.grow(&slopes, &mut found);
+        let missing = self.grow(&smooth, &mut found);
         let tags: Vec<FoundTag> = found.into_iter().flatten().collect();
         if !is_board(&tags, missing) {
             return Err(match (self.mirrored(picture, &quads), tags.len(), quads.len()) {
@@ -219,7 +240,7 @@ impl TagFinder {
                 (_, found, _) => NoTags::OtherBoard { found, missing },
             });
         }
-        match self.best_border(&slopes.smooth, &tags) {
+        match self.best_border(&smooth.picture, &tags) {
             border if border == self.border => Ok(tags),
             border => Err(NoTags::OtherBorder { border }),
         }
@@ -326,33 +347,33 @@ impl TagFinder {
     }
 
     /// The tag in a candidate, if there is one for certain.
-    fn recognised(&self, slopes: &Slopes, quad: &Quad) -> Option<FoundTag> {
-        let first = self.best_match(self.modules(&slopes.smooth, quad));
+    fn recognised(&self, smooth: &Smooth, quad: &Quad) -> Option<FoundTag> {
+        let first = self.best_match(self.modules(&smooth.picture, quad));
         if first.score < LEAST_AT_FIRST {
             return None;
         }
         let upright: Quad = std::array::from_fn(|corner| quad[(corner + first.turn) % 4]);
-        let corners = self.aligned(slopes, first.tag, &upright)?;
-        let second = self.best_match(self.modules(&slopes.smooth, &corners));
+        let corners = self.aligned(smooth, first.tag, &upright)?;
+        let second = self.best_match(self.modules(&smooth.picture, &corners));
         let certain = second.score >= LEAST && second.score - second.other >= LEAST_MARGIN;
         let found = FoundTag { index: second.tag, corners, score: second.score };
         let same = second.turn == 0 && second.tag == first.tag;
-        (certain && same && self.is_whole(&slopes.smooth, &found)).then_some(found)
+        (certain && same && self.is_whole(&smooth.picture, &found)).then_some(found)
     }
 
     /// The tag where it is predicted, if it is there.
-    fn verified(&self, slopes: &Slopes, tag: usize, predicted: &Quad) -> Option<FoundTag> {
-        if !within(&slopes.smooth, predicted) {
+    fn verified(&self, smooth: &Smooth, tag: usize, predicted: &Quad) -> Option<FoundTag> {
+        if !within(&smooth.picture, predicted) {
             return None;
         }
-        let corners = self.aligned(slopes, tag, predicted)?;
-        let score = self.correlation(tag, &self.modules(&slopes.smooth, &corners));
+        let corners = self.aligned(smooth, tag, predicted)?;
+        let score = self.correlation(tag, &self.modules(&smooth.picture, &corners));
         let found = FoundTag { index: tag, corners, score };
-        (score >= LEAST_PREDICTED && self.is_whole(&slopes.smooth, &found)).then_some(found)
+        (score >= LEAST_PREDICTED && self.is_whole(&smooth.picture, &found)).then_some(found)
     }
 
-    fn aligned(&self, slopes: &Slopes, tag: usize, start: &Quad) -> Option<Quad> {
-        align(slopes, &Pattern { side: self.side, light: &self.tags.get(tag)?.light }, start)
+    fn aligned(&self, smooth: &Smooth, tag: usize, start: &Quad) -> Option<Quad> {
+        align(&smooth.slopes, &Pattern { side: self.side, light: &self.tags.get(tag)?.light }, start)
     }
 
     /// Keeps the largest group of tags that agree about where the board is.
@@ -417,7 +438,7 @@ impl TagFinder {
     }
 
     /// Looks for the tags next to those found, until there are no more. Returns how many should be there, but are not.
-    fn grow(&self, slopes: &Slopes, found: &mut [Option<FoundTag>]) -> usize {
+    fn grow(&self, smooth: &Smooth, found: &mut [Option<FoundTag>]) -> usize {
         let mut news = true;
         let mut missing = vec![false; found.len()];
         // The tags that the last prediction was made from, so that none is made twice.
@@ -437,9 +458,9 @@ impl TagFinder {
                 tried[tag] = from;
                 let Some(map) = self.map_of(&near) else { continue };
                 let predicted = self.tags[tag].corners.map(|corner| map.pixel(corner.into()));
-                found[tag] = self.verified(slopes, tag, &predicted);
+                found[tag] = self.verified(smooth, tag, &predicted);
                 news |= found[tag].is_some();
-                missing[tag] = found[tag].is_none() && within(&slopes.smooth, &predicted);
+                missing[tag] = found[tag].is_none() && within(&smooth.picture, &predicted);
             }
         }
         missing.into_iter().filter(|missing| *missing).count()
@@ -453,15 +474,16 @@ impl TagFinder {
             self.best_match(self.modules(picture, &[a, d, c, b])).score >= LEAST_AT_FIRST
         };
         let candidates: Vec<&Quad> = quads.iter().filter(looks_mirrored).collect();
-        let Some(slopes) = (candidates.len() >= 2).then(|| Slopes::new(&picture.mirrored())).flatten() else {
+        if candidates.len() < 2 {
             return 0;
-        };
+        }
+        let smooth = Smooth::new(&picture.mirrored());
         let mut found = vec![None; self.tags.len()];
         for [a, b, c, d] in candidates {
-            keep_better(&mut found, self.recognised(&slopes, &[*a, *d, *c, *b].map(mirror)));
+            keep_better(&mut found, self.recognised(&smooth, &[*a, *d, *c, *b].map(mirror)));
         }
         self.leave_out_disagreeing(&mut found);
-        let missing = self.grow(&slopes, &mut found);
+        let missing = self.grow(&smooth, &mut found);
         let tags: Vec<FoundTag> = found.into_iter().flatten().collect();
         if tags.len() >= 2.min(self.tags.len()) && is_board(&tags, missing) { tags.len() } else { 0 }
     }
