@@ -140,6 +140,57 @@ pub fn find_checkerboard(
     Ok(corners.into_iter().map(|(index, saddle)| FoundPoint { index, pixel: saddle.pixel }).collect())
 }
 
+/// Finds a checkerboard in pictures of one moment: the corners of the picture with most of them, and from the others those that it
+/// lacks. Parameters and order are those of [`find_checkerboard`].
+///
+/// # Errors
+/// [`NoCheckerboard`] if there is none in any picture: the reason of the picture that looks most like the board.
+pub fn find_checkerboard_in_any(
+    pictures: &[Picture],
+    rows: u8,
+    columns: u8,
+    expected: Option<&[Option<[f32; 2]>]>,
+) -> Result<Vec<FoundPoint>, NoCheckerboard> {
+    let count = usize::from(rows) * usize::from(columns);
+    let mut best: Vec<FoundPoint> = Vec::new();
+    let mut reason = None;
+    for picture in pictures {
+        let mut known = vec![None; count];
+        for point in &best {
+            if let Some(known) = known.get_mut(point.index) {
+                *known = Some(point.pixel);
+            }
+        }
+        let found = find_checkerboard(picture, rows, columns, if best.is_empty() { expected } else { Some(&known) });
+        match found {
+            Ok(mut found) => {
+                if found.len() < best.len() {
+                    std::mem::swap(&mut found, &mut best);
+                }
+                best = completed(found, best);
+            }
+            Err(other) => reason = reason.max(Some(other)),
+        }
+        if best.len() == count {
+            break;
+        }
+    }
+    match reason {
+        _ if !best.is_empty() => Ok(best),
+        Some(reason) => Err(reason),
+        None => Err(NoCheckerboard::NoLattice),
+    }
+}
+
+/// The points of `found` and those of `others` that it lacks, by rising index.
+fn completed(mut found: Vec<FoundPoint>, others: Vec<FoundPoint>) -> Vec<FoundPoint> {
+    found.extend(others);
+    // The sort is stable: of two the first stays.
+    found.sort_by_key(|point| point.index);
+    found.dedup_by_key(|point| point.index);
+    found
+}
+
 fn distance(a: [f32; 2], b: [f32; 2]) -> f32 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
@@ -307,6 +358,23 @@ mod tests {
             let found = find_checkerboard(&picture, 6, 9, Some(&expected)).unwrap();
             assert!(found.len() >= 24 && found.len() < 54 && error(&found, &view, 9) < 0.1);
         }
+    }
+
+    #[test]
+    fn pictures_of_one_moment_complete_each_other() {
+        let view = View::new(middle(6, 9), 0.45, [0.2, -0.3, 0.1]);
+        let brightness = board(6, 9, true);
+        let hidden = |left: f64, right: f64| {
+            view.render(|x, y| if x > left * SQUARE && x < right * SQUARE { 0.5 } else { brightness(x, y) })
+        };
+        let whole_but_for_one = |x: f64, y: f64| if x.hypot(y) < 0.5 * SQUARE { 0.5 } else { brightness(x, y) };
+        let pictures = [view.render(|_, _| 0.5), view.render(whole_but_for_one), hidden(5.5, 9.5)];
+        assert_eq!(find_checkerboard(&pictures[1], 6, 9, None).unwrap().len(), 53);
+        assert!(find_checkerboard(&pictures[2], 6, 9, None).is_err());
+        let found = find_checkerboard_in_any(&pictures, 6, 9, None).unwrap();
+        assert!(found.iter().map(|point| point.index).eq(0..54) && error(&found, &view, 9) < 0.1);
+        let none = find_checkerboard_in_any(&pictures[..1], 6, 9, None);
+        assert!(matches!(none, Err(NoCheckerboard::TooFewSaddles { found: 0, .. })));
     }
 
     #[test]

@@ -39,9 +39,9 @@ pub struct ReconstructionOptions {
 }
 
 impl ReconstructionOptions {
-    /// A picture every 20 ms, with time constants for fast, medium and slow motion.
+    /// A picture every 20 ms, with time constants for medium, slow and fast motion.
     pub fn new(sensor: Sensor) -> Self {
-        Self { sensor, interval: 20_000, time_constants: vec![0.05, 0.1, 0.3], limit: 6.0 }
+        Self { sensor, interval: 20_000, time_constants: vec![0.1, 0.3, 0.05], limit: 6.0 }
     }
 }
 

@@ -246,6 +246,26 @@ impl TagFinder {
         }
     }
 
+    /// Finds the tags in pictures of one moment, by rising index; each tag is the one of the picture where it correlates best.
+    /// `expected` as for [`TagFinder::find`].
+    ///
+    /// # Errors
+    /// [`NoTags`] if there is none in any picture: the reason of the picture that looks most like the board.
+    pub fn find_in_any(&self, pictures: &[Picture], expected: &[FoundTag]) -> Result<Vec<FoundTag>, NoTags> {
+        let mut best = vec![None; self.tags.len()];
+        let mut reason = NoTags::NoQuads;
+        for picture in pictures {
+            let known: Vec<FoundTag> = best.iter().flatten().copied().collect();
+            match self.find(picture, if known.is_empty() { expected } else { &known }) {
+                Ok(found) => found.into_iter().for_each(|tag| keep_better(&mut best, Some(tag))),
+                Err(other) => reason = reason.max(other),
+            }
+        }
+        self.leave_out_disagreeing(&mut best);
+        let found: Vec<FoundTag> = best.into_iter().flatten().collect();
+        if found.is_empty() { Err(reason) } else { Ok(found) }
+    }
+
     /// The width of the border with which the modules within it correlate best.
     fn best_border(&self, picture: &Picture, found: &[FoundTag]) -> usize {
         let inner = self.side - 2 * self.border;
@@ -605,6 +625,26 @@ mod tests {
         // A wrong expectation does no harm.
         let wrong: Vec<FoundTag> = first.iter().map(|tag| FoundTag { index: 11 - tag.index, ..*tag }).collect();
         assert_eq!(finder.find(&picture, &wrong).unwrap().len(), 12);
+    }
+
+    #[test]
+    fn pictures_of_one_moment_complete_each_other() {
+        let view = view(&SHEET, 8.0, [0.2, 0.3, 0.2]);
+        let brightness = SHEET.brightness();
+        // Each of the pictures lacks another part of the board.
+        let hidden =
+            |left: f64, right: f64| view.render(|x, y| if x > left && x < right { 0.5 } else { brightness(x, y) });
+        let pictures = [hidden(-1.0, 1.1), hidden(2.4, 6.0), view.render(|_, _| 0.5)];
+        let finder = finder(&SHEET);
+        assert!(
+            pictures
+                .iter()
+                .all(|picture| finder.find(picture, &[]).is_ok_and(|found| found.len() < 12)
+                    == (picture != &pictures[2]))
+        );
+        let found = finder.find_in_any(&pictures, &[]).unwrap();
+        assert!(found.len() == 12 && error(&found, &SHEET, &view) < 0.1);
+        assert_eq!(finder.find_in_any(&pictures[2..], &[]), Err(NoTags::NoQuads));
     }
 
     #[test]
