@@ -83,6 +83,18 @@ impl Picture {
         self.filtered(&half)
     }
 
+    /// The picture with one pixel for 2 × 2 of its own, their mean. Pixel p of it is at 2 p + 0.5 of this one. `None` if there is
+    /// less than one such pixel.
+    pub fn halved(&self) -> Option<Self> {
+        let (width, height) = (self.width / 2, self.height / 2);
+        let pixel = |index: usize| {
+            let (x, y) = (index % width * 2, index / width * 2);
+            let (upper, lower) = (self.row(y), self.row(y + 1));
+            0.25 * (upper[x] + upper[x + 1] + lower[x] + lower[x + 1])
+        };
+        Self::new(width, height, (0..width * height).map(pixel).collect())
+    }
+
     /// The picture with left and right exchanged.
     pub fn mirrored(&self) -> Self {
         let values = self.values.chunks_exact(self.width).flat_map(|row| row.iter().rev()).copied().collect();
@@ -196,6 +208,9 @@ mod tests {
         assert_eq!((large.width(), large.height()), (60, 45));
         let at = |p: f32| (p + 0.5) * 3.0 - 0.5;
         assert!((large.bilinear(at(8.0), at(6.0)) - plane(8.0, 6.0)).abs() < 1e-4);
+        let half = small.halved().unwrap();
+        assert_eq!((half.width(), half.height()), (10, 7));
+        assert!((half.bilinear(3.0, 2.0) - plane(6.5, 4.5)).abs() < 1e-4);
         assert!((large.bilinear(at(8.4), at(6.2)) - plane(8.4, 6.2)).abs() < 1e-4);
     }
 

@@ -10,6 +10,8 @@ use crate::picture::Picture;
 const ENLARGEMENT: usize = 2;
 /// Smoothing before, standard deviation in pixels.
 const SMOOTHING: f32 = 0.7;
+/// For large quadrilaterals the search is repeated in the picture at half the scale, down to this width or height in pixels.
+const LEAST_PICTURE: usize = 100;
 /// Half the side of the surroundings in enlarged pixels.
 const SURROUNDINGS: [usize; 4] = [7, 13, 22, 36];
 /// A pixel is dark if it is darker than its surroundings by this part of the contrast.
@@ -26,6 +28,20 @@ pub type Quad = [[f32; 2]; 4];
 
 /// Finds dark quadrilaterals; the same one may be found several times.
 pub fn find_quads(picture: &Picture) -> Vec<Quad> {
+    let mut quads = quads_at_scale(picture);
+    let mut scale = 1.0;
+    let mut smaller = picture.halved();
+    while let Some(picture) = smaller.filter(|picture| picture.width().min(picture.height()) >= LEAST_PICTURE) {
+        scale *= 2.0;
+        let large = |quad: Quad| quad.map(|corner| corner.map(|place| (place + 0.5) * scale - 0.5));
+        quads.extend(quads_at_scale(&picture).into_iter().map(large));
+        smaller = picture.halved();
+    }
+    quads
+}
+
+/// The quadrilaterals that the surroundings suit.
+fn quads_at_scale(picture: &Picture) -> Vec<Quad> {
     let large = picture.blurred(SMOOTHING).enlarged(ENLARGEMENT);
     let sums = sums(&large);
     let darker = DARKER * large.contrast();

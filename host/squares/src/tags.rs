@@ -613,6 +613,18 @@ mod tests {
     }
 
     #[test]
+    fn tags_are_found_that_nearly_fill_a_large_picture() {
+        let grid = TagGrid { rows: 1, columns: 2, ..SHEET };
+        let view = view(&grid, 2.6, [0.2, 0.3, 0.2]);
+        let picture = view.render(grid.brightness()).enlarged(3);
+        let found = finder(&grid).find(&picture, &[]).unwrap();
+        let small = |pixel: [f32; 2]| pixel.map(|place| (place + 0.5) / 3.0 - 0.5);
+        let found: Vec<FoundTag> =
+            found.iter().map(|tag| FoundTag { corners: tag.corners.map(small), ..*tag }).collect();
+        assert!(found.len() == 2 && error(&found, &grid, &view) < 0.1);
+    }
+
+    #[test]
     fn tags_are_found_where_they_are_expected() {
         let view = view(&SHEET, 7.0, [0.2, 0.3, 0.2]);
         let picture = view.render(SHEET.brightness());
