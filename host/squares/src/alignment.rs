@@ -1,15 +1,14 @@
 //! The position of a tag whose pattern is known: least squares between the picture and the pattern.
 //!
 //! All edges of the tag count, its inner ones as well, so that a side that is hardly visible (because it is parallel to the motion,
-//! in a picture made of events) does not spoil two corners.
+//! in a picture made of events) does not spoil two corners. The steps are those of Lucas and Kanade (1981) with gain and offset, for
+//! a homography. The slopes are those of the picture: an edge that is not visible in it does not count.
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use crate::picture::Picture;
 use crate::quads::Quad;
 
-/// Smoothing before, standard deviation in pixels.
-const SMOOTHING: f32 = 0.7;
 /// Width in pixels of the box that stands for all blur: of the camera, of a pixel, of the smoothing.
 const BLUR: f64 = 3.2;
 /// The same width in modules is at most this.
@@ -25,8 +24,11 @@ const REACHED: f64 = 0.01;
 const FARTHEST: f64 = 1.5;
 const FARTHEST_IN_MODULES: f64 = 0.5;
 
-/// Four corners, gain, offset.
-const UNKNOWNS: usize = 10;
+/// Parameters of a homography, and with gain and offset.
+const MAP: usize = 8;
+const UNKNOWNS: usize = MAP + 2;
+/// The diagonal of the normal equations is greater by this part, for what the pattern hardly determines.
+const DAMPING: f64 = 1e-3;
 
 /// The map from the unit square to a quadrilateral whose corners belong to (0, 0), (1, 0), (1, 1), (0, 1) (Heckbert 1989).
 pub(crate) struct SquareMap {
@@ -46,36 +48,14 @@ impl SquareMap {
         Self { x: [x1 - x0 + g * x1, x3 - x0 + h * x3, x0], y: [y1 - y0 + g * y1, y3 - y0 + h * y3, y0], z: [g, h] }
     }
 
+    fn matrix(&self) -> Matrix3<f64> {
+        let (x, y, [g, h]) = (self.x, self.y, self.z);
+        Matrix3::new(x[0], x[1], x[2], y[0], y[1], y[2], g, h, 1.0)
+    }
+
     pub(crate) fn at(&self, u: f64, v: f64) -> [f64; 2] {
         let z = self.z[0] * u + self.z[1] * v + 1.0;
         [&self.x, &self.y].map(|row| (row[0] * u + row[1] * v + row[2]) / z)
-    }
-}
-
-/// A picture with its slopes.
-pub(crate) struct Slopes {
-    pub smooth: Picture,
-    along_x: Picture,
-    along_y: Picture,
-}
-
-impl Slopes {
-    pub(crate) fn new(picture: &Picture) -> Option<Self> {
-        let smooth = picture.blurred(SMOOTHING);
-        let (width, height) = (smooth.width(), smooth.height());
-        let values = smooth.values();
-        let slope = |before: usize, after: usize| 0.5 * (values[after] - values[before]);
-        let (mut along_x, mut along_y) = (Vec::with_capacity(values.len()), Vec::with_capacity(values.len()));
-        for y in 0..height {
-            let (row, above, below) = (y * width, y.saturating_sub(1) * width, (y + 1).min(height - 1) * width);
-            for x in 0..width {
-                along_x.push(slope(row + x.saturating_sub(1), row + (x + 1).min(width - 1)));
-                along_y.push(slope(above + x, below + x));
-            }
-        }
-        let picture = |values| Picture::new(width, height, values);
-        let (along_x, along_y) = (picture(along_x)?, picture(along_y)?);
-        Some(Self { smooth, along_x, along_y })
     }
 }
 
@@ -94,105 +74,150 @@ impl Pattern<'_> {
         (0..=self.side).flat_map(|border| SAMPLES.map(|part| border as f64 + part * BLUR / module)).collect()
     }
 
-    /// The brightness of a pattern blurred by this many modules, at each pair of positions, row by row.
-    fn brightness(&self, positions: &[f64], blur: f64) -> Vec<f64> {
+    /// The pattern blurred by so many modules, at each pair of positions.
+    fn samples(&self, positions: &[f64], blur: f64) -> Vec<Sample> {
         let side = self.side as isize;
-        // The modules that a box around each sample covers, with their parts.
-        let parts: Vec<Vec<(isize, f64)>> = positions
-            .iter()
-            .map(|position| {
-                let (low, high) = (position - 0.5 * blur, position + 0.5 * blur);
-                let part = |module: isize| {
-                    let covered = high.min(module as f64 + 1.0) - low.max(module as f64);
-                    (module, covered.max(0.0) / blur)
-                };
-                (low.floor() as isize..=high.floor() as isize).map(part).collect()
-            })
-            .collect();
         let light = |row: isize, column: isize| {
             let inside = (0..side).contains(&row) && (0..side).contains(&column);
             let light = !inside || self.light.get((row * side + column) as usize).copied().unwrap_or(true);
             if light { 1.0 } else { -1.0 }
         };
-        let mut brightness = Vec::with_capacity(positions.len().pow(2));
-        for rows in &parts {
-            for columns in &parts {
-                let sum = rows.iter().map(|&(row, high)| {
+        let at_border = |position: f64| position.min(self.side as f64 - position) < 0.5 * blur;
+        // The modules that a box around each position covers, with their parts.
+        let covered = |position: &f64| -> Vec<(isize, f64)> {
+            let (low, high) = (position - 0.5 * blur, position + 0.5 * blur);
+            let part = |module: isize| (high.min(module as f64 + 1.0) - low.max(module as f64)).max(0.0) / blur;
+            (low.floor() as isize..=high.floor() as isize).map(|module| (module, part(module))).collect()
+        };
+        let covered: Vec<_> = positions.iter().map(covered).collect();
+        let mut samples = Vec::with_capacity(positions.len().pow(2));
+        for (v, rows) in positions.iter().zip(&covered) {
+            for (u, columns) in positions.iter().zip(&covered) {
+                // What is beyond a corner depends on the board.
+                if at_border(*u) && at_border(*v) {
+                    continue;
+                }
+                let of_row = |&(row, high): &(isize, f64)| {
                     columns.iter().map(|&(column, wide)| high * wide * light(row, column)).sum::<f64>()
-                });
-                brightness.push(sum.sum());
+                };
+                samples.push(Sample { place: Vector2::new(*u, *v), brightness: rows.iter().map(of_row).sum() });
             }
         }
-        brightness
+        samples
+    }
+}
+
+/// The brightness of the blurred pattern at a place, which counts in modules from the top left.
+struct Sample {
+    place: Vector2<f64>,
+    brightness: f64,
+}
+
+/// A smoothed picture with its slopes.
+pub(crate) struct Slopes {
+    width: usize,
+    height: usize,
+    /// Value, slope along x, slope along y, nothing: four values are added at once.
+    pixels: Vec<[f32; 4]>,
+}
+
+impl Slopes {
+    pub(crate) fn new(smooth: &Picture) -> Self {
+        let (width, height) = (smooth.width(), smooth.height());
+        let values = smooth.values();
+        let pixel = |index: usize| {
+            let (x, y) = (index % width, index / width);
+            let slope = |before: usize, after: usize| 0.5 * (values[after] - values[before]);
+            let along_x = slope(y * width + x.saturating_sub(1), y * width + (x + 1).min(width - 1));
+            let along_y = slope(y.saturating_sub(1) * width + x, (y + 1).min(height - 1) * width + x);
+            [values[index], along_x, along_y, 0.0]
+        };
+        Self { width, height, pixels: (0..values.len()).map(pixel).collect() }
+    }
+
+    /// Value and slopes at a position between pixels.
+    fn at(&self, place: Vector2<f64>) -> [f32; 4] {
+        // A position that is not a number becomes 0.
+        let x = (place.x as f32).max(0.0).min((self.width - 1) as f32);
+        let y = (place.y as f32).max(0.0).min((self.height - 1) as f32);
+        let (column, row) = (x as usize, y as usize);
+        let (a, b) = (x - column as f32, y - row as f32);
+        let (next, below) = ((column + 1).min(self.width - 1), (row + 1).min(self.height - 1));
+        let pixel =
+            |row: usize, column: usize, weight: f32| self.pixels[row * self.width + column].map(|value| weight * value);
+        let four = [
+            pixel(row, column, (1.0 - a) * (1.0 - b)),
+            pixel(row, next, a * (1.0 - b)),
+            pixel(below, column, (1.0 - a) * b),
+            pixel(below, next, a * b),
+        ];
+        std::array::from_fn(|index| four[0][index] + four[1][index] + four[2][index] + four[3][index])
     }
 }
 
 /// The corners of the tag near `start`; `None` if the pattern is not there.
 pub(crate) fn align(slopes: &Slopes, pattern: &Pattern, start: &Quad) -> Option<Quad> {
-    const STEP: f64 = 0.05;
     let start = start.map(|corner| corner.map(f64::from));
-    let mut quad = start;
-    let module = mean_side(&quad) / pattern.side as f64;
-    let positions = pattern.positions(module);
-    let blur = (BLUR / module).min(MOST_BLUR);
-    let brightness = pattern.brightness(&positions, blur);
-    let unit = |position: f64| position / pattern.side as f64;
-    let at_border = |position: f64| position.min(pattern.side as f64 - position) < 0.5 * blur;
+    let module = mean_side(&start) / pattern.side as f64;
+    let mut samples = pattern.samples(&pattern.positions(module), (BLUR / module).min(MOST_BLUR));
+    // Places count from the middle of the tag in halves of its side.
+    for sample in &mut samples {
+        sample.place = sample.place / (0.5 * pattern.side as f64) - Vector2::new(1.0, 1.0);
+    }
+    let mut map = SquareMap::new(&start).matrix() * Matrix3::new(0.5, 0.0, 0.5, 0.0, 0.5, 0.5, 0.0, 0.0, 1.0);
+    let begin = corners(&map);
+    let mut last = begin;
     for _ in 0..STEPS {
-        let map = SquareMap::new(&quad);
-        let moved: [SquareMap; 8] = std::array::from_fn(|unknown| {
-            let mut moved = quad;
-            moved[unknown / 2][unknown % 2] += STEP;
-            SquareMap::new(&moved)
-        });
         let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
         let mut right = SVector::<f64, UNKNOWNS>::zeros();
-        // The gain of the step before is unknown in the first one: edges are then compared in direction only.
-        for (row, &v) in positions.iter().enumerate() {
-            for (column, &u) in positions.iter().enumerate() {
-                // What is beyond a corner depends on the board.
-                if at_border(u) && at_border(v) {
-                    continue;
-                }
-                let (u, v) = (unit(u), unit(v));
-                let [x, y] = map.at(u, v);
-                let (px, py) = (x as f32, y as f32);
-                let value = f64::from(slopes.smooth.bilinear(px, py));
-                let slope = [&slopes.along_x, &slopes.along_y].map(|slope| f64::from(slope.bilinear(px, py)));
-                let mut line = SVector::<f64, UNKNOWNS>::zeros();
-                for (unknown, moved) in moved.iter().enumerate() {
-                    let [to_x, to_y] = moved.at(u, v);
-                    line[unknown] = (slope[0] * (to_x - x) + slope[1] * (to_y - y)) / STEP;
-                }
-                line[8] = -brightness[row * positions.len() + column];
-                line[9] = -1.0;
-                normal.ger(1.0, &line, &line, 1.0);
-                right.axpy(-value, &line, 1.0);
-            }
+        for Sample { place, brightness } in &samples {
+            let image = map * place.push(1.0);
+            let pixel = image.xy() / image.z;
+            let [value, along_x, along_y, _] = slopes.at(pixel).map(f64::from);
+            // The slopes along the sides of the tag.
+            let slope = |column: usize| {
+                let moved = map.fixed_view::<2, 1>(0, column) - pixel * map[(2, column)];
+                (along_x * moved[0] + along_y * moved[1]) / image.z
+            };
+            let (s, t, u, v) = (slope(0), slope(1), place.x, place.y);
+            let bend = s * u + t * v;
+            let line = SVector::from([s, s * u, s * v, t, t * u, t * v, bend * u, bend * v, -brightness, -1.0]);
+            normal.ger(1.0, &line, &line, 1.0);
+            right.axpy(-value, &line, 1.0);
         }
-        for unknown in 0..8 {
-            normal[(unknown, unknown)] *= 1.0 + 1e-3;
+        for unknown in 0..MAP {
+            normal[(unknown, unknown)] *= 1.0 + DAMPING;
         }
-        let solution = normal.cholesky()?.solve(&right);
+        let step = normal.cholesky()?.solve(&right);
         // A negative gain is a tag in negative.
-        if !solution.iter().all(|value| value.is_finite()) || solution[8] <= 0.0 {
+        if step[MAP].is_nan() || step[MAP] <= 0.0 {
             return None;
         }
-        let mut largest = 0.0_f64;
-        for unknown in 0..8 {
-            let step = solution[unknown].clamp(-1.0, 1.0);
-            quad[unknown / 2][unknown % 2] += step;
-            largest = largest.max(step.abs());
-        }
-        let moved = quad.iter().flatten().zip(start.iter().flatten()).map(|(to, from)| (to - from).abs());
-        if moved.fold(0.0, f64::max) > FARTHEST + FARTHEST_IN_MODULES * module {
+        map *= Matrix3::new(1.0 + step[1], step[2], step[0], step[4], 1.0 + step[5], step[3], -step[6], -step[7], 1.0);
+        let now = corners(&map);
+        let far = farthest(&begin, &now);
+        if far.is_nan() || far > FARTHEST + FARTHEST_IN_MODULES * module {
             return None;
         }
-        if largest < REACHED {
+        if farthest(&last, &now) < REACHED {
             break;
         }
+        last = now;
     }
-    Some(quad.map(|corner| corner.map(|place| place as f32)))
+    Some(corners(&map).map(|corner| [corner.x as f32, corner.y as f32]))
+}
+
+/// The images of the corners of a tag, whose sides go from −1 to 1.
+fn corners(map: &Matrix3<f64>) -> [Vector2<f64>; 4] {
+    [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|[u, v]| {
+        let image = map * Vector3::new(u, v, 1.0);
+        image.xy() / image.z
+    })
+}
+
+/// The greatest distance between corresponding corners.
+fn farthest(from: &[Vector2<f64>; 4], to: &[Vector2<f64>; 4]) -> f64 {
+    from.iter().zip(to).map(|(from, to)| (from - to).norm()).fold(0.0, f64::max)
 }
 
 fn mean_side(quad: &[[f64; 2]; 4]) -> f64 {

@@ -17,9 +17,13 @@ use crate::saddles::{Saddle, find_saddles, refine_saddle};
 const CAPACITY: usize = 512;
 /// Least part of the corners whose shades must be the board's.
 const LEAST_ALTERNATING: f64 = 0.85;
-/// Half the window for a corner's position as a part of the distance to its neighbours, and its bounds in pixels.
+/// Half the window for a corner's position as a part of the distance to its neighbours, and its bounds in pixels at the
+/// scale in which the corner was found.
 const WINDOW: f32 = 0.3;
 const WINDOWS: [f32; 2] = [2.0, 6.0];
+
+/// If there is no board, it is looked for in the picture at half the scale, down to this width or height in pixels.
+const LEAST_PICTURE: usize = 200;
 
 /// The reason why a picture has no checkerboard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
@@ -113,31 +117,136 @@ pub fn find_checkerboard(
     if rows < 2 || columns < 2 || pattern.circle_count() * 2 > CAPACITY {
         return Err(NoCheckerboard::BoardSize { rows, columns });
     }
-    let mut saddles = find_saddles(picture);
-    saddles.truncate(CAPACITY);
+    let mut workspace = workspace();
+    let OrderedCorners { corners, scale } = corners_at_scales(picture, &pattern, expected, &mut workspace)?;
+    let position = |&(index, saddle): &(usize, Saddle)| {
+        let near =
+            corners.iter().map(|(_, other)| distance(other.pixel, saddle.pixel)).filter(|&distance| distance > 0.0);
+        let spacing = near.fold(f32::INFINITY, f32::min);
+        let half = (spacing * WINDOW).clamp(WINDOWS[0], WINDOWS[1] * scale).round() as usize;
+        FoundPoint { index, pixel: refine_saddle(picture, saddle.pixel, half).unwrap_or(saddle.pixel) }
+    };
+    Ok(corners.iter().map(position).collect())
+}
+
+// What the workspace is made in must not be part of the frames of a recursion.
+#[inline(never)]
+fn workspace() -> Box<GridWorkspace<f64, CAPACITY>> {
+    Box::new(GridWorkspace::new())
+}
+
+/// Corners of the board by index, and the factor by which the picture was reduced to find them.
+struct OrderedCorners {
+    corners: Vec<(usize, Saddle)>,
+    scale: f32,
+}
+
+/// The corners of the board. Blurred corners of a large picture are not saddles within a few pixels, but they are in a smaller one.
+fn corners_at_scales(
+    picture: &Picture,
+    pattern: &Pattern,
+    expected: Option<&[Option<[f32; 2]>]>,
+    workspace: &mut GridWorkspace<f64, CAPACITY>,
+) -> Result<OrderedCorners, NoCheckerboard> {
+    let (full, mut scale) = (picture, 1.0);
+    let mut smaller: Option<Picture> = None;
+    let mut best: Result<OrderedCorners, NoCheckerboard> = Err(NoCheckerboard::NoLattice);
+    loop {
+        let picture = smaller.as_ref().unwrap_or(full);
+        let mut saddles = find_saddles(picture);
+        saddles.truncate(CAPACITY);
+        for saddle in &mut saddles {
+            saddle.pixel = saddle.pixel.map(|place| (place + 0.5) * scale - 0.5);
+        }
+        let size = (full.width() as f64, full.height() as f64);
+        let found =
+            ordered(&saddles, size, pattern, expected, workspace).map(|corners| OrderedCorners { corners, scale });
+        best = match (best, found) {
+            (Ok(best), Ok(found)) if found.corners.len() <= best.corners.len() => Ok(best),
+            (Ok(best), Err(_)) => Ok(best),
+            (_, Ok(found)) => Ok(found),
+            (Err(reason), Err(other)) => Err(if scale > 1.0 { reason.max(other) } else { other }),
+        };
+        smaller = picture.halved().filter(|picture| picture.width().min(picture.height()) >= LEAST_PICTURE);
+        scale *= 2.0;
+        let complete = best.as_ref().is_ok_and(|best| best.corners.len() == pattern.circle_count());
+        if complete || smaller.is_none() {
+            return best;
+        }
+    }
+}
+
+/// The saddles that are corners of the board, by index.
+fn ordered(
+    saddles: &[Saddle],
+    size: (f64, f64),
+    pattern: &Pattern,
+    expected: Option<&[Option<[f32; 2]>]>,
+    workspace: &mut GridWorkspace<f64, CAPACITY>,
+) -> Result<Vec<(usize, Saddle)>, NoCheckerboard> {
     let candidate = |saddle: &Saddle| GridCandidate { center: Vector2::from(saddle.pixel).cast(), radius: 0.0 };
     let candidates: Vec<GridCandidate<f64>> = saddles.iter().map(candidate).collect();
-    let options = GridOptions::new(&pattern, (picture.width() as f64, picture.height() as f64));
-    let mut workspace = Box::new(GridWorkspace::<f64, CAPACITY>::new());
+    let options = GridOptions::new(pattern, size);
     let near = expected.and_then(|expected| {
         let expected: Vec<_> = expected.iter().map(|pixel| pixel.map(|pixel| Vector2::from(pixel).cast())).collect();
-        find_grid_near(&candidates, &pattern, &options, &expected, &mut workspace).ok()
+        find_grid_near(&candidates, pattern, &options, &expected, workspace).ok()
     });
     let found = match near {
         Some(found) => found,
-        None => find_grid(&candidates, &pattern, &options, &mut workspace)?,
+        None => find_grid(&candidates, pattern, &options, workspace)?,
     };
-    let corners = corners(&found, &saddles);
-    let mut corners = oriented(corners, &pattern, expected)?;
-    for index in 0..corners.len() {
-        let pixel = corners[index].1.pixel;
-        let nearest = corners.iter().map(|(_, other)| distance(other.pixel, pixel)).filter(|&distance| distance > 0.0);
-        let half = (nearest.fold(f32::INFINITY, f32::min) * WINDOW).clamp(WINDOWS[0], WINDOWS[1]);
-        if let Some(pixel) = refine_saddle(picture, pixel, half.round() as usize) {
-            corners[index].1.pixel = pixel;
+    oriented(corners(&found, saddles), pattern, expected)
+}
+
+/// Finds a checkerboard in pictures of one moment: the corners of the picture with most of them, and from the others those that it
+/// lacks. Parameters and order are those of [`find_checkerboard`].
+///
+/// # Errors
+/// [`NoCheckerboard`] if there is none in any picture: the reason of the picture that looks most like the board.
+pub fn find_checkerboard_in_any(
+    pictures: &[Picture],
+    rows: u8,
+    columns: u8,
+    expected: Option<&[Option<[f32; 2]>]>,
+) -> Result<Vec<FoundPoint>, NoCheckerboard> {
+    let count = usize::from(rows) * usize::from(columns);
+    let mut best: Vec<FoundPoint> = Vec::new();
+    let mut reason = None;
+    for picture in pictures {
+        let mut known = vec![None; count];
+        for point in &best {
+            if let Some(known) = known.get_mut(point.index) {
+                *known = Some(point.pixel);
+            }
+        }
+        let found = find_checkerboard(picture, rows, columns, if best.is_empty() { expected } else { Some(&known) });
+        match found {
+            Ok(mut found) => {
+                if found.len() < best.len() {
+                    std::mem::swap(&mut found, &mut best);
+                }
+                best = completed(found, best);
+            }
+            Err(other) => reason = reason.max(Some(other)),
+        }
+        if best.len() == count {
+            break;
         }
     }
-    Ok(corners.into_iter().map(|(index, saddle)| FoundPoint { index, pixel: saddle.pixel }).collect())
+    match reason {
+        _ if !best.is_empty() => Ok(best),
+        Some(reason) => Err(reason),
+        None => Err(NoCheckerboard::NoLattice),
+    }
+}
+
+/// The points of `found` and those of `others` that it lacks, by rising index.
+fn completed(mut found: Vec<FoundPoint>, others: Vec<FoundPoint>) -> Vec<FoundPoint> {
+    found.extend(others);
+    // The sort is stable: of two the first stays.
+    found.sort_by_key(|point| point.index);
+    found.dedup_by_key(|point| point.index);
+    found
 }
 
 fn distance(a: [f32; 2], b: [f32; 2]) -> f32 {
@@ -269,6 +378,17 @@ mod tests {
     }
 
     #[test]
+    fn large_blurred_pictures_have_their_corners() {
+        let view = View::new(middle(6, 9), 0.45, [0.4, -0.3, 0.2]);
+        let picture = view.render(board(6, 9, true)).enlarged(4).blurred(3.5);
+        let found = find_checkerboard(&picture, 6, 9, None).unwrap();
+        let small = |pixel: [f32; 2]| pixel.map(|place| (place + 0.5) / 4.0 - 0.5);
+        let found: Vec<FoundPoint> =
+            found.iter().map(|point| FoundPoint { pixel: small(point.pixel), ..*point }).collect();
+        assert!(found.len() == 54 && error(&found, &view, 9) < 0.15);
+    }
+
+    #[test]
     fn the_first_corner_has_the_dark_square() {
         // The same board, described from its other end.
         let view = View::new(middle(6, 9), 0.45, [0.2, 0.1, 0.0]);
@@ -307,6 +427,23 @@ mod tests {
             let found = find_checkerboard(&picture, 6, 9, Some(&expected)).unwrap();
             assert!(found.len() >= 24 && found.len() < 54 && error(&found, &view, 9) < 0.1);
         }
+    }
+
+    #[test]
+    fn pictures_of_one_moment_complete_each_other() {
+        let view = View::new(middle(6, 9), 0.45, [0.2, -0.3, 0.1]);
+        let brightness = board(6, 9, true);
+        let hidden = |left: f64, right: f64| {
+            view.render(|x, y| if x > left * SQUARE && x < right * SQUARE { 0.5 } else { brightness(x, y) })
+        };
+        let whole_but_for_one = |x: f64, y: f64| if x.hypot(y) < 0.5 * SQUARE { 0.5 } else { brightness(x, y) };
+        let pictures = [view.render(|_, _| 0.5), view.render(whole_but_for_one), hidden(5.5, 9.5)];
+        assert_eq!(find_checkerboard(&pictures[1], 6, 9, None).unwrap().len(), 53);
+        assert!(find_checkerboard(&pictures[2], 6, 9, None).is_err());
+        let found = find_checkerboard_in_any(&pictures, 6, 9, None).unwrap();
+        assert!(found.iter().map(|point| point.index).eq(0..54) && error(&found, &view, 9) < 0.1);
+        let none = find_checkerboard_in_any(&pictures[..1], 6, 9, None);
+        assert!(matches!(none, Err(NoCheckerboard::TooFewSaddles { found: 0, .. })));
     }
 
     #[test]

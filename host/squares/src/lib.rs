@@ -4,6 +4,7 @@
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod alignment;
+pub mod charuco;
 pub mod checkerboard;
 pub mod found_point;
 pub mod picture;

@@ -83,6 +83,18 @@ impl Picture {
         self.filtered(&half)
     }
 
+    /// The picture with one pixel for 2 × 2 of its own, their mean. Pixel p of it is at 2 p + 0.5 of this one. `None` if there is
+    /// less than one such pixel.
+    pub fn halved(&self) -> Option<Self> {
+        let (width, height) = (self.width / 2, self.height / 2);
+        let pixel = |index: usize| {
+            let (x, y) = (index % width * 2, index / width * 2);
+            let (upper, lower) = (self.row(y), self.row(y + 1));
+            0.25 * (upper[x] + upper[x + 1] + lower[x] + lower[x + 1])
+        };
+        Self::new(width, height, (0..width * height).map(pixel).collect())
+    }
+
     /// The picture with left and right exchanged.
     pub fn mirrored(&self) -> Self {
         let values = self.values.chunks_exact(self.width).flat_map(|row| row.iter().rev()).copied().collect();
@@ -131,19 +143,29 @@ impl Picture {
         if factor <= 1 {
             return self.clone();
         }
-        let columns = taps(self.width, factor);
-        let rows = taps(self.height, factor);
         let width = self.width * factor;
+        // Three pixels more at each end of a row, for the cubic.
+        let mut padded = vec![0.0; self.width + 6];
         let mut wide = vec![0.0; width * self.height];
         for (row, out) in self.values.chunks_exact(self.width).zip(wide.chunks_exact_mut(width)) {
-            for (value, tap) in out.iter_mut().zip(&columns) {
-                *value = (0..4).map(|index| tap.weights[index] * row[tap.places[index]]).sum();
+            padded[..3].fill(row[0]);
+            padded[3..self.width + 3].copy_from_slice(row);
+            padded[self.width + 3..].fill(row[self.width - 1]);
+            for phase in 0..factor {
+                let (first, weights) = cubic(phase, factor);
+                let begin = (first + 2) as usize;
+                for (value, four) in out.iter_mut().skip(phase).step_by(factor).zip(padded[begin..].windows(4)) {
+                    *value = weights.iter().zip(four).map(|(weight, value)| weight * value).sum();
+                }
             }
         }
         let mut values = vec![0.0; width * self.height * factor];
-        for (out, tap) in values.chunks_exact_mut(width).zip(&rows) {
-            for (place, weight) in tap.places.iter().zip(tap.weights) {
-                for (value, from) in out.iter_mut().zip(&wide[place * width..]) {
+        for (index, out) in values.chunks_exact_mut(width).enumerate() {
+            let (first, weights) = cubic(index % factor, factor);
+            for (place, weight) in weights.into_iter().enumerate() {
+                let row = (index / factor) as isize + first - 1 + place as isize;
+                let row = row.clamp(0, self.height as isize - 1) as usize;
+                for (value, from) in out.iter_mut().zip(&wide[row * width..]) {
                     *value += weight * from;
                 }
             }
@@ -152,28 +174,19 @@ impl Picture {
     }
 }
 
-/// The four pixels of a line that a pixel of its enlargement is made of.
-struct Tap {
-    places: [usize; 4],
-    weights: [f32; 4],
-}
-
-fn taps(length: usize, factor: usize) -> Vec<Tap> {
-    let tap = |index: usize| {
-        let position = (index as f32 + 0.5) / factor as f32 - 0.5;
-        let first = position.floor();
-        let a = position - first;
-        let weights = [
-            -0.5 * a + a * a - 0.5 * a * a * a,
-            1.0 - 2.5 * a * a + 1.5 * a * a * a,
-            0.5 * a + 2.0 * a * a - 1.5 * a * a * a,
-            -0.5 * a * a + 0.5 * a * a * a,
-        ];
-        let places =
-            std::array::from_fn(|offset| (first as isize - 1 + offset as isize).clamp(0, length as isize - 1) as usize);
-        Tap { places, weights }
-    };
-    (0..length * factor).map(tap).collect()
+/// For the enlarged pixel number `phase` of a pixel: the second of the four pixels that it is made of, counted from this one, and
+/// the weights of the four.
+fn cubic(phase: usize, factor: usize) -> (isize, [f32; 4]) {
+    let position = (phase as f32 + 0.5) / factor as f32 - 0.5;
+    let first = position.floor();
+    let a = position - first;
+    let weights = [
+        -0.5 * a + a * a - 0.5 * a * a * a,
+        1.0 - 2.5 * a * a + 1.5 * a * a * a,
+        0.5 * a + 2.0 * a * a - 1.5 * a * a * a,
+        -0.5 * a * a + 0.5 * a * a * a,
+    ];
+    (first as isize, weights)
 }
 
 #[cfg(test)]
@@ -195,6 +208,9 @@ mod tests {
         assert_eq!((large.width(), large.height()), (60, 45));
         let at = |p: f32| (p + 0.5) * 3.0 - 0.5;
         assert!((large.bilinear(at(8.0), at(6.0)) - plane(8.0, 6.0)).abs() < 1e-4);
+        let half = small.halved().unwrap();
+        assert_eq!((half.width(), half.height()), (10, 7));
+        assert!((half.bilinear(3.0, 2.0) - plane(6.5, 4.5)).abs() < 1e-4);
         assert!((large.bilinear(at(8.4), at(6.2)) - plane(8.4, 6.2)).abs() < 1e-4);
     }
 

@@ -10,6 +10,8 @@ use crate::picture::Picture;
 const ENLARGEMENT: usize = 2;
 /// Smoothing before, standard deviation in pixels.
 const SMOOTHING: f32 = 0.7;
+/// For large quadrilaterals the search is repeated in the picture at half the scale, down to this width or height in pixels.
+const LEAST_PICTURE: usize = 100;
 /// Half the side of the surroundings in enlarged pixels.
 const SURROUNDINGS: [usize; 4] = [7, 13, 22, 36];
 /// A pixel is dark if it is darker than its surroundings by this part of the contrast.
@@ -26,6 +28,20 @@ pub type Quad = [[f32; 2]; 4];
 
 /// Finds dark quadrilaterals; the same one may be found several times.
 pub fn find_quads(picture: &Picture) -> Vec<Quad> {
+    let mut quads = quads_at_scale(picture);
+    let mut scale = 1.0;
+    let mut smaller = picture.halved();
+    while let Some(picture) = smaller.filter(|picture| picture.width().min(picture.height()) >= LEAST_PICTURE) {
+        scale *= 2.0;
+        let large = |quad: Quad| quad.map(|corner| corner.map(|place| (place + 0.5) * scale - 0.5));
+        quads.extend(quads_at_scale(&picture).into_iter().map(large));
+        smaller = picture.halved();
+    }
+    quads
+}
+
+/// The quadrilaterals that the surroundings suit.
+fn quads_at_scale(picture: &Picture) -> Vec<Quad> {
     let large = picture.blurred(SMOOTHING).enlarged(ENLARGEMENT);
     let sums = sums(&large);
     let darker = DARKER * large.contrast();
@@ -58,35 +74,45 @@ fn sums(picture: &Picture) -> Vec<f64> {
     sums
 }
 
-/// The pixels that are darker by `darker` than the mean of their surroundings.
-fn dark_pixels(picture: &Picture, sums: &[f64], half: usize, darker: f32) -> Vec<bool> {
+/// The pixels that are darker by `darker` than the mean of their surroundings, 1 for each.
+fn dark_pixels(picture: &Picture, sums: &[f64], half: usize, darker: f32) -> Vec<u8> {
     let (width, height) = (picture.width(), picture.height());
-    let mut dark = vec![false; width * height];
+    let mut dark = vec![0; width * height];
+    // With columns of zeros and of the last value beside it, a row of sums is read at equal steps.
+    let mut column_sums = vec![0.0; width + 1 + 2 * half];
     for (y, (row, out)) in picture.values().chunks_exact(width).zip(dark.chunks_exact_mut(width)).enumerate() {
         let (top, bottom) = (y.saturating_sub(half), (y + half + 1).min(height));
         let (above, below) = (&sums[top * (width + 1)..][..=width], &sums[bottom * (width + 1)..][..=width]);
-        for (x, (value, out)) in row.iter().zip(out).enumerate() {
-            let (left, right) = (x.saturating_sub(half), (x + half + 1).min(width));
-            let sum = below[right] - below[left] - above[right] + above[left];
-            let mean = sum / ((bottom - top) * (right - left)) as f64;
-            *out = f64::from(*value + darker) < mean;
+        for (sum, (above, below)) in column_sums[half..].iter_mut().zip(above.iter().zip(below)) {
+            *sum = below - above;
+        }
+        let last = column_sums[half + width];
+        column_sums[half + width + 1..].fill(last);
+        let ends = column_sums.iter().zip(&column_sums[2 * half + 1..]);
+        for (x, (out, (value, (left, right)))) in out.iter_mut().zip(row.iter().zip(ends)).enumerate() {
+            let wide = (x + half + 1).min(width) - x.saturating_sub(half);
+            let area = ((bottom - top) * wide) as f64;
+            *out = u8::from(f64::from(*value + darker) * area < right - left);
         }
     }
     dark
 }
 
 /// The pixels whose eight neighbours are set too.
-fn shrunk(set: &[bool], width: usize) -> Vec<bool> {
-    let along: Vec<bool> = set
-        .chunks_exact(width)
-        .flat_map(|row| (0..width).map(|x| x > 0 && x + 1 < width && row[x - 1] && row[x] && row[x + 1]))
-        .collect();
-    let mut shrunk = vec![false; set.len()];
+fn shrunk(set: &[u8], width: usize) -> Vec<u8> {
+    let mut along = vec![0; set.len()];
+    for (row, out) in set.chunks_exact(width).zip(along.chunks_exact_mut(width)) {
+        let three = row.iter().zip(row.iter().skip(1)).zip(row.iter().skip(2));
+        for (((before, value), after), out) in three.zip(out.iter_mut().skip(1)) {
+            *out = before & value & after;
+        }
+    }
+    let mut shrunk = vec![0; set.len()];
     let rows = along.chunks_exact(width);
     let three = rows.clone().zip(rows.clone().skip(1)).zip(rows.skip(2));
     for (((above, row), below), out) in three.zip(shrunk.chunks_exact_mut(width).skip(1)) {
-        for (x, out) in out.iter_mut().enumerate() {
-            *out = above[x] && row[x] && below[x];
+        for (out, ((above, value), below)) in out.iter_mut().zip(above.iter().zip(row).zip(below)) {
+            *out = above & value & below;
         }
     }
     shrunk
@@ -102,22 +128,17 @@ struct Run {
 }
 
 /// The convex hulls of the connected regions that are large enough, clockwise as seen.
-fn hulls(set: &[bool], width: usize) -> Vec<Vec<[f32; 2]>> {
+fn hulls(set: &[u8], width: usize) -> Vec<Vec<[f32; 2]>> {
     let mut runs: Vec<Run> = Vec::new();
     let mut above = 0..0;
     for (y, row) in set.chunks_exact(width).enumerate() {
         let begin = runs.len();
-        let mut x = 0;
         let mut candidate = above.start;
-        while x < width {
-            if !row[x] {
-                x += 1;
-                continue;
-            }
-            let first = x;
-            while x < width && row[x] {
-                x += 1;
-            }
+        let mut x = 0;
+        while let Some(gap) = row[x..].iter().position(|value| *value != 0) {
+            let first = x + gap;
+            let length = row[first..].iter().position(|value| *value == 0).unwrap_or(width - first);
+            x = first + length;
             let index = runs.len();
             runs.push(Run { y, first, last: x - 1, parent: index });
             while candidate < above.end && runs[candidate].last < first {

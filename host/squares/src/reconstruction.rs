@@ -17,6 +17,8 @@ use crate::picture::Picture;
 
 /// Events later than this many time constants after a moment do not count.
 const REACH: f64 = 3.0;
+/// Pictures that are made at once have at most this many bytes. (The more at once, the fewer events are added several times.)
+const BLOCK_BYTES: usize = 64 << 20;
 /// Parts of an interval in which all events have the same weight.
 const SLOTS: u16 = 128;
 /// ON and OFF thresholds of a sensor differ by less than this factor.
@@ -37,9 +39,9 @@ pub struct ReconstructionOptions {
 }
 
 impl ReconstructionOptions {
-    /// A picture every 20 ms, with time constants for fast, medium and slow motion.
+    /// A picture every 20 ms, with time constants for medium, slow and fast motion.
     pub fn new(sensor: Sensor) -> Self {
-        Self { sensor, interval: 20_000, time_constants: vec![0.05, 0.1, 0.3], limit: 6.0 }
+        Self { sensor, interval: 20_000, time_constants: vec![0.1, 0.3, 0.05], limit: 6.0 }
     }
 }
 
@@ -60,8 +62,8 @@ struct Change {
     on: bool,
 }
 
-/// Makes pictures of a stream of events. A picture is complete about four times the longest τ after its moment; memory grows with
-/// the events of that time, never with the length of the recording.
+/// Makes pictures of a stream of events. Pictures are passed on up to six times the longest τ after their moment; memory grows
+/// with the events of that time, never with the length of the recording.
 pub struct Reconstruction {
     options: ReconstructionOptions,
     bands: Vec<Band>,
@@ -89,7 +91,8 @@ impl Reconstruction {
             .map(|&tau| Band::new(tau.clamp(1e-3, 100.0), interval, options.limit, size))
             .collect();
         let reach = bands.iter().map(|band| band.reach).max().unwrap_or(1);
-        let block = (reach as f64 / REACH).ceil() as usize;
+        let picture_bytes = size.saturating_mul(size_of::<f32>() * bands.len()).max(1);
+        let block = (BLOCK_BYTES / picture_bytes).clamp(1, reach);
         Self { options, bands, start: None, intervals: VecDeque::new(), current: Vec::new(), block, reach }
     }
 

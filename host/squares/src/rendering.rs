@@ -105,23 +105,33 @@ pub struct TagGrid {
     pub upwards: bool,
 }
 
+/// A tag of this id whose top left corner is at (x, y).
+pub fn tag(id: usize, border: usize, x: f64, y: f64, length: f64) -> Tag {
+    let side = 6 + 2 * border;
+    let light = |index: usize| {
+        let (row, column) = (index / side, index % side);
+        let inside = |place: usize| (border..side - border).contains(&place);
+        inside(row) && inside(column) && CODES[id] >> (35 - (row - border) * 6 - (column - border)) & 1 == 1
+    };
+    let corners = [[x, y], [x + length, y], [x + length, y + length], [x, y + length]];
+    Tag { id: id as u16, corners, side, light: (0..side * side).map(light).collect() }
+}
+
+/// `true` if this place of a tag's square is dark, counted from its top left corner in sides.
+pub fn is_dark(tag: &Tag, x: f64, y: f64) -> bool {
+    let [column, row] = [x, y].map(|place| ((place * tag.side as f64) as usize).min(tag.side - 1));
+    !tag.light[row * tag.side + column]
+}
+
 impl TagGrid {
     pub fn tags(&self) -> Vec<Tag> {
-        let side = 6 + 2 * self.border;
-        let tag = |place: usize| {
-            let id = self.first_id + place;
-            let inner = |row: usize, column: usize| {
-                let inside = (self.border..side - self.border).contains(&row)
-                    && (self.border..side - self.border).contains(&column);
-                inside && CODES[id] >> (35 - (row - self.border) * 6 - (column - self.border)) & 1 == 1
-            };
+        let of_place = |place: usize| {
             let [x, y] = [place % self.columns, place / self.columns].map(|step| step as f64 * (1.0 + self.gap));
-            let corners = [[x, y], [x + 1.0, y], [x + 1.0, y + 1.0], [x, y + 1.0]];
-            let corners = if self.upwards { [corners[3], corners[2], corners[1], corners[0]] } else { corners };
-            let light = (0..side * side).map(|index| inner(index / side, index % side)).collect();
-            Tag { id: id as u16, corners, side, light }
+            let tag = tag(self.first_id + place, self.border, x, y, 1.0);
+            let [a, b, c, d] = tag.corners;
+            Tag { corners: if self.upwards { [d, c, b, a] } else { tag.corners }, ..tag }
         };
-        (0..self.rows * self.columns).map(tag).collect()
+        (0..self.rows * self.columns).map(of_place).collect()
     }
 
     pub fn middle(&self) -> [f64; 2] {
@@ -138,9 +148,7 @@ impl TagGrid {
             let dark = if dx < 1.0 && dy < 1.0 {
                 on_board(column, grid.columns) && on_board(row, grid.rows) && {
                     let tag = &tags[row as usize * grid.columns + column as usize];
-                    let down = if grid.upwards { 1.0 - dy } else { dy };
-                    let [m, n] = [dx, down].map(|place| ((place * tag.side as f64) as usize).min(tag.side - 1));
-                    !tag.light[n * tag.side + m]
+                    is_dark(tag, dx, if grid.upwards { 1.0 - dy } else { dy })
                 }
             } else {
                 let beside = on_board(column + 1.0, grid.columns + 1) && on_board(row + 1.0, grid.rows + 1);

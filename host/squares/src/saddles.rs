@@ -15,8 +15,9 @@ const RING: usize = 16;
 const LEAST_EXPLAINED: f32 = 0.5;
 /// Half the side in pixels of the window that is used for the position before the neighbours of a saddle are known.
 const WINDOW: usize = 3;
-/// A position that moves further than this from where the search found it is wrong, in pixels.
+/// A position that moves further than this from where the search began is wrong: in pixels, and as a part of half the window.
 const FARTHEST: f32 = 2.0;
+const FARTHEST_IN_WINDOW: f32 = 0.5;
 /// Most steps to a position, and the step in pixels below which it is reached.
 const STEPS: usize = 30;
 const REACHED: f32 = 0.004;
@@ -35,12 +36,11 @@ pub struct Saddle {
 /// Finds the saddle points of a picture, the strongest first.
 pub fn find_saddles(picture: &Picture) -> Vec<Saddle> {
     let (width, height) = (picture.width(), picture.height());
-    let smooth = picture.blurred(SMOOTHING);
-    let response = saddle_response(&smooth);
+    let test = SaddleTest::new(picture);
+    let response = saddle_response(&test.smooth);
     // The response of a saddle between sharp quadrants of this contrast.
     let scale = 1.0 / (PI * SMOOTHING * SMOOTHING);
-    let least_contrast = LEAST_CONTRAST * smooth.contrast();
-    let least = (least_contrast * scale).powi(2);
+    let least = (test.least_contrast * scale).powi(2);
     let border = RING_RADIUS.ceil() as usize + 1;
     let mut saddles = Vec::new();
     for y in border..height.saturating_sub(border) {
@@ -49,16 +49,37 @@ pub fn find_saddles(picture: &Picture) -> Vec<Saddle> {
             if value <= least || !is_greatest(&response, width, x, y) {
                 continue;
             }
-            let Some(found) = quadrants(&smooth, x as f32, y as f32).filter(|found| found.strength > least_contrast)
-            else {
-                continue;
-            };
+            let Some(found) = test.saddle(x as f32, y as f32) else { continue };
             let Some(pixel) = refine_saddle(picture, found.pixel, WINDOW) else { continue };
             saddles.push(Saddle { pixel, ..found });
         }
     }
     saddles.sort_by(|a, b| b.strength.total_cmp(&a.strength));
     saddles
+}
+
+/// Tells saddles of a picture from other places.
+pub(crate) struct SaddleTest {
+    smooth: Picture,
+    least_contrast: f32,
+}
+
+impl SaddleTest {
+    pub(crate) fn new(picture: &Picture) -> Self {
+        let smooth = picture.blurred(SMOOTHING);
+        let least_contrast = LEAST_CONTRAST * smooth.contrast();
+        Self { smooth, least_contrast }
+    }
+
+    /// The saddle at a pixel, if its quadrants differ enough.
+    fn saddle(&self, x: f32, y: f32) -> Option<Saddle> {
+        quadrants(&self.smooth, x, y).filter(|found| found.strength > self.least_contrast)
+    }
+
+    /// `true` if there are two dark and two bright quadrants around this place.
+    pub(crate) fn is_saddle(&self, pixel: [f32; 2]) -> bool {
+        self.saddle(pixel[0], pixel[1]).is_some()
+    }
 }
 
 /// Minus the determinant of the second derivatives: greatest in the middle of a saddle.
@@ -122,7 +143,8 @@ fn quadrants(smooth: &Picture, x: f32, y: f32) -> Option<Saddle> {
 /// The position of the saddle near `start`: the point to which all edges in the window of `half` pixels to each side lead
 /// (Förstner and Gülch 1987; with the weights of OpenCV's `cornerSubPix`). `None` if there is no such point near by.
 pub fn refine_saddle(picture: &Picture, start: [f32; 2], half: usize) -> Option<[f32; 2]> {
-    let half = half.clamp(1, 10) as isize;
+    let half = half.clamp(1, 20) as isize;
+    let farthest = FARTHEST.max(FARTHEST_IN_WINDOW * half as f32);
     let mut pixel = start;
     let side = (2 * half + 3) as usize;
     let mut patch = vec![0.0; side * side];
@@ -156,7 +178,7 @@ pub fn refine_saddle(picture: &Picture, start: [f32; 2], half: usize) -> Option<
         let step = [(yy * bx - xy * by) / determinant, (xx * by - xy * bx) / determinant];
         pixel = [pixel[0] + step[0], pixel[1] + step[1]];
         let moved = (pixel[0] - start[0]).powi(2) + (pixel[1] - start[1]).powi(2);
-        if moved > FARTHEST * FARTHEST || !picture.contains(pixel, 0.0) {
+        if moved > farthest * farthest || !picture.contains(pixel, 0.0) {
             return None;
         }
         if step[0].abs().max(step[1].abs()) < REACHED {

@@ -16,6 +16,8 @@ use crate::alignment::{Pattern, Slopes, SquareMap, align};
 use crate::picture::Picture;
 use crate::quads::{Quad, find_quads};
 
+/// Smoothing before tags are compared and aligned, standard deviation in pixels.
+const SMOOTHING: f32 = 0.7;
 /// Least correlation of the modules of a candidate with a tag before its position is improved, and after.
 const LEAST_AT_FIRST: f32 = 0.4;
 const LEAST: f32 = 0.6;
@@ -29,11 +31,13 @@ const LEAST_AROUND: f32 = 0.25;
 const BORDERS: [usize; 3] = [1, 2, 3];
 /// Distance in pixels that corners keep from the border of the picture.
 const BORDER: f32 = 1.0;
+/// Two quadrilaterals are the same if their middles are nearer than this part of the side.
+const SAME: f64 = 0.1;
 /// Tags agree if one predicts the other's middle to within this part of its side per side of distance.
 const AGREEMENT: f64 = 0.25;
-/// A prediction uses this many tags, the nearest of them at most this many sides away, from middle to middle.
+/// A prediction uses this many tags. The nearest of them is at most so far away, in distances of neighbouring tags.
 const PREDICTING: usize = 3;
-const NEIGHBOURHOOD: f64 = 2.2;
+const NEIGHBOURHOOD: f64 = 1.6;
 /// For each tag found, at most this many may be missing next to those found.
 const MOST_MISSING: usize = 1;
 /// Least correlation of a tag that is found alone.
@@ -115,6 +119,36 @@ pub struct TagFinder {
     patterns: Vec<Vec<f32>>,
     /// Middle and side of each tag on the board.
     places: Vec<Place>,
+    /// Greatest distance on the board over which a prediction holds, between middles.
+    reach: f64,
+}
+
+/// A picture as tags are compared with it and aligned in it.
+struct Smooth {
+    picture: Picture,
+    slopes: Slopes,
+}
+
+impl Smooth {
+    fn new(picture: &Picture) -> Self {
+        let picture = picture.blurred(SMOOTHING);
+        Self { slopes: Slopes::new(&picture), picture }
+    }
+}
+
+/// A homography from the board to the picture.
+pub(crate) struct BoardMap(Matrix3<f64>);
+
+impl BoardMap {
+    fn image(&self, point: Vector2<f64>) -> Vector2<f64> {
+        let image = self.0 * point.push(1.0);
+        image.xy() / image.z
+    }
+
+    /// The position of a point of the board in the picture.
+    pub(crate) fn pixel(&self, point: Vector2<f64>) -> [f32; 2] {
+        self.image(point).cast().into()
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -154,7 +188,13 @@ impl TagFinder {
             let middle = corners.iter().sum::<Vector2<f64>>() / 4.0;
             Place { middle, side: (corners[1] - corners[0]).norm() }
         };
-        let (patterns, places) = (tags.iter().map(pattern).collect(), tags.iter().map(place).collect());
+        let (patterns, places): (_, Vec<Place>) =
+            (tags.iter().map(pattern).collect(), tags.iter().map(place).collect());
+        let others = |index: usize| places.iter().enumerate().filter(move |(other, _)| *other != index);
+        let neighbour = |(index, place): (usize, &Place)| {
+            others(index).map(|(_, other)| (other.middle - place.middle).norm()).fold(f64::INFINITY, f64::min)
+        };
+        let neighbours = places.iter().enumerate().map(neighbour).fold(f64::INFINITY, f64::min);
         // As far as the outer modules of all tags are dark.
         let dark = |border: &usize| {
             let outer = |index: usize| {
@@ -163,7 +203,7 @@ impl TagFinder {
             tags.iter().all(|tag| !tag.light.iter().enumerate().any(|(index, light)| *light && outer(index)))
         };
         let border = (0..side / 2).take_while(dark).last().unwrap_or(0);
-        Ok(Self { tags: tags.to_vec(), side, border, patterns, places })
+        Ok(Self { tags: tags.to_vec(), side, border, patterns, places, reach: NEIGHBOURHOOD * neighbours })
     }
 
     /// Finds the tags in a picture, by rising index. `expected` are the tags of a neighbouring picture, if there is one, moved to
@@ -172,21 +212,25 @@ impl TagFinder {
     /// # Errors
     /// [`NoTags`] if there is none.
     pub fn find(&self, picture: &Picture, expected: &[FoundTag]) -> Result<Vec<FoundTag>, NoTags> {
-        let slopes = Slopes::new(picture).ok_or(NoTags::NoQuads)?;
+        let smooth = Smooth::new(picture);
         let mut found = vec![None; self.tags.len()];
         for tag in expected {
-            keep_better(&mut found, self.verified(&slopes, tag.index, &tag.corners));
+            keep_better(&mut found, self.verified(&smooth, tag.index, &tag.corners));
         }
         self.leave_out_disagreeing(&mut found);
         let mut quads = Vec::new();
         if found.iter().flatten().count() < ENOUGH.min(self.tags.len()) {
             quads = find_quads(picture);
             for quad in &quads {
-                keep_better(&mut found, self.recognised(&slopes, quad));
+                // Most quadrilaterals are found with several surroundings.
+                let known = |tag: &FoundTag| (middle(&tag.corners) - middle(quad)).norm() < SAME * side_of(quad);
+                if !found.iter().flatten().any(known) {
+                    keep_better(&mut found, self.recognised(&smooth, quad));
+                }
             }
             self.leave_out_disagreeing(&mut found);
         }
-        let missing = self.grow(&slopes, &mut found);
+        let missing = self.grow(&smooth, &mut found);
         let tags: Vec<FoundTag> = found.into_iter().flatten().collect();
         if !is_board(&tags, missing) {
             return Err(match (self.mirrored(picture, &quads), tags.len(), quads.len()) {
@@ -196,10 +240,30 @@ impl TagFinder {
                 (_, found, _) => NoTags::OtherBoard { found, missing },
             });
         }
-        match self.best_border(&slopes.smooth, &tags) {
+        match self.best_border(&smooth.picture, &tags) {
             border if border == self.border => Ok(tags),
             border => Err(NoTags::OtherBorder { border }),
         }
+    }
+
+    /// Finds the tags in pictures of one moment, by rising index; each tag is the one of the picture where it correlates best.
+    /// `expected` as for [`TagFinder::find`].
+    ///
+    /// # Errors
+    /// [`NoTags`] if there is none in any picture: the reason of the picture that looks most like the board.
+    pub fn find_in_any(&self, pictures: &[Picture], expected: &[FoundTag]) -> Result<Vec<FoundTag>, NoTags> {
+        let mut best = vec![None; self.tags.len()];
+        let mut reason = NoTags::NoQuads;
+        for picture in pictures {
+            let known: Vec<FoundTag> = best.iter().flatten().copied().collect();
+            match self.find(picture, if known.is_empty() { expected } else { &known }) {
+                Ok(found) => found.into_iter().for_each(|tag| keep_better(&mut best, Some(tag))),
+                Err(other) => reason = reason.max(other),
+            }
+        }
+        self.leave_out_disagreeing(&mut best);
+        let found: Vec<FoundTag> = best.into_iter().flatten().collect();
+        if found.is_empty() { Err(reason) } else { Ok(found) }
     }
 
     /// The width of the border with which the modules within it correlate best.
@@ -303,45 +367,45 @@ impl TagFinder {
     }
 
     /// The tag in a candidate, if there is one for certain.
-    fn recognised(&self, slopes: &Slopes, quad: &Quad) -> Option<FoundTag> {
-        let first = self.best_match(self.modules(&slopes.smooth, quad));
+    fn recognised(&self, smooth: &Smooth, quad: &Quad) -> Option<FoundTag> {
+        let first = self.best_match(self.modules(&smooth.picture, quad));
         if first.score < LEAST_AT_FIRST {
             return None;
         }
         let upright: Quad = std::array::from_fn(|corner| quad[(corner + first.turn) % 4]);
-        let corners = self.aligned(slopes, first.tag, &upright)?;
-        let second = self.best_match(self.modules(&slopes.smooth, &corners));
+        let corners = self.aligned(smooth, first.tag, &upright)?;
+        let second = self.best_match(self.modules(&smooth.picture, &corners));
         let certain = second.score >= LEAST && second.score - second.other >= LEAST_MARGIN;
         let found = FoundTag { index: second.tag, corners, score: second.score };
         let same = second.turn == 0 && second.tag == first.tag;
-        (certain && same && self.is_whole(&slopes.smooth, &found)).then_some(found)
+        (certain && same && self.is_whole(&smooth.picture, &found)).then_some(found)
     }
 
     /// The tag where it is predicted, if it is there.
-    fn verified(&self, slopes: &Slopes, tag: usize, predicted: &Quad) -> Option<FoundTag> {
-        if !within(&slopes.smooth, predicted) {
+    fn verified(&self, smooth: &Smooth, tag: usize, predicted: &Quad) -> Option<FoundTag> {
+        if !within(&smooth.picture, predicted) {
             return None;
         }
-        let corners = self.aligned(slopes, tag, predicted)?;
-        let score = self.correlation(tag, &self.modules(&slopes.smooth, &corners));
+        let corners = self.aligned(smooth, tag, predicted)?;
+        let score = self.correlation(tag, &self.modules(&smooth.picture, &corners));
         let found = FoundTag { index: tag, corners, score };
-        (score >= LEAST_PREDICTED && self.is_whole(&slopes.smooth, &found)).then_some(found)
+        (score >= LEAST_PREDICTED && self.is_whole(&smooth.picture, &found)).then_some(found)
     }
 
-    fn aligned(&self, slopes: &Slopes, tag: usize, start: &Quad) -> Option<Quad> {
-        align(slopes, &Pattern { side: self.side, light: &self.tags.get(tag)?.light }, start)
+    fn aligned(&self, smooth: &Smooth, tag: usize, start: &Quad) -> Option<Quad> {
+        align(&smooth.slopes, &Pattern { side: self.side, light: &self.tags.get(tag)?.light }, start)
     }
 
     /// Keeps the largest group of tags that agree about where the board is.
     fn leave_out_disagreeing(&self, found: &mut [Option<FoundTag>]) {
         let tags: Vec<FoundTag> = found.iter().flatten().copied().collect();
-        let homographies: Vec<Option<Matrix3<f64>>> = tags.iter().map(|tag| self.homography_of(&[*tag])).collect();
+        let maps: Vec<Option<BoardMap>> = tags.iter().map(|tag| self.map_of(&[*tag])).collect();
         let agrees = |from: usize, to: usize| {
             let (a, b) = (&tags[from], &tags[to]);
-            let Some(map) = &homographies[from] else { return false };
+            let Some(map) = &maps[from] else { return false };
             let distance =
                 (self.places[a.index].middle - self.places[b.index].middle).norm() / self.places[a.index].side;
-            let off = (image(map, self.places[b.index].middle) - middle(&b.corners)).norm();
+            let off = (map.image(self.places[b.index].middle) - middle(&b.corners)).norm();
             off <= AGREEMENT * distance * side_of(&b.corners)
         };
         let mut group: Vec<usize> = (0..tags.len()).collect();
@@ -366,17 +430,35 @@ impl TagFinder {
         }
     }
 
-    /// The homography from the board to the picture that fits the corners of some tags.
-    fn homography_of(&self, tags: &[FoundTag]) -> Option<Matrix3<f64>> {
-        let plane: Vec<Vector2<f64>> =
-            tags.iter().flat_map(|tag| self.tags[tag.index].corners.map(Vector2::from)).collect();
+    /// The tags.
+    pub fn tags(&self) -> &[Tag] {
+        &self.tags
+    }
+
+    /// The tags found that are nearest to a place on the board, as many as a prediction uses; `None` if all are too far away.
+    pub(crate) fn nearest(&self, found: &[FoundTag], place: Vector2<f64>) -> Option<Vec<FoundTag>> {
+        let distance =
+            |tag: &FoundTag| self.places.get(tag.index).map_or(f64::INFINITY, |known| (known.middle - place).norm());
+        let mut near = found.to_vec();
+        near.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
+        near.truncate(PREDICTING);
+        (distance(near.first()?) <= self.reach).then_some(near)
+    }
+
+    /// The map from the board to the picture that fits the corners of some tags.
+    pub(crate) fn map_of(&self, tags: &[FoundTag]) -> Option<BoardMap> {
+        let plane: Vec<Vector2<f64>> = tags
+            .iter()
+            .filter_map(|tag| self.tags.get(tag.index))
+            .flat_map(|tag| tag.corners.map(Vector2::from))
+            .collect();
         let image: Vec<Vector2<f64>> =
             tags.iter().flat_map(|tag| tag.corners.map(|corner| Vector2::from(corner).cast())).collect();
-        homography(&plane, &image)
+        Some(BoardMap(homography(&plane, &image)?))
     }
 
     /// Looks for the tags next to those found, until there are no more. Returns how many should be there, but are not.
-    fn grow(&self, slopes: &Slopes, found: &mut [Option<FoundTag>]) -> usize {
+    fn grow(&self, smooth: &Smooth, found: &mut [Option<FoundTag>]) -> usize {
         let mut news = true;
         let mut missing = vec![false; found.len()];
         // The tags that the last prediction was made from, so that none is made twice.
@@ -387,27 +469,18 @@ impl TagFinder {
                 if found[tag].is_some() {
                     continue;
                 }
-                let place = self.places[tag];
-                let distance = |other: &FoundTag| (self.places[other.index].middle - place.middle).norm();
-                let mut near: Vec<FoundTag> = found.iter().flatten().copied().collect();
-                near.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
-                near.truncate(PREDICTING);
-                if near.first().is_none_or(|nearest| distance(nearest) > NEIGHBOURHOOD * place.side) {
-                    continue;
-                }
+                let known: Vec<FoundTag> = found.iter().flatten().copied().collect();
+                let Some(near) = self.nearest(&known, self.places[tag].middle) else { continue };
                 let from: Vec<usize> = near.iter().map(|tag| tag.index).collect();
                 if from == tried[tag] {
                     continue;
                 }
                 tried[tag] = from;
-                let Some(map) = self.homography_of(&near) else { continue };
-                let predicted = self.tags[tag].corners.map(|corner| {
-                    let pixel = image(&map, Vector2::from(corner));
-                    [pixel.x as f32, pixel.y as f32]
-                });
-                found[tag] = self.verified(slopes, tag, &predicted);
+                let Some(map) = self.map_of(&near) else { continue };
+                let predicted = self.tags[tag].corners.map(|corner| map.pixel(corner.into()));
+                found[tag] = self.verified(smooth, tag, &predicted);
                 news |= found[tag].is_some();
-                missing[tag] = found[tag].is_none() && within(&slopes.smooth, &predicted);
+                missing[tag] = found[tag].is_none() && within(&smooth.picture, &predicted);
             }
         }
         missing.into_iter().filter(|missing| *missing).count()
@@ -421,15 +494,16 @@ impl TagFinder {
             self.best_match(self.modules(picture, &[a, d, c, b])).score >= LEAST_AT_FIRST
         };
         let candidates: Vec<&Quad> = quads.iter().filter(looks_mirrored).collect();
-        let Some(slopes) = (candidates.len() >= 2).then(|| Slopes::new(&picture.mirrored())).flatten() else {
+        if candidates.len() < 2 {
             return 0;
-        };
+        }
+        let smooth = Smooth::new(&picture.mirrored());
         let mut found = vec![None; self.tags.len()];
         for [a, b, c, d] in candidates {
-            keep_better(&mut found, self.recognised(&slopes, &[*a, *d, *c, *b].map(mirror)));
+            keep_better(&mut found, self.recognised(&smooth, &[*a, *d, *c, *b].map(mirror)));
         }
         self.leave_out_disagreeing(&mut found);
-        let missing = self.grow(&slopes, &mut found);
+        let missing = self.grow(&smooth, &mut found);
         let tags: Vec<FoundTag> = found.into_iter().flatten().collect();
         if tags.len() >= 2.min(self.tags.len()) && is_board(&tags, missing) { tags.len() } else { 0 }
     }
@@ -469,11 +543,6 @@ fn normalise(values: &mut [f32]) {
 /// The modules of a candidate as they are if its next corner is the first.
 fn turned(modules: &[f32], side: usize) -> Vec<f32> {
     (0..side * side).map(|index| modules[index % side * side + side - 1 - index / side]).collect()
-}
-
-fn image(map: &Matrix3<f64>, point: Vector2<f64>) -> Vector2<f64> {
-    let image = map * point.push(1.0);
-    image.xy() / image.z
 }
 
 fn middle(quad: &Quad) -> Vector2<f64> {
@@ -544,6 +613,18 @@ mod tests {
     }
 
     #[test]
+    fn tags_are_found_that_nearly_fill_a_large_picture() {
+        let grid = TagGrid { rows: 1, columns: 2, ..SHEET };
+        let view = view(&grid, 2.6, [0.2, 0.3, 0.2]);
+        let picture = view.render(grid.brightness()).enlarged(3);
+        let found = finder(&grid).find(&picture, &[]).unwrap();
+        let small = |pixel: [f32; 2]| pixel.map(|place| (place + 0.5) / 3.0 - 0.5);
+        let found: Vec<FoundTag> =
+            found.iter().map(|tag| FoundTag { corners: tag.corners.map(small), ..*tag }).collect();
+        assert!(found.len() == 2 && error(&found, &grid, &view) < 0.1);
+    }
+
+    #[test]
     fn tags_are_found_where_they_are_expected() {
         let view = view(&SHEET, 7.0, [0.2, 0.3, 0.2]);
         let picture = view.render(SHEET.brightness());
@@ -556,6 +637,26 @@ mod tests {
         // A wrong expectation does no harm.
         let wrong: Vec<FoundTag> = first.iter().map(|tag| FoundTag { index: 11 - tag.index, ..*tag }).collect();
         assert_eq!(finder.find(&picture, &wrong).unwrap().len(), 12);
+    }
+
+    #[test]
+    fn pictures_of_one_moment_complete_each_other() {
+        let view = view(&SHEET, 8.0, [0.2, 0.3, 0.2]);
+        let brightness = SHEET.brightness();
+        // Each of the pictures lacks another part of the board.
+        let hidden =
+            |left: f64, right: f64| view.render(|x, y| if x > left && x < right { 0.5 } else { brightness(x, y) });
+        let pictures = [hidden(-1.0, 1.1), hidden(2.4, 6.0), view.render(|_, _| 0.5)];
+        let finder = finder(&SHEET);
+        assert!(
+            pictures
+                .iter()
+                .all(|picture| finder.find(picture, &[]).is_ok_and(|found| found.len() < 12)
+                    == (picture != &pictures[2]))
+        );
+        let found = finder.find_in_any(&pictures, &[]).unwrap();
+        assert!(found.len() == 12 && error(&found, &SHEET, &view) < 0.1);
+        assert_eq!(finder.find_in_any(&pictures[2..], &[]), Err(NoTags::NoQuads));
     }
 
     #[test]
