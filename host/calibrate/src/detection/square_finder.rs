@@ -3,10 +3,12 @@
 use evcal_core::pattern::Pattern;
 use evcal_geometry::board::SquareBoard;
 use evcal_geometry::board::squares::Checkerboard;
-use evcal_squares::checkerboard::{NoCheckerboard, find_checkerboard};
+use evcal_squares::charuco::find_corners;
+use evcal_squares::checkerboard::{NoCheckerboard, find_checkerboard_in_any};
 use evcal_squares::found_point::FoundPoint;
 use evcal_squares::picture::Picture;
 use evcal_squares::tags::{FoundTag, NoTags, TagFinder};
+use nalgebra::Vector2;
 
 use super::no_board::NoBoard;
 
@@ -32,6 +34,11 @@ enum Kind {
         /// For each tag the points at its corners.
         corners: Vec<[usize; 4]>,
     },
+    Charuco {
+        finder: Box<TagFinder>,
+        /// The inner corners of its squares, in metres on the board.
+        corners: Vec<Vector2<f64>>,
+    },
     /// A board whose tags cannot be looked for.
     Nothing,
 }
@@ -42,7 +49,7 @@ impl SquareFinder {
         let kind = match board {
             SquareBoard::Checkerboard(board) => Kind::Checkerboard(*board),
             SquareBoard::Tags(_) => tags(board),
-            SquareBoard::Charuco(_) => Kind::Nothing,
+            SquareBoard::Charuco(_) => charuco(board),
         };
         Self { kind, pattern: board.lattice() }
     }
@@ -53,37 +60,15 @@ impl SquareFinder {
     /// Why it is in none of them.
     pub fn find(&self, pictures: &[Picture], near: Option<&FoundBoard>) -> Result<FoundBoard, NoBoard> {
         match &self.kind {
-            Kind::Checkerboard(board) => self.find_checkerboard(board, pictures, near),
+            Kind::Checkerboard(board) => {
+                let expected = near.map(|found| self.by_index(&found.points));
+                let points = find_checkerboard_in_any(pictures, board.rows, board.columns, expected.as_deref())?;
+                Ok(FoundBoard { points, tags: Vec::new() })
+            }
             Kind::Tags { finder, corners } => find_tags(finder, corners, pictures, near),
+            Kind::Charuco { finder, corners } => find_charuco(finder, corners, pictures, near),
             Kind::Nothing => Err(NoBoard::NoTags),
         }
-    }
-
-    /// The checkerboard in the picture that shows most of it.
-    fn find_checkerboard(
-        &self,
-        board: &Checkerboard,
-        pictures: &[Picture],
-        near: Option<&FoundBoard>,
-    ) -> Result<FoundBoard, NoBoard> {
-        let expected = near.map(|found| self.by_index(&found.points));
-        let mut best: Result<Vec<FoundPoint>, NoBoard> = Err(NoBoard::TooFewCorners);
-        for picture in pictures {
-            let found = find_checkerboard(picture, board.rows, board.columns, expected.as_deref());
-            let found = found.map_err(NoBoard::from);
-            let is_better = match (&best, &found) {
-                (Ok(best), Ok(found)) => found.len() > best.len(),
-                (Err(_), _) => true,
-                (Ok(_), Err(_)) => false,
-            };
-            if is_better {
-                best = found;
-            }
-            if best.as_ref().is_ok_and(|points| points.len() == self.pattern.circle_count()) {
-                break;
-            }
-        }
-        Ok(FoundBoard { points: best?, tags: Vec::new() })
     }
 
     fn by_index(&self, points: &[FoundPoint]) -> Vec<Option<[f32; 2]>> {
@@ -102,7 +87,7 @@ fn tags(board: &SquareBoard) -> Kind {
     let tags = board.tags();
     let points = board.points();
     let near = 0.1 * board.module();
-    let at = |corner: [f64; 2]| points.iter().position(|point| (point - nalgebra::Vector2::from(corner)).norm() < near);
+    let at = |corner: [f64; 2]| points.iter().position(|point| (point - Vector2::from(corner)).norm() < near);
     let corners = tags.iter().map(|tag| {
         let [a, b, c, d] = tag.corners.map(at);
         Some([a?, b?, c?, d?])
@@ -113,40 +98,40 @@ fn tags(board: &SquareBoard) -> Kind {
     }
 }
 
-/// Each tag as the picture shows it in which it looks most like itself.
+/// How to find the corners of `board` from its tags.
+fn charuco(board: &SquareBoard) -> Kind {
+    match TagFinder::new(&board.tags()) {
+        Ok(finder) => Kind::Charuco { finder: Box::new(finder), corners: board.points() },
+        Err(_) => Kind::Nothing,
+    }
+}
+
 fn find_tags(
     finder: &TagFinder,
     corners: &[[usize; 4]],
     pictures: &[Picture],
     near: Option<&FoundBoard>,
 ) -> Result<FoundBoard, NoBoard> {
-    let mut best: Vec<Option<FoundTag>> = vec![None; corners.len()];
-    let mut reason = None;
-    for picture in pictures {
-        let expected = near.map_or(&[][..], |near| &near.tags);
-        match finder.find(picture, expected) {
-            Ok(tags) => {
-                for tag in tags {
-                    if let Some(best) = best.get_mut(tag.index)
-                        && best.is_none_or(|best| tag.score > best.score)
-                    {
-                        *best = Some(tag);
-                    }
-                }
-            }
-            Err(error) => reason = reason.max(Some(error)),
-        }
-    }
-    let tags: Vec<FoundTag> = best.into_iter().flatten().collect();
-    if tags.is_empty() {
-        return Err(reason.map_or(NoBoard::NoTags, NoBoard::from));
-    }
+    let tags = finder.find_in_any(pictures, near.map_or(&[], |near| &near.tags))?;
     let points = tags.iter().zip(tags.iter().filter_map(|tag| corners.get(tag.index)));
     let mut points: Vec<FoundPoint> = points
         .flat_map(|(tag, corners)| corners.iter().zip(tag.corners))
         .map(|(&index, pixel)| FoundPoint { index, pixel })
         .collect();
     points.sort_by_key(|point| point.index);
+    Ok(FoundBoard { points, tags })
+}
+
+/// The corners in the picture that shows most of them.
+fn find_charuco(
+    finder: &TagFinder,
+    corners: &[Vector2<f64>],
+    pictures: &[Picture],
+    near: Option<&FoundBoard>,
+) -> Result<FoundBoard, NoBoard> {
+    let tags = finder.find_in_any(pictures, near.map_or(&[], |near| &near.tags))?;
+    let found = pictures.iter().map(|picture| find_corners(picture, finder, &tags, corners));
+    let points = found.max_by_key(Vec::len).filter(|points| !points.is_empty()).ok_or(NoBoard::TooFewCorners)?;
     Ok(FoundBoard { points, tags })
 }
 
