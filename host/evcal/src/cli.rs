@@ -4,6 +4,7 @@
 
 mod advice;
 mod board;
+mod board_argument;
 mod calibrate;
 mod camera_arguments;
 mod check;

@@ -2,7 +2,7 @@
 
 use evcal_core::pattern::Pattern;
 use evcal_geometry::board::SquareBoard;
-use evcal_geometry::board::squares::Checkerboard;
+use evcal_geometry::board::squares::{Checkerboard, Shade};
 use evcal_squares::charuco::find_corners;
 use evcal_squares::checkerboard::{NoCheckerboard, find_checkerboard_in_any};
 use evcal_squares::found_point::FoundPoint;
@@ -61,8 +61,18 @@ impl SquareFinder {
     pub fn find(&self, pictures: &[Picture], near: Option<&FoundBoard>) -> Result<FoundBoard, NoBoard> {
         match &self.kind {
             Kind::Checkerboard(board) => {
-                let expected = near.map(|found| self.by_index(&found.points));
-                let points = find_checkerboard_in_any(pictures, board.rows, board.columns, expected.as_deref())?;
+                let mut expected = near.map(|found| self.by_index(&found.points));
+                // Boards that differ in the shade of the first square alone are the same one, half a turn from each other.
+                let is_turned = board.first == Shade::Light && (board.rows + board.columns) % 2 == 1;
+                if is_turned && let Some(expected) = &mut expected {
+                    expected.reverse();
+                }
+                let mut points = find_checkerboard_in_any(pictures, board.rows, board.columns, expected.as_deref())?;
+                if is_turned {
+                    let last = self.pattern.circle_count().saturating_sub(1);
+                    points.iter_mut().for_each(|point| point.index = last.saturating_sub(point.index));
+                    points.reverse();
+                }
                 Ok(FoundBoard { points, tags: Vec::new() })
             }
             Kind::Tags { finder, corners } => find_tags(finder, corners, pictures, near),

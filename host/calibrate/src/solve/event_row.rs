@@ -128,7 +128,7 @@ mod tests {
     use evcal_core::sensor::Sensor;
 
     use super::*;
-    use crate::solve::board_edge::{BoardEdges, Rim};
+    use crate::solve::board_edge::{BoardEdges, Line, Rim};
     use crate::solve::board_surface::{BoardGround, FlatBoard};
     use crate::solve::edge_batch::{BatchEvent, EdgeBatch};
     use crate::solve::event_bias::bias::Biases;
@@ -167,17 +167,30 @@ mod tests {
 
     /// Where a point of the circle's rim is seen.
     fn rim(camera: &Camera<f64>, shape: &BoardShape) -> nalgebra::Vector2<f64> {
-        let (rotation, translation) = reference_pose();
-        let rim = [CENTER[0] + shape.radius * 0.6, CENTER[1] + shape.radius * 0.8];
-        let rim = Vector3::from(Surface::new(&AREA, shape).place(rim));
-        camera.project(&(rotation.inverse() * (rim - translation))).unwrap()
+        seen(camera, shape, [CENTER[0] + shape.radius * 0.6, CENTER[1] + shape.radius * 0.8])
     }
 
-    fn problem() -> Problem {
+    /// Where a `place` on the print is seen.
+    fn seen(camera: &Camera<f64>, shape: &BoardShape, place: [f64; 2]) -> nalgebra::Vector2<f64> {
+        let (rotation, translation) = reference_pose();
+        let place = Vector3::from(Surface::new(&AREA, shape).place(place));
+        camera.project(&(rotation.inverse() * (place - translation))).unwrap()
+    }
+
+    fn circle() -> BoardEdges {
+        BoardEdges::Rims(vec![CENTER])
+    }
+
+    /// A line that is light towards lower y.
+    fn line() -> BoardEdges {
+        BoardEdges::Lines(vec![Line { normal: [0.0, -1.0], offset: -CENTER[1], width: 0.025, radius: 0.0 }])
+    }
+
+    fn problem(edges: BoardEdges) -> Problem {
         Problem {
             sensor: Sensor::new(346, 260),
             points: vec![CENTER],
-            edges: BoardEdges::Rims(vec![CENTER]),
+            edges,
             area: AREA,
             mean_scale: 1.0,
             point_sigma: 1.0,
@@ -197,13 +210,14 @@ mod tests {
 
     /// The residual of the event at `pixel`, and its row.
     fn residual(
+        edges: &BoardEdges,
         camera: &Camera<f64>,
         pose: &PoseBin,
         dt: f64,
         pixel: [f64; 2],
         shape: &BoardShape,
     ) -> (f64, [f64; ROW]) {
-        let problem = problem();
+        let problem = problem(edges.clone());
         let table = BearingTable::new(camera, problem.sensor);
         let mut batch = EdgeBatch::default();
         batch.find(&problem, shape, &table, pose, std::iter::once(BatchEvent { pixel, dt, edge: 0 }));
@@ -216,8 +230,9 @@ mod tests {
         (rows.residual(0), rows.steps().0[0][0].map(f64::from))
     }
 
-    /// Compares the row of an event `beside` pixels from the rim on a board of this `shape` with central differences.
-    fn assert_derivatives(shape: BoardShape, beside: [f64; 2], tolerance: f64) {
+    /// Compares the row of an event `beside` pixels from an edge, the rim of the circle or the line, on a board of this `shape` with
+    /// central differences.
+    fn assert_derivatives(edges: &BoardEdges, shape: BoardShape, beside: [f64; 2], tolerance: f64) {
         let assert_close = |analytic: f64, numeric: f64, what: &str| {
             let close = (analytic - numeric).abs() < tolerance * (1.0 + numeric.abs());
             assert!(close, "{what}: {analytic} against {numeric}");
@@ -225,8 +240,14 @@ mod tests {
         let (rotation, translation) = reference_pose();
         let reference = camera(&PARAMETERS);
         let bin = moving_at(rotation, translation);
-        let rim = rim(&reference, &shape);
-        let pixel = [rim.x + beside[0], rim.y + beside[1]];
+        let place = match edges {
+            BoardEdges::Rims(_) => rim(&reference, &shape),
+            BoardEdges::Lines(_) => seen(&reference, &shape, [CENTER[0], CENTER[1] - shape.radius]),
+        };
+        let pixel = [place.x + beside[0], place.y + beside[1]];
+        let residual = |camera: &Camera<f64>, pose: &PoseBin, dt: f64, pixel: [f64; 2], shape: &BoardShape| {
+            residual(edges, camera, pose, dt, pixel, shape)
+        };
         let (_, row) = residual(&reference, &bin, 0.0, pixel, &shape);
         let difference = |plus: f64, minus: f64| (plus - minus) / (2.0 * STEP);
         for axis in 0..3 {
@@ -277,7 +298,8 @@ mod tests {
     #[test]
     fn derivatives_agree_with_central_differences_on_the_edge() {
         for shape in [FLAT, SHAPED] {
-            assert_derivatives(shape, [0.0, 0.0], 5e-4);
+            assert_derivatives(&circle(), shape, [0.0, 0.0], 5e-4);
+            assert_derivatives(&line(), shape, [0.0, 0.0], 5e-4);
         }
     }
 
@@ -285,8 +307,10 @@ mod tests {
     fn derivatives_are_nearly_those_of_the_edge_one_newton_step_away() {
         // What is left after one step towards a curved edge is of second order in the distance.
         for shape in [FLAT, SHAPED] {
-            assert_derivatives(shape, [0.4, 0.3], 2e-3);
-            assert_derivatives(shape, [-0.7, 0.2], 2e-3);
+            for edges in [circle(), line()] {
+                assert_derivatives(&edges, shape, [0.4, 0.3], 2e-3);
+                assert_derivatives(&edges, shape, [-0.7, 0.2], 2e-3);
+            }
         }
     }
 
@@ -294,7 +318,7 @@ mod tests {
     fn a_batch_finds_the_edges_of_its_events_one_by_one() {
         let (rotation, translation) = reference_pose();
         let reference = camera(&PARAMETERS);
-        let (bin, rim, problem) = (moving_at(rotation, translation), rim(&reference, &FLAT), problem());
+        let (bin, rim, problem) = (moving_at(rotation, translation), rim(&reference, &FLAT), problem(circle()));
         let surface = flat();
         let table = BearingTable::new(&reference, problem.sensor);
         let pixel = |index: u32| [rim.x + f64::from(index % 5) * 0.7 - 1.4, rim.y + f64::from(index % 7) * 0.5 - 1.5];
@@ -352,7 +376,8 @@ mod tests {
         let (bin, reference) = (moving_at(rotation, translation), camera(&PARAMETERS));
         let nearly = BoardShape { print_ratio: 1.0 + 1e-13, ..FLAT };
         let rim = rim(&reference, &FLAT);
-        let [flat, shaped] = [FLAT, nearly].map(|shape| residual(&reference, &bin, 1e-4, [rim.x, rim.y], &shape));
+        let [flat, shaped] =
+            [FLAT, nearly].map(|shape| residual(&circle(), &reference, &bin, 1e-4, [rim.x, rim.y], &shape));
         for (flat, shaped) in flat.1.into_iter().zip(shaped.1) {
             assert!((flat - shaped).abs() < 1e-6 * (1.0 + flat.abs()), "{flat} {shaped}");
         }

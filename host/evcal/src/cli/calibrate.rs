@@ -186,9 +186,10 @@ pub struct CalibrationArguments {
 /// What is calibrated, and how; whatever the events come from.
 #[derive(clap::Args)]
 pub struct MethodArguments {
-    /// Board, for example acircles:9x4:55mm:r17.5mm (layout, rows x columns, spacing, radius); auto:55mm:r17.5mm
-    /// recognises layout, rows and columns in a recording
-    #[arg(long)]
+    /// Board: circles such as acircles:9x4:55mm:r17.5mm (layout, rows x columns, spacing, radius), checkerboard:6x9:25mm (rows x columns of
+    /// inner corners), aprilgrid:6x6:35.2mm:0.3, apriltags:3x4:30mm:0.25, charuco:5x7:30mm:22mm:DICT_5X5_100, or Kalibr's target file;
+    /// auto:55mm:r17.5mm recognises a grid of circles
+    #[arg(long, value_parser = super::board_argument::board_request)]
     pub board: BoardRequest,
     /// Camera model. auto takes the simplest model that fits held-out circles as well as the best one
     #[arg(long, default_value = "radtan", value_parser = super::value::model_request())]
