@@ -101,7 +101,7 @@ check-crates: setup
 check-oldest-rust: setup
 	@sh tools/check/oldest-rust.sh
 
-# OPENCV=0 builds without OpenCV: less to install and to compile, the same results.
+# OPENCV=0 builds without OpenCV: less to install, the same results.
 OPENCV = 1
 
 build: setup

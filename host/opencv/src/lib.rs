@@ -3,6 +3,8 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
+#[allow(unsafe_code, reason = "OpenCV has no C interface, and its classes none that Rust can call")]
+mod bridge;
 mod calibrate;
 mod circles_grid;
 mod opencv_start;
@@ -11,11 +13,7 @@ mod start;
 #[cfg(test)]
 mod tests;
 
-use std::sync::LazyLock;
-
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use opencv::core::{self, Mat, Point2d, Point2f, Point3d, Point3f, Vector};
-use opencv::prelude::*;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 
 pub use calibrate::{Intrinsics, OpencvCalibration, PinholeDistortion, calibrate_fisheye, calibrate_pinhole};
 pub use circles_grid::find_circles_grid;
@@ -59,64 +57,10 @@ pub struct View {
     pub image: Vec<[f64; 2]>,
 }
 
-/// Stack of the calibrations: OpenBLAS, which many machines have in place of the reference BLAS, puts
-/// work space on the stack that the usual 2 to 8 MiB cannot hold.
-const STACK: usize = 64 << 20;
-
-/// Runs a calibration with room on its stack.
-fn with_room<T: Send>(call: &'static str, work: impl FnOnce() -> opencv::Result<T> + Send) -> Result<T, OpencvError> {
-    let outcome = std::thread::scope(|scope| {
-        let thread = std::thread::Builder::new().stack_size(STACK).spawn_scoped(scope, work);
-        let thread = thread.map_err(|error| OpencvError::Exception { call, message: error.to_string() })?;
-        Ok(thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-    })?;
-    outcome.map_err(|error| exception(call, error))
-}
-
-static SINGLE_THREAD: LazyLock<Result<(), OpencvError>> =
-    LazyLock::new(|| core::set_num_threads(1).map_err(|error| exception("setNumThreads", error)));
-
-fn exception(call: &'static str, error: opencv::Error) -> OpencvError {
-    OpencvError::Exception { call, message: error.message.trim().to_owned() }
-}
-
-fn points_3f(points: &[[f64; 2]]) -> opencv::Result<Mat> {
-    Mat::from_exact_iter(points.iter().map(|p| Point3f::new(p[0] as f32, p[1] as f32, 0.0)))
-}
-
-fn points_2f(points: &[[f64; 2]]) -> opencv::Result<Mat> {
-    Mat::from_exact_iter(points.iter().map(|p| Point2f::new(p[0] as f32, p[1] as f32)))
-}
-
-fn points_3d(points: &[[f64; 2]]) -> opencv::Result<Mat> {
-    Mat::from_exact_iter(points.iter().map(|p| Point3d::new(p[0], p[1], 0.0)))
-}
-
-fn points_2d(points: &[[f64; 2]]) -> opencv::Result<Mat> {
-    Mat::from_exact_iter(points.iter().map(|p| Point2d::new(p[0], p[1])))
-}
-
-fn matrix(values: &[f64], rows: i32) -> opencv::Result<Mat> {
-    Mat::from_slice(values)?.reshape(1, rows)?.try_clone()
-}
-
-/// The entries of a matrix of doubles, row by row; `None` for any other matrix or for infinities.
-fn doubles(mat: &Mat) -> Option<Vec<f64>> {
-    let values = mat.reshape(1, 1).ok()?.data_typed::<f64>().ok()?.to_vec();
-    values.iter().all(|value| value.is_finite()).then_some(values)
-}
-
-fn pose(rotation: &[f64], translation: &[f64]) -> Option<Isometry3<f64>> {
-    let (&[rx, ry, rz], &[tx, ty, tz]) = (rotation, translation) else { return None };
-    let pose = Isometry3::from_parts(
-        Translation3::new(tx, ty, tz),
-        UnitQuaternion::from_scaled_axis(Vector3::new(rx, ry, rz)),
-    );
-    pose.to_homogeneous().iter().all(|value| value.is_finite()).then_some(pose)
-}
-
-fn poses(rotations: &Vector<Mat>, translations: &Vector<Mat>) -> Option<Vec<Isometry3<f64>>> {
-    rotations.iter().zip(translations).map(|(r, t)| pose(&doubles(&r)?, &doubles(&t)?)).collect()
+fn isometry(pose: &bridge::Pose) -> Option<Isometry3<f64>> {
+    let rotation = UnitQuaternion::from_scaled_axis(pose.rotation.into());
+    let isometry = Isometry3::from_parts(Translation3::from(pose.translation), rotation);
+    isometry.to_homogeneous().iter().all(|value| value.is_finite()).then_some(isometry)
 }
 
 fn usable(view: &View) -> bool {

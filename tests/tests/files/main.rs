@@ -1,7 +1,8 @@
-//! Files that evcal reads and writes, against other programs.
+//! Files that evcal reads and writes, and its camera models, against other programs.
 
 mod board;
 mod calibration_file;
+mod camera_models;
 mod camera_yaml;
 mod circles;
 mod corpus;

@@ -1,5 +1,4 @@
-//! evcal's own camera models, grid finder, poses and start against OpenCV's.
+//! evcal's own grid finder, poses and start against OpenCV's.
 
-mod camera;
 mod grid;
 mod starts;
