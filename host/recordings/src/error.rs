@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use usb_davis::capture::CaptureError;
 
 use super::columns::LayoutError;
+use super::counted::counted;
 use super::foreign::ForeignFormat;
 use super::options::{FormatOption, TimeUnit};
 use super::text::error::LineError;
@@ -180,6 +181,17 @@ pub enum RecordingErrorKind {
         /// The topic.
         topic: String,
         /// The encoding.
+        encoding: String,
+    },
+    /// Frames of the camera whose pixels are stored in a way that is not read.
+    #[error(
+        "{} in an encoding that is not read ({encoding}); convert them to mono8 or mono16",
+        counted(*.count, "frame is", "frames are")
+    )]
+    FrameEncoding {
+        /// How many.
+        count: u64,
+        /// Name of the encoding.
         encoding: String,
     },
     /// An image has another size than those before it.

@@ -167,12 +167,16 @@ fn arrange(
 fn streams(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummary>, RecordingError> {
     let summary = |found: Found| {
         let (name, count) = (found.name.clone(), found.table.count());
-        let mut summaries =
-            vec![StreamSummary { name, packets: 1, elements: count, times_us: times(path, &found, options) }];
+        let mut summaries = vec![StreamSummary {
+            packets: 1,
+            elements: count,
+            times_us: times(path, &found, options),
+            ..StreamSummary::new(name)
+        }];
         for (name, beside) in [(extras::FRAMES, found.frames), (extras::SAMPLES, found.samples)] {
             if let Some(TimedDataset { data, .. }) = beside {
                 let name = format!("{name} beside {}", found.name);
-                summaries.push(StreamSummary { name, packets: 1, elements: length(&data), times_us: None });
+                summaries.push(StreamSummary { packets: 1, elements: length(&data), ..StreamSummary::new(name) });
             }
         }
         summaries

@@ -146,7 +146,10 @@ impl Recording {
     pub fn visit_frames(&self, mut visit: impl FnMut(TimedImage)) -> Result<Option<String>, RecordingError> {
         let Some(frames) = self.format().frames else { return Ok(None) };
         let end = frames(&self.path, &self.options, &mut visit)?;
-        Ok(end.err().map(|error| format!("frames were read up to their damage only: {error}")))
+        Ok(end.err().map(|error| match error.kind {
+            RecordingErrorKind::FrameEncoding { .. } => error.to_string(),
+            _ => format!("frames were read up to their damage only: {error}"),
+        }))
     }
 
     /// Its picture whose exposure began at `start` (µs on its clock, to 1 µs); `None` where there is none that can be read.

@@ -176,7 +176,7 @@ pub fn summarise(
             Err(error) => return Err(error),
         };
         for topic in container.topics().get(summaries.len()..).unwrap_or_default() {
-            summaries.push(StreamSummary { name: topic.description(), packets: 0, elements: 0, times_us: None });
+            summaries.push(StreamSummary::new(topic.description()));
             decoders.push(PacketDecoder::default());
         }
         let places = (summaries.get_mut(head.topic), decoders.get_mut(head.topic), container.topics().get(head.topic));

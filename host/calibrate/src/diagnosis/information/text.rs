@@ -121,7 +121,9 @@ impl Information {
             let seconds = stream.times_us.map_or(0.0, |(first, last)| seconds(last.saturating_sub(first)));
             let rate =
                 if seconds > 0.0 { format!(", {:.1}/s", stream.elements as f64 / seconds) } else { String::new() };
-            let text = format!("{}: {} in {} packets{rate}", stream.name, stream.elements, stream.packets);
+            let unread = stream.unread.as_ref().map(|encoding| format!("; their encoding, {encoding}, is not read"));
+            let unread = unread.unwrap_or_default();
+            let text = format!("{}: {} in {} packets{rate}{unread}", stream.name, stream.elements, stream.packets);
             line(f, "stream", text)?;
         }
         if self.streams.is_empty() {
