@@ -175,7 +175,7 @@ pub enum RecordingErrorKind {
     NoImages(String),
     /// Images of a kind that is not read.
     #[error(
-        "has images of {topic} in the encoding {encoding:?}; mono8, mono16, bgr8, rgb8, bayer_*8, bayer_*16, JPEG and PNG are read: convert them"
+        "has images of {topic} in the encoding {encoding:?}; mono, bgr, rgb, bgra, rgba and bayer_* of 8 and 16 bits, uyvy, yuyv, nv21, nv24, JPEG and PNG are read: convert them"
     )]
     ImageEncoding {
         /// The topic.
