@@ -8,6 +8,7 @@ use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use usb_davis::dump::Growth;
 
+use crate::chain::{ChainDecoder, ChainExtras, OpenDecoder};
 use crate::davis;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::extras::{NoExtras, ReadExtras};
@@ -36,6 +37,8 @@ enum Source {
     Memory(Arc<Vec<Event>>),
     /// In a dump that is being written, or was.
     Growing(Growth),
+    /// In its file, of this format, and in others that continue it.
+    Chain(&'static FileFormat, Arc<Vec<Recording>>),
 }
 
 impl Recording {
@@ -66,6 +69,24 @@ impl Recording {
         Some(Self { path: path.into(), options, source: Source::Growing(growth), span: None })
     }
 
+    /// One recording of `files` that continue each other, in the order of time (see [`chains`](crate::continued::chains)); `None`
+    /// without any.
+    pub fn chain(files: Vec<Self>) -> Option<Self> {
+        let mut files = files.into_iter();
+        let first = files.next()?;
+        let source = Source::Chain(first.format(), Arc::new(files.collect()));
+        Some(Self { source, ..first })
+    }
+
+    /// The files that it is read from, in the order of time.
+    pub fn files(&self) -> Vec<&Path> {
+        let others = match &self.source {
+            Source::Chain(_, others) => others.as_slice(),
+            _ => &[],
+        };
+        std::iter::once(self.path()).chain(others.iter().map(Self::path)).collect()
+    }
+
     /// The part of the recording in this span of time, in microseconds as in the file.
     pub fn section(&self, span: Range<i64>) -> Self {
         Self { span: Some(span), ..self.clone() }
@@ -79,7 +100,7 @@ impl Recording {
     /// Its format.
     pub fn format(&self) -> &'static FileFormat {
         match &self.source {
-            Source::File(format) => format,
+            Source::File(format) | Source::Chain(format, _) => format,
             Source::Memory(_) => &memory::FORMAT,
             Source::Growing(_) => &davis::FORMAT,
         }
@@ -92,7 +113,19 @@ impl Recording {
 
     /// The same with other options.
     pub(crate) fn with_options(&self, options: RecordingOptions) -> Self {
-        Self { options, ..self.clone() }
+        let mut source = self.source.clone();
+        if let Source::Chain(_, others) = &mut source {
+            *others = Arc::new(others.iter().map(|other| other.with_options(options.clone())).collect());
+        }
+        Self { options, source, ..self.clone() }
+    }
+
+    /// Its first file alone.
+    fn first(&self) -> Self {
+        match &self.source {
+            Source::Chain(format, _) => Self { source: Source::File(format), ..self.clone() },
+            _ => self.clone(),
+        }
     }
 
     /// What a user said about it.
@@ -111,12 +144,22 @@ impl Recording {
     /// # Errors
     /// When the file cannot be opened or its header cannot be understood.
     pub fn open(&self) -> Result<EventReader, RecordingError> {
-        let decoder: Box<dyn Decode> = match &self.source {
+        Ok(EventReader::new(&self.path, self.decoder()?, &self.options)?.within(self.span.clone()))
+    }
+
+    fn decoder(&self) -> Result<Box<dyn Decode>, RecordingError> {
+        Ok(match &self.source {
             Source::File(format) => (format.events)(&self.path, &self.options)?,
             Source::Growing(growth) => davis::follow(&self.path, growth)?,
             Source::Memory(events) => Box::new(MemoryDecoder::new(Arc::clone(events), self.options.sensor)),
-        };
-        Ok(EventReader::new(&self.path, decoder, &self.options)?.within(self.span.clone()))
+            Source::Chain(_, others) => {
+                let open = |other: &Self| -> OpenDecoder {
+                    let other = other.clone();
+                    Box::new(move || other.decoder())
+                };
+                Box::new(ChainDecoder::new(self.first().decoder()?, others.iter().map(open)))
+            }
+        })
     }
 
     /// Counts what the streams of the recording hold; empty where there is but one stream of events.
@@ -124,7 +167,13 @@ impl Recording {
     /// # Errors
     /// When the file cannot be read.
     pub fn streams(&self) -> Result<Vec<StreamSummary>, RecordingError> {
-        (self.format().streams)(&self.path, &self.options)
+        let mut streams = (self.format().streams)(&self.path, &self.options)?;
+        if let Source::Chain(_, others) = &self.source {
+            for other in others.iter() {
+                streams.extend(other.streams()?);
+            }
+        }
+        Ok(streams)
     }
 
     /// Its frames and inertial samples, in order of time.
@@ -132,6 +181,11 @@ impl Recording {
     /// # Errors
     /// When the file cannot be read.
     pub fn open_extras(&self) -> Result<Box<dyn ReadExtras>, RecordingError> {
+        if let Source::Chain(_, others) = &self.source {
+            let first = self.first();
+            let files = std::iter::once(&first).chain(others.iter()).map(Self::open_extras);
+            return Ok(Box::new(ChainExtras { files: files.collect::<Result<_, _>>()? }));
+        }
         match self.format().extras {
             Some(open) => open(&self.path, &self.options),
             None => Ok(Box::new(NoExtras)),
@@ -145,7 +199,12 @@ impl Recording {
     /// When the file cannot be opened.
     pub fn visit_frames(&self, mut visit: impl FnMut(TimedImage)) -> Result<Option<String>, RecordingError> {
         let Some(frames) = self.format().frames else { return Ok(None) };
-        let end = frames(&self.path, &self.options, &mut visit)?;
+        let mut end = frames(&self.path, &self.options, &mut visit)?;
+        if let Source::Chain(_, others) = &self.source {
+            for other in others.iter() {
+                end = end.and(frames(&other.path, &other.options, &mut visit)?);
+            }
+        }
         Ok(end.err().map(|error| match error.kind {
             RecordingErrorKind::FrameEncoding { .. } => error.to_string(),
             _ => format!("frames were read up to their damage only: {error}"),

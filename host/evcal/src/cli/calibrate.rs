@@ -34,7 +34,7 @@ use event_recordings::{Recording, RecordingOptions};
 use self::held::{HeldCamera, HeldCameras};
 use self::work::{Failed, Other, Work};
 use super::output_arguments::OutputArguments;
-use super::progress::Waiting;
+use super::progress::{Waiting, short_name};
 use super::source_arguments::SourceArguments;
 use super::{NotGoodEnough, UsageError, print, value};
 
@@ -371,6 +371,15 @@ pub fn calibrate_recordings(
         .iter()
         .map(|path| open_input(path, options, &board, folder.path(), |message| waiting.part(LISTENING, message, None)))
         .collect::<Result<Vec<Input>, _>>()?;
+    let inputs = Input::join(inputs);
+    for input in &inputs {
+        if let Input::Events(recording) = input
+            && let [first, .., last] = recording.files()[..]
+        {
+            let (count, first, last) = (recording.files().len(), short_name(first), short_name(last));
+            print::aside(format!("{count} files continue each other, from {first} to {last}: they are one recording"));
+        }
+    }
     let parameters = arguments.parameters()?;
     let rolling_shutter = others.rolling_shutter;
     let open = |(index, (path, stream)): (usize, (&PathBuf, _))| {
