@@ -6,3 +6,4 @@ pub mod fingerprint;
 pub mod flicker;
 pub mod information;
 pub mod saturation;
+pub mod time_steps;

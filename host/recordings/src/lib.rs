@@ -18,6 +18,7 @@ mod counted;
 mod counter;
 pub mod date;
 pub mod davis;
+mod doubtful_unit;
 pub mod encode;
 mod error;
 pub mod event_calib;

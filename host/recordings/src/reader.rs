@@ -58,6 +58,11 @@ pub trait Decode: Send {
 
     /// Which part of the file was read, 0 to 1, for somebody who waits; `None` where that is not known.
     fn done(&self) -> Option<f64>;
+
+    /// `true` if times that were taken for nanoseconds may as well be microseconds.
+    fn is_unit_doubtful(&self) -> bool {
+        false
+    }
 }
 
 /// One pass through a recording.

@@ -10,12 +10,13 @@ use usb_davis::dump::Growth;
 
 use crate::chain::{ChainDecoder, ChainExtras, OpenDecoder};
 use crate::davis;
+use crate::doubtful_unit::{Corrected, impossible_rate};
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::extras::{NoExtras, ReadExtras};
 use crate::format::{FileFormat, StreamSummary};
 use crate::formats::format_of;
 use crate::memory::{self, MemoryDecoder};
-use crate::options::RecordingOptions;
+use crate::options::{RecordingOptions, TimeUnit};
 use crate::pictures::TimedImage;
 use crate::reader::{Decode, EventReader};
 
@@ -149,7 +150,7 @@ impl Recording {
 
     fn decoder(&self) -> Result<Box<dyn Decode>, RecordingError> {
         Ok(match &self.source {
-            Source::File(format) => (format.events)(&self.path, &self.options)?,
+            Source::File(format) => self.file_decoder(format)?,
             Source::Growing(growth) => davis::follow(&self.path, growth)?,
             Source::Memory(events) => Box::new(MemoryDecoder::new(Arc::clone(events), self.options.sensor)),
             Source::Chain(_, others) => {
@@ -160,6 +161,22 @@ impl Recording {
                 Box::new(ChainDecoder::new(self.first().decoder()?, others.iter().map(open)))
             }
         })
+    }
+
+    /// The decoder of its file, in the unit of time that the rate of its events makes likely.
+    fn file_decoder(&self, format: &FileFormat) -> Result<Box<dyn Decode>, RecordingError> {
+        let open = |options: &RecordingOptions| (format.events)(&self.path, options);
+        let mut decoder = open(&self.options)?;
+        if !decoder.is_unit_doubtful() {
+            return Ok(decoder);
+        }
+        match impossible_rate(&mut *decoder) {
+            None => open(&self.options),
+            Some(rate) => {
+                let stated = RecordingOptions { time_unit: Some(TimeUnit::Microseconds), ..self.options.clone() };
+                Ok(Box::new(Corrected::new(open(&stated)?, rate)))
+            }
+        }
     }
 
     /// Counts what the streams of the recording hold; empty where there is but one stream of events.

@@ -4,6 +4,7 @@ use crate::detection::focus::EdgeWidth;
 use crate::diagnosis::bad_pixels::{BadPixels, Repetition};
 use crate::diagnosis::disorder::Disorder;
 use crate::diagnosis::flicker::Flicker;
+use crate::diagnosis::time_steps::CoarseTimes;
 use crate::trust::verdict::{Cause, Finding, Severity};
 
 /// How a recording was made.
@@ -14,6 +15,7 @@ pub(super) struct Health {
     pub(super) always_full: bool,
     pub(super) pixels: BadPixels,
     pub(super) disorder: Option<Disorder>,
+    pub(super) coarse_times: Option<CoarseTimes>,
     /// Width of the sharpest circles' edges.
     pub(super) edges: Option<EdgeWidth>,
 }
@@ -41,6 +43,7 @@ pub(super) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
     findings.extend(most_repeated.map(repeating));
     let disorders = recordings.iter().filter_map(|health| health.disorder);
     findings.extend(disorders.max_by(|a, b| a.share.total_cmp(&b.share)).map(out_of_order));
+    findings.extend(recordings.iter().find_map(|health| health.coarse_times).map(too_coarse));
     findings.extend(hottest.and_then(hot));
     findings.extend(deadest.and_then(dead));
     findings.extend(widest.and_then(out_of_focus));
@@ -81,6 +84,15 @@ fn out_of_order(disorder: Disorder) -> Finding {
         severity: Severity::Warning,
         reason: disorder.to_string(),
         advice: Disorder::ADVICE.into(),
+    }
+}
+
+fn too_coarse(times: CoarseTimes) -> Finding {
+    Finding {
+        cause: Cause::CoarseTimes,
+        severity: Severity::Warning,
+        reason: times.to_string(),
+        advice: CoarseTimes::ADVICE.into(),
     }
 }
 
@@ -161,6 +173,9 @@ mod tests {
         let disorder = Disorder { share: 0.9, largest: 30_000 };
         let disordered = Health { disorder: Some(disorder), ..Health::default() };
         assert_eq!(causes(&[Health::default(), disordered]), [(Cause::OutOfOrder, Severity::Warning)]);
+        let coarse_times = Some(CoarseTimes::Steps { step_ms: 1.0, events: 650.0 });
+        let coarse = Health { coarse_times, ..Health::default() };
+        assert_eq!(causes(&[Health::default(), coarse]), [(Cause::CoarseTimes, Severity::Warning)]);
         assert!(findings_on(&[twice(0.1), twice(0.5)]).iter().all(|finding| finding.reason.starts_with("50 %")));
     }
 }

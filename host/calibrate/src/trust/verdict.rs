@@ -108,6 +108,8 @@ pub enum Cause {
     FramesDisagree,
     /// Events are not in the order of their times.
     OutOfOrder,
+    /// Times come in steps of more than a fifth of a millisecond.
+    CoarseTimes,
     /// Rows or columns of the board were never found.
     PartOfBoard,
     /// The board has more rows or columns than stated.

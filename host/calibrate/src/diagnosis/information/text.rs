@@ -86,6 +86,9 @@ impl Information {
             let full = if fills_readout { ", as many as can be read: they come late" } else { "" };
             line(f, "flicker", value + full)?;
         }
+        if let Some(coarse) = self.coarse_times {
+            line(f, "times", coarse.to_string())?;
+        }
         if self.gap_count > 0 {
             let shown = self.longest_gaps.iter().map(|gap| format!("{:.3} s at {:.3} s", gap.duration_s, gap.t_s));
             let shown = shown.collect::<Vec<_>>().join(", ");
