@@ -1,12 +1,12 @@
 //! The folder that a program writes its results into.
 
-use std::fs;
+use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 
 use super::exchange::exchange;
 use super::unfinished::Begun;
-use super::{FileError, scratch_in, unfinished};
+use super::{FileError, place, remove_scratch, scratch_in, unfinished};
 
 /// Why results cannot go into a folder.
 #[derive(Debug, thiserror::Error)]
@@ -18,6 +18,9 @@ pub enum FolderError {
     /// It holds results.
     #[error("{} is there already", .0.display())]
     Taken(PathBuf),
+    /// Another program writes results into it.
+    #[error("another run of this program writes its results into {}", .0.display())]
+    Busy(PathBuf),
     /// A result cannot have its name.
     #[error("{0}")]
     Blocked(#[from] Blocked),
@@ -64,13 +67,15 @@ pub struct OutputFolder {
     path: PathBuf,
     /// Folders that were made, outermost first.
     made: Vec<PathBuf>,
+    /// The open folder, which is held against other runs; `None` where a system cannot open folders.
+    _held: Option<File>,
 }
 
 impl OutputFolder {
-    /// Makes the folder, if need be, and tries to write in it.
+    /// Makes the folder, if need be, and tries to write in it. As long as it is open, no other run can open it.
     ///
     /// # Errors
-    /// [`FolderError::Unusable`].
+    /// [`FolderError::Unusable`], [`FolderError::Busy`].
     pub fn open(path: &Path) -> Result<Self, FolderError> {
         let failed = |error: io::Error| FolderError::Unusable(FileError::new(path, error));
         if path.is_file() {
@@ -82,11 +87,17 @@ impl OutputFolder {
             .map(Path::to_owned)
             .collect();
         made.reverse();
-        let folder = Self { path: path.to_owned(), made };
+        let mut folder = Self { path: path.to_owned(), made, _held: None };
         for made in &folder.made {
             unfinished::begin(Begun::UsersFolder, || Ok::<_, io::Error>(((), made.clone()))).map_err(failed)?;
         }
         fs::create_dir_all(path).map_err(failed)?;
+        if let Ok(open) = File::open(path) {
+            if !place::hold(&open).map_err(failed)? {
+                return Err(FolderError::Busy(path.to_owned()));
+            }
+            folder._held = Some(open);
+        }
         tempfile::tempfile_in(path).map_err(failed)?;
         Ok(folder)
     }
@@ -145,6 +156,7 @@ impl OutputFolder {
         is_old: impl Fn(&Path) -> bool,
         fill: impl FnOnce(&Path) -> Result<T, E>,
     ) -> Result<T, E> {
+        remove_scratch(&self.path);
         let new = unfinished::begin(Begun::ScratchFolder, || {
             let new = scratch_in(&self.path)?;
             let path = new.path().to_owned();
@@ -356,5 +368,21 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         let error = OutputFolder::open(file.path()).unwrap_err().to_string();
         assert!(error.contains("is a file"), "{error}");
+    }
+    /// Two runs into one folder both ended well, and the second replaced the results of the first.
+    #[test]
+    fn a_folder_is_open_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let open = OutputFolder::open(folder.path()).unwrap();
+        let error = OutputFolder::open(folder.path()).unwrap_err().to_string();
+        assert!(error.contains("another run of this program"), "{error}");
+        drop(open);
+        // A killed run left this.
+        fs::create_dir(folder.path().join(".evcal.x1y2.part")).unwrap();
+        fs::write(folder.path().join(".evcal.x1y2.part/a.json"), "half").unwrap();
+        let open = OutputFolder::open(folder.path()).unwrap();
+        open.replace(|_| false, |new| Ok::<_, FileError>(fs::write(new.join("b.json"), "whole").unwrap())).unwrap();
+        assert_eq!(files(folder.path()), [PathBuf::from("b.json")]);
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 }

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use evcal_calibrate::calibrate::input::open_events;
+use evcal_files::is_stream;
 use event_recordings::convert::{ConvertError, TimeOrigin, convert, output_of};
 use event_recordings::encode::OutputFormat;
 
@@ -59,11 +60,11 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     });
     waiting.finish();
     let report = report?;
-    match (arguments.json, output.is_file()) {
+    match (arguments.json, is_stream(output)) {
         (true, _) => print::json(&report)?,
-        (false, true) => print::line(format!("{}: {report}", output.display()))?,
+        (false, false) => print::line(format!("{}: {report}", output.display()))?,
         // The recording may have gone to standard output.
-        (false, false) => print::aside(format!("{}: {report}", output.display())),
+        (false, true) => print::aside(format!("{}: {report}", output.display())),
     }
     match report.error {
         Some(error) => Err(BrokenOff { error, output: output.clone() }.into()),

@@ -172,3 +172,34 @@ fn a_camera_without_events_is_told_of() {
     let told = String::from_utf8_lossy(&ended.stdout);
     assert!(told.contains("no event yet: is the lens cap off"), "{told}{}", stderr(&ended));
 }
+
+/// Standard output that goes to a file was taken for that file, which is there already; what was converted was then told in it.
+#[cfg(unix)]
+#[test]
+fn standard_output_is_a_stream_wherever_it_goes() {
+    let directory = tempfile::tempdir().unwrap();
+    let [from, to] = ["from.csv", "to.csv"].map(|name| directory.path().join(name));
+    let content = "# sensor 346 x 260\nt_us,x,y,p\n10,1,2,1\n20,3,4,0\n";
+    fs::write(&from, content).unwrap();
+    for name in ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
+        command.args(["convert", text(&from), name, "--to", "csv"]).stdout(File::create(&to).unwrap());
+        let told = command.output().unwrap();
+        assert_eq!(told.status.code(), Some(0), "{}", stderr(&told));
+        assert!(stderr(&told).contains("2 events"), "{}", stderr(&told));
+        assert_eq!(fs::read_to_string(&to).unwrap(), content);
+        assert_eq!(succeed(&["convert", text(&from), name, "--to", "csv"]), content);
+    }
+}
+
+/// A folder for temporary files that is missing was taken for a missing folder of the result.
+#[cfg(unix)]
+#[test]
+fn a_missing_folder_for_temporary_files_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let [from, to] = ["from.csv", "to.npz"].map(|name| directory.path().join(name));
+    fs::write(&from, "# sensor 346 x 260\nt_us,x,y,p\n10,1,2,1\n20,3,4,0\n").unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
+    let told = command.args(["convert", text(&from), text(&to)]).env("TMPDIR", "/missing").output().unwrap();
+    assert!(stderr(&told).contains("/missing (TMPDIR)"), "{}", stderr(&told));
+}
