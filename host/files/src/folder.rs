@@ -3,8 +3,11 @@
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use super::exchange::exchange;
+#[cfg(target_os = "linux")]
+use super::swap::swap;
 use super::unfinished::Begun;
 use super::{FileError, place, remove_scratch, scratch_in, unfinished};
 
@@ -68,7 +71,7 @@ pub struct OutputFolder {
     /// Folders that were made, outermost first.
     made: Vec<PathBuf>,
     /// The open folder, which is held against other runs; `None` where a system cannot open folders.
-    _held: Option<File>,
+    held: Mutex<Option<File>>,
 }
 
 impl OutputFolder {
@@ -87,7 +90,7 @@ impl OutputFolder {
             .map(Path::to_owned)
             .collect();
         made.reverse();
-        let mut folder = Self { path: path.to_owned(), made, _held: None };
+        let folder = Self { path: path.to_owned(), made, held: Mutex::default() };
         for made in &folder.made {
             unfinished::begin(Begun::UsersFolder, || Ok::<_, io::Error>(((), made.clone()))).map_err(failed)?;
         }
@@ -96,7 +99,7 @@ impl OutputFolder {
             if !place::hold(&open).map_err(failed)? {
                 return Err(FolderError::Busy(path.to_owned()));
             }
-            folder._held = Some(open);
+            folder.keep(open);
         }
         tempfile::tempfile_in(path).map_err(failed)?;
         Ok(folder)
@@ -171,6 +174,11 @@ impl OutputFolder {
             let old: Vec<PathBuf> = files(&self.path).into_iter().filter(|file| is_old(file)).collect();
             let files = files(new.path());
             self.check_files(&files).map_err(Blocked::into_file_error)?;
+            #[cfg(target_os = "linux")]
+            if let Some(held) = swap(&self.path, &old, new.path()) {
+                self.keep(held);
+                return Ok(filled);
+            }
             exchange(&self.path, &old, new.path(), &files)?;
             Ok(filled)
         });
@@ -178,6 +186,11 @@ impl OutputFolder {
             self.hold();
         }
         replaced
+    }
+
+    /// Holds the open folder from now on.
+    fn keep(&self, open: File) {
+        *self.held.lock().unwrap_or_else(PoisonError::into_inner) = Some(open);
     }
 
     /// From now on no signal removes a folder that was made.

@@ -8,6 +8,8 @@ pub mod folder;
 pub mod output;
 mod place;
 pub mod shell_word;
+#[cfg(target_os = "linux")]
+mod swap;
 pub mod unfinished;
 pub mod yaml;
 
