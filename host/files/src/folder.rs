@@ -9,7 +9,7 @@ use super::exchange::exchange;
 #[cfg(target_os = "linux")]
 use super::swap::swap;
 use super::unfinished::Begun;
-use super::{FileError, place, remove_scratch, scratch_in, unfinished};
+use super::{FileError, place, remove_scratch, scratch_in, unfinished, visible};
 
 /// Why results cannot go into a folder.
 #[derive(Debug, thiserror::Error)]
@@ -19,10 +19,10 @@ pub enum FolderError {
     #[error("{0}")]
     Unusable(#[source] FileError),
     /// It holds results.
-    #[error("{} is there already", .0.display())]
+    #[error("{} is there already", visible::path(.0))]
     Taken(PathBuf),
     /// Another program writes results into it.
-    #[error("another run of this program writes its results into {}", .0.display())]
+    #[error("another run of this program writes its results into {}", visible::path(.0))]
     Busy(PathBuf),
     /// A result cannot have its name.
     #[error("{0}")]
@@ -34,10 +34,10 @@ pub enum FolderError {
 #[non_exhaustive]
 pub enum Blocked {
     /// A folder where a file belongs.
-    #[error("{} is a folder, and a result needs its name: move it away", .0.display())]
+    #[error("{} is a folder, and a result needs its name: move it away", visible::path(.0))]
     Folder(PathBuf),
     /// A file where a folder belongs.
-    #[error("{} is no folder, and results need a folder of this name: move it away", .0.display())]
+    #[error("{} is no folder, and results need a folder of this name: move it away", visible::path(.0))]
     NoFolder(PathBuf),
 }
 

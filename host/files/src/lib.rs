@@ -11,6 +11,7 @@ pub mod shell_word;
 #[cfg(target_os = "linux")]
 mod swap;
 pub mod unfinished;
+pub mod visible;
 pub mod yaml;
 
 use std::fs::{self, File};
@@ -28,7 +29,7 @@ const BUFFER: usize = 1 << 18;
 
 /// A file or folder that cannot be written.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: {}", path.display(), message(error))]
+#[error("{}: {}", visible::path(path), message(error))]
 pub struct FileError {
     /// The file or folder.
     pub path: PathBuf,

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::{FileError, is_stream, place, try_out};
+use super::{FileError, is_stream, place, try_out, visible};
 
 /// What becomes of files that are there already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,13 +19,13 @@ pub enum Existing {
 #[non_exhaustive]
 pub enum OutputError {
     /// There is one of its name.
-    #[error("{} is there already", .0.display())]
+    #[error("{} is there already", visible::path(.0))]
     Taken(PathBuf),
     /// Two results would have one name, so that the second would replace the first.
-    #[error("two results would be written to {}: give each a name of its own", .0.display())]
+    #[error("two results would be written to {}: give each a name of its own", visible::path(.0))]
     Twice(PathBuf),
     /// It is read too: when reading fails half-way, or less is written than was read, the rest would be lost.
-    #[error("{} is what is read: choose another name for the result", .0.display())]
+    #[error("{} is what is read: choose another name for the result", visible::path(.0))]
     IsInput(PathBuf),
     /// The system refuses.
     #[error("{0}")]

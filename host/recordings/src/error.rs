@@ -4,6 +4,7 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use evcal_files::visible;
 use usb_davis::capture::CaptureError;
 
 use super::columns::LayoutError;
@@ -14,7 +15,7 @@ use super::text::error::LineError;
 
 /// Why a recording could not be read.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: {kind}", path.display())]
+#[error("{}: {kind}", visible::path(path))]
 pub struct RecordingError {
     /// The file.
     pub path: PathBuf,

@@ -10,6 +10,7 @@ use crate::circles::serial::{SerialAddress, SerialError};
 use crate::circles::stream::{self, CircleStream};
 use crate::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError};
 use crate::detection::{DetectionReport, order_frames};
+use evcal_files::visible;
 use evcal_geometry::board::Board;
 use event_recordings::continued::chains;
 use event_recordings::image_folder::Stamps;
@@ -103,18 +104,18 @@ impl Input {
     pub fn name(&self) -> String {
         match self {
             Self::Events(recording) => match recording.files().len() {
-                1 => recording.path().display().to_string(),
-                count => format!("{} and {} files that continue it", recording.path().display(), count - 1),
+                1 => visible::path(recording.path()),
+                count => format!("{} and {} files that continue it", visible::path(recording.path()), count - 1),
             },
             Self::Images(images) => images.name(),
-            Self::Circles { path, .. } => path.display().to_string(),
+            Self::Circles { path, .. } => visible::path(path),
         }
     }
 
     /// The file or port without the folders that it is in, for who waits.
     pub fn short_name(&self) -> String {
         let name = self.path().file_name().unwrap_or(self.path().as_os_str());
-        name.to_string_lossy().into_owned()
+        visible::path(name)
     }
 
     fn path(&self) -> &Path {

@@ -5,6 +5,7 @@ mod text;
 
 use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
+use evcal_files::visible;
 use serde::{Serialize, Serializer};
 
 use self::statistics::Statistics;
@@ -153,7 +154,7 @@ pub fn gather_events(recording: &Recording) -> Result<Information, RecordingErro
         _ => None,
     };
     Ok(Information {
-        path: recording.path().display().to_string(),
+        path: visible::path(recording.path()),
         format: known.format,
         camera_name: known.camera_name.clone(),
         began: known.began.clone().or_else(|| date(statistics.first?)),

@@ -24,6 +24,7 @@ use evcal_calibrate::trajectory::RotationSpline;
 use evcal_core::circle::Extraction;
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::{FolderError, OutputFolder};
+use evcal_files::visible;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::request::BoardRequest;
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
@@ -439,12 +440,12 @@ fn check_others(
     let mut known: Vec<(PathBuf, Option<&str>)> = recordings.iter().map(|path| (place(path), own)).collect();
     for (other, stream) in others.with_streams() {
         if stream.is_some() && other.is_dir() {
-            let folder = other.display();
+            let folder = visible::path(other);
             return Err(UsageError(format!("{folder} is a folder of images, without streams: leave out --with-stream, or name other files of --with first")).into());
         }
         let this = (place(other), stream.or(own));
         if known.contains(&this) {
-            return Err(SecondCameraError::SameRecording { file: other.display().to_string() }.into());
+            return Err(SecondCameraError::SameRecording { file: visible::path(other) }.into());
         }
         known.push(this);
     }

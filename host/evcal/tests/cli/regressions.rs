@@ -203,3 +203,39 @@ fn a_missing_folder_for_temporary_files_is_named() {
     let told = command.args(["convert", text(&from), text(&to)]).env("TMPDIR", "/missing").output().unwrap();
     assert!(stderr(&told).contains("/missing (TMPDIR)"), "{}", stderr(&told));
 }
+
+/// Names of cameras and files, and lines of settings, moved the cursor and changed the colours and the title of the terminal.
+#[cfg(unix)]
+#[test]
+fn control_characters_from_outside_are_shown() {
+    let directory = tempfile::tempdir().unwrap();
+    let recording = directory.path().join("a\n\u{1b}[2Jb.raw");
+    let header = "% serial_number \u{1b}]0;PWNED\u{7}\u{1b}[31m\n% evt 3.0\n% geometry 346x260\n";
+    let words: [u16; 4] = [0x80f4, 0x6240, 0x0007, 0x2805];
+    fs::write(&recording, [header.as_bytes(), &words.map(u16::to_le_bytes).concat()].concat()).unwrap();
+    let settings = directory.path().join("settings.toml");
+    fs::write(&settings, "a = \"\u{1b}]0;PWNED\u{7}\u{9b}31mred\"\n").unwrap();
+    let output = directory.path().join("output");
+    let is_plain = |output: &[u8]| {
+        let text = String::from_utf8(output.to_vec()).unwrap();
+        assert!(!text.chars().any(|letter| letter.is_control() && letter != '\n'), "{text:?}");
+        text
+    };
+    let told = crate::command::evcal(&["info", text(&recording)]);
+    let information = is_plain(&told.stdout);
+    assert!(
+        information.contains("\\u001b]0;PWNED") && information.contains("a\\u000a\\u001b[2Jb.raw"),
+        "{information}"
+    );
+    is_plain(&told.stderr);
+    for arguments in [
+        vec!["calibrate", text(&recording), "--board", BOARD, "-o", text(&output), "--settings", text(&settings)],
+        vec!["calibrate", text(&recording), "--board", BOARD, "-o", text(&output)],
+        vec!["convert", text(&recording), "/missing\u{1b}[31m/b.csv"],
+    ] {
+        let told = crate::command::evcal(&arguments);
+        assert_eq!(told.status.code(), Some(1), "{arguments:?}");
+        is_plain(&told.stdout);
+        assert!(!is_plain(&told.stderr).contains("a\n"), "{arguments:?}");
+    }
+}

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use evcal_files::visible;
+
 use super::{Information, LISTED, Peak, SaturatedReadout, seconds};
 use crate::diagnosis::bad_pixels::HOT_FACTOR;
 use crate::diagnosis::flicker::Flicker;
@@ -29,7 +31,7 @@ impl fmt::Display for Information {
 }
 
 fn line(f: &mut fmt::Formatter<'_>, name: &str, value: String) -> fmt::Result {
-    writeln!(f, "{name:<12}{value}")
+    writeln!(f, "{name:<12}{}", visible::name(&value))
 }
 
 impl Information {
