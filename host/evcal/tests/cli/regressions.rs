@@ -239,3 +239,15 @@ fn control_characters_from_outside_are_shown() {
         assert!(!is_plain(&told.stderr).contains("a\n"), "{arguments:?}");
     }
 }
+/// 4600 events, one each 0.9 s, took half a minute: each made a spectrum of a second.
+#[test]
+fn seldom_events_make_as_little_work_as_they_are() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("sparse.csv");
+    let line = |index: i64| format!("{},{},{},1\n", index * 900_000, index % 346, index % 260);
+    let lines: String = (0..200_000).map(line).collect();
+    fs::write(&path, format!("# sensor 346 x 260\nt_us,x,y,p\n{lines}")).unwrap();
+    // Half an hour, before.
+    let told = succeed(&["info", text(&path)]);
+    assert!(told.contains("200000, 100.0 % ON"), "{told}");
+}
