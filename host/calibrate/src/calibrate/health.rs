@@ -4,6 +4,7 @@ use crate::detection::focus::EdgeWidth;
 use crate::diagnosis::bad_pixels::{BadPixels, Repetition};
 use crate::diagnosis::disorder::Disorder;
 use crate::diagnosis::flicker::Flicker;
+use crate::diagnosis::rounded::Rounded;
 use crate::diagnosis::time_steps::CoarseTimes;
 use crate::trust::verdict::{Cause, Finding, Severity};
 
@@ -44,6 +45,7 @@ pub(super) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
     let disorders = recordings.iter().filter_map(|health| health.disorder);
     findings.extend(disorders.max_by(|a, b| a.share.total_cmp(&b.share)).map(out_of_order));
     findings.extend(recordings.iter().find_map(|health| health.coarse_times).map(too_coarse));
+    findings.extend(recordings.iter().find_map(|health| health.pixels.rounded).map(already_undistorted));
     findings.extend(hottest.and_then(hot));
     findings.extend(deadest.and_then(dead));
     findings.extend(widest.and_then(out_of_focus));
@@ -84,6 +86,16 @@ fn out_of_order(disorder: Disorder) -> Finding {
         severity: Severity::Warning,
         reason: disorder.to_string(),
         advice: Disorder::ADVICE.into(),
+    }
+}
+
+fn already_undistorted(rounded: Rounded) -> Finding {
+    Finding {
+        // What is left of the lens is none of it.
+        cause: Cause::Undistorted,
+        severity: Severity::Failure,
+        reason: rounded.to_string(),
+        advice: Rounded::ADVICE.into(),
     }
 }
 
@@ -173,6 +185,9 @@ mod tests {
         let disorder = Disorder { share: 0.9, largest: 30_000 };
         let disordered = Health { disorder: Some(disorder), ..Health::default() };
         assert_eq!(causes(&[Health::default(), disordered]), [(Cause::OutOfOrder, Severity::Warning)]);
+        let pixels = BadPixels { rounded: Some(Rounded { empty: 0.1 }), ..BadPixels::default() };
+        let rounded = Health { pixels, ..Health::default() };
+        assert_eq!(causes(&[rounded, Health::default()]), [(Cause::Undistorted, Severity::Failure)]);
         let coarse_times = Some(CoarseTimes::Steps { step_ms: 1.0, events: 650.0 });
         let coarse = Health { coarse_times, ..Health::default() };
         assert_eq!(causes(&[Health::default(), coarse]), [(Cause::CoarseTimes, Severity::Warning)]);
