@@ -23,6 +23,7 @@ use crate::detection::settings::DetectionSettings;
 use crate::detection::{LARGEST_SENSOR, NoPattern};
 use crate::diagnosis::bad_pixels::{BadPixels, PixelCounter, Repetition};
 use crate::diagnosis::information::{Information, gather_events};
+use crate::diagnosis::rounded::Rounded;
 use evcal_geometry::board::{CircleBoard, layout_name};
 use event_recordings::given_sensor::counted_from_one;
 use event_recordings::pass::{read_recording, read_while};
@@ -53,6 +54,8 @@ pub struct Checked {
     pub counted_from_one: Option<Sensor>,
     /// Events that repeat others, where there are many.
     pub repeated: Option<Repetition>,
+    /// Pixels that undistorted events left empty.
+    pub rounded: Option<Rounded>,
     /// Where the board was seen, or circles; `None` where the sensor is not known or too large, or times are in another
     /// unit.
     pub seen: Option<Seen>,
@@ -132,13 +135,13 @@ pub fn check(
     let outside = information.report.out_of_range;
     let counted_from_one =
         if outside > 0 || information.sensor.is_none() { counted_from_one(&beginning) } else { None };
-    let mut repeated = None;
+    let (mut repeated, mut rounded) = (None, None);
     let seen = match information.sensor.or(information.likely_sensor) {
         // With times in another unit nothing can be seen.
         _ if other.is_some() => None,
         Some(sensor) if sensor.width <= LARGEST_SENSOR.width && sensor.height <= LARGEST_SENSOR.height => {
             let (pixels, slots) = count_events(&beginning, sensor)?;
-            repeated = pixels.repeated;
+            (repeated, rounded) = (pixels.repeated, pixels.rounded);
             Some(look(&beginning, sensor, slots, board, settings)?)
         }
         _ => None,
@@ -147,7 +150,7 @@ pub fn check(
         other = other_unit(&beginning, information.mean_rate);
     }
     let mut checked =
-        Checked { information, whole, other_unit: other, counted_from_one, repeated, seen, next: "".into() };
+        Checked { information, whole, other_unit: other, counted_from_one, repeated, rounded, seen, next: "".into() };
     checked.next = next_step(&checked, recording);
     Ok(checked)
 }
@@ -262,6 +265,9 @@ impl fmt::Display for Checked {
         }
         if let Some(repeated) = self.repeated {
             writeln!(f, "{:<12}{repeated}", "repeated")?;
+        }
+        if let Some(rounded) = self.rounded {
+            writeln!(f, "{:<12}{rounded}", "pixels")?;
         }
         if self.information.flicker.is_none() {
             let seen =

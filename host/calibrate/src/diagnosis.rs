@@ -5,4 +5,6 @@ pub mod disorder;
 pub mod fingerprint;
 pub mod flicker;
 pub mod information;
+pub mod rounded;
 pub mod saturation;
+pub mod time_steps;

@@ -35,7 +35,6 @@ mod undistort;
 mod value;
 
 use std::error::Error;
-use std::io::Write as _;
 use std::process::ExitCode;
 
 use clap::{FromArgMatches as _, Parser, Subcommand};
@@ -183,13 +182,13 @@ pub fn run() -> ExitCode {
                 let text = cause.to_string();
                 if !told.contains(&text) {
                     // The exit code holds even where nobody can read this.
-                    let _ = writeln!(std::io::stderr().lock(), "  because: {text}");
+                    print::detail(format_args!("  because: {text}"));
                     told = text;
                 }
                 source = cause.source();
             }
             if let Some(next) = advice::advice(&*error) {
-                let _ = writeln!(std::io::stderr().lock(), "  next: {next}");
+                print::detail(format_args!("  next: {next}"));
             }
             match error {
                 error if error.is::<UsageError>() => ExitCode::from(2),

@@ -80,7 +80,10 @@ fn undo(steps: Vec<Step>) -> io::Result<()> {
 
 /// The error, with the place of old files that could not be put back.
 fn kept(FileError { path, error }: FileError, aside: TempDir) -> FileError {
-    let place = aside.keep();
+    // A later run removes what is not whole.
+    let aside = aside.keep();
+    let visible = aside.with_extension("kept");
+    let place = if fs::rename(&aside, &visible).is_ok() { visible } else { aside };
     let text = format!("{error}; what could not be put back is in {}: move it from there", place.display());
     FileError { path, error: io::Error::new(error.kind(), text) }
 }

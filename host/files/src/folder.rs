@@ -1,12 +1,15 @@
 //! The folder that a program writes its results into.
 
-use std::fs;
+use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use super::exchange::exchange;
+#[cfg(target_os = "linux")]
+use super::swap::swap;
 use super::unfinished::Begun;
-use super::{FileError, scratch_in, unfinished};
+use super::{FileError, place, remove_scratch, scratch_in, unfinished, visible};
 
 /// Why results cannot go into a folder.
 #[derive(Debug, thiserror::Error)]
@@ -16,8 +19,11 @@ pub enum FolderError {
     #[error("{0}")]
     Unusable(#[source] FileError),
     /// It holds results.
-    #[error("{} is there already", .0.display())]
+    #[error("{} is there already", visible::path(.0))]
     Taken(PathBuf),
+    /// Another program writes results into it.
+    #[error("another run of this program writes its results into {}", visible::path(.0))]
+    Busy(PathBuf),
     /// A result cannot have its name.
     #[error("{0}")]
     Blocked(#[from] Blocked),
@@ -28,10 +34,10 @@ pub enum FolderError {
 #[non_exhaustive]
 pub enum Blocked {
     /// A folder where a file belongs.
-    #[error("{} is a folder, and a result needs its name: move it away", .0.display())]
+    #[error("{} is a folder, and a result needs its name: move it away", visible::path(.0))]
     Folder(PathBuf),
     /// A file where a folder belongs.
-    #[error("{} is no folder, and results need a folder of this name: move it away", .0.display())]
+    #[error("{} is no folder, and results need a folder of this name: move it away", visible::path(.0))]
     NoFolder(PathBuf),
 }
 
@@ -64,13 +70,15 @@ pub struct OutputFolder {
     path: PathBuf,
     /// Folders that were made, outermost first.
     made: Vec<PathBuf>,
+    /// The open folder, which is held against other runs; `None` where a system cannot open folders.
+    held: Mutex<Option<File>>,
 }
 
 impl OutputFolder {
-    /// Makes the folder, if need be, and tries to write in it.
+    /// Makes the folder, if need be, and tries to write in it. As long as it is open, no other run can open it.
     ///
     /// # Errors
-    /// [`FolderError::Unusable`].
+    /// [`FolderError::Unusable`], [`FolderError::Busy`].
     pub fn open(path: &Path) -> Result<Self, FolderError> {
         let failed = |error: io::Error| FolderError::Unusable(FileError::new(path, error));
         if path.is_file() {
@@ -82,11 +90,17 @@ impl OutputFolder {
             .map(Path::to_owned)
             .collect();
         made.reverse();
-        let folder = Self { path: path.to_owned(), made };
+        let folder = Self { path: path.to_owned(), made, held: Mutex::default() };
         for made in &folder.made {
             unfinished::begin(Begun::UsersFolder, || Ok::<_, io::Error>(((), made.clone()))).map_err(failed)?;
         }
         fs::create_dir_all(path).map_err(failed)?;
+        if let Ok(open) = File::open(path) {
+            if !place::hold(&open).map_err(failed)? {
+                return Err(FolderError::Busy(path.to_owned()));
+            }
+            folder.keep(open);
+        }
         tempfile::tempfile_in(path).map_err(failed)?;
         Ok(folder)
     }
@@ -145,6 +159,7 @@ impl OutputFolder {
         is_old: impl Fn(&Path) -> bool,
         fill: impl FnOnce(&Path) -> Result<T, E>,
     ) -> Result<T, E> {
+        remove_scratch(&self.path);
         let new = unfinished::begin(Begun::ScratchFolder, || {
             let new = scratch_in(&self.path)?;
             let path = new.path().to_owned();
@@ -159,6 +174,11 @@ impl OutputFolder {
             let old: Vec<PathBuf> = files(&self.path).into_iter().filter(|file| is_old(file)).collect();
             let files = files(new.path());
             self.check_files(&files).map_err(Blocked::into_file_error)?;
+            #[cfg(target_os = "linux")]
+            if let Some(held) = swap(&self.path, &old, new.path()) {
+                self.keep(held);
+                return Ok(filled);
+            }
             exchange(&self.path, &old, new.path(), &files)?;
             Ok(filled)
         });
@@ -166,6 +186,11 @@ impl OutputFolder {
             self.hold();
         }
         replaced
+    }
+
+    /// Holds the open folder from now on.
+    fn keep(&self, open: File) {
+        *self.held.lock().unwrap_or_else(PoisonError::into_inner) = Some(open);
     }
 
     /// From now on no signal removes a folder that was made.
@@ -356,5 +381,21 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         let error = OutputFolder::open(file.path()).unwrap_err().to_string();
         assert!(error.contains("is a file"), "{error}");
+    }
+    /// Two runs into one folder both ended well, and the second replaced the results of the first.
+    #[test]
+    fn a_folder_is_open_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let open = OutputFolder::open(folder.path()).unwrap();
+        let error = OutputFolder::open(folder.path()).unwrap_err().to_string();
+        assert!(error.contains("another run of this program"), "{error}");
+        drop(open);
+        // A killed run left this.
+        fs::create_dir(folder.path().join(".evcal.x1y2.part")).unwrap();
+        fs::write(folder.path().join(".evcal.x1y2.part/a.json"), "half").unwrap();
+        let open = OutputFolder::open(folder.path()).unwrap();
+        open.replace(|_| false, |new| Ok::<_, FileError>(fs::write(new.join("b.json"), "whole").unwrap())).unwrap();
+        assert_eq!(files(folder.path()), [PathBuf::from("b.json")]);
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 }

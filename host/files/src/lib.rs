@@ -6,26 +6,30 @@
 mod exchange;
 pub mod folder;
 pub mod output;
+mod place;
 pub mod shell_word;
+#[cfg(target_os = "linux")]
+mod swap;
 pub mod unfinished;
+pub mod visible;
 pub mod yaml;
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use tempfile::{NamedTempFile, TempDir};
+use tempfile::{NamedTempFile, TempDir, TempPath};
 
-use self::unfinished::Begun;
+use self::place::UNFINISHED;
+pub use self::place::is_stream;
+use self::unfinished::{Begun, Listed};
 
 /// Bytes that are written at once.
 const BUFFER: usize = 1 << 18;
-/// Ends the name of a file that is not whole yet.
-const UNFINISHED: &str = ".part";
 
 /// A file or folder that cannot be written.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: {}", path.display(), message(error))]
+#[error("{}: {}", visible::path(path), message(error))]
 pub struct FileError {
     /// The file or folder.
     pub path: PathBuf,
@@ -61,6 +65,7 @@ fn advice(kind: io::ErrorKind) -> &'static str {
         io::ErrorKind::IsADirectory => "; name a file in it",
         io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => "; name a place where you may write",
         io::ErrorKind::NotSeekable => "; this format cannot go into a pipe: name a file",
+        io::ErrorKind::ResourceBusy => "; wait for its end, or choose another name",
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "; make room there, or name another disk",
         _ => "",
     }
@@ -72,6 +77,10 @@ pub struct NewFile {
     /// Where it belongs.
     path: PathBuf,
     content: Content,
+    /// Whether a file of this name was there at the beginning.
+    is_new: bool,
+    /// Dropped after the content.
+    _listed: Option<Listed>,
 }
 
 #[derive(Debug)]
@@ -89,33 +98,33 @@ impl NewFile {
     /// [`FileError`] when nothing can be written there.
     pub fn create(path: &Path) -> Result<Self, FileError> {
         let failed = |error| FileError::new(path, error);
+        let in_place = |file| {
+            let content = Content::InPlace(BufWriter::with_capacity(BUFFER, file));
+            Self { path: path.to_owned(), content, is_new: false, _listed: None }
+        };
+        if let Some(stream) = place::own_stream(path) {
+            return stream.map(in_place).map_err(failed);
+        }
         let there = fs::metadata(path);
         if there.as_ref().is_ok_and(fs::Metadata::is_dir) {
             return Err(failed(io::Error::from(io::ErrorKind::IsADirectory)));
         }
-        if there.is_ok_and(|there| !there.is_file()) {
-            let content = Content::InPlace(BufWriter::with_capacity(BUFFER, File::create(path).map_err(failed)?));
-            return Ok(Self { path: path.to_owned(), content });
+        if there.as_ref().is_ok_and(|there| !there.is_file()) {
+            return File::create(path).map(in_place).map_err(failed);
         }
         // The target of a link is replaced, not the link.
-        let place = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-        let folder = place.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let place = place::target(path).map_err(failed)?;
         // Said without the name of a temporary file.
-        fs::metadata(folder).map_err(failed)?;
-        let mut prefix = std::ffi::OsString::from(".");
-        prefix.push(place.file_name().unwrap_or_default());
-        prefix.push(".");
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(&prefix).suffix(UNFINISHED);
-        #[cfg(unix)]
-        builder.permissions(permissions(&place));
+        fs::metadata(place::folder(&place)).map_err(failed)?;
         let begun = unfinished::begin(Begun::ScratchFile, || {
-            let file = builder.tempfile_in(folder)?;
-            let path = file.path().to_owned();
-            Ok((file, path))
+            let path = place::unfinished(&place);
+            let file = place::claim(&path, &new_file(&place))?;
+            Ok((NamedTempFile::from_parts(file, TempPath::try_from_path(&path)?), path))
         });
-        let content = Content::Beside(BufWriter::with_capacity(BUFFER, begun.map_err(failed)?));
-        Ok(Self { path: place, content })
+        let file = begun.map_err(failed)?;
+        let listed = Some(Listed::new(file.path()));
+        let content = Content::Beside(BufWriter::with_capacity(BUFFER, file));
+        Ok(Self { path: place, content, is_new: there.is_err(), _listed: listed })
     }
 
     /// Where the bytes are until the file is finished, for writers that open a file themselves.
@@ -137,17 +146,32 @@ impl NewFile {
         }
     }
 
-    /// Gives the file its name; one that was there is replaced.
+    /// Gives the file its name when it is on the disk; one that was there from the beginning is replaced.
     ///
     /// # Errors
-    /// [`FileError`] when not all of it could be written.
+    /// [`FileError`] when not all of it could be written, or another program made a file of its name meanwhile.
     pub fn finish(self) -> Result<(), FileError> {
         let failed = |error| FileError::new(&self.path, error);
         match self.content {
             Content::Beside(file) => {
                 let file = file.into_inner().map_err(|error| failed(error.into_error()))?;
+                file.as_file().sync_all().map_err(failed)?;
                 let path = file.path().to_owned();
-                unfinished::end(&path, || file.persist(&self.path)).map_err(|error| failed(error.error))?;
+                let name = |file: NamedTempFile| match self.is_new {
+                    true => file.persist_noclobber(&self.path).or_else(|error| match error.error.kind() {
+                        io::ErrorKind::AlreadyExists => Err(error),
+                        // Some disks cannot do that.
+                        _ => error.file.persist(&self.path),
+                    }),
+                    false => file.persist(&self.path),
+                };
+                unfinished::end(&path, || name(file)).map_err(|error| match error.error.kind() {
+                    io::ErrorKind::AlreadyExists => failed(io::Error::new(
+                        io::ErrorKind::AlreadyExists,
+                        "another program made it meanwhile, and it stays; choose another name",
+                    )),
+                    _ => failed(error.error),
+                })?;
             }
             Content::InPlace(mut file) => file.flush().map_err(failed)?,
         }
@@ -155,16 +179,47 @@ impl NewFile {
     }
 }
 
+/// Begins the name of a folder for what is not whole yet.
+const SCRATCH: &str = ".evcal.";
+
 /// A folder in `folder` for what is not whole yet.
 fn scratch_in(folder: &Path) -> io::Result<TempDir> {
-    tempfile::Builder::new().prefix(".evcal.").suffix(UNFINISHED).tempdir_in(folder)
+    tempfile::Builder::new().prefix(SCRATCH).suffix(UNFINISHED).tempdir_in(folder)
 }
 
-/// Those of the file that is there, or what any new file gets.
-#[cfg(unix)]
-fn permissions(place: &Path) -> fs::Permissions {
-    use std::os::unix::fs::PermissionsExt as _;
-    fs::metadata(place).map_or_else(|_| fs::Permissions::from_mode(0o666), |there| there.permissions())
+/// Removes such folders that a killed program left in `folder`, which no other program may be writing.
+fn remove_scratch(folder: &Path) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        if name.starts_with(SCRATCH) && name.ends_with(UNFINISHED) {
+            let _ = fs::remove_dir_all(entry.path());
+        }
+    }
+}
+
+/// How an unfinished file is made: with the permissions of the file at `place`, or those of any new file.
+fn new_file(place: &Path) -> fs::OpenOptions {
+    let mut options = File::options();
+    options.read(true).write(true).create_new(true);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
+        options.mode(fs::metadata(place).map_or(0o666, |there| there.permissions().mode() & 0o7777));
+    }
+    options
+}
+
+/// A file without a name, which goes when it is closed.
+///
+/// # Errors
+/// The error names the folder for temporary files.
+pub fn nameless() -> io::Result<File> {
+    tempfile::tempfile().map_err(|error| {
+        let folder = std::env::temp_dir();
+        let text = format!("no temporary file can be made in {} (TMPDIR): {}", folder.display(), plain(&error));
+        io::Error::new(error.kind(), text)
+    })
 }
 
 impl Write for NewFile {
@@ -197,7 +252,8 @@ impl Seek for NewFile {
 /// # Errors
 /// [`FileError`] when nothing can be written there.
 pub fn try_out(path: &Path) -> Result<(), FileError> {
-    NewFile::create(path).map(drop)
+    // Who reads a pipe would take its first end for the end of all.
+    if is_stream(path) { Ok(()) } else { NewFile::create(path).map(drop) }
 }
 
 /// Writes a file of this content.
@@ -288,5 +344,66 @@ mod tests {
         fs::write(&other, b"new").unwrap();
         let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
         assert_eq!(mode(&plain), mode(&other));
+    }
+    /// What a killed run left was never removed, and of two runs the second replaced what the first had written.
+    #[test]
+    fn two_runs_do_not_write_one_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("result.csv");
+        fs::write(folder.path().join(".result.csv.part"), "left by a killed run").unwrap();
+        let mut first = NewFile::create(&path).unwrap();
+        first.write_all(b"first").unwrap();
+        let error = NewFile::create(&path).unwrap_err().to_string();
+        assert!(
+            error.ends_with(
+                "result.csv: another run of this program is writing it; wait for its end, or choose another name"
+            ),
+            "{error}"
+        );
+        first.finish().unwrap();
+        // Another program made it meanwhile.
+        let other = folder.path().join("other.csv");
+        let new = NewFile::create(&other).unwrap();
+        fs::write(&other, "of another program").unwrap();
+        let error = new.finish().unwrap_err().to_string();
+        assert!(error.contains("another program made it meanwhile"), "{error}");
+        assert_eq!(fs::read(&other).unwrap(), b"of another program");
+        assert_eq!(names(folder.path()), ["other.csv", "result.csv"]);
+    }
+
+    /// Trying a pipe out ended it for its reader; links to files that were not there yet were replaced; names of 252 bytes were
+    /// refused.
+    #[cfg(unix)]
+    #[test]
+    fn pipes_links_and_long_names_are_written() {
+        use std::io::Read as _;
+        use std::os::unix::fs::symlink;
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe");
+        rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap();
+        let reader = std::thread::spawn({
+            let pipe = pipe.clone();
+            move || {
+                let mut text = String::new();
+                File::open(pipe).unwrap().read_to_string(&mut text).unwrap();
+                text
+            }
+        });
+        output::check_outputs([pipe.as_path()], &[], output::Existing::Keep).unwrap();
+        write(&pipe, b"whole").unwrap();
+        assert_eq!(reader.join().unwrap(), "whole");
+        let (link, target) = (folder.path().join("link.csv"), folder.path().join("target.csv"));
+        symlink("target.csv", &link).unwrap();
+        write(&link, b"new").unwrap();
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(fs::read(&target).unwrap(), b"new");
+        for length in [249, 250, 255] {
+            let path = folder.path().join("n".repeat(length));
+            try_out(&path).unwrap();
+            write(&path, b"new").unwrap();
+            assert_eq!(fs::read(&path).unwrap(), b"new");
+        }
+        assert_eq!(names(folder.path()).len(), 6);
+        assert!(is_stream(Path::new("/dev/stdout")) && is_stream(Path::new("/dev/fd/2")) && !is_stream(&target));
     }
 }

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::{FileError, try_out};
+use super::{FileError, is_stream, place, try_out, visible};
 
 /// What becomes of files that are there already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,13 +19,13 @@ pub enum Existing {
 #[non_exhaustive]
 pub enum OutputError {
     /// There is one of its name.
-    #[error("{} is there already", .0.display())]
+    #[error("{} is there already", visible::path(.0))]
     Taken(PathBuf),
     /// Two results would have one name, so that the second would replace the first.
-    #[error("two results would be written to {}: give each a name of its own", .0.display())]
+    #[error("two results would be written to {}: give each a name of its own", visible::path(.0))]
     Twice(PathBuf),
     /// It is read too: when reading fails half-way, or less is written than was read, the rest would be lost.
-    #[error("{} is what is read: choose another name for the result", .0.display())]
+    #[error("{} is what is read: choose another name for the result", visible::path(.0))]
     IsInput(PathBuf),
     /// The system refuses.
     #[error("{0}")]
@@ -45,7 +45,10 @@ pub fn check_outputs<'a>(
     let inputs: Vec<PathBuf> = inputs.iter().filter_map(|input| fs::canonicalize(input).ok()).collect();
     let mut places = Vec::new();
     for path in paths {
-        if let Some(place) = place(path) {
+        if is_stream(path) {
+            continue;
+        }
+        if let Some(place) = real_place(path) {
             if places.contains(&place) {
                 return Err(OutputError::Twice(path.to_owned()));
             }
@@ -62,15 +65,10 @@ pub fn check_outputs<'a>(
     Ok(())
 }
 
-/// Where a file of this name is or will be, whatever its path is written as; none for pipes and devices, which hold nothing.
-fn place(path: &Path) -> Option<PathBuf> {
-    match fs::canonicalize(path) {
-        Ok(place) => place.is_file().then_some(place),
-        Err(_) => {
-            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-            Some(fs::canonicalize(folder).ok()?.join(path.file_name()?))
-        }
-    }
+/// Where a file of this name is or will be, whatever its path is written as.
+fn real_place(path: &Path) -> Option<PathBuf> {
+    let place = place::target(path).ok()?;
+    Some(fs::canonicalize(place::folder(&place)).ok()?.join(place.file_name()?))
 }
 
 #[cfg(test)]

@@ -45,6 +45,23 @@ pub(super) fn end<T>(path: &Path, finish: impl FnOnce() -> T) -> T {
     finish()
 }
 
+/// An entry of the list, which goes when it is dropped.
+#[derive(Debug)]
+pub(super) struct Listed(PathBuf);
+
+impl Listed {
+    /// Of what was begun at `path`.
+    pub(super) fn new(path: &Path) -> Self {
+        Self(path.to_owned())
+    }
+}
+
+impl Drop for Listed {
+    fn drop(&mut self) {
+        end(&self.0, || ());
+    }
+}
+
 /// As long as it is held, nothing is begun or finished.
 pub struct Stopped {
     _list: MutexGuard<'static, List>,

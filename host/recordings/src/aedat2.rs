@@ -228,7 +228,7 @@ fn summarise(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummar
         {
             let camera = word & CAMERA;
             let name = || format!("{camera} camera {camera} (events)");
-            let empty = || StreamSummary { name: name(), packets: 0, elements: 0, times_us: None };
+            let empty = || StreamSummary::new(name());
             let summary: &mut StreamSummary = cameras.entry(camera).or_insert_with(empty);
             let t = clock.time(time);
             summary.elements += 1;

@@ -157,7 +157,7 @@ fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
         let source = Some(head.source).filter(|source| header.sources.len() > 1 && header.names(*source));
         let kind = Some(head.kind).filter(|kind| is_known(*kind));
         let name = || header.name_of(head.kind, head.source);
-        let empty = || StreamSummary { name: name(), packets: 0, elements: 0, times_us: None };
+        let empty = || StreamSummary::new(name());
         let summary = kinds.entry((source, kind)).or_insert_with(empty);
         summary.packets += 1;
         summary.elements += head.count;

@@ -57,6 +57,8 @@ struct EventDecoder {
     stream: i32,
     /// Names of the streams by their numbers.
     names: BTreeMap<i32, String>,
+    /// Rows of the sensor, if they count from below.
+    from_below: Option<u16>,
     damage: Damage,
     information: RecordingInformation,
 }
@@ -75,19 +77,27 @@ impl EventDecoder {
             (Err(_), Some(_)) => None,
             (own, _) => own.map_err(error)?,
         };
+        let from_below = match stream.rows_from_below {
+            true => {
+                notes.push("jAER recorded it, which counts rows from below: they are turned".into());
+                Some(sensor.or(options.sensor).ok_or_else(|| error(RecordingErrorKind::ChipUnknown))?.height)
+            }
+            false => None,
+        };
         // Where two streams have one number, the first.
         let names = header.streams.iter().rev().map(|stream| (stream.id, describe(stream))).collect();
         let camera_name = stream.source.clone();
         let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, began: None, notes };
-        Ok(Self { stream: stream.id, names, damage: options.damage, information, packets })
+        Ok(Self { stream: stream.id, names, from_below, damage: options.damage, information, packets })
     }
 
     /// Appends the events of the packet `head`.
     fn decode_packet(&mut self, head: &PacketHead, batch: &mut Vec<Event>) -> Result<(), RecordingError> {
+        let from_below = self.from_below;
         let content = self.packets.content(head)?;
         match events(content, head.cut_off) {
             Ok(events) => {
-                batch.extend(events.iter().map(event));
+                batch.extend(events.iter().map(|bytes| turned(event(bytes), from_below)));
                 Ok(())
             }
             // Not even the beginning of the packet is there; the reader has noted it.
@@ -144,6 +154,15 @@ fn event(bytes: &[u8; 16]) -> Event {
         x: u16::from_le_bytes([x0, x1]),
         y: u16::from_le_bytes([y0, y1]),
         polarity: if on == 0 { Polarity::Off } else { Polarity::On },
+    }
+}
+
+/// The event with its row counted from above, where the sensor has these rows and they count `from_below`.
+fn turned(event: Event, from_below: Option<u16>) -> Event {
+    match from_below {
+        // An event outside the sensor stays there.
+        Some(rows) if event.y < rows => Event { y: rows - 1 - event.y, ..event },
+        _ => event,
     }
 }
 
@@ -333,6 +352,52 @@ mod tests {
         }
         let outcome = read(&path, RecordingOptions { stream: Some("frames".into()), ..RecordingOptions::default() });
         assert!(outcome.error.unwrap().contains("0 events (EVTS) of left, 2 more (EVTS) of right"));
+    }
+
+    /// jAER 3 writes its own coordinates, whose rows count from below, for events and frames, and frames of 16 bits. The camera
+    /// that came out had its centre at the mirrored row, and its frames were called damaged.
+    #[test]
+    fn rows_that_count_from_below_are_turned() {
+        let stream = |id, kind, size: &str| {
+            format!(
+                r#"<node name="{id}"><attr key="originalModuleName">jAER</attr><attr key="typeIdentifier">{kind}</attr>
+                <node name="info">{size}<attr key="source">Davis346blue</attr></node></node>"#
+            )
+        };
+        let size = r#"<attr key="sizeX">346</attr><attr key="sizeY">260</attr>"#;
+        let file = |size: &str| {
+            let streams = stream(0, "EVTS", size) + &stream(1, "FRME", size);
+            let description = format!(r#"<dv version="2.0"><node name="outInfo">{streams}</node></dv>"#);
+            let event = |y| Event { t: 5, x: 3, y, polarity: Polarity::On };
+            let events = event_packet(&[event(0), event(259), event(260)]).unwrap();
+            // 16 bits, 2 x 3 pixels from column 4, row 7 from below.
+            let frame = other_streams::tests::frame_bytes(2, [2, 3, 4, 7], &[1, 0, 2, 0, 3, 0, 4, 0, 5, 0, 6, 0]);
+            let frame = [&(frame.len() as u32).to_le_bytes()[..], &frame].concat();
+            let mut bytes = [MAGIC.as_slice(), &header(Compression::None, &description).unwrap()].concat();
+            for (stream, packet) in [(0_i32, events), (1, frame)] {
+                bytes.extend(stream.to_le_bytes());
+                bytes.extend((packet.len() as i32).to_le_bytes());
+                bytes.extend(packet);
+            }
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("recording.aedat4");
+            std::fs::write(&path, bytes).unwrap();
+            (directory, path)
+        };
+        let of_346_x_260 = RecordingOptions { sensor: Some(Sensor::new(346, 260)), ..RecordingOptions::default() };
+        for (size, options) in [(size, RecordingOptions::default()), ("", of_346_x_260)] {
+            let (_directory, path) = file(size);
+            let outcome = read(&path, options.clone());
+            assert_eq!(outcome.error, None);
+            assert_eq!(outcome.events.iter().map(|event| event.y).collect::<Vec<_>>(), [259, 0]);
+            assert_eq!(outcome.report.out_of_range, 1);
+            assert!(outcome.notes.iter().any(|note| note.contains("jAER")), "{:?}", outcome.notes);
+            let frame = other_streams::FrameReader::open(&path, &options).unwrap().next_frame().unwrap().unwrap();
+            assert_eq!((frame.position, frame.pixels), ((4, 250), vec![5, 6, 3, 4, 1, 2]));
+        }
+        let (_directory, path) = file("");
+        let error = read(&path, RecordingOptions::default()).error.unwrap();
+        assert!(error.contains("does not say how many pixels"), "{error}");
     }
 
     #[test]

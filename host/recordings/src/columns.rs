@@ -39,6 +39,8 @@ pub enum LayoutError {
 pub const SAMPLE: usize = 2000;
 /// Whole numbers above it are nanoseconds since 1970 (or, as microseconds, later than the year 5000).
 const LARGEST_MICROSECONDS: f64 = 1e17;
+/// Whole numbers from it on, up to the next, are microseconds since 1970 (from 2001 on).
+const SINCE_1970: f64 = 1e15;
 /// Share of times that may be less than the one before, where nothing else can be the time.
 const MOST_BACK: f64 = 0.1;
 /// From so many different times on, all multiples of 1000, they are taken for nanoseconds.
@@ -123,21 +125,36 @@ pub fn from_values(rows: &[Vec<Cell>], notes: &mut Vec<String>) -> Result<Column
     Ok(columns)
 }
 
+/// A unit of times.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GuessedUnit {
+    pub unit: TimeUnit,
+    /// `true` if nanoseconds may as well be microseconds.
+    pub is_doubtful: bool,
+}
+
+impl From<TimeUnit> for GuessedUnit {
+    fn from(unit: TimeUnit) -> Self {
+        Self { unit, is_doubtful: false }
+    }
+}
+
 /// The unit of the first times of a file.
-pub fn unit_from_values(times: &[f64], notes: &mut Vec<String>) -> TimeUnit {
+pub fn unit_from_values(times: &[f64], notes: &mut Vec<String>) -> GuessedUnit {
     let largest = times.iter().fold(0f64, |largest, time| largest.max(time.abs()));
     let different = times.windows(2).filter(|pair| pair[0] != pair[1]).count();
+    let are_thousands = different >= ENOUGH_TIMES && times.iter().all(|time| time % 1000.0 == 0.0);
     let (unit, reason) = if times.iter().any(|time| time.fract() != 0.0) {
         (TimeUnit::Seconds, "because they have decimals")
     } else if largest >= LARGEST_MICROSECONDS {
         (TimeUnit::Nanoseconds, "because of their size")
-    } else if different >= ENOUGH_TIMES && times.iter().all(|time| time % 1000.0 == 0.0) {
+    } else if are_thousands && largest < SINCE_1970 {
         (TimeUnit::Nanoseconds, "because all are multiples of 1000")
     } else {
         (TimeUnit::Microseconds, "because they are whole numbers")
     };
     notes.push(format!("times are taken for {unit}, {reason}"));
-    unit
+    GuessedUnit { unit, is_doubtful: unit == TimeUnit::Nanoseconds && largest < SINCE_1970 }
 }
 
 #[cfg(test)]

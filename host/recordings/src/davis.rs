@@ -131,8 +131,7 @@ impl Decode for Transfers {
 fn summarise(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummary>, RecordingError> {
     let mut messages = Messages::open(path, options.device)?;
     let names = ["events", FRAMES, INERTIAL, SIGNALS];
-    let mut summaries =
-        names.map(|name| StreamSummary { name: name.to_owned(), packets: 0, elements: 0, times_us: None });
+    let mut summaries = names.map(|name| StreamSummary::new(name.to_owned()));
     let mut more = true;
     while more {
         let mut met = [false; 4];

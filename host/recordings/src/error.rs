@@ -4,16 +4,18 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use evcal_files::visible;
 use usb_davis::capture::CaptureError;
 
 use super::columns::LayoutError;
+use super::counted::counted;
 use super::foreign::ForeignFormat;
 use super::options::{FormatOption, TimeUnit};
 use super::text::error::LineError;
 
 /// Why a recording could not be read.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: {kind}", path.display())]
+#[error("{}: {kind}", visible::path(path))]
 pub struct RecordingError {
     /// The file.
     pub path: PathBuf,
@@ -174,12 +176,23 @@ pub enum RecordingErrorKind {
     NoImages(String),
     /// Images of a kind that is not read.
     #[error(
-        "has images of {topic} in the encoding {encoding:?}; mono8, mono16, bgr8, rgb8, bayer_*8, bayer_*16, JPEG and PNG are read: convert them"
+        "has images of {topic} in the encoding {encoding:?}; mono, bgr, rgb, bgra, rgba and bayer_* of 8 and 16 bits, uyvy, yuyv, nv21, nv24, JPEG and PNG are read: convert them"
     )]
     ImageEncoding {
         /// The topic.
         topic: String,
         /// The encoding.
+        encoding: String,
+    },
+    /// Frames of the camera whose pixels are stored in a way that is not read.
+    #[error(
+        "{} in an encoding that is not read ({encoding}); convert them to mono8 or mono16",
+        counted(*.count, "frame is", "frames are")
+    )]
+    FrameEncoding {
+        /// How many.
+        count: u64,
+        /// Name of the encoding.
         encoding: String,
     },
     /// An image has another size than those before it.

@@ -1,5 +1,8 @@
 //! What a recording holds beside events: frames and inertial samples.
 
+use std::collections::BTreeMap;
+use std::path::Path;
+
 use super::counted::counted;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::options::Damage;
@@ -24,6 +27,15 @@ pub struct Frame {
     pub channels: usize,
     /// width · height · channels values, row by row.
     pub pixels: Vec<u8>,
+}
+
+/// A frame whose pixels are stored in a way that is not read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnreadFrame {
+    /// Time stamp in µs, as that of a [`Frame`].
+    pub t: i64,
+    /// Name of the encoding, such as `32FC1`.
+    pub encoding: String,
 }
 
 /// One reading of the inertial measurement unit, in camera axes.
@@ -164,6 +176,37 @@ impl Skipped {
         if count > 0 {
             lost.push(format!("{} of {BOTH}", counted(count, "damaged packet", "damaged packets")));
         }
+    }
+}
+
+/// Frames that were passed over because their encoding is not read.
+#[derive(Debug, Default)]
+pub struct UnreadFrames {
+    /// How many there are of each encoding.
+    counts: BTreeMap<String, u64>,
+}
+
+impl UnreadFrames {
+    /// Counts a frame.
+    pub fn add(&mut self, frame: UnreadFrame) {
+        *self.counts.entry(frame.encoding).or_default() += 1;
+    }
+
+    /// `true` if there is none.
+    pub fn is_empty(&self) -> bool {
+        self.counts.is_empty()
+    }
+
+    /// Adds to `lost`, once, how many there are of each encoding.
+    pub fn tell(&mut self, lost: &mut Vec<String>) {
+        let counts = std::mem::take(&mut self.counts).into_iter();
+        lost.extend(counts.map(|(encoding, count)| RecordingErrorKind::FrameEncoding { count, encoding }.to_string()));
+    }
+
+    /// The error about the most frequent encoding; `None` if there is no such frame.
+    pub fn error(self, path: &Path) -> Option<RecordingError> {
+        let (encoding, count) = self.counts.into_iter().max_by_key(|(_, count)| *count)?;
+        Some(RecordingError::new(path, RecordingErrorKind::FrameEncoding { count, encoding }))
     }
 }
 

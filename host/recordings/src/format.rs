@@ -117,9 +117,17 @@ pub struct StreamSummary {
     pub elements: u64,
     /// Times of the first and the last element in µs.
     pub times_us: Option<(i64, i64)>,
+    /// Encoding of its frames, if that is not read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unread: Option<String>,
 }
 
 impl StreamSummary {
+    /// A stream in which nothing was counted yet.
+    pub(super) fn new(name: String) -> Self {
+        Self { name, packets: 0, elements: 0, times_us: None, unread: None }
+    }
+
     /// Takes note of a packet whose first and last elements have these times in µs.
     pub(super) fn extend(&mut self, times: Option<(i64, i64)>) {
         self.times_us = match (self.times_us, times) {

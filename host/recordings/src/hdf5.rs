@@ -29,8 +29,9 @@ use hdf5_reader::Dataset;
 use hdf5_reader::error::Error;
 
 use super::bytes::share;
+use super::columns::{self, GuessedUnit};
 use super::counter::TimeCounter;
-use super::{columns, numbers};
+use super::numbers;
 use crate::error::Usable;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::foreign::ForeignFormat;
@@ -66,14 +67,26 @@ fn recognise(head: &Head) -> bool {
 fn open(path: &Path, options: &RecordingOptions) -> Opened {
     let (found, mut notes) = choose(path, options)?;
     let Found { table, sensor, offset, frames, samples, .. } = found;
-    let (table, unit) = arrange(path, table, options, &mut notes)?;
+    let (table, GuessedUnit { unit, is_doubtful: is_unit_doubtful }) = arrange(path, table, options, &mut notes)?;
     let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
     let beside = [(extras::FRAMES, frames), (extras::SAMPLES, samples)];
     let other = beside.into_iter().filter_map(|(name, found)| Some((name.to_owned(), length(&found?.data)))).collect();
     let information = RecordingInformation { format: FORMAT.name, sensor, camera_name: None, began: None, notes };
     let path = path.to_owned();
     let (damage, counter) = (options.damage, TimeCounter::new(unit));
-    Ok(Box::new(Decoder { path, information, table, unit, counter, offset, damage, other, next: 0, batch: BATCH }))
+    Ok(Box::new(Decoder {
+        path,
+        information,
+        table,
+        unit,
+        is_unit_doubtful,
+        counter,
+        offset,
+        damage,
+        other,
+        next: 0,
+        batch: BATCH,
+    }))
 }
 
 /// Number of pictures or samples.
@@ -143,7 +156,7 @@ fn arrange(
     mut table: Table,
     options: &RecordingOptions,
     notes: &mut Vec<String>,
-) -> Result<(Table, TimeUnit), RecordingError> {
+) -> Result<(Table, GuessedUnit), RecordingError> {
     let layout = |error| RecordingError::new(path, RecordingErrorKind::Layout(error));
     let sample = table.cells(columns::SAMPLE as u64).map_err(|error| structure(path, &error))?;
     let sample = numbers::written_cells(sample);
@@ -156,7 +169,8 @@ fn arrange(
     } else if options.columns.is_some() {
         return Err(layout(columns::LayoutError::Named));
     }
-    let unit = options.time_unit.or_else(|| table.unit_of_name()).unwrap_or_else(|| {
+    let stated = options.time_unit.or_else(|| table.unit_of_name());
+    let unit = stated.map(GuessedUnit::from).unwrap_or_else(|| {
         let place = table.place_of(Column::T);
         let times: Vec<f64> = sample.iter().filter_map(|row| row.get(place?)?.value).collect();
         columns::unit_from_values(&times, notes)
@@ -167,12 +181,16 @@ fn arrange(
 fn streams(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummary>, RecordingError> {
     let summary = |found: Found| {
         let (name, count) = (found.name.clone(), found.table.count());
-        let mut summaries =
-            vec![StreamSummary { name, packets: 1, elements: count, times_us: times(path, &found, options) }];
+        let mut summaries = vec![StreamSummary {
+            packets: 1,
+            elements: count,
+            times_us: times(path, &found, options),
+            ..StreamSummary::new(name)
+        }];
         for (name, beside) in [(extras::FRAMES, found.frames), (extras::SAMPLES, found.samples)] {
             if let Some(TimedDataset { data, .. }) = beside {
                 let name = format!("{name} beside {}", found.name);
-                summaries.push(StreamSummary { name, packets: 1, elements: length(&data), times_us: None });
+                summaries.push(StreamSummary { packets: 1, elements: length(&data), ..StreamSummary::new(name) });
             }
         }
         summaries
@@ -182,7 +200,7 @@ fn streams(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummary>
 
 /// Times of the first and the last event in µs. What cannot be read is for the reader of the events to tell.
 fn times(path: &Path, found: &Found, options: &RecordingOptions) -> Option<(i64, i64)> {
-    let (table, unit) = arrange(path, found.table.clone(), options, &mut Vec::new()).ok()?;
+    let (table, GuessedUnit { unit, .. }) = arrange(path, found.table.clone(), options, &mut Vec::new()).ok()?;
     let offset = found.offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
     let time = |row: u64| {
         let rows = table.rows(row, row + 1).ok()?;
@@ -236,6 +254,7 @@ struct Decoder {
     information: RecordingInformation,
     table: Table,
     unit: TimeUnit,
+    is_unit_doubtful: bool,
     counter: TimeCounter,
     /// Added to all times, in microseconds.
     offset: i64,
@@ -315,5 +334,9 @@ impl Decode for Decoder {
 
     fn done(&self) -> Option<f64> {
         Some(share(self.next, self.table.count()))
+    }
+
+    fn is_unit_doubtful(&self) -> bool {
+        self.is_unit_doubtful
     }
 }

@@ -25,7 +25,7 @@ use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
 use super::bytes::share;
-use super::columns;
+use super::columns::{self, GuessedUnit};
 use super::counter::TimeCounter;
 use super::numbers::{self, NumberType};
 use crate::error::Usable;
@@ -110,8 +110,9 @@ fn open(
     options: &RecordingOptions,
 ) -> Opened {
     let sample = sample(path, &table)?;
-    let (columns, unit) = layout(&table, &sample, options, &mut notes)
-        .map_err(|error| RecordingError::new(path, RecordingErrorKind::Layout(error)))?;
+    let (columns, GuessedUnit { unit, is_doubtful: is_unit_doubtful }) =
+        layout(&table, &sample, options, &mut notes)
+            .map_err(|error| RecordingError::new(path, RecordingErrorKind::Layout(error)))?;
     let sources = sources(path, &table, columns.as_slice())?;
     let fields = sources.iter().flat_map(|source| &source.fields);
     let unread = fields.into_iter().find(|(column, _, number)| *column != Column::Ignored && number.is_none());
@@ -123,7 +124,7 @@ fn open(
     let information = RecordingInformation { format, sensor, camera_name: None, began: None, notes };
     let path = path.to_owned();
     let (counter, count) = (TimeCounter::new(unit), table.count);
-    Ok(Box::new(Decoder { path, information, sources, unit, counter, events: 0, left: count, count }))
+    Ok(Box::new(Decoder { path, information, sources, unit, is_unit_doubtful, counter, events: 0, left: count, count }))
 }
 
 /// The columns, and the unit of the time.
@@ -132,7 +133,7 @@ fn layout(
     sample: &[Vec<columns::Cell>],
     options: &RecordingOptions,
     notes: &mut Vec<String>,
-) -> Result<(Columns, TimeUnit), columns::LayoutError> {
+) -> Result<(Columns, GuessedUnit), columns::LayoutError> {
     let named = table.names.as_ref().map(|names| {
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         (columns::from_names(&names), names.join(", "))
@@ -147,7 +148,7 @@ fn layout(
         (None, Some(((None, _), names))) => return Err(columns::LayoutError::Names(names)),
         (None, None) => columns::from_values(sample, notes)?,
     };
-    let unit = options.time_unit.or(unit_of_name).unwrap_or_else(|| {
+    let unit = options.time_unit.or(unit_of_name).map(GuessedUnit::from).unwrap_or_else(|| {
         let t = columns.as_slice().iter().position(|column| *column == Column::T);
         let times: Vec<f64> = sample.iter().filter_map(|row| row.get(t?)?.value).collect();
         columns::unit_from_values(&times, notes)
@@ -253,6 +254,7 @@ struct Decoder {
     information: RecordingInformation,
     sources: Vec<Source>,
     unit: TimeUnit,
+    is_unit_doubtful: bool,
     counter: TimeCounter,
     /// Events read, and those to come.
     events: u64,
@@ -324,5 +326,9 @@ impl Decode for Decoder {
 
     fn done(&self) -> Option<f64> {
         Some(share(self.count - self.left, self.count))
+    }
+
+    fn is_unit_doubtful(&self) -> bool {
+        self.is_unit_doubtful
     }
 }

@@ -1,6 +1,6 @@
 //! Grey pictures of a recording, with the times of their exposure.
 
-use crate::extras::Frame;
+use crate::extras::{Frame, UnreadFrame};
 
 /// A grey picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -68,6 +68,15 @@ pub enum NoImage {
     LostColumns,
     /// It is neither grey nor coloured.
     NotGrey,
+    /// Its pixels are stored in a way that is not read.
+    UnreadEncoding,
+}
+
+impl From<&UnreadFrame> for TimedImage {
+    fn from(frame: &UnreadFrame) -> Self {
+        let image = Err(NoImage::UnreadEncoding);
+        Self { exposure: (frame.t, frame.t), exposure_known: false, position: (0, 0), image }
+    }
 }
 
 impl From<Frame> for TimedImage {

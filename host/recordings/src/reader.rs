@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use evcal_core::event::Event;
+use evcal_files::visible;
 
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::options::RecordingOptions;
@@ -58,6 +59,11 @@ pub trait Decode: Send {
 
     /// Which part of the file was read, 0 to 1, for somebody who waits; `None` where that is not known.
     fn done(&self) -> Option<f64>;
+
+    /// `true` if times that were taken for nanoseconds may as well be microseconds.
+    fn is_unit_doubtful(&self) -> bool {
+        false
+    }
 }
 
 /// One pass through a recording.
@@ -95,6 +101,7 @@ impl EventReader {
         options: &RecordingOptions,
     ) -> Result<Self, RecordingError> {
         let mut information = decoder.information().clone();
+        information.camera_name = information.camera_name.map(|name| visible::name(&name).into_owned());
         if let Some(sensor) = options.sensor {
             if let Some(Sensor { width, height }) = information.sensor.filter(|&own| own != sensor) {
                 information.notes.push(format!(

@@ -8,13 +8,15 @@ use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use usb_davis::dump::Growth;
 
+use crate::chain::{ChainDecoder, ChainExtras, OpenDecoder};
 use crate::davis;
+use crate::doubtful_unit::{Corrected, impossible_rate};
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::extras::{NoExtras, ReadExtras};
 use crate::format::{FileFormat, StreamSummary};
 use crate::formats::format_of;
 use crate::memory::{self, MemoryDecoder};
-use crate::options::RecordingOptions;
+use crate::options::{RecordingOptions, TimeUnit};
 use crate::pictures::TimedImage;
 use crate::reader::{Decode, EventReader};
 
@@ -36,6 +38,8 @@ enum Source {
     Memory(Arc<Vec<Event>>),
     /// In a dump that is being written, or was.
     Growing(Growth),
+    /// In its file, of this format, and in others that continue it.
+    Chain(&'static FileFormat, Arc<Vec<Recording>>),
 }
 
 impl Recording {
@@ -66,6 +70,24 @@ impl Recording {
         Some(Self { path: path.into(), options, source: Source::Growing(growth), span: None })
     }
 
+    /// One recording of `files` that continue each other, in the order of time (see [`chains`](crate::continued::chains)); `None`
+    /// without any.
+    pub fn chain(files: Vec<Self>) -> Option<Self> {
+        let mut files = files.into_iter();
+        let first = files.next()?;
+        let source = Source::Chain(first.format(), Arc::new(files.collect()));
+        Some(Self { source, ..first })
+    }
+
+    /// The files that it is read from, in the order of time.
+    pub fn files(&self) -> Vec<&Path> {
+        let others = match &self.source {
+            Source::Chain(_, others) => others.as_slice(),
+            _ => &[],
+        };
+        std::iter::once(self.path()).chain(others.iter().map(Self::path)).collect()
+    }
+
     /// The part of the recording in this span of time, in microseconds as in the file.
     pub fn section(&self, span: Range<i64>) -> Self {
         Self { span: Some(span), ..self.clone() }
@@ -79,7 +101,7 @@ impl Recording {
     /// Its format.
     pub fn format(&self) -> &'static FileFormat {
         match &self.source {
-            Source::File(format) => format,
+            Source::File(format) | Source::Chain(format, _) => format,
             Source::Memory(_) => &memory::FORMAT,
             Source::Growing(_) => &davis::FORMAT,
         }
@@ -92,7 +114,19 @@ impl Recording {
 
     /// The same with other options.
     pub(crate) fn with_options(&self, options: RecordingOptions) -> Self {
-        Self { options, ..self.clone() }
+        let mut source = self.source.clone();
+        if let Source::Chain(_, others) = &mut source {
+            *others = Arc::new(others.iter().map(|other| other.with_options(options.clone())).collect());
+        }
+        Self { options, source, ..self.clone() }
+    }
+
+    /// Its first file alone.
+    fn first(&self) -> Self {
+        match &self.source {
+            Source::Chain(format, _) => Self { source: Source::File(format), ..self.clone() },
+            _ => self.clone(),
+        }
     }
 
     /// What a user said about it.
@@ -111,12 +145,38 @@ impl Recording {
     /// # Errors
     /// When the file cannot be opened or its header cannot be understood.
     pub fn open(&self) -> Result<EventReader, RecordingError> {
-        let decoder: Box<dyn Decode> = match &self.source {
-            Source::File(format) => (format.events)(&self.path, &self.options)?,
+        Ok(EventReader::new(&self.path, self.decoder()?, &self.options)?.within(self.span.clone()))
+    }
+
+    fn decoder(&self) -> Result<Box<dyn Decode>, RecordingError> {
+        Ok(match &self.source {
+            Source::File(format) => self.file_decoder(format)?,
             Source::Growing(growth) => davis::follow(&self.path, growth)?,
             Source::Memory(events) => Box::new(MemoryDecoder::new(Arc::clone(events), self.options.sensor)),
-        };
-        Ok(EventReader::new(&self.path, decoder, &self.options)?.within(self.span.clone()))
+            Source::Chain(_, others) => {
+                let open = |other: &Self| -> OpenDecoder {
+                    let other = other.clone();
+                    Box::new(move || other.decoder())
+                };
+                Box::new(ChainDecoder::new(self.first().decoder()?, others.iter().map(open)))
+            }
+        })
+    }
+
+    /// The decoder of its file, in the unit of time that the rate of its events makes likely.
+    fn file_decoder(&self, format: &FileFormat) -> Result<Box<dyn Decode>, RecordingError> {
+        let open = |options: &RecordingOptions| (format.events)(&self.path, options);
+        let mut decoder = open(&self.options)?;
+        if !decoder.is_unit_doubtful() {
+            return Ok(decoder);
+        }
+        match impossible_rate(&mut *decoder) {
+            None => open(&self.options),
+            Some(rate) => {
+                let stated = RecordingOptions { time_unit: Some(TimeUnit::Microseconds), ..self.options.clone() };
+                Ok(Box::new(Corrected::new(open(&stated)?, rate)))
+            }
+        }
     }
 
     /// Counts what the streams of the recording hold; empty where there is but one stream of events.
@@ -124,7 +184,13 @@ impl Recording {
     /// # Errors
     /// When the file cannot be read.
     pub fn streams(&self) -> Result<Vec<StreamSummary>, RecordingError> {
-        (self.format().streams)(&self.path, &self.options)
+        let mut streams = (self.format().streams)(&self.path, &self.options)?;
+        if let Source::Chain(_, others) = &self.source {
+            for other in others.iter() {
+                streams.extend(other.streams()?);
+            }
+        }
+        Ok(streams)
     }
 
     /// Its frames and inertial samples, in order of time.
@@ -132,6 +198,11 @@ impl Recording {
     /// # Errors
     /// When the file cannot be read.
     pub fn open_extras(&self) -> Result<Box<dyn ReadExtras>, RecordingError> {
+        if let Source::Chain(_, others) = &self.source {
+            let first = self.first();
+            let files = std::iter::once(&first).chain(others.iter()).map(Self::open_extras);
+            return Ok(Box::new(ChainExtras { files: files.collect::<Result<_, _>>()? }));
+        }
         match self.format().extras {
             Some(open) => open(&self.path, &self.options),
             None => Ok(Box::new(NoExtras)),
@@ -145,8 +216,16 @@ impl Recording {
     /// When the file cannot be opened.
     pub fn visit_frames(&self, mut visit: impl FnMut(TimedImage)) -> Result<Option<String>, RecordingError> {
         let Some(frames) = self.format().frames else { return Ok(None) };
-        let end = frames(&self.path, &self.options, &mut visit)?;
-        Ok(end.err().map(|error| format!("frames were read up to their damage only: {error}")))
+        let mut end = frames(&self.path, &self.options, &mut visit)?;
+        if let Source::Chain(_, others) = &self.source {
+            for other in others.iter() {
+                end = end.and(frames(&other.path, &other.options, &mut visit)?);
+            }
+        }
+        Ok(end.err().map(|error| match error.kind {
+            RecordingErrorKind::FrameEncoding { .. } => error.to_string(),
+            _ => format!("frames were read up to their damage only: {error}"),
+        }))
     }
 
     /// Its picture whose exposure began at `start` (µs on its clock, to 1 µs); `None` where there is none that can be read.

@@ -4,8 +4,8 @@
 //! comments. What the columns are is taken from, in this order: [`RecordingOptions::columns`], a line of
 //! names at the top (also inside the last comment), the values of the first lines. The unit of time
 //! comes from [`RecordingOptions::time_unit`], the name of the column (`t_us`, `time [s]`…), or the
-//! values: with decimals, seconds; whole numbers, microseconds unless all are multiples of 1000 or
-//! beyond 10¹⁷, then nanoseconds. Whatever was guessed is in [`RecordingInformation::notes`].
+//! values: with decimals, seconds; whole numbers, microseconds unless they are beyond 10¹⁷ or all
+//! multiples of 1000 below 10¹⁵, then nanoseconds, unless no camera sends as many events. Whatever was guessed is in [`RecordingInformation::notes`].
 //!
 //! Polarity is 1 (ON) and 0 or −1 (OFF), or `true` and `false`. Before the first event a line with
 //! two whole numbers may give the width and height of the sensor.
@@ -193,6 +193,10 @@ impl Decode for Decoder {
 
     fn done(&self) -> Option<f64> {
         Some(share(self.byte, self.length))
+    }
+
+    fn is_unit_doubtful(&self) -> bool {
+        self.layout.is_unit_doubtful
     }
 }
 

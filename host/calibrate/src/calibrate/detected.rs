@@ -19,6 +19,7 @@ use crate::diagnosis::disorder::Disorder;
 use crate::diagnosis::fingerprint::Fingerprint;
 use crate::diagnosis::flicker::RateBins;
 use crate::diagnosis::saturation::SaturationDetector;
+use crate::diagnosis::time_steps::TimeSteps;
 use crate::solve::event_sample::{EventSample, Thinning};
 use crate::solve::left_out::{LeftOut, Reason};
 use evcal_core::event::Event;
@@ -111,6 +112,7 @@ fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateErr
         Some(damage) => Err(CalibrateError::Source(damage)),
         None => {
             check_units(task, &all.recordings)?;
+            check_times(task, &all.health)?;
             let other = other_board(task, all.sensor, progress)?;
             let max_interval = task.settings.detection.window.max_interval;
             Err(CalibrateError::NoPattern(all.detection.no_pattern(max_interval, other)))
@@ -169,10 +171,12 @@ impl Detected {
         let mut thinning = Thinning::new(sensor);
         self.events.sample.begin(index);
         let (mut bins, mut pixels) = (RateBins::default(), PixelCounter::new(sensor));
+        let mut steps = TimeSteps::default();
         let pass = progress.read(task.inputs, index, &mut |events| {
             fingerprint.push(events);
             saturation.push(events);
             events.iter().for_each(|event| bins.add(event.t, event.polarity));
+            steps.push(events);
             pixels.push(events);
             stage.push(events);
             self.events.sample.push(events, &mut thinning);
@@ -196,6 +200,7 @@ impl Detected {
             always_full: bins.is_even(),
             pixels: pixels.finish(),
             disorder: Disorder::met(&pass.report),
+            coarse_times: steps.coarse(pass.first),
             edges: edge_width(&looked_at(&windows)),
         });
         self.windows.extend(windows);
@@ -291,6 +296,13 @@ fn check_units(task: &Task, reports: &[RecordingReport]) -> Result<(), Calibrate
         }
     }
     Ok(())
+}
+
+/// Returns an error if the times of a recording are too coarse.
+fn check_times(task: &Task, health: &[Health]) -> Result<(), CalibrateError> {
+    let events = task.inputs.iter().filter(|input| matches!(input, Input::Events(_)));
+    let coarse = events.zip(health).find_map(|(input, health)| Some((input.name(), health.coarse_times?)));
+    coarse.map_or(Ok(()), |(file, times)| Err(CalibrateError::CoarseTimes { file, times }))
 }
 
 /// What the board in the recordings looks like, if not like the stated one.

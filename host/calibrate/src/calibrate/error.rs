@@ -4,6 +4,7 @@ use super::board_choice::LargerBoard;
 use crate::check::units::OtherUnit;
 use crate::detection::radius::OtherRadius;
 use crate::detection::{LARGEST_SENSOR, NoPattern};
+use crate::diagnosis::time_steps::CoarseTimes;
 use crate::initial::InitialError;
 use crate::picture_calibration::calibration::NoPictureCalibration;
 use crate::picture_calibration::joint::NoJointPoints;
@@ -47,6 +48,14 @@ pub enum CalibrateError {
         file: String,
         /// The unit that is more likely.
         unit: OtherUnit,
+    },
+    /// Times are too coarse to find the board.
+    #[error("{file}: no board found, and {times}: {}", CoarseTimes::ADVICE)]
+    CoarseTimes {
+        /// The file.
+        file: String,
+        /// How coarse they are.
+        times: CoarseTimes,
     },
     /// The circles are not as large as stated.
     #[error("{0}")]

@@ -4,6 +4,8 @@ use crate::detection::focus::EdgeWidth;
 use crate::diagnosis::bad_pixels::{BadPixels, Repetition};
 use crate::diagnosis::disorder::Disorder;
 use crate::diagnosis::flicker::Flicker;
+use crate::diagnosis::rounded::Rounded;
+use crate::diagnosis::time_steps::CoarseTimes;
 use crate::trust::verdict::{Cause, Finding, Severity};
 
 /// How a recording was made.
@@ -14,6 +16,7 @@ pub(super) struct Health {
     pub(super) always_full: bool,
     pub(super) pixels: BadPixels,
     pub(super) disorder: Option<Disorder>,
+    pub(super) coarse_times: Option<CoarseTimes>,
     /// Width of the sharpest circles' edges.
     pub(super) edges: Option<EdgeWidth>,
 }
@@ -41,6 +44,8 @@ pub(super) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
     findings.extend(most_repeated.map(repeating));
     let disorders = recordings.iter().filter_map(|health| health.disorder);
     findings.extend(disorders.max_by(|a, b| a.share.total_cmp(&b.share)).map(out_of_order));
+    findings.extend(recordings.iter().find_map(|health| health.coarse_times).map(too_coarse));
+    findings.extend(recordings.iter().find_map(|health| health.pixels.rounded).map(already_undistorted));
     findings.extend(hottest.and_then(hot));
     findings.extend(deadest.and_then(dead));
     findings.extend(widest.and_then(out_of_focus));
@@ -81,6 +86,25 @@ fn out_of_order(disorder: Disorder) -> Finding {
         severity: Severity::Warning,
         reason: disorder.to_string(),
         advice: Disorder::ADVICE.into(),
+    }
+}
+
+fn already_undistorted(rounded: Rounded) -> Finding {
+    Finding {
+        // What is left of the lens is none of it.
+        cause: Cause::Undistorted,
+        severity: Severity::Failure,
+        reason: rounded.to_string(),
+        advice: Rounded::ADVICE.into(),
+    }
+}
+
+fn too_coarse(times: CoarseTimes) -> Finding {
+    Finding {
+        cause: Cause::CoarseTimes,
+        severity: Severity::Warning,
+        reason: times.to_string(),
+        advice: CoarseTimes::ADVICE.into(),
     }
 }
 
@@ -161,6 +185,12 @@ mod tests {
         let disorder = Disorder { share: 0.9, largest: 30_000 };
         let disordered = Health { disorder: Some(disorder), ..Health::default() };
         assert_eq!(causes(&[Health::default(), disordered]), [(Cause::OutOfOrder, Severity::Warning)]);
+        let pixels = BadPixels { rounded: Some(Rounded { empty: 0.1 }), ..BadPixels::default() };
+        let rounded = Health { pixels, ..Health::default() };
+        assert_eq!(causes(&[rounded, Health::default()]), [(Cause::Undistorted, Severity::Failure)]);
+        let coarse_times = Some(CoarseTimes::Steps { step_ms: 1.0, events: 650.0 });
+        let coarse = Health { coarse_times, ..Health::default() };
+        assert_eq!(causes(&[Health::default(), coarse]), [(Cause::CoarseTimes, Severity::Warning)]);
         assert!(findings_on(&[twice(0.1), twice(0.5)]).iter().all(|finding| finding.reason.starts_with("50 %")));
     }
 }

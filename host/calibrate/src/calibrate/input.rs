@@ -11,7 +11,9 @@ use crate::circles::serial::{SerialAddress, SerialError};
 use crate::circles::stream::{self, CircleStream};
 use crate::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError};
 use crate::detection::{DetectionReport, order_frames};
+use evcal_files::visible;
 use evcal_geometry::board::Board;
+use event_recordings::continued::chains;
 use event_recordings::image_folder::Stamps;
 use event_recordings::images::{Images, ImagesError};
 use event_recordings::pass::{Batch, Pass, read_while};
@@ -51,16 +53,19 @@ impl Input {
     /// The file or port.
     pub fn name(&self) -> String {
         match self {
-            Self::Events(recording) => recording.path().display().to_string(),
+            Self::Events(recording) => match recording.files().len() {
+                1 => visible::path(recording.path()),
+                count => format!("{} and {} files that continue it", visible::path(recording.path()), count - 1),
+            },
             Self::Images(images) => images.name(),
-            Self::Circles { path, .. } => path.display().to_string(),
+            Self::Circles { path, .. } => visible::path(path),
         }
     }
 
     /// The file or port without the folders that it is in, for who waits.
     pub fn short_name(&self) -> String {
         let name = self.path().file_name().unwrap_or(self.path().as_os_str());
-        name.to_string_lossy().into_owned()
+        visible::path(name)
     }
 
     fn path(&self) -> &Path {
@@ -69,6 +74,30 @@ impl Input {
             Self::Images(images) => images.path(),
             Self::Circles { path, .. } => path,
         }
+    }
+
+    /// The same inputs, with files of events that continue each other as one recording in the place of the first of them.
+    pub fn join(inputs: Vec<Self>) -> Vec<Self> {
+        let events = |(place, input): (usize, &Self)| match input {
+            Self::Events(recording) => Some((place, recording.clone())),
+            _ => None,
+        };
+        let (places, recordings): (Vec<usize>, Vec<Recording>) = inputs.iter().enumerate().filter_map(events).unzip();
+        let chains = if recordings.len() > 1 { chains(&recordings.iter().collect::<Vec<_>>()) } else { Vec::new() };
+        let mut joined: Vec<Option<Self>> = inputs.into_iter().map(Some).collect();
+        for chain in chains {
+            let files = chain.iter().filter_map(|place| recordings.get(*place).cloned()).collect();
+            let given: Vec<usize> = chain.iter().filter_map(|place| places.get(*place).copied()).collect();
+            for place in &given {
+                if let Some(input) = joined.get_mut(*place) {
+                    *input = None;
+                }
+            }
+            if let Some(input) = given.iter().min().and_then(|first| joined.get_mut(*first)) {
+                *input = Recording::chain(files).map(Self::Events);
+            }
+        }
+        joined.into_iter().flatten().collect()
     }
 
     /// Whether both are read from one file.

@@ -8,6 +8,8 @@ use crate::detection::{FEWEST_EVENTS, too_short};
 use crate::diagnosis::bad_pixels::Repetition;
 use crate::diagnosis::disorder::Disorder;
 use crate::diagnosis::information::Information;
+use crate::diagnosis::rounded::Rounded;
+use crate::diagnosis::time_steps::CoarseTimes;
 use event_recordings::Recording;
 
 /// Share of events that may lie outside the sensor, or come from hot pixels.
@@ -37,6 +39,9 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
     if let Some(other) = &checked.other_unit {
         return Advice::NameTimeUnit(other.unit);
     }
+    if let Some(coarse) = information.coarse_times {
+        return Advice::Plain(format!("{coarse}: {}", CoarseTimes::ADVICE));
+    }
     if let Some(sensor) = checked.counted_from_one {
         return Advice::CountFromZero { sensor, name_sensor: information.sensor.is_none() };
     }
@@ -51,6 +56,9 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
     }
     if let Some(disorder) = Disorder::met(&information.report) {
         return Advice::Plain(format!("{disorder}: {}", Disorder::ADVICE));
+    }
+    if let Some(rounded) = checked.rounded {
+        return Advice::Plain(format!("{rounded}: {}", Rounded::ADVICE));
     }
     if let Some(repeated) = checked.repeated {
         return Advice::Plain(format!("{repeated}: {}", Repetition::ADVICE));

@@ -71,8 +71,9 @@ fn unit_for(usual: Range<f64>, recording: &Recording, rate: f64) -> Option<Other
     if rate <= 0.0 || !rate.is_finite() || recording.options().time_unit.is_some() {
         return None;
     }
-    if usual.contains(&rate) || first_rate(recording).is_some_and(|rate| usual.contains(&rate)) {
-        // With a long time without events the rate of all is small in any unit, and only that at the beginning tells.
+    // With a long time without events the rate of all is small in any unit, and only that at the beginning tells.
+    let is_pause = || rate < usual.start && first_rate(recording).is_some_and(|rate| usual.contains(&rate));
+    if usual.contains(&rate) || is_pause() {
         return None;
     }
     let rate_in = |unit: TimeUnit| {
@@ -140,6 +141,19 @@ mod tests {
         assert_eq!(told(1, 31_557_600_000_000), None);
         // Multiples of 1000 would be taken for nanoseconds at once.
         assert_eq!(told(1001, 0), Some(Some(TimeUnit::Nanoseconds)));
+    }
+
+    /// 650 million events a second, after a slow beginning; nothing was told.
+    #[test]
+    fn too_many_events_are_suspected_whatever_the_beginning() {
+        let event = |index: i64| {
+            let t = if index < 20_000 { index / 10 } else { 2000 + (index - 20_000) / 650 };
+            let polarity = if index % 2 == 0 { Polarity::On } else { Polarity::Off };
+            Event { t, x: 1, y: 2, polarity }
+        };
+        let recording =
+            Recording::from_events("events", (0..2_000_000).map(event).collect(), RecordingOptions::default());
+        assert_eq!(unusual_unit(&recording, 4e8).map(|other| other.unit), Some(None));
     }
 
     /// The advice was nanoseconds, of which 26 million a second come nearer to the middle.

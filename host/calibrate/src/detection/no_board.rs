@@ -56,6 +56,9 @@ pub enum NoBoard {
     /// The dots of the lattice have corners, or holes.
     #[serde(rename = "dots that are not round")]
     NotRound,
+    /// The pixels of a picture are stored in a way that is not read.
+    #[serde(rename = "encoding that is not read")]
+    UnreadEncoding,
     /// Columns of a picture were lost on the way.
     #[serde(rename = "lost columns")]
     LostColumns,
@@ -144,6 +147,7 @@ impl From<NoImage> for NoBoard {
             NoImage::RollingShutter => Self::RollingShutter,
             NoImage::LostColumns => Self::LostColumns,
             NoImage::NotGrey => Self::NotGrey,
+            NoImage::UnreadEncoding => Self::UnreadEncoding,
         }
     }
 }
@@ -164,6 +168,7 @@ mod tests {
             NoLattice,
             Scattered,
             NotRound,
+            UnreadEncoding,
             LostColumns,
             Unknown,
             NoDots,

@@ -7,6 +7,8 @@ use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 use serde::Serialize;
 
+use super::rounded::Rounded;
+
 /// A pixel with more than this many times the events of the median active pixel is hot.
 pub(super) const HOT_FACTOR: u64 = 10;
 /// A pixel with no more events than this is not hot.
@@ -52,6 +54,8 @@ pub struct BadPixels {
     pub repeated: Option<Repetition>,
     /// Columns that send nothing.
     pub dead_columns: Vec<u16>,
+    /// Pixels that undistorted events left empty.
+    pub rounded: Option<Rounded>,
 }
 
 impl PixelCounter {
@@ -78,6 +82,7 @@ impl PixelCounter {
         let limit = most_of_good(counts().filter(|count| *count > 0));
         let hot = || counts().filter(|count| *count > limit);
         let (of_hot, all): (u64, u64) = (hot().sum(), counts().sum());
+        let events: Vec<u32> = self.pixels.iter().map(|pixel| pixel.count).collect();
         let mut columns = vec![0_u64; self.width];
         for row in self.pixels.chunks(self.width.max(1)) {
             columns.iter_mut().zip(row).for_each(|(column, pixel)| *column += u64::from(pixel.count));
@@ -88,6 +93,7 @@ impl PixelCounter {
             repeated: Some(Repetition { share: self.repeated as f64 / all.max(1) as f64 })
                 .filter(|repeated| repeated.share > MANY_REPEATED),
             dead_columns: dead_lines(&columns),
+            rounded: Rounded::found(&events, self.width),
         }
     }
 }

@@ -5,10 +5,12 @@ mod text;
 
 use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
+use evcal_files::visible;
 use serde::{Serialize, Serializer};
 
 use self::statistics::Statistics;
 use crate::diagnosis::flicker::Flicker;
+use crate::diagnosis::time_steps::CoarseTimes;
 use event_recordings::date::date;
 use event_recordings::likely_sensor::likely_sensor;
 use event_recordings::{ReadReport, Recording, RecordingError, StreamSummary};
@@ -46,6 +48,8 @@ pub struct Information {
     pub saturation: Option<SaturatedReadout>,
     /// Whether the light flickers.
     pub flicker: Option<Flicker>,
+    /// How coarse the times are, if they are not as fine as a camera's.
+    pub coarse_times: Option<CoarseTimes>,
     /// Number of times without events for more than 0.1 s.
     pub gap_count: u64,
     /// The longest of them, in the order of time.
@@ -150,7 +154,7 @@ pub fn gather_events(recording: &Recording) -> Result<Information, RecordingErro
         _ => None,
     };
     Ok(Information {
-        path: recording.path().display().to_string(),
+        path: visible::path(recording.path()),
         format: known.format,
         camera_name: known.camera_name.clone(),
         began: known.began.clone().or_else(|| date(statistics.first?)),
@@ -164,6 +168,7 @@ pub fn gather_events(recording: &Recording) -> Result<Information, RecordingErro
         peak: statistics.peak(),
         saturation: statistics.saturation(),
         flicker: statistics.bins.flicker(),
+        coarse_times: statistics.steps.coarse(statistics.first.unwrap_or(0)),
         gap_count: statistics.gap_count,
         longest_gaps: statistics.gaps(),
         active_pixels: statistics.pixels.len() as u64,

@@ -117,7 +117,7 @@ pub enum PictureFailure {
         /// Pictures without a board, by reason.
         refused: BTreeMap<NoBoard, u64>,
         /// What helps.
-        advice: &'static str,
+        advice: String,
     },
     /// There is no first camera.
     #[error("{0}")]
@@ -135,7 +135,7 @@ impl PictureFailure {
     pub fn with_larger_board(self) -> Self {
         match self {
             Self::TooFewPictures { found, read, required, refused, .. } if !refused.is_empty() => {
-                let advice = "the stated board is only a part of the one in view";
+                let advice = "the stated board is only a part of the one in view".to_owned();
                 Self::TooFewPictures { found, read, required, refused, advice }
             }
             other => other,
@@ -222,9 +222,11 @@ fn start(
     let required = settings.min_frames;
     if frames.len() < required {
         let (found, read, refused) = (frames.len(), detection.frames, detection.refused.clone());
-        let advice = match refused.is_empty() {
-            true => "record longer",
-            false => "more light, slower motion, the whole board in view",
+        let advice = match refused.keys().next() {
+            None => "record longer".to_owned(),
+            // What is not read of the frames names the encoding.
+            Some(NoBoard::UnreadEncoding) if refused.len() == 1 => detection.notes.join("; "),
+            Some(_) => "more light, slower motion, the whole board in view".to_owned(),
         };
         return Err(PictureFailure::TooFewPictures { found, read, required, refused, advice });
     }
@@ -241,7 +243,8 @@ mod tests {
     #[test]
     fn what_helps_depends_on_what_was_refused() {
         let told = |refused: BTreeMap<NoBoard, u64>| {
-            let detection = PictureSearchReport { frames: 7, refused, ..PictureSearchReport::default() };
+            let notes = vec!["7 frames: 32FC1".to_owned()];
+            let detection = PictureSearchReport { frames: 7, refused, notes, ..PictureSearchReport::default() };
             let board = Board::Circles(CircleBoard {
                 pattern: Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 },
                 spacing: 0.055,
@@ -254,5 +257,7 @@ mod tests {
         let all_good = told(BTreeMap::new());
         assert!(all_good.to_string().ends_with("needed: record longer"), "{all_good}");
         assert_eq!(all_good.clone().with_larger_board(), all_good);
+        let unread = told(BTreeMap::from([(NoBoard::UnreadEncoding, 7)]));
+        assert!(unread.to_string().ends_with("needed (7 encoding that is not read): 7 frames: 32FC1"), "{unread}");
     }
 }

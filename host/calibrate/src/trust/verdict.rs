@@ -108,6 +108,10 @@ pub enum Cause {
     FramesDisagree,
     /// Events are not in the order of their times.
     OutOfOrder,
+    /// Times come in steps of more than a fifth of a millisecond.
+    CoarseTimes,
+    /// Events were undistorted before.
+    Undistorted,
     /// Rows or columns of the board were never found.
     PartOfBoard,
     /// The board has more rows or columns than stated.

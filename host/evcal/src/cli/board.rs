@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use evcal_core::pattern::{Layout, Pattern};
+use evcal_files::visible;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::sheet::paper::Paper;
 use evcal_geometry::board::sheet::pdf::pdf;
@@ -71,7 +72,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         }));
     }
     for path in written {
-        print::line(format!("written to {}", path.display()))?;
+        print::line(format!("written to {}", visible::path(path)))?;
     }
     print::line(format!("{width} x {height} mm: print at 100 %, check that both rulers measure {} mm", sheet.ruler))?;
     print::line(format!("calibrate with --board {board}"))

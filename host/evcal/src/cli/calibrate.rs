@@ -25,6 +25,7 @@ use evcal_calibrate::trajectory::RotationSpline;
 use evcal_core::circle::Extraction;
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::{FolderError, OutputFolder};
+use evcal_files::visible;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::request::BoardRequest;
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
@@ -35,7 +36,7 @@ use event_recordings::{Recording, RecordingOptions};
 use self::held::{HeldCamera, HeldCameras};
 use self::work::{Failed, Other, Work};
 use super::output_arguments::OutputArguments;
-use super::progress::Waiting;
+use super::progress::{Waiting, short_name};
 use super::source_arguments::SourceArguments;
 use super::{NotGoodEnough, UsageError, print, value};
 
@@ -373,6 +374,18 @@ pub fn calibrate_recordings(
         .iter()
         .map(|path| open_input(path, options, &board, folder.path(), |message| waiting.part(LISTENING, message, None)))
         .collect::<Result<Vec<Input>, _>>()?;
+    let inputs = Input::join(inputs);
+    for input in &inputs {
+        if let Input::Events(recording) = input
+            && let [first, .., last] = recording.files()[..]
+        {
+            let (count, first, last) = (recording.files().len(), short_name(first), short_name(last));
+            print::aside(format!("{count} files continue each other, from {first} to {last}: they are one recording"));
+        }
+    }
+    if !arguments.json {
+        tell_guesses(&inputs);
+    }
     let parameters = arguments.parameters()?;
     let rolling_shutter = others.rolling_shutter;
     let open = |(index, (path, stream)): (usize, (&PathBuf, _))| {
@@ -402,6 +415,19 @@ pub fn calibrate_recordings(
     work.finish(attempt, waiting, folder)
 }
 
+/// Prints what the readers took for granted.
+fn tell_guesses(inputs: &[Input]) {
+    for input in inputs {
+        // What cannot be opened, the calibration reports.
+        if let Input::Events(recording) = input
+            && let Ok(reader) = recording.open()
+        {
+            let notes = &reader.information().notes;
+            notes.iter().for_each(|note| print::aside(format!("{}: {note}", input.short_name())));
+        }
+    }
+}
+
 /// What is wrong with the recordings of other cameras before they are opened.
 fn check_others(
     recordings: &[PathBuf],
@@ -416,12 +442,12 @@ fn check_others(
     let mut known: Vec<(PathBuf, Option<&str>)> = recordings.iter().map(|path| (place(path), own)).collect();
     for (other, stream) in others.with_streams() {
         if stream.is_some() && other.is_dir() {
-            let folder = other.display();
+            let folder = visible::path(other);
             return Err(UsageError(format!("{folder} is a folder of images, without streams: leave out --with-stream, or name other files of --with first")).into());
         }
         let this = (place(other), stream.or(own));
         if known.contains(&this) {
-            return Err(SecondCameraError::SameRecording { file: other.display().to_string() }.into());
+            return Err(SecondCameraError::SameRecording { file: visible::path(other) }.into());
         }
         known.push(this);
     }

@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 
 use evcal_calibrate::circles::file::open_events;
+use evcal_files::is_stream;
+use evcal_files::visible;
 use event_recordings::convert::{ConvertError, TimeOrigin, convert, output_of};
 use event_recordings::encode::OutputFormat;
 
@@ -37,7 +39,7 @@ pub struct Arguments {
 
 /// Reading stopped before the end of the recording.
 #[derive(Debug, thiserror::Error)]
-#[error("{error}\nwhat came before is in {}", output.display())]
+#[error("{error}\nwhat came before is in {}", visible::path(output))]
 pub(super) struct BrokenOff {
     #[source]
     pub error: ConvertError,
@@ -59,11 +61,11 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     });
     waiting.finish();
     let report = report?;
-    match (arguments.json, output.is_file()) {
+    match (arguments.json, is_stream(output)) {
         (true, _) => print::json(&report)?,
-        (false, true) => print::line(format!("{}: {report}", output.display()))?,
+        (false, false) => print::line(format!("{}: {report}", visible::path(output)))?,
         // The recording may have gone to standard output.
-        (false, false) => print::aside(format!("{}: {report}", output.display())),
+        (false, true) => print::aside(format!("{}: {report}", visible::path(output))),
     }
     match report.error {
         Some(error) => Err(BrokenOff { error, output: output.clone() }.into()),

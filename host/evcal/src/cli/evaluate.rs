@@ -9,6 +9,7 @@ use evcal_calibrate::evaluate::comparison::{
 use evcal_calibrate::evaluate::intrinsics::IntrinsicsComparison;
 use evcal_calibrate::evaluate::printed_board::{BoardComparison, BoardPair};
 use evcal_calibrate::evaluate::trajectory_error::AbsoluteTrajectoryError;
+use evcal_files::visible;
 use evcal_geometry::lens::projection_difference::ProjectionDifference;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
@@ -87,7 +88,7 @@ pub fn run(arguments: Arguments) -> super::Outcome {
             },
         }));
     }
-    print::line(format!("first {}\nsecond {}\n{intrinsics}\n", truth.display(), calibration.display()))?;
+    print::line(format!("first {}\nsecond {}\n{intrinsics}\n", visible::path(truth), visible::path(calibration)))?;
     print::line(projection)?;
     if let Some(board) = board {
         print::line(format!("\n{board}"))?;
@@ -96,12 +97,12 @@ pub fn run(arguments: Arguments) -> super::Outcome {
         ComparedTrajectories::Compared(figures) => print_trajectory(figures, verbose),
         ComparedTrajectories::OtherTimes { estimate, truth } => print::line(format!(
             "\nthe trajectories {} and {} have no times in common: they are of different recordings, and were not compared",
-            estimate.display(),
-            truth.display()
+            visible::path(estimate),
+            visible::path(truth)
         )),
         ComparedTrajectories::WithoutPoses(file) => print::line(format!(
             "\nthe trajectories were not compared: {} has no pose, for none was sure enough; trajectory.csv beside it has them all",
-            file.display()
+            visible::path(file)
         )),
         _ => print::line(format!("\nno trajectories to compare: {TRAJECTORY_FILE} is not beside both files")),
     }
@@ -113,8 +114,8 @@ fn print_trajectory(figures: &TrajectoryComparison, verbose: bool) -> super::Out
         print::line(format!(
             "\nthe trajectories {} and {} are not of the same recording: they are {:.0} mm apart where the camera moves by {:.0} mm. \
              Compare with the trajectory of this recording: --true-trajectory FILE",
-            estimate.display(),
-            truth.display(),
+            visible::path(estimate),
+            visible::path(truth),
             1e3 * direct.aligned.rmse,
             1e3 * direct.extent
         ))?;
@@ -122,7 +123,7 @@ fn print_trajectory(figures: &TrajectoryComparison, verbose: bool) -> super::Out
             return Ok(());
         }
     }
-    print::line(format!("\ntrajectory {} against {}", estimate.display(), truth.display()))?;
+    print::line(format!("\ntrajectory {} against {}", visible::path(estimate), visible::path(truth)))?;
     if verbose {
         print::line(direct)?;
         return shifted.as_ref().map_or(Ok(()), print::line);

@@ -11,6 +11,7 @@ use evcal_calibrate::export::undistortion_table::{ExportedTable, fit_table, idea
 use evcal_calibrate::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC, plain};
 use evcal_core::undistortion::IdealCamera;
 use evcal_files::folder::OutputFolder;
+use evcal_files::visible;
 use evcal_geometry::lens::camera_file::camera_path;
 use evcal_geometry::lens::nearest::Replacement;
 
@@ -196,7 +197,7 @@ fn write_file(arguments: &Arguments, path: &Path, exported: &Exported, written: 
         return Ok(());
     }
     let note = exported.note.as_ref().map(|note| format!(": {note}")).unwrap_or_default();
-    print::line(format!("written to {}{note}", path.display()))
+    print::line(format!("written to {}{note}", visible::path(path)))
 }
 
 /// Writes the look-ups that were asked for.
@@ -222,7 +223,7 @@ fn write_tables(
             evcal_files::write(path, text(&exported).as_bytes())?;
             written.push(path.clone());
             if !arguments.json {
-                print::line(format!("written to {}", path.display()))?;
+                print::line(format!("written to {}", visible::path(path)))?;
             }
         }
     }

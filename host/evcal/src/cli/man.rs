@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::CommandFactory as _;
 use clap_mangen::Man;
 use evcal_files::folder::OutputFolder;
+use evcal_files::visible;
 
 use super::print;
 
@@ -26,7 +27,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         Man::new(command).render(&mut page)?;
         let path = folder.path().join(format!("{name}.1"));
         evcal_files::write(&path, &page)?;
-        print::line(format!("written to {}", path.display()))
+        print::line(format!("written to {}", visible::path(path)))
     };
     for subcommand in command.get_subcommands().filter(|subcommand| subcommand.get_name() != "help") {
         write(format!("evcal-{}", subcommand.get_name()), subcommand.clone())?;

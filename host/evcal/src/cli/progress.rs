@@ -5,6 +5,7 @@ use std::io::IsTerminal;
 use std::path::Path;
 use std::time::Duration;
 
+use evcal_files::visible;
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
 /// Where it is not known how much is to be done.
@@ -51,7 +52,7 @@ fn time_left(elapsed: f64, done: f64) -> Option<String> {
 
 /// The file without the folders that it is in: a line has no room for more.
 pub fn short_name(path: &Path) -> String {
-    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+    visible::path(path.file_name().unwrap_or(path.as_os_str()))
 }
 
 /// What is going on, for who waits.
@@ -92,7 +93,7 @@ impl Waiting {
             self.bar.set_length(LENGTH);
             self.bar.set_position((done.clamp(0.0, 1.0) * LENGTH as f64) as u64);
         }
-        self.bar.set_message(text.to_owned());
+        self.bar.set_message(visible::name(text).into_owned());
     }
 
     /// The work is over.

@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
+use evcal_files::visible;
 use evcal_live::recorder::{Ending, Moment, RecorderReport, RecordingStatus, record};
 use serde_json::json;
 
@@ -30,7 +31,7 @@ fn dvraw(text: &str) -> Result<PathBuf, String> {
         true => Ok(path),
         false => Err(format!(
             "a camera is recorded as .dvraw: write {}, then make other formats of it with evcal convert",
-            path.with_extension("dvraw").display()
+            visible::path(path.with_extension("dvraw"))
         )),
     }
 }
@@ -60,7 +61,7 @@ pub(super) fn good_end(report: &RecorderReport) -> super::Outcome {
     if report.ending.is_good() {
         return Ok(());
     }
-    let (file, status) = (report.path.display(), &report.status);
+    let (file, status) = (visible::path(&report.path), &report.status);
     let advice = match report.ending {
         Ending::File(_) => "; make room on the disk, or record to another one",
         _ => "",
@@ -84,7 +85,7 @@ pub(super) fn summary(report: &RecorderReport) -> String {
     let status = &report.status;
     let mut text = format!(
         "{}: {} events in {:.1} s, {:.1} MB in {} transfers ({})",
-        report.path.display(),
+        visible::path(&report.path),
         status.events,
         status.seconds,
         status.bytes as f64 / 1e6,

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
+use evcal_files::visible;
 use evcal_geometry::board::shape::BoardShape;
 use evcal_geometry::board::{CircleBoard, any_length};
 use evcal_geometry::lens::camera_file;
@@ -234,7 +235,7 @@ fn tell(arguments: &Arguments, written: &WrittenFolder) -> super::Outcome {
     if truth.davis.is_some() {
         print::line(format!("{} frames, {} inertial samples", davis.frames.len(), davis.imu.len()))?;
     }
-    files.iter().try_for_each(|file| print::line(file.display()))
+    files.iter().try_for_each(|file| print::line(visible::path(file)))
 }
 
 /// The board as it is printed, where that is not as stated.

@@ -12,6 +12,7 @@ use evcal_calibrate::undistort::target::{TargetProjection, target_camera};
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
+use evcal_files::visible;
 use evcal_geometry::lens::camera_file::{self, CameraDescription};
 use event_recordings::convert::{ConversionProgress, output_of};
 use event_recordings::encode::OutputFormat;
@@ -118,18 +119,18 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
     } else {
         print::line(describe(new))?;
         if let Some((output, UndistortionReport { events_outside, conversion })) = &report {
-            print::line(format!("{}: {conversion}", output.display()))?;
+            print::line(format!("{}: {conversion}", visible::path(output)))?;
             print::line(format!("{events_outside} events were beyond the new image and are left out"))?;
-            print::line(format!("the camera is in {}", camera_path_beside(output).display()))?;
+            print::line(format!("the camera is in {}", visible::path(camera_path_beside(output))))?;
         }
         if let Some((folder, WrittenFrames { count, .. })) = &frames {
-            print::line(format!("{}: {count} pictures, and the camera in camera.json", folder.display()))?;
+            print::line(format!("{}: {count} pictures, and the camera in camera.json", visible::path(folder)))?;
         }
     }
     if let Some((folder, WrittenFrames { lost, .. })) = frames
         && !lost.is_empty()
     {
-        return Err(format!("{}\nwhat came before is in {}", lost.join("\n"), folder.display()).into());
+        return Err(format!("{}\nwhat came before is in {}", lost.join("\n"), visible::path(folder)).into());
     }
     match report {
         Some((output, UndistortionReport { conversion, .. })) => match conversion.error {
@@ -157,9 +158,9 @@ fn undistort_several(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sens
     }
     print::line(describe(new))?;
     for path in written {
-        print::line(format!("written to {}", path.display()))?;
+        print::line(format!("written to {}", visible::path(path)))?;
     }
-    print::line(format!("the camera is in {}", camera.display()))
+    print::line(format!("the camera is in {}", visible::path(camera)))
 }
 
 /// What is to be written must not be there yet, but for the file of the same camera.

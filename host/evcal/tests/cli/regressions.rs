@@ -172,3 +172,82 @@ fn a_camera_without_events_is_told_of() {
     let told = String::from_utf8_lossy(&ended.stdout);
     assert!(told.contains("no event yet: is the lens cap off"), "{told}{}", stderr(&ended));
 }
+
+/// Standard output that goes to a file was taken for that file, which is there already; what was converted was then told in it.
+#[cfg(unix)]
+#[test]
+fn standard_output_is_a_stream_wherever_it_goes() {
+    let directory = tempfile::tempdir().unwrap();
+    let [from, to] = ["from.csv", "to.csv"].map(|name| directory.path().join(name));
+    let content = "# sensor 346 x 260\nt_us,x,y,p\n10,1,2,1\n20,3,4,0\n";
+    fs::write(&from, content).unwrap();
+    for name in ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
+        command.args(["convert", text(&from), name, "--to", "csv"]).stdout(File::create(&to).unwrap());
+        let told = command.output().unwrap();
+        assert_eq!(told.status.code(), Some(0), "{}", stderr(&told));
+        assert!(stderr(&told).contains("2 events"), "{}", stderr(&told));
+        assert_eq!(fs::read_to_string(&to).unwrap(), content);
+        assert_eq!(succeed(&["convert", text(&from), name, "--to", "csv"]), content);
+    }
+}
+
+/// A folder for temporary files that is missing was taken for a missing folder of the result.
+#[cfg(unix)]
+#[test]
+fn a_missing_folder_for_temporary_files_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let [from, to] = ["from.csv", "to.npz"].map(|name| directory.path().join(name));
+    fs::write(&from, "# sensor 346 x 260\nt_us,x,y,p\n10,1,2,1\n20,3,4,0\n").unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
+    let told = command.args(["convert", text(&from), text(&to)]).env("TMPDIR", "/missing").output().unwrap();
+    assert!(stderr(&told).contains("/missing (TMPDIR)"), "{}", stderr(&told));
+}
+
+/// Names of cameras and files, and lines of settings, moved the cursor and changed the colours and the title of the terminal.
+#[cfg(unix)]
+#[test]
+fn control_characters_from_outside_are_shown() {
+    let directory = tempfile::tempdir().unwrap();
+    let recording = directory.path().join("a\n\u{1b}[2Jb.raw");
+    let header = "% serial_number \u{1b}]0;PWNED\u{7}\u{1b}[31m\n% evt 3.0\n% geometry 346x260\n";
+    let words: [u16; 4] = [0x80f4, 0x6240, 0x0007, 0x2805];
+    fs::write(&recording, [header.as_bytes(), &words.map(u16::to_le_bytes).concat()].concat()).unwrap();
+    let settings = directory.path().join("settings.toml");
+    fs::write(&settings, "a = \"\u{1b}]0;PWNED\u{7}\u{9b}31mred\"\n").unwrap();
+    let output = directory.path().join("output");
+    let is_plain = |output: &[u8]| {
+        let text = String::from_utf8(output.to_vec()).unwrap();
+        assert!(!text.chars().any(|letter| letter.is_control() && letter != '\n'), "{text:?}");
+        text
+    };
+    let told = crate::command::evcal(&["info", text(&recording)]);
+    let information = is_plain(&told.stdout);
+    assert!(
+        information.contains("\\u001b]0;PWNED") && information.contains("a\\u000a\\u001b[2Jb.raw"),
+        "{information}"
+    );
+    is_plain(&told.stderr);
+    for arguments in [
+        vec!["calibrate", text(&recording), "--board", BOARD, "-o", text(&output), "--settings", text(&settings)],
+        vec!["calibrate", text(&recording), "--board", BOARD, "-o", text(&output)],
+        vec!["convert", text(&recording), "/missing\u{1b}[31m/b.csv"],
+    ] {
+        let told = crate::command::evcal(&arguments);
+        assert_eq!(told.status.code(), Some(1), "{arguments:?}");
+        is_plain(&told.stdout);
+        assert!(!is_plain(&told.stderr).contains("a\n"), "{arguments:?}");
+    }
+}
+/// 4600 events, one each 0.9 s, took half a minute: each made a spectrum of a second.
+#[test]
+fn seldom_events_make_as_little_work_as_they_are() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("sparse.csv");
+    let line = |index: i64| format!("{},{},{},1\n", index * 900_000, index % 346, index % 260);
+    let lines: String = (0..200_000).map(line).collect();
+    fs::write(&path, format!("# sensor 346 x 260\nt_us,x,y,p\n{lines}")).unwrap();
+    // Half an hour, before.
+    let told = succeed(&["info", text(&path)]);
+    assert!(told.contains("200000, 100.0 % ON"), "{told}");
+}

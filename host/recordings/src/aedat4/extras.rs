@@ -29,7 +29,7 @@ impl Aedat4Extras {
         let frame = told(frames.next_frame(), "frames", &mut lost);
         let sample = told(samples.next_sample(), "inertial samples", &mut lost);
         let held = OtherStreams { frames: frame.is_some(), imu: sample.is_some() };
-        let streams = frames.stream().filter(|_| held.frames).into_iter();
+        let streams = frames.stream().filter(|_| held.frames || frames.has_unread()).into_iter();
         let streams = streams.chain(samples.stream().filter(|_| held.imu)).collect();
         Ok(Self { frames, samples, frame, sample, held, lost, streams })
     }

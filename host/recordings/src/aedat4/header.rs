@@ -5,8 +5,8 @@
 //! u32 size, FlatBuffer "IOHE" { compression: i32, dataTablePosition: i64 = -1, infoNode: string }
 //! ```
 //! `infoNode` is XML: below the node `outInfo` one node per stream, named by its number, with the
-//! attributes `typeIdentifier` (EVTS, FRME, IMUS, TRIG) and `originalOutputName`, and a node `info`
-//! with `sizeX`, `sizeY` and `source` (the camera).
+//! attributes `typeIdentifier` (EVTS, FRME, IMUS, TRIG), `originalOutputName` and `originalModuleName`
+//! (the module or program that recorded it), and a node `info` with `sizeX`, `sizeY` and `source` (the camera).
 
 use super::flatbuffer::{self, Malformed};
 
@@ -38,6 +38,8 @@ pub struct Stream {
     pub size: Option<(i64, i64)>,
     /// Model and serial number of the camera.
     pub source: Option<String>,
+    /// `true` if its rows count from below: jAER recorded it (`Aedat4FileOutputStream` of jAER 3 writes its own coordinates).
+    pub rows_from_below: bool,
 }
 
 /// The header.
@@ -109,11 +111,16 @@ fn streams(information: &str) -> Result<Vec<Stream>, HeaderError> {
                     .zip(of_info("sizeY"))
                     .and_then(|(x, y)| Some((x.parse().ok()?, y.parse().ok()?))),
                 source: of_info("source").map(str::to_owned),
+                rows_from_below: attribute(node, "originalModuleName").is_some_and(is_jaer),
             })
         })
         .collect();
     streams.sort_by_key(|stream| stream.id);
     Ok(streams)
+}
+
+fn is_jaer(module: &str) -> bool {
+    module.get(..4).is_some_and(|start| start.eq_ignore_ascii_case("jaer"))
 }
 
 /// The text of the child `<attr key="KEY">`.

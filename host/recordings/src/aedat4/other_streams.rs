@@ -13,12 +13,12 @@ use std::vec::IntoIter;
 use super::flatbuffer::{self, Malformed, Table};
 use super::header::Stream;
 use super::packets::{PacketHead, PacketReader};
-use super::{EVENTS, choose_stream, describe, event, events};
+use super::{EVENTS, choose_stream, describe, event, events, sensor_size};
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::extras::{Frame, InertialSample, Skipped};
+use crate::extras::{Frame, InertialSample, Skipped, UnreadFrame, UnreadFrames};
 use crate::format::StreamSummary;
 use crate::options::RecordingOptions;
-use crate::pictures::TimedImage;
+use crate::pictures::{TimedImage, highest_bits};
 
 const FRAMES: &str = "FRME";
 const INERTIAL: &str = "IMUS";
@@ -65,7 +65,12 @@ impl StreamPackets {
 }
 
 /// Reads the pictures of the first frame stream of a camera.
-pub struct FrameReader(StreamPackets);
+pub struct FrameReader {
+    packets: StreamPackets,
+    /// Rows of the sensor, where the file or the user gives them.
+    rows: Option<u16>,
+    unread: UnreadFrames,
+}
 
 impl FrameReader {
     /// Opens the file at `path`. A camera without frame stream has no frames.
@@ -73,26 +78,59 @@ impl FrameReader {
     /// # Errors
     /// When the file cannot be read or its header is damaged.
     pub fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
-        StreamPackets::open(path, options, FRAMES).map(Self)
+        let packets = StreamPackets::open(path, options, FRAMES)?;
+        let own = packets.stream.as_ref().and_then(|stream| sensor_size(stream).ok().flatten());
+        let rows = own.or(options.sensor).map(|sensor| sensor.height);
+        Ok(Self { packets, rows, unread: UnreadFrames::default() })
     }
 
     /// The stream that is read, as [`describe`] names it.
     pub(super) fn stream(&self) -> Option<String> {
-        self.0.stream.as_ref().map(describe)
+        self.packets.stream.as_ref().map(describe)
     }
 
-    /// Tells `lost`, once, of the damaged packets that were passed over.
+    /// `true` if [`Self::next_frame`] passed over a frame whose pixels are stored in a way that is not read.
+    pub(super) fn has_unread(&self) -> bool {
+        !self.unread.is_empty()
+    }
+
+    /// Adds to `lost`, once, the damaged packets and the unread frames that were passed over.
     pub(super) fn tell_skipped(&mut self, lost: &mut Vec<String>) {
-        self.0.skipped.tell(lost);
+        self.packets.skipped.tell(lost);
+        self.unread.tell(lost);
     }
 
-    /// The next picture; `None` at the end, also at that of a file that was cut off.
+    /// The next picture that can be read; `None` at the end, also at that of a file that was cut off.
     ///
     /// # Errors
     /// When the file cannot be read or a packet is damaged; the pictures after that one can still be read.
     pub fn next_frame(&mut self) -> Result<Option<Frame>, RecordingError> {
-        self.0.next(|content| flatbuffer::root(content, b"FRME").and_then(|table| frame(&table)))
+        while let Some(frame) = self.next_or_unread()? {
+            match frame {
+                Ok(frame) => return Ok(Some(frame)),
+                Err(unread) => self.unread.add(unread),
+            }
+        }
+        Ok(None)
     }
+
+    /// As [`Self::next_frame`], with the frames that are not read.
+    fn next_or_unread(&mut self) -> Result<Option<Result<Frame, UnreadFrame>>, RecordingError> {
+        let read = self.packets.next(|content| flatbuffer::root(content, b"FRME").and_then(|table| frame(&table)))?;
+        let from_below = self.packets.stream.as_ref().is_some_and(|stream| stream.rows_from_below);
+        Ok(read.map(|frame| frame.map(|frame| if from_below { turned(frame, self.rows) } else { frame })))
+    }
+}
+
+/// A frame whose rows count from below, as one whose rows count from above. Without the `rows` of the sensor it is taken to
+/// begin at the lowest one.
+fn turned(frame: Frame, rows: Option<u16>) -> Frame {
+    let (column, row) = frame.position;
+    let above = row.saturating_add(frame.size.1);
+    let row = rows.unwrap_or(above).saturating_sub(above);
+    let length = usize::from(frame.size.0) * frame.channels;
+    let pixels = frame.pixels.chunks_exact(length.max(1)).rev().flatten().copied().collect();
+    Frame { position: (column, row), pixels, ..frame }
 }
 
 /// Reads the samples of the first inertial stream of a file, packet by packet.
@@ -145,47 +183,82 @@ pub(super) fn visit_frames(
     visit: &mut dyn FnMut(TimedImage),
 ) -> Result<Result<(), RecordingError>, RecordingError> {
     let mut reader = FrameReader::open(path, options)?;
+    let mut unread = UnreadFrames::default();
     Ok(loop {
-        match reader.next_frame() {
-            Ok(Some(frame)) => visit(frame.into()),
-            Ok(None) => break Ok(()),
+        match reader.next_or_unread() {
+            Ok(Some(Ok(frame))) => visit(frame.into()),
+            Ok(Some(Err(frame))) => {
+                visit((&frame).into());
+                unread.add(frame);
+            }
+            Ok(None) => break unread.error(path).map_or(Ok(()), Err),
             Err(error) => break Err(error),
         }
     })
 }
 
+/// How the samples of a frame are stored.
+struct PixelFormat {
+    channels: usize,
+    /// Bytes of a sample: 1 or 2, unsigned.
+    bytes: usize,
+}
+
+impl PixelFormat {
+    /// From OpenCV's type number: the depth in bits 0 to 2, the number of channels less 1 above them.
+    ///
+    /// # Errors
+    /// OpenCV's name of a format that is not read.
+    fn of_type(number: i8) -> Result<Self, String> {
+        const DEPTHS: [&str; 8] = ["8U", "8S", "16U", "16S", "32S", "32F", "64F", "16F"];
+        let number = usize::from(number.cast_unsigned());
+        let (depth, channels) = (DEPTHS.get(number % 8).copied().unwrap_or_default(), number / 8 + 1);
+        let bytes = match depth {
+            "8U" => 1,
+            "16U" => 2,
+            _ => 0,
+        };
+        let is_read = bytes > 0 && channels <= 4;
+        if is_read { Ok(Self { channels, bytes }) } else { Err(format!("{depth}C{channels}")) }
+    }
+}
+
 /// The times of exposure are fields 3 and 4; −1 stands for unknown.
-fn frame(table: &Table) -> Result<Frame, Malformed> {
+fn frame(table: &Table) -> Result<Result<Frame, UnreadFrame>, Malformed> {
     let side = |index| {
         let value = table.i16(index, 0)?;
         u16::try_from(value).map_err(|_| Malformed("a frame has a negative size or position"))
     };
     let (width, height) = (side(6)?, side(7)?);
-    // OpenCV's type numbers: 8 bits, channels - 1 in bits 3 and 4.
-    let channels = match table.i8(5, 0)? {
-        0 => 1,
-        8 => 2,
-        16 => 3,
-        24 => 4,
-        _ => return Err(Malformed("a frame has a pixel format that is not 8 bits")),
+    let t = table.i64(0, 0)?;
+    let PixelFormat { channels, bytes } = match PixelFormat::of_type(table.i8(5, 0)?) {
+        Ok(format) => format,
+        Err(encoding) => return Ok(Err(UnreadFrame { t, encoding })),
     };
-    let pixels = table.vector(10)?.elements::<1>()?.as_flattened();
-    if pixels.len() != usize::from(width) * usize::from(height) * channels {
+    let samples = table.vector(10)?.elements::<1>()?.as_flattened();
+    if samples.len() != usize::from(width) * usize::from(height) * channels * bytes {
         return Err(Malformed("a frame does not have as many pixels as its size says"));
     }
+    let pixels = match bytes {
+        1 => samples.to_vec(),
+        _ => {
+            let samples: Vec<u16> = samples.as_chunks().0.iter().map(|pair| u16::from_le_bytes(*pair)).collect();
+            highest_bits(&samples)
+        }
+    };
     let span = |start, end| -> Result<Option<(i64, i64)>, Malformed> {
         let span = (table.i64(start, -1)?, table.i64(end, -1)?);
         Ok(Some(span).filter(|(start, end)| *start >= 0 && end >= start))
     };
-    Ok(Frame {
-        t: table.i64(0, 0)?,
+    Ok(Ok(Frame {
+        t,
         exposure: span(3, 4)?,
         readout: span(1, 2)?,
         size: (width, height),
         position: (side(8)?, side(9)?),
         channels,
-        pixels: pixels.to_vec(),
-    })
+        pixels,
+    }))
 }
 
 fn inertial_packet(content: &[u8]) -> Result<Vec<InertialSample>, Malformed> {
@@ -214,10 +287,7 @@ pub fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
     // Where two streams have one number, the first.
     let places: BTreeMap<i32, usize> =
         streams.iter().enumerate().rev().map(|(place, stream)| (stream.id, place)).collect();
-    let mut summaries: Vec<StreamSummary> = streams
-        .iter()
-        .map(|stream| StreamSummary { name: describe(stream), packets: 0, elements: 0, times_us: None })
-        .collect();
+    let mut summaries: Vec<StreamSummary> = streams.iter().map(|stream| StreamSummary::new(describe(stream))).collect();
     loop {
         let head = match packets.next_packet() {
             Ok(Some(head)) => head,
@@ -232,9 +302,10 @@ pub fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
         };
         summary.packets += 1;
         match elements(&mut packets, &head, stream) {
-            Ok((count, times)) => {
+            Ok(Elements { count, times_us, unread }) => {
                 summary.elements += count;
-                summary.extend(times);
+                summary.extend(times_us);
+                summary.unread = summary.unread.take().or(unread);
             }
             Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => {}
             Err(error) => return Err(error),
@@ -242,41 +313,49 @@ pub fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
     }
 }
 
-/// Number of elements of a packet, and the times of its first and last one.
-fn elements(
-    packets: &mut PacketReader,
-    head: &PacketHead,
-    stream: &Stream,
-) -> Result<(u64, Option<(i64, i64)>), RecordingError> {
+/// Contents of a packet.
+#[derive(Debug, Default, PartialEq, Eq)]
+struct Elements {
+    count: u64,
+    /// Times of the first and the last element in µs.
+    times_us: Option<(i64, i64)>,
+    /// The encoding, if it is not read.
+    unread: Option<String>,
+}
+
+fn elements(packets: &mut PacketReader, head: &PacketHead, stream: &Stream) -> Result<Elements, RecordingError> {
     let content = packets.content(head)?;
     let parsed = match stream.type_identifier.as_str() {
         EVENTS => events(content, head.cut_off).map(|events| {
-            let times = events.first().zip(events.last()).map(|(first, last)| (event(first).t, event(last).t));
-            (events.len() as u64, times)
+            let times_us = events.first().zip(events.last()).map(|(first, last)| (event(first).t, event(last).t));
+            Elements { count: events.len() as u64, times_us, unread: None }
         }),
-        FRAMES => flatbuffer::root(content, b"FRME").and_then(|table| table.i64(0, 0)).map(|t| (1, Some((t, t)))),
+        FRAMES => flatbuffer::root(content, b"FRME").and_then(|table| {
+            let (t, unread) = (table.i64(0, 0)?, PixelFormat::of_type(table.i8(5, 0)?).err());
+            Ok(Elements { count: 1, times_us: Some((t, t)), unread })
+        }),
         INERTIAL => tables(content, b"IMUS"),
         "TRIG" => tables(content, b"TRIG"),
-        _ => Ok((0, None)),
+        _ => Ok(Elements::default()),
     };
     parsed.map_err(|Malformed(what)| packets.damaged(head, what))
 }
 
-fn tables(content: &[u8], identifier: &[u8; 4]) -> Result<(u64, Option<(i64, i64)>), Malformed> {
+fn tables(content: &[u8], identifier: &[u8; 4]) -> Result<Elements, Malformed> {
     let vector = flatbuffer::root(content, identifier)?.vector(0)?.of_tables()?;
     let Some(last) = vector.length.checked_sub(1) else {
-        return Ok((0, None));
+        return Ok(Elements::default());
     };
     let time = |index| vector.table(index)?.i64(0, 0);
-    Ok((vector.length as u64, Some((time(0)?, time(last)?))))
+    Ok(Elements { count: vector.length as u64, times_us: Some((time(0)?, time(last)?)), unread: None })
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     /// A FlatBuffer with one table of i64 fields 0 to 4, a format byte, four i16 and a vector of bytes.
-    fn frame_bytes(format: u8, [width, height, x, y]: [i16; 4], pixels: &[u8]) -> Vec<u8> {
+    pub fn frame_bytes(format: u8, [width, height, x, y]: [i16; 4], pixels: &[u8]) -> Vec<u8> {
         let mut bytes = 40u32.to_le_bytes().to_vec();
         bytes.extend_from_slice(b"FRME");
         // vtable of 11 fields at 8, 26 bytes long: t, frame start and end (absent), exposure, format...
@@ -300,6 +379,10 @@ mod tests {
     }
 
     fn parse(bytes: &[u8]) -> Result<Frame, Malformed> {
+        parse_any(bytes).map(Result::unwrap)
+    }
+
+    fn parse_any(bytes: &[u8]) -> Result<Result<Frame, UnreadFrame>, Malformed> {
         flatbuffer::root(bytes, b"FRME").and_then(|table| frame(&table))
     }
 
@@ -318,10 +401,24 @@ mod tests {
         assert_eq!(parse(&frame_bytes(16, [1, 1, 0, 0], &[1, 2, 3])).unwrap().channels, 3);
     }
 
+    /// Frames of jAER have 16 bits, of which 10 are used; they were called damaged.
+    #[test]
+    fn frames_of_sixteen_bits_are_read_and_others_are_named() {
+        let ten: Vec<u8> = [1000_u16, 500, 4, 0].into_iter().flat_map(u16::to_le_bytes).collect();
+        assert_eq!(parse(&frame_bytes(2, [2, 2, 0, 0], &ten)).unwrap().pixels, [250, 125, 1, 0]);
+        let coloured: Vec<u8> = [0x0100_u16, 0x0200, 0xff00].into_iter().flat_map(u16::to_le_bytes).collect();
+        let frame = parse(&frame_bytes(18, [1, 1, 0, 0], &coloured)).unwrap();
+        assert_eq!((frame.channels, frame.pixels), (3, vec![1, 2, 255]));
+        for (format, name) in [(1, "8SC1"), (3, "16SC1"), (5, "32FC1"), (21, "32FC3"), (7, "16FC1"), (32, "8UC5")] {
+            let unread = parse_any(&frame_bytes(format, [1, 1, 0, 0], &[0; 4])).unwrap().unwrap_err();
+            assert_eq!((unread.t, unread.encoding.as_str()), (1000, name));
+        }
+    }
+
     #[test]
     fn a_frame_that_contradicts_itself_is_refused() {
         for (format, size, pixels) in
-            [(0, [3, 2, 0, 0], 5), (0, [-3, 2, 0, 0], 6), (5, [3, 2, 0, 0], 6), (16, [3, 2, 0, 0], 6)]
+            [(0, [3, 2, 0, 0], 5), (0, [-3, 2, 0, 0], 6), (2, [3, 2, 0, 0], 6), (16, [3, 2, 0, 0], 6)]
         {
             assert!(parse(&frame_bytes(format, size, &vec![0; pixels])).is_err());
         }
@@ -344,6 +441,7 @@ mod tests {
         };
         assert!(inertial_packet(&packet(b"IMUS", 1000)).is_err());
         assert!(tables(&packet(b"IMUS", 1000), b"IMUS").is_err() && tables(&packet(b"TRIG", 1000), b"TRIG").is_err());
-        assert_eq!(tables(&packet(b"TRIG", 2), b"TRIG"), Ok((2, Some((0, 0)))));
+        let two = Elements { count: 2, times_us: Some((0, 0)), unread: None };
+        assert_eq!(tables(&packet(b"TRIG", 2), b"TRIG"), Ok(two));
     }
 }

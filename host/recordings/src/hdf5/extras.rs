@@ -8,6 +8,7 @@ use hdf5_reader::{Dataset, SliceInfo, SliceInfoElem};
 
 use super::layout::{Found, TimedDataset};
 use super::{arrange, choose, structure, table};
+use crate::columns::GuessedUnit;
 use crate::error::Usable;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::extras::{BOTH, Extra, Frame, InertialSample, OtherStreams, READOUT, ReadExtras, Skipped, take_until, told};
@@ -95,7 +96,7 @@ struct Beside {
 impl Beside {
     fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
         let Found { table, offset, frames, samples, .. } = choose(path, options)?.0;
-        let (_, unit) = arrange(path, table, options, &mut Vec::new())?;
+        let (_, GuessedUnit { unit, .. }) = arrange(path, table, options, &mut Vec::new())?;
         let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
         let open = |found: Option<TimedDataset>| Timed::open(found?, unit, offset);
         let skipped = Skipped::new(options.damage);

@@ -52,7 +52,7 @@ struct Column {
 impl Column {
     fn new(name: &'static str, size: u8) -> io::Result<Self> {
         let numbers = Integer { size, is_signed: false };
-        Ok(Self { name, numbers, file: BufWriter::new(tempfile::tempfile()?) })
+        Ok(Self { name, numbers, file: BufWriter::new(evcal_files::nameless()?) })
     }
 
     /// From its beginning.

@@ -44,7 +44,7 @@ struct Column {
 
 impl Column {
     fn new(name: &'static str, descr: &'static str) -> io::Result<Self> {
-        Ok(Self { name, descr, file: BufWriter::new(tempfile::tempfile()?) })
+        Ok(Self { name, descr, file: BufWriter::new(evcal_files::nameless()?) })
     }
 }
 

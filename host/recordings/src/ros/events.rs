@@ -8,6 +8,7 @@ use super::container::{Container, MessageHead, OpenContainer, Topic, is_skipped}
 use super::message::{self, Description, Kind};
 use super::packet::ENCODINGS;
 use super::packet::PacketDecoder;
+use super::picture;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::format::{Opened, StreamSummary};
 use crate::options::{Damage, RecordingOptions};
@@ -176,7 +177,7 @@ pub fn summarise(
             Err(error) => return Err(error),
         };
         for topic in container.topics().get(summaries.len()..).unwrap_or_default() {
-            summaries.push(StreamSummary { name: topic.description(), packets: 0, elements: 0, times_us: None });
+            summaries.push(StreamSummary::new(topic.description()));
             decoders.push(PacketDecoder::default());
         }
         let places = (summaries.get_mut(head.topic), decoders.get_mut(head.topic), container.topics().get(head.topic));
@@ -191,6 +192,9 @@ pub fn summarise(
                 (events.len() as u64, events.first().zip(events.last()).map(|(first, last)| (first.t, last.t)))
             }
             Kind::Image | Kind::CompressedImage | Kind::Imu => {
+                if topic.kind == Kind::Image && summary.unread.is_none() {
+                    summary.unread = picture::unread_encoding(wire, message);
+                }
                 let time = super::fields::Fields::new(wire, message).and_then(|mut fields| fields.header()).ok();
                 (1, time.map(|t| (t, t)))
             }

@@ -10,11 +10,12 @@ use std::path::Path;
 
 use evcal_core::sensor::Sensor;
 
-use super::container::{Container, OpenContainer, is_skipped};
+use super::container::{Container, OpenContainer, Topic, is_skipped};
+use super::fields::MessageError;
 use super::message::{self, Kind};
 use super::picture;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::extras::{BOTH, Extra, OtherStreams, ReadExtras, Skipped, take_until, told};
+use crate::extras::{BOTH, Extra, OtherStreams, ReadExtras, Skipped, UnreadFrame, UnreadFrames, take_until, told};
 use crate::options::{Damage, RecordingOptions};
 use crate::pictures::TimedImage;
 
@@ -32,6 +33,12 @@ struct Topics {
     samples: Option<usize>,
 }
 
+/// What is read of a topic.
+enum Read {
+    Extra(Extra),
+    Unread(UnreadFrame),
+}
+
 /// Those of a file of messages.
 struct MessageExtras {
     container: Box<dyn Container>,
@@ -43,16 +50,34 @@ struct MessageExtras {
     lost: Vec<String>,
     damage: Damage,
     skipped: Skipped,
+    unread: UnreadFrames,
 }
 
-/// The next picture or sample of `topics` that can be read. What is passed over where no message can be found in it, the reader of
-/// the events counts.
+/// The next picture or sample of `topics` that can be read; pictures whose encoding is not read go to `unread`.
 fn next(
     container: &mut dyn Container,
     topics: Topics,
     damage: Damage,
     skipped: &mut Skipped,
+    unread: &mut UnreadFrames,
 ) -> Result<Option<Extra>, RecordingError> {
+    while let Some(read) = next_or_unread(container, topics, damage, skipped)? {
+        match read {
+            Read::Extra(extra) => return Ok(Some(extra)),
+            Read::Unread(frame) => unread.add(frame),
+        }
+    }
+    Ok(None)
+}
+
+/// As [`next`], with the pictures that are not read. What is passed over where no message can be found in it, the reader of
+/// the events counts.
+fn next_or_unread(
+    container: &mut dyn Container,
+    topics: Topics,
+    damage: Damage,
+    skipped: &mut Skipped,
+) -> Result<Option<Read>, RecordingError> {
     loop {
         let head = match container.next() {
             Ok(Some(head)) => head,
@@ -62,16 +87,15 @@ fn next(
         };
         let Some(topic) = container.topics().get(head.topic) else { continue };
         let read = if topics.pictures == Some(head.topic) {
-            let frame = picture::frame(topic.kind, topic.wire, container.message());
-            frame.map(|frame| frame.map(Extra::Frame))
+            read_picture(topic, container.message()).map(Some)
         } else if topics.samples == Some(head.topic) {
             let sample = message::inertial_sample(topic.wire, container.message());
-            sample.map(|sample| Some(Extra::Inertial(sample)))
+            sample.map(|sample| Some(Read::Extra(Extra::Inertial(sample))))
         } else {
             Ok(None)
         };
         match read {
-            Ok(Some(extra)) => return Ok(Some(extra)),
+            Ok(Some(read)) => return Ok(Some(read)),
             Ok(None) => {}
             Err(error) => {
                 let what = format!("a message of {} is damaged: {error}", topic.name);
@@ -81,11 +105,19 @@ fn next(
     }
 }
 
+fn read_picture(topic: &Topic, message: &[u8]) -> Result<Read, MessageError> {
+    if let Some(frame) = picture::frame(topic.kind, topic.wire, message)? {
+        return Ok(Read::Extra(Extra::Frame(frame)));
+    }
+    let picture::Description { t, encoding, .. } = picture::description(topic.kind, topic.wire, message)?;
+    Ok(Read::Unread(UnreadFrame { t, encoding }))
+}
+
 /// The topics that go with the events of the topic `wanted`, or of the first one that has any.
 fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -> Result<Topics, RecordingError> {
     let mut events: Option<(usize, Option<Sensor>)> = None;
     // Topics with the size of a picture of each, where it may be of the camera of the events.
-    let mut pictures: BTreeMap<usize, Option<(u16, u16)>> = BTreeMap::new();
+    let mut pictures: BTreeMap<usize, Option<Pictures>> = BTreeMap::new();
     let mut samples: BTreeSet<usize> = BTreeSet::new();
     let listed = container.listed();
     let listed = |kind: Kind| Some(listed.as_ref()?.iter().filter(|topic| topic.kind == kind).count());
@@ -121,11 +153,12 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
                 events = described.map(|described| (head.topic, described.sensor));
             }
             Kind::Image if !pictures.contains_key(&head.topic) => {
-                let encoding = picture::encoding(topic.kind, topic.wire, message).unwrap_or_default();
                 // A damaged one tells nothing of its topic.
                 let Ok(frame) = picture::frame(topic.kind, topic.wire, message) else { continue };
-                let frame = frame.filter(|_| !picture::may_be_distances(&encoding));
-                pictures.insert(head.topic, frame.map(|frame| frame.size));
+                let described = picture::description(topic.kind, topic.wire, message).ok();
+                let described = described.filter(|described| !picture::may_be_distances(&described.encoding));
+                let size = described.and_then(|described| described.size);
+                pictures.insert(head.topic, size.map(|size| Pictures { size, is_read: frame.is_some() }));
             }
             Kind::Imu => _ = samples.insert(head.topic),
             _ => {}
@@ -135,19 +168,33 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
     let name = |index: usize| topics.get(index).map_or("", |topic| topic.name.as_str());
     let beside = events.map_or("", |(topic, _)| name(topic));
     // The first of those that fit equally well.
-    let best = |candidates: &mut dyn Iterator<Item = usize>| {
-        let fit = |index: usize| (shared(beside, name(index)), name(index).contains("image_raw"));
-        candidates.max_by_key(|&index| (fit(index), Reverse(index)))
-    };
+    let fit = |index: usize| (shared(beside, name(index)), name(index).contains("image_raw"));
     let sensor = events.and_then(|(_, sensor)| sensor);
-    let fits = |(index, picture): (usize, Option<(u16, u16)>)| {
-        let (width, height) = picture?;
-        let is_whole = sensor.is_some_and(|sensor| (width, height) == (sensor.width, sensor.height));
-        let fits = sensor.is_none_or(|sensor| width <= sensor.width && height <= sensor.height);
+    let fits = |(index, pictures): (usize, Option<Pictures>)| {
+        let Pictures { size: (width, height), is_read } = pictures?;
+        let sides = sensor.map(|sensor| (u32::from(sensor.width), u32::from(sensor.height)));
+        let is_whole = sides == Some((width, height));
+        let fits = sides.is_none_or(|sides| width <= sides.0 && height <= sides.1);
         let is_beside = events.is_none() || shared(beside, name(index)) > 0;
-        (is_whole || fits && is_beside).then_some(index)
+        (is_whole || fits && is_beside).then_some((is_read, index))
     };
-    Ok(Topics { pictures: best(&mut pictures.into_iter().filter_map(fits)), samples: best(&mut samples.into_iter()) })
+    // Of those that fit equally well, one that is read.
+    let pictures = pictures.into_iter().filter_map(fits);
+    let pictures = pictures.max_by_key(|&(is_read, index)| {
+        let (shared, is_raw) = fit(index);
+        (shared, is_read, is_raw, Reverse(index))
+    });
+    let samples = samples.into_iter().max_by_key(|&index| (fit(index), Reverse(index)));
+    Ok(Topics { pictures: pictures.map(|(_, index)| index), samples })
+}
+
+/// What the first picture of a topic shows of all.
+#[derive(Clone, Copy)]
+struct Pictures {
+    /// Width and height in pixels.
+    size: (u32, u32),
+    /// Whether their encoding is read.
+    is_read: bool,
 }
 
 /// How many parts at their beginnings two names share.
@@ -168,9 +215,9 @@ pub fn open(
     let names = [topics.pictures, topics.samples].map(description);
     let mut container = open(path)?;
     let mut lost = Vec::new();
-    let (damage, mut skipped) = (options.damage, Skipped::new(options.damage));
-    let first = told(next(&mut *container, topics, damage, &mut skipped), BOTH, &mut lost);
-    Ok(Box::new(MessageExtras { container, next: first, topics, names, lost, damage, skipped }))
+    let (damage, mut skipped, mut unread) = (options.damage, Skipped::new(options.damage), UnreadFrames::default());
+    let first = told(next(&mut *container, topics, damage, &mut skipped, &mut unread), BOTH, &mut lost);
+    Ok(Box::new(MessageExtras { container, next: first, topics, names, lost, damage, skipped, unread }))
 }
 
 impl ReadExtras for MessageExtras {
@@ -186,9 +233,10 @@ impl ReadExtras for MessageExtras {
         lost.append(&mut self.lost);
         if self.next.is_none() {
             self.skipped.tell(lost);
+            self.unread.tell(lost);
         }
-        let Self { container, topics, damage, skipped, .. } = self;
-        take_until(&mut self.next, end, lost, || next(&mut **container, *topics, *damage, skipped))
+        let Self { container, topics, damage, skipped, unread, .. } = self;
+        take_until(&mut self.next, end, lost, || next(&mut **container, *topics, *damage, skipped, unread))
     }
 
     fn reads(&self, stream: &str) -> bool {
@@ -210,12 +258,16 @@ pub fn visit_frames(
 ) -> Result<Result<(), RecordingError>, RecordingError> {
     let pictures = choose(&mut *open(path)?, options.stream.as_deref(), options.damage)?.pictures;
     let topics = Topics { pictures, samples: None };
-    let (mut container, mut skipped) = (open(path)?, Skipped::new(options.damage));
+    let (mut container, mut skipped, mut unread) = (open(path)?, Skipped::new(options.damage), UnreadFrames::default());
     Ok(loop {
-        match next(&mut *container, topics, options.damage, &mut skipped) {
-            Ok(Some(Extra::Frame(frame))) => visit(frame.into()),
-            Ok(Some(Extra::Inertial(_))) => {}
-            Ok(None) => break Ok(()),
+        match next_or_unread(&mut *container, topics, options.damage, &mut skipped) {
+            Ok(Some(Read::Extra(Extra::Frame(frame)))) => visit(frame.into()),
+            Ok(Some(Read::Extra(Extra::Inertial(_)))) => {}
+            Ok(Some(Read::Unread(frame))) => {
+                visit((&frame).into());
+                unread.add(frame);
+            }
+            Ok(None) => break unread.error(path).map_or(Ok(()), Err),
             Err(error) => break Err(error),
         }
     })

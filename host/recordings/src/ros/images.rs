@@ -127,7 +127,8 @@ impl ImageTopic {
                     }
                 }
                 Ok(None) => {
-                    let encoding = picture::encoding(topic.kind, topic.wire, container.message()).unwrap_or_default();
+                    let described = picture::description(topic.kind, topic.wire, container.message());
+                    let encoding = described.map(|described| described.encoding).unwrap_or_default();
                     let kind = RecordingErrorKind::ImageEncoding { topic: topic.name.clone(), encoding };
                     return Err(RecordingError::new(&self.path, kind));
                 }

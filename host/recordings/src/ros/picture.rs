@@ -7,71 +7,103 @@ use crate::extras::Frame;
 use crate::image_file::{self, ImageFile, ImageFileError, Samples};
 use crate::pictures::highest_bits;
 
-/// How the pixels of an `Image` are to be read.
+/// How the pixels of an `Image` are to be read: all encodings of `sensor_msgs` that are pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Pixels {
-    /// One byte each.
+struct Pixels {
+    layout: Layout,
+    /// Bytes of a sample: 1 or 2.
+    bytes: usize,
+}
+
+/// Samples of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Layout {
+    /// One. Where colours follow the picture in a plane of their own (NV21, NV24), they are left out.
     Grey,
-    /// Two bytes each.
-    Grey16,
-    /// Blue, green, red.
-    Bgr,
-    /// Red, green, blue.
-    Rgb,
-    /// Blue, green, red, and how opaque.
-    Bgra,
-    /// Red, green, blue, and how opaque.
-    Rgba,
-    /// One byte each, behind a colour filter.
-    Bayer,
-    /// Two bytes each, behind a colour filter.
-    Bayer16,
+    /// One, behind a colour filter.
+    Mosaic,
+    /// Brightness at this one of two; the other is a colour, for two pixels in turn.
+    Yuv422 { brightness: usize },
+    /// Three or four: blue, green, red (or the other way round), and how opaque.
+    Colours { samples: usize, red_first: bool },
 }
 
 impl Pixels {
     fn of_encoding(encoding: &[u8]) -> Option<Self> {
-        match encoding {
-            b"mono8" | b"8UC1" => Some(Self::Grey),
-            b"mono16" | b"16UC1" => Some(Self::Grey16),
-            b"bgr8" | b"8UC3" => Some(Self::Bgr),
-            b"rgb8" => Some(Self::Rgb),
-            b"bgra8" | b"8UC4" => Some(Self::Bgra),
-            b"rgba8" => Some(Self::Rgba),
-            b"bayer_rggb8" | b"bayer_bggr8" | b"bayer_gbrg8" | b"bayer_grbg8" => Some(Self::Bayer),
-            b"bayer_rggb16" | b"bayer_bggr16" | b"bayer_gbrg16" | b"bayer_grbg16" => Some(Self::Bayer16),
-            _ => None,
+        let encoding = encoding.to_ascii_lowercase();
+        let colours = |samples, red_first| Layout::Colours { samples, red_first };
+        let (layout, bytes) = match encoding.trim_ascii() {
+            b"mono8" | b"8uc1" | b"nv21" | b"nv24" => (Layout::Grey, 1),
+            b"mono16" | b"16uc1" => (Layout::Grey, 2),
+            b"bgr8" | b"8uc3" => (colours(3, false), 1),
+            b"bgr16" | b"16uc3" => (colours(3, false), 2),
+            b"rgb8" => (colours(3, true), 1),
+            b"rgb16" => (colours(3, true), 2),
+            b"bgra8" | b"8uc4" => (colours(4, false), 1),
+            b"bgra16" | b"16uc4" => (colours(4, false), 2),
+            b"rgba8" => (colours(4, true), 1),
+            b"rgba16" => (colours(4, true), 2),
+            b"bayer_rggb8" | b"bayer_bggr8" | b"bayer_gbrg8" | b"bayer_grbg8" => (Layout::Mosaic, 1),
+            b"bayer_rggb16" | b"bayer_bggr16" | b"bayer_gbrg16" | b"bayer_grbg16" => (Layout::Mosaic, 2),
+            b"uyvy" | b"yuv422" => (Layout::Yuv422 { brightness: 1 }, 1),
+            b"yuyv" | b"yuv422_yuy2" => (Layout::Yuv422 { brightness: 0 }, 1),
+            _ => return None,
+        };
+        Some(Self { layout, bytes })
+    }
+
+    /// Samples of a pixel.
+    fn samples(self) -> usize {
+        match self.layout {
+            Layout::Grey | Layout::Mosaic => 1,
+            Layout::Yuv422 { .. } => 2,
+            Layout::Colours { samples, .. } => samples,
         }
     }
 
-    /// Bytes of a pixel.
-    fn bytes(self) -> usize {
-        match self {
-            Self::Grey | Self::Bayer => 1,
-            Self::Grey16 | Self::Bayer16 => 2,
-            Self::Bgr | Self::Rgb => 3,
-            Self::Bgra | Self::Rgba => 4,
-        }
-    }
-
-    fn is_bayer(self) -> bool {
-        matches!(self, Self::Bayer | Self::Bayer16)
+    fn is_mosaic(self) -> bool {
+        self.layout == Layout::Mosaic
     }
 }
 
-/// Whether a picture of this encoding may be one of distances: those of depth cameras are in millimetres.
+/// `true` if a picture of this encoding may be one of distances: those of depth cameras are in millimetres or metres.
 pub fn may_be_distances(encoding: &str) -> bool {
-    encoding.starts_with("16UC1")
+    ["16UC1", "32FC", "64FC"].iter().any(|of_distances| encoding.starts_with(of_distances))
 }
 
-/// The encoding of a picture, or the format of one in a file's bytes.
-pub fn encoding(kind: Kind, wire: Wire, message: &[u8]) -> Result<String, MessageError> {
+/// What a message says of its picture.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Description {
+    /// Its time in µs.
+    pub t: i64,
+    /// Width and height of an `Image` in pixels.
+    pub size: Option<(u32, u32)>,
+    /// The encoding, or the format of a picture in a file's bytes.
+    pub encoding: String,
+}
+
+/// Reads all of a message but its picture.
+pub fn description(kind: Kind, wire: Wire, message: &[u8]) -> Result<Description, MessageError> {
     let mut fields = Fields::new(wire, message)?;
-    fields.header()?;
-    if kind == Kind::Image {
-        fields.u32("its size")?;
-        fields.u32("its size")?;
+    let t = fields.header()?;
+    let size = match kind {
+        Kind::Image => {
+            let (height, width) = (fields.u32("its size")?, fields.u32("its size")?);
+            Some((width, height))
+        }
+        _ => None,
+    };
+    let encoding = String::from_utf8_lossy(fields.text("its encoding")?).into_owned();
+    Ok(Description { t, size, encoding })
+}
+
+/// The encoding of an `Image`, if pictures in it are not read as those of the camera that sent events.
+pub fn unread_encoding(wire: Wire, message: &[u8]) -> Option<String> {
+    let encoding = description(Kind::Image, wire, message).ok()?.encoding;
+    if Pixels::of_encoding(encoding.as_bytes()).is_none() {
+        return Some(encoding);
     }
-    Ok(String::from_utf8_lossy(fields.text("its encoding")?).into_owned())
+    may_be_distances(&encoding).then(|| format!("{encoding} (perhaps of distances)"))
 }
 
 /// The picture of a message of this `kind`; `None` if it is neither grey nor in colour, such as a depth.
@@ -95,38 +127,37 @@ fn plain(wire: Wire, message: &[u8]) -> Result<Option<Frame>, MessageError> {
     let (Some(kind), Ok(columns), Ok(rows)) = (kind, u16::try_from(width), u16::try_from(height)) else {
         return Ok(None);
     };
-    let row_bytes = usize::from(columns) * kind.bytes();
+    let row_bytes = usize::from(columns) * kind.samples() * kind.bytes;
     if step < row_bytes || step == 0 || data.len() < step.saturating_mul(rows.into()) {
         return Err(MessageError::Rows);
     }
-    let rows_of_bytes = data.chunks_exact(step).take(rows.into()).filter_map(|row| row.get(..row_bytes));
-    let mut channels = 1;
-    let pixels = match kind {
-        Pixels::Grey => rows_of_bytes.flatten().copied().collect(),
-        Pixels::Bayer => {
-            let samples: Vec<u8> = rows_of_bytes.flatten().copied().collect();
-            bayer::grey(&samples, columns.into())
-        }
-        Pixels::Grey16 | Pixels::Bayer16 => {
+    let bytes = data.chunks_exact(step).take(rows.into()).filter_map(|row| row.get(..row_bytes)).flatten().copied();
+    let (channels, pixels) = match kind.bytes {
+        1 => arranged(bytes.collect(), kind.layout, columns.into()),
+        _ => {
+            let bytes: Vec<u8> = bytes.collect();
             let number =
-                |pixel: &[u8; 2]| if big_endian { u16::from_be_bytes(*pixel) } else { u16::from_le_bytes(*pixel) };
-            let samples: Vec<u16> = rows_of_bytes.flat_map(|row| row.as_chunks::<2>().0).map(number).collect();
-            highest_bits(&if kind.is_bayer() { bayer::grey(&samples, columns.into()) } else { samples })
-        }
-        Pixels::Bgr | Pixels::Rgb => {
-            channels = 3;
-            let pixels = rows_of_bytes.flat_map(|row| row.as_chunks().0);
-            let rgb = kind == Pixels::Rgb;
-            pixels.flat_map(|&[a, b, c]| if rgb { [c, b, a] } else { [a, b, c] }).collect()
-        }
-        Pixels::Bgra | Pixels::Rgba => {
-            channels = 3;
-            let pixels = rows_of_bytes.flat_map(|row| row.as_chunks().0);
-            let rgb = kind == Pixels::Rgba;
-            pixels.flat_map(|&[a, b, c, _]| if rgb { [c, b, a] } else { [a, b, c] }).collect()
+                |pair: &[u8; 2]| if big_endian { u16::from_be_bytes(*pair) } else { u16::from_le_bytes(*pair) };
+            let samples = bytes.as_chunks().0.iter().map(number).collect();
+            let (channels, samples) = arranged(samples, kind.layout, columns.into());
+            (channels, highest_bits(&samples))
         }
     };
     Ok(Some(Frame { t, exposure: None, readout: None, size: (columns, rows), position: (0, 0), channels, pixels }))
+}
+
+/// The samples as a frame has them, rows of `columns` pixels, and how many a pixel has.
+fn arranged<T: bayer::Sample>(samples: Vec<T>, layout: Layout, columns: usize) -> (usize, Vec<T>) {
+    match layout {
+        Layout::Grey => (1, samples),
+        Layout::Mosaic => (1, bayer::grey(&samples, columns)),
+        Layout::Yuv422 { brightness } => (1, samples.into_iter().skip(brightness).step_by(2).collect()),
+        Layout::Colours { samples: count, red_first } => {
+            let pixels = samples.chunks_exact(count).filter_map(|pixel| pixel.first_chunk());
+            let in_order = |&[a, b, c]: &[T; 3]| if red_first { [c, b, a] } else { [a, b, c] };
+            (3, pixels.flat_map(in_order).collect())
+        }
+    }
 }
 
 /// The picture of a `CompressedImage`. Its format names the encoding before it was compressed, a semicolon, `jpeg` or `png`, and what
@@ -148,7 +179,7 @@ fn compressed(wire: Wire, message: &[u8]) -> Result<Option<Frame>, MessageError>
         return Ok(None);
     };
     let is_mosaic = channels == 1
-        && Pixels::of_encoding(before.trim().as_bytes()).is_some_and(Pixels::is_bayer)
+        && Pixels::of_encoding(before.trim().as_bytes()).is_some_and(Pixels::is_mosaic)
         && !after.trim_end().ends_with("mono8")
         && !after.trim_end().ends_with("mono16");
     let bytes = match samples {

@@ -20,6 +20,7 @@ use super::write::{BAG_OUTPUT, MCAP_OUTPUT};
 use crate::encode::{Description, OutputFormat, WriteError};
 use crate::extras::{Extra, Frame, InertialSample, OtherStreams};
 use crate::image_file::{ImageFile, Samples};
+use crate::pictures::NoImage;
 use crate::testing::{self, Outcome};
 use crate::{Damage, Recording, RecordingOptions};
 
@@ -183,7 +184,7 @@ fn a_topic_of_images_is_the_one_that_is_named_or_the_only_one() {
         (&[one, with_events], Some("/left"), Ok(Some("/left"))),
         (&[one, with_events], Some("/dvs"), Ok(None)),
         (&[one, with_events], Some("/up"), Err("no topic \"/up\" with events or images; it has /dvs")),
-        (&[("/depth", "32FC1")], None, Err("\"32FC1\"; mono8, mono16")),
+        (&[("/depth", "32FC1")], None, Err("\"32FC1\"; mono, bgr, rgb")),
     ];
     for (topics, wanted, expected) in cases {
         for content in files(|wire| images_of(topics, wire)) {
@@ -285,6 +286,33 @@ fn frames_and_samples_are_of_the_camera_whose_events_are_read() {
             ];
             assert!(reader.chosen().iter().zip(&chosen).all(|(told, part)| told.starts_with(part.as_str())));
         }
+    }
+}
+
+/// Frames in an encoding that is not read were dropped without a word.
+#[test]
+fn frames_that_are_not_read_are_named_with_their_encoding() {
+    let of_camera = |wire: Wire| -> Messages {
+        vec![
+            ("/dvs/events", "dvs_msgs/msg/EventArray", event_array(wire, &events(0, 2))),
+            ("/dvs/image_raw", "sensor_msgs/msg/Image", image(wire, START + 2, "16SC1", 6, &[9; 12])),
+            ("/dvs/image_raw", "sensor_msgs/msg/Image", image(wire, START + 9, "mono8", 3, &[9; 6])),
+        ]
+    };
+    for content in files(of_camera) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, &content).unwrap();
+        let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+        let named: Vec<Option<String>> = recording.streams().unwrap().into_iter().map(|stream| stream.unread).collect();
+        assert_eq!(named, [None, Some("16SC1".to_owned())]);
+        let mut images = Vec::new();
+        let note = recording.visit_frames(|image| images.push(image.image)).unwrap().unwrap();
+        assert!(note.contains("1 frame is in an encoding that is not read (16SC1)"), "{note}");
+        assert_eq!((images.len(), &images[0]), (2, &Err(NoImage::UnreadEncoding)));
+        let (mut reader, mut lost) = (recording.open_extras().unwrap(), Vec::new());
+        assert_eq!(std::iter::from_fn(|| reader.next_until(i64::MAX, &mut lost)).count(), 1);
+        assert!(lost.len() == 1 && lost[0].contains("16SC1"), "{lost:?}");
     }
 }
 

@@ -1,7 +1,7 @@
 //! What the columns of a text file are: from the options, its line of names, or its values.
 
 use super::{Fields, is_comment, number};
-use crate::columns::{self, Cell, LayoutError, SAMPLE};
+use crate::columns::{self, Cell, GuessedUnit, LayoutError, SAMPLE};
 use crate::options::{Column, Columns, RecordingOptions, TimeUnit};
 use crate::reader::MAX_SENSOR_SIZE;
 use evcal_core::sensor::Sensor;
@@ -13,6 +13,8 @@ pub struct Layout {
     pub columns: Columns,
     /// Unit of the time.
     pub time_unit: TimeUnit,
+    /// `true` if it was taken for nanoseconds and may as well be microseconds.
+    pub is_unit_doubtful: bool,
     /// Number of lines before the first event.
     pub first_line: u64,
     /// Width and height, if the file gives them.
@@ -47,11 +49,12 @@ pub fn find(text: &str, options: &RecordingOptions) -> Result<Layout, LayoutErro
         (None, None) if parts.rows.is_empty() => return Err(LayoutError::NoNumbers),
         (None, None) => (columns::from_values(&cells(&parts.rows), &mut notes)?, None),
     };
-    let time_unit = match options.time_unit.or(unit_of_name) {
-        Some(unit) => unit,
+    let GuessedUnit { unit: time_unit, is_doubtful } = match options.time_unit.or(unit_of_name) {
+        Some(unit) => unit.into(),
         None => columns::unit_from_values(&times(&parts.rows, &columns), &mut notes),
     };
-    Ok(Layout { columns, time_unit, first_line: parts.first_line, sensor: parts.sensor, notes })
+    let Parts { first_line, sensor, .. } = parts;
+    Ok(Layout { columns, time_unit, is_unit_doubtful: is_doubtful, first_line, sensor, notes })
 }
 
 /// Whether a line of `text` names the columns of events.

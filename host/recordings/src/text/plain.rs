@@ -99,7 +99,8 @@ mod tests {
 
     fn both(line: &str, columns: &str, time_unit: TimeUnit) -> (Option<PlainLine>, Result<Event, LineError>) {
         let columns = columns.parse().unwrap();
-        let layout = Layout { columns, time_unit, first_line: 0, sensor: None, notes: Vec::new() };
+        let layout =
+            Layout { columns, time_unit, is_unit_doubtful: false, first_line: 0, sensor: None, notes: Vec::new() };
         (event(format!("{line}\nnext").as_bytes(), &layout), general(line.as_bytes(), &layout))
     }
 
@@ -141,6 +142,7 @@ mod tests {
     #[test]
     fn a_line_without_end_is_left_to_the_general_way() {
         let layout = Layout {
+            is_unit_doubtful: false,
             columns: "t,x,y,p".parse().unwrap(),
             time_unit: TimeUnit::Microseconds,
             first_line: 0,

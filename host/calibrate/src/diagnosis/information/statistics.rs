@@ -9,6 +9,7 @@ use super::{Gap, HotPixel, LISTED, Peak, SaturatedReadout, seconds};
 use crate::diagnosis::bad_pixels::{dead_lines, most_of_good};
 use crate::diagnosis::flicker::RateBins;
 use crate::diagnosis::saturation::SaturationDetector;
+use crate::diagnosis::time_steps::TimeSteps;
 
 /// Length of the bins of the peak rate, in microseconds.
 const RATE_BIN: i64 = 10_000;
@@ -35,6 +36,7 @@ pub(super) struct Statistics {
     pub(super) pixels: HashMap<(u16, u16), u64>,
     saturation: SaturationDetector,
     pub(super) bins: RateBins,
+    pub(super) steps: TimeSteps,
 }
 
 impl Statistics {
@@ -53,6 +55,7 @@ impl Statistics {
             }
             Some(_) => {}
         }
+        self.steps.add(event.t);
         self.latest = event.t;
         self.events += 1;
         self.on_events += u64::from(event.polarity == Polarity::On);

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use evcal_files::visible;
+
 use super::{Information, LISTED, Peak, SaturatedReadout, seconds};
 use crate::diagnosis::bad_pixels::HOT_FACTOR;
 use crate::diagnosis::flicker::Flicker;
@@ -29,7 +31,7 @@ impl fmt::Display for Information {
 }
 
 fn line(f: &mut fmt::Formatter<'_>, name: &str, value: String) -> fmt::Result {
-    writeln!(f, "{name:<12}{value}")
+    writeln!(f, "{name:<12}{}", visible::name(&value))
 }
 
 impl Information {
@@ -86,6 +88,9 @@ impl Information {
             let full = if fills_readout { ", as many as can be read: they come late" } else { "" };
             line(f, "flicker", value + full)?;
         }
+        if let Some(coarse) = self.coarse_times {
+            line(f, "times", coarse.to_string())?;
+        }
         if self.gap_count > 0 {
             let shown = self.longest_gaps.iter().map(|gap| format!("{:.3} s at {:.3} s", gap.duration_s, gap.t_s));
             let shown = shown.collect::<Vec<_>>().join(", ");
@@ -121,7 +126,9 @@ impl Information {
             let seconds = stream.times_us.map_or(0.0, |(first, last)| seconds(last.saturating_sub(first)));
             let rate =
                 if seconds > 0.0 { format!(", {:.1}/s", stream.elements as f64 / seconds) } else { String::new() };
-            let text = format!("{}: {} in {} packets{rate}", stream.name, stream.elements, stream.packets);
+            let unread = stream.unread.as_ref().map(|encoding| format!("; their encoding, {encoding}, is not read"));
+            let unread = unread.unwrap_or_default();
+            let text = format!("{}: {} in {} packets{rate}{unread}", stream.name, stream.elements, stream.packets);
             line(f, "stream", text)?;
         }
         if self.streams.is_empty() {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::solve::held_intrinsics::HeldIntrinsics;
 use evcal_core::sensor::Sensor;
+use evcal_files::visible;
 use evcal_geometry::lens::camera_file::CameraFileError;
 
 use super::super::print;
@@ -20,7 +21,7 @@ pub struct HeldCamera {
 #[derive(Debug, thiserror::Error)]
 #[error(
     "{} is a camera of {} x {} pixels, that of the recording has {} x {}: give the calibration of the same camera",
-    file.display(), known.width, known.height, recorded.width, recorded.height
+    visible::path(file), known.width, known.height, recorded.width, recorded.height
 )]
 pub struct OtherSensor {
     file: PathBuf,
@@ -34,7 +35,7 @@ impl HeldCamera {
         let known = CalibratedCamera::read(path)?;
         let (camera, sensor, covariance) = (known.camera, known.sensor, known.covariance_matrix());
         if covariance.is_none() {
-            let file = path.display();
+            let file = visible::path(path);
             print::aside(format!(
                 "{file} has no σ for the intrinsics, so the σ of everything solved with them is too small"
             ));

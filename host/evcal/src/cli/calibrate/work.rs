@@ -25,6 +25,7 @@ use evcal_calibrate::solve::held_intrinsics::HeldIntrinsics;
 use evcal_calibrate::trust::verdict::{Cause, Grade};
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
+use evcal_files::visible;
 use evcal_geometry::board::Board;
 use evcal_report::output::failure::{Failure, write_failure};
 use evcal_report::output::folder::write_folder;
@@ -47,7 +48,7 @@ pub(super) struct Failed {
 }
 
 fn files_of(failure: &Failure) -> String {
-    let files: Vec<String> = failure.files.iter().map(|file| file.display().to_string()).collect();
+    let files: Vec<String> = failure.files.iter().map(|file| visible::path(file)).collect();
     if files.is_empty() { String::new() } else { format!("\n  what was seen: {}", files.join(", ")) }
 }
 
@@ -160,15 +161,15 @@ impl Work<'_> {
         if self.arguments.json {
             print::line(written.json)?;
         } else {
-            print::line(coloured(&written.summary, &calibrated))?;
+            print::styled(coloured(&visible::lines(&written.summary), &calibrated))?;
             if self.arguments.verbose {
                 print::line(format!("\n{}", written.stage_report))?;
             }
             let folder = folder.path();
             print::line(format!(
                 "\nopen {} first; all results are in {}",
-                folder.join("report.html").display(),
-                folder.display()
+                visible::path(folder.join("report.html")),
+                visible::path(folder)
             ))?;
         }
         let told = calibrated.verdict.findings.iter().any(|finding| finding.cause == Cause::LargerBoard);

@@ -7,6 +7,7 @@ use evcal_calibrate::evaluate::pose_by_intrinsics::KnownCamera;
 use evcal_calibrate::motion_capture::held_out::{Errors, SLICE, SliceErrors};
 use evcal_calibrate::motion_capture::{Compared, Measured, MeasuredPose};
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
+use evcal_files::visible;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 
@@ -21,7 +22,11 @@ pub fn run(files: &CapturedFiles, as_json: bool) -> crate::cli::Outcome {
         value["motion_capture"] = json!(files.capture);
         return print::json(&value);
     }
-    print::line(format!("trajectory {}\nmotion capture {}\n", trajectory.display(), files.capture.display()))?;
+    print::line(format!(
+        "trajectory {}\nmotion capture {}\n",
+        visible::path(trajectory),
+        visible::path(&files.capture)
+    ))?;
     print::line(text(&compared))
 }
 

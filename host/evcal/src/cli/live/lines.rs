@@ -2,6 +2,7 @@
 
 use std::io::IsTerminal;
 
+use evcal_files::visible;
 use evcal_live::checkpoint::Checkpoint;
 use evcal_live::health::Health;
 use evcal_live::recorder::RecordingStatus;
@@ -46,7 +47,7 @@ impl Lines {
         if !self.is_terminal {
             self.print(|| print::line(&text));
         }
-        self.bar.set_message(text);
+        self.bar.set_message(visible::name(&text).into_owned());
     }
 
     fn print(&mut self, print: impl FnOnce() -> Outcome) {

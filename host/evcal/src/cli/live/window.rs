@@ -12,6 +12,7 @@ use std::time::Duration;
 use evcal_calibrate::result::calibration_file::CalibrationFile;
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
+use evcal_files::visible;
 use evcal_live::Seen;
 use evcal_live::frames::FrameFeed;
 use evcal_live::latest::Latest;
@@ -162,7 +163,7 @@ impl Window {
             matrix: [[parameter(0), 0.0, parameter(2)], [0.0, parameter(1), parameter(3)], [0.0, 0.0, 1.0]],
             distortion: parameters.get(4..).unwrap_or_default().to_vec(),
             sigma: Some(calibration.uncertainty.projection_rms),
-            folder: folder.display().to_string(),
+            folder: visible::path(folder),
             report: Some(self.page.set_report(report)),
             files: names.into_iter().zip(paths).map(|(name, path)| FileLink { name, path }).collect(),
             can_record: false,

@@ -2,7 +2,7 @@
 
 use super::super::fields::MessageError;
 use super::super::message::Kind;
-use super::super::picture::{encoding, frame};
+use super::super::picture::{description, frame, unread_encoding};
 use super::*;
 
 /// 24 x 16 pixels that become brighter from left to right, by OpenCV (`cv2.imencode`, quality 95), grey and in colours of which red is
@@ -17,11 +17,43 @@ fn pictures_of_other_encodings_become_eight_bits() {
         // 12 of the 16 bits are used.
         ("mono16", 6, [[16, 0], [32, 0], [0, 1], [255, 15], [15, 0], [0, 0]].concat(), vec![1, 2, 16, 255, 0, 0], 1),
         ("rgb8", 9, (0..18).collect(), vec![2, 1, 0, 5, 4, 3, 8, 7, 6, 11, 10, 9, 14, 13, 12, 17, 16, 15], 3),
+        ("BGR8", 9, (0..18).collect(), (0..18).collect(), 3),
+        ("8UC3", 9, (0..18).collect(), (0..18).collect(), 3),
+        // Brightness and a colour in turn.
+        ("uyvy", 6, (0..12).collect(), vec![1, 3, 5, 7, 9, 11], 1),
+        ("yuv422", 6, (0..12).collect(), vec![1, 3, 5, 7, 9, 11], 1),
+        ("yuyv", 6, (0..12).collect(), vec![0, 2, 4, 6, 8, 10], 1),
+        ("yuv422_yuy2", 6, (0..12).collect(), vec![0, 2, 4, 6, 8, 10], 1),
+        // Colours behind the picture.
+        ("nv21", 3, (0..9).collect(), (0..6).collect(), 1),
+        ("nv24", 3, (0..18).collect(), (0..6).collect(), 1),
     ] {
         let message = image(Wire::Cdr, 5, encoding, step, &bytes);
         let frame = frame(Kind::Image, Wire::Cdr, &message).unwrap().unwrap();
-        assert_eq!((frame.pixels, frame.channels), (pixels, channels));
+        assert_eq!((frame.pixels, frame.channels), (pixels, channels), "{encoding}");
+        assert_eq!(unread_encoding(Wire::Cdr, &message), None);
     }
+    // The driver of iniVation's cameras writes grey frames like this.
+    for (encoding, samples, in_order) in [
+        ("rgb16", 3, [2, 1, 0]),
+        ("bgr16", 3, [0, 1, 2]),
+        ("16UC3", 3, [0, 1, 2]),
+        ("rgba16", 4, [2, 1, 0]),
+        ("bgra16", 4, [0, 1, 2]),
+        ("16UC4", 4, [0, 1, 2]),
+    ] {
+        let pixel = |index: usize| (0..samples).flat_map(move |sample| [7, (10 * index + sample + 100) as u8]);
+        let bytes: Vec<u8> = (0..6).flat_map(pixel).collect();
+        let message = image(Wire::Cdr, 5, encoding, 6 * samples as u32, &bytes);
+        let frame = frame(Kind::Image, Wire::Cdr, &message).unwrap().unwrap();
+        let pixels: Vec<u8> =
+            (0..6).flat_map(|index| in_order.map(|sample| (10 * index + sample + 100) as u8)).collect();
+        assert_eq!((frame.pixels, frame.channels), (pixels, 3), "{encoding}");
+    }
+    let named = unread_encoding(Wire::Ros1, &image(Wire::Ros1, 5, "16SC1", 6, &[0; 12]));
+    assert_eq!(named.as_deref(), Some("16SC1"));
+    let named = unread_encoding(Wire::Ros1, &image(Wire::Ros1, 5, "16UC1", 6, &[0; 12]));
+    assert_eq!(named.as_deref(), Some("16UC1 (perhaps of distances)"));
     assert_eq!(frame(Kind::Image, Wire::Ros1, &image(Wire::Ros1, 5, "32FC1", 12, &[0; 24])), Ok(None));
     assert!(frame(Kind::Image, Wire::Ros1, &image(Wire::Ros1, 5, "mono8", 2, &[0; 4])).is_err());
     assert!(frame(Kind::Image, Wire::Ros1, &image(Wire::Ros1, 5, "mono8", u32::MAX, &[0; 4])).is_err());
@@ -98,7 +130,7 @@ fn compressed_pictures_that_cannot_be_read_are_named() {
     assert_eq!(read("16UC1; compressedDepth png", &png()), Ok(None));
     assert_eq!(read("h264", &[0, 0, 0, 1, 9]), Ok(None));
     let message = compressed_image(Wire::Ros1, 5, "h264", &[0; 9]);
-    assert_eq!(encoding(Kind::CompressedImage, Wire::Ros1, &message).unwrap(), "h264");
+    assert_eq!(description(Kind::CompressedImage, Wire::Ros1, &message).unwrap().encoding, "h264");
     for whole in [png(), GREY_JPEG.to_vec()] {
         let error = read("jpeg", &whole[..whole.len() / 2]).unwrap_err();
         assert!(matches!(&error, MessageError::Picture(what) if what.starts_with("not a whole ")), "{error}");

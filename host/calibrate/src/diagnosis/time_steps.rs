@@ -1,0 +1,160 @@
+//! Are the times of events as fine as those of a camera?
+
+use std::fmt;
+use std::ops::RangeInclusive;
+
+use evcal_core::event::Event;
+use serde::Serialize;
+
+/// Fewer events tell nothing of their times.
+const FEWEST_EVENTS: u64 = 1000;
+/// Steps between different times that are coarse (µs). Those of a DVXplorer, which scans its pixels, are 200 µs; longer ones are pauses.
+const COARSE: RangeInclusive<i64> = 240..=50_000;
+/// Share of steps that may be shorter.
+const FEW_SHORT: f64 = 0.01;
+/// Events with one time, on average, from which on steps are those of the clock and not of the events.
+const TOGETHER: f64 = 10.0;
+/// As many events have one time on average only if times were lost: cameras read a row of at most some thousand pixels at once.
+const ALL: f64 = 5000.0;
+/// Seconds since 1970, from 2001 to 2096.
+const UNIX_SECONDS: RangeInclusive<i64> = 1_000_000_000..=4_000_000_000;
+
+/// Times that are too coarse.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum CoarseTimes {
+    /// They come in steps.
+    Steps {
+        /// The mean step in milliseconds.
+        step_ms: f64,
+        /// Events with the same time, on average.
+        events: f64,
+    },
+    /// Hardly two events differ in time.
+    Equal,
+    /// The same, because seconds since 1970 were put into floating-point numbers of 32 bits, whose steps are 64 or 128 s there.
+    UnixSecondsOf32Bits,
+}
+
+impl CoarseTimes {
+    /// What to do.
+    pub const ADVICE: &str = "export times in whole microseconds, or as floating-point numbers of 64 bits";
+}
+
+impl fmt::Display for CoarseTimes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Steps { step_ms, events } => {
+                write!(f, "times come in steps of {step_ms:.2} ms, with {events:.0} events at each")
+            }
+            Self::Equal => write!(f, "nearly all events have the same time"),
+            Self::UnixSecondsOf32Bits => write!(
+                f,
+                "nearly all events have the same time: seconds since 1970 do not fit into floating-point numbers of 32 bits"
+            ),
+        }
+    }
+}
+
+/// Counts the steps from one time to the next.
+#[derive(Clone, Debug, Default)]
+pub struct TimeSteps {
+    latest: Option<i64>,
+    events: u64,
+    /// Different times.
+    times: u64,
+    /// Steps that are not pauses, those of them that are not coarse, and the sum of all (µs).
+    steps: u64,
+    short: u64,
+    sum: i64,
+}
+
+impl TimeSteps {
+    /// Adds the time of the next event (µs).
+    pub fn add(&mut self, t: i64) {
+        self.events += 1;
+        let Some(latest) = self.latest.replace(t) else {
+            self.times = 1;
+            return;
+        };
+        let step = t.saturating_sub(latest);
+        if step != 0 {
+            self.times += 1;
+            if step <= *COARSE.end() {
+                self.steps += 1;
+                self.short += u64::from(step < *COARSE.start());
+                self.sum += step;
+            }
+        }
+    }
+
+    /// As [`Self::add`], of several events.
+    pub fn push(&mut self, events: &[Event]) {
+        events.iter().for_each(|event| self.add(event.t));
+    }
+
+    /// What is wrong with the times; `first` is the first of them as the file has it (µs).
+    pub fn coarse(&self, first: i64) -> Option<CoarseTimes> {
+        if self.events < FEWEST_EVENTS {
+            return None;
+        }
+        let together = self.events as f64 / self.times.max(1) as f64;
+        let are_coarse = self.steps > 0 && self.short as f64 <= FEW_SHORT * self.steps as f64;
+        if together >= TOGETHER && are_coarse {
+            let step_ms = 1e-3 * self.sum as f64 / self.steps as f64;
+            return Some(CoarseTimes::Steps { step_ms, events: together });
+        }
+        // Whole seconds may have been taken for microseconds.
+        let of_32_bits = |seconds: i64| UNIX_SECONDS.contains(&seconds) && seconds % 64 == 0;
+        let are_unix = of_32_bits(first) || (first % 1_000_000 == 0 && of_32_bits(first / 1_000_000));
+        match together >= ALL || self.times == 1 {
+            true if are_unix => Some(CoarseTimes::UnixSecondsOf32Bits),
+            true => Some(CoarseTimes::Equal),
+            false => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn coarse(times: impl Iterator<Item = i64>) -> Option<CoarseTimes> {
+        let mut steps = TimeSteps::default();
+        let times: Vec<i64> = times.collect();
+        times.iter().for_each(|t| steps.add(*t));
+        steps.coarse(times[0])
+    }
+
+    /// 0.65 million events per second, in steps of `step` µs.
+    fn stepped(step: i64) -> Option<CoarseTimes> {
+        coarse((0..1_000_000).map(|index| index * 100 / 65 / step * step))
+    }
+
+    #[test]
+    fn steps_are_measured_and_fine_times_are_not_blamed() {
+        for step in [250, 1000, 4000, 10_000] {
+            let Some(CoarseTimes::Steps { step_ms, .. }) = stepped(step) else { panic!("{step}") };
+            assert!((step_ms - step as f64 * 1e-3).abs() < 1e-6, "{step_ms}");
+        }
+        assert_eq!(stepped(1), None);
+        assert_eq!(coarse((0..500_000).map(|index| (index / 165 + index / 400) * 200)), None);
+        // A camera that scans its pixels every 200 µs, and sometimes sees nothing; few events, and pauses; rows of 1000 pixels that are read every 20 µs.
+        assert_eq!(coarse((0..5000).map(|index| index * 2000 + index / 100 * 900_000)), None);
+        assert_eq!(coarse((0..500_000).map(|index| index / 1000 * 20)), None);
+    }
+
+    /// The calibration said that the board was not in view.
+    #[test]
+    fn equal_times_are_named_with_their_cause() {
+        let seconds = |t: f64| f64::from((1.6e9 + t) as f32);
+        let unix = |unit: f64| coarse((0..400_000).map(|index| (seconds(f64::from(index) * 2e-6) * unit) as i64));
+        assert_eq!(unix(1.0), Some(CoarseTimes::UnixSecondsOf32Bits));
+        assert_eq!(unix(1e6), Some(CoarseTimes::UnixSecondsOf32Bits));
+        // With the step to the next number within it.
+        let long = coarse((0..400_000).map(|index| seconds(f64::from(index) * 1e-3) as i64));
+        assert_eq!(long, Some(CoarseTimes::UnixSecondsOf32Bits));
+        assert_eq!(coarse((0..2000).map(|_| 7)), Some(CoarseTimes::Equal));
+        assert_eq!(coarse((0..200).map(|_| 7)), None);
+    }
+}

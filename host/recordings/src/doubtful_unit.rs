@@ -1,0 +1,109 @@
+//! Times that are all multiples of 1000 are nanoseconds of a camera that counts microseconds, or microseconds of one that counts
+//! milliseconds. The rate of events decides.
+
+use evcal_core::event::Event;
+
+use crate::error::RecordingError;
+use crate::options::TimeUnit;
+use crate::read_report::ReadReport;
+use crate::reader::{Decode, RecordingInformation};
+
+/// No camera sends as many events per second for as long as [`EVENTS`] take.
+const MOST_EVENTS_A_SECOND: f64 = 1e8;
+/// Events from which the rate is taken.
+const EVENTS: usize = 1 << 20;
+
+/// Events per second in the times of `decoder`, which is at its beginning, if no camera sends as many.
+pub fn impossible_rate(decoder: &mut dyn Decode) -> Option<f64> {
+    let (mut batch, mut count) = (Vec::new(), 0);
+    let mut span: Option<(i64, i64)> = None;
+    let mut more = true;
+    while more && count < EVENTS {
+        batch.clear();
+        // What is wrong with the file is reported by the pass that follows.
+        more = decoder.decode(&mut batch, &mut ReadReport::default()).unwrap_or(false);
+        count += batch.len();
+        for Event { t, .. } in &batch {
+            let (first, last) = span.unwrap_or((*t, *t));
+            span = Some((first.min(*t), last.max(*t)));
+        }
+    }
+    let (first, last) = span?;
+    let rate = count as f64 / (last.saturating_sub(first).max(1) as f64 * 1e-6);
+    (rate > MOST_EVENTS_A_SECOND).then_some(rate)
+}
+
+/// A decoder of times that were taken for another unit at first.
+pub struct Corrected {
+    decoder: Box<dyn Decode>,
+    information: RecordingInformation,
+}
+
+impl Corrected {
+    /// `decoder`, to which the unit was stated because in nanoseconds there would be this impossible `rate` (events per second).
+    pub fn new(decoder: Box<dyn Decode>, rate: f64) -> Self {
+        let mut information = decoder.information().clone();
+        let (unit, nanoseconds) = (TimeUnit::Microseconds, TimeUnit::Nanoseconds);
+        let millions = rate / 1e6;
+        information.notes.push(format!(
+            "times are taken for {unit}: in {nanoseconds} there would be {millions:.0} million events per second, which no camera sends"
+        ));
+        Self { decoder, information }
+    }
+}
+
+impl Decode for Corrected {
+    fn information(&self) -> &RecordingInformation {
+        &self.information
+    }
+
+    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
+        self.decoder.decode(batch, report)
+    }
+
+    fn done(&self) -> Option<f64> {
+        self.decoder.done()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fmt::Write as _;
+
+    use crate::{Recording, RecordingOptions};
+
+    /// The last time and the notes of 100,000 events of which `together` have one time, which is a multiple of `step`.
+    fn read(together: i64, step: i64) -> (i64, Vec<String>) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("events.csv");
+        let mut text = "t,x,y,p\n".to_owned();
+        for index in 0..100_000 {
+            // A slow beginning, as long as a guess looks at the file.
+            let t = if index < 2000 { index / 50 } else { 40 + (index - 2000) / together } * step;
+            let _ = writeln!(text, "{t},{},{},{}", index % 346, index % 260, index % 2);
+        }
+        std::fs::write(&path, text).unwrap();
+        let mut reader = Recording::new(&path, RecordingOptions::default()).unwrap().open().unwrap();
+        let (mut batch, mut last) = (Vec::new(), 0);
+        while reader.next_batch(&mut batch).unwrap() {
+            last = batch.last().unwrap().t;
+        }
+        (last, reader.information().notes.clone())
+    }
+
+    /// Whole milliseconds, written as microseconds, of a camera with 0.65 million events per second: taken for nanoseconds, there
+    /// were 650 million.
+    #[test]
+    fn an_impossible_rate_rejects_the_guess() {
+        let (last, notes) = read(650, 1000);
+        assert_eq!(last, 190_000);
+        assert!(
+            notes.iter().any(|note| note.contains("taken for microseconds: in nanoseconds there would be 5")),
+            "{notes:?}"
+        );
+        // Microseconds, written as nanoseconds, of one with 7 million events per second.
+        let (last, notes) = read(7, 1000);
+        assert_eq!(last, 14_039);
+        assert!(notes.iter().any(|note| note.contains("taken for nanoseconds")), "{notes:?}");
+    }
+}
