@@ -3,12 +3,11 @@
 fn main() {
     println!("cargo::rerun-if-changed=src/bridge.cpp");
     // Its list of libraries names all that OpenCV has, and the bridge needs two.
-    let opencv = match pkg_config::Config::new().atleast_version("4").cargo_metadata(false).probe("opencv4") {
-        Ok(opencv) => opencv,
-        Err(error) => {
-            println!("cargo::error=OpenCV 4 and its headers are needed (Debian: libopencv-dev, pkg-config): {error}");
-            return;
-        }
+    let Ok(opencv) = pkg_config::Config::new().atleast_version("4").cargo_metadata(false).probe("opencv4") else {
+        println!(
+            "cargo::error=pkg-config finds no opencv4: OpenCV 4 and its headers are needed (Debian: libopencv-dev)"
+        );
+        return;
     };
     cc::Build::new()
         .cpp(true)

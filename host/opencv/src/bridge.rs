@@ -5,7 +5,7 @@ use std::marker::PhantomData;
 
 use evcal_core::pattern::{Layout, Pattern};
 
-use super::{OpencvError, View};
+use super::{Intrinsics, OpencvCalibration, OpencvError, View, isometry};
 
 /// A slice that C++ reads.
 #[repr(C)]
@@ -35,6 +35,10 @@ impl<'a, T> From<&'a mut [T]> for Output<'a, T> {
     }
 }
 
+type Points<'a> = Input<'a, [f64; 2]>;
+/// What OpenCV says of a failure, up to a zero.
+type Message<'a> = Output<'a, u8>;
+
 /// `T_camera_world` as OpenCV has it.
 #[repr(C)]
 #[derive(Clone, Copy, Default)]
@@ -49,8 +53,8 @@ pub struct Pose {
 #[repr(C)]
 struct Views<'a> {
     sizes: Input<'a, usize>,
-    object: Input<'a, [f64; 2]>,
-    image: Input<'a, [f64; 2]>,
+    object: Points<'a>,
+    image: Points<'a>,
 }
 
 /// What a calibration is given beside the views.
@@ -83,46 +87,46 @@ unsafe extern "C" {
         tangential: bool,
         guess: bool,
         solved: &mut Solved<'_>,
-        message: Output<'_, u8>,
+        message: Message<'_>,
     ) -> c_int;
 
     safe fn evcal_opencv_calibrate_fisheye(
         views: &Views<'_>,
         limits: &Limits,
         solved: &mut Solved<'_>,
-        message: Output<'_, u8>,
+        message: Message<'_>,
     ) -> c_int;
 
     safe fn evcal_opencv_find_circles_grid(
-        points: Input<'_, [f64; 2]>,
+        points: Points<'_>,
         columns: c_int,
         rows: c_int,
         asymmetric: bool,
         grid: Output<'_, [f64; 2]>,
-        message: Output<'_, u8>,
+        message: Message<'_>,
     ) -> c_int;
 
     safe fn evcal_opencv_solve_pnp_ransac(
-        object: Input<'_, [f64; 2]>,
-        image: Input<'_, [f64; 2]>,
+        object: Points<'_>,
+        image: Points<'_>,
         iterations: c_int,
         threshold: f32,
         inliers: Output<'_, c_int>,
         found: &mut usize,
-        message: Output<'_, u8>,
+        message: Message<'_>,
     ) -> c_int;
 
     safe fn evcal_opencv_solve_ippe(
-        object: Input<'_, [f64; 2]>,
-        image: Input<'_, [f64; 2]>,
+        object: Points<'_>,
+        image: Points<'_>,
         poses: Output<'_, Pose>,
         found: &mut usize,
-        message: Output<'_, u8>,
+        message: Message<'_>,
     ) -> c_int;
 }
 
 /// Whether OpenCV found something.
-fn answered(call: &'static str, ask: impl FnOnce(Output<'_, u8>) -> c_int) -> Result<bool, OpencvError> {
+fn answered(call: &'static str, ask: impl FnOnce(Message<'_>) -> c_int) -> Result<bool, OpencvError> {
     let mut message = [0; 4096];
     match ask(message.as_mut_slice().into()) {
         0 => Ok(true),
@@ -134,31 +138,18 @@ fn answered(call: &'static str, ask: impl FnOnce(Output<'_, u8>) -> c_int) -> Re
     }
 }
 
-/// A pinhole or fisheye camera from views of a board.
-pub struct Calibration {
-    /// fx, fy, cx, cy in pixels.
-    pub camera: [f64; 4],
-    /// In OpenCV's order.
-    pub coefficients: Vec<f64>,
-    /// Root mean square of the distances between measured and projected points, in pixels.
-    pub rms: f64,
-    /// The same for each view.
-    pub view_rms: Vec<f64>,
-    /// One for each view.
-    pub poses: Vec<Pose>,
-}
-
 /// Stack of the calibrations: OpenBLAS, which many machines have in place of the reference BLAS, puts
 /// work space on the stack that the usual 2 to 8 MiB cannot hold.
 const STACK: usize = 64 << 20;
 
+/// The calibration of all `views`, or an error unless all of it is finite and the focal lengths are positive.
 fn calibrate(
     call: &'static str,
     views: &[&View],
     camera: [f64; 4],
     mut coefficients: Vec<f64>,
-    run: impl FnOnce(&Views<'_>, &mut Solved<'_>, Output<'_, u8>) -> c_int + Send,
-) -> Result<Calibration, OpencvError> {
+    run: impl FnOnce(&Views<'_>, &mut Solved<'_>, Message<'_>) -> c_int + Send,
+) -> Result<OpencvCalibration, OpencvError> {
     let sizes: Vec<usize> = views.iter().map(|view| view.object.len()).collect();
     let object: Vec<[f64; 2]> = views.iter().flat_map(|view| &view.object).copied().collect();
     let image: Vec<[f64; 2]> = views.iter().flat_map(|view| &view.image).copied().collect();
@@ -181,7 +172,15 @@ fn calibrate(
         let thread = thread.map_err(|error| OpencvError::Exception { call, message: error.to_string() })?;
         thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })?;
-    Ok(Calibration { camera, coefficients, rms, view_rms, poses })
+    let [fx, fy, cx, cy] = camera;
+    let finite = camera.iter().chain([&rms]).chain(&coefficients).chain(&view_rms).all(|value| value.is_finite());
+    match poses.iter().map(isometry).collect() {
+        Some(poses) if finite && fx > 0.0 && fy > 0.0 => {
+            let intrinsics = Intrinsics { focal: [fx, fy], center: [cx, cy], distortion: coefficients };
+            Ok(OpencvCalibration { intrinsics, rms, views: (0..view_rms.len()).collect(), view_rms, poses })
+        }
+        _ => Err(OpencvError::Unusable { call }),
+    }
 }
 
 /// `calibrateCamera`; 4, 5 or 8 `coefficients`, of which p1 and p2 stay zero unless it is `tangential`. With a `guess` it
@@ -192,7 +191,7 @@ pub fn calibrate_pinhole(
     tangential: bool,
     coefficients: Vec<f64>,
     guess: Option<[f64; 4]>,
-) -> Result<Calibration, OpencvError> {
+) -> Result<OpencvCalibration, OpencvError> {
     let camera = guess.unwrap_or([1.0, 1.0, 0.0, 0.0]);
     calibrate("calibrateCamera", views, camera, coefficients, |views, solved, message| {
         evcal_opencv_calibrate_pinhole(views, limits, tangential, guess.is_some(), solved, message)
@@ -200,7 +199,7 @@ pub fn calibrate_pinhole(
 }
 
 /// `fisheye::calibrate`.
-pub fn calibrate_fisheye(views: &[&View], limits: &Limits) -> Result<Calibration, OpencvError> {
+pub fn calibrate_fisheye(views: &[&View], limits: &Limits) -> Result<OpencvCalibration, OpencvError> {
     calibrate("fisheye::calibrate", views, [0.0; 4], vec![0.0; 4], |views, solved, message| {
         evcal_opencv_calibrate_fisheye(views, limits, solved, message)
     })

@@ -3,7 +3,7 @@
 use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
 
-use super::{OpencvError, View, bridge, isometry, usable};
+use super::{OpencvError, View, bridge, usable};
 
 /// Which distortion coefficients `calibrateCamera` may move; the others stay zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,16 +65,6 @@ fn limits(sensor: Sensor, iterations: i32) -> bridge::Limits {
     bridge::Limits { width, height, iterations, change: CALIBRATION_CHANGE }
 }
 
-/// `None` unless all of it is finite and the focal lengths are positive.
-fn checked(raw: bridge::Calibration) -> Option<OpencvCalibration> {
-    let bridge::Calibration { camera: [fx, fy, cx, cy], coefficients, rms, view_rms, poses } = raw;
-    let finite = [fx, fy, cx, cy, rms].iter().chain(&coefficients).chain(&view_rms).all(|value| value.is_finite());
-    let poses: Vec<Isometry3<f64>> = poses.iter().map(isometry).collect::<Option<_>>()?;
-    let intrinsics = Intrinsics { focal: [fx, fy], center: [cx, cy], distortion: coefficients };
-    let views = (0..poses.len()).collect();
-    (finite && fx > 0.0 && fy > 0.0).then_some(OpencvCalibration { intrinsics, rms, views, view_rms, poses })
-}
-
 /// OpenCV's `calibrateCamera` (Zhang 2000) on `views` of a planar board.
 ///
 /// `sensor` is (width, height) in pixels and serves for the first guess of the principal point.
@@ -86,9 +76,8 @@ pub fn calibrate_pinhole(
     distortion: PinholeDistortion,
     guess: Option<&Intrinsics>,
 ) -> Result<OpencvCalibration, OpencvError> {
-    const CALL: &str = "calibrateCamera";
     if views.is_empty() || !views.iter().all(usable) {
-        return Err(OpencvError::Input { call: CALL });
+        return Err(OpencvError::Input { call: "calibrateCamera" });
     }
     let mut coefficients = vec![0.0; distortion.coefficient_count()];
     let camera = guess.map(|guess| {
@@ -99,13 +88,11 @@ pub fn calibrate_pinhole(
     let views: Vec<&View> = views.iter().collect();
     let tangential = distortion != PinholeDistortion::Radial3;
     let limits = limits(sensor, CALIBRATION_ITERATIONS);
-    let raw = bridge::calibrate_pinhole(&views, &limits, tangential, coefficients, camera)?;
-    checked(raw).ok_or(OpencvError::Unusable { call: CALL })
+    bridge::calibrate_pinhole(&views, &limits, tangential, coefficients, camera)
 }
 
 fn calibrate_fisheye_once(views: &[&View], sensor: Sensor, iterations: i32) -> Result<OpencvCalibration, OpencvError> {
-    let raw = bridge::calibrate_fisheye(views, &limits(sensor, iterations))?;
-    checked(raw).ok_or(OpencvError::Unusable { call: "fisheye::calibrate" })
+    bridge::calibrate_fisheye(views, &limits(sensor, iterations))
 }
 
 /// The views among `indices` that OpenCV's fisheye calibration can digest, found by halving.

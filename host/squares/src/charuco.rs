@@ -33,7 +33,7 @@ pub fn find_corners(
         let nearest = tag.corners.map(|corner| distance(corner.into())).into_iter().fold(f32::INFINITY, f32::min);
         let margin = nearest / std::f32::consts::SQRT_2;
         let half = (WINDOW * margin).clamp(WINDOWS[0], WINDOWS[1]).round() as usize;
-        let pixel = refine_saddle(picture, predicted, half)?;
+        let pixel = refine_saddle(picture, predicted, half)?.pixel;
         let moved = (Vector2::from(pixel) - Vector2::from(predicted)).norm();
         (moved <= (FARTHEST * margin).max(1.0) && test.is_saddle(pixel)).then_some(FoundPoint { index, pixel })
     };

@@ -124,7 +124,10 @@ pub fn find_checkerboard(
             corners.iter().map(|(_, other)| distance(other.pixel, saddle.pixel)).filter(|&distance| distance > 0.0);
         let spacing = near.fold(f32::INFINITY, f32::min);
         let half = (spacing * WINDOW).clamp(WINDOWS[0], WINDOWS[1] * scale).round() as usize;
-        FoundPoint { index, pixel: refine_saddle(picture, saddle.pixel, half).unwrap_or(saddle.pixel) }
+        FoundPoint {
+            index,
+            pixel: refine_saddle(picture, saddle.pixel, half).map_or(saddle.pixel, |position| position.pixel),
+        }
     };
     Ok(corners.iter().map(position).collect())
 }

@@ -18,6 +18,8 @@ const WINDOW: usize = 3;
 /// A position that moves further than this from where the search began is wrong: in pixels, and as a part of half the window.
 const FARTHEST: f32 = 2.0;
 const FARTHEST_IN_WINDOW: f32 = 0.5;
+/// Slopes at neighbouring pixels have pixels in common, so that there are fewer independent ones by this factor.
+const CORRELATION: f32 = 2.0;
 /// Most steps to a position, and the step in pixels below which it is reached.
 const STEPS: usize = 30;
 const REACHED: f32 = 0.004;
@@ -50,8 +52,8 @@ pub fn find_saddles(picture: &Picture) -> Vec<Saddle> {
                 continue;
             }
             let Some(found) = test.saddle(x as f32, y as f32) else { continue };
-            let Some(pixel) = refine_saddle(picture, found.pixel, WINDOW) else { continue };
-            saddles.push(Saddle { pixel, ..found });
+            let Some(position) = refine_saddle(picture, found.pixel, WINDOW) else { continue };
+            saddles.push(Saddle { pixel: position.pixel, ..found });
         }
     }
     saddles.sort_by(|a, b| b.strength.total_cmp(&a.strength));
@@ -140,21 +142,33 @@ fn quadrants(smooth: &Picture, x: f32, y: f32) -> Option<Saddle> {
     strength.is_finite().then_some(Saddle { pixel: [x, y], bright, strength })
 }
 
+/// The position of a saddle and its uncertainty.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SaddlePosition {
+    /// Position in the picture.
+    pub pixel: [f32; 2],
+    /// Standard deviation along one axis in pixels, from how well the edges agree about the position.
+    pub sigma: f32,
+}
+
 /// The position of the saddle near `start`: the point to which all edges in the window of `half` pixels to each side lead
 /// (Förstner and Gülch 1987; with the weights of OpenCV's `cornerSubPix`). `None` if there is no such point near by.
-pub fn refine_saddle(picture: &Picture, start: [f32; 2], half: usize) -> Option<[f32; 2]> {
+pub fn refine_saddle(picture: &Picture, start: [f32; 2], half: usize) -> Option<SaddlePosition> {
     let half = half.clamp(1, 20) as isize;
     let farthest = FARTHEST.max(FARTHEST_IN_WINDOW * half as f32);
     let mut pixel = start;
+    let mut sigma = 0.0;
     let side = (2 * half + 3) as usize;
     let mut patch = vec![0.0; side * side];
     let weights: Vec<f32> = (-half..=half).map(|offset| libm::expf(-(offset as f32 / half as f32).powi(2))).collect();
+    let count = weights.iter().sum::<f32>().powi(2);
     for _ in 0..STEPS {
         for (index, value) in patch.iter_mut().enumerate() {
             let (dx, dy) = ((index % side) as isize - half - 1, (index / side) as isize - half - 1);
             *value = picture.bilinear(pixel[0] + dx as f32, pixel[1] + dy as f32);
         }
-        let (mut xx, mut xy, mut yy, mut bx, mut by) = (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
+        let (mut xx, mut xy, mut yy, mut bx, mut by, mut square) =
+            (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
         for (row, weight_y) in weights.iter().enumerate() {
             for (column, weight_x) in weights.iter().enumerate() {
                 let at = (row + 1) * side + column + 1;
@@ -168,6 +182,7 @@ pub fn refine_saddle(picture: &Picture, start: [f32; 2], half: usize) -> Option<
                 yy += gyy;
                 bx += gxx * dx + gxy * dy;
                 by += gxy * dx + gyy * dy;
+                square += weight * (gx * dx + gy * dy).powi(2);
             }
         }
         let determinant = xx * yy - xy * xy;
@@ -177,6 +192,8 @@ pub fn refine_saddle(picture: &Picture, start: [f32; 2], half: usize) -> Option<
         }
         let step = [(yy * bx - xy * by) / determinant, (xx * by - xy * bx) / determinant];
         pixel = [pixel[0] + step[0], pixel[1] + step[1]];
+        let scatter = (square - step[0] * bx - step[1] * by).max(0.0) / (count - 2.0).max(1.0);
+        sigma = (CORRELATION * scatter * 0.5 * (xx + yy) / determinant).sqrt();
         let moved = (pixel[0] - start[0]).powi(2) + (pixel[1] - start[1]).powi(2);
         if moved > farthest * farthest || !picture.contains(pixel, 0.0) {
             return None;
@@ -185,5 +202,5 @@ pub fn refine_saddle(picture: &Picture, start: [f32; 2], half: usize) -> Option<
             break;
         }
     }
-    Some(pixel)
+    Some(SaddlePosition { pixel, sigma })
 }

@@ -15,6 +15,7 @@ use nalgebra::{Matrix3, Vector2};
 use crate::alignment::{Pattern, Slopes, SquareMap, align};
 use crate::picture::Picture;
 use crate::quads::{Quad, find_quads};
+use crate::saddles::{SaddleTest, refine_saddle};
 
 /// Smoothing before tags are compared and aligned, standard deviation in pixels.
 const SMOOTHING: f32 = 0.7;
@@ -29,6 +30,11 @@ const LEAST_PREDICTED: f32 = 0.55;
 const LEAST_AROUND: f32 = 0.25;
 /// Usual widths of a tag's dark border in modules.
 const BORDERS: [usize; 3] = [1, 2, 3];
+/// Uncertainty of a corner that follows from all edges of its tag: a standard deviation in pixels.
+const SIGMA: f32 = 0.5;
+/// Half the window for a corner that is a saddle in modules, and its bounds in pixels.
+const WINDOW: f64 = 1.3;
+const WINDOWS: [f64; 2] = [2.0, 5.0];
 /// Distance in pixels that corners keep from the border of the picture.
 const BORDER: f32 = 1.0;
 /// Two quadrilaterals are the same if their middles are nearer than this part of the side.
@@ -241,7 +247,7 @@ impl TagFinder {
             });
         }
         match self.best_border(&smooth.picture, &tags) {
-            border if border == self.border => Ok(tags),
+            border if border == self.border => Ok(self.sharpened(picture, tags)),
             border => Err(NoTags::OtherBorder { border }),
         }
     }
@@ -264,6 +270,33 @@ impl TagFinder {
         self.leave_out_disagreeing(&mut best);
         let found: Vec<FoundTag> = best.into_iter().flatten().collect();
         if found.is_empty() { Err(reason) } else { Ok(found) }
+    }
+
+    /// The tags with better corners, if dark squares touch them, as on an AprilGrid. A corner is then a saddle too, and its position
+    /// the mean of the saddle's and the tag's, weighted by their uncertainties: the saddle is better in pictures without noise,
+    /// because the lens bends the sides of a tag.
+    fn sharpened(&self, picture: &Picture, tags: Vec<FoundTag>) -> Vec<FoundTag> {
+        let test = SaddleTest::new(picture);
+        let saddle = |corner: [f32; 2], side: f64| {
+            let half = (WINDOW * side / self.side as f64).clamp(WINDOWS[0], WINDOWS[1]).round() as usize;
+            refine_saddle(picture, corner, half).filter(|position| test.is_saddle(position.pixel))
+        };
+        let sharpened = |tag: &FoundTag| {
+            let mut tag = *tag;
+            let side = side_of(&tag.corners);
+            let mut saddles = 0;
+            for corner in &mut tag.corners {
+                let Some(position) = saddle(*corner, side) else { continue };
+                saddles += 1;
+                let weight = SIGMA * SIGMA / (SIGMA * SIGMA + position.sigma * position.sigma);
+                *corner = std::array::from_fn(|axis| corner[axis] + weight * (position.pixel[axis] - corner[axis]));
+            }
+            (tag, saddles)
+        };
+        let better: Vec<(FoundTag, usize)> = tags.iter().map(sharpened).collect();
+        let saddles: usize = better.iter().map(|(_, saddles)| saddles).sum();
+        // Fewer are chance.
+        if saddles > 2 * tags.len() { better.into_iter().map(|(tag, _)| tag).collect() } else { tags }
     }
 
     /// The width of the border with which the modules within it correlate best.
