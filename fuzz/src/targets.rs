@@ -13,7 +13,7 @@ use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::settings::Settings;
 use evcal_core::decode::{Evt2Decoder, Evt3Decoder, Evt21Decoder};
 use evcal_core::sensor::Sensor;
-use evcal_geometry::board::{Board, BoardProblem};
+use evcal_geometry::board::{Board, BoardError, BoardProblem};
 use evcal_live::page::Page;
 use event_recordings::image_folder::{self, ImageFolder, ImageFolderError, Stamps};
 use event_recordings::images::Images;
@@ -279,7 +279,7 @@ fn frames_are_those_of_the_description() {
 
 fn read_circle_track(path: &Path) {
     let board: Board = "acircles:9x4:55mm:r17.5mm".parse().expect("a board");
-    let _ = track::read(path, &board.pattern, 0);
+    let _ = track::read(path, &board.lattice(), 0);
 }
 
 /// As it is, and as frames with true checksums: each a byte with its length, then its kind and body.
@@ -364,7 +364,8 @@ fn read_board(bytes: &[u8]) {
         // Lengths are written to the nanometre: circles that nearly touch may touch then.
         match board.to_string().parse::<Board>() {
             Ok(again) => assert_eq!(again.to_string(), board.to_string()),
-            Err(error) => assert_eq!(error.problem, BoardProblem::Overlap),
+            Err(BoardError::Circles(error)) => assert_eq!(error.problem, BoardProblem::Overlap),
+            Err(error) => panic!("{board} is not read back: {error}"),
         }
     }
 }

@@ -5,6 +5,7 @@ use evcal_core::sensor::Sensor;
 use std::time::Instant;
 
 use evcal_calibrate::solve::association::BIN;
+use evcal_calibrate::solve::board_edge::BoardEdges;
 use evcal_calibrate::solve::event_bias::bias::Biases;
 use evcal_calibrate::solve::event_bias::{CLASS_COUNT, unknown};
 use evcal_calibrate::solve::levenberg::solve;
@@ -36,7 +37,8 @@ fn main() {
         let events = observations.events.len();
         let problem = Problem {
             sensor: SENSOR,
-            circle_centers: (0..board.circle_count()).map(|index| board.circle_center(index).into()).collect(),
+            points: (0..board.point_count()).map(|index| board.point(index).into()).collect(),
+            edges: BoardEdges::of_board(&board),
             area: CircleArea::new(&board),
             mean_scale: 2e-3,
             point_sigma: 0.1,
@@ -75,7 +77,7 @@ fn main() {
 
 /// A swaying view of the board.
 fn trajectory(board: &Board, rotation: RotationSpline) -> Option<Trajectory> {
-    let middle = board.circle_center(board.circle_count() / 2);
+    let middle = board.point(board.point_count() / 2);
     let poses: Vec<TimedPose> = (0..=600)
         .map(|index| {
             let t = DURATION * f64::from(index) / 600.0;
@@ -99,9 +101,9 @@ fn observations(camera: &Camera<f64>, board: &Board, trajectory: &Trajectory) ->
         let Some(pose) = trajectory.pose(t) else { continue };
         let first = observations.events.len();
         for event in 0..EVENTS_IN_A_BIN {
-            let circle = random.random_range(0..board.circle_count());
+            let circle = random.random_range(0..board.point_count());
             let angle = random.random_range(0.0..std::f64::consts::TAU);
-            let rim = board.circle_center(circle) + board.radius * Vector2::new(angle.cos(), angle.sin());
+            let rim = board.point(circle) + board.dot_radius() * Vector2::new(angle.cos(), angle.sin());
             let Some(pixel) = camera.project(&pose.inverse_transform_point(&rim.push(0.0).into()).coords) else {
                 continue;
             };
@@ -113,7 +115,7 @@ fn observations(camera: &Camera<f64>, board: &Board, trajectory: &Trajectory) ->
                 dt: 0.0,
                 x: pixel.x.round() as u16,
                 y: pixel.y.round() as u16,
-                circle: circle as u16,
+                edge: circle as u16,
                 class: (event * CLASS_COUNT / EVENTS_IN_A_BIN) as u8,
                 speed_range: 2,
             });

@@ -4,14 +4,14 @@
 
 use std::error::Error;
 
-use evcal::{Board, Recording, RecordingOptions};
+use evcal::{CircleBoard, Recording, RecordingOptions};
 use evcal_calibrate::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
 use evcal_calibrate::settings::Settings;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [recording, board] = arguments.as_slice() else { return Err("give RECORDING BOARD".into()) };
-    let board: Board = board.parse()?;
+    let board: CircleBoard = board.parse()?;
     let recording = Recording::new(recording, RecordingOptions::default())?;
     let wanted = SearchFor::Board(board.pattern);
     let found = search_events(&recording, sensor_of(&recording)?, wanted, &Settings::default().detection)?;

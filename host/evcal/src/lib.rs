@@ -5,6 +5,6 @@ pub use evcal_calibrate::calibrate::calibrated::Calibrated;
 pub use evcal_calibrate::calibrate::input::Input;
 pub use evcal_calibrate::calibrate::step::Step;
 pub use evcal_calibrate::calibrate::{Task, calibrate};
-pub use evcal_geometry::board::Board;
+pub use evcal_geometry::board::{Board, CircleBoard};
 pub use evcal_report::output::folder::write_new_folder;
 pub use event_recordings::{Recording, RecordingOptions};

@@ -72,7 +72,7 @@ fn opencv_finds_and_measures_what_was_asked_for() {
 }
 
 fn check(answer: &Value, text: &str, dpi: f64, report: &Value) {
-    let board: evcal_geometry::board::Board = text.parse().unwrap();
+    let board: evcal_geometry::board::CircleBoard = text.parse().unwrap();
     let pixels = |millimetres: f64| millimetres / MILLIMETRES_PER_INCH * dpi;
     let [width, height] = ["width_mm", "height_mm"].map(|side| pixels(report[side].as_f64().unwrap()));
     let size = ["width", "height"].map(|side| answer[side].as_f64().unwrap());

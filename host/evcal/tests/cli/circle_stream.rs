@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
-use evcal_geometry::board::Board;
+use evcal_geometry::board::CircleBoard;
 use evcal_link::{Circle, DeviceName, Encoder, Hello, Message, PROTOCOL_VERSION, WindowEnd};
 use evcal_simulator::motion::{Motion, MotionSettings};
 use evcal_simulator::rays::Rays;
@@ -29,7 +29,7 @@ const WINDOWS: u32 = 500;
 /// missing, some that are none of the board.
 fn frames() -> Vec<Vec<u8>> {
     let camera = Camera::from_parameters(ModelKind::Radtan, &LENS).unwrap();
-    let board: Board = BOARD.parse().unwrap();
+    let board: CircleBoard = BOARD.parse().unwrap();
     let duration = f64::from(WINDOWS) * 0.01;
     let motion = Motion::new(&MotionSettings::fast(), &board, &Rays::new(&camera, SENSOR), duration, 3).unwrap();
     let mut state = 7_u64;

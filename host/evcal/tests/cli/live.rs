@@ -8,7 +8,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use assert_cmd::Command;
-use evcal::{Board, Recording, RecordingOptions};
+use evcal::{CircleBoard, Recording, RecordingOptions};
 use evcal_calibrate::calibrate::beginning::calibrate_beginning;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::calibrate::{Task, calibrate};
@@ -38,7 +38,7 @@ const RECORDING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../fixtures/boa
 const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
 const SENSOR: Sensor = Sensor::new(346, 260);
 
-fn board() -> Board {
+fn board() -> CircleBoard {
     BOARD.parse().unwrap()
 }
 
@@ -56,7 +56,7 @@ fn stated(calibrated: &Calibrated) -> Stated {
 fn state(path: &Path, seconds: f64) -> Stated {
     let board = board();
     stated(
-        &calibrate_beginning(&recording(path), seconds, &Task::new(&[], &board), |_| ControlFlow::Continue(()))
+        &calibrate_beginning(&recording(path), seconds, &Task::new(&[], &board.into()), |_| ControlFlow::Continue(()))
             .unwrap(),
     )
 }
@@ -88,13 +88,13 @@ fn told(speed: Option<f64>) -> Vec<String> {
 /// A checkpoint states what a calibration of the same events states, also while the file ends in the middle of a record.
 #[test]
 fn a_checkpoint_is_a_calibration_of_the_beginning() {
-    let (mut events, board): (Vec<Event>, Board) = (Vec::new(), board());
+    let (mut events, board): (Vec<Event>, CircleBoard) = (Vec::new(), board());
     let whole = recording(Path::new(RECORDING));
     read_recording(&whole, &mut |batch| events.extend_from_slice(batch)).unwrap();
     events.retain(|event| event.t < 1_200_000);
     let options = RecordingOptions { sensor: Some(SENSOR), ..RecordingOptions::default() };
     let inputs = [Recording::from_events("beginning", events, options).into()];
-    let expected = stated(&calibrate(&Task::new(&inputs, &board), |_| ControlFlow::Continue(())).unwrap());
+    let expected = stated(&calibrate(&Task::new(&inputs, &board.into()), |_| ControlFlow::Continue(())).unwrap());
     assert_eq!(state(Path::new(RECORDING), 1.2), expected);
 
     let folder = TempDir::new().unwrap();
@@ -189,7 +189,7 @@ fn why_nothing_is_found_is_told() {
 #[test]
 fn a_board_of_another_layout_is_named() {
     let settings = Settings::default();
-    let exchanged: Board = "acircles:4x9:55mm:r17.5mm".parse().unwrap();
+    let exchanged: CircleBoard = "acircles:4x9:55mm:r17.5mm".parse().unwrap();
     let events = simulated(BOARD, SensorModel::default(), MotionSettings::fast(), 0.4);
     let found = explain(&events, &exchanged, SENSOR, &settings.detection);
     let Obstacle::OtherBoard(other) = found.obstacle else { panic!("{:?}", found.obstacle) };

@@ -66,9 +66,9 @@ fn poses_are_those_of_opencv() {
     let scene = Scene::new(ModelKind::Radtan4);
     for view in 0..50 {
         let truth = scene.truth(6 * view);
-        let points: Vec<PlanePoint> = (0..board().circle_count())
+        let points: Vec<PlanePoint> = (0..board().point_count())
             .map(|index| {
-                let plane = board().circle_center(index);
+                let plane = board().point(index);
                 let seen = truth * Point3::new(plane.x, plane.y, 0.0);
                 // A tenth of a pixel to and fro.
                 let error = if index % 2 == 0 { 0.1 / 345.0 } else { -0.1 / 345.0 };

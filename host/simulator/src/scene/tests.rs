@@ -57,7 +57,7 @@ fn greatest_errors(camera: &Camera<f64>, pose: &Isometry3<f64>, step: usize, pri
     const SIDE: i32 = 300;
     let board = board();
     let scene = Scene::new(board, SceneSettings { printed, ..SceneSettings::default() }, POINT_SPREAD);
-    let printed = printed.unwrap_or(BoardShape::stated(&board));
+    let printed = printed.unwrap_or(BoardShape::stated(&board.into()));
     let rays = Rays::new(camera, Sensor::new(346, 260));
     let view = View::new(pose);
     let offset = |index: i32| (f64::from(index) + 0.5) / f64::from(SIDE) * 10.0 - 5.0;
@@ -103,7 +103,7 @@ fn radiance_is_the_integral_of_the_point_spread() {
 
 #[test]
 fn a_board_that_is_not_as_stated_is_rendered_as_it_is() {
-    let stated = BoardShape::stated(&board());
+    let stated = BoardShape::stated(&board().into());
     for (printed, distance, tilt) in [
         (BoardShape { bend: [0.012, -0.006], ..stated }, 0.7, 35.0),
         (BoardShape { print_ratio: 1.04, radius: 0.0165, ..stated }, 0.8, 20.0),
