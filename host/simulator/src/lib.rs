@@ -22,7 +22,7 @@ use self::rays::Rays;
 use self::row::{BadPixels, Row, STEPPING, Slice, Stage, TICK};
 use self::scene::Scene;
 use self::view::View;
-use evcal_geometry::board::CircleBoard;
+use evcal_geometry::board::Board;
 use evcal_geometry::numerics::random::uniform;
 use evcal_geometry::timed_pose::TimedPose;
 
@@ -85,8 +85,11 @@ pub struct Simulation {
 
 impl Simulation {
     /// A camera with the given `rays` before `board`.
-    pub fn new(rays: Rays, board: CircleBoard, settings: SimulationSettings) -> Result<Self, SimulationError> {
+    pub fn new(rays: Rays, board: Board, settings: SimulationSettings) -> Result<Self, SimulationError> {
         settings.check()?;
+        if board.circles().is_none() && !settings.scene.dots.are_circles() {
+            return Err(SimulationError::NoDots(settings.scene.dots.name()));
+        }
         let motion = Motion::new(&settings.motion, &board, &rays, settings.duration, settings.seed)
             .ok_or(SimulationError::NoFieldOfView)?;
         let scene = Scene::new(board, settings.scene, settings.sensor.point_spread);

@@ -2,7 +2,7 @@
 //!
 //! The motion is written in what the camera sees: where in the image the board's middle is, how
 //! far away and how tilted and turned it is. Each of these six is a sum of two sinusoids with
-//! frequencies and phases from the seed, bounded so that the circles stay in view while they reach
+//! frequencies and phases from the seed, bounded so that the print stays in view while it reaches
 //! every edge of the sensor. A tremor of the hand comes on top. How fast the sinusoids run is set
 //! such that the board's mean speed in the image is the stated one. Motions that leave something open, such as
 //! those without any turning, have the same places of the board in the image with a [`Turning`] of their own.
@@ -21,7 +21,7 @@ use rand_chacha::ChaCha8Rng;
 use super::clock::Ramps;
 use super::rays::{Ray, Rays};
 use super::view::View;
-use evcal_geometry::board::CircleBoard;
+use evcal_geometry::board::Board;
 use evcal_geometry::numerics::random::{uniform, uniform_in};
 
 const PAUSE_RAMP: f64 = 0.2;
@@ -85,15 +85,21 @@ pub struct Motion {
 impl Motion {
     /// Motion before `board` of a camera with these `rays`, for a recording of `duration` seconds
     /// (over which the mean speed is set). Fails when the lens has no usable field of view.
-    pub fn new(settings: &MotionSettings, board: &CircleBoard, rays: &Rays, duration: f64, seed: u64) -> Option<Self> {
+    pub fn new(settings: &MotionSettings, board: &Board, rays: &Rays, duration: f64, seed: u64) -> Option<Self> {
         let (center, half_view) = field_of_view(rays)?;
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(MOTION_STREAM);
         let middle = board.middle();
-        let half_size = (0..board.circle_count())
-            .map(|index| (board.circle_center(index) - middle).abs())
-            .fold(Vector2::zeros(), |half: Vector2<f64>, offset| half.sup(&offset))
-            .add_scalar(board.radius);
+        let half_size = match board {
+            Board::Circles(board) => (0..board.circle_count())
+                .map(|index| (board.circle_center(index) - middle).abs())
+                .fold(Vector2::zeros(), |half: Vector2<f64>, offset| half.sup(&offset))
+                .add_scalar(board.radius),
+            Board::Squares(board) => {
+                let bounds = board.bounds();
+                0.5 * (Vector2::from(bounds.high) - Vector2::from(bounds.low))
+            }
+        };
         let mut wave = |frequency: f64| Wave::new(frequency, &mut rng);
         let mut motion = Self {
             settings: settings.clone(),
@@ -189,7 +195,7 @@ impl Motion {
 
     /// Mean speed in pixels per second of the board's points in view, over the time in which the
     /// camera neither pauses nor looks away. Zero when the board is never in view.
-    pub fn mean_speed(&self, board: &CircleBoard, rays: &Rays, duration: f64) -> f64 {
+    pub fn mean_speed(&self, board: &Board, rays: &Rays, duration: f64) -> f64 {
         const TIMES: u32 = 300;
         let (mut sum, mut count) = (0.0, 0u32);
         for step in 0..TIMES {

@@ -161,7 +161,7 @@ struct Site {
     dead: bool,
     /// Signed distance of the nearest edge in pixels.
     edge: f64,
-    /// How fast the edge moved, in pixels per tick.
+    /// How fast the edge moved, in pixels per tick; infinite where that is not known.
     speed: f64,
 }
 
@@ -257,7 +257,7 @@ impl Row {
                 let Some(view) = slice.views.get(next) else { break };
                 let sample = stage.look(view, x, self.y);
                 site.see(stage, slice.time(index), slice.time(next), sample.radiance, &mut out);
-                if site.edge.abs() <= reach && sample.edge.abs() <= reach {
+                if stage.scene.has_lone_edges() && site.edge.abs() <= reach && sample.edge.abs() <= reach {
                     site.speed = (sample.edge - site.edge).abs() / (next - index) as f64;
                     longest = 2 * (next - index);
                 } else {

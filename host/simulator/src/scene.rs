@@ -1,13 +1,13 @@
 //! The light that a pixel gets from the board: exact rendering, no pixel grid.
 //!
-//! The scene is a white sheet with black circles on a grey background. All edges lie in the plane
-//! z = 0, so a pixel's radiance is a sum of edge profiles: the sheet and the circles, each blurred
+//! The scene is a white sheet with black circles or squares on a grey background. All edges lie in the plane
+//! z = 0, so a pixel's radiance is a sum of edge profiles: the sheet and the print, each blurred
 //! by the point-spread function, a Gaussian of `point_spread` pixels.
 //!
 //! What is exact to what: the ray through the pixel centre meets the board exactly, for any lens.
-//! The distance to a circle's rim follows perspective and lens to second order in the distance, and
-//! the blur of a curved rim is exact to second order in blur / radius. The map from pixels to the
-//! board is taken as linear at the sheet's edge, and its corners as right-angled in the image.
+//! The distance to a circle's rim or a square's edge follows perspective and lens to second order in the distance, and
+//! the blur of a curved rim is exact to second order in blur / radius. Edges of squares are as straight, and meet at the same angle,
+//! as the pixel's linear map has them. That map is all there is of the sheet's edge, and its corners are right-angled in the image.
 //! A test compares every kind of view with a numeric integral of the point-spread function over the
 //! true scene. It matters: a focal length that is to be known to 0.01 % asks for rims that are
 //! right to 0.002 px.
@@ -15,18 +15,21 @@
 //! What a room adds ([`super::effects`]) is there to be coped with, not to be measured by: a hand, glare, a texture behind the
 //! board, and dots of other shapes, whose edges are blurred as straight ones.
 
+mod squares;
+
 use evcal_core::pattern::Layout;
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
+use self::squares::{Footprint, Squares};
 use super::dots::Dots;
 use super::edge_profile::EdgeProfile;
 use super::light::{Glare, Lamp};
 use super::rays::Ray;
 use super::surroundings::{Hand, Texture};
 use super::view::{Gaze, View};
-use evcal_geometry::board::CircleBoard;
 use evcal_geometry::board::shape::{BoardShape, CircleArea, Surface};
+use evcal_geometry::board::{Board, CircleBoard, SquareBoard};
 
 /// Radiance of the parts of the scene, and the size of the sheet. White is 1 by convention.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,13 +37,14 @@ use evcal_geometry::board::shape::{BoardShape, CircleArea, Surface};
 pub struct SceneSettings {
     /// Radiance of the sheet.
     pub white: f64,
-    /// Radiance of a circle.
+    /// Radiance of a circle or dark square.
     pub black: f64,
     /// Radiance beside the sheet.
     pub background: f64,
-    /// Distance from the outermost circle centres to the sheet's edge, in lattice spacings.
+    /// Distance from the outermost circle centres to the sheet's edge, in lattice spacings; of boards of squares from the outermost
+    /// squares, in sides of a square or gaps between tags.
     pub margin: f64,
-    /// Shape of the dots.
+    /// Shape of the dots; boards of squares have none.
     #[serde(default, skip_serializing_if = "Dots::are_circles")]
     pub dots: Dots,
     /// The board as it is printed, where that is not as it is stated.
@@ -82,17 +86,16 @@ impl Default for SceneSettings {
 pub struct Sample {
     /// Radiance, blurred by the point-spread function.
     pub radiance: f64,
-    /// Signed distance to the nearest edge in pixels, positive on the inner side. Where `|edge|` is
-    /// large it is a lower bound of the distance, in the pixel's linear map.
+    /// Signed distance to the nearest edge in pixels, positive on the inner side, and on both sides of a square's edge. Where `|edge|`
+    /// is large it is a lower bound of the distance, in the pixel's linear map.
     pub edge: f64,
 }
 
 /// The board, ready to be looked at.
 #[derive(Clone, Debug)]
 pub struct Scene {
-    stated: CircleBoard,
-    /// The stated one with its circles as large as they are printed.
-    board: CircleBoard,
+    stated: Board,
+    print: Print,
     surface: Option<Surface>,
     settings: SceneSettings,
     lower: Vector2<f64>,
@@ -100,46 +103,137 @@ pub struct Scene {
     point_spread: f64,
     profile: EdgeProfile,
     per_point_spread: f64,
-    per_spacing: f64,
-    per_radius: f64,
-    free_distance: f64,
     middle: Vector2<f64>,
     half_height: f64,
 }
 
-impl Scene {
-    /// The scene of `board` seen through a point-spread function of `point_spread` pixels
-    /// (standard deviation).
-    pub fn new(stated: CircleBoard, settings: SceneSettings, point_spread: f64) -> Self {
-        let printed = settings.printed.unwrap_or(BoardShape::stated(&stated.into()));
-        let surface = (!printed.is_flat()).then(|| Surface::new(&CircleArea::new(&stated.into()), &printed));
-        let board = CircleBoard { radius: printed.radius, ..stated };
-        let centers = (0..board.circle_count()).map(|index| board.circle_center(index));
-        let corner = centers.fold(Vector2::zeros(), |corner: Vector2<f64>, center| corner.sup(&center));
-        let margin = Vector2::repeat((settings.margin * board.spacing).max(board.radius));
+/// What is printed.
+#[derive(Clone, Debug)]
+enum Print {
+    Circles(Circles),
+    Squares(Squares),
+}
+
+/// A board of circles.
+#[derive(Clone, Debug)]
+struct Circles {
+    /// The stated one with its circles as large as they are printed.
+    board: CircleBoard,
+    per_spacing: f64,
+    per_radius: f64,
+    free_distance: f64,
+}
+
+impl Circles {
+    fn new(stated: &CircleBoard, radius: f64, dots: Dots) -> Self {
+        let board = CircleBoard { radius, ..*stated };
         // Shapes that are not round reach further than the radius.
-        let extent = if settings.dots.are_circles() { board.radius } else { board.radius * std::f64::consts::SQRT_2 };
+        let extent = if dots.are_circles() { board.radius } else { board.radius * std::f64::consts::SQRT_2 };
         Self {
-            middle: 0.5 * corner,
-            half_height: 0.5 * corner.min() + board.radius,
-            stated,
             board,
-            surface,
-            settings,
-            lower: -margin,
-            upper: corner + margin,
-            point_spread,
-            profile: EdgeProfile::new(),
-            per_point_spread: 1.0 / point_spread,
             per_spacing: 1.0 / board.spacing,
             per_radius: 1.0 / board.radius,
             free_distance: 0.5 * board.neighbour_distance() - extent,
         }
     }
 
+    /// Centre of the circle nearest to `point`, if there is one within about a spacing.
+    #[inline]
+    fn nearest_center(&self, point: &Vector2<f64>) -> Option<Vector2<f64>> {
+        let place = point * self.per_spacing;
+        let (x, y) = match self.board.pattern.layout {
+            Layout::Symmetric => (nearest(place.x), nearest(place.y)),
+            Layout::Asymmetric => {
+                let diagonal = nearest(0.5 * (place.x + place.y));
+                let antidiagonal = nearest(0.5 * (place.x - place.y));
+                (diagonal + antidiagonal, diagonal - antidiagonal)
+            }
+        };
+        self.board.pattern.index_at(x, y)?;
+        Some(Vector2::new(f64::from(x), f64::from(y)) * self.board.spacing)
+    }
+}
+
+/// A white sheet and what is printed on it.
+struct Sheet {
+    print: Print,
+    /// Lowest and highest coordinates of the sheet in metres.
+    lower: Vector2<f64>,
+    upper: Vector2<f64>,
+    middle: Vector2<f64>,
+    /// Half the shorter side of what is printed, in metres.
+    half_height: f64,
+}
+
+impl Sheet {
+    fn of_circles(stated: &CircleBoard, radius: f64, settings: &SceneSettings) -> Self {
+        let circles = Circles::new(stated, radius, settings.dots);
+        let board = &circles.board;
+        let centers = (0..board.circle_count()).map(|index| board.circle_center(index));
+        let corner = centers.fold(Vector2::zeros(), |corner: Vector2<f64>, center| corner.sup(&center));
+        let margin = Vector2::repeat((settings.margin * board.spacing).max(board.radius));
+        Self {
+            middle: 0.5 * corner,
+            half_height: 0.5 * corner.min() + board.radius,
+            lower: -margin,
+            upper: corner + margin,
+            print: Print::Circles(circles),
+        }
+    }
+
+    fn of_squares(stated: &SquareBoard, half_module: f64, settings: &SceneSettings) -> Self {
+        let bounds = stated.bounds();
+        let (low, high) = (Vector2::from(bounds.low), Vector2::from(bounds.high));
+        let unit = match stated {
+            SquareBoard::Checkerboard(board) => board.square,
+            SquareBoard::Tags(grid) => grid.spacing * grid.tag,
+            SquareBoard::Charuco(board) => board.square,
+        };
+        let further = half_module - 0.5 * stated.module();
+        let margin = Vector2::repeat((settings.margin * unit).max(further));
+        Self {
+            middle: 0.5 * (low + high),
+            half_height: 0.5 * (high - low).min(),
+            lower: low - margin,
+            upper: high + margin,
+            print: Print::Squares(Squares::new(&stated.raster().widened(further))),
+        }
+    }
+}
+
+impl Scene {
+    /// The scene of `board` seen through a point-spread function of `point_spread` pixels
+    /// (standard deviation).
+    pub fn new(stated: Board, settings: SceneSettings, point_spread: f64) -> Self {
+        let printed = settings.printed.unwrap_or(BoardShape::stated(&stated));
+        let surface = (!printed.is_flat()).then(|| Surface::new(&CircleArea::new(&stated), &printed));
+        let Sheet { print, lower, upper, middle, half_height } = match &stated {
+            Board::Circles(board) => Sheet::of_circles(board, printed.radius, &settings),
+            Board::Squares(board) => Sheet::of_squares(board, printed.radius, &settings),
+        };
+        Self {
+            middle,
+            half_height,
+            stated,
+            print,
+            surface,
+            settings,
+            lower,
+            upper,
+            point_spread,
+            profile: EdgeProfile::new(),
+            per_point_spread: 1.0 / point_spread,
+        }
+    }
+
     /// The board as it is stated.
-    pub fn stated_board(&self) -> &CircleBoard {
+    pub fn stated_board(&self) -> &Board {
         &self.stated
+    }
+
+    /// Whether the nearest edge to a pixel stays the nearest while it is in sight, so that its distance tells how fast it passes.
+    pub fn has_lone_edges(&self) -> bool {
+        matches!(self.print, Print::Circles(_))
     }
 
     /// Where a ray meets the board.
@@ -247,12 +341,16 @@ impl Scene {
         if sheet < -reach {
             return Sample { radiance: background, edge: sheet / metres_per_pixel };
         }
-        if !self.settings.dots.are_circles() {
-            return self.shape(view, ray, &gaze, background);
-        }
-        let nearest = self.nearest_center(&gaze.point).map(|center| gaze.point - center);
+        let circles = match &self.print {
+            Print::Squares(squares) => return self.squares(squares, view, ray, &gaze, background),
+            Print::Circles(circles) if !self.settings.dots.are_circles() => {
+                return self.shape(circles, view, ray, &gaze, background);
+            }
+            Print::Circles(circles) => circles,
+        };
+        let nearest = circles.nearest_center(&gaze.point).map(|center| gaze.point - center);
         let distance = nearest.map(|offset| offset.norm());
-        let circle = distance.map_or(-self.free_distance, |distance| self.board.radius - distance);
+        let circle = distance.map_or(-circles.free_distance, |distance| circles.board.radius - distance);
         if sheet > reach && circle.abs() > reach {
             let radiance = if circle > 0.0 { black } else { white };
             return Sample { radiance, edge: sheet.min(circle.abs()) / metres_per_pixel };
@@ -262,7 +360,7 @@ impl Scene {
             if sheet > reach { (1.0, sheet / metres_per_pixel) } else { self.sheet(&gaze.point, &jacobian) };
         let (black_share, circle_edge) = match (nearest, distance) {
             (Some(offset), Some(distance)) if circle > -reach => {
-                self.circle(view, ray, &(gaze.point - offset), &offset, distance, &jacobian)
+                self.circle(circles, view, ray, &(gaze.point - offset), &offset, distance, &jacobian)
             }
             _ => (0.0, circle / metres_per_pixel),
         };
@@ -273,23 +371,64 @@ impl Scene {
     }
 
     /// The board with dots that are no circles, on or near the sheet.
-    fn shape(&self, view: &View, ray: &Ray, gaze: &Gaze, background: f64) -> Sample {
+    fn shape(&self, circles: &Circles, view: &View, ray: &Ray, gaze: &Gaze, background: f64) -> Sample {
         let SceneSettings { white, black, dots, .. } = self.settings;
         let jacobian = view.jacobian(ray, gaze);
         let (white_share, sheet_edge) = self.sheet(&gaze.point, &jacobian);
         let metres_per_pixel = gaze.metres_per_pixel(ray);
-        let (black_share, edge) = match self.nearest_center(&gaze.point) {
+        let (black_share, edge) = match circles.nearest_center(&gaze.point) {
             Some(center) => {
-                let (depth, normal) = dots.depth(&(gaze.point - center), self.board.radius);
+                let (depth, normal) = dots.depth(&(gaze.point - center), circles.board.radius);
                 let bound = depth / metres_per_pixel;
                 let edge = if bound.abs() < self.reach() { depth / jacobian.tr_mul(&normal).norm() } else { bound };
                 (self.blurred(edge), edge)
             }
-            None => (0.0, -self.free_distance.max(0.0) / metres_per_pixel),
+            None => (0.0, -circles.free_distance.max(0.0) / metres_per_pixel),
         };
         Sample {
             radiance: background + (white - background) * white_share - (white - black) * black_share,
             edge: if edge.abs() < sheet_edge.abs() { edge } else { sheet_edge },
+        }
+    }
+
+    /// A board of squares, on or near the sheet.
+    fn squares(&self, squares: &Squares, view: &View, ray: &Ray, gaze: &Gaze, background: f64) -> Sample {
+        let SceneSettings { white, black, .. } = self.settings;
+        let metres_per_pixel = gaze.metres_per_pixel(ray);
+        let reach = self.reach() * metres_per_pixel;
+        let sheet = self.sheet_depth(&gaze.point);
+        let (dark, sides) = squares.clearance(gaze.point.into());
+        let free = sides[0].min(sides[1]);
+        if sheet > reach && free > reach {
+            let radiance = if dark > 0.0 { black } else { white };
+            return Sample { radiance, edge: sheet.min(free) / metres_per_pixel };
+        }
+        let jacobian = view.jacobian(ray, gaze);
+        let (white_share, sheet_edge) =
+            if sheet > reach { (1.0, sheet / metres_per_pixel) } else { self.sheet(&gaze.point, &jacobian) };
+        let gradients = [0, 1].map(|axis| jacobian.row(axis).transpose());
+        let slope = gradients.map(|gradient| gradient.norm());
+        let edge = (sides[0] / slope[0]).min(sides[1] / slope[1]);
+        let black_share = if edge > self.reach() {
+            dark
+        } else {
+            let bend = std::array::from_fn(|axis| {
+                let beside = ray.beside(&(gradients[axis] / slope[axis]));
+                let ahead = self.gaze(view, &beside).map(|beside| beside.point[axis] - gaze.point[axis]);
+                ahead.map_or(0.0, |ahead| 2.0 * (ahead - slope[axis]))
+            });
+            let footprint = Footprint {
+                point: gaze.point.into(),
+                slope,
+                bend,
+                correlation: gradients[0].dot(&gradients[1]) / (slope[0] * slope[1]),
+                point_spread: self.point_spread,
+            };
+            squares.dark_share(&footprint, &self.profile)
+        };
+        Sample {
+            radiance: background + (white - background) * white_share - (white - black) * black_share,
+            edge: if edge < sheet_edge.abs() { edge } else { sheet_edge },
         }
     }
 
@@ -322,6 +461,7 @@ impl Scene {
     #[inline]
     fn circle(
         &self,
+        circles: &Circles,
         view: &View,
         ray: &Ray,
         center: &Vector2<f64>,
@@ -329,7 +469,7 @@ impl Scene {
         distance: f64,
         jacobian: &Matrix2<f64>,
     ) -> (f64, f64) {
-        let radius = self.board.radius;
+        let radius = circles.board.radius;
         if distance < 1e-9 * radius {
             return (1.0, radius / jacobian.norm());
         }
@@ -349,25 +489,9 @@ impl Scene {
         // A Gaussian spread along the rim sees it bend away: E[Φ((d − κ t²/2) / σ)] to second order in
         // κ σ, with the tangential offset t and the curvature κ of the rim in the image.
         let stretch = jacobian.determinant() * per_slope * self.point_spread;
-        let bend = stretch * stretch * per_slope * self.per_radius * self.per_point_spread;
+        let bend = stretch * stretch * per_slope * circles.per_radius * self.per_point_spread;
         let standard = edge * self.per_point_spread;
         (self.profile.share(standard * (1.0 - 0.25 * bend * bend) - 0.5 * bend), edge)
-    }
-
-    /// Centre of the circle nearest to `point`, if there is one within about a spacing.
-    #[inline]
-    fn nearest_center(&self, point: &Vector2<f64>) -> Option<Vector2<f64>> {
-        let place = point * self.per_spacing;
-        let (x, y) = match self.board.pattern.layout {
-            Layout::Symmetric => (nearest(place.x), nearest(place.y)),
-            Layout::Asymmetric => {
-                let diagonal = nearest(0.5 * (place.x + place.y));
-                let antidiagonal = nearest(0.5 * (place.x - place.y));
-                (diagonal + antidiagonal, diagonal - antidiagonal)
-            }
-        };
-        self.board.pattern.index_at(x, y)?;
-        Some(Vector2::new(f64::from(x), f64::from(y)) * self.board.spacing)
     }
 
     #[inline]

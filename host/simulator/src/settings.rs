@@ -33,6 +33,9 @@ pub enum SimulationError {
     /// The lens of a second camera is none.
     #[error("second_camera.camera is no lens: take it from a truth.json or calibration.json")]
     SecondLens,
+    /// Dots of a shape on a board of squares.
+    #[error("simulation setting scene.dots is {0}; a board of squares has no dots")]
+    NoDots(&'static str),
     /// A setting is outside its range.
     #[error("simulation setting {name} is {value}; it must be {range}")]
     Setting {

@@ -8,13 +8,15 @@ use evcal_core::sensor::Sensor;
 use nalgebra::{Isometry3, Vector2};
 
 use super::clock::Interval;
+use super::dots::Dots;
 use super::motion::MotionSettings;
 use super::rays::Rays;
 use super::row::Stepping;
 use super::scene::SceneSettings;
 use super::sensor::{Arbiter, SensorModel};
 use super::{EventCounts, Simulation, SimulationError, SimulationSettings};
-use evcal_geometry::board::CircleBoard;
+use evcal_geometry::board::Board;
+use evcal_geometry::board::squares::raster::Raster;
 
 pub fn radtan() -> Camera<f64> {
     let parameters = [331.6, 331.1, 176.9, 134.2, -0.352, 0.149, -0.0004, 0.0005, -0.03];
@@ -26,7 +28,7 @@ pub fn kannala_brandt() -> Camera<f64> {
     Camera::from_parameters(ModelKind::KannalaBrandt, &parameters).unwrap()
 }
 
-pub fn board() -> CircleBoard {
+pub fn board() -> Board {
     "acircles:9x4:55mm:r17.5mm".parse().unwrap()
 }
 
@@ -35,8 +37,12 @@ fn settings(sensor: SensorModel, motion: MotionSettings, duration: f64) -> Simul
 }
 
 fn simulation(sensor: SensorModel, motion: MotionSettings, duration: f64) -> Simulation {
+    simulation_of(board(), sensor, motion, duration)
+}
+
+fn simulation_of(board: Board, sensor: SensorModel, motion: MotionSettings, duration: f64) -> Simulation {
     let rays = Rays::new(&radtan(), Sensor::new(346, 260));
-    Simulation::new(rays, board(), settings(sensor, motion, duration)).unwrap()
+    Simulation::new(rays, board, settings(sensor, motion, duration)).unwrap()
 }
 
 /// All events in their order, and their number as the simulation tells it.
@@ -62,21 +68,48 @@ fn by_pixel(events: &[Event]) -> BTreeMap<(u16, u16), Vec<Event>> {
     pixels
 }
 
-/// Signed distance in pixels from the rim of the nearest circle, positive inside, straight from the
-/// camera, the pose and the board. `None` further than 1.4 radii from any centre.
-fn rim_distance(camera: &Camera<f64>, pose: &Isometry3<f64>, board: &CircleBoard, pixel: Vector2<f64>) -> Option<f64> {
+/// Distance of a point on the board from the rim of the nearest circle in metres, positive inside. `None` further than 1.4 radii from
+/// any centre.
+fn circle_depth(point: &Vector2<f64>) -> Option<f64> {
+    let board = board();
+    let distances = (0..board.point_count()).map(|index| (board.point(index) - point).norm());
+    let depth = board.print_radius() - distances.fold(f64::INFINITY, f64::min);
+    (depth > -0.4 * board.print_radius()).then_some(depth)
+}
+
+/// Distance of a point on the board from the nearest edge of a raster in metres, positive in the dark. `None` within 8 mm of a corner and
+/// further than 8 mm from any edge.
+fn square_depth(raster: &Raster, point: &Vector2<f64>) -> Option<f64> {
+    const NEAR: f64 = 0.008;
+    let nearest = |lines: &[f64], place: f64| {
+        let is_on_board = place > lines[0] - NEAR && place < lines[lines.len() - 1] + NEAR;
+        let distance = lines.iter().map(|line| (line - place).abs()).fold(f64::INFINITY, f64::min);
+        is_on_board.then_some(distance)
+    };
+    let (x, y) = (nearest(raster.x_lines(), point.x)?, nearest(raster.y_lines(), point.y)?);
+    let depth = x.min(y);
+    let is_alone = depth < NEAR && x.max(y) > NEAR;
+    is_alone.then(|| if raster.is_dark_at([point.x, point.y]) { depth } else { -depth })
+}
+
+/// Signed distance in pixels from the nearest edge of the print, straight from the camera, the pose and the `depth` of a point of the
+/// board.
+fn edge_distance(
+    camera: &Camera<f64>,
+    pose: &Isometry3<f64>,
+    depth: impl Fn(&Vector2<f64>) -> Option<f64>,
+    pixel: Vector2<f64>,
+) -> Option<f64> {
     let depth = |pixel: Vector2<f64>| {
         let direction = pose.rotation * camera.unproject(&pixel)?;
         let origin = pose.translation.vector;
-        let point = (origin - direction * (origin.z / direction.z)).xy();
-        let distances = (0..board.circle_count()).map(|index| (board.circle_center(index) - point).norm());
-        Some(board.radius - distances.fold(f64::INFINITY, f64::min))
+        depth(&(origin - direction * (origin.z / direction.z)).xy())
     };
     let here = depth(pixel)?;
     let (right, down) = (Vector2::new(0.01, 0.0), Vector2::new(0.0, 0.01));
     let gradient =
         Vector2::new(depth(pixel + right)? - depth(pixel - right)?, depth(pixel + down)? - depth(pixel - down)?) / 0.02;
-    (here > -0.4 * board.radius).then(|| here / gradient.norm())
+    Some(here / gradient.norm())
 }
 
 /// Where the log intensity of a pixel that crosses a straight rim between white and black has this
@@ -93,19 +126,25 @@ fn distance_at(log_intensity: f64, point_spread: f64) -> f64 {
     low * point_spread
 }
 
-/// An event at the rim of a circle.
+/// An event at the rim of a circle or the edge of a square.
 struct RimEvent {
     polarity: Polarity,
-    /// Distance from the rim in pixels, positive inside.
+    /// Distance from the rim in pixels, positive in the dark.
     distance: f64,
     /// Where an ideal pixel that was in plain light at the start fires, in pixels from a straight rim.
     expected: f64,
-    /// The pixel is moving into the circle.
+    /// The pixel is moving into the dark.
     inwards: bool,
 }
 
-/// The events at rims of one in `step` pixels that see plain light at the start.
-fn rim_events(simulation: &Simulation, events: &[Event], step: usize) -> Vec<RimEvent> {
+/// The events at rims of one in `step` pixels that see plain light at the start, where `depth` is how far in the dark a point of the
+/// board is.
+fn rim_events(
+    simulation: &Simulation,
+    events: &[Event],
+    step: usize,
+    depth: impl Fn(&Vector2<f64>) -> Option<f64>,
+) -> Vec<RimEvent> {
     let camera = radtan();
     let sensor = &simulation.settings().sensor;
     let SceneSettings { white, black, background, .. } = *simulation.scene().settings();
@@ -124,7 +163,7 @@ fn rim_events(simulation: &Simulation, events: &[Event], step: usize) -> Vec<Rim
             };
             let t = event.t as f64 * 1e-6;
             let pixel = Vector2::new(f64::from(x), f64::from(y));
-            let at = |t: f64| rim_distance(&camera, &simulation.pose(t), &board(), pixel);
+            let at = |t: f64| edge_distance(&camera, &simulation.pose(t), &depth, pixel);
             if let (Some(distance), Some(before), Some(after)) = (at(t), at(t - 1e-4), at(t + 1e-4)) {
                 let expected = distance_at(memory, sensor.point_spread);
                 rim_events.push(RimEvent { polarity: event.polarity, distance, expected, inwards: after > before });
@@ -144,7 +183,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
 fn events_of_an_ideal_sensor_sit_where_log_thresholds_put_them() {
     let simulation = simulation(SensorModel::ideal(), MotionSettings::fast(), 0.3);
     let (events, _) = run(&simulation);
-    let rim = rim_events(&simulation, &events, 41);
+    let rim = rim_events(&simulation, &events, 41, circle_depth);
     for polarity in [Polarity::Off, Polarity::On] {
         let of_polarity = || rim.iter().filter(|event| event.polarity == polarity);
         let error = mean(of_polarity().map(|event| event.distance - event.expected));
@@ -162,6 +201,25 @@ fn events_of_an_ideal_sensor_sit_where_log_thresholds_put_them() {
 }
 
 #[test]
+fn events_of_a_checkerboard_happen_when_its_edges_pass() {
+    let board: Board = "checkerboard:5x7:60mm".parse().unwrap();
+    let Board::Squares(squares) = board else { panic!("{board}") };
+    let raster = squares.raster();
+    let simulation = simulation_of(board, SensorModel::ideal(), MotionSettings::fast(), 0.3);
+    let (events, _) = run(&simulation);
+    let edges = rim_events(&simulation, &events, 41, |point| square_depth(&raster, point));
+    for polarity in [Polarity::Off, Polarity::On] {
+        let of_polarity = || edges.iter().filter(|event| event.polarity == polarity);
+        let error = mean(of_polarity().map(|event| event.distance - event.expected));
+        let rms = mean(of_polarity().map(|event| (event.distance - event.expected - error).powi(2))).sqrt();
+        println!("{polarity:?}: off by {error:.4} px, scatter {rms:.4} px");
+        assert!(error.abs() < 0.005 && rms < 0.015, "{polarity:?}: {error} {rms}");
+        let right = of_polarity().filter(|event| event.inwards == (polarity == Polarity::Off)).count();
+        assert!(right as f64 > 0.998 * of_polarity().count() as f64);
+    }
+}
+
+#[test]
 fn slow_pixels_fire_behind_the_edge() {
     let ideal = simulation(SensorModel::ideal(), MotionSettings::fast(), 0.15);
     let mut sensor = quiet(SensorModel::default());
@@ -169,7 +227,7 @@ fn slow_pixels_fire_behind_the_edge() {
     (sensor.threshold_mismatch, sensor.vignette, sensor.dark) = (0.0, 0.0, 0.0);
     let delayed = simulation(sensor, MotionSettings::fast(), 0.15);
     let inside = |simulation: &Simulation| {
-        let rim = rim_events(simulation, &run(simulation).0, 41);
+        let rim = rim_events(simulation, &run(simulation).0, 41, circle_depth);
         [Polarity::Off, Polarity::On]
             .map(|polarity| mean(rim.iter().filter(|event| event.polarity == polarity).map(|event| event.distance)))
     };
@@ -301,8 +359,13 @@ fn a_scanned_sensor_gives_times_of_its_scans() {
 
 #[test]
 fn few_looks_see_what_all_looks_see() {
-    for (sensor, name) in [(SensorModel::ideal(), "ideal"), (quiet(SensorModel::default()), "default")] {
-        let mut simulation = simulation(sensor, MotionSettings::fast(), 0.05);
+    let tags: Board = "aprilgrid:6x6:88mm:0.3".parse().unwrap();
+    for (board, sensor, name) in [
+        (board(), SensorModel::ideal(), "ideal"),
+        (board(), quiet(SensorModel::default()), "default"),
+        (tags, SensorModel::ideal(), "tags"),
+    ] {
+        let mut simulation = simulation_of(board, sensor, MotionSettings::fast(), 0.05);
         let few = by_pixel(&run(&simulation).0);
         simulation.stage.stepping = Stepping { step: 0.01, far_step: 0.0, longest_step: 1, longest_skip: 1 };
         let all = by_pixel(&run(&simulation).0);
@@ -336,7 +399,7 @@ fn truth_is_a_camera_file_and_comes_back_from_json() {
     assert_eq!(serde_json::from_str::<super::truth::Truth>(&text).unwrap(), truth);
     let file: evcal_geometry::lens::camera_file::CameraFile = serde_json::from_str(&text).unwrap();
     assert_eq!(file.camera.camera().unwrap().parameters(), radtan().parameters());
-    assert_eq!(truth.board.parse::<CircleBoard>().unwrap(), board());
+    assert_eq!(truth.board.parse::<Board>().unwrap(), board());
     let trajectory = simulation.trajectory(1000.0);
     assert_eq!(trajectory.len(), 101);
     assert_eq!(trajectory[50].pose, simulation.pose(trajectory[50].t));
@@ -353,6 +416,15 @@ fn a_wrong_setting_is_named() {
     assert!(refused(|settings| settings.sensor.threshold_on = 0.0).contains("sensor.threshold_on is 0"));
     assert!(refused(|settings| settings.motion.tilt = 90.0).contains("motion.tilt is 90; it must be at least 0"));
     assert!(refused(|settings| settings.scene.black = 0.0).contains("scene.black is 0; it must be above 0"));
+    let squares = Simulation::new(
+        Rays::new(&radtan(), Sensor::new(346, 260)),
+        "checkerboard:6x9:25mm".parse().unwrap(),
+        SimulationSettings {
+            scene: SceneSettings { dots: Dots::Rings, ..SceneSettings::default() },
+            ..settings(SensorModel::default(), MotionSettings::fast(), 1.0)
+        },
+    );
+    assert_eq!(squares.unwrap_err(), SimulationError::NoDots("rings"));
     let backwards = refused(|settings| settings.motion.pauses.push(Interval { start: 2.0, end: 1.0 }));
     assert!(backwards.contains("motion.pauses"));
     let nothing = Simulation::new(

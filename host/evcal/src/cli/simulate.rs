@@ -7,7 +7,7 @@ use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 use evcal_files::visible;
 use evcal_geometry::board::shape::BoardShape;
-use evcal_geometry::board::{CircleBoard, any_length};
+use evcal_geometry::board::{Board, any_length};
 use evcal_geometry::lens::camera_file;
 use evcal_simulator::davis::DavisSettings;
 use evcal_simulator::dots::Dots;
@@ -52,9 +52,10 @@ pub struct Arguments {
     /// imx636. With a name, speeds of --motion grow with its width [default: 346x260]
     #[arg(long, value_name = "WIDTHxHEIGHT|NAME", value_parser = sensor)]
     sensor: Option<SensorChoice>,
-    /// The board: layout, rows x columns, spacing (asymmetric: half the distance in a row), radius
+    /// The board: layout, rows x columns, spacing (asymmetric: half the distance in a row), radius; or checkerboard:6x9:25mm (inner
+    /// corners), aprilgrid:6x6:35.2mm:0.3, apriltags:3x4:30mm:0.25, charuco:5x7:30mm:22mm:DICT_5X5_100
     #[arg(long, default_value = "acircles:9x4:55mm:r17.5mm")]
-    board: CircleBoard,
+    board: Board,
     /// How the camera moves
     #[arg(
         long,
@@ -87,7 +88,7 @@ pub struct Arguments {
     /// hot-pixels:300, dead-columns:5
     #[arg(long, value_name = "EFFECTS", value_delimiter = ',')]
     effects: Vec<Effect>,
-    /// What is printed in place of the dots
+    /// What is printed in place of the dots of a board of circles
     #[arg(
         long,
         default_value = Dots::Circles.name(),
@@ -100,7 +101,7 @@ pub struct Arguments {
     /// How far the board's middle is bent away from the camera, along x and along y; negative towards it
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true, value_parser = bend)]
     bend: Option<[f64; 2]>,
-    /// Radius of the circles where the print has another one than --board says
+    /// Radius of the circles, or half the width of a dark square or module, where the print has another one than --board says
     #[arg(long, value_name = "LENGTH", value_parser = printed_radius)]
     printed_radius: Option<f64>,
     /// Frames too, with a global shutter, so many a second [default: 25] (aedat4 and dvraw)
@@ -240,15 +241,15 @@ fn tell(arguments: &Arguments, written: &WrittenFolder) -> super::Outcome {
 
 /// The board as it is printed, where that is not as stated.
 fn printed(arguments: &Arguments) -> Result<Option<BoardShape>, UsageError> {
-    let stated = BoardShape::stated(&arguments.board.into());
+    let stated = BoardShape::stated(&arguments.board);
     let shape = BoardShape {
         print_ratio: arguments.print_ratio.unwrap_or(stated.print_ratio),
         bend: arguments.bend.unwrap_or(stated.bend),
         radius: arguments.printed_radius.unwrap_or(stated.radius),
     };
-    if !shape.is_possible(&arguments.board.into()) {
+    if !shape.is_possible(&arguments.board) {
         return Err(UsageError(format!(
-            "this print ratio, bend and radius are impossible for {}: circles must not overlap, and a bend must be below half the board's side",
+            "this print ratio, bend and radius are impossible for {}: circles must not overlap, nor dark squares cover the light ones, and a bend must be below half the board's side",
             arguments.board
         )));
     }
@@ -262,7 +263,7 @@ fn bend(text: &str) -> Result<[f64; 2], String> {
         .ok_or_else(|| "write two lengths with their units, along x and along y, for example 2mm,0mm".to_owned())
 }
 
-/// Reads the radius of a printed circle (m).
+/// Reads the radius of a printed circle, or half the width of a printed square (m).
 fn printed_radius(text: &str) -> Result<f64, String> {
     any_length(text)
         .filter(|radius| *radius > 0.0)

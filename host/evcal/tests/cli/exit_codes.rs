@@ -92,6 +92,7 @@ fn wrong_usage_is_told_and_ends_with_2() {
     let options: &[(&[&str], &str)] = &[
         (&["--board", "acircle:9x4:55mm:r17mm"], "write acircles:9x4:55mm:r17mm"),
         (&["--board", "dots:9x4:55mm:r17mm"], "acircles:9x4:55mm:r17.5mm"),
+        (&["--board", "checkerboard:6x9"], "checkerboard:6x9:25mm"),
         (&["--duration", "6"], "6s"),
         (&["--motion", "jump"], "blur"),
         (&["--model", "radtan"], "--parameters"),

@@ -31,8 +31,8 @@ fn presets_keep_their_speed_and_the_board_in_view() {
                 let distance = (pose.translation.vector - motion.middle).norm();
                 assert!((nearest..farthest).contains(&distance), "{distance} m");
                 assert!(pose.translation.z < 0.0);
-                for index in 0..board.circle_count() {
-                    let center = board.circle_center(index);
+                for index in 0..board.point_count() {
+                    let center = board.point(index);
                     let point = pose.inverse() * Point3::new(center.x, center.y, 0.0);
                     all += 1;
                     let pixel = camera.project(&point.coords).filter(|pixel| {

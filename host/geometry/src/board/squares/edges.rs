@@ -130,7 +130,7 @@ struct Near {
 
 /// Lines along one axis, with a table of evenly spaced bins.
 #[derive(Clone, Debug)]
-struct Lines {
+pub struct Lines {
     lines: Vec<f64>,
     start: f64,
     bins_per_metre: f64,
@@ -142,7 +142,8 @@ struct Lines {
 const MOST_BINS: f64 = 16384.0;
 
 impl Lines {
-    fn new(lines: &[f64]) -> Self {
+    /// The lines at these increasing coordinates, in metres.
+    pub fn new(lines: &[f64]) -> Self {
         let start = lines.first().copied().unwrap_or(0.0);
         let length = lines.last().map_or(0.0, |last| last - start);
         let narrowest = lines.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
@@ -156,9 +157,15 @@ impl Lines {
         Self { lines: lines.to_vec(), start, bins_per_metre, below: (0..bins as u32).map(below).collect() }
     }
 
-    /// Number of lines at or below `place`.
+    /// Their coordinates in metres, increasing.
     #[inline(always)]
-    fn at_or_below(&self, place: f64) -> usize {
+    pub fn positions(&self) -> &[f64] {
+        &self.lines
+    }
+
+    /// Number of lines at or below `place` (m).
+    #[inline(always)]
+    pub fn at_or_below(&self, place: f64) -> usize {
         let bin = (((place - self.start) * self.bins_per_metre) as usize).min(self.below.len().saturating_sub(1));
         let first = self.below.get(bin).map_or(0, |below| *below as usize);
         let is_below = |index: usize| self.lines.get(index).is_some_and(|line| *line <= place);

@@ -54,6 +54,40 @@ impl Raster {
         Self { x, y, dark }
     }
 
+    /// The board whose dark parts reach `further` (m) over all of their edges, or less far where it is negative.
+    pub fn widened(&self, further: f64) -> Self {
+        if further == 0.0 {
+            return self.clone();
+        }
+        let moved = |lines: &[f64]| {
+            let mut all: Vec<f64> = lines.iter().flat_map(|line| [line - further, line + further]).collect();
+            all.sort_by(f64::total_cmp);
+            all.dedup_by(|next, line| *next - *line < SAME_LINE);
+            all
+        };
+        // Range of the cells, one further for those outside, that are within the distance of the middle of each new cell.
+        let near = |moved: &[f64], lines: &[f64]| -> Vec<std::ops::RangeInclusive<usize>> {
+            let cell = |place: f64| lines.partition_point(|line| *line <= place);
+            let middle = |ends: &[f64]| 0.5 * (ends[0] + ends[1]);
+            moved
+                .windows(2)
+                .map(|ends| cell(middle(ends) - further.abs())..=cell(middle(ends) + further.abs()))
+                .collect()
+        };
+        let (x, y) = (moved(&self.x), moved(&self.y));
+        let (columns, rows) = (near(&x, &self.x), near(&y, &self.y));
+        let is_dark = |column: usize, row: usize| match (column.checked_sub(1), row.checked_sub(1)) {
+            (Some(column), Some(row)) => self.is_dark(column, row),
+            _ => false,
+        };
+        let shade = |columns: &std::ops::RangeInclusive<usize>, rows: &std::ops::RangeInclusive<usize>| {
+            let mut cells = rows.clone().flat_map(|row| columns.clone().map(move |column| is_dark(column, row)));
+            if further > 0.0 { cells.any(|dark| dark) } else { cells.all(|dark| dark) }
+        };
+        let dark = rows.iter().flat_map(|rows| columns.iter().map(move |columns| shade(columns, rows))).collect();
+        Self { x, y, dark }
+    }
+
     /// The lines x = constant in metres, increasing.
     pub fn x_lines(&self) -> &[f64] {
         &self.x

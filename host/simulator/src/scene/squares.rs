@@ -1,0 +1,222 @@
+//! The share of a pixel's light that dark rectangles take, for boards of squares.
+//!
+//! The point-spread function on the board is a Gaussian, whose covariance is that of the image seen through the derivative of the
+//! board's point by the pixel: under tilt its axes are not those of the board. A raster of cells is a sum of steps at its lines and
+//! of quadrants at its corners, so the share is a sum of normal distribution functions, of one variable for each line near the
+//! pixel and of two correlated ones for each corner.
+
+use evcal_geometry::board::squares::edges::Lines;
+use evcal_geometry::board::squares::raster::{Raster, Rectangle};
+
+use super::EdgeProfile;
+
+/// The dark and light cells of a board, and how far each place is from an edge.
+#[derive(Clone, Debug)]
+pub(super) struct Squares {
+    /// The lines across x and those across y.
+    lines: [Lines; 2],
+    /// 1 for dark and 0 for light cells, row by row; the first and last column and row are outside the board.
+    dark: Vec<f64>,
+    /// A rectangle around each cell without an edge in it.
+    clear: Vec<Rectangle>,
+}
+
+/// What the point-spread function of a pixel covers on the board.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Footprint {
+    /// The board's point at the pixel centre, in metres.
+    pub(super) point: [f64; 2],
+    /// How fast x and y grow in the directions in which they grow fastest, in metres per pixel.
+    pub(super) slope: [f64; 2],
+    /// Their second derivatives in these directions, in metres per squared pixel.
+    pub(super) bend: [f64; 2],
+    /// Correlation of x and y over the footprint: the cosine of the angle between the directions.
+    pub(super) correlation: f64,
+    /// Standard deviation of the point-spread function in pixels.
+    pub(super) point_spread: f64,
+}
+
+impl Footprint {
+    /// Where a line across `axis` at `position` (m) is, in standard deviations of the point-spread function.
+    #[inline]
+    fn standard(&self, axis: usize, position: f64) -> f64 {
+        let (slope, ahead) = (self.slope[axis], position - self.point[axis]);
+        // The root of ahead = slope w + bend w² / 2 that stays finite without a bend.
+        let root = (slope * slope + 2.0 * self.bend[axis] * ahead).max(0.25 * slope * slope).sqrt();
+        2.0 * ahead / ((slope + root) * self.point_spread)
+    }
+}
+
+/// Nodes and weights of Gauss and Legendre on 0 to 1.
+const NODES: [(f64, f64); 4] = [
+    (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),
+    (0.330_009_478_207_571_87, 0.326_072_577_431_273_07),
+    (0.669_990_521_792_428_13, 0.326_072_577_431_273_07),
+    (0.930_568_155_797_026_3, 0.173_927_422_568_726_93),
+];
+
+/// What correlation adds to the probability of a quadrant: φ₂ integrated over the correlation (Drezner and Wesolowsky 1990). Wrong by
+/// less than 2e-6 up to a correlation of 0.7, by 1e-3 at 0.95.
+#[derive(Clone, Copy, Debug)]
+struct Correlation {
+    /// Correlation, half the inverse of one less its square, and weight of each node.
+    nodes: [(f64, f64, f64); 4],
+}
+
+impl Correlation {
+    fn new(correlation: f64) -> Self {
+        let nodes = NODES.map(|(place, weight)| {
+            let part = place * correlation;
+            let rest = (1.0 - part * part).max(1e-6);
+            (part, 0.5 / rest, weight * correlation / (std::f64::consts::TAU * rest.sqrt()))
+        });
+        Self { nodes }
+    }
+
+    /// What it adds at a corner at (x, y) standard deviations.
+    #[inline]
+    fn excess(&self, x: f64, y: f64) -> f64 {
+        let (squares, product) = (x * x + y * y, 2.0 * x * y);
+        let term = |&(part, half, weight): &(f64, f64, f64)| weight * libm::exp((part * product - squares) * half);
+        self.nodes.iter().map(term).sum()
+    }
+}
+
+impl Squares {
+    /// The cells of `raster`.
+    pub(super) fn new(raster: &Raster) -> Self {
+        let (columns, rows) = (raster.columns() + 2, raster.rows() + 2);
+        let is_dark = |column: usize, row: usize| match (column.checked_sub(1), row.checked_sub(1)) {
+            (Some(column), Some(row)) => raster.is_dark(column, row),
+            _ => false,
+        };
+        let places = || (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
+        let lines = [raster.x_lines(), raster.y_lines()];
+        Self {
+            lines: lines.map(Lines::new),
+            dark: places().map(|(column, row)| f64::from(u8::from(is_dark(column, row)))).collect(),
+            clear: places().map(|(column, row)| clear_around([column, row], lines, is_dark)).collect(),
+        }
+    }
+
+    /// Index of the cell at `point` along each axis.
+    #[inline]
+    fn cell(&self, point: [f64; 2]) -> [usize; 2] {
+        std::array::from_fn(|axis| self.lines[axis].at_or_below(point[axis]))
+    }
+
+    #[inline]
+    fn index(&self, column: usize, row: usize) -> usize {
+        row * (self.lines[0].positions().len() + 1) + column
+    }
+
+    /// 1 if the cell is dark, 0 if it is light.
+    #[inline]
+    fn shade(&self, column: usize, row: usize) -> f64 {
+        self.dark.get(self.index(column, row)).copied().unwrap_or(0.0)
+    }
+
+    /// 1 if `point` (metres on the board) is dark, 0 if it is light; and for each axis the distance in metres to the side of a
+    /// rectangle around it that has no edge in it.
+    #[inline]
+    pub(super) fn clearance(&self, point: [f64; 2]) -> (f64, [f64; 2]) {
+        let [column, row] = self.cell(point);
+        let sides = match self.clear.get(self.index(column, row)) {
+            Some(clear) => {
+                std::array::from_fn(|axis| (point[axis] - clear.low[axis]).min(clear.high[axis] - point[axis]))
+            }
+            None => [f64::INFINITY; 2],
+        };
+        (self.shade(column, row), sides)
+    }
+
+    /// Share of the light in the footprint that dark cells take.
+    #[inline]
+    pub(super) fn dark_share(&self, footprint: &Footprint, profile: &EdgeProfile) -> f64 {
+        let reach: [f64; 2] =
+            std::array::from_fn(|axis| EdgeProfile::REACH * footprint.point_spread * footprint.slope[axis]);
+        let [point_x, point_y] = footprint.point;
+        let [left, top] = self.cell([point_x - reach[0], point_y - reach[1]]);
+        let [right, bottom] = self.cell([point_x + reach[0], point_y + reach[1]]);
+        let correlation = Correlation::new(footprint.correlation);
+        let [columns, rows] = [&self.lines[0], &self.lines[1]].map(Lines::positions);
+
+        let mut share = self.shade(left, top);
+        for (position, row) in between(rows, top, bottom) {
+            let step = self.shade(left, row + 1) - self.shade(left, row);
+            if step != 0.0 {
+                share += step * profile.share(-footprint.standard(1, *position));
+            }
+        }
+        for (position, column) in between(columns, left, right) {
+            let x = footprint.standard(0, *position);
+            let beyond_x = profile.share(-x);
+            share += (self.shade(column + 1, top) - self.shade(column, top)) * beyond_x;
+            for (position, row) in between(rows, top, bottom) {
+                let corner =
+                    self.shade(column + 1, row + 1) - self.shade(column, row + 1) - self.shade(column + 1, row)
+                        + self.shade(column, row);
+                if corner != 0.0 {
+                    let y = footprint.standard(1, *position);
+                    share += corner * (beyond_x * profile.share(-y) + correlation.excess(x, y));
+                }
+            }
+        }
+        share
+    }
+}
+
+/// The lines from index `first` to before `end`, with their indices.
+#[inline]
+fn between(lines: &[f64], first: usize, end: usize) -> impl Iterator<Item = (&f64, usize)> {
+    lines.get(first..end).unwrap_or_default().iter().zip(first..)
+}
+
+/// A rectangle around a cell that has no edge in it, grown on its nearest side as long as it stays of one shade. `is_dark` is asked for
+/// cells by column and row.
+fn clear_around(cell: [usize; 2], lines: [&[f64]; 2], is_dark: impl Fn(usize, usize) -> bool) -> Rectangle {
+    let dark = is_dark(cell[0], cell[1]);
+    let (mut low, mut high) = (cell, cell);
+    let side = |axis: usize, index: Option<usize>, none: f64| {
+        index.and_then(|index| lines[axis].get(index)).copied().unwrap_or(none)
+    };
+    let lowest = |low: [usize; 2]| -> [f64; 2] {
+        std::array::from_fn(|axis| side(axis, low[axis].checked_sub(1), f64::NEG_INFINITY))
+    };
+    let highest =
+        |high: [usize; 2]| -> [f64; 2] { std::array::from_fn(|axis| side(axis, Some(high[axis]), f64::INFINITY)) };
+    let (inner_low, inner_high) = (lowest(cell), highest(cell));
+    // Axis and end of the sides that may still grow.
+    let mut growing = vec![(0, false), (1, false), (0, true), (1, true)];
+    while !growing.is_empty() {
+        let (ends_low, ends_high) = (lowest(low), highest(high));
+        let distance = |&(axis, is_high): &(usize, bool)| match is_high {
+            true => ends_high[axis] - inner_high[axis],
+            false => inner_low[axis] - ends_low[axis],
+        };
+        let Some(nearest) = (0..growing.len()).min_by(|a, b| distance(&growing[*a]).total_cmp(&distance(&growing[*b])))
+        else {
+            break;
+        };
+        let (axis, is_high) = growing[nearest];
+        let other = 1 - axis;
+        let next = match is_high {
+            true => Some(high[axis] + 1).filter(|next| *next <= lines[axis].len()),
+            false => low[axis].checked_sub(1),
+        };
+        let is_same = |next: usize| {
+            (low[other]..=high[other]).all(|along| {
+                let place = if axis == 0 { [next, along] } else { [along, next] };
+                is_dark(place[0], place[1]) == dark
+            })
+        };
+        match next.filter(|next| is_same(*next)) {
+            Some(next) if is_high => high[axis] = next,
+            Some(next) => low[axis] = next,
+            None => {
+                growing.swap_remove(nearest);
+            }
+        }
+    }
+    Rectangle { low: lowest(low), high: highest(high) }
+}
