@@ -266,6 +266,30 @@ pub fn find_grid_near<T: RealField + Copy, const N: usize>(
     search::search(candidates, pattern, options, &Choice::Nearest(expected), workspace)
 }
 
+/// A candidate at its place on a lattice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LatticeSite {
+    /// Steps along the first direction of the lattice.
+    pub u: i8,
+    /// Steps along the second direction. The turn from the first to it is that from x to y.
+    pub v: i8,
+    /// Index in the slice of candidates.
+    pub candidate: u16,
+}
+
+/// Finds the largest lattice of at least [`GridOptions::minimum_circles`] candidates. Its place on a board is left to the caller,
+/// who may know more than positions.
+///
+/// # Errors
+/// [`GridError`] says why there is none.
+pub fn find_lattice<T: RealField + Copy, const N: usize>(
+    candidates: &[GridCandidate<T>],
+    options: &GridOptions,
+    workspace: &mut GridWorkspace<T, N>,
+) -> Result<Vec<LatticeSite, N>, GridError> {
+    search::search_lattice(candidates, options, workspace)
+}
+
 /// Number of turns that map the board onto itself: 4 for a square symmetric board, 2 for the other
 /// symmetric ones and for asymmetric ones with an even number of rows, else 1.
 pub fn symmetry(pattern: &Pattern) -> usize {

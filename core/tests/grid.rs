@@ -4,8 +4,8 @@
 mod grid_views;
 
 use evcal_core::grid::{
-    FoundGrid, GridCandidate, GridError, GridOptions, GridWorkspace, Ordering, find_grid, find_grid_near, reorder,
-    symmetry,
+    FoundGrid, GridCandidate, GridError, GridOptions, GridWorkspace, LatticeSite, Ordering, find_grid, find_grid_near,
+    find_lattice, reorder, symmetry,
 };
 use evcal_core::pattern::{Layout, Pattern};
 use grid_views::{Lens, Random, SIZE, Setting, View, view};
@@ -278,6 +278,31 @@ fn orders_keep_the_sense_of_rotation() {
             }
         }
         assert!(found_boards >= 195, "{pattern:?}: {found_boards} of 200");
+    }
+}
+
+#[test]
+fn a_lattice_has_the_steps_of_the_board() {
+    let pattern = symmetric(6, 9);
+    let mut random = Random::new(5);
+    for lens in LENSES {
+        for _ in 0..20 {
+            let view = view(&clean(pattern, lens), &mut random);
+            let options = GridOptions::new(&pattern, SIZE);
+            let mut workspace = GridWorkspace::<f64, 128>::new();
+            let sites = find_lattice(&view.candidates, &options, &mut workspace).unwrap();
+            assert!(sites.len() >= 50, "{} sites", sites.len());
+            let is_turned = |turn: usize| {
+                let shift = |site: &LatticeSite| {
+                    let (u, v) = (i32::from(site.u), i32::from(site.v));
+                    let turned = [[u, v], [-v, u], [-u, -v], [v, -u]][turn];
+                    let (x, y) = pattern.lattice_position(view.truth[usize::from(site.candidate)].unwrap());
+                    [x - turned[0], y - turned[1]]
+                };
+                sites.iter().all(|site| shift(site) == shift(&sites[0]))
+            };
+            assert!((0..4).any(is_turned));
+        }
     }
 }
 

@@ -3,13 +3,13 @@
 use heapless::Vec;
 use nalgebra::{RealField, Vector2};
 
-use super::lattice::Lattice;
+use super::lattice::{Lattice, Site};
 use super::placement::{Placement, turned_to_top_left, turns_of};
 use super::points::Points;
 use super::seed::{Kind, find_seeds};
 use super::settle::Settled;
 use super::warp::LatticeImage;
-use super::{FoundGrid, GridCandidate, GridCircle, GridError, GridOptions, GridWorkspace, Ordering};
+use super::{FoundGrid, GridCandidate, GridCircle, GridError, GridOptions, GridWorkspace, LatticeSite, Ordering};
 use super::{evidence, expectation};
 use crate::pattern::Pattern;
 
@@ -36,19 +36,7 @@ pub(super) fn search<T: RealField + Copy, const N: usize>(
     choice: &Choice<T>,
     workspace: &mut GridWorkspace<T, N>,
 ) -> Result<FoundGrid<T, N>, GridError> {
-    let points = &mut workspace.points;
-    let needed = options.minimum_circles;
-    if candidates.len() < needed {
-        return Err(GridError::TooFewCandidates { usable: candidates.len(), needed });
-    }
-    if !points.load(candidates) {
-        return Err(GridError::TooManyCandidates { count: candidates.len(), capacity: N });
-    }
-    if points.len() < needed {
-        return Err(GridError::TooFewCandidates { usable: points.len(), needed });
-    }
-    points.find_neighbours();
-
+    load(candidates, options, &mut workspace.points)?;
     let mut failure = GridError::NoLattice;
     for kind in [Kind::Cross, Kind::Border] {
         match search_from(pattern, options, choice, workspace, kind) {
@@ -60,6 +48,62 @@ pub(super) fn search<T: RealField + Copy, const N: usize>(
         }
     }
     Err(failure)
+}
+
+fn load<T: RealField + Copy, const N: usize>(
+    candidates: &[GridCandidate<T>],
+    options: &GridOptions,
+    points: &mut Points<T, N>,
+) -> Result<(), GridError> {
+    let needed = options.minimum_circles;
+    if candidates.len() < needed {
+        return Err(GridError::TooFewCandidates { usable: candidates.len(), needed });
+    }
+    if !points.load(candidates) {
+        return Err(GridError::TooManyCandidates { count: candidates.len(), capacity: N });
+    }
+    if points.len() < needed {
+        return Err(GridError::TooFewCandidates { usable: points.len(), needed });
+    }
+    points.find_neighbours();
+    Ok(())
+}
+
+/// Finds the largest lattice among the candidates.
+pub(super) fn search_lattice<T: RealField + Copy, const N: usize>(
+    candidates: &[GridCandidate<T>],
+    options: &GridOptions,
+    workspace: &mut GridWorkspace<T, N>,
+) -> Result<Vec<LatticeSite, N>, GridError> {
+    let GridWorkspace { points, lattice, settling } = workspace;
+    load(candidates, options, points)?;
+    let needed = options.minimum_circles;
+    let mut best: Vec<LatticeSite, N> = Vec::new();
+    let mut used = [false; N];
+    for seed in &find_seeds(points, Kind::Cross) {
+        if used.get(usize::from(seed.center)).copied().unwrap_or(true) {
+            continue;
+        }
+        seed.plant(lattice);
+        for tolerance in GROWTH_TOLERANCES {
+            lattice.grow(points, nalgebra::convert(tolerance));
+        }
+        let settled = lattice.len() * 2 >= needed && settling.settle(lattice, points, options).is_some();
+        mark(&mut used, lattice);
+        if settled && lattice.len() > best.len() {
+            best.clear();
+            for &Site { u, v, point } in lattice.sites() {
+                let Some(candidate) = points.get(point).map(|point| point.candidate) else { continue };
+                // No more than there are sites.
+                let _ = best.push(LatticeSite { u, v, candidate });
+            }
+        }
+    }
+    match best.len() {
+        0 => Err(GridError::NoLattice),
+        found if found < needed => Err(GridError::TooFewCircles { found, needed }),
+        _ => Ok(best),
+    }
 }
 
 /// Grows a lattice from one seed after the other, until one is a board that is complete enough.

@@ -78,6 +78,23 @@ impl SaddleTest {
         quadrants(&self.smooth, x, y).filter(|found| found.strength > self.least_contrast)
     }
 
+    /// `true` if all that is looked at around this place is in the picture.
+    pub(crate) fn covers(&self, pixel: [f32; 2]) -> bool {
+        self.smooth.contains(pixel, RING_RADIUS)
+    }
+
+    /// `true` if one quadrant around this place differs from the other three, by half of this contrast at least.
+    pub(crate) fn is_outer_corner(&self, pixel: [f32; 2], contrast: f32) -> bool {
+        let ring = ring(&self.smooth, pixel[0], pixel[1]);
+        let low = ring.iter().copied().fold(f32::INFINITY, f32::min);
+        let high = ring.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let middle = 0.5 * (low + high);
+        let changes = (0..RING).filter(|&index| (ring[index] > middle) != (ring[(index + 1) % RING] > middle)).count();
+        let bright = ring.iter().filter(|value| **value > middle).count();
+        let quadrant = bright.min(RING - bright);
+        changes == 2 && high - low >= 0.5 * contrast && (RING / 8..=RING * 7 / 16).contains(&quadrant)
+    }
+
     /// `true` if there are two dark and two bright quadrants around this place.
     pub(crate) fn is_saddle(&self, pixel: [f32; 2]) -> bool {
         self.saddle(pixel[0], pixel[1]).is_some()
@@ -117,12 +134,17 @@ fn is_greatest(response: &[f32], width: usize, x: usize, y: usize) -> bool {
     })
 }
 
-/// The saddle at a pixel, if the ring around it has two dark and two bright parts.
-fn quadrants(smooth: &Picture, x: f32, y: f32) -> Option<Saddle> {
-    let ring: [f32; RING] = std::array::from_fn(|index| {
+/// The values on a ring around a place, from x towards y.
+fn ring(smooth: &Picture, x: f32, y: f32) -> [f32; RING] {
+    std::array::from_fn(|index| {
         let (sine, cosine) = libm::sincosf(index as f32 * 2.0 * PI / RING as f32);
         smooth.bilinear(x + RING_RADIUS * cosine, y + RING_RADIUS * sine)
-    });
+    })
+}
+
+/// The saddle at a pixel, if the ring around it has two dark and two bright parts.
+fn quadrants(smooth: &Picture, x: f32, y: f32) -> Option<Saddle> {
+    let ring = ring(smooth, x, y);
     let mean = ring.iter().sum::<f32>() / RING as f32;
     let variance = ring.iter().map(|value| (value - mean).powi(2)).sum::<f32>() / RING as f32;
     let (mut along, mut across) = (0.0, 0.0);
