@@ -394,7 +394,11 @@ mod tests {
         fs::create_dir(folder.path().join(".evcal.x1y2.part")).unwrap();
         fs::write(folder.path().join(".evcal.x1y2.part/a.json"), "half").unwrap();
         let open = OutputFolder::open(folder.path()).unwrap();
-        open.replace(|_| false, |new| Ok::<_, FileError>(fs::write(new.join("b.json"), "whole").unwrap())).unwrap();
+        let fill = |new: &Path| {
+            fs::write(new.join("b.json"), "whole").unwrap();
+            Ok::<_, FileError>(())
+        };
+        open.replace(|_| false, fill).unwrap();
         assert_eq!(files(folder.path()), [PathBuf::from("b.json")]);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }

@@ -170,11 +170,12 @@ fn arrange(
         return Err(layout(columns::LayoutError::Named));
     }
     let stated = options.time_unit.or_else(|| table.unit_of_name());
-    let unit = stated.map(GuessedUnit::from).unwrap_or_else(|| {
+    let guess = || {
         let place = table.place_of(Column::T);
         let times: Vec<f64> = sample.iter().filter_map(|row| row.get(place?)?.value).collect();
         columns::unit_from_values(&times, notes)
-    });
+    };
+    let unit = stated.map_or_else(guess, GuessedUnit::from);
     Ok((table, unit))
 }
 

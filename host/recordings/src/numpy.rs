@@ -148,11 +148,12 @@ fn layout(
         (None, Some(((None, _), names))) => return Err(columns::LayoutError::Names(names)),
         (None, None) => columns::from_values(sample, notes)?,
     };
-    let unit = options.time_unit.or(unit_of_name).map(GuessedUnit::from).unwrap_or_else(|| {
+    let guess = || {
         let t = columns.as_slice().iter().position(|column| *column == Column::T);
         let times: Vec<f64> = sample.iter().filter_map(|row| row.get(t?)?.value).collect();
         columns::unit_from_values(&times, notes)
-    });
+    };
+    let unit = options.time_unit.or(unit_of_name).map_or_else(guess, GuessedUnit::from);
     Ok((columns, unit))
 }
 

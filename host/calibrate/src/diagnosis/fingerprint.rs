@@ -152,7 +152,7 @@ mod tests {
         let blinks = |seed: u64| -> Vec<Event> {
             let blink = |index: u64| {
                 let t = 10_000 * index as i64;
-                let polarity = if index % 2 == 0 { Polarity::On } else { Polarity::Off };
+                let polarity = if index.is_multiple_of(2) { Polarity::On } else { Polarity::Off };
                 let board = (0..2000_u16).map(move |pixel| Event { t, x: pixel % 50, y: pixel / 50, polarity });
                 let noise = (0..20).map(move |number| {
                     let random = mixed(seed << 40 | (20 * index + number + 1));

@@ -185,6 +185,10 @@ pub fn verdict(
 ) -> Verdict {
     let mut findings = more;
     findings.extend(findings_on(camera, trust, events, board, sensor, settings));
+    if findings.iter().any(|finding| finding.cause == Cause::Undistorted) {
+        // Pixels that are moved by rounding leave a pattern that no lens has.
+        findings.retain(|finding| finding.cause != Cause::ModelTooPoor);
+    }
     sort(&mut findings);
     let grade = Grade::of(findings.iter().map(|finding| finding.severity));
     Verdict { grade, sentence: sentence(grade, camera, trust, &findings), findings }

@@ -48,7 +48,7 @@ pub(super) struct Failed {
 }
 
 fn files_of(failure: &Failure) -> String {
-    let files: Vec<String> = failure.files.iter().map(|file| visible::path(file)).collect();
+    let files: Vec<String> = failure.files.iter().map(visible::path).collect();
     if files.is_empty() { String::new() } else { format!("\n  what was seen: {}", files.join(", ")) }
 }
 
