@@ -5,7 +5,7 @@
 use std::convert::Infallible;
 use std::error::Error;
 
-use evcal::CircleBoard;
+use evcal::Board;
 use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
 use evcal_simulator::lens::lens;
@@ -15,7 +15,7 @@ use evcal_simulator::scene::SceneSettings;
 use evcal_simulator::{Simulation, SimulationSettings};
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let board: CircleBoard = "acircles:9x4:55mm:r17.5mm".parse()?;
+    let board: Board = "acircles:9x4:55mm:r17.5mm".parse()?;
     let camera = lens(ModelKind::KannalaBrandt, &[196.4, 196.0, 119.3, 86.1, -0.018, 0.006, -0.003, 0.0006])?;
     let settings = SimulationSettings {
         duration: 0.1,

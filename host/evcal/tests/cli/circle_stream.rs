@@ -31,7 +31,7 @@ fn frames() -> Vec<Vec<u8>> {
     let camera = Camera::from_parameters(ModelKind::Radtan, &LENS).unwrap();
     let board: CircleBoard = BOARD.parse().unwrap();
     let duration = f64::from(WINDOWS) * 0.01;
-    let motion = Motion::new(&MotionSettings::fast(), &board, &Rays::new(&camera, SENSOR), duration, 3).unwrap();
+    let motion = Motion::new(&MotionSettings::fast(), &board.into(), &Rays::new(&camera, SENSOR), duration, 3).unwrap();
     let mut state = 7_u64;
     let mut random = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
