@@ -23,7 +23,7 @@ const CAPACITY: usize = 512;
 const LEAST_ALTERNATING: f64 = 0.85;
 /// Half the window for a corner's position as a part of the distance to its neighbours, and its bounds in pixels at the
 /// scale in which the corner was found.
-const WINDOW: f32 = 0.3;
+const WINDOW: f32 = 0.45;
 const WINDOWS: [f32; 2] = [2.0, 6.0];
 
 /// If there is no board, it is looked for in the picture at half the scale, down to this width or height in pixels.
