@@ -349,8 +349,7 @@ impl Scene {
             Print::Circles(circles) => circles,
         };
         let nearest = circles.nearest_center(&gaze.point).map(|center| gaze.point - center);
-        let distance = nearest.map(|offset| offset.norm());
-        let circle = distance.map_or(-circles.free_distance, |distance| circles.board.radius - distance);
+        let circle = nearest.map_or(-circles.free_distance, |offset| circles.board.radius - offset.norm());
         if sheet > reach && circle.abs() > reach {
             let radiance = if circle > 0.0 { black } else { white };
             return Sample { radiance, edge: sheet.min(circle.abs()) / metres_per_pixel };
@@ -358,9 +357,9 @@ impl Scene {
         let jacobian = view.jacobian(ray, &gaze);
         let (white_share, sheet_edge) =
             if sheet > reach { (1.0, sheet / metres_per_pixel) } else { self.sheet(&gaze.point, &jacobian) };
-        let (black_share, circle_edge) = match (nearest, distance) {
-            (Some(offset), Some(distance)) if circle > -reach => {
-                self.circle(circles, view, ray, &(gaze.point - offset), &offset, distance, &jacobian)
+        let (black_share, circle_edge) = match nearest {
+            Some(offset) if circle > -reach => {
+                self.circle(circles, view, ray, &(gaze.point - offset), &offset, &jacobian)
             }
             _ => (0.0, circle / metres_per_pixel),
         };
@@ -457,7 +456,7 @@ impl Scene {
     }
 
     /// Share of the pixel that the circle at `center` covers, and the signed distance to its rim in
-    /// pixels. `offset` is the pixel's point relative to the centre, `distance` its length.
+    /// pixels. `offset` is the pixel's point relative to the centre.
     #[inline]
     fn circle(
         &self,
@@ -466,10 +465,9 @@ impl Scene {
         ray: &Ray,
         center: &Vector2<f64>,
         offset: &Vector2<f64>,
-        distance: f64,
         jacobian: &Matrix2<f64>,
     ) -> (f64, f64) {
-        let radius = circles.board.radius;
+        let (radius, distance) = (circles.board.radius, offset.norm());
         if distance < 1e-9 * radius {
             return (1.0, radius / jacobian.norm());
         }

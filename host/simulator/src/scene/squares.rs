@@ -5,7 +5,7 @@
 //! of quadrants at its corners, so the share is a sum of normal distribution functions, of one variable for each line near the
 //! pixel and of two correlated ones for each corner.
 
-use evcal_geometry::board::squares::edges::Lines;
+use evcal_geometry::board::squares::edges::{Lines, Side};
 use evcal_geometry::board::squares::raster::{Raster, Rectangle};
 
 use super::EdgeProfile;
@@ -51,7 +51,7 @@ impl Footprint {
 const NODES: [(f64, f64); 4] = [
     (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),
     (0.330_009_478_207_571_87, 0.326_072_577_431_273_07),
-    (0.669_990_521_792_428_13, 0.326_072_577_431_273_07),
+    (0.669_990_521_792_428_1, 0.326_072_577_431_273_07),
     (0.930_568_155_797_026_3, 0.173_927_422_568_726_93),
 ];
 
@@ -59,8 +59,17 @@ const NODES: [(f64, f64); 4] = [
 /// less than 2e-6 up to a correlation of 0.7, by 1e-3 at 0.95.
 #[derive(Clone, Copy, Debug)]
 struct Correlation {
-    /// Correlation, half the inverse of one less its square, and weight of each node.
-    nodes: [(f64, f64, f64); 4],
+    nodes: [Node; 4],
+}
+
+/// A correlation at which the density is taken.
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    correlation: f64,
+    /// Half the inverse of one less its square.
+    half_precision: f64,
+    /// Weight of the exponential in the integral.
+    weight: f64,
 }
 
 impl Correlation {
@@ -68,7 +77,8 @@ impl Correlation {
         let nodes = NODES.map(|(place, weight)| {
             let part = place * correlation;
             let rest = (1.0 - part * part).max(1e-6);
-            (part, 0.5 / rest, weight * correlation / (std::f64::consts::TAU * rest.sqrt()))
+            let weight = weight * correlation / (std::f64::consts::TAU * rest.sqrt());
+            Node { correlation: part, half_precision: 0.5 / rest, weight }
         });
         Self { nodes }
     }
@@ -77,7 +87,7 @@ impl Correlation {
     #[inline]
     fn excess(&self, x: f64, y: f64) -> f64 {
         let (squares, product) = (x * x + y * y, 2.0 * x * y);
-        let term = |&(part, half, weight): &(f64, f64, f64)| weight * libm::exp((part * product - squares) * half);
+        let term = |node: &Node| node.weight * libm::exp((node.correlation * product - squares) * node.half_precision);
         self.nodes.iter().map(term).sum()
     }
 }
@@ -172,6 +182,13 @@ fn between(lines: &[f64], first: usize, end: usize) -> impl Iterator<Item = (&f6
     lines.get(first..end).unwrap_or_default().iter().zip(first..)
 }
 
+/// A side of a rectangle that may still grow.
+#[derive(Clone, Copy, Debug)]
+struct Growing {
+    axis: usize,
+    side: Side,
+}
+
 /// A rectangle around a cell that has no edge in it, grown on its nearest side as long as it stays of one shade. `is_dark` is asked for
 /// cells by column and row.
 fn clear_around(cell: [usize; 2], lines: [&[f64]; 2], is_dark: impl Fn(usize, usize) -> bool) -> Rectangle {
@@ -186,23 +203,23 @@ fn clear_around(cell: [usize; 2], lines: [&[f64]; 2], is_dark: impl Fn(usize, us
     let highest =
         |high: [usize; 2]| -> [f64; 2] { std::array::from_fn(|axis| side(axis, Some(high[axis]), f64::INFINITY)) };
     let (inner_low, inner_high) = (lowest(cell), highest(cell));
-    // Axis and end of the sides that may still grow.
-    let mut growing = vec![(0, false), (1, false), (0, true), (1, true)];
+    let mut growing: Vec<Growing> =
+        [Side::Low, Side::High].into_iter().flat_map(|side| [0, 1].map(|axis| Growing { axis, side })).collect();
     while !growing.is_empty() {
         let (ends_low, ends_high) = (lowest(low), highest(high));
-        let distance = |&(axis, is_high): &(usize, bool)| match is_high {
-            true => ends_high[axis] - inner_high[axis],
-            false => inner_low[axis] - ends_low[axis],
+        let distance = |growing: &Growing| match growing.side {
+            Side::High => ends_high[growing.axis] - inner_high[growing.axis],
+            Side::Low => inner_low[growing.axis] - ends_low[growing.axis],
         };
         let Some(nearest) = (0..growing.len()).min_by(|a, b| distance(&growing[*a]).total_cmp(&distance(&growing[*b])))
         else {
             break;
         };
-        let (axis, is_high) = growing[nearest];
+        let Growing { axis, side } = growing[nearest];
         let other = 1 - axis;
-        let next = match is_high {
-            true => Some(high[axis] + 1).filter(|next| *next <= lines[axis].len()),
-            false => low[axis].checked_sub(1),
+        let next = match side {
+            Side::High => Some(high[axis] + 1).filter(|next| *next <= lines[axis].len()),
+            Side::Low => low[axis].checked_sub(1),
         };
         let is_same = |next: usize| {
             (low[other]..=high[other]).all(|along| {
@@ -211,7 +228,7 @@ fn clear_around(cell: [usize; 2], lines: [&[f64]; 2], is_dark: impl Fn(usize, us
             })
         };
         match next.filter(|next| is_same(*next)) {
-            Some(next) if is_high => high[axis] = next,
+            Some(next) if side == Side::High => high[axis] = next,
             Some(next) => low[axis] = next,
             None => {
                 growing.swap_remove(nearest);
