@@ -11,6 +11,7 @@ mod raw_dump;
 mod regressions;
 mod report;
 mod second_camera;
+mod squares;
 mod stage_texts;
 mod uncertainty;
 mod verdicts;

@@ -383,9 +383,6 @@ pub fn calibrate_recordings(
             print::aside(format!("{count} files continue each other, from {first} to {last}: they are one recording"));
         }
     }
-    if !arguments.json {
-        tell_guesses(&inputs);
-    }
     let parameters = arguments.parameters()?;
     let rolling_shutter = others.rolling_shutter;
     let open = |(index, (path, stream)): (usize, (&PathBuf, _))| {
@@ -413,19 +410,6 @@ pub fn calibrate_recordings(
         ControlFlow::Continue(())
     });
     work.finish(attempt, waiting, folder)
-}
-
-/// Prints what the readers took for granted.
-fn tell_guesses(inputs: &[Input]) {
-    for input in inputs {
-        // What cannot be opened, the calibration reports.
-        if let Input::Events(recording) = input
-            && let Ok(reader) = recording.open()
-        {
-            let notes = &reader.information().notes;
-            notes.iter().for_each(|note| print::aside(format!("{}: {note}", input.short_name())));
-        }
-    }
 }
 
 /// What is wrong with the recordings of other cameras before they are opened.

@@ -173,6 +173,19 @@ fn a_camera_without_events_is_told_of() {
     assert!(told.contains("no event yet: is the lens cap off"), "{told}{}", stderr(&ended));
 }
 
+/// Whole milliseconds that were written as microseconds were taken for nanoseconds without a word, and the board was to blame.
+#[test]
+fn what_times_were_taken_for_is_printed() {
+    let directory = tempfile::tempdir().unwrap();
+    let [path, output] = ["coarse.csv", "output"].map(|name| directory.path().join(name));
+    let line = |index: i64| format!("{},{},{},{}\n", index / 650 * 1000, index % 346, index % 260, index % 2);
+    let lines: String = (0..100_000).map(line).collect();
+    fs::write(&path, format!("# sensor 346 x 260\nt,x,y,p\n{lines}")).unwrap();
+    let message = fail(&["calibrate", text(&path), "--board", BOARD, "-o", text(&output)]);
+    assert!(message.contains("coarse.csv: times are taken for microseconds"), "{message}");
+    assert!(message.contains("no board found, and times come in steps of 1.00 ms"), "{message}");
+}
+
 /// Standard output that goes to a file was taken for that file, which is there already; what was converted was then told in it.
 #[cfg(unix)]
 #[test]
@@ -245,9 +258,9 @@ fn seldom_events_make_as_little_work_as_they_are() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("sparse.csv");
     let line = |index: i64| format!("{},{},{},1\n", index * 900_000, index % 346, index % 260);
-    let lines: String = (0..200_000).map(line).collect();
+    let lines: String = (0..20_000).map(line).collect();
     fs::write(&path, format!("# sensor 346 x 260\nt_us,x,y,p\n{lines}")).unwrap();
-    // Half an hour, before.
+    // Minutes, before.
     let told = succeed(&["info", text(&path)]);
-    assert!(told.contains("200000, 100.0 % ON"), "{told}");
+    assert!(told.contains("20000, 100.0 % ON"), "{told}");
 }

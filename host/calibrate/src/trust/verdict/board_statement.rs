@@ -49,8 +49,10 @@ fn statements(estimate: &BoardEstimate, board: &Board) -> Vec<String> {
                 format!("its circles have a radius of {radius} mm, not {} mm", 1e3 * circles.radius)
             }
             Board::Squares(_) => {
-                let wider = with_sigma(2e3 * (shape.radius - board.print_radius()), 2e3 * radius_sigma);
-                format!("its dark squares are {wider} mm wider than stated")
+                let wider = 2e3 * (shape.radius - board.print_radius());
+                let word = if wider > 0.0 { "wider" } else { "narrower" };
+                let difference = with_sigma(wider.abs(), 2e3 * radius_sigma);
+                format!("its dark squares are {difference} mm {word} than stated")
             }
         });
     }

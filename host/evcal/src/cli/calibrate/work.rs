@@ -129,6 +129,18 @@ impl Work<'_> {
         self.inputs.iter().any(|input| input.is_of_file_of(other))
     }
 
+    /// Prints what the readers took for granted: the summary does that where there is one.
+    fn tell_guesses(&self) {
+        for input in &self.inputs {
+            if let Input::Events(recording) = input
+                && let Ok(reader) = recording.open()
+            {
+                let notes = &reader.information().notes;
+                notes.iter().for_each(|note| print::aside(format!("{}: {note}", input.short_name())));
+            }
+        }
+    }
+
     /// Calibrates. `tell` hears what is going on, and may end it.
     pub fn calibrate(&self, mut tell: impl FnMut(Step) -> ControlFlow<()> + Send) -> Attempt {
         let mut stages: Vec<String> = Vec::new();
@@ -149,6 +161,9 @@ impl Work<'_> {
             Ok(calibrated) => calibrated,
             Err(error) => {
                 waiting.finish();
+                if !self.arguments.json {
+                    self.tell_guesses();
+                }
                 let failure = write_failure(folder.path(), &task, &error, with_advice(&error), attempt.stages)?;
                 return Err(Failed { error, failure }.into());
             }
