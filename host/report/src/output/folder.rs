@@ -257,7 +257,8 @@ fn nearest_and_farthest(known: Option<(f64, f64)>, distance: f64) -> Option<(f64
 /// The reference frames with the smallest and the largest error of the initial model.
 fn window_examples(calibrated: &Calibrated, board: &Board) -> Vec<(&'static str, Picture)> {
     best_and_worst(calibrated.posed().filter(|(_, frame)| frame.is_shown()), |posed, frame| {
-        Some(reference_frame_picture(frame, calibrated.sensor, board, calibrated.camera(), &posed.pose))
+        let pose = calibrated.best_pose(posed, frame);
+        Some(reference_frame_picture(frame, calibrated.sensor, board, calibrated.camera(), &pose))
     })
 }
 
