@@ -10,7 +10,7 @@ use evcal_calibrate::detection::search::SearchError;
 use evcal_calibrate::detection::{NoPattern, NoPatternCause};
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::FolderError;
-use evcal_geometry::board::Board;
+use evcal_geometry::board::CircleBoard;
 use event_recordings::given_sensor::{Exchanged, OtherSensor};
 use event_recordings::text::LineError;
 use event_recordings::{ForeignFormat, FormatOption, LayoutError, RecordingError, RecordingErrorKind, TimeUnit};
@@ -75,7 +75,7 @@ fn about_calibration(error: &(dyn Error + 'static)) -> Option<String> {
     }
 }
 
-fn give_board(board: Board) -> String {
+fn give_board(board: CircleBoard) -> String {
     format!("give board=\"{board}\"")
 }
 

@@ -3,7 +3,7 @@
 use evcal_calibrate::circles::file::open_events;
 use evcal_calibrate::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
 use evcal_calibrate::settings::Settings;
-use evcal_geometry::board::Board;
+use evcal_geometry::board::CircleBoard;
 use numpy::PyArrayDescr;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -35,8 +35,8 @@ pub fn detect<'py>(
     stream: Option<String>,
     settings: Option<std::path::PathBuf>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let board: Board =
-        board.parse().map_err(|error: evcal_geometry::board::BoardError| PyValueError::new_err(error.to_string()))?;
+    let board: CircleBoard =
+        board.parse().map_err(|error: evcal_geometry::board::CircleBoardError| PyValueError::new_err(error.to_string()))?;
     let options = Said { sensor, columns, time_unit, stream }.options()?;
     let recording = match as_path(events) {
         Some(path) => open_events(&path, options).map_err(failed)?,
