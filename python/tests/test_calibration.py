@@ -136,7 +136,7 @@ def test_simulated_events_find_their_camera():
 
 def test_mistakes_are_named(events):
     with pytest.raises(ValueError, match="checkerboard"):
-        evcal.calibrate(RECORDING, board="checkerboard:9x6:25mm")
+        evcal.calibrate(RECORDING, board="checkerboard:9x6")
     with pytest.raises(ValueError, match="auto"):
         evcal.calibrate(RECORDING, board=BOARD, model="pinhole")
     with pytest.raises(evcal.Error, match="nowhere.dvraw"):
