@@ -159,7 +159,7 @@ fn radiance_is_the_integral_of_the_point_spread() {
 
 #[test]
 fn a_board_that_is_not_as_stated_is_rendered_as_it_is() {
-    let stated = BoardShape::stated(&board().into());
+    let stated = BoardShape::stated(&board());
     for (printed, distance, tilt) in [
         (BoardShape { bend: [0.012, -0.006], ..stated }, 0.7, 35.0),
         (BoardShape { print_ratio: 1.04, radius: 0.0165, ..stated }, 0.8, 20.0),
