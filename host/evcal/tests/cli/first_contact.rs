@@ -295,9 +295,10 @@ fn end_when(arguments: &[&str], signal: &str, begun: impl Fn() -> bool) {
 /// The same with the program in this folder.
 #[cfg(unix)]
 fn end_in_when(folder: &Path, arguments: &[&str], signal: &str, begun: impl Fn() -> bool) {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
-    command.current_dir(folder).args(arguments).stdout(Stdio::null()).stderr(Stdio::null());
-    let mut child = command.spawn().unwrap();
+    // Tests that run under nohup have HUP ignored, and so would the program.
+    let mut command = Command::new("env");
+    command.args(["--default-signal=HUP", env!("CARGO_BIN_EXE_evcal")]).args(arguments);
+    let mut child = command.current_dir(folder).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     wait_until(&mut child, begun);
     assert!(Command::new("kill").args(["-s", signal, &child.id().to_string()]).status().unwrap().success());
     assert!(!child.wait().unwrap().success());
