@@ -142,6 +142,7 @@ mod tests {
 
     const CENTER: [f64; 2] = [0.11, 0.165];
     const RADIUS: f64 = 0.0175;
+    const LINE: f64 = CENTER[1] - 0.2 * RADIUS;
     const OFFSET: f64 = -0.4;
     const STEP: f64 = 1e-6;
     const AREA: CircleArea = CircleArea { middle: [0.19, 0.22], half: [0.19, 0.22] };
@@ -181,9 +182,9 @@ mod tests {
         BoardEdges::Rims(vec![CENTER])
     }
 
-    /// A line that is light towards lower y.
+    /// A line that is light towards higher y.
     fn line() -> BoardEdges {
-        BoardEdges::Lines(vec![Line { normal: [0.0, -1.0], offset: -CENTER[1], width: 0.025, radius: 0.0 }])
+        BoardEdges::Lines(vec![Line { normal: [0.0, 1.0], offset: LINE, width: 0.025, radius: 0.0 }])
     }
 
     fn problem(edges: BoardEdges) -> Problem {
@@ -242,7 +243,7 @@ mod tests {
         let bin = moving_at(rotation, translation);
         let place = match edges {
             BoardEdges::Rims(_) => rim(&reference, &shape),
-            BoardEdges::Lines(_) => seen(&reference, &shape, [CENTER[0], CENTER[1] - shape.radius]),
+            BoardEdges::Lines(_) => seen(&reference, &shape, [CENTER[0] + 0.6 * shape.radius, LINE + shape.radius]),
         };
         let pixel = [place.x + beside[0], place.y + beside[1]];
         let residual = |camera: &Camera<f64>, pose: &PoseBin, dt: f64, pixel: [f64; 2], shape: &BoardShape| {

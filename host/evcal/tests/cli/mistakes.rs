@@ -67,7 +67,12 @@ const USAGE: &[Mistake] = &[
     mistake("convert FIXTURE -", 2, "`-` is not accepted as an output", "/dev/stdout"),
     mistake("board --pdf -", 2, "`-` is not accepted as an output", "give a file name"),
     mistake("calibrate a.csv --board acircles:9x4:55mm:r45mm -o DIR/out", 2, "overlap", "is the radius a diameter?"),
-    mistake("calibrate a.csv --board checkerboard:9x6 -o DIR/out", 2, "size of a square is missing", "checkerboard:6x9:25mm"),
+    mistake(
+        "calibrate a.csv --board checkerboard:9x6 -o DIR/out",
+        2,
+        "size of a square is missing",
+        "checkerboard:6x9:25mm",
+    ),
     mistake("calibrate a.csv --board aprilgrid:6x6:24mm:6mm -o DIR/out", 2, "here 0.25", "aprilgrid:6x6:35.2mm:0.3"),
     mistake("calibrate a.csv --board charuco:5x7:30mm:r20mm -o DIR/out", 2, "size of a marker", "DICT_5X5_100"),
     mistake("check FIXTURE --board checkerboard:6x9:25mm", 1, "looks for boards of circles", "evcal calibrate"),
