@@ -16,8 +16,8 @@ use evcal_calibrate::settings::Settings;
 use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
-use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::board::request::BoardRequest;
+use evcal_geometry::board::{Board, CircleBoard};
 use evcal_report::output::folder::{is_result, write_folder};
 use event_recordings::Recording;
 use pyo3::exceptions::PyValueError;
@@ -168,12 +168,9 @@ fn inputs_and_board(
         return Ok((inputs_of(given, said, board)?, *board));
     }
     // Of events the board does not matter; circles are put in its order, and nothing is recognised in them.
-    let any = CircleBoard {
-        pattern: Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 },
-        spacing: 1.0,
-        radius: 0.3,
-    }
-    .into();
+    let any =
+        CircleBoard { pattern: Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 }, spacing: 1.0, radius: 0.3 }
+            .into();
     let inputs = inputs_of(given, said, &any)?;
     let recordings = inputs.iter().map(|input| match input {
         Input::Events(recording) => Ok(recording),

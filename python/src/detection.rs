@@ -35,8 +35,9 @@ pub fn detect<'py>(
     stream: Option<String>,
     settings: Option<std::path::PathBuf>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let board: CircleBoard =
-        board.parse().map_err(|error: evcal_geometry::board::CircleBoardError| PyValueError::new_err(error.to_string()))?;
+    let board: CircleBoard = board
+        .parse()
+        .map_err(|error: evcal_geometry::board::CircleBoardError| PyValueError::new_err(error.to_string()))?;
     let options = Said { sensor, columns, time_unit, stream }.options()?;
     let recording = match as_path(events) {
         Some(path) => open_events(&path, options).map_err(failed)?,
