@@ -6,7 +6,7 @@
 //! 3. Tags that disagree with the others about the board's position are left out.
 //! 4. From the tags that were found, the others are predicted through a local homography. One whose modules correlate is found too.
 //!
-//! The corners of a tag come from all its edges together ([`crate::alignment`]).
+//! The corners of a tag come from all its edges together (`alignment`).
 
 use evcal_geometry::board::homography::homography;
 use evcal_geometry::board::tag::Tag;
