@@ -4,10 +4,10 @@ set -eu
 cd "$(dirname "$0")/../.."
 start=$(date +%s)
 if [ "${OPENCV:-1}" = 0 ]; then
-    echo "evcal is being built without OpenCV: about 3 minutes on two cores the first time"
+    echo "evcal is being built without OpenCV: about 4 minutes on two cores the first time"
     cargo build --release --locked -p evcal --no-default-features --features cli
 else
-    echo "evcal is being built: about 3 minutes on two cores the first time"
+    echo "evcal is being built: about 4 minutes on two cores the first time"
     cargo build --release --locked -p evcal
 fi
 program="${CARGO_TARGET_DIR:-target}/release"
