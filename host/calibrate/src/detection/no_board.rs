@@ -111,7 +111,7 @@ impl NoBoard {
                 "is all of the board in view and in focus? Show it for at least a second".to_owned()
             }
             Self::OtherBorder => "state the border as printed: 1 or 2 modules of the tag".to_owned(),
-            Self::OtherTags => "count rows and columns of tags, and measure tag and gap on the print".to_owned(),
+            Self::OtherTags => "count rows and columns of tags, measure tag and gap, and see whether ids rise from the top or from the bottom".to_owned(),
             Self::NoTags => "are the family of the tags, their border and their ids stated as printed?".to_owned(),
             Self::MirroredPrint => "print the board again, not mirrored".to_owned(),
             Self::NotRound => {

@@ -78,7 +78,17 @@ impl SquareStage {
         let waiting = &mut self.waiting;
         self.reconstruction.finish(|moment| waiting.push(moment));
         self.search();
+        self.drop_another_board();
         (self.frames, self.report)
+    }
+
+    /// Drops what was found if more pictures tell that the board is another one: a part of it fits by chance here and there.
+    fn drop_another_board(&mut self) {
+        let refused = |reason: &NoBoard| self.report.grids_refused.get(reason).copied().unwrap_or(0);
+        if refused(&NoBoard::CornersBesideBoard) + refused(&NoBoard::OtherTags) > self.report.found {
+            self.frames.clear();
+            (self.report.found, self.report.board_circles, self.report.found_by_neighbours) = (0, 0, 0);
+        }
     }
 
     fn search(&mut self) {
