@@ -13,7 +13,7 @@ use nalgebra::Vector2;
 use super::no_board::NoBoard;
 
 /// What was found of a board.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct FoundBoard {
     /// Its points, by rising index.
     pub points: Vec<FoundPoint>,

@@ -1,11 +1,12 @@
 //! Boards of squares: pictures made of events, and the board in each of them.
 //!
 //! A square board has too few events on each edge of a short window to be found in one. So the events become pictures of log intensity
-//! (`evcal_squares::reconstruction`), one every [`INTERVAL`] with several time constants, and the board is looked for in all of a moment.
+//! (`evcal_squares::reconstruction`), one every 20 ms with several time constants, and the board is looked for in all of a moment.
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::SquareBoard;
+use evcal_squares::found_point::FoundPoint;
 use evcal_squares::reconstruction::{Moment, Reconstruction, ReconstructionOptions};
 use event_recordings::pictures::GreyImage;
 use nalgebra::Vector2;
@@ -19,10 +20,11 @@ use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
 
 /// Time from one picture to the next (s).
-pub const INTERVAL: f64 = 0.02;
+const INTERVAL: f64 = 0.02;
 /// Moments that are searched in one go.
 const TOGETHER: usize = 16;
-
+/// Longest time over which the last place of the board shows where it is (s).
+const LONGEST_PREDICTION: f64 = 0.05;
 /// Moments that are searched one after the other, beside others.
 const IN_TURN: usize = 4;
 
@@ -87,7 +89,7 @@ impl SquareStage {
         let refused = |reason: &NoBoard| self.report.grids_refused.get(reason).copied().unwrap_or(0);
         if refused(&NoBoard::CornersBesideBoard) + refused(&NoBoard::OtherTags) > self.report.found {
             self.frames.clear();
-            (self.report.found, self.report.board_circles, self.report.found_by_neighbours) = (0, 0, 0);
+            (self.report.found, self.report.board_circles) = (0, 0);
         }
     }
 
@@ -127,7 +129,7 @@ impl SquareStage {
     }
 
     fn frame(&self, t: f64, board: &FoundBoard, moment: &Moment) -> ReferenceFrame {
-        let circle = |point: &evcal_squares::found_point::FoundPoint| ObservedCircle {
+        let circle = |point: &FoundPoint| ObservedCircle {
             index: point.index,
             t,
             center: Vector2::from(point.pixel).cast(),
@@ -162,6 +164,3 @@ fn grey(moment: &Moment) -> Option<GreyImage> {
 fn seconds(moment: &Moment) -> f64 {
     moment.t as f64 * 1e-6
 }
-
-/// Longest time over which the last place of the board tells where it is (s).
-const LONGEST_PREDICTION: f64 = 0.05;
