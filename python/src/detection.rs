@@ -3,7 +3,7 @@
 use evcal_calibrate::circles::file::open_events;
 use evcal_calibrate::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
 use evcal_calibrate::settings::Settings;
-use evcal_geometry::board::CircleBoard;
+use evcal_geometry::board::{Board, BoardError};
 use numpy::PyArrayDescr;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -35,16 +35,14 @@ pub fn detect<'py>(
     stream: Option<String>,
     settings: Option<std::path::PathBuf>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let board: CircleBoard = board
-        .parse()
-        .map_err(|error: evcal_geometry::board::CircleBoardError| PyValueError::new_err(error.to_string()))?;
+    let board: Board = board.parse().map_err(|error: BoardError| PyValueError::new_err(error.to_string()))?;
     let options = Said { sensor, columns, time_unit, stream }.options()?;
     let recording = match as_path(events) {
         Some(path) => open_events(&path, options).map_err(failed)?,
         None => of_array(events, options)?,
     };
     let settings = settings.map(|path| Settings::read(&path)).transpose().map_err(failed)?.unwrap_or_default();
-    let wanted = SearchFor::Board(board.pattern);
+    let wanted = SearchFor::from(&board);
     let sensor = sensor_of(&recording).map_err(failed)?;
     let found = interruptible(py, |_| search_events(&recording, sensor, wanted, &settings.detection))?;
     let found = found.map_err(failed)?;

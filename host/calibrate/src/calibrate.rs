@@ -27,6 +27,7 @@ pub mod repeat;
 mod saturated;
 pub mod second;
 pub mod step;
+pub(crate) mod still_views;
 pub mod stretch_choice;
 mod unseen_rows;
 mod unstated_rows;
@@ -43,6 +44,7 @@ use self::error::CalibrateError;
 use self::parameter_request::ParameterRequests;
 use self::progress::Progress;
 use self::step::Step;
+use self::still_views::AtRest;
 use crate::advice::{self, Wording};
 use crate::calibrate::input::Input;
 use crate::initial::model_choice::ModelRequest;
@@ -125,14 +127,38 @@ pub fn calibrate(
 ) -> Result<Calibrated, CalibrateError> {
     let progress = Progress::new(task.inputs, &mut progress);
     let calibrated = match task.pictures {
-        PictureUse::Witness | PictureUse::Joint | PictureUse::SecondCamera | PictureUse::Ignore => {
-            events::calibrate(task, &progress)
-        }
+        PictureUse::Witness | PictureUse::Ignore => calibrate_moved_or_blinking(task, &progress),
+        PictureUse::Joint | PictureUse::SecondCamera => events::calibrate(task, &progress),
         PictureUse::Only => pictures::calibrate(task, &progress),
     };
     let held = task.parameters.fixed_intrinsics.iter().any(Option::is_some);
     calibrated.map_err(|error| match error {
         CalibrateError::Solve(SolveError::NoObservations) if held => CalibrateError::HeldFarOff,
         error => error,
+    })
+}
+
+/// Calibrates from a board that moved, or from one that blinks before a camera at rest, whichever the events show.
+fn calibrate_moved_or_blinking(task: &Task, progress: &Progress) -> Result<Calibrated, CalibrateError> {
+    let mut at_rest = None;
+    if still_views::begins_at_rest(task) {
+        match still_views::calibrate(task, progress)? {
+            AtRest::Calibrated(calibrated) => return Ok(*calibrated),
+            other => at_rest = Some(other),
+        }
+    }
+    events::calibrate(task, progress).or_else(|error| {
+        if !error.is_of_what_was_seen() {
+            return Err(error);
+        }
+        // The camera may have been carried about before it was put down.
+        let at_rest = at_rest.map_or_else(|| still_views::calibrate(task, progress), Ok)?;
+        match (at_rest, error) {
+            (AtRest::Calibrated(calibrated), _) => Ok(*calibrated),
+            (AtRest::WithoutBoard(views), CalibrateError::NoPattern(error)) => {
+                Err(CalibrateError::NoPattern(error.at_rest(views)))
+            }
+            (_, error) => Err(error),
+        }
     })
 }

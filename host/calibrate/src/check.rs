@@ -14,17 +14,20 @@ use serde::{Serialize, Serializer};
 use self::advice::next_step;
 use self::units::{OtherUnit, other_unit, unusual_unit};
 use crate::advice::Advice;
+use crate::calibrate::still_views::LEAST_TIME;
 use crate::detection::focus::{EdgeWidth, edge_width};
 use crate::detection::layout::{RecognisedLayout, find_layout};
 use crate::detection::other_board::OtherBoard;
 use crate::detection::radius::{OtherRadius, other_radius};
 use crate::detection::search::{FoundContent, SearchFor, search_events};
-use crate::detection::settings::DetectionSettings;
-use crate::detection::{LARGEST_SENSOR, NoPattern};
+use crate::detection::still_views::search::search_views;
+use crate::detection::still_views::{StillViews, duration};
+use crate::detection::{DetectionReport, LARGEST_SENSOR, NoPattern};
 use crate::diagnosis::bad_pixels::{BadPixels, PixelCounter, Repetition};
 use crate::diagnosis::information::{Information, gather_events};
 use crate::diagnosis::rounded::Rounded;
-use evcal_geometry::board::{CircleBoard, layout_name};
+use crate::settings::Settings;
+use evcal_geometry::board::{Board, layout_name};
 use event_recordings::given_sensor::counted_from_one;
 use event_recordings::pass::{read_recording, read_while};
 use event_recordings::{Recording, RecordingError};
@@ -67,6 +70,8 @@ pub struct Checked {
 /// In how many windows of time the board was seen.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Seen {
+    /// Whether something blinks before a camera at rest: windows are views then.
+    pub is_at_rest: bool,
     /// The board that was looked for; without it, windows with at least 8 circles.
     pub board: Option<String>,
     /// The layout that was recognised where no board was looked for.
@@ -117,11 +122,7 @@ impl Serialize for BoardFailure {
 ///
 /// # Errors
 /// [`RecordingError`] when not one event can be read.
-pub fn check(
-    recording: &Recording,
-    board: Option<&CircleBoard>,
-    settings: &DetectionSettings,
-) -> Result<Checked, RecordingError> {
+pub fn check(recording: &Recording, board: Option<&Board>, settings: &Settings) -> Result<Checked, RecordingError> {
     let (mut count, mut end) = (0, 0);
     let pass = read_while(recording, &mut |batch| {
         count += batch.events.len() as u64;
@@ -176,10 +177,14 @@ fn look(
     recording: &Recording,
     sensor: Sensor,
     slots_with_events: usize,
-    board: Option<&CircleBoard>,
-    settings: &DetectionSettings,
+    board: Option<&Board>,
+    settings: &Settings,
 ) -> Result<Seen, RecordingError> {
-    let wanted = board.map_or(SearchFor::Circles(FEWEST_CIRCLES), |board| SearchFor::Board(board.pattern));
+    if let Some(seen) = look_at_views(recording, sensor, board, settings)? {
+        return Ok(seen);
+    }
+    let settings = &settings.detection;
+    let wanted = board.map_or(SearchFor::Circles(FEWEST_CIRCLES), SearchFor::from);
     let found = search_events(recording, sensor, wanted, settings)?;
     let (mut centers, mut times): (Vec<[f64; 2]>, Vec<f64>) = (Vec::new(), Vec::new());
     let mut edges = None;
@@ -200,14 +205,21 @@ fn look(
     let slots: BTreeSet<i64> = times.iter().map(|t| (t / SLOT).floor() as i64).collect();
     let failure = match board {
         Some(board) if found.report.found == 0 => {
-            let mut other = OtherBoard::new(settings, board, sensor);
-            read_recording(recording, &mut |events| other.push(events))?;
-            Some(BoardFailure::NoPattern(found.report.no_pattern(settings.window.max_interval, other.finish())))
+            let other = match board {
+                Board::Circles(board) => {
+                    let mut other = OtherBoard::new(settings, board, sensor);
+                    read_recording(recording, &mut |events| other.push(events))?;
+                    other.finish()
+                }
+                Board::Squares(_) => None,
+            };
+            Some(BoardFailure::NoPattern(found.report.no_pattern(settings.window.max_interval, other)))
         }
-        Some(board) => match &found.content {
+        Some(Board::Circles(board)) => match &found.content {
             FoundContent::Boards(_, frames) => other_radius(frames, board).map(BoardFailure::OtherRadius),
             _ => None,
         },
+        Some(Board::Squares(_)) => None,
         None => None,
     };
     let recognised = match board {
@@ -215,6 +227,7 @@ fn look(
         _ => None,
     };
     Ok(Seen {
+        is_at_rest: false,
         recognised,
         board: board.map(ToString::to_string),
         found: found.report.found,
@@ -224,6 +237,46 @@ fn look(
         edges,
         failure,
     })
+}
+
+/// Looks at what blinks; `None` if the camera was hardly ever at rest.
+fn look_at_views(
+    recording: &Recording,
+    sensor: Sensor,
+    board: Option<&Board>,
+    settings: &Settings,
+) -> Result<Option<Seen>, RecordingError> {
+    let mut views = StillViews::new(sensor);
+    let pass = read_while(recording, &mut |batch| {
+        views.push(batch.events);
+        if views.begins_at_rest() == Some(false) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })?;
+    let views = views.finish();
+    let time = pass.last.saturating_sub(pass.first) as f64 * 1e-6;
+    if views.iter().map(duration).sum::<f64>() < LEAST_TIME * time {
+        return Ok(None);
+    }
+    let count = views.len() as u64;
+    let found = board.map(|board| search_views(board, settings, &[views]));
+    let frames = found.as_ref().map_or(&[][..], |found| &found.frames);
+    let circles = frames.iter().flat_map(|frame| &frame.circles);
+    let centers: Vec<[f64; 2]> = circles.map(|circle| circle.center.into()).collect();
+    let seen: f64 = frames.iter().map(|frame| frame.end - frame.start).sum();
+    let failure = found.as_ref().filter(|found| found.frames.is_empty()).map(|_| {
+        let no_pattern = DetectionReport::default().no_pattern(settings.detection.window.max_interval, None);
+        BoardFailure::NoPattern(no_pattern.at_rest(count))
+    });
+    Ok(Some(Seen {
+        is_at_rest: true,
+        recognised: None,
+        board: board.map(ToString::to_string),
+        found: frames.len() as u64,
+        windows: count,
+        time_share: (seen / time).min(1.0),
+        covered: covered(&centers, sensor),
+        edges: None,
+        failure,
+    }))
 }
 
 /// The name of a layout, such as `acircles:9x4`.
@@ -275,6 +328,14 @@ impl fmt::Display for Checked {
             writeln!(f, "{:<12}{seen}", "flicker")?;
         }
         if let Some(seen) = &self.seen {
+            if seen.is_at_rest {
+                let Seen { found, windows, .. } = seen;
+                writeln!(f, "{:<12}something blinks before a camera at rest", "motion")?;
+                if let Some(board) = &seen.board {
+                    writeln!(f, "{:<12}{board} seen in {found} of {windows} views", "board")?;
+                }
+                return Ok(());
+            }
             let what = match &seen.board {
                 Some(board) => format!("{board} seen"),
                 None => format!("{FEWEST_CIRCLES} circles and more seen"),

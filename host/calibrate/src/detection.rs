@@ -22,6 +22,7 @@ mod second_pass;
 pub mod settings;
 mod square_finder;
 pub mod squares;
+pub mod still_views;
 pub mod unplaced;
 
 use std::borrow::Cow;

@@ -16,7 +16,7 @@ use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use crate::circles::reference_frame::ReferenceFrame;
-use crate::picture_calibration::calibration::PictureCalibration;
+use crate::picture_calibration::calibration::{PictureCalibration, PictureSource};
 use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::bias::Bias;
 use crate::solve::event_bias::{CLASS_COUNT, EventKind};
@@ -178,10 +178,11 @@ pub fn examine_pictures(calibration: &PictureCalibration, board: &Board, sensor:
         .map_err(|_| SolveError::Singular)?;
     let used: Vec<&ReferenceFrame> =
         calibration.posed.iter().filter_map(|posed| calibration.frames.get(posed.frame)).collect();
-    let duration = used
-        .chunk_by(|a, b| a.recording == b.recording)
-        .filter_map(|recording| Some(recording.last()?.t() - recording.first()?.t()))
-        .sum();
+    let followed = || {
+        let recordings = used.chunk_by(|a, b| a.recording == b.recording);
+        recordings.filter_map(|recording| Some(recording.last()?.t() - recording.first()?.t())).sum()
+    };
+    let duration = (calibration.report.source == PictureSource::Frames).then(followed);
     let pixels = calibration.posed.iter().flat_map(|posed| posed.circles.iter().map(|circle| circle.center.into()));
     let poses = calibration.posed.iter().map(|posed| posed.pose);
     Ok(Trust {

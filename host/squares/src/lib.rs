@@ -6,6 +6,7 @@
 mod alignment;
 pub mod charuco;
 pub mod checkerboard;
+pub mod crossing;
 pub mod found_point;
 pub mod picture;
 pub mod quads;

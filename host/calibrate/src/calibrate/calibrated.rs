@@ -66,7 +66,7 @@ pub struct OwnPictures {
     pub report: JointReport,
 }
 
-/// What residuals are distances of: two kinds whose figures cannot be compared.
+/// What residuals are distances of: kinds whose figures cannot be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Measured {
     /// Events, from the edge of their circle.
@@ -75,6 +75,9 @@ pub enum Measured {
     /// Centres of circles, from where the result puts them.
     #[serde(rename = "circle centre distance")]
     CircleCentres,
+    /// Corners of squares, from where the result puts them.
+    #[serde(rename = "corner distance")]
+    Corners,
 }
 
 impl fmt::Display for Measured {
@@ -160,7 +163,10 @@ impl Calibrated {
 
     /// What the residuals are distances of.
     pub fn measured(&self) -> Measured {
-        self.events().map_or(Measured::CircleCentres, |events| events.measured)
+        match &self.evidence {
+            Evidence::Events(events) => events.measured,
+            Evidence::Pictures(pictures) => pictures.measured,
+        }
     }
 
     /// The first camera.

@@ -52,7 +52,7 @@ pub(super) struct Detected {
 }
 
 /// Recordings that share more than this part of their events are of the same time.
-const SAME: f64 = 0.02;
+pub(super) const SAME: f64 = 0.02;
 
 /// The joint solve uses so many events at most; about half of those that are looked at are on an edge of the board. The sample has
 /// as many times more. Where the board is seldom in view it is not enough, and the recordings are read again.

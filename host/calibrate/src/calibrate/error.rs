@@ -133,6 +133,9 @@ pub enum CalibrateError {
     /// The pictures give no calibration.
     #[error("no calibration from the camera's frames: {0}")]
     Pictures(NoPictureCalibration),
+    /// The views of a board that blinks give no calibration.
+    #[error("no calibration from a board that blinks: {0}")]
+    Views(NoPictureCalibration),
     /// Pictures and events cannot be solved together.
     #[error("frames and events cannot be solved together: {0}")]
     JointPictures(NoJointPoints),
@@ -150,6 +153,7 @@ impl CalibrateError {
                 | Self::FirstTrajectories(_)
                 | Self::Solve(_)
                 | Self::Pictures(_)
+                | Self::Views(_)
                 | Self::JointPictures(_)
         )
     }

@@ -13,7 +13,9 @@ use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::pictures::search::{PictureSearch, PictureSearchReport};
 use crate::initial::model_choice::{CANDIDATES, ModelRequest, choose_model};
-use crate::picture_calibration::calibration::{NoPictureCalibration, PictureCalibration, calibrate_pictures};
+use crate::picture_calibration::calibration::{
+    NoPictureCalibration, PictureCalibration, PictureSource, calibrate_pictures,
+};
 use crate::picture_calibration::joint::{JointPoints, joint_points};
 use crate::solve::refinement::Refined;
 use crate::trust::examine_pictures;
@@ -25,11 +27,11 @@ use event_recordings::pass::RecordingReport;
 use event_recordings::pictures::TimedImage;
 
 /// The reference frames of all recordings' pictures.
-struct SeenPictures {
-    frames: Vec<ReferenceFrame>,
-    report: PictureSearchReport,
+pub(super) struct SeenPictures {
+    pub(super) frames: Vec<ReferenceFrame>,
+    pub(super) report: PictureSearchReport,
     /// For each input the time from which its frames' times count (s).
-    starts: Vec<f64>,
+    pub(super) starts: Vec<f64>,
 }
 
 /// What is known of the inputs before their pictures are read.
@@ -62,7 +64,7 @@ pub(super) fn calibrate_beside(
         PictureUse::Joint | PictureUse::SecondCamera => true,
     };
     let seen = see_pictures(task, files, progress)?;
-    let calibrated = picture_calibration(task, seen, sensor, model, progress);
+    let calibrated = picture_calibration(task, seen, PictureSource::Frames, sensor, model, progress);
     if is_needed {
         require(task, calibrated.as_ref())?;
     }
@@ -99,6 +101,7 @@ fn see_pictures(task: &Task, files: Files, progress: &Progress) -> Result<SeenPi
 fn picture_calibration(
     task: &Task,
     seen: SeenPictures,
+    source: PictureSource,
     sensor: Sensor,
     model: ModelKind,
     progress: &Progress,
@@ -107,8 +110,8 @@ fn picture_calibration(
         return None;
     }
     // It cannot be ended there, and is afterwards.
-    let _ = progress.tell(format!("calibration from {} frames", seen.frames.len()));
-    Some(calibrate_pictures(seen.frames, seen.report, task.board, sensor, model, &task.settings.initial))
+    let _ = progress.tell(format!("calibration from {} {source}", seen.frames.len()));
+    Some(calibrate_pictures(seen.frames, seen.report, source, task.board, sensor, model, &task.settings.initial))
 }
 
 /// Compares the result from events with that from pictures.
@@ -165,6 +168,22 @@ fn no_pictures(task: &Task) -> CalibrateError {
 pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, CalibrateError> {
     let sensor = common_sensor(task)?;
     let seen = see_pictures(task, Files::default(), progress)?;
+    let recordings = (0..task.inputs.len()).map(|number| recording_report(task, &seen, number)).collect();
+    calibrate_seen(task, seen, PictureSource::Frames, sensor, recordings, progress)
+}
+
+/// Calibrates from pictures that show the board.
+///
+/// # Errors
+/// [`CalibrateError`] says what is missing.
+pub(super) fn calibrate_seen(
+    task: &Task,
+    seen: SeenPictures,
+    source: PictureSource,
+    sensor: Sensor,
+    recordings: Vec<RecordingReport>,
+    progress: &Progress,
+) -> Result<Calibrated, CalibrateError> {
     let starts = seen.starts.clone();
     let (model, model_choice) = match task.model {
         ModelRequest::Given(model) => (model, None),
@@ -172,29 +191,31 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
             let stage = &task.settings.initial;
             // It cannot be ended there, and is afterwards.
             let tell = |model| {
-                let _ = progress.tell(format!("initial model {model} from {} frames", seen.frames.len()));
+                let _ = progress.tell(format!("initial model {model} from {} {source}", seen.frames.len()));
             };
             let (initial, choice) = choose_model(&seen.frames, task.board, sensor, &CANDIDATES, stage, tell)?;
             progress.go_on()?;
             (initial.camera.kind(), Some(choice))
         }
     };
-    let calibration = picture_calibration(task, seen, sensor, model, progress)
+    let calibration = picture_calibration(task, seen, source, sensor, model, progress)
         .ok_or_else(|| no_pictures(task))?
-        .map_err(CalibrateError::Pictures)?;
+        .map_err(match source {
+            PictureSource::Frames => CalibrateError::Pictures,
+            PictureSource::StillViews => CalibrateError::Views,
+        })?;
     progress.go_on()?;
     let trust = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;
     let verdict = verdict(&calibration.camera, &trust, None, task.board, sensor, Vec::new(), &task.settings.verdict);
-    let recordings = (0..task.inputs.len()).map(|number| recording_report(task, &calibration, number)).collect();
     let evidence = Evidence::Pictures(Box::new(calibration));
     Ok(Calibrated { sensor, starts, recordings, model_choice, trust, verdict, evidence })
 }
 
 /// What recording `number` held: pictures with the board, up to the end of the last.
-fn recording_report(task: &Task, calibration: &PictureCalibration, number: usize) -> RecordingReport {
-    let of_recording = || calibration.frames.iter().filter(move |frame| frame.recording == number);
+fn recording_report(task: &Task, seen: &SeenPictures, number: usize) -> RecordingReport {
+    let of_recording = || seen.frames.iter().filter(move |frame| frame.recording == number);
     let duration = of_recording().map(|frame| frame.end).fold(0.0, f64::max);
-    let notes = if number == 0 { calibration.report.detection.notes.clone() } else { Vec::new() };
+    let notes = if number == 0 { seen.report.notes.clone() } else { Vec::new() };
     let information = match task.inputs.get(number) {
         Some(Input::Events(recording)) => recording.open().ok().map(|reader| reader.information().clone()),
         _ => None,

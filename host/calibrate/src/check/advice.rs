@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::{Checked, Seen};
 use crate::advice::{Advice, Outside};
+use crate::calibrate::still_views::FEWEST as FEWEST_VIEWS;
 use crate::detection::{FEWEST_EVENTS, too_short};
 use crate::diagnosis::bad_pixels::Repetition;
 use crate::diagnosis::disorder::Disorder;
@@ -91,6 +92,9 @@ fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> Advice {
     if let Some(failure) = failure {
         return failure.advice();
     }
+    if seen.is_at_rest {
+        return next_at_rest(seen);
+    }
     if let (Some(flicker), true) = (checked.information.flicker, *share < ENOUGH) {
         return Advice::Plain(format!(
             "the light flickers at {} Hz and hides the board: use daylight or a lamp on direct current",
@@ -130,6 +134,16 @@ fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> Advice {
     Advice::Calibrate { recording: path.to_owned(), board: board.clone() }
 }
 
+/// What to do about a board that blinks.
+fn next_at_rest(seen: &Seen) -> Advice {
+    if seen.board.is_none() {
+        return Advice::NameBoard;
+    }
+    Advice::Plain(format!(
+        "calibrate from {FEWEST_VIEWS} or more such views together, of one recording or many: half a second each, from all sides, near, and with the board in all corners of the image"
+    ))
+}
+
 #[cfg(test)]
 mod tests {
     use evcal_core::event::{Event, Polarity};
@@ -137,13 +151,13 @@ mod tests {
 
     use super::*;
     use crate::check::check;
-    use crate::detection::settings::DetectionSettings;
+    use crate::settings::Settings;
     use event_recordings::RecordingOptions;
 
     const DAVIS: Option<Sensor> = Some(Sensor::new(346, 260));
 
     fn next(recording: &Recording) -> Advice {
-        check(recording, None, &DetectionSettings::default()).unwrap().next
+        check(recording, None, &Settings::default()).unwrap().next
     }
 
     fn next_of(events: Vec<Event>, sensor: Option<Sensor>) -> Advice {

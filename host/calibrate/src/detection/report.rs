@@ -99,7 +99,7 @@ impl DetectionReport {
     /// Why no window held the board: what most of them lacked. `max_interval` is that of the window policy,
     /// `other` the board that the circles fit instead.
     pub fn no_pattern(&self, max_interval: u16, other: Option<OtherReading>) -> NoPattern {
-        NoPattern { report: Box::new(self.clone()), max_interval, other }
+        NoPattern { report: Box::new(self.clone()), max_interval, other, views: None }
     }
 
     /// The polarity of all events, where it is one.
@@ -153,11 +153,15 @@ pub struct NoPattern {
     report: Box<DetectionReport>,
     max_interval: u16,
     other: Option<OtherReading>,
+    /// Views of a camera at rest, if it was.
+    views: Option<u64>,
 }
 
 /// The most telling cause of it.
 #[derive(Clone, Debug, PartialEq)]
 pub enum NoPatternCause {
+    /// Something blinks before a camera at rest, and none of so many views shows the board.
+    AtRest(u64),
     /// The circles fit another board.
     OtherBoard(OtherReading),
     /// There are so few events that no more can be said.
@@ -176,8 +180,16 @@ impl NoPattern {
         &self.report
     }
 
+    /// The same where the camera was at rest and something blinked: none of so many views shows the board.
+    pub fn at_rest(self, views: u64) -> Self {
+        Self { views: Some(views), ..self }
+    }
+
     /// The most telling cause.
     pub fn main_cause(&self) -> NoPatternCause {
+        if let Some(views) = self.views {
+            return NoPatternCause::AtRest(views);
+        }
         if let Some(other) = &self.other {
             return NoPatternCause::OtherBoard(other.clone());
         }
@@ -195,15 +207,23 @@ impl NoPattern {
 
 impl fmt::Display for NoPattern {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let cause = self.main_cause();
+        if let NoPatternCause::AtRest(views) = cause {
+            let views = counted(views, "view", "views");
+            return write!(
+                f,
+                "something blinks before a camera at rest, and no board was found in {views} of it: is all of the board in view, and described right?"
+            );
+        }
         write!(f, "no pattern found in {} windows", self.report.windows + self.report.too_few_events)?;
-        match self.main_cause() {
+        match cause {
             NoPatternCause::OtherBoard(other) => write!(f, "; {other}"),
             NoPatternCause::TooShort => write!(f, ": {}: record 10 seconds", too_short(self.report.events)),
             NoPatternCause::OnePolarity(polarity) => write!(f, ": {}", only_one_polarity(polarity)),
             NoPatternCause::Windows(reason, count) => {
                 write!(f, ": {count} had {reason}: {}", reason.what_helps(self.max_interval))
             }
-            NoPatternCause::Nothing => Ok(()),
+            NoPatternCause::AtRest(_) | NoPatternCause::Nothing => Ok(()),
         }
     }
 }

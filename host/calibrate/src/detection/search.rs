@@ -4,29 +4,44 @@ use std::io;
 use std::ops::ControlFlow;
 use std::path::Path;
 
+use evcal_core::event::Event;
 use evcal_core::pattern::Pattern;
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
 use super::settings::DetectionSettings;
+use super::squares::SquareStage;
 use super::{CircleWindow, DetectionReport, DetectionStage, LARGEST_SENSOR, order_frames};
 use crate::circles::event_pixel::EventPixel;
-use crate::circles::reference_frame::{ReferenceFrame, UnorderedFrame};
+use crate::circles::reference_frame::{ReferenceFrame, SeenIn, UnorderedFrame};
 use crate::circles::stream::CircleStream;
 use crate::circles::track::{self, CircleFrames};
 use evcal_files::FileError;
+use evcal_geometry::board::{Board, SquareBoard};
 use event_recordings::given_sensor::{OtherSensor, check_outside, check_stated};
 use event_recordings::likely_sensor::{likely_sensor_of, likely_words};
 use event_recordings::pass::read_while;
+use event_recordings::pictures::GreyImage;
 use event_recordings::{ReadReport, Recording, RecordingError};
 
 /// What is looked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SearchFor {
-    /// The board.
+    /// A board of circles.
     Board(Pattern),
+    /// A board of squares.
+    Squares(SquareBoard),
     /// Circles of any kind, in windows with at least this many.
     Circles(usize),
+}
+
+impl From<&Board> for SearchFor {
+    fn from(board: &Board) -> Self {
+        match board {
+            Board::Circles(board) => Self::Board(board.pattern),
+            Board::Squares(board) => Self::Squares(*board),
+        }
+    }
 }
 
 /// What was found.
@@ -54,10 +69,19 @@ pub enum FoundContent {
     Frames(Vec<UnorderedFrame>),
 }
 
-/// The events of one window, and the circles in it.
+/// What a window shows.
+#[derive(Clone, Copy, Debug)]
+pub enum WindowContent<'a> {
+    /// Its events, one entry per pixel and polarity.
+    Events(&'a [EventPixel]),
+    /// A picture made of events.
+    Picture(&'a GreyImage),
+}
+
+/// What one window shows, and the circles or corners in it.
 pub struct BestWindow<'a> {
-    /// One entry per pixel and polarity.
-    pub pixels: &'a [EventPixel],
+    /// What it shows.
+    pub content: WindowContent<'a>,
     /// Centre and radius in pixels.
     pub circles: Vec<(Vector2<f64>, f64)>,
 }
@@ -142,29 +166,38 @@ fn search(
     settings: &DetectionSettings,
     mut progress: impl FnMut(Option<f64>),
 ) -> Result<(FoundCircles, ReadReport), RecordingError> {
-    let mut stage = match wanted {
-        SearchFor::Board(pattern) => DetectionStage::for_board(settings, sensor, pattern, 0),
-        SearchFor::Circles(fewest) => DetectionStage::for_circles(settings, sensor, fewest),
+    let mut read = |push: &mut dyn FnMut(&[Event])| {
+        read_while(recording, &mut |batch| {
+            push(batch.events);
+            progress(batch.done);
+            ControlFlow::Continue(())
+        })
     };
-    let pass = read_while(recording, &mut |batch| {
-        stage.push(batch.events);
-        progress(batch.done);
-        ControlFlow::Continue(())
-    })?;
-    let (content, report) = match wanted {
+    let (content, report, pass) = match wanted {
         SearchFor::Board(pattern) => {
+            let mut stage = DetectionStage::for_board(settings, sensor, pattern, 0);
+            let pass = read(&mut |events| stage.push(events))?;
             let (frames, report) = stage.into_frames();
-            (FoundContent::Boards(pattern, frames), report)
+            (FoundContent::Boards(pattern, frames), report, pass)
         }
-        SearchFor::Circles(_) => {
+        SearchFor::Squares(board) => {
+            let mut stage = SquareStage::new(&board, sensor, 0);
+            let pass = read(&mut |events| stage.push(events))?;
+            let (frames, report) = stage.finish();
+            let frames = frames.into_iter().map(ReferenceFrame::from).collect();
+            (FoundContent::Boards(board.lattice(), frames), report, pass)
+        }
+        SearchFor::Circles(fewest) => {
+            let mut stage = DetectionStage::for_circles(settings, sensor, fewest);
+            let pass = read(&mut |events| stage.push(events))?;
             let (windows, report) = stage.into_circles();
-            (FoundContent::Windows(windows), report)
+            (FoundContent::Windows(windows), report, pass)
         }
     };
     Ok((FoundCircles { content, report, origin_us: pass.first, notes: pass.to_report().notes }, pass.report))
 }
 
-/// Looks through the circles that a device found. `sensor` is the size given for it, if any.
+/// Looks through the circles that a device found, in which no board of squares is. `sensor` is the size given for it, if any.
 pub fn search_stream(stream: CircleStream, sensor: Option<Sensor>, wanted: SearchFor) -> FoundCircles {
     let CircleStream { track, sensor: told, .. } = stream;
     let frames = match track.frames {
@@ -177,6 +210,7 @@ pub fn search_stream(stream: CircleStream, sensor: Option<Sensor>, wanted: Searc
             let (ordered, report) = order_frames(&frames, &pattern, sensor.or(told));
             (FoundContent::Boards(pattern, ordered), report)
         }
+        SearchFor::Squares(board) => (FoundContent::Boards(board.lattice(), Vec::new()), DetectionReport::default()),
         SearchFor::Circles(fewest) => {
             let windows = frames.len() as u64;
             let enough: Vec<UnorderedFrame> =
@@ -215,11 +249,15 @@ impl FoundCircles {
                 let frame = frames.iter().rev().max_by_key(|frame| frame.circles.len())?;
                 let circles =
                     frame.circles.iter().map(|circle| (circle.center, circle.radius.unwrap_or(1.0))).collect();
-                Some(BestWindow { pixels: frame.events().unwrap_or_default(), circles })
+                let content = match &frame.seen_in {
+                    SeenIn::Reconstruction(picture) => WindowContent::Picture(picture),
+                    _ => WindowContent::Events(frame.events().unwrap_or_default()),
+                };
+                Some(BestWindow { content, circles })
             }
             FoundContent::Windows(windows) => {
                 let window = windows.iter().rev().max_by_key(|window| window.circles.len())?;
-                Some(BestWindow { pixels: &window.pixels, circles: window.circles.clone() })
+                Some(BestWindow { content: WindowContent::Events(&window.pixels), circles: window.circles.clone() })
             }
             FoundContent::Frames(_) => None,
         }

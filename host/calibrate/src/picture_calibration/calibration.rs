@@ -1,6 +1,7 @@
 //! The ordinary calibration from pictures: every picture has a pose of its own.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
@@ -9,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bundle::{PictureBundle, PictureView, SeenDot, picture_bundle};
 use super::circle_image::center_bias;
+use crate::calibrate::calibrated::Measured;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::detection::no_board::NoBoard;
 use crate::detection::pictures::search::PictureSearchReport;
@@ -19,9 +21,31 @@ use evcal_geometry::board::Board;
 /// Distance from which a centre counts linearly instead of squared, in units of the centres' spread (σ).
 pub(super) const HUBER: f64 = 2.5;
 
+/// What the pictures of a calibration are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum PictureSource {
+    /// Frames that the camera took.
+    #[default]
+    #[serde(rename = "frames")]
+    Frames,
+    /// Views of a board that blinks before a camera at rest, made of events.
+    #[serde(rename = "views")]
+    StillViews,
+}
+
+impl fmt::Display for PictureSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // As reports have it.
+        self.serialize(f)
+    }
+}
+
 /// What became of the pictures of all recordings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PictureReport {
+    /// What they are.
+    #[serde(default)]
+    pub source: PictureSource,
     /// From pictures to boards.
     pub detection: PictureSearchReport,
     /// Pictures that the calibration used.
@@ -51,6 +75,8 @@ pub struct PictureCalibration {
     pub frames: Vec<ReferenceFrame>,
     /// The pictures used with their poses; `center` of a circle is the image of its centre.
     pub posed: Vec<PosedFrame>,
+    /// What was measured in them.
+    pub measured: Measured,
     /// How it started.
     pub initial: InitialModel,
     /// What became of the pictures.
@@ -119,14 +145,28 @@ pub enum PictureFailure {
         /// What helps.
         advice: String,
     },
+    /// Too few views of a board that blinks show it.
+    #[error("the board blinks and was found in {found} of {read} views of a camera at rest, {required} are needed{}", in_words(.refused))]
+    TooFewViews {
+        /// Views with the board.
+        found: usize,
+        /// Views in all.
+        read: u64,
+        /// Views that are needed.
+        required: usize,
+        /// Views without a board, by reason.
+        refused: BTreeMap<NoBoard, u64>,
+    },
     /// There is no first camera.
     #[error("{0}")]
     Initial(#[from] InitialError),
     /// The views are too much alike.
-    #[error("the {views} frames with the board do not determine the camera: tilt it more")]
+    #[error("the {count} {pictures} with the board do not determine the camera: tilt it more")]
     Undetermined {
         /// Pictures used.
-        views: usize,
+        count: usize,
+        /// What they are.
+        pictures: PictureSource,
     },
 }
 
@@ -159,13 +199,14 @@ fn in_words(refused: &BTreeMap<NoBoard, u64>) -> String {
 pub fn calibrate_pictures(
     frames: Vec<ReferenceFrame>,
     detection: PictureSearchReport,
+    source: PictureSource,
     board: &Board,
     sensor: Sensor,
     kind: ModelKind,
     settings: &InitialSettings,
 ) -> Result<PictureCalibration, NoPictureCalibration> {
-    let mut report = PictureReport { detection, ..PictureReport::default() };
-    let initial = match start(&frames, &report.detection, board, sensor, kind, settings) {
+    let mut report = PictureReport { source, detection, ..PictureReport::default() };
+    let initial = match start(&frames, &report, board, sensor, kind, settings) {
         Ok(initial) => initial,
         Err(reason) => return Err(NoPictureCalibration { reason, report: Box::new(report) }),
     };
@@ -184,7 +225,7 @@ pub fn calibrate_pictures(
         .collect();
     let bundle = picture_bundle(&initial.camera, &views, sensor, HUBER);
     let Some(PictureBundle { camera, poses, covariance, inflation, spread, rms, median, .. }) = bundle else {
-        let reason = PictureFailure::Undetermined { views: views.len() };
+        let reason = PictureFailure::Undetermined { count: views.len(), pictures: source };
         return Err(NoPictureCalibration { reason, report: Box::new(report) });
     };
     let mut posed = initial.frames.clone();
@@ -201,7 +242,20 @@ pub fn calibrate_pictures(
     }
     report.used = views.len();
     report.dots_used = views.iter().map(|view| view.dots.len()).sum();
-    Ok(PictureCalibration { camera, covariance, inflation, spread, rms, median, frames, posed, initial, report })
+    let measured = if board.circles().is_some() { Measured::CircleCentres } else { Measured::Corners };
+    Ok(PictureCalibration {
+        camera,
+        covariance,
+        inflation,
+        spread,
+        rms,
+        median,
+        frames,
+        posed,
+        measured,
+        initial,
+        report,
+    })
 }
 
 /// The measured centre that became `circle`, whose centre was put right by less than its radius.
@@ -213,7 +267,7 @@ fn nearest(measured: &[ObservedCircle], circle: &ObservedCircle) -> Option<nalge
 /// The first camera and poses, or why there is none.
 fn start(
     frames: &[ReferenceFrame],
-    detection: &PictureSearchReport,
+    report: &PictureReport,
     board: &Board,
     sensor: Sensor,
     kind: ModelKind,
@@ -221,7 +275,11 @@ fn start(
 ) -> Result<InitialModel, PictureFailure> {
     let required = settings.min_frames;
     if frames.len() < required {
+        let detection = &report.detection;
         let (found, read, refused) = (frames.len(), detection.frames, detection.refused.clone());
+        if report.source == PictureSource::StillViews {
+            return Err(PictureFailure::TooFewViews { found, read, required, refused });
+        }
         let advice = match refused.keys().next() {
             None => "record longer".to_owned(),
             // What is not read of the frames names the encoding.
@@ -245,13 +303,14 @@ mod tests {
         let told = |refused: BTreeMap<NoBoard, u64>| {
             let notes = vec!["7 frames: 32FC1".to_owned()];
             let detection = PictureSearchReport { frames: 7, refused, notes, ..PictureSearchReport::default() };
+            let report = PictureReport { detection, ..PictureReport::default() };
             let board = Board::Circles(CircleBoard {
                 pattern: Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 },
                 spacing: 0.055,
                 radius: 0.0175,
             });
             let settings = InitialSettings::default();
-            let failure = start(&[], &detection, &board, Sensor::new(346, 260), ModelKind::Radtan, &settings);
+            let failure = start(&[], &report, &board, Sensor::new(346, 260), ModelKind::Radtan, &settings);
             failure.err().unwrap()
         };
         let all_good = told(BTreeMap::new());

@@ -5,7 +5,7 @@ use crate::calibrate::stretch_choice::StretchChoice;
 use crate::detection::DetectionReport;
 use crate::detection::counted::counted;
 use crate::initial::InitialReport;
-use crate::picture_calibration::calibration::{PictureCalibration, PictureReport};
+use crate::picture_calibration::calibration::{PictureCalibration, PictureReport, PictureSource};
 use crate::picture_calibration::joint::JointReport;
 use crate::solve::refinement::RoundReport;
 use crate::trust::witness::{Comparison, WitnessOutcome};
@@ -192,15 +192,18 @@ fn search_lines(report: &PictureReport) -> [StageLine; 2] {
     let spots = search.dots_refused.iter().map(|(reason, count)| (*count, format!("{reason} (dark spots)")));
     [
         StageLine::new(
-            "Board in the camera's frames",
-            Amount::new(search.frames, "frames"),
+            match report.source {
+                PictureSource::Frames => "Board in the camera's frames",
+                PictureSource::StillViews => "Board in views at rest",
+            },
+            Amount::new(search.frames, report.source.to_string()),
             Amount::new(search.with_board, "with the board"),
         )
         .dropping(refused)
         .noting(without.into_iter().chain(search.notes.iter().cloned())),
         StageLine::new("Dots", Amount::new(search.dots, "dots"), Amount::new(search.board_dots, "on boards"))
             .dropping(spots)
-            .noting([format!("their edges are blurred by {:.2} px", search.blur)]),
+            .noting((search.blur > 0.0).then(|| format!("their edges are blurred by {:.2} px", search.blur))),
     ]
 }
 
@@ -208,9 +211,9 @@ fn used_line(report: &PictureReport, spread: f64, inflation: f64) -> StageLine {
     let with_board = report.detection.with_board;
     let reasons = (with_board > report.used as u64).then(|| format!("the others: {}", report.dropped));
     StageLine::new(
-        "Calibration from frames",
-        Amount::new(with_board, "frames with the board"),
-        Amount::new(report.used as u64, format!("frames with {} dots", report.dots_used)),
+        format!("Calibration from {}", report.source),
+        Amount::new(with_board, format!("{} with the board", report.source)),
+        Amount::new(report.used as u64, format!("{} with {} dots", report.source, report.dots_used)),
     )
     .noting(reasons)
     .noting([

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use super::stage_lines::{Amount, StageLine, stage_lines};
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
+use crate::picture_calibration::calibration::PictureSource;
 use crate::trust::witness::{Comparison, WitnessOutcome};
 use event_recordings::pass::RecordingReport;
 
@@ -13,8 +14,8 @@ const NAME: usize = 30;
 /// The report of all stages of a calibration, in their order.
 pub fn stage_report(calibrated: &Calibrated) -> String {
     let held = match &calibrated.evidence {
-        Evidence::Events(_) => "events or circles",
-        Evidence::Pictures(_) => "frames with the board",
+        Evidence::Pictures(pictures) if pictures.report.source == PictureSource::Frames => "frames with the board",
+        Evidence::Events(_) | Evidence::Pictures(_) => "events or circles",
     };
     let mut text = String::new();
     for recording in &calibrated.recordings {

@@ -55,8 +55,8 @@ pub struct Coverage {
     pub tilt: Spread,
     /// Larger side of the board's circles in the image over the shorter side of the sensor.
     pub fill: Spread,
-    /// Length of all trajectory segments together in seconds.
-    pub duration: f64,
+    /// Length of all trajectory segments together in seconds; `None` for views of a camera at rest.
+    pub duration: Option<f64>,
 }
 
 impl Coverage {
@@ -93,8 +93,8 @@ pub fn coverage(problem: &Problem, state: &State, board: &Board) -> Coverage {
         let times = (0..=steps).map(|step| trajectory.start() + step as f64 * INTERVAL);
         times.filter_map(|t| trajectory.pose(t))
     });
-    let duration = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
-    coverage_of(&state.camera, problem.sensor, board, pixels, poses, duration)
+    let duration: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
+    coverage_of(&state.camera, problem.sensor, board, pixels, poses, Some(duration))
 }
 
 /// What observations at these `pixels`, made from these `poses` (`T_world_camera`) in `duration` seconds, saw
@@ -105,7 +105,7 @@ pub fn coverage_of(
     board: &Board,
     pixels: impl Iterator<Item = [f64; 2]>,
     poses: impl Iterator<Item = Isometry3<f64>>,
-    duration: f64,
+    duration: Option<f64>,
 ) -> Coverage {
     let mut counts = vec![0; CELLS.0 * CELLS.1];
     for pixel in pixels {

@@ -1,6 +1,5 @@
 //! `evcal check`.
 
-use crate::cli::circles_only::circles_of;
 use std::path::PathBuf;
 
 use evcal_calibrate::check::{Checked, check};
@@ -43,17 +42,16 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let recording = open_events(&arguments.recording, arguments.source.options())?;
     let mut waiting = Waiting::new(arguments.json);
     waiting.stage(&format!("looking at {}", short_name(&arguments.recording)), None);
-    let settings = Settings::default().detection;
+    let settings = Settings::default();
     let board = match &arguments.board {
         // What is to be measured is said with everything else.
         None | Some(BoardRequest::Recognise(None)) => None,
         Some(request) => {
             let files = std::slice::from_ref(&arguments.recording);
-            Some(board_in(request, files, recording.options(), &settings)?)
+            Some(board_in(request, files, recording.options(), &settings.detection)?)
         }
     };
-    let circles = board.as_ref().map(circles_of).transpose()?;
-    let checked = check(&recording, circles, &settings)?;
+    let checked = check(&recording, board.as_ref(), &settings)?;
     waiting.finish();
     let next = worded(&checked.next);
     match arguments.json {

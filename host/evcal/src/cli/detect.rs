@@ -61,6 +61,9 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     arguments.results.check(outputs, &[&arguments.recording])?;
     if let Some(stream) = open_stream(arguments)? {
         let wanted = wanted(arguments, &[], &DetectionSettings::default())?;
+        if let Some(BoardRequest::Given(board)) = &arguments.board {
+            circles_of(board)?;
+        }
         if arguments.picture.is_some() {
             return Err(UsageError("a circle stream holds no events to paint: leave out --picture".to_owned()).into());
         }
@@ -82,7 +85,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     waiting.finish();
     write(arguments, &found)?;
     if let (Some(path), Some(best)) = (&arguments.picture, found.best_window()) {
-        circle_picture(best.pixels, &best.circles, sensor).write_png(path)?;
+        circle_picture(best.content, &best.circles, sensor).write_png(path)?;
     }
     let report = &found.report;
     let tried = format!("{} events, {} windows tried", report.events, report.windows);
@@ -97,7 +100,7 @@ fn wanted(
     settings: &DetectionSettings,
 ) -> Result<SearchFor, Box<dyn std::error::Error>> {
     Ok(match &arguments.board {
-        Some(BoardRequest::Given(board)) => SearchFor::Board(circles_of(board)?.pattern),
+        Some(BoardRequest::Given(board)) => SearchFor::from(board),
         Some(BoardRequest::Recognise(_)) => {
             let found = recognise_layout(recordings, settings)?;
             print::aside(format!("the board is {found}"));

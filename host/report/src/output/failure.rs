@@ -88,13 +88,14 @@ pub fn write_failure(
 fn look_again(input: &Input, task: &Task, error: &CalibrateError) -> Option<(String, FoundCircles, Option<Vec<u8>>)> {
     let Input::Events(recording) = input else { return None };
     let wanted = match error {
-        CalibrateError::NoPattern(_) => SearchFor::Circles(1),
-        _ => SearchFor::Board(task.board.lattice()),
+        CalibrateError::NoPattern(_) if task.board.circles().is_some() => SearchFor::Circles(1),
+        _ => SearchFor::from(task.board),
     };
     // What cannot be read any more is not looked at.
     let sensor = sensor_of(recording).ok()?;
     let found = search_events(recording, sensor, wanted, &task.settings.detection).ok()?;
-    let picture = found.best_window().and_then(|best| circle_picture(best.pixels, &best.circles, sensor).to_png().ok());
+    let picture =
+        found.best_window().and_then(|best| circle_picture(best.content, &best.circles, sensor).to_png().ok());
     Some((input.name(), found, picture))
 }
 

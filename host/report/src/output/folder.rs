@@ -17,6 +17,7 @@ use evcal_calibrate::circles::track;
 use evcal_calibrate::export::content::ExportFormat;
 use evcal_calibrate::export::{inertial, kalibr, opencv, ros, second_camera};
 use evcal_calibrate::initial::PosedFrame;
+use evcal_calibrate::picture_calibration::calibration::PictureSource;
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::result::calibration_file::CalibrationFile;
 use evcal_calibrate::result::stage_report::stage_report;
@@ -187,8 +188,10 @@ fn write_files(
         let _ = write!(summary, "\nboard: {nearest:.2} to {farthest:.2} m away from the camera");
     }
     let pictures = match &calibrated.evidence {
-        Evidence::Events(_) => window_examples(calibrated, task.board),
-        Evidence::Pictures(_) => picture_examples(calibrated, task),
+        Evidence::Pictures(pictures) if pictures.report.source == PictureSource::Frames => {
+            picture_examples(calibrated, task)
+        }
+        Evidence::Events(_) | Evidence::Pictures(_) => window_examples(calibrated, task.board),
     };
     for (name, picture) in pictures {
         picture.write_png(&folder.join(name))?;

@@ -54,7 +54,11 @@ pub fn summary(calibration: &CalibrationFile) -> String {
             let _ = write!(text, "\nthe camera's frames could not be calibrated for comparison: {}", failure.reason);
         }
         Some(FramesResult::Only(frames)) => {
-            let _ = write!(text, "\nfrom {} of {} frames", frames.report.used, frames.report.detection.frames);
+            let _ = write!(
+                text,
+                "\nfrom {} of {} {}",
+                frames.report.used, frames.report.detection.frames, frames.report.source
+            );
         }
         None => {}
     }

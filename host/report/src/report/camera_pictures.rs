@@ -10,12 +10,15 @@ use super::palette::Palette;
 use super::picture_examples;
 use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
-use evcal_calibrate::picture_calibration::calibration::PictureReport;
+use evcal_calibrate::picture_calibration::calibration::{PictureReport, PictureSource};
 use evcal_calibrate::trust::witness::{Comparison, PictureWitness, WitnessOutcome};
 
 /// The witness and examples, where the recordings have pictures.
 pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     let report = calibrated.picture_report()?;
+    if report.source == PictureSource::StillViews {
+        return Some(of_views(report));
+    }
     let content = html! {
         @match &calibrated.evidence {
             Evidence::Events(events) => (beside_events(calibrated, events)),
@@ -25,6 +28,17 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
         (picture_examples::pictures(calibrated, task))
     };
     Some(Section { id: "camera-frames", title: "The camera's own frames", content })
+}
+
+fn of_views(report: &PictureReport) -> Section {
+    let content = html! {
+        p {
+            "The board blinked before a camera at rest. Every view is a picture: the pixels on what blinks sent many events, the others few. "
+            "The corners or dots found in them are solved together with a pose for each view, as those of ordinary pictures are."
+        }
+        (counts(report))
+    };
+    Section { id: "views", title: "Views of a board that blinks", content }
 }
 
 fn beside_events(calibrated: &Calibrated, events: &EventCalibration) -> Markup {
@@ -45,15 +59,16 @@ fn beside_events(calibrated: &Calibrated, events: &EventCalibration) -> Markup {
 }
 
 fn counts(report: &PictureReport) -> Markup {
-    let detection = &report.detection;
+    let (detection, pictures) = (&report.detection, report.source);
     let refused: Vec<String> =
         detection.refused.iter().map(|(reason, number)| format!("{} {reason}", count(*number))).collect();
     html! {
         p {
-            "Of " (count(detection.frames)) " frames " (count(detection.with_board)) " show the board and " (count(report.used as u64))
-            " were used to calibrate from frames"
+            "Of " (count(detection.frames)) " " (pictures) " " (count(detection.with_board)) " show the board and " (count(report.used as u64))
+            " were used to calibrate from " (pictures)
             @if !refused.is_empty() { " (not: " (refused.join(", ")) ")" }
-            ". The edges of their dots are blurred by " (signed(detection.blur, 2)) " px."
+            "."
+            @if detection.blur > 0.0 { " The edges of their dots are blurred by " (signed(detection.blur, 2)) " px." }
         }
         @for note in &detection.notes { p { (note) } }
     }

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use evcal_calibrate::circles::event_pixel::EventPixel;
 use evcal_calibrate::circles::reference_frame::{ReferenceFrame, SeenIn};
+use evcal_calibrate::detection::search::WindowContent;
 use evcal_files::FileError;
 use evcal_geometry::board::Board;
 use event_recordings::pictures::GreyImage;
@@ -217,10 +218,13 @@ pub fn grey_frame_picture(
     picture
 }
 
-/// Circles (centre and radius in pixels) over the events of a window.
-pub fn circle_picture(pixels: &[EventPixel], circles: &[(Vector2<f64>, f64)], sensor: Sensor) -> Picture {
+/// Circles (centre and radius in pixels) or corners over what a window shows.
+pub fn circle_picture(content: WindowContent, circles: &[(Vector2<f64>, f64)], sensor: Sensor) -> Picture {
     let mut picture = Picture::new(sensor, SCALE);
-    picture.events(pixels);
+    match content {
+        WindowContent::Events(pixels) => picture.events(pixels),
+        WindowContent::Picture(image) => picture.grey(image, (0, 0)),
+    }
     for &(center, radius) in circles {
         picture.circle(center, radius, FOUND);
         picture.circle(center, 1.0, FOUND);
@@ -236,8 +240,9 @@ mod tests {
     #[test]
     fn events_and_circles_are_where_they_should_be_and_png_reads_back() {
         let event = Event { t: 0, x: 5, y: 7, polarity: Polarity::On };
-        let picture =
-            circle_picture(&[EventPixel::new(&event)], &[(Vector2::new(20.0, 15.0), 4.0)], Sensor::new(40, 30));
+        let pixels = [EventPixel::new(&event)];
+        let circles = [(Vector2::new(20.0, 15.0), 4.0)];
+        let picture = circle_picture(WindowContent::Events(&pixels), &circles, Sensor::new(40, 30));
         let at = |x: usize, y: usize| &picture.rgb[3 * (y * picture.width + x)..][..3];
         assert_eq!(at(5 * SCALE + 1, 7 * SCALE + 1), ON);
         assert_eq!(at((24.5 * SCALE as f64) as usize, (15.5 * SCALE as f64) as usize), FOUND);

@@ -115,6 +115,7 @@ fn typical_residual(measured: Measured) -> &'static str {
     match measured {
         Measured::EventEdges => "over single events; 0.1 to 0.3 px is usual",
         Measured::CircleCentres => "over circle centres; below 0.3 px is usual",
+        Measured::Corners => "over corners; below 0.3 px is usual",
     }
 }
 

@@ -33,6 +33,7 @@ fn in_words(calibrated: &Calibrated) -> Markup {
             @match calibrated.measured() {
                 Measured::EventEdges => "for an event, its distance across the edge of its dot.",
                 Measured::CircleCentres => "for a circle, that of its centre.",
+                Measured::Corners => "for a square, that of its corner.",
             }
             " Their median size is " (signed(statistics.median, 3)) " px, their root mean square "
             (signed(statistics.rms, 3)) " px."

@@ -109,10 +109,12 @@ fn views(coverage: &Coverage) -> Vec<Finding> {
     let warning =
         |cause, reason, advice: &str| Finding { cause, severity: Severity::Warning, reason, advice: advice.into() };
     let mut findings = Vec::new();
-    if coverage.duration < SHORTEST {
+    if let Some(duration) = coverage.duration
+        && duration < SHORTEST
+    {
         findings.push(warning(
             Cause::Short,
-            format!("the board was followed for {:.1} s only", coverage.duration),
+            format!("the board was followed for {duration:.1} s only"),
             "record five to ten seconds in which the whole board moves",
         ));
     }

@@ -163,6 +163,7 @@ fn about_parts(error: &RepeatError) -> Option<String> {
 fn about_no_pattern(error: &NoPattern) -> Option<String> {
     let next = match error.main_cause() {
         NoPatternCause::OtherBoard(other) => return Some(format!("use --board {}", other.board)),
+        NoPatternCause::AtRest(_) => "check the kind, rows and columns of --board",
         NoPatternCause::OnePolarity(_) => "say which column the polarity is in with --columns",
         NoPatternCause::Windows(NoBoard::TooFewCircles, _) => "try --extraction soft",
         NoPatternCause::Windows(NoBoard::TooFewEvents | NoBoard::NotRound, _)

@@ -1,0 +1,111 @@
+//! The calibration from a board that blinks before a camera at rest: every view is a picture with a pose of its own.
+
+use std::ops::ControlFlow;
+
+use evcal_core::sensor::Sensor;
+use event_recordings::given_sensor::check_outside;
+use event_recordings::pass::RecordingReport;
+use event_recordings::pictures::TimedImage;
+
+use super::Task;
+use super::calibrated::Calibrated;
+use super::detected::{SAME, common_sensor};
+use super::error::CalibrateError;
+use super::input::{Input, read_events};
+use super::pictures::{SeenPictures, calibrate_seen};
+use super::progress::Progress;
+use crate::detection::still_views::search::{FoundInViews, search_views};
+use crate::detection::still_views::{StillViews, duration};
+use crate::diagnosis::fingerprint::Fingerprint;
+use crate::initial::InitialSettings;
+use crate::picture_calibration::calibration::PictureSource;
+use crate::settings::Settings;
+
+/// Fewest views of a calibration. Every one of them was meant, which the frames of a camera that is moved are not.
+pub(crate) const FEWEST: usize = 6;
+/// What blinks is looked at in place of what moves, if the camera was at rest for at least this part of the time.
+pub(crate) const LEAST_TIME: f64 = 0.3;
+
+/// What became of the views.
+pub(super) enum AtRest {
+    /// The board blinks.
+    Calibrated(Box<Calibrated>),
+    /// The camera was at rest and something blinked; none of so many views shows the board.
+    WithoutBoard(u64),
+    /// The camera was hardly ever at rest.
+    Moved,
+}
+
+/// The views of all recordings.
+struct Views {
+    sensor: Sensor,
+    /// One entry for each recording.
+    views: Vec<Vec<TimedImage>>,
+    recordings: Vec<RecordingReport>,
+    starts: Vec<f64>,
+}
+
+/// Whether camera and board are at rest when the first recording begins. `false` where that cannot be found out.
+pub(super) fn begins_at_rest(task: &Task) -> bool {
+    let Ok(sensor) = common_sensor(task) else { return false };
+    let mut views = StillViews::new(sensor);
+    let mut is_at_rest = None;
+    let read = read_events(task.inputs, 0, &mut |batch| {
+        views.push(batch.events);
+        is_at_rest = views.begins_at_rest();
+        if is_at_rest.is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    read.is_ok() && is_at_rest == Some(true)
+}
+
+/// Calibrates from views, if the camera was at rest for a good part of the time.
+///
+/// # Errors
+/// [`CalibrateError`].
+pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<AtRest, CalibrateError> {
+    if !task.inputs.iter().all(|input| matches!(input, Input::Events(_))) {
+        return Ok(AtRest::Moved);
+    }
+    let views = collect(task, progress)?;
+    let time: f64 = views.recordings.iter().map(|recording| recording.duration).sum();
+    let FoundInViews { frames, report } = search_views(task.board, task.settings, &views.views);
+    let at_rest: f64 = views.views.iter().flatten().map(duration).sum();
+    let seen: f64 = frames.iter().map(|frame| frame.end - frame.start).sum();
+    if seen < LEAST_TIME * time {
+        let is_at_rest = frames.is_empty() && at_rest >= LEAST_TIME * time;
+        return Ok(if is_at_rest { AtRest::WithoutBoard(report.frames) } else { AtRest::Moved });
+    }
+    let seen = SeenPictures { frames, report, starts: views.starts };
+    let initial = InitialSettings { min_frames: FEWEST, ..task.settings.initial.clone() };
+    let settings = Settings { initial, ..task.settings.clone() };
+    let task = Task { settings: &settings, ..*task };
+    let source = PictureSource::StillViews;
+    let calibrated = calibrate_seen(&task, seen, source, views.sensor, views.recordings, progress)?;
+    Ok(AtRest::Calibrated(Box::new(calibrated)))
+}
+
+/// Makes pictures of all views.
+fn collect(task: &Task, progress: &Progress) -> Result<Views, CalibrateError> {
+    let sensor = common_sensor(task)?;
+    let mut all = Views { sensor, views: Vec::new(), recordings: Vec::new(), starts: Vec::new() };
+    let mut fingerprints: Vec<(String, Fingerprint)> = Vec::new();
+    for (index, input) in task.inputs.iter().enumerate() {
+        progress.tell(format!("looking for a board at rest in {}", input.short_name()))?;
+        let (mut views, mut fingerprint) = (StillViews::new(sensor), Fingerprint::default());
+        let pass = progress.read(task.inputs, index, &mut |events| {
+            views.push(events);
+            fingerprint.push(events);
+        })?;
+        if let Input::Events(recording) = input {
+            check_outside(recording, &pass.report)?;
+        }
+        if let Some((other, _)) = fingerprints.iter().find(|(_, other)| other.shared(&fingerprint) > SAME) {
+            return Err(CalibrateError::SameEvents { file: input.name(), other: other.clone() });
+        }
+        fingerprints.push((input.name(), fingerprint));
+        all.views.push(views.finish());
+        all.starts.push(pass.first as f64 * 1e-6);
+        all.recordings.push(pass.to_report());
+    }
+    Ok(all)
+}

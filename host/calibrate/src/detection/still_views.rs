@@ -1,0 +1,326 @@
+//! Pictures of a board that blinks before a camera at rest.
+//!
+//! While both are at rest every block of some hundredths of a second has its events at the same pixels; once one of them moves it has
+//! not. Blocks that agree are one view, without the first and the last beside a motion, which may be in them. A pixel of a square that blinks sends events every time, one of a square that stays dark sends
+//! none: the numbers of events are the picture.
+
+pub mod search;
+
+use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
+use event_recordings::pictures::{GreyImage, TimedImage};
+
+/// Shortest block (µs): at 10 Hz the light changes once in it.
+const BLOCK: i64 = 50_000;
+/// Longest time (µs) in which a block must have its events.
+const LONGEST_BLOCK: i64 = 1_000_000;
+/// A block has an event for so many pixels of the sensor at least.
+const PIXELS_PER_EVENT: usize = 20;
+/// Fewest blocks of a view.
+const LEAST_BLOCKS: usize = 5;
+/// Least correlation of a block with the first of its view. Boards at rest have 0.9 and more; boards in slow motion 0.8 at most after
+/// a tenth of a second and 0.7 after two.
+const LEAST_CORRELATION: f64 = 0.85;
+/// Pixels along a side of the squares that are compared.
+const COMPARED: usize = 2;
+/// Most views that are kept; a calibration needs a tenth of them.
+const MOST_VIEWS: usize = 400;
+/// White in a picture, in numbers of events of a usual pixel that blinks. More than one, since one in two of them has more.
+const WHITE: f64 = 1.2;
+/// One in so many pixels may be hot.
+const HOT: usize = 1000;
+
+/// Collects the views of one recording.
+#[derive(Debug)]
+pub struct StillViews {
+    sensor: Sensor,
+    block: Block,
+    view: Option<OpenView>,
+    views: Vec<TimedImage>,
+    /// Some block was not like the one before.
+    has_moved: bool,
+}
+
+/// The events of a stretch of time by pixel.
+#[derive(Clone, Debug)]
+struct Block {
+    start: i64,
+    end: i64,
+    events: usize,
+    counts: Vec<u32>,
+}
+
+/// Blocks that agree.
+#[derive(Debug)]
+struct OpenView {
+    /// The first block, as it is compared.
+    first: Vec<f64>,
+    /// Whether the motion before may have gone on in the first block.
+    follows_motion: bool,
+    /// Blocks in the sum.
+    blocks: usize,
+    sum: Block,
+    /// The last block: the next motion may have begun in it.
+    last: Block,
+}
+
+impl StillViews {
+    /// For a recording of this sensor.
+    pub fn new(sensor: Sensor) -> Self {
+        let pixels = usize::from(sensor.width) * usize::from(sensor.height);
+        Self { sensor, block: Block::new(pixels), view: None, views: Vec::new(), has_moved: false }
+    }
+
+    /// Takes the next events, in order of time.
+    pub fn push(&mut self, events: &[Event]) {
+        for event in events {
+            if self.block.events == 0 {
+                (self.block.start, self.block.end) = (event.t, event.t);
+            }
+            let length = event.t.saturating_sub(self.block.start);
+            let is_full = self.block.events >= self.fewest_events();
+            if length >= BLOCK && is_full || length >= LONGEST_BLOCK {
+                self.end_block(is_full);
+                (self.block.start, self.block.end) = (event.t, event.t);
+            }
+            self.block.add(event, self.sensor);
+        }
+    }
+
+    /// Between two changes of the light there is only noise: a block goes on until it has about as many events as those before.
+    fn fewest_events(&self) -> usize {
+        let usual = self.view.as_ref().map_or(0, |view| (view.sum.events + view.last.events) / (view.blocks + 1));
+        (usual / 3).max(self.block.counts.len() / PIXELS_PER_EVENT)
+    }
+
+    /// Whether camera and board were at rest from the beginning, once that is known.
+    pub fn begins_at_rest(&self) -> Option<bool> {
+        let blocks = self.view.as_ref().map_or(0, |view| view.blocks + 1);
+        match (self.has_moved, !self.views.is_empty() || blocks >= LEAST_BLOCKS) {
+            (_, true) => Some(true),
+            (true, false) => Some(false),
+            (false, false) => None,
+        }
+    }
+
+    /// The views, in order of time: exposed from their first to their last event (µs).
+    pub fn finish(mut self) -> Vec<TimedImage> {
+        if let Some(view) = &mut self.view {
+            view.sum.append(&view.last);
+            view.blocks += 1;
+        }
+        self.end_view();
+        self.views
+    }
+
+    fn end_block(&mut self, is_full: bool) {
+        let next = Block::new(self.block.counts.len());
+        let block = std::mem::replace(&mut self.block, next);
+        if !is_full {
+            // Nothing blinks.
+            self.has_moved = true;
+            self.end_view();
+            return;
+        }
+        let compared = block.compared(self.sensor);
+        match &mut self.view {
+            Some(view) if correlation(&view.first, &compared) >= LEAST_CORRELATION => {
+                if view.follows_motion {
+                    *view = OpenView::new(compared, block, false);
+                } else {
+                    let before = std::mem::replace(&mut view.last, block);
+                    view.sum.append(&before);
+                    view.blocks += 1;
+                }
+            }
+            other => {
+                self.has_moved |= other.is_some();
+                self.end_view();
+                self.view = Some(OpenView::new(compared, block, self.has_moved));
+            }
+        }
+    }
+
+    fn end_view(&mut self) {
+        let view = self.view.take().filter(|view| view.blocks >= LEAST_BLOCKS && self.views.len() < MOST_VIEWS);
+        self.views.extend(view.and_then(|view| view.sum.picture(self.sensor)));
+    }
+}
+
+impl OpenView {
+    fn new(first: Vec<f64>, last: Block, follows_motion: bool) -> Self {
+        let sum = Block { start: last.start, ..Block::new(last.counts.len()) };
+        Self { first, follows_motion, blocks: 0, sum, last }
+    }
+}
+
+/// How long a view is (s).
+pub fn duration(view: &TimedImage) -> f64 {
+    view.exposure.1.saturating_sub(view.exposure.0) as f64 * 1e-6
+}
+
+impl Block {
+    fn new(pixels: usize) -> Self {
+        Self { start: 0, end: 0, events: 0, counts: vec![0; pixels] }
+    }
+
+    fn add(&mut self, event: &Event, sensor: Sensor) {
+        if event.x < sensor.width
+            && let Some(count) =
+                self.counts.get_mut(usize::from(event.y) * usize::from(sensor.width) + usize::from(event.x))
+        {
+            *count = count.saturating_add(1);
+        }
+        self.end = event.t;
+        self.events += 1;
+    }
+
+    fn append(&mut self, other: &Self) {
+        self.end = other.end;
+        self.events += other.events;
+        for (count, other) in self.counts.iter_mut().zip(&other.counts) {
+            *count = count.saturating_add(*other);
+        }
+    }
+
+    /// The numbers of events in small squares; their roots, so that they vary alike everywhere.
+    fn compared(&self, sensor: Sensor) -> Vec<f64> {
+        let columns = usize::from(sensor.width).div_ceil(COMPARED);
+        let rows = usize::from(sensor.height).div_ceil(COMPARED);
+        let mut sums = vec![0.0; columns * rows];
+        for (y, row) in self.counts.chunks_exact(usize::from(sensor.width).max(1)).enumerate() {
+            for (x, &count) in row.iter().enumerate() {
+                if let Some(sum) = sums.get_mut(y / COMPARED * columns + x / COMPARED) {
+                    *sum += f64::from(count);
+                }
+            }
+        }
+        sums.iter_mut().for_each(|sum| *sum = sum.sqrt());
+        sums
+    }
+
+    fn picture(&self, sensor: Sensor) -> Option<TimedImage> {
+        let white = WHITE * usual_count(&self.counts)?;
+        let grey = |&count: &u32| (f64::from(count) / white * 255.0).min(255.0).round() as u8;
+        let pixels = self.counts.iter().map(grey).collect();
+        let image = GreyImage::new(sensor.width.into(), sensor.height.into(), pixels)?;
+        Some(TimedImage { exposure: (self.start, self.end), exposure_known: true, position: (0, 0), image: Ok(image) })
+    }
+}
+
+/// Events of a usual pixel that blinks: the median of those with at least half the mean number, each pixel counting as often as it
+/// sent events.
+fn usual_count(counts: &[u32]) -> Option<f64> {
+    let mut sorted: Vec<u32> = counts.iter().copied().filter(|count| *count > 0).collect();
+    sorted.sort_unstable();
+    sorted.truncate(sorted.len() - sorted.len().min(counts.len() / HOT));
+    let (sum, squares) = sorted.iter().fold((0.0, 0.0), |(sum, squares), &count| {
+        let count = f64::from(count);
+        (sum + count, squares + count * count)
+    });
+    let blinking = sorted.partition_point(|&count| f64::from(count) < 0.5 * squares / sum);
+    sorted.get(blinking + (sorted.len() - blinking) / 2).map(|&count| f64::from(count))
+}
+
+fn correlation(a: &[f64], b: &[f64]) -> f64 {
+    let count = a.len().max(1) as f64;
+    let (mean_a, mean_b) = (a.iter().sum::<f64>() / count, b.iter().sum::<f64>() / count);
+    let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
+    for (a, b) in a.iter().zip(b) {
+        let (a, b) = (a - mean_a, b - mean_b);
+        ab += a * b;
+        aa += a * a;
+        bb += b * b;
+    }
+    if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::event::Polarity;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    const SENSOR: Sensor = Sensor::new(120, 90);
+    const SQUARE: f64 = 12.0;
+
+    /// Events of `seconds` of squares, every other of which blinks with `frequency`, at a place that depends on the time; and noise.
+    fn squares(seconds: f64, frequency: f64, place: impl Fn(f64) -> f64) -> Vec<Event> {
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        let mut events = Vec::new();
+        for flip in 0..(2.0 * seconds * frequency) as usize {
+            let t = 0.5 * flip as f64 / frequency;
+            let polarity = if flip % 2 == 0 { Polarity::On } else { Polarity::Off };
+            for (x, y) in (20..100).flat_map(|x| (20..70).map(move |y| (x, y))) {
+                let square = ((f64::from(x) - place(t)) / SQUARE).floor() + (f64::from(y) / SQUARE).floor();
+                for _ in 0..if square.rem_euclid(2.0) < 1.0 { random.random_range(1..4) } else { 0 } {
+                    let t = ((t + random.random::<f64>() * 0.005) * 1e6) as i64;
+                    events.push(Event { t, x, y, polarity });
+                }
+            }
+        }
+        for _ in 0..(seconds * 2000.0) as usize {
+            let t = (random.random::<f64>() * seconds * 1e6) as i64;
+            events.push(Event {
+                t,
+                x: random.random_range(0..120),
+                y: random.random_range(0..90),
+                polarity: Polarity::On,
+            });
+        }
+        events.sort_by_key(|event| event.t);
+        events
+    }
+
+    fn views(events: &[Event]) -> Vec<TimedImage> {
+        let mut views = StillViews::new(SENSOR);
+        events.chunks(777).for_each(|events| views.push(events));
+        views.finish()
+    }
+
+    #[test]
+    fn a_view_shows_what_blinks() {
+        for frequency in [2.0, 10.0, 50.0] {
+            let mut events = squares(2.0, frequency, |_| 0.0);
+            // A hot pixel.
+            events.iter_mut().step_by(9).for_each(|event| (event.x, event.y) = (3, 4));
+            let views = views(&events);
+            let [view] = &views[..] else { panic!("{} views at {frequency} Hz", views.len()) };
+            assert!(view.exposure.1 - view.exposure.0 > 1_400_000);
+            let image = view.image.as_ref().unwrap();
+            let at = |x: usize, y: usize| image.get(x, y).unwrap();
+            assert!(at(30, 30) > 150 && at(42, 30) < 20 && at(30, 42) < 20 && at(42, 42) > 150 && at(5, 80) < 20);
+        }
+    }
+
+    #[test]
+    fn a_view_ends_with_the_motion() {
+        // Two views, and the way between them at 40 px/s.
+        let place = |t: f64| ((t - 1.0) * 40.0).clamp(0.0, 30.0);
+        let views = views(&squares(3.0, 30.0, place));
+        let [before, after] = &views[..] else { panic!("{} views", views.len()) };
+        assert!(before.exposure.1 <= 1_200_000 && after.exposure.0 >= 1_600_000);
+        let grey = |view: &TimedImage, x: usize| view.image.as_ref().unwrap().get(x, 30).unwrap();
+        assert!(grey(before, 30) > 150 && grey(before, 42) < 20 && grey(after, 36) > 150 && grey(after, 48) < 20);
+    }
+
+    #[test]
+    fn whether_it_begins_at_rest_is_known_after_some_tenths_of_a_second() {
+        let known = |events: &[Event]| {
+            let mut views = StillViews::new(SENSOR);
+            events.chunks(500).find_map(|events| {
+                views.push(events);
+                Some((views.begins_at_rest()?, events.last()?.t))
+            })
+        };
+        let (is_at_rest, t) = known(&squares(2.0, 30.0, |_| 0.0)).unwrap();
+        assert!(is_at_rest && t < 400_000, "{t}");
+        let (is_at_rest, t) = known(&squares(2.0, 30.0, |t| 60.0 * t)).unwrap();
+        assert!(!is_at_rest && t < 400_000, "{t}");
+        // Noise alone is nothing to look at.
+        let noise: Vec<Event> = squares(2.0, 0.1, |_| 0.0).into_iter().filter(|event| event.t > 10_000).collect();
+        assert!(views(&noise).is_empty() && known(&noise).is_none_or(|(is_at_rest, _)| !is_at_rest));
+    }
+}
