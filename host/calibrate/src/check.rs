@@ -147,7 +147,10 @@ pub fn check(recording: &Recording, board: Option<&Board>, settings: &Settings) 
         }
         _ => None,
     };
-    if seen.as_ref().is_some_and(|seen| seen.found == 0) {
+    if seen.as_ref().is_some_and(|seen| seen.is_at_rest) {
+        // Squares that stay dark have no events.
+        rounded = None;
+    } else if seen.as_ref().is_some_and(|seen| seen.found == 0) {
         other = other_unit(&beginning, information.mean_rate);
     }
     let mut checked =

@@ -5,6 +5,7 @@
 //! number of threads.
 
 mod board_finder;
+pub mod board_stage;
 pub(crate) mod counted;
 pub mod dot_shape;
 pub mod focus;

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector2};
 use super::wanted::Wanted;
 use evcal_calibrate::circles::reference_frame::ReferenceFrame;
 use evcal_calibrate::settings::LiveSettings;
-use evcal_geometry::board::CircleBoard;
+use evcal_geometry::board::Board;
 use evcal_geometry::board::homography::{homography, pose_from_homography};
 
 /// Fewest windows with the board.
@@ -94,10 +94,10 @@ pub struct CoverageSummary {
 #[derive(Clone, Debug)]
 pub struct LiveCoverage {
     settings: LiveSettings,
-    board: CircleBoard,
+    board: Board,
     sensor: Sensor,
     cells: Vec<u64>,
-    /// Homographies from the board (in spacings) to pixels from the middle of the sensor, divided by
+    /// Homographies from the board (in periods of its print) to pixels from the middle of the sensor, divided by
     /// its width; the latest ones.
     views: Vec<Matrix3<f64>>,
     /// Tilts of those before.
@@ -110,7 +110,7 @@ pub struct LiveCoverage {
 
 impl LiveCoverage {
     /// Nothing seen yet, of a sensor of this width and height.
-    pub fn new(settings: &LiveSettings, board: &CircleBoard, sensor: Sensor) -> Self {
+    pub fn new(settings: &LiveSettings, board: &Board, sensor: Sensor) -> Self {
         let cells = vec![0; usize::from(COLUMNS) * usize::from(ROWS)];
         Self {
             settings: settings.clone(),
@@ -140,7 +140,7 @@ impl LiveCoverage {
             }
         }
         let plane: Vec<Vector2<f64>> =
-            frame.circles.iter().map(|circle| self.board.circle_center(circle.index) / self.board.spacing).collect();
+            frame.circles.iter().map(|circle| self.board.point(circle.index) / self.board.print_period()).collect();
         let middle = Vector2::new(0.5 * (width - 1.0), 0.5 * (height - 1.0));
         let image: Vec<Vector2<f64>> = frame.circles.iter().map(|circle| (circle.center - middle) / width).collect();
         let Some(view) = homography(&plane, &image) else { return };
@@ -160,12 +160,12 @@ impl LiveCoverage {
 
     /// The board's longer side in the image as a share of the sensor's shorter side, were it not tilted.
     fn apparent_size(&self, view: &Matrix3<f64>) -> f64 {
-        let middle = self.board.middle() / self.board.spacing;
+        let middle = self.board.middle() / self.board.print_period();
         let point = view * middle.push(1.0);
         // |∂(u, v)/∂(x, y)| = |H| / z³ for a homography H.
         let scale = (view.determinant() / (point.z * point.z * point.z)).abs().sqrt();
         let (width, height) = (f64::from(self.sensor.width), f64::from(self.sensor.height));
-        scale * self.board.longer_side() / self.board.spacing * width / width.min(height)
+        scale * self.board.longer_side() / self.board.print_period() * width / width.min(height)
     }
 
     /// What was seen so far, in numbers.
@@ -302,6 +302,7 @@ fn tilt(view: &Matrix3<f64>, focal_length: f64, least: f64) -> Option<Tilt> {
 
 #[cfg(test)]
 mod tests {
+    use evcal_geometry::board::CircleBoard;
     use nalgebra::{Isometry3, Point3, Vector3};
 
     use super::*;
@@ -334,7 +335,7 @@ mod tests {
     /// However long it goes on, no more is kept and looked at again.
     #[test]
     fn of_many_views_the_older_ones_are_only_counted() {
-        let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board(), SENSOR);
+        let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board().into(), SENSOR);
         let tilted = [Vector3::new(0.0, 0.5, 0.0), Vector3::new(0.5, 0.0, 0.0)].map(|turn| view(turn, ahead(), 330.0));
         for frame in tilted.iter().cycle().take(5 * MOST_VIEWS) {
             coverage.add(frame);
@@ -367,7 +368,7 @@ mod tests {
                     (false, _, true) => Tilt::Bottom,
                     (false, _, false) => Tilt::Top,
                 };
-                let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board(), SENSOR);
+                let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board().into(), SENSOR);
                 coverage.add(&frame);
                 let found = Tilt::ALL.into_iter().zip(coverage.tilts()).find(|(_, count)| *count == 1);
                 assert_eq!(found.map(|(tilt, _)| tilt), Some(expected), "{focal} {turn:?}");
@@ -378,7 +379,7 @@ mod tests {
     #[test]
     fn the_focal_length_follows_from_tilted_views() {
         for focal in [150.0, 330.0, 700.0] {
-            let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board(), SENSOR);
+            let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board().into(), SENSOR);
             for index in 0..12 {
                 let angle = f64::from(index) * 0.5;
                 coverage.add(&view(Vector3::new(0.3 * angle.sin(), 0.4 * angle.cos(), 0.2), ahead(), focal));
@@ -386,7 +387,7 @@ mod tests {
             let found = focal_length(&coverage.views) * f64::from(SENSOR.width);
             assert!((found - focal).abs() < 1e-6 * focal, "{found} {focal}");
         }
-        let mut frontal = LiveCoverage::new(&LiveSettings::default(), &board(), SENSOR);
+        let mut frontal = LiveCoverage::new(&LiveSettings::default(), &board().into(), SENSOR);
         frontal.add(&view(Vector3::zeros(), ahead(), 330.0));
         assert_eq!(frontal.tilts(), [0; 4]);
     }
@@ -394,7 +395,7 @@ mod tests {
     #[test]
     fn enough_is_enough_and_what_is_missing_is_named() {
         let settings = LiveSettings { boards_per_tilt: 1, ..LiveSettings::default() };
-        let mut coverage = LiveCoverage::new(&settings, &board(), SENSOR);
+        let mut coverage = LiveCoverage::new(&settings, &board().into(), SENSOR);
         assert_eq!(coverage.missing().len(), 6);
         for side in [-1.0, 1.0] {
             coverage.add(&view(Vector3::new(0.4 * side, 0.0, 0.0), Vector3::new(-0.2, 0.0, 0.9), 330.0));

@@ -24,7 +24,7 @@ use evcal_calibrate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use evcal_calibrate::initial::InitialSettings;
 use evcal_calibrate::initial::information::{Information, ProjectionMeasure, prior, sigma_in_cells, view_information};
 use evcal_calibrate::initial::provisional::{provisional_camera, provisional_pose};
-use evcal_geometry::board::CircleBoard;
+use evcal_geometry::board::Board;
 
 pub use self::hint::{Hint, Swing};
 pub use self::place::Place;
@@ -98,7 +98,7 @@ pub struct GhostOutline {
 
 /// What is known of the camera, where the board should go, and how to say so.
 pub struct Guidance {
-    board: CircleBoard,
+    board: Board,
     sensor: Sensor,
     settings: InitialSettings,
     views: Vec<View>,
@@ -121,7 +121,7 @@ pub struct Guidance {
 
 impl Guidance {
     /// Nothing seen yet of `board` by a camera with this sensor.
-    pub fn new(board: &CircleBoard, sensor: Sensor, settings: &InitialSettings) -> Option<Self> {
+    pub fn new(board: &Board, sensor: Sensor, settings: &InitialSettings) -> Option<Self> {
         // 53° across until the views tell.
         let (width, height) = (f64::from(sensor.width), f64::from(sensor.height));
         let start = [width, width, 0.5 * (width - 1.0), 0.5 * (height - 1.0), 0.0, 0.0, 0.0, 0.0, 0.0];
@@ -223,7 +223,7 @@ impl Guidance {
         let since = self.latest.map_or(WINDOW, |(t, _)| frame.t() - t);
         let weight = (since / WINDOW).clamp(0.0, 1.0);
         let view = View { t: frame.t(), circles: frame.circles.clone(), weight };
-        let Some(pose) = provisional_pose(&self.camera, &view.circles, &self.board.into()) else { return };
+        let Some(pose) = provisional_pose(&self.camera, &view.circles, &self.board) else { return };
         self.latest = Some((frame.t(), pose));
         self.seen += 1;
         if let Some(information) = self.information_of(&view, &pose) {
@@ -273,7 +273,7 @@ impl Guidance {
     }
 
     fn information_of(&self, view: &View, pose: &Isometry3<f64>) -> Option<Information> {
-        let points = view.circles.iter().map(|circle| self.board.circle_center(circle.index));
+        let points = view.circles.iter().map(|circle| self.board.point(circle.index));
         Some(view_information(&self.camera, pose, points)? * view.weight)
     }
 
@@ -282,7 +282,7 @@ impl Guidance {
         let step = self.views.len().div_ceil(CAMERA_VIEWS).max(1);
         let views: Vec<&[ObservedCircle]> =
             self.views.iter().step_by(step).map(|view| view.circles.as_slice()).collect();
-        let camera = provisional_camera(&views, &self.board.into(), self.sensor, ModelKind::Radtan, &self.settings);
+        let camera = provisional_camera(&views, &self.board, self.sensor, ModelKind::Radtan, &self.settings);
         if let Some(camera) = camera {
             self.camera = camera;
             self.is_estimated = true;
@@ -311,7 +311,7 @@ impl Guidance {
     fn information_until(&self, t: f64) -> Information {
         let mut sum = prior(&self.camera);
         for view in self.views.iter().filter(|view| view.t <= t) {
-            let pose = provisional_pose(&self.camera, &view.circles, &self.board.into());
+            let pose = provisional_pose(&self.camera, &view.circles, &self.board);
             if let Some(information) = pose.and_then(|pose| self.information_of(view, &pose)) {
                 sum += information;
             }
@@ -392,9 +392,14 @@ impl Guidance {
     }
 }
 
-/// Corners of the printed board (m): a spacing beyond its outermost circles, clockwise as it is printed.
-pub fn corners(board: &CircleBoard) -> [Vector2<f64>; 4] {
+/// Corners of the printed board (m): a spacing beyond its outermost circles, or a square or module beyond its outermost corners,
+/// clockwise as it is printed.
+pub fn corners(board: &Board) -> [Vector2<f64>; 4] {
     let (low, high) = board.extent();
-    let (low, high) = (low.add_scalar(-board.spacing), high.add_scalar(board.spacing));
+    let margin = match board {
+        Board::Circles(board) => board.spacing,
+        Board::Squares(board) => board.module(),
+    };
+    let (low, high) = (low.add_scalar(-margin), high.add_scalar(margin));
     [low, Vector2::new(high.x, low.y), high, Vector2::new(low.x, high.y)]
 }

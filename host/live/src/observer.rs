@@ -13,11 +13,11 @@ use super::obstacle::{Explainer, Explanation};
 use super::wanted::Wanted;
 use super::{CoverageSummary, LiveCoverage};
 use evcal_calibrate::circles::reference_frame::ReferenceFrame;
-use evcal_calibrate::detection::DetectionStage;
+use evcal_calibrate::detection::board_stage::BoardStage;
 use evcal_calibrate::detection::settings::DetectionSettings;
 use evcal_calibrate::initial::InitialSettings;
 use evcal_calibrate::settings::LiveSettings;
-use evcal_geometry::board::CircleBoard;
+use evcal_geometry::board::Board;
 use evcal_geometry::board::homography::homography;
 
 /// Chunks that are searched in one go: a fifth of a second, unless the settings say otherwise.
@@ -132,7 +132,7 @@ pub struct Memory {
 pub struct Observer<'a> {
     detection: &'a DetectionSettings,
     sensor: Sensor,
-    stage: DetectionStage<'a>,
+    stage: BoardStage<'a>,
     health: HealthMonitor,
     explainer: Explainer,
     coverage: LiveCoverage,
@@ -142,7 +142,7 @@ pub struct Observer<'a> {
     sigma_in_cells: Vec<Option<f64>>,
     guidance: Option<Guidance>,
     checkpoints: Option<Checkpoints>,
-    board: CircleBoard,
+    board: Board,
     target: f64,
     shortest: f64,
     /// When the board was seen first (s).
@@ -159,7 +159,7 @@ impl<'a> Observer<'a> {
         detection: &'a DetectionSettings,
         initial: &InitialSettings,
         live: &LiveSettings,
-        board: &CircleBoard,
+        board: &Board,
         sensor: Sensor,
     ) -> Self {
         let coverage = LiveCoverage::new(live, board, sensor);
@@ -170,7 +170,7 @@ impl<'a> Observer<'a> {
             explainer: Explainer::default(),
             summary: (coverage.summary(), 0.0),
             sigma_in_cells: Vec::new(),
-            stage: DetectionStage::for_board(detection, sensor, board.pattern, 0),
+            stage: BoardStage::live(board, detection, sensor),
             coverage,
             guidance: Guidance::new(board, sensor, initial),
             checkpoints: None,
@@ -321,8 +321,7 @@ impl<'a> Observer<'a> {
     }
 
     fn outline_of(&mut self, frame: &ReferenceFrame) -> Option<BoardOutline> {
-        let plane: Vec<Vector2<f64>> =
-            frame.circles.iter().map(|circle| self.board.circle_center(circle.index)).collect();
+        let plane: Vec<Vector2<f64>> = frame.circles.iter().map(|circle| self.board.point(circle.index)).collect();
         let image: Vec<Vector2<f64>> = frame.circles.iter().map(|circle| circle.center).collect();
         let homography = homography(&plane, &image)?;
         let corners = corners(&self.board).map(|corner| {

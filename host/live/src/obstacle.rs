@@ -11,7 +11,7 @@ use evcal_calibrate::circles::reference_frame::UnorderedFrame;
 use evcal_calibrate::detection::other_board::{OtherReading, other_reading};
 use evcal_calibrate::detection::settings::DetectionSettings;
 use evcal_calibrate::detection::{CircleWindow, DetectionReport, DetectionStage, NoCircle};
-use evcal_geometry::board::CircleBoard;
+use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::numerics::statistics::median;
 
 /// A board that was not seen for so long is explained (s), and again after the same time.
@@ -44,6 +44,8 @@ pub enum Obstacle {
     TooSlow,
     /// Nothing looks like a circle.
     NoCircles,
+    /// Nothing looks like the board of squares.
+    NoSquares,
     /// Circles are too small.
     TooFar,
     /// There are circles up to the edge of the sensor, fewer than make a board.
@@ -60,6 +62,7 @@ impl fmt::Display for Obstacle {
             Self::NoEvents => f.write_str("hardly any events: is the lens cap off, and is there light?"),
             Self::TooSlow => f.write_str("hardly anything moves: is the board in view? Move it faster"),
             Self::NoCircles => f.write_str("no circles: is the board in view, in focus and lit?"),
+            Self::NoSquares => f.write_str("no squares of the board: is all of it in view, in focus and lit?"),
             Self::TooFar => f.write_str("the circles are too small: bring the board closer"),
             Self::CutOff => f.write_str("only a part of the board is in view: move it to the middle"),
             Self::OtherBoard(other) => write!(f, "{other}"),
@@ -78,11 +81,16 @@ pub struct Explanation {
 }
 
 /// Why `board` is not found in `events`, which are in order of time (µs) and of one short moment.
-pub fn explain(events: &[Event], board: &CircleBoard, sensor: Sensor, settings: &DetectionSettings) -> Explanation {
+pub fn explain(events: &[Event], board: &Board, sensor: Sensor, settings: &DetectionSettings) -> Explanation {
     let duration = events.first().zip(events.last()).map_or(0.0, |(first, last)| (last.t - first.t) as f64 * 1e-6);
     if (events.len() as f64) < FEWEST_EVENTS * duration.max(MOMENT) {
         return Explanation { obstacle: Obstacle::NoEvents, circles: Vec::new() };
     }
+    let Board::Circles(board) = board else {
+        let is_slow = share_at_rest(events, duration, sensor) > MOSTLY;
+        let obstacle = if is_slow { Obstacle::TooSlow } else { Obstacle::NoSquares };
+        return Explanation { obstacle, circles: Vec::new() };
+    };
     let look = |fewest: usize| {
         let mut stage = DetectionStage::for_circles(settings, sensor, fewest);
         stage.push(events);
@@ -163,7 +171,7 @@ pub struct Explainer {
 
 impl Explainer {
     /// Takes the next events.
-    pub fn push(&mut self, events: &[Event], board: &CircleBoard, sensor: Sensor, settings: &DetectionSettings) {
+    pub fn push(&mut self, events: &[Event], board: &Board, sensor: Sensor, settings: &DetectionSettings) {
         let Some(now) = events.last().map(|event| event.t as f64 * 1e-6) else { return };
         if now - self.settled < PATIENCE {
             return;

@@ -16,7 +16,7 @@ use super::observer::{Memory, Observer, Seen};
 use evcal_calibrate::detection::settings::DetectionSettings;
 use evcal_calibrate::initial::InitialSettings;
 use evcal_calibrate::settings::LiveSettings;
-use evcal_geometry::board::CircleBoard;
+use evcal_geometry::board::Board;
 use event_recordings::davis::{CameraClock, event};
 
 /// How often checkpoints are looked after while nothing comes.
@@ -65,7 +65,7 @@ impl Watcher {
         detection: &DetectionSettings,
         initial: &InitialSettings,
         live: &LiveSettings,
-        board: &CircleBoard,
+        board: &Board,
         header: &DumpHeader,
         checkpoints: Checkpoints,
         memory: Option<Memory>,

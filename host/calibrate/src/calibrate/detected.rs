@@ -9,11 +9,11 @@ use crate::calibrate::input::Input;
 use crate::check::units::other_unit;
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::ReferenceFrame;
+use crate::detection::board_stage::BoardStage;
 use crate::detection::focus::{WINDOWS, edge_width};
 use crate::detection::other_board::{OtherBoard, OtherReading};
-use crate::detection::squares::SquareStage;
 use crate::detection::unplaced::UnplacedWindows;
-use crate::detection::{DetectionReport, DetectionStage, LARGEST_SENSOR};
+use crate::detection::{DetectionReport, LARGEST_SENSOR};
 use crate::diagnosis::bad_pixels::PixelCounter;
 use crate::diagnosis::disorder::Disorder;
 use crate::diagnosis::fingerprint::Fingerprint;
@@ -22,9 +22,7 @@ use crate::diagnosis::saturation::SaturationDetector;
 use crate::diagnosis::time_steps::TimeSteps;
 use crate::solve::event_sample::{EventSample, Thinning};
 use crate::solve::left_out::{LeftOut, Reason};
-use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
-use evcal_geometry::board::Board;
 use event_recordings::given_sensor::{OtherSensor, check_outside, check_stated, counted_from_one};
 use event_recordings::likely_sensor::likely_sensor_of;
 use event_recordings::pass::RecordingReport;
@@ -120,41 +118,6 @@ fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateErr
     }
 }
 
-/// What looks for the board in the events of a recording.
-enum BoardStage<'a> {
-    Circles(Box<DetectionStage<'a>>),
-    Squares(Box<SquareStage>),
-}
-
-impl<'a> BoardStage<'a> {
-    fn new(task: &Task<'a>, sensor: Sensor, recording: usize) -> Self {
-        match task.board {
-            Board::Circles(board) => {
-                let detection = &task.settings.detection;
-                Self::Circles(Box::new(DetectionStage::for_board(detection, sensor, board.pattern, recording)))
-            }
-            Board::Squares(board) => Self::Squares(Box::new(SquareStage::new(board, sensor, recording))),
-        }
-    }
-
-    fn push(&mut self, events: &[Event]) {
-        match self {
-            Self::Circles(stage) => stage.push(events),
-            Self::Squares(stage) => stage.push(events),
-        }
-    }
-
-    fn finish(self, recording: usize) -> (Vec<CompactFrame>, UnplacedWindows, DetectionReport) {
-        match self {
-            Self::Circles(stage) => stage.into_compact_frames(),
-            Self::Squares(stage) => {
-                let (frames, report) = stage.finish();
-                (frames, UnplacedWindows::new(recording), report)
-            }
-        }
-    }
-}
-
 impl Detected {
     /// Looks for the board in recording `index`, and takes what else must be known of its events. Returns its fingerprint, and what it broke
     /// off with.
@@ -166,7 +129,7 @@ impl Detected {
         progress: &Progress,
     ) -> Result<(Fingerprint, Option<RecordingError>), CalibrateError> {
         let sensor = self.sensor;
-        let mut stage = BoardStage::new(task, sensor, index);
+        let mut stage = BoardStage::new(task.board, &task.settings.detection, sensor, index);
         let (mut fingerprint, mut saturation) = (Fingerprint::default(), SaturationDetector::default());
         let mut thinning = Thinning::new(sensor);
         self.events.sample.begin(index);
@@ -193,7 +156,7 @@ impl Detected {
             end,
             reason: Reason::Saturated,
         }));
-        let (windows, unplaced, report) = stage.finish(index);
+        let (windows, unplaced, report) = stage.into_compact_frames(index);
         self.unplaced.push(unplaced);
         self.health.push(Health {
             flicker: bins.flicker(),

@@ -10,7 +10,7 @@ use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
 use super::settings::DetectionSettings;
-use super::squares::SquareStage;
+use super::squares::{INTERVAL, SquareStage};
 use super::{CircleWindow, DetectionReport, DetectionStage, LARGEST_SENSOR, order_frames};
 use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::{ReferenceFrame, SeenIn, UnorderedFrame};
@@ -181,7 +181,7 @@ fn search(
             (FoundContent::Boards(pattern, frames), report, pass)
         }
         SearchFor::Squares(board) => {
-            let mut stage = SquareStage::new(&board, sensor, 0);
+            let mut stage = SquareStage::new(&board, sensor, 0, INTERVAL);
             let pass = read(&mut |events| stage.push(events))?;
             let (frames, report) = stage.finish();
             let frames = frames.into_iter().map(ReferenceFrame::from).collect();

@@ -20,7 +20,7 @@ use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
 
 /// Time from one picture to the next (s).
-const INTERVAL: f64 = 0.02;
+pub(super) const INTERVAL: f64 = 0.02;
 /// Moments that are searched in one go.
 const TOGETHER: usize = 16;
 /// Longest time over which the last place of the board shows where it is (s).
@@ -40,6 +40,7 @@ pub struct SquareStage {
     reconstruction: Reconstruction,
     finder: SquareFinder,
     recording: usize,
+    interval: f64,
     waiting: Vec<Moment>,
     frames: Vec<CompactFrame>,
     /// What was found last, and when (s).
@@ -49,14 +50,14 @@ pub struct SquareStage {
 }
 
 impl SquareStage {
-    /// Looks for `board` in recording number `recording`.
-    pub fn new(board: &SquareBoard, sensor: Sensor, recording: usize) -> Self {
-        let interval = (INTERVAL * 1e6) as u32;
-        let options = ReconstructionOptions { interval, ..ReconstructionOptions::new(sensor) };
+    /// Looks for `board` in recording number `recording`, in one picture every `interval` (s).
+    pub fn new(board: &SquareBoard, sensor: Sensor, recording: usize, interval: f64) -> Self {
+        let options = ReconstructionOptions { interval: (interval * 1e6) as u32, ..ReconstructionOptions::new(sensor) };
         Self {
             reconstruction: Reconstruction::new(options),
             finder: SquareFinder::new(board),
             recording,
+            interval,
             waiting: Vec::new(),
             frames: Vec::new(),
             last: None,
@@ -73,6 +74,17 @@ impl SquareStage {
         if self.waiting.len() >= TOGETHER {
             self.search();
         }
+    }
+
+    /// Pictures that wait to be searched.
+    pub fn waiting_pictures(&self) -> usize {
+        self.waiting.len()
+    }
+
+    /// Searches the pictures that wait, and hands out the frames found since the last time in order of time.
+    pub fn take_frames(&mut self) -> Vec<ReferenceFrame> {
+        self.search();
+        std::mem::take(&mut self.frames).into_iter().map(ReferenceFrame::from).collect()
     }
 
     /// The frames with the board in order of time, and the report.
@@ -136,7 +148,7 @@ impl SquareStage {
             radius: None,
             velocity: None,
         };
-        let half = 0.5 * INTERVAL;
+        let half = 0.5 * self.interval;
         ReferenceFrame {
             recording: self.recording,
             start: t - half,

@@ -1,10 +1,10 @@
-//! Commands that look for boards of circles alone.
+//! Circle streams, in which there are boards of circles alone.
 
 use evcal_geometry::board::{Board, CircleBoard};
 
-/// A board of squares where only circles are looked for.
+/// A board of squares where there are only circles.
 #[derive(Debug, thiserror::Error)]
-#[error("{board}: this command looks for boards of circles; evcal calibrate takes all boards")]
+#[error("{board}: a circle stream holds circles, not squares")]
 pub struct CirclesOnly {
     board: Board,
 }

@@ -66,7 +66,7 @@ fn told(speed: Option<f64>) -> Vec<String> {
     let (settings, board) = (Settings::default(), board());
     let work = |seconds: f64, _: &_| Ok(state(Path::new(RECORDING), seconds));
     let checkpoints = Checkpoints::start(Telling::AtLength(1.5), 0.05, 1.0, work).unwrap();
-    let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, &board, SENSOR)
+    let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, &board.into(), SENSOR)
         .with_checkpoints(checkpoints);
     let latest = Latest::new(observer.seen());
     let mut told = Vec::new();
@@ -120,7 +120,7 @@ fn simulated(board: &str, sensor: SensorModel, motion: MotionSettings, duration:
 
 fn health(events: &[Event]) -> Health {
     let (settings, board) = (Settings::default(), board());
-    let mut observer = Observer::new(&settings.detection, &settings.initial, &settings.live, &board, SENSOR);
+    let mut observer = Observer::new(&settings.detection, &settings.initial, &settings.live, &board.into(), SENSOR);
     events.chunks(10_000).for_each(|events| {
         observer.push(events);
     });
@@ -177,7 +177,7 @@ fn a_lamp_on_mains_is_told() {
 #[test]
 fn why_nothing_is_found_is_told() {
     let (settings, board) = (Settings::default(), board());
-    let why = |events: &[Event]| explain(events, &board, SENSOR, &settings.detection).obstacle;
+    let why = |events: &[Event]| explain(events, &board.into(), SENSOR, &settings.detection).obstacle;
     let model = SensorModel::default;
     assert_eq!(why(&[]), Obstacle::NoEvents);
     let still = MotionSettings { mean_speed: 2.0, tremor: 0.0, ..MotionSettings::slow() };
@@ -191,7 +191,7 @@ fn a_board_of_another_layout_is_named() {
     let settings = Settings::default();
     let exchanged: CircleBoard = "acircles:4x9:55mm:r17.5mm".parse().unwrap();
     let events = simulated(BOARD, SensorModel::default(), MotionSettings::fast(), 0.4);
-    let found = explain(&events, &exchanged, SENSOR, &settings.detection);
+    let found = explain(&events, &exchanged.into(), SENSOR, &settings.detection);
     let Obstacle::OtherBoard(other) = found.obstacle else { panic!("{:?}", found.obstacle) };
     assert_eq!(other.board, board());
     assert!(found.circles.len() > 18, "{}", found.circles.len());
@@ -207,7 +207,7 @@ fn a_board_that_is_cut_off_is_told() {
         .filter(|event| event.x < 150 && event.y < 120)
         .map(|event| Event { x: event.x + 196, y: event.y + 140, ..*event })
         .collect();
-    let found = explain(&corner, &board, SENSOR, &settings.detection);
+    let found = explain(&corner, &board.into(), SENSOR, &settings.detection);
     assert_eq!(found.obstacle, Obstacle::CutOff, "{:?}", found.circles);
 }
 
@@ -250,7 +250,7 @@ fn replay_ends_in_the_camera_of_calibrate() {
 #[test]
 fn silence_is_told() {
     let (settings, board) = (Settings::default(), board());
-    let mut observer = Observer::new(&settings.detection, &settings.initial, &settings.live, &board, SENSOR);
+    let mut observer = Observer::new(&settings.detection, &settings.initial, &settings.live, &board.into(), SENSOR);
     assert_eq!(observer.seen().explanation, None);
     observer.silence(1.2);
     let seen = observer.seen();
@@ -272,7 +272,7 @@ fn silence_is_told() {
 #[test]
 fn the_map_of_the_error_agrees_with_its_mean_and_is_remembered() {
     let (settings, board) = (Settings::default(), board());
-    let new = || Observer::new(&settings.detection, &settings.initial, &settings.live, &board, SENSOR);
+    let new = || Observer::new(&settings.detection, &settings.initial, &settings.live, &board.into(), SENSOR);
     let mut observer = new();
     read_recording(&recording(Path::new(RECORDING)), &mut |batch| {
         observer.push(batch);

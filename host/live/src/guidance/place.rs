@@ -9,7 +9,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use evcal_calibrate::initial::information::{Information, view_information};
-use evcal_geometry::board::CircleBoard;
+use evcal_geometry::board::{Board, SquareBoard};
 use evcal_geometry::numerics::random::normal;
 
 /// How large the board appears: its longer side as a share of the sensor's shorter one.
@@ -63,7 +63,7 @@ pub struct Place {
 
 impl Place {
     /// `T_camera_world` of the board.
-    pub fn pose(&self, board: &CircleBoard) -> Isometry3<f64> {
+    pub fn pose(&self, board: &Board) -> Isometry3<f64> {
         let tilt = UnitQuaternion::from_scaled_axis(Vector3::new(self.tilt.x, self.tilt.y, 0.0));
         let rotation = tilt * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.roll);
         let middle = board.middle();
@@ -72,30 +72,32 @@ impl Place {
     }
 }
 
-/// The circles (board plane, m) that a detector would find with the board at `pose`; `None` where a single window does not
+/// The circles or corners (board plane, m) that a detector would find with the board at `pose`; `None` where a single window does not
 /// say where the board is: where the image cuts off the first or the last row or column, it could lie a row further
 /// ([`evcal_core::grid`]).
 pub fn visible(
     camera: &Camera<f64>,
-    board: &CircleBoard,
+    board: &Board,
     sensor: Sensor,
     pose: &Isometry3<f64>,
 ) -> Option<Vec<Vector2<f64>>> {
-    in_image(camera, board, sensor, pose).filter(|circles| reach_all_ends(circles, board))
+    // Every tag says where it belongs.
+    let is_lattice = matches!(board, Board::Circles(_) | Board::Squares(SquareBoard::Checkerboard(_)));
+    in_image(camera, board, sensor, pose).filter(|points| !is_lattice || reach_all_ends(points, board))
 }
 
-fn reach_all_ends(circles: &[Vector2<f64>], board: &CircleBoard) -> bool {
+fn reach_all_ends(circles: &[Vector2<f64>], board: &Board) -> bool {
     let (low, high) = board.extent();
     let first = circles.iter().fold(high, |first, circle| first.inf(circle));
     let last = circles.iter().fold(low, |last, circle| last.sup(circle));
     (first - low).amax() < SAME_END && (high - last).amax() < SAME_END
 }
 
-/// The circles (board plane, m) that a detector would find with the board at `pose`, if windows before say where it is;
+/// The circles or corners (board plane, m) that a detector would find with the board at `pose`, if windows before say where it is;
 /// `None` where too few are in the image, too small or too steep.
 pub fn in_image(
     camera: &Camera<f64>,
-    board: &CircleBoard,
+    board: &Board,
     sensor: Sensor,
     pose: &Isometry3<f64>,
 ) -> Option<Vec<Vector2<f64>>> {
@@ -103,10 +105,10 @@ pub fn in_image(
     let normal = pose.rotation * Vector3::z();
     let (width, height) = (f64::from(sensor.width), f64::from(sensor.height));
     let mut circles = Vec::new();
-    for index in 0..board.circle_count() {
-        let center = board.circle_center(index);
+    for index in 0..board.point_count() {
+        let center = board.point(index);
         let seen = (pose * Point3::new(center.x, center.y, 0.0)).coords;
-        let radius = focal * board.radius / seen.z;
+        let radius = focal * board.print_radius() / seen.z;
         let across = normal.dot(&seen) / seen.norm();
         if seen.z <= 0.0 || across < STEEPEST || across * radius < SMALLEST_RADIUS {
             return None;
@@ -118,7 +120,7 @@ pub fn in_image(
             circles.push(center);
         }
     }
-    (circles.len() as f64 >= SHARE_IN_IMAGE * board.circle_count() as f64).then_some(circles)
+    (circles.len() as f64 >= SHARE_IN_IMAGE * board.point_count() as f64).then_some(circles)
 }
 
 /// A place worth showing the board at.
@@ -132,7 +134,7 @@ pub struct Candidate {
 
 /// What one window of the board near `place` tells of `camera`: the mean over poses as a person's hands reach them,
 /// nothing for those in which the board would not be found.
-pub fn expected_information(camera: &Camera<f64>, board: &CircleBoard, sensor: Sensor, place: &Place) -> Information {
+pub fn expected_information(camera: &Camera<f64>, board: &Board, sensor: Sensor, place: &Place) -> Information {
     // The same hands for every place, so that places can be compared.
     let mut hands = ChaCha8Rng::seed_from_u64(1);
     let mut sum = Information::zeros();
@@ -151,7 +153,7 @@ pub fn expected_information(camera: &Camera<f64>, board: &CircleBoard, sensor: S
 }
 
 /// Places at which `camera` would see the board, all over the image, near and far, tilted and turned.
-pub fn candidates(camera: &Camera<f64>, board: &CircleBoard, sensor: Sensor) -> Vec<Candidate> {
+pub fn candidates(camera: &Camera<f64>, board: &Board, sensor: Sensor) -> Vec<Candidate> {
     let Some(focal) = camera.parameters().first().copied() else { return Vec::new() };
     let (width, height) = (f64::from(sensor.width), f64::from(sensor.height));
     let mut places = Vec::new();

@@ -213,8 +213,8 @@ struct Session {
 fn session(follows: Follows, target: f64, seconds: f64, seed: u64) -> Session {
     let (camera, board) = (camera(), board());
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut guidance = Guidance::new(&board, SENSOR, &InitialSettings::default()).unwrap();
-    let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board, SENSOR);
+    let mut guidance = Guidance::new(&board.into(), SENSOR, &InitialSettings::default()).unwrap();
+    let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board.into(), SENSOR);
     let mut at = place([0.0, 0.0, 1.0], [0.0, 0.0], 0.0);
     let (mut goal, mut followed) = (at, None);
     let (mut tremor, mut seen, mut steps) = ([0.0; 6], 0.0, 0.0);

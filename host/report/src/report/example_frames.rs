@@ -28,6 +28,7 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
         examples.extend(middle.get(middle.len() / 2).map(|frame| ("Middle", frame)));
         examples.push(("Worst", last));
     }
+    let is_picture = matches!(ranked.first()?.1.seen_in, SeenIn::Reconstruction(_));
     let ideal = ideal_camera(calibrated.camera(), calibrated.sensor);
     let examples: Vec<_> = examples
         .into_par_iter()
@@ -35,9 +36,9 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
         .collect();
     let content = html! {
         p {
-            @match board {
-                Board::Circles(_) => "Events of single time windows: ON red, OFF blue. Black rings are the circles found, yellow lines join those of a row. ",
-                Board::Squares(_) => "Pictures made of events, as a camera would have taken them. Black rings are the corners found, yellow lines join those of a row. ",
+            @match is_picture {
+                false => "Events of single time windows: ON red, OFF blue. Black rings are the circles found, yellow lines join those of a row. ",
+                true => "Pictures made of events, as a camera would have taken them. Black rings are the corners or dots found, yellow lines join those of a row. ",
             }
             "Green is where the result puts the board: it should lie on its edges. The second picture of each is without the lens's distortion: the yellow "
             "lines should be straight."

@@ -1,6 +1,5 @@
 //! `evcal live` with a camera.
 
-use crate::cli::circles_only::circles_of;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::thread;
@@ -124,16 +123,8 @@ impl Session<'_> {
             &RecordingOptions::default(),
             Telling::WhenReady,
         )?;
-        let circles = circles_of(board)?;
-        let mut watcher = Watcher::start(
-            &settings.detection,
-            &settings.initial,
-            &settings.live,
-            circles,
-            &header,
-            checkpoints,
-            memory,
-        );
+        let mut watcher =
+            Watcher::start(&settings.detection, &settings.initial, &settings.live, board, &header, checkpoints, memory);
         if let Some(window) = window {
             window.begin(before.len());
         }

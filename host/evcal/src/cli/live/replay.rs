@@ -1,6 +1,5 @@
 //! `evcal live --replay`.
 
-use crate::cli::circles_only::circles_of;
 use std::ops::ControlFlow;
 use std::path::Path;
 
@@ -39,7 +38,7 @@ pub fn run(
     let board = &method.choose_board(&[path.to_owned()], &options, &settings.detection)?;
     let checkpoints =
         checkpoint::start(arguments, settings, board, &[], path, &options, Telling::AtLength(TOLD_AT_LENGTH))?;
-    let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, circles_of(board)?, sensor)
+    let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, board, sensor)
         .with_checkpoints(checkpoints);
     let latest = Latest::new(observer.seen());
     let window = open_window(arguments, folder, recording.may_hold_frames())?;
