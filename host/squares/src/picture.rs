@@ -101,6 +101,27 @@ impl Picture {
         Self { values, ..*self }
     }
 
+    /// The picture with another value for each.
+    pub fn map(&self, value: impl Fn(f32) -> f32) -> Self {
+        Self { values: self.values.iter().copied().map(value).collect(), ..*self }
+    }
+
+    /// The picture with the darkest of 3 × 3 pixels for each of its own.
+    pub fn darkest_neighbours(&self) -> Self {
+        let darkest_of_row = |index: usize| {
+            let (row, x) = (self.row(index / self.width), index % self.width);
+            row.iter().take(x + 2).skip(x.saturating_sub(1)).copied().fold(f32::INFINITY, f32::min)
+        };
+        let along_x: Vec<f32> = (0..self.values.len()).map(darkest_of_row).collect();
+        let along_x = Self { values: along_x, ..*self };
+        let darkest = |index: usize| {
+            let (x, y) = (index % self.width, index / self.width);
+            let rows = [y.saturating_sub(1), y, y + 1];
+            rows.iter().filter_map(|row| along_x.row(*row).get(x)).copied().fold(f32::INFINITY, f32::min)
+        };
+        Self { values: (0..self.values.len()).map(darkest).collect(), ..*self }
+    }
+
     /// The picture after a symmetric filter along x and along y: `half` has the weight of the middle and of its neighbours on
     /// one side.
     fn filtered(&self, half: &[f32]) -> Self {
@@ -223,6 +244,14 @@ mod tests {
             blurred.values().iter().enumerate().map(|(index, v)| v * ((index % 41) as f32 - 20.0).powi(2)).sum();
         assert!((sum - 1.0).abs() < 1e-4);
         assert!((square.sqrt() - 1.5).abs() < 0.05, "{}", square.sqrt());
+    }
+
+    #[test]
+    fn dark_places_grow_by_a_pixel_to_each_side() {
+        let dot = picture(9, 7, |x, y| if (x, y) == (8.0, 3.0) { 0.0 } else { 1.0 });
+        let dark = |(index, value): (usize, &f32)| (*value < 0.5).then_some((index % 9, index / 9));
+        let found: Vec<_> = dot.darkest_neighbours().values().iter().enumerate().filter_map(dark).collect();
+        assert_eq!(found, [(7, 2), (8, 2), (7, 3), (8, 3), (7, 4), (8, 4)]);
     }
 
     #[test]

@@ -109,3 +109,6 @@ fn collect(task: &Task, progress: &Progress) -> Result<Views, CalibrateError> {
     }
     Ok(all)
 }
+
+#[cfg(test)]
+mod tests;

@@ -17,7 +17,7 @@ const LONGEST_BLOCK: i64 = 1_000_000;
 /// A block has an event for so many pixels of the sensor at least.
 const PIXELS_PER_EVENT: usize = 20;
 /// Fewest blocks of a view.
-const LEAST_BLOCKS: usize = 5;
+const LEAST_BLOCKS: usize = 4;
 /// Least correlation of a block with the first of its view. Boards at rest have 0.9 and more; boards in slow motion 0.8 at most after
 /// a tenth of a second and 0.7 after two.
 const LEAST_CORRELATION: f64 = 0.85;
@@ -90,12 +90,12 @@ impl StillViews {
     /// Between two changes of the light there is only noise: a block goes on until it has about as many events as those before.
     fn fewest_events(&self) -> usize {
         let usual = self.view.as_ref().map_or(0, |view| (view.sum.events + view.last.events) / (view.blocks + 1));
-        (usual / 3).max(self.block.counts.len() / PIXELS_PER_EVENT)
+        (usual / 4 * 3).max(self.block.counts.len() / PIXELS_PER_EVENT)
     }
 
     /// Whether camera and board were at rest from the beginning, once that is known.
     pub fn begins_at_rest(&self) -> Option<bool> {
-        let blocks = self.view.as_ref().map_or(0, |view| view.blocks + 1);
+        let blocks = self.view.as_ref().map_or(0, |view| view.blocks);
         match (self.has_moved, !self.views.is_empty() || blocks >= LEAST_BLOCKS) {
             (_, true) => Some(true),
             (true, false) => Some(false),

@@ -13,6 +13,9 @@ use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
 use crate::detection::pictures::search::{PictureSearch, PictureSearchReport};
 use crate::settings::Settings;
 
+/// White in a picture.
+const WHITE: f32 = 255.0;
+
 /// The board in the views of all recordings.
 #[derive(Debug)]
 pub struct FoundInViews {
@@ -22,28 +25,69 @@ pub struct FoundInViews {
     pub report: PictureSearchReport,
 }
 
-/// Looks for `board` in `views`, which are one list for each recording. If it is in less than half of them, it is looked for in their
-/// negatives too: dark dots may blink as bright ones may.
+/// Edges of dots are smoothed by this much (px, standard deviation of a Gaussian): a dot of pixels that are black or white is none.
+const SMOOTHING: f32 = 0.8;
+/// A variant of the pictures that shows the board in this share of them is good enough.
+const MOST: f64 = 0.9;
+
+/// Looks for `board` in `views`, which are one list for each recording.
+///
+/// What blinks may be the paper or the print, so that the negative is looked at too. Where a little light is enough for all events of
+/// a pixel, squares that blink have grown so far that those between them do not touch any more; then they are made smaller.
 pub fn search_views(board: &Board, settings: &Settings, views: &[Vec<TimedImage>]) -> FoundInViews {
-    let found = search(board, settings, views, TimedImage::clone);
-    if found.frames.len() * 2 >= views.iter().map(Vec::len).sum() {
-        return found;
+    let variants: &[fn(&Picture) -> Picture] = match board {
+        Board::Circles(_) => &[smooth, |picture| smooth(&negative(picture))],
+        Board::Squares(_) => &[Picture::clone, darker, negative, |picture| darker(&negative(picture))],
+    };
+    let count = views.iter().map(Vec::len).sum::<usize>() as f64;
+    let mut best: Option<FoundInViews> = None;
+    for variant in variants {
+        let found = search(board, settings, views, *variant);
+        let is_good = found.frames.len() as f64 >= MOST * count;
+        if best.as_ref().is_none_or(|best| found.report.board_dots > best.report.board_dots) {
+            best = Some(found);
+        }
+        if is_good {
+            break;
+        }
     }
-    let other = search(board, settings, views, negative);
-    if other.report.board_dots > found.report.board_dots { other } else { found }
+    best.unwrap_or_else(|| search(board, settings, views, Picture::clone))
+}
+
+fn smooth(picture: &Picture) -> Picture {
+    picture.blurred(SMOOTHING)
+}
+
+fn negative(picture: &Picture) -> Picture {
+    picture.map(|grey| WHITE - grey)
+}
+
+/// With the darkest of 3 × 3 pixels for each.
+fn darker(picture: &Picture) -> Picture {
+    picture.darkest_neighbours()
+}
+
+/// The picture of a view after `variant`.
+fn changed(view: &TimedImage, variant: fn(&Picture) -> Picture) -> TimedImage {
+    let image = view.image.as_ref().map_err(|reason| *reason).and_then(|image| {
+        let picture = Picture::from_bytes(image.width(), image.height(), &image.pixels).ok_or(NoImage::NotGrey)?;
+        let pixels = variant(&picture).values().iter().map(|grey| grey.round().clamp(0.0, WHITE) as u8).collect();
+        GreyImage::new(image.width(), image.height(), pixels).ok_or(NoImage::NotGrey)
+    });
+    TimedImage { image, ..view.clone() }
 }
 
 fn search(
     board: &Board,
     settings: &Settings,
     views: &[Vec<TimedImage>],
-    picture: impl Fn(&TimedImage) -> TimedImage,
+    variant: fn(&Picture) -> Picture,
 ) -> FoundInViews {
     let fewest = settings.detection.fewest_circles(&board.lattice());
     let mut search = PictureSearch::new(board, fewest, settings.frames.max_radius);
     for (number, views) in views.iter().enumerate() {
         let hand_on = |visit: &mut dyn FnMut(TimedImage)| {
-            views.iter().map(&picture).for_each(visit);
+            views.iter().map(|view| changed(view, variant)).for_each(visit);
             Ok(None)
         };
         let Ok(_) = search.search::<Infallible>(number, Some(0), hand_on);
@@ -72,12 +116,4 @@ fn refine(frame: &mut ReferenceFrame, image: &GreyImage, columns: usize) {
     for (circle, corner) in frame.circles.iter_mut().zip(&corners) {
         circle.center = Vector2::from(corner.pixel).cast();
     }
-}
-
-fn negative(view: &TimedImage) -> TimedImage {
-    let image = view.image.as_ref().map_err(|reason| *reason).and_then(|image| {
-        let pixels = image.pixels.iter().map(|grey| 255 - grey).collect();
-        GreyImage::new(image.width(), image.height(), pixels).ok_or(NoImage::NotGrey)
-    });
-    TimedImage { image, ..view.clone() }
 }
