@@ -27,7 +27,7 @@ pub struct FoundInViews {
 
 /// Edges of dots are smoothed by this much (px, standard deviation of a Gaussian): a dot of pixels that are black or white is none.
 const SMOOTHING: f32 = 0.8;
-/// A variant of the pictures that shows the board in this share of them is good enough.
+/// If the board is in this share of the views, it is not looked for in their negatives.
 const MOST: f64 = 0.9;
 
 /// Looks for `board` in `views`, which are one list for each recording.
@@ -35,23 +35,49 @@ const MOST: f64 = 0.9;
 /// What blinks may be the paper or the print, so that the negative is looked at too. Where a little light is enough for all events of
 /// a pixel, squares that blink have grown so far that those between them do not touch any more; then they are made smaller.
 pub fn search_views(board: &Board, settings: &Settings, views: &[Vec<TimedImage>]) -> FoundInViews {
-    let variants: &[fn(&Picture) -> Picture] = match board {
-        Board::Circles(_) => &[smooth, |picture| smooth(&negative(picture))],
-        Board::Squares(_) => &[Picture::clone, darker, negative, |picture| darker(&negative(picture))],
+    let [plain, other]: [fn(&Picture) -> Picture; 2] = match board {
+        Board::Circles(_) => [Picture::clone, smooth],
+        Board::Squares(_) => [Picture::clone, darker],
     };
-    let count = views.iter().map(Vec::len).sum::<usize>() as f64;
-    let mut best: Option<FoundInViews> = None;
-    for variant in variants {
-        let found = search(board, settings, views, *variant);
-        let is_good = found.frames.len() as f64 >= MOST * count;
-        if best.as_ref().is_none_or(|best| found.report.board_dots > best.report.board_dots) {
-            best = Some(found);
-        }
-        if is_good {
-            break;
-        }
+    let found = search_twice(board, settings, views, plain, other);
+    if found.frames.len() as f64 >= MOST * views.iter().map(Vec::len).sum::<usize>() as f64 {
+        return found;
     }
-    best.unwrap_or_else(|| search(board, settings, views, Picture::clone))
+    let negatives: Vec<Vec<TimedImage>> =
+        views.iter().map(|views| views.iter().map(|view| changed(view, negative)).collect()).collect();
+    let of_negatives = search_twice(board, settings, &negatives, plain, other);
+    if of_negatives.report.board_dots > found.report.board_dots { of_negatives } else { found }
+}
+
+/// Looks for the board in pictures changed by `first`, and where it is not found in those changed by `second`.
+fn search_twice(
+    board: &Board,
+    settings: &Settings,
+    views: &[Vec<TimedImage>],
+    first: fn(&Picture) -> Picture,
+    second: fn(&Picture) -> Picture,
+) -> FoundInViews {
+    let mut found = search(board, settings, views, first);
+    let is_found = |number: usize, view: &TimedImage| {
+        found.frames.iter().any(|frame| frame.recording == number && starts(frame, view))
+    };
+    let missing: Vec<Vec<TimedImage>> = views
+        .iter()
+        .enumerate()
+        .map(|(number, views)| views.iter().filter(|view| !is_found(number, view)).cloned().collect())
+        .collect();
+    let others = search(board, settings, &missing, second);
+    found.report.with_board += others.report.with_board;
+    found.report.board_dots += others.report.board_dots;
+    found.report.refused = others.report.refused;
+    found.frames.extend(others.frames);
+    found.frames.sort_by(|a, b| a.recording.cmp(&b.recording).then(a.start.total_cmp(&b.start)));
+    found
+}
+
+/// Whether the frame is that of this view.
+fn starts(frame: &ReferenceFrame, view: &TimedImage) -> bool {
+    (view.exposure.0 as f64 * 1e-6 - frame.start).abs() < 1e-6
 }
 
 fn smooth(picture: &Picture) -> Picture {
@@ -95,7 +121,7 @@ fn search(
     let (mut frames, report) = search.finish();
     for frame in &mut frames {
         let of_recording = views.get(frame.recording).map_or(&[][..], Vec::as_slice);
-        let shown = of_recording.iter().find(|view| (view.exposure.0 as f64 * 1e-6 - frame.start).abs() < 1e-6);
+        let shown = of_recording.iter().find(|view| starts(frame, view));
         if let Some(Ok(image)) = shown.map(|view| &view.image) {
             if let Board::Squares(SquareBoard::Checkerboard(board)) = board {
                 refine(frame, image, board.columns.into());
