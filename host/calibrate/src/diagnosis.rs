@@ -7,4 +7,5 @@ pub mod flicker;
 pub mod information;
 pub mod rounded;
 pub mod saturation;
+mod time_bins;
 pub mod time_steps;

@@ -19,12 +19,14 @@ pub mod eliminated;
 pub mod event_bias;
 pub mod event_row;
 pub mod event_sample;
+pub mod half;
 pub mod held_camera;
 pub mod held_intrinsics;
 pub mod knot_choice;
 pub mod knot_fit;
 pub mod left_out;
 pub mod levenberg;
+pub mod loss;
 pub mod normal;
 pub mod observation;
 pub mod point_row;
@@ -175,6 +177,11 @@ impl Problem {
             edges: self.edges.clone(),
             ..*self
         }
+    }
+
+    /// The same with every `step`-th event, and all circle centres.
+    pub fn every(&self, step: usize) -> Self {
+        self.with_segments(self.segments.iter().map(|segment| segment.every(step)).collect())
     }
 
     /// Metres on the board for each unit of the residual, where that is the same everywhere.

@@ -23,7 +23,6 @@ use crate::solve::event_bias::{CLASS_COUNT, EventKind};
 use crate::solve::left_out::LeftOut;
 use crate::solve::pose_covariance::PoseCovariance;
 use crate::solve::refinement::Refined;
-use crate::solve::stretch::residuals_at;
 use crate::solve::{Problem, SolveError, State};
 use crate::trust::board_evidence::BoardEstimate;
 use crate::trust::coverage::{Coverage, coverage, coverage_of};
@@ -96,7 +95,7 @@ const USUAL_OFFSET: f64 = -0.41;
 /// A lens model that follows the lens of `refined` where its own cannot.
 pub fn better_model(refined: &Refined, inflation: f64) -> Option<ModelKind> {
     let (problem, state) = (&refined.problem, &refined.state);
-    let residuals = residual_map(problem, state, &residuals_at(problem, state));
+    let residuals = residual_map(problem, state, &refined.events);
     misfit_of(problem, state, &residuals, inflation)?.better.map(|better| better.kind)
 }
 
@@ -125,22 +124,20 @@ pub fn examine(
     saturated: &[LeftOut],
 ) -> Result<(Trust, EventTrust), SolveError> {
     let (problem, state) = (&refined.problem, &refined.state);
-    let SolveUncertainty { intrinsics: uncertainty, parts, board_sigma: _, board: _, bias_sigma, poses, formal: _ } =
-        certainty.uncertainty;
+    let SolveUncertainty { intrinsics: uncertainty, parts, bias_sigma, poses, halves, .. } = certainty.uncertainty;
     let in_the_image = |uncertainty: &Uncertainty| {
         projection_uncertainty(&state.camera, &uncertainty.covariance, problem.sensor).map_err(|_| SolveError::Singular)
     };
+    let of_events = &refined.events;
     // The halves have the same misfit: they cannot tell it.
-    let split_half = split_half(problem, state, &parts);
-    let of_events = residuals_at(problem, state);
+    let split_half = halves.and_then(|halves| split_half(problem, state, &halves, of_events, &parts));
     let ((classes, ranks), residuals) = rayon::join(
         || {
             let rank = |kind: EventKind| kind.polarity.index() * RANK_COUNT + usize::from(kind.place.rank);
-            (class_residuals(&of_events, |kind| kind.class()), class_residuals(&of_events, rank))
+            (class_residuals(of_events, |kind| kind.class()), class_residuals(of_events, rank))
         },
-        || residual_map(problem, state, &of_events),
+        || residual_map(problem, state, of_events),
     );
-    drop(of_events);
     let misfit = misfit_of(problem, state, &residuals, uncertainty.inflation);
     let before = uncertainty.covariance.clone();
     let uncertainty = match &misfit {

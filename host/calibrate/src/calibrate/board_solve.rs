@@ -10,7 +10,6 @@ use super::joint_solve::{certainty, refined as refined_from, solve};
 use super::progress::Progress;
 use crate::solve::State;
 use crate::solve::refinement::{EventInput, Refined, RefinementInput};
-use crate::solve::stretch::residuals_at;
 use crate::trust::board_evidence::{BoardEstimate, BoardEvidence};
 use crate::trust::misfit::lens_explains_more;
 use crate::trust::residual_map::residual_map;
@@ -136,7 +135,7 @@ fn lens_is_to_blame(
     asked: [bool; PARAMETERS],
 ) -> bool {
     let (problem, state) = (&refined.problem, &refined.state);
-    let pattern = residual_map(problem, state, &residuals_at(problem, state)).pattern;
+    let pattern = residual_map(problem, state, &refined.events).pattern;
     pattern.is_suspicious() && lens_explains_more(problem, state, shape, asked, certainty.intrinsics.inflation)
 }
 

@@ -138,7 +138,7 @@ impl Detected {
         let pass = progress.read(task.inputs, index, &mut |events| {
             fingerprint.push(events);
             saturation.push(events);
-            events.iter().for_each(|event| bins.add(event.t, event.polarity));
+            bins.push(events);
             steps.push(events);
             pixels.push(events);
             stage.push(events);

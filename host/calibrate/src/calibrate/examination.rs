@@ -51,9 +51,10 @@ pub(super) fn examine_calibration(
     saturated: &[LeftOut],
     witness: Option<WitnessOutcome>,
 ) -> Result<Examined, CalibrateError> {
-    let BoardSolve { refined, certainty: uncertainty, board, undetermined, .. } = solve;
+    let BoardSolve { mut refined, certainty: uncertainty, board, undetermined, .. } = solve;
     let certainty = SolveCertainty { uncertainty, board, undetermined };
     let (trust, event_trust) = examine(&refined, certainty, task.board, saturated).map_err(CalibrateError::Solve)?;
+    refined.events = Vec::new();
     let (findings, witness) = findings(task, seen, &refined.state, witness);
     let camera = &refined.state.camera;
     let settings = &task.settings.verdict;

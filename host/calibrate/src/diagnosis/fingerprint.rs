@@ -37,14 +37,14 @@ impl Fingerprint {
         const OLDEST: u64 = FACTOR.wrapping_pow(RUN as u32);
         for event in events {
             let since = event.t.wrapping_sub(self.last.replace(event.t).unwrap_or(event.t)) as u64;
-            let this = mixed(place(event) << 30 ^ mixed(since));
+            let this = mixed(place(event) << 30 ^ since);
             let Some(slot) = self.run.get_mut(self.count % RUN) else { continue };
             let oldest = std::mem::replace(slot, this);
             self.sum = self.sum.wrapping_mul(FACTOR).wrapping_add(this).wrapping_sub(oldest.wrapping_mul(OLDEST));
             self.count += 1;
             // The time before the first event is not known.
             if self.count > RUN {
-                self.keep(mixed(self.sum));
+                self.keep(self.sum);
             }
         }
     }

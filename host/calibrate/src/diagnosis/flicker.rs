@@ -4,8 +4,10 @@
 //! even areas send any. So the number of ON events less that of OFF events has a line at the lamps' frequency; with strong flicker
 //! the number of all events has one too.
 
-use evcal_core::event::Polarity;
+use evcal_core::event::{Event, Polarity};
 use serde::{Deserialize, Serialize};
+
+use super::time_bins::time_bins;
 
 /// Length of a bin in which events are counted (µs).
 const BIN: i64 = 1000;
@@ -55,9 +57,25 @@ pub struct RateBins {
 }
 
 impl RateBins {
+    /// Takes the next events; their times count from the first one (µs).
+    pub fn push(&mut self, events: &[Event]) {
+        for (bin, events) in time_bins(events, BIN) {
+            let on = events.iter().filter(|event| event.polarity == Polarity::On).count();
+            let mut counts = [0; 2];
+            counts[Polarity::Off.index()] = (events.len() - on) as i32;
+            counts[Polarity::On.index()] = on as i32;
+            self.add_to(bin, counts);
+        }
+    }
+
     /// Takes the next event; `t` counts from the first one (µs).
     pub fn add(&mut self, t: i64, polarity: Polarity) {
-        let bin = t.div_euclid(BIN);
+        let mut counts = [0; 2];
+        counts[polarity.index()] = 1;
+        self.add_to(t.div_euclid(BIN), counts);
+    }
+
+    fn add_to(&mut self, bin: i64, counts: [i32; 2]) {
         let index = bin - self.current;
         if index >= STRETCH as i64 {
             self.close(index < 2 * STRETCH as i64);
@@ -67,9 +85,9 @@ impl RateBins {
         if self.stretch.is_empty() {
             self.stretch.resize(STRETCH, [0; 2]);
         }
-        let counts = usize::try_from(bin - self.current).ok().and_then(|index| self.stretch.get_mut(index));
-        if let Some(count) = counts.and_then(|counts| counts.get_mut(polarity.index())) {
-            *count += 1;
+        let place = usize::try_from(bin - self.current).ok().and_then(|index| self.stretch.get_mut(index));
+        if let Some(sums) = place {
+            sums.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
         }
     }
 

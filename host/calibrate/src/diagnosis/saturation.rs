@@ -6,6 +6,8 @@
 
 use evcal_core::event::Event;
 
+use super::time_bins::time_bins;
+
 /// Length of the bins that are compared (µs).
 const BIN: i64 = 1000;
 /// Bins within this share of the largest are near it.
@@ -48,17 +50,21 @@ impl Saturation {
 impl SaturationDetector {
     /// Adds events, with times since the start of the recording (µs).
     pub fn push(&mut self, events: &[Event]) {
-        events.iter().for_each(|event| self.add(event.t));
+        time_bins(events, BIN).for_each(|(bin, events)| self.add_to(bin, events.len()));
     }
 
     /// Adds an event at `t` since the start of the recording (µs).
     pub fn add(&mut self, t: i64) {
-        let bin = usize::try_from(t / BIN).unwrap_or(0);
+        self.add_to(t.div_euclid(BIN), 1);
+    }
+
+    fn add_to(&mut self, bin: i64, events: usize) {
+        let bin = usize::try_from(bin).unwrap_or(0);
         if bin >= self.counts.len() && bin < MOST_BINS {
             self.counts.resize(bin + 1, 0);
         }
         if let Some(count) = self.counts.get_mut(bin) {
-            *count += 1;
+            *count += events as u32;
         }
     }
 

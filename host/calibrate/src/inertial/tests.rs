@@ -178,6 +178,7 @@ impl Bench {
                 state,
                 problem,
                 residuals: ResidualStatistics::default(),
+                events: Vec::new(),
                 left_out: Vec::new(),
                 rounds: Vec::new(),
             },

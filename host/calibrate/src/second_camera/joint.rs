@@ -157,8 +157,8 @@ pub fn own_rms(problem: &Problem, state: &State) -> f64 {
     let (mut cost, mut count) = (0.0, 0);
     for group in stretches(&problem.segments).chunks(STRETCHES_TOGETHER) {
         for (_, equations) in linearised(problem, state, &bearings, group) {
-            cost += equations.cost;
-            count += equations.count;
+            cost += equations.loss.cost;
+            count += equations.loss.count;
         }
     }
     rms(cost, count)

@@ -119,8 +119,8 @@ fn part_of<'a>(
         }
         part.corner_gradient[of_mount + row] += own.corner_gradient[global];
     }
-    part.cost = sums.cost;
-    Some(SecondPart { part, count: sums.count })
+    part.cost = sums.loss.cost;
+    Some(SecondPart { part, count: sums.loss.count })
 }
 
 /// Adds what `products` say of the second camera's pose, in terms of the control points of the first camera's trajectory and of the

@@ -14,12 +14,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::solve::State;
 use crate::solve::bearing_table::BearingTable;
-use crate::solve::board_edge::{BoardEdge, Line, NearestEdge, Rim};
+use crate::solve::board_edge::{BoardEdge, BoardEdges, NearestEdge};
 use crate::solve::board_ray::{BoardRay, is_in_front};
 use crate::solve::board_surface::{BoardGround, BoardSurface};
+use crate::solve::edge_batch::{BatchEvent, EdgeBatch, LANES, Scene};
 use crate::solve::event_bias::bias::Bias;
+use crate::solve::event_bias::robust::ClassResidual;
 use crate::solve::event_bias::{EventKind, speed_range};
-use crate::solve::event_row::{EventEdge, EventRay};
 use crate::solve::event_sample::RankedEvent;
 use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use crate::solve::pose_bin::PoseBin;
@@ -105,31 +106,64 @@ pub struct Associator<'a> {
     context: AssociationContext<'a>,
     /// Index of the segment and its trajectory, in order of time.
     segments: Vec<(usize, &'a Trajectory)>,
-    edges: NearestEdge,
+    nearest: NearestEdge,
+    edges: BoardEdges,
     ground: BoardGround,
-    found: Vec<Vec<(u32, EventObservation)>>,
+    found: Vec<Vec<Found>>,
     /// Times of events that are too far from an edge, by segment.
     far: Vec<Vec<f32>>,
     report: AssociationReport,
 }
 
-/// An associated event with the index of its segment and of its time bin.
-type Associated = (usize, u32, EventObservation);
+/// An event that belongs to an edge.
+#[derive(Clone, Copy)]
+struct Found {
+    /// Index of its time bin.
+    bin: u32,
+    observation: EventObservation,
+    /// Distance from where its class is expected (px).
+    residual: f32,
+    /// Metres on the board for each pixel across the edge.
+    scale: f32,
+}
 
-/// An edge that an event saw.
-struct SeenEdge {
-    /// Which one of the board's.
-    index: u16,
-    /// How it passed.
-    edge: EventEdge,
-    /// How far from it the event may be (px).
-    reach: f64,
+/// An event and the edge next to it.
+struct Near<'e> {
+    event: &'e RankedEvent,
+    class: usize,
+    /// Seconds after the centre of the bin, less the latency of its class.
+    dt: f64,
+    /// Index of the edge among those of the board.
+    edge: u16,
+}
+
+/// A time bin.
+struct Moment<'b> {
+    segment: usize,
+    /// Index of the bin in the segment.
+    bin: u32,
+    /// Its centre (s).
+    t: f64,
+    pose: &'b PoseBin,
+}
+
+/// The observations of all segments of a recording.
+pub struct Observed {
+    /// Index of the segment and its observations.
+    pub segments: Vec<(usize, SegmentObservations)>,
+    /// The residuals of all events, segment by segment in the order of its observations.
+    pub residuals: Vec<ClassResidual>,
+    /// Sum over the events of the metres on the board for each pixel across the edge.
+    pub scales: f64,
+    /// What became of the events.
+    pub report: AssociationReport,
 }
 
 /// What came of the events that one thread worked on.
 #[derive(Default)]
 struct Part {
-    found: Vec<Associated>,
+    /// Index of the segment, and the event.
+    found: Vec<(usize, Found)>,
     /// Segment and time (s) of events on the board that are far from every edge.
     far: Vec<(usize, f32)>,
     report: AssociationReport,
@@ -149,7 +183,8 @@ impl<'a> Associator<'a> {
         Self {
             found: vec![Vec::new(); segments.len()],
             far: vec![Vec::new(); segments.len()],
-            edges: NearestEdge::of_board(board),
+            nearest: NearestEdge::of_board(board),
+            edges: BoardEdges::of_board(board),
             ground: BoardGround::of_board(board, &state.board),
             report: AssociationReport::default(),
             segments,
@@ -167,20 +202,9 @@ impl<'a> Associator<'a> {
             self.segments.iter().map(|(_, trajectory)| SegmentBins::new(trajectory, span)).collect();
         let parts: Vec<Part> = events
             .par_chunks(CHUNK)
-            .map(|events| {
-                let mut part = Part::default();
-                for event in events {
-                    part.report.events += 1;
-                    let observation = match &self.ground {
-                        BoardGround::Flat(surface) => self.associate(surface, event, &bins, &mut part),
-                        BoardGround::Shaped(surface) => self.associate(surface, event, &bins, &mut part),
-                    };
-                    if let Some(observation) = observation {
-                        part.report.kept += 1;
-                        part.found.push(observation);
-                    }
-                }
-                part
+            .map(|events| match &self.ground {
+                BoardGround::Flat(surface) => self.associate(surface, events, &bins),
+                BoardGround::Shaped(surface) => self.associate(surface, events, &bins),
             })
             .collect();
         for Part { found, far, report } in parts {
@@ -190,131 +214,163 @@ impl<'a> Associator<'a> {
                     list.push(time);
                 }
             }
-            for (segment, bin, observation) in found {
+            for (segment, found) in found {
                 if let Some(list) = self.found.get_mut(segment) {
-                    list.push((bin, observation));
+                    list.push(found);
                 }
             }
         }
     }
 
-    fn associate<S: BoardSurface>(
-        &self,
-        surface: &S,
-        event: &RankedEvent,
-        bins: &[SegmentBins],
-        part: &mut Part,
-    ) -> Option<Associated> {
-        let settings = self.context.settings;
-        let class = EventKind { polarity: event.polarity, place: event.place }.class();
-        let bias = self.context.state.bias.get(class)?;
-        let time = event.t as f64 * 1e-6 - bias.biases[Bias::Latency];
-        let Some((segment, bin, pose)) =
-            bins.iter().enumerate().find_map(|(index, bins)| bins.pose(time).map(|(bin, pose)| (index, bin, pose)))
-        else {
-            part.report.outside_segments += 1;
+    /// Associates some events, those of a bin together.
+    fn associate<S: BoardSurface>(&self, surface: &S, events: &[RankedEvent], bins: &[SegmentBins]) -> Part {
+        let mut part =
+            Part { report: AssociationReport { events: events.len() as u64, ..Default::default() }, ..Part::default() };
+        let mut placed: Vec<(usize, u32, &RankedEvent)> = Vec::with_capacity(events.len());
+        for event in events {
+            let time = self.time(event);
+            match bins.iter().enumerate().find_map(|(segment, bins)| Some((segment, bins.bin_at(time)?))) {
+                Some((segment, bin)) => placed.push((segment, bin, event)),
+                None => part.report.outside_segments += 1,
+            }
+        }
+        placed.sort_by_key(|&(segment, bin, _)| (segment, bin));
+        let (mut batch, mut near) = (EdgeBatch::default(), Vec::new());
+        for run in placed.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+            let Some(&(segment, bin, _)) = run.first() else { continue };
+            let Some(of_segment) = bins.get(segment) else { continue };
+            let Some(pose) = of_segment.pose(bin) else { continue };
+            let moment = Moment { segment, bin, t: of_segment.center(bin), pose };
+            near.clear();
+            near.extend(run.iter().filter_map(|(_, _, event)| self.near(surface, &moment, event)));
+            part.report.off_board += (run.len() - near.len()) as u64;
+            for near in near.chunks(LANES) {
+                self.judge(near, &moment, &mut batch, &mut part);
+            }
+        }
+        part
+    }
+
+    /// The time of an event, less the latency of its class (s).
+    fn time(&self, event: &RankedEvent) -> f64 {
+        let latency = self.context.state.bias.get(class_of(event)).map_or(0.0, |bias| bias.biases[Bias::Latency]);
+        event.t as f64 * 1e-6 - latency
+    }
+
+    /// The event with the edge that is next to it on the board, `None` where there is none.
+    fn near<'e, S: BoardSurface>(&self, surface: &S, moment: &Moment, event: &'e RankedEvent) -> Option<Near<'e>> {
+        let dt = self.time(event) - moment.t;
+        let place = self.context.bearings.place(f64::from(event.x), f64::from(event.y))?;
+        let (bearing, by_pixel) = place.bearing();
+        let ray = BoardRay::new(surface, moment.pose, dt, &bearing);
+        if !is_in_front(ray.depth()) {
             return None;
+        }
+        let edge = match &self.nearest {
+            NearestEdge::Rims(board) => board.nearest_circle(ray.point())?,
+            NearestEdge::Lines(places) => {
+                places.nearest(ray.point().into(), CLEARANCE * ray.widest_pixel(&by_pixel))?
+            }
         };
-        let trajectory_bin = bins.get(segment)?;
-        let dt = time - trajectory_bin.center(bin);
-        let pixel = [f64::from(event.x), f64::from(event.y)];
-        let ray = self.context.bearings.place(pixel[0], pixel[1]).map(|place| {
-            let (bearing, by_pixel) = place.bearing();
-            (BoardRay::new(surface, pose, dt, &bearing), by_pixel)
+        Some(Near { event, class: class_of(event), dt, edge: u16::try_from(edge).ok()? })
+    }
+
+    /// Adds those of at most [`LANES`] events of one bin to `part` that belong to the edge next to them.
+    fn judge<'b>(&'b self, near: &[Near], moment: &Moment, batch: &mut EdgeBatch<'b>, part: &mut Part) {
+        let &Moment { segment, bin, t, pose } = moment;
+        let state = self.context.state;
+        let scene = Scene { edges: &self.edges, ground: &self.ground, radius: state.board.radius, mean_scale: None };
+        let batched = near.iter().map(|&Near { event, dt, edge, .. }| {
+            let pixel = [f64::from(event.x), f64::from(event.y)];
+            BatchEvent { pixel, dt, edge }
         });
-        let seen = ray.filter(|(ray, _)| is_in_front(ray.depth()));
-        let seen = seen.map(|(ray, by_pixel)| EventRay { pixel, dt, ray, by_pixel });
-        let Some(SeenEdge { index, edge, reach }) = seen.and_then(|seen| self.edge_of(pose, &seen)) else {
-            part.report.off_board += 1;
-            return None;
-        };
-        let speed_range = speed_range(edge.passage.normal_speed);
-        let band = if self.context.sigma_known {
-            (settings.band * bias.sigma[speed_range]).min(WIDEST_BAND)
-        } else {
-            FIRST_BAND
-        };
-        let band = band.min(reach);
-        let distance = edge.from_expected(bias).abs();
-        if distance.is_nan() || distance >= band {
-            part.report.far_from_edge += 1;
-            part.far.push((segment, time as f32));
-            return None;
+        batch.find_in::<false>(&scene, self.context.bearings, pose, batched);
+        let edges = batch.edges();
+        for (lane, (&Near { event, class, dt, edge }, cell)) in near.iter().zip(batch.cells()).enumerate() {
+            let (Some(bias), Some(_)) = (state.bias.get(class), cell) else {
+                part.report.off_board += 1;
+                continue;
+            };
+            let (passage, scale) = (edges.passage(lane), edges.scale[lane]);
+            let speed_range = speed_range(passage.normal_speed);
+            let residual = edges.pixels[lane] - bias.distance(&passage);
+            let distance = residual.abs();
+            if distance.is_nan() || distance >= self.band(bias.sigma[speed_range]).min(self.reach(edge, scale)) {
+                part.report.far_from_edge += 1;
+                part.far.push((segment, (t + dt) as f32));
+                continue;
+            }
+            let normal_speed = passage.normal_speed;
+            let sliding = edges.sliding[lane] / scale;
+            let speed = (normal_speed * normal_speed + sliding * sliding).sqrt();
+            if normal_speed.abs() < SLOWEST_EDGE || normal_speed.abs() < TANGENT * speed {
+                part.report.edge_slides += 1;
+                continue;
+            }
+            let predicted = if normal_speed > 0.0 { Polarity::On } else { Polarity::Off };
+            if predicted != event.polarity {
+                part.report.wrong_polarity += 1;
+                continue;
+            }
+            part.report.kept += 1;
+            let (class, speed_range) = (class as u8, speed_range as u8);
+            let observation = EventObservation { dt: dt as f32, x: event.x, y: event.y, edge, class, speed_range };
+            part.found.push((segment, Found { bin, observation, residual: residual as f32, scale: scale as f32 }));
         }
-        let normal_speed = edge.passage.normal_speed;
-        let sliding = edge.distance.sliding / edge.distance.scale;
-        let speed = (normal_speed * normal_speed + sliding * sliding).sqrt();
-        if normal_speed.abs() < SLOWEST_EDGE || normal_speed.abs() < TANGENT * speed {
-            part.report.edge_slides += 1;
-            return None;
-        }
-        let predicted = if normal_speed > 0.0 { Polarity::On } else { Polarity::Off };
-        if predicted != event.polarity {
-            part.report.wrong_polarity += 1;
-            return None;
-        }
-        let observation = EventObservation {
-            dt: dt as f32,
-            x: event.x,
-            y: event.y,
-            edge: index,
-            class: class as u8,
-            speed_range: speed_range as u8,
-        };
-        Some((segment, bin, observation))
     }
 
-    /// The edge that an event saw.
-    fn edge_of<S: BoardSurface>(&self, pose: &PoseBin, event: &EventRay<S>) -> Option<SeenEdge> {
-        let radius = self.context.state.board.radius;
+    /// How far from where it is expected an event of a class of this spread may be (px).
+    fn band(&self, sigma: f64) -> f64 {
+        if self.context.sigma_known { (self.context.settings.band * sigma).min(WIDEST_BAND) } else { FIRST_BAND }
+    }
+
+    /// How far from an edge of the board an event may be that belongs to it (px).
+    fn reach(&self, edge: u16, scale: f64) -> f64 {
         match &self.edges {
-            NearestEdge::Rims(board) => {
-                let circle = board.nearest_circle(event.ray.point())?;
-                let rim = Rim { center: board.circle_center(circle).into(), radius };
-                self.seen_edge(pose, event, circle, rim)
-            }
-            NearestEdge::Lines { places, lines } => {
-                let clearance = CLEARANCE * event.ray.widest_pixel(&event.by_pixel);
-                let line = places.nearest(event.ray.point().into(), clearance)?;
-                self.seen_edge(pose, event, line, Line { radius, ..*lines.get(line)? })
-            }
+            BoardEdges::Rims(_) => f64::INFINITY,
+            BoardEdges::Lines(lines) => lines.get(usize::from(edge)).map_or(0.0, |line| line.reach(scale)),
         }
     }
 
-    fn seen_edge<S: BoardSurface>(
-        &self,
-        pose: &PoseBin,
-        event: &EventRay<S>,
-        index: usize,
-        edge: impl BoardEdge,
-    ) -> Option<SeenEdge> {
-        let seen = EventEdge::of_event(self.context.bearings, pose, event, edge)?;
-        Some(SeenEdge { index: u16::try_from(index).ok()?, reach: edge.reach(seen.distance.scale), edge: seen })
-    }
-
-    /// The observations by index of the segment, and the report.
-    pub fn finish(self) -> (Vec<(usize, SegmentObservations)>, AssociationReport) {
-        let observations = self
+    /// The observations, with the recording at its end.
+    pub fn finish(self) -> Observed {
+        let segments: Vec<(usize, SegmentObservations, Vec<ClassResidual>, f64)> = self
             .found
             .into_par_iter()
             .zip(self.far)
             .zip(self.segments.par_iter())
             .map(|((mut found, far), (segment, trajectory))| {
-                found.sort_by_key(|(bin, observation)| (*bin, observation.class));
+                found.sort_by_key(|found| (found.bin, found.observation.class));
                 let events = Vec::with_capacity(found.len());
                 let mut observations = SegmentObservations { events, far, ..SegmentObservations::default() };
-                for group in found.chunk_by(|a, b| a.0 == b.0) {
-                    let Some(&(bin, _)) = group.first() else { continue };
+                for group in found.chunk_by(|a, b| a.bin == b.bin) {
+                    let Some(bin) = group.first().map(|found| found.bin) else { continue };
                     let first = observations.events.len();
-                    observations.events.extend(group.iter().map(|(_, observation)| *observation));
+                    observations.events.extend(group.iter().map(|found| found.observation));
                     let t = bin_center(trajectory.start(), bin);
                     observations.bins.push(EventBin { t, first, end: observations.events.len() });
                 }
-                (*segment, observations)
+                let residuals = found.iter().map(|found| ClassResidual {
+                    class: found.observation.class,
+                    speed_range: found.observation.speed_range,
+                    residual: found.residual,
+                });
+                let scales = found.iter().map(|found| f64::from(found.scale)).sum();
+                (*segment, observations, residuals.collect(), scales)
             })
             .collect();
-        (observations, self.report)
+        let mut observed = Observed { segments: Vec::new(), residuals: Vec::new(), scales: 0.0, report: self.report };
+        for (segment, observations, residuals, scales) in segments {
+            observed.segments.push((segment, observations));
+            observed.residuals.extend(residuals);
+            observed.scales += scales;
+        }
+        observed
     }
+}
+
+fn class_of(event: &RankedEvent) -> usize {
+    EventKind { polarity: event.polarity, place: event.place }.class()
 }
 
 fn bin_center(start: f64, bin: u32) -> f64 {
@@ -350,12 +406,16 @@ impl SegmentBins {
         bin_center(self.start, bin)
     }
 
-    fn pose(&self, time: f64) -> Option<(u32, &PoseBin)> {
+    /// The bin of a time of the segment, if it has a pose.
+    fn bin_at(&self, time: f64) -> Option<u32> {
         if self.poses.is_empty() || time < self.start || time > self.end {
             return None;
         }
         let bin = self.bin(time);
-        let pose = self.poses.get(bin.checked_sub(self.first)? as usize)?.as_ref()?;
-        Some((bin, pose))
+        self.pose(bin).map(|_| bin)
+    }
+
+    fn pose(&self, bin: u32) -> Option<&PoseBin> {
+        self.poses.get(bin.checked_sub(self.first)? as usize)?.as_ref()
     }
 }

@@ -1,7 +1,7 @@
-//! Bearings of all pixels and their derivatives, computed once for each set of intrinsics.
+//! Bearings of all places of the image and their derivatives, computed once for each set of intrinsics.
 //!
-//! The bearings are those of every pixel; their derivatives change slowly and are kept for cells of
-//! 4 × 4 pixels, with their slopes: the table is read at random, so that its size is time.
+//! Bearings are kept to second order for cells of 4 × 4 pixels, derivatives by the coefficients of the camera model for cells of
+//! 12 × 12. The table is read at random, so its size determines the time that this takes.
 
 use evcal_core::camera::{Camera, MAX_COEFFICIENTS, Unprojection};
 use evcal_core::sensor::Sensor;
@@ -11,19 +11,20 @@ use rayon::prelude::*;
 /// A row for x and one for y: derivatives of the pixel of a fixed bearing by the coefficients.
 type ByCoefficient = [[f32; MAX_COEFFICIENTS]; 2];
 
-/// Derivatives at the centre of a cell, and how they change over it. It begins with a cache line, for cells are read at random.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[repr(C, align(64))]
-pub struct Cell {
-    /// How the bearing changes over the cell.
-    pub slopes: BearingSlopes,
-    /// Whether all of it is in the model's domain.
-    is_known: bool,
-    /// Derivative of the pixel of a fixed bearing by each coefficient of the camera model.
-    by_coefficient: ByCoefficient,
-    /// Slope of `by_coefficient` along pixel x and pixel y.
-    by_coefficient_slope: [ByCoefficient; 2],
+/// The bearing at the centre of a cell, and how it changes over the cell. One and a half cache lines, of which no cell touches a third.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(32))]
+struct Cell {
+    /// Unit vector in the camera frame; not a number outside the model's domain.
+    center: [f64; 3],
+    slopes: BearingSlopes,
 }
+
+/// Derivative of the pixel of a fixed bearing by each coefficient of the camera model, to second order about the centre of a large cell:
+/// the derivative there, its slopes along pixel x and y, and its second derivatives xx, xy and yy.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C, align(64))]
+pub struct CoefficientCell([ByCoefficient; 6]);
 
 /// How a bearing changes about the centre of a cell.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -65,9 +66,8 @@ pub struct BearingTable {
     size: (usize, usize),
     cell_columns: usize,
     plane: ImagePlane,
-    /// Unit vectors in the camera frame; not numbers outside the model's domain.
-    bearings: Vec<[f64; 3]>,
     cells: Vec<Cell>,
+    coefficient_cells: Vec<CoefficientCell>,
 }
 
 /// Column and row of a pixel in a table.
@@ -80,14 +80,21 @@ pub struct Spot {
 /// A place on the image.
 #[derive(Clone, Copy, Debug)]
 pub struct Place<'a> {
-    /// Bearing of the nearest pixel.
-    pub pixel_bearing: &'a [f64; 3],
-    /// The cell around that pixel.
-    pub cell: &'a Cell,
-    /// Where the place lies from the nearest pixel, in pixels.
-    pub beside_pixel: [f64; 2],
-    /// Where the place lies from the centre of the cell, in pixels.
-    pub beside_cell: [f64; 2],
+    /// Bearing at the centre of its cell.
+    pub center: &'a [f64; 3],
+    /// How the bearing changes from there.
+    pub slopes: &'a BearingSlopes,
+    /// Where the place lies from that centre, in pixels.
+    pub beside: [f64; 2],
+}
+
+/// Where the derivatives by the coefficients are expanded about.
+#[derive(Clone, Copy, Debug)]
+pub struct CoefficientPlace<'a> {
+    /// The large cell.
+    pub cell: &'a CoefficientCell,
+    /// From its centre to that of the cell of the bearing (px).
+    pub to_cell: [f32; 2],
 }
 
 /// Pixels beyond the sensor on each side.
@@ -96,6 +103,11 @@ const MARGIN: usize = 8;
 const CELL: usize = 4;
 /// From the first pixel of a cell to its centre.
 const CELL_CENTER: f64 = 0.5 * (CELL as f64 - 1.0);
+/// Of x³ / 6 over a cell, this share of x makes the largest rest smallest (Chebyshev); and of x² y / 2, where x² has its mean, of y.
+const ALONG: f64 = (CELL * CELL) as f64 / 32.0;
+const ACROSS: f64 = (CELL * CELL) as f64 / 24.0;
+/// Cells along the side of a large cell.
+const CELLS: usize = 3;
 /// fx, fy, cx, cy.
 const LINEAR_PARAMETERS: usize = 4;
 
@@ -103,47 +115,40 @@ impl Place<'_> {
     /// The bearing, to second order, and its derivative by pixel x and y.
     #[inline(always)]
     pub fn bearing(&self) -> ([f64; 3], [[f64; 3]; 2]) {
-        self.cell.slopes.bearing(*self.pixel_bearing, self.beside_pixel, self.beside_cell)
+        self.slopes.bearing(*self.center, self.beside)
     }
 }
 
 impl BearingSlopes {
-    /// The bearing, to second order, and its derivative by pixel x and y, `beside_pixel` from the pixel of `bearing` and
-    /// `beside_cell` from the centre of the cell.
+    /// The bearing, to second order, and its derivative by pixel x and y, `beside` the centre of the cell in pixels, where the bearing is
+    /// `center`.
     #[inline(always)]
-    pub fn bearing(
-        &self,
-        mut bearing: [f64; 3],
-        beside_pixel: [f64; 2],
-        beside_cell: [f64; 2],
-    ) -> ([f64; 3], [[f64; 3]; 2]) {
-        let [x, y] = beside_pixel;
-        // The derivative half-way to the pixel makes the step exact to second order.
-        let [half_x, half_y] = [beside_cell[0] - 0.5 * x, beside_cell[1] - 0.5 * y];
-        let mut by_pixel = [[0.0; 3]; 2];
+    pub fn bearing(&self, center: [f64; 3], beside: [f64; 2]) -> ([f64; 3], [[f64; 3]; 2]) {
+        let [x, y] = beside;
+        let (mut bearing, mut by_pixel) = (center, [[0.0; 3]; 2]);
         for axis in 0..3 {
             let (by_x, by_y) = (f64::from(self.by_pixel[0][axis]), f64::from(self.by_pixel[1][axis]));
             let [xx, xy, yy] = &self.by_pixel_twice;
             let (xx, xy, yy) = (f64::from(xx[axis]), f64::from(xy[axis]), f64::from(yy[axis]));
-            bearing[axis] += x * (by_x + half_x * xx + half_y * xy) + y * (by_y + half_x * xy + half_y * yy);
-            by_pixel[0][axis] = by_x + beside_cell[0] * xx + beside_cell[1] * xy;
-            by_pixel[1][axis] = by_y + beside_cell[0] * xy + beside_cell[1] * yy;
+            let (turn_x, turn_y) = (x * xx + y * xy, x * xy + y * yy);
+            bearing[axis] += x * (by_x + 0.5 * turn_x) + y * (by_y + 0.5 * turn_y);
+            by_pixel[0][axis] = by_x + turn_x;
+            by_pixel[1][axis] = by_y + turn_y;
         }
         (bearing, by_pixel)
     }
 }
 
 impl BearingTable {
-    /// Unprojects every pixel of a sensor of (width, height) pixels. The first parameters of all camera
+    /// Unprojects the centres of all cells of a sensor. The first parameters of all camera
     /// models are fx, fy, cx, cy, and act last: pixel = f · y + c with y of the bearing and the
     /// coefficients alone.
     pub fn new(camera: &Camera<f64>, sensor: Sensor) -> Self {
-        let extent = |length: u16| (usize::from(length) + 2 * MARGIN).next_multiple_of(CELL);
+        let extent = |length: u16| (usize::from(length) + 2 * MARGIN).next_multiple_of(CELLS * CELL);
         let size = (extent(sensor.width), extent(sensor.height));
         let middle = [f64::from(sensor.width) / 2.0 - 0.5, f64::from(sensor.height) / 2.0 - 0.5];
         let (cell_columns, cell_rows) = (size.0 / CELL, size.1 / CELL);
-        let bearings = bearings(camera, size.0, size.1);
-        let cells = cells(camera, cell_columns, cell_rows);
+        let (cells, coefficient_cells) = cells(camera, cell_columns, cell_rows);
         let parameters = camera.parameters();
         let parameter = |index: usize| parameters.get(index).copied().unwrap_or(1.0);
         let plane = ImagePlane {
@@ -152,7 +157,7 @@ impl BearingTable {
             middle,
             inverse_corner: 1.0 / (middle[0] * middle[0] + middle[1] * middle[1]),
         };
-        Self { size, cell_columns, plane, bearings, cells }
+        Self { size, cell_columns, plane, cells, coefficient_cells }
     }
 
     /// What counts at every place of the image.
@@ -180,34 +185,44 @@ impl BearingTable {
     /// Reads all that [`BearingTable::place_at`] refers to, so that it is in the cache afterwards. The number has no meaning.
     #[inline(always)]
     pub fn touch(&self, spot: Spot) -> f64 {
-        let (bearing, cell) = self.at(spot);
-        let [first, .., last] = bearing.copied().unwrap_or_default();
-        let of_cell = cell.map_or(0.0, |cell| {
-            let [x, y] = &cell.by_coefficient_slope;
-            cell.slopes.by_pixel[0][0] + cell.by_coefficient[1][0] + x[1][0] + y[1][0]
-        });
-        first + last + f64::from(of_cell)
+        self.cell(spot).map_or(0.0, |cell| cell.center[0] + f64::from(cell.slopes.by_pixel_twice[2][2]))
+    }
+
+    /// The same of [`BearingTable::coefficients`].
+    #[inline(always)]
+    pub fn touch_coefficients(&self, spot: Spot) -> f64 {
+        let place = self.coefficients(spot);
+        place.map_or(0.0, |place| place.cell.0.iter().map(|by_coefficient| f64::from(by_coefficient[0][0])).sum())
     }
 
     /// The place (x, y) in pixels, which is at `spot`; `None` outside the camera model's domain.
     #[inline(always)]
     pub fn place_at(&self, spot: Spot, x: f64, y: f64) -> Option<Place<'_>> {
-        let (bearing, cell) = self.at(spot);
-        let Spot { column, row } = spot;
-        let center = |index: u32| position(index as usize / CELL * CELL) + CELL_CENTER;
-        Some(Place {
-            pixel_bearing: bearing?,
-            cell: cell.filter(|cell| cell.is_known)?,
-            beside_pixel: [x - position(column as usize), y - position(row as usize)],
-            beside_cell: [x - center(column), y - center(row)],
-        })
+        let Cell { center, slopes } = self.cell(spot)?;
+        let middle = |index: u32| position(index as usize / CELL * CELL) + CELL_CENTER;
+        let beside = [x - middle(spot.column), y - middle(spot.row)];
+        (!center[0].is_nan()).then_some(Place { center, slopes, beside })
+    }
+
+    /// Where the derivatives by the coefficients at `spot` are expanded about.
+    #[inline(always)]
+    pub fn coefficients(&self, Spot { column, row }: Spot) -> Option<CoefficientPlace<'_>> {
+        let (column, row) = (column as usize / CELL, row as usize / CELL);
+        let index = row / CELLS * (self.cell_columns / CELLS) + column / CELLS;
+        let to_cell = [column, row].map(to_cell);
+        Some(CoefficientPlace { cell: self.coefficient_cells.get(index)?, to_cell })
     }
 
     #[inline(always)]
-    fn at(&self, Spot { column, row }: Spot) -> (Option<&[f64; 3]>, Option<&Cell>) {
-        let (column, row) = (column as usize, row as usize);
-        (self.bearings.get(row * self.size.0 + column), self.cells.get(row / CELL * self.cell_columns + column / CELL))
+    fn cell(&self, Spot { column, row }: Spot) -> Option<&Cell> {
+        self.cells.get(row as usize / CELL * self.cell_columns + column as usize / CELL)
     }
+}
+
+/// From the centre of a large cell to that of the cell in it with this column or row (px).
+#[inline(always)]
+fn to_cell(index: usize) -> f32 {
+    CELL as f32 * ((index % CELLS) as f32 - 0.5 * (CELLS as f32 - 1.0))
 }
 
 /// From the index of a column or row of the table to its pixel coordinate.
@@ -216,49 +231,8 @@ fn position(index: usize) -> f64 {
     index as f64 - MARGIN as f64
 }
 
-/// Nodes between which a bearing is interpolated, in each direction.
-const NODES: usize = 4;
-
-/// Unit vectors of all pixels of a table of `width` × `height`. One of sixteen is computed, the others are interpolated (error below a
-/// hundred-thousandth of a pixel); at the border of the model's domain all are computed.
-fn bearings(camera: &Camera<f64>, width: usize, height: usize) -> Vec<[f64; 3]> {
-    let exact = |x: f64, y: f64| camera.unproject(&Vector2::new(x, y)).map_or([f64::NAN; 3], Into::into);
-    // From one before the first pixel to two beyond the last.
-    let (columns, rows) = (width / CELL + NODES - 1, height / CELL + NODES - 1);
-    let node = |index: usize| (CELL * index) as f64 - (CELL + MARGIN) as f64;
-    let nodes: Vec<[f64; 3]> = (0..columns * rows)
-        .into_par_iter()
-        .with_min_len(256)
-        .map(|index| exact(node(index % columns), node(index / columns)))
-        .collect();
-    let weights: [[f64; NODES]; CELL] = std::array::from_fn(|step| cubic_weights(step as f64 / CELL as f64));
-    let between = |step: usize, nodes: [[f64; 3]; NODES]| -> [f64; 3] {
-        let weights = &weights[step];
-        std::array::from_fn(|axis| nodes.iter().zip(weights).map(|(node, weight)| weight * node[axis]).sum())
-    };
-    let of_row = |row: usize| {
-        let at_height = |column: usize| {
-            let nodes = std::array::from_fn(|index| nodes[(row / CELL + index) * columns + column]);
-            between(row % CELL, nodes)
-        };
-        let line: Vec<[f64; 3]> = (0..columns).map(at_height).collect();
-        let pixel = move |column: usize| {
-            let found = between(column % CELL, std::array::from_fn(|index| line[column / CELL + index]));
-            if found[0].is_nan() { exact(position(column), position(row)) } else { found }
-        };
-        (0..width).map(pixel).collect::<Vec<_>>()
-    };
-    (0..height).into_par_iter().flat_map_iter(of_row).collect()
-}
-
-/// Lagrange's weights of the values at −1, 0, 1 and 2 for the one at `t`, between 0 and 1.
-fn cubic_weights(t: f64) -> [f64; NODES] {
-    let (before, after, last) = (t + 1.0, t - 1.0, t - 2.0);
-    [-t * after * last / 6.0, before * after * last / 2.0, -before * t * last / 2.0, before * t * after / 6.0]
-}
-
-/// The cells of a table of `columns` × `rows` cells.
-fn cells(camera: &Camera<f64>, columns: usize, rows: usize) -> Vec<Cell> {
+/// The cells of a table of `columns` × `rows` cells, and the large cells.
+fn cells(camera: &Camera<f64>, columns: usize, rows: usize) -> (Vec<Cell>, Vec<CoefficientCell>) {
     let center = |column: usize, row: usize| {
         Vector2::new(position(CELL * column) + CELL_CENTER, position(CELL * row) + CELL_CENTER)
     };
@@ -271,6 +245,11 @@ fn cells(camera: &Camera<f64>, columns: usize, rows: usize) -> Vec<Cell> {
         let is_inside = column < columns && row < rows;
         centers.get(row * columns + column).filter(|_| is_inside)?.as_ref()
     };
+    // What is one pixel left and right of a centre, above and below it.
+    let around = |column: usize, row: usize| {
+        let beside = |x: f64, y: f64| Slopes::new(camera, center(column, row) + Vector2::new(x, y));
+        Some([[beside(-1.0, 0.0)?, beside(1.0, 0.0)?], [beside(0.0, -1.0)?, beside(0.0, 1.0)?]])
+    };
     let cell = |column: usize, row: usize| {
         let here = at(column, row)?;
         let neighbours = || {
@@ -279,21 +258,42 @@ fn cells(camera: &Camera<f64>, columns: usize, rows: usize) -> Vec<Cell> {
         };
         // At the border of the table or of the model's domain one is missing.
         neighbours().or_else(|| {
-            let beside = |x: f64, y: f64| Slopes::new(camera, center(column, row) + Vector2::new(x, y));
-            let (left, right) = (beside(-1.0, 0.0)?, beside(1.0, 0.0)?);
-            let (above, below) = (beside(0.0, -1.0)?, beside(0.0, 1.0)?);
+            let [[left, right], [above, below]] = around(column, row)?;
             Some(Cell::new(here, [&left, &right], [&above, &below], 1.0))
         })
     };
-    (0..columns * rows)
+    let coefficient_cell = |column: usize, row: usize| {
+        let whole = || {
+            let places = (0..CELLS * CELLS).map(|index| at(column + index % CELLS, row + index / CELLS));
+            let nine: Vec<&Slopes> = places.collect::<Option<_>>()?;
+            Some(CoefficientCell::between(nine.try_into().ok()?))
+        };
+        // At the border of the model's domain: as around a centre that is in it.
+        whole().or_else(|| {
+            let places = (0..CELLS * CELLS).map(|index| (column + index % CELLS, row + index / CELLS));
+            let (column, row, here) = places.clone().find_map(|(column, row)| Some((column, row, at(column, row)?)))?;
+            let [pair_x, pair_y] = around(column, row)?;
+            Some(CoefficientCell::about(here, &pair_x, &pair_y, [to_cell(column), to_cell(row)]))
+        })
+    };
+    let large_columns = columns / CELLS;
+    let found_cells = (0..columns * rows)
         .into_par_iter()
         .with_min_len(64)
-        .map(|index| cell(index % columns, index / columns).unwrap_or_default())
-        .collect()
+        .map(|index| cell(index % columns, index / columns).unwrap_or(Cell::OUTSIDE))
+        .collect();
+    let coefficient_cells = (0..large_columns * (rows / CELLS))
+        .into_par_iter()
+        .with_min_len(64)
+        .map(|index| coefficient_cell(CELLS * (index % large_columns), CELLS * (index / large_columns)))
+        .map(Option::unwrap_or_default)
+        .collect();
+    (found_cells, coefficient_cells)
 }
 
-/// Derivatives at one place.
+/// Bearing and derivatives at one place.
 struct Slopes {
+    bearing: [f64; 3],
     by_pixel: [[f64; 3]; 2],
     by_coefficient: ByCoefficient,
 }
@@ -302,25 +302,16 @@ impl Slopes {
     fn new(camera: &Camera<f64>, pixel: Vector2<f64>) -> Option<Self> {
         let unprojection = camera.unproject_with_jacobians(&pixel)?;
         let by_pixel = std::array::from_fn(|column| std::array::from_fn(|axis| unprojection.by_pixel[(axis, column)]));
-        Some(Self { by_pixel, by_coefficient: by_coefficient(&unprojection)? })
+        let by_coefficient = by_coefficient(&unprojection)?;
+        Some(Self { bearing: unprojection.bearing.into(), by_pixel, by_coefficient })
     }
 }
 
 impl Cell {
-    /// Derivative of a distance on the image by the coefficients, `beside` the centre of the cell, where `gradient` is its
-    /// derivative by the pixel of a fixed bearing.
-    #[inline(always)]
-    pub fn by_coefficients(&self, beside: [f32; 2], gradient: [f32; 2]) -> [f32; MAX_COEFFICIENTS] {
-        let [slope_x, slope_y] = &self.by_coefficient_slope;
-        let mut coefficients = [0.0; MAX_COEFFICIENTS];
-        for (index, coefficient) in coefficients.iter_mut().enumerate() {
-            let at = |row: usize| {
-                self.by_coefficient[row][index] + beside[0] * slope_x[row][index] + beside[1] * slope_y[row][index]
-            };
-            *coefficient = gradient[0] * at(0) + gradient[1] * at(1);
-        }
-        coefficients
-    }
+    const OUTSIDE: Self = Self {
+        center: [f64::NAN; 3],
+        slopes: BearingSlopes { by_pixel: [[0.0; 3]; 2], by_pixel_twice: [[0.0; 3]; 3] },
+    };
 
     /// The cell around `here`, from what is `distance` pixels left and right, above and below.
     fn new(here: &Slopes, [left, right]: [&Slopes; 2], [above, below]: [&Slopes; 2], distance: f64) -> Self {
@@ -329,22 +320,80 @@ impl Cell {
                 ((after.by_pixel[column][axis] - before.by_pixel[column][axis]) / (2.0 * distance)) as f32
             })
         };
-        let slope = |before: &Slopes, after: &Slopes| -> ByCoefficient {
-            std::array::from_fn(|row| {
-                std::array::from_fn(|index| {
-                    (after.by_coefficient[row][index] - before.by_coefficient[row][index]) / (2.0 * distance as f32)
-                })
+        // The slope that brings the bearing nearest to its place all over the cell, with what is beyond second order.
+        let slope = |column: usize, along: [&Slopes; 2], across: [&Slopes; 2]| -> [f32; 3] {
+            std::array::from_fn(|axis| {
+                let at = |slopes: &Slopes| slopes.by_pixel[column][axis];
+                let bend =
+                    |[before, after]: [&Slopes; 2]| (at(before) - 2.0 * at(here) + at(after)) / (distance * distance);
+                (at(here) + ALONG * bend(along) + ACROSS * bend(across)) as f32
             })
         };
         Self {
+            center: here.bearing,
             slopes: BearingSlopes {
-                by_pixel: here.by_pixel.map(|column| column.map(|value| value as f32)),
+                by_pixel: [slope(0, [left, right], [above, below]), slope(1, [above, below], [left, right])],
                 by_pixel_twice: [turn(left, right, 0), turn(left, right, 1), turn(above, below, 1)],
             },
-            is_known: true,
-            by_coefficient: here.by_coefficient,
-            by_coefficient_slope: [slope(left, right), slope(above, below)],
         }
+    }
+}
+
+impl CoefficientCell {
+    /// The large cell whose nine cells have these centres, row by row.
+    fn between(centers: [&Slopes; CELLS * CELLS]) -> Self {
+        let sum = |weights: [f32; CELLS * CELLS], distance: f32| {
+            combined(|row, index| {
+                let values = centers.iter().zip(weights);
+                values.map(|(center, weight)| weight * center.by_coefficient[row][index]).sum::<f32>() / distance
+            })
+        };
+        let (once, twice) = (2.0 * CELL as f32, (CELL * CELL) as f32);
+        Self([
+            sum([0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0], 1.0),
+            sum([0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0], once),
+            sum([0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0], once),
+            sum([0.0, 0.0, 0.0, 1.0, -2.0, 1.0, 0.0, 0.0, 0.0], twice),
+            sum([1.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0], 4.0 * twice),
+            sum([0.0, 1.0, 0.0, 0.0, -2.0, 0.0, 0.0, 1.0, 0.0], twice),
+        ])
+    }
+
+    /// The large cell from what is `here`, `beside` its centre, and one pixel left and right, above and below of there, to first order.
+    fn about(here: &Slopes, pair_x: &[Slopes; 2], pair_y: &[Slopes; 2], beside: [f32; 2]) -> Self {
+        let [x, y] = [pair_x, pair_y].map(|[before, after]| {
+            combined(|row, index| 0.5 * (after.by_coefficient[row][index] - before.by_coefficient[row][index]))
+        });
+        let center = combined(|row, index| {
+            here.by_coefficient[row][index] - beside[0] * x[row][index] - beside[1] * y[row][index]
+        });
+        let [xx, xy, yy] = [ByCoefficient::default(); 3];
+        Self([center, x, y, xx, xy, yy])
+    }
+}
+
+/// What `value` is for each row and coefficient.
+fn combined(value: impl Fn(usize, usize) -> f32) -> ByCoefficient {
+    std::array::from_fn(|row| std::array::from_fn(|index| value(row, index)))
+}
+
+impl CoefficientPlace<'_> {
+    /// Derivative of a distance on the image by the coefficients, `beside` the centre of the bearing's cell, where `gradient` is its
+    /// derivative by the pixel of a fixed bearing.
+    #[inline(always)]
+    pub fn by_coefficients(&self, beside: [f32; 2], gradient: [f32; 2]) -> [f32; MAX_COEFFICIENTS] {
+        let [x, y] = [beside[0] + self.to_cell[0], beside[1] + self.to_cell[1]];
+        let weights = [1.0, x, y, 0.5 * x * x, x * y, 0.5 * y * y];
+        let mut coefficients = [0.0; MAX_COEFFICIENTS];
+        for (row, gradient) in gradient.into_iter().enumerate() {
+            for (by_coefficient, weight) in self.cell.0.iter().zip(weights) {
+                let weight = gradient * weight;
+                for (coefficient, value) in coefficients.iter_mut().zip(by_coefficient[row]) {
+                    *coefficient += weight * value;
+                }
+            }
+        }
+        coefficients
     }
 }
 
@@ -378,7 +427,7 @@ mod tests {
                 let (bearing, by_pixel) = place.bearing();
                 for axis in 0..3 {
                     // A ten-thousandth of a pixel.
-                    assert!((bearing[axis] - exact.bearing[axis]).abs() < 3e-7, "{kind} {x} {y}");
+                    assert!((bearing[axis] - exact.bearing[axis]).abs() < 1e-4 / parameters[0], "{kind} {x} {y}");
                     for (column, derivative) in by_pixel.iter().enumerate() {
                         assert!((derivative[axis] - exact.by_pixel[(axis, column)]).abs() < 3e-6);
                     }
@@ -389,10 +438,9 @@ mod tests {
                     gradient[row] = 1.0;
                     let by_focal_length = table.plane().by_focal_length([x, y]);
                     let linear = [0, 1].map(|axis| gradient[axis] * by_focal_length[axis]);
-                    let coefficients = place.cell.by_coefficients(
-                        place.beside_cell.map(|value| value as f32),
-                        gradient.map(|value| value as f32),
-                    );
+                    let around = table.coefficients(table.spot(x, y).unwrap()).unwrap();
+                    let coefficients = around
+                        .by_coefficients(place.beside.map(|value| value as f32), gradient.map(|value| value as f32));
                     let linear = linear.into_iter().chain(gradient);
                     let found = linear.chain(coefficients.map(f64::from)).enumerate().take(parameters.len());
                     for (parameter, value) in found {

@@ -158,13 +158,8 @@ impl BoardEdges {
 pub enum NearestEdge {
     /// Among the rims of circles.
     Rims(CircleBoard),
-    /// Among lines.
-    Lines {
-        /// Where they are on the print.
-        places: SquareEdges,
-        /// The lines in the same order.
-        lines: Vec<Line>,
-    },
+    /// Among lines, which are at these places on the print.
+    Lines(SquareEdges),
 }
 
 impl NearestEdge {
@@ -172,11 +167,7 @@ impl NearestEdge {
     pub fn of_board(board: &Board) -> Self {
         match board {
             Board::Circles(circles) => Self::Rims(*circles),
-            Board::Squares(squares) => {
-                let places = SquareEdges::new(&squares.raster());
-                let lines = lines(&places, board.print_radius());
-                Self::Lines { places, lines }
-            }
+            Board::Squares(squares) => Self::Lines(SquareEdges::new(&squares.raster())),
         }
     }
 }

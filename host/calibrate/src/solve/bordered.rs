@@ -88,7 +88,7 @@ impl Part {
                 weight * corner[(free[row.max(column)], free[row.min(column)])]
             }),
             corner_gradient: DVector::from_fn(free.len(), |row, _| weight * equations.corner_gradient[free[row]]),
-            cost: weight * equations.cost,
+            cost: weight * equations.loss.cost,
         }
     }
 
@@ -157,7 +157,7 @@ pub fn event_parts(problem: &Problem, state: &State, offset: usize, weight: f64)
     let bearings = BearingTable::new(&state.camera, problem.sensor);
     let part = |(stretch, equations): &(Stretch, StretchEquations)| {
         let t = stretch.start(&problem.segments);
-        (Part::from_events(stretch.segment, t, equations, &free, offset, weight), equations.count)
+        (Part::from_events(stretch.segment, t, equations, &free, offset, weight), equations.loss.count)
     };
     // The equations of a stretch are large, and needed no longer than it takes to pick what is free.
     let of_group = |group: &[Stretch]| -> Vec<(Part, usize)> {

@@ -6,13 +6,13 @@
 
 use multiversion::multiversion;
 
-use super::bearing_table::{BearingSlopes, BearingTable, Cell, ImagePlane, Spot};
+use super::bearing_table::{BearingSlopes, BearingTable, CoefficientPlace, ImagePlane, Spot};
 use super::board_edge::{BoardEdge, BoardEdges, Line, Rim};
 use super::board_ray::{BoardRay, is_in_front};
 use super::board_surface::{BoardGround, BoardSurface};
 use super::event_row::step_to_edge;
 use super::pose_bin::PoseBin;
-use super::{BOARD_PARAMETERS, Problem, ResidualMeasure};
+use super::{BOARD_PARAMETERS, Problem};
 use crate::solve::event_bias::EdgePassage;
 use evcal_geometry::board::shape::BoardShape;
 
@@ -37,6 +37,19 @@ pub struct BatchEvent {
     pub edge: u16,
 }
 
+/// What events see.
+#[derive(Clone, Copy)]
+pub struct Scene<'a> {
+    /// The edges of the board.
+    pub edges: &'a BoardEdges,
+    /// The surface of the board.
+    pub ground: &'a BoardGround,
+    /// [`BoardShape::radius`] of the board.
+    pub radius: f64,
+    /// The metres on the board for each unit of the residual that all events share, where residuals are measured on the board.
+    pub mean_scale: Option<f64>,
+}
+
 /// Room for a batch.
 pub struct EdgeBatch<'a> {
     events: [BatchEvent; LANES],
@@ -44,7 +57,7 @@ pub struct EdgeBatch<'a> {
     rays: Rays,
     to_edge: StepsToEdge,
     edges: Edges,
-    cells: [Option<&'a Cell>; LANES],
+    cells: [Option<CoefficientPlace<'a>>; LANES],
     count: usize,
 }
 
@@ -55,7 +68,7 @@ struct Rays {
     /// Of a rim its centre; of a line its normal, offset and width.
     edge: [Lane; 4],
     bearing: [Lane; 3],
-    beside_pixel: [Lane; 2],
+    /// From the centre of the cell of the bearing table (px).
     beside_cell: [Lane; 2],
     by_pixel: [[SingleLane; 3]; 2],
     by_pixel_twice: [[SingleLane; 3]; 3],
@@ -90,6 +103,8 @@ pub struct Edges {
     narrowness: Lane,
     corner_share: Lane,
     acceleration: Lane,
+    /// How fast the pixel's ray slides along the edge (m/s).
+    pub sliding: Lane,
 }
 
 const NOTHING: Lane = [0.0; LANES];
@@ -110,6 +125,7 @@ impl Edges {
         narrowness: NOTHING,
         corner_share: NOTHING,
         acceleration: NOTHING,
+        sliding: NOTHING,
     };
 
     /// How the edge of an event passes its pixel.
@@ -130,7 +146,6 @@ impl Rays {
         pixel: [NOTHING; 2],
         edge: [NOTHING; 4],
         bearing: [NOTHING; 3],
-        beside_pixel: [NOTHING; 2],
         beside_cell: [NOTHING; 2],
         by_pixel: [[NOTHING_SINGLE; 3]; 2],
         by_pixel_twice: [[NOTHING_SINGLE; 3]; 3],
@@ -150,9 +165,9 @@ impl Rays {
         let [xx, xy, yy] = &self.by_pixel_twice;
         let slopes =
             BearingSlopes { by_pixel: [vector(x), vector(y)], by_pixel_twice: [vector(xx), vector(xy), vector(yy)] };
-        let moved = |beside: &[Lane; 2]| [beside[0][lane] + offset[0], beside[1][lane] + offset[1]];
+        let beside = [0, 1].map(|axis| self.beside_cell[axis][lane] + offset[axis]);
         let bearing = [self.bearing[0][lane], self.bearing[1][lane], self.bearing[2][lane]];
-        let (bearing, by_pixel) = slopes.bearing(bearing, moved(&self.beside_pixel), moved(&self.beside_cell));
+        let (bearing, by_pixel) = slopes.bearing(bearing, beside);
         (BoardRay::new(surface, pose, self.dt[lane], &bearing), by_pixel)
     }
 }
@@ -182,22 +197,40 @@ impl<'a> EdgeBatch<'a> {
         pose: &PoseBin,
         events: impl Iterator<Item = BatchEvent>,
     ) {
+        let ground = &BoardGround::of_problem(problem, shape);
+        let scene = Scene { edges: &problem.edges, ground, radius: shape.radius, mean_scale: problem.residual_scale() };
+        self.find_in::<true>(&scene, bearings, pose, events);
+    }
+
+    /// The same in a `scene`; only with `COEFFICIENTS` is it fetched how the places depend on the coefficients of the camera model.
+    #[inline(always)]
+    pub fn find_in<const COEFFICIENTS: bool>(
+        &mut self,
+        scene: &Scene,
+        bearings: &'a BearingTable,
+        pose: &PoseBin,
+        events: impl Iterator<Item = BatchEvent>,
+    ) {
         self.count = 0;
         let mut touched = 0.0;
         for (lane, event) in events.take(LANES).enumerate() {
             self.events[lane] = event;
-            self.spots[lane] = bearings.spot(event.pixel[0], event.pixel[1]);
+            let spot = bearings.spot(event.pixel[0], event.pixel[1]);
+            self.spots[lane] = spot;
             // The table is read at random. So short a loop has many reads under way at once; the next one would wait for each.
-            touched += self.spots[lane].map_or(0.0, |spot| bearings.touch(spot));
+            touched += spot.map_or(0.0, |spot| bearings.touch(spot));
+            if COEFFICIENTS {
+                touched += spot.map_or(0.0, |spot| bearings.touch_coefficients(spot));
+            }
             self.count = lane + 1;
         }
         std::hint::black_box(touched);
         for lane in 0..self.count {
-            self.take(lane, problem, bearings);
+            self.take(lane, scene, bearings);
         }
-        match &BoardGround::of_problem(problem, shape) {
-            BoardGround::Flat(surface) => self.find_on(surface, problem, shape, bearings.plane(), pose),
-            BoardGround::Shaped(surface) => self.find_on(surface, problem, shape, bearings.plane(), pose),
+        match scene.ground {
+            BoardGround::Flat(surface) => self.find_on(surface, scene, bearings.plane(), pose),
+            BoardGround::Shaped(surface) => self.find_on(surface, scene, bearings.plane(), pose),
         }
         for (lane, cell) in self.cells.iter_mut().take(self.count).enumerate() {
             let is_in_view = is_in_front(self.to_edge.depth[lane])
@@ -208,17 +241,10 @@ impl<'a> EdgeBatch<'a> {
     }
 
     #[inline(always)]
-    fn find_on<S: BoardSurface>(
-        &mut self,
-        surface: &S,
-        problem: &Problem,
-        shape: &BoardShape,
-        plane: &ImagePlane,
-        pose: &PoseBin,
-    ) {
-        match problem.edges {
-            BoardEdges::Rims(_) => self.find_edges::<S, Rim>(surface, problem, shape, plane, pose),
-            BoardEdges::Lines(_) => self.find_edges::<S, Line>(surface, problem, shape, plane, pose),
+    fn find_on<S: BoardSurface>(&mut self, surface: &S, scene: &Scene, plane: &ImagePlane, pose: &PoseBin) {
+        match scene.edges {
+            BoardEdges::Rims(_) => self.find_edges::<S, Rim>(surface, scene, plane, pose),
+            BoardEdges::Lines(_) => self.find_edges::<S, Line>(surface, scene, plane, pose),
         }
     }
 
@@ -226,20 +252,16 @@ impl<'a> EdgeBatch<'a> {
     fn find_edges<S: BoardSurface, E: LaneEdge>(
         &mut self,
         surface: &S,
-        problem: &Problem,
-        shape: &BoardShape,
+        scene: &Scene,
         plane: &ImagePlane,
         pose: &PoseBin,
     ) {
         let lanes = self.count.next_multiple_of(GROUP);
-        let radius = shape.radius;
-        match problem.residual {
-            ResidualMeasure::Pixel => {
-                steps_to_edge::<S, E>(&self.rays, surface, pose, radius, lanes, &mut self.to_edge);
-            }
-            ResidualMeasure::Plane => self.to_edge = StepsToEdge { depth: [1.0; LANES], pixels: [NOTHING; 2] },
+        let &Scene { radius, mean_scale, .. } = scene;
+        match mean_scale {
+            None => steps_to_edge::<S, E>(&self.rays, surface, pose, radius, lanes, &mut self.to_edge),
+            Some(_) => self.to_edge = StepsToEdge { depth: [1.0; LANES], pixels: [NOTHING; 2] },
         }
-        let mean_scale = problem.residual_scale();
         let view = EdgeView { pose, radius, plane, mean_scale };
         edges::<S, E>(&self.rays, surface, view, &self.to_edge, lanes, &mut self.edges);
     }
@@ -250,34 +272,35 @@ impl<'a> EdgeBatch<'a> {
     }
 
     /// For each event the cell of the bearing table where it is; `None` when its edge is not in view.
-    pub fn cells(&self) -> &[Option<&'a Cell>] {
+    pub fn cells(&self) -> &[Option<CoefficientPlace<'a>>] {
         self.cells.get(..self.count).unwrap_or_default()
     }
 
     #[inline(always)]
-    fn take(&mut self, lane: usize, problem: &Problem, bearings: &'a BearingTable) {
+    fn take(&mut self, lane: usize, scene: &Scene, bearings: &'a BearingTable) {
         let rays = &mut self.rays;
         let event = &self.events[lane];
-        let place = self.spots[lane].and_then(|spot| bearings.place_at(spot, event.pixel[0], event.pixel[1]));
-        let edge = match &problem.edges {
+        let place = self.spots[lane].and_then(|spot| {
+            Some((bearings.place_at(spot, event.pixel[0], event.pixel[1])?, bearings.coefficients(spot)?))
+        });
+        let edge = match scene.edges {
             BoardEdges::Rims(centers) => centers.get(usize::from(event.edge)).map(|&[x, y]| [x, y, 0.0, 0.0]),
             BoardEdges::Lines(lines) => lines.get(usize::from(event.edge)).map(Line::numbers),
         };
         self.cells[lane] = None;
-        let (Some(place), Some(edge)) = (place, edge) else { return };
-        self.cells[lane] = Some(place.cell);
+        let (Some((place, coefficients)), Some(edge)) = (place, edge) else { return };
+        self.cells[lane] = Some(coefficients);
         rays.dt[lane] = event.dt;
         let put = |lanes: &mut [Lane; 2], values: &[f64; 2]| {
             lanes.iter_mut().zip(values).for_each(|(lanes, value)| lanes[lane] = *value);
         };
         put(&mut rays.pixel, &event.pixel);
         rays.edge.iter_mut().zip(edge).for_each(|(lanes, value)| lanes[lane] = value);
-        put(&mut rays.beside_pixel, &place.beside_pixel);
-        put(&mut rays.beside_cell, &place.beside_cell);
-        for (lanes, value) in rays.bearing.iter_mut().zip(place.pixel_bearing) {
+        put(&mut rays.beside_cell, &place.beside);
+        for (lanes, value) in rays.bearing.iter_mut().zip(place.center) {
             lanes[lane] = *value;
         }
-        let BearingSlopes { by_pixel, by_pixel_twice } = &place.cell.slopes;
+        let BearingSlopes { by_pixel, by_pixel_twice } = place.slopes;
         let slopes = by_pixel.as_flattened().iter().chain(by_pixel_twice.as_flattened());
         let lanes = rays.by_pixel.as_flattened_mut().iter_mut().chain(rays.by_pixel_twice.as_flattened_mut());
         lanes.zip(slopes).for_each(|(lanes, slope)| lanes[lane] = *slope);
@@ -376,5 +399,6 @@ fn edges<S: BoardSurface, E: LaneEdge>(
         found.narrowness[lane] = passage.narrowness;
         found.corner_share[lane] = passage.corner_share;
         found.acceleration[lane] = passage.acceleration;
+        found.sliding[lane] = distance.sliding;
     }
 }

@@ -15,14 +15,12 @@
 
 use evcal_core::camera::MAX_PARAMETERS;
 
+use crate::solve::event_bias::EdgePassage;
 use crate::solve::event_bias::bias::Bias;
-use crate::solve::event_bias::{ClassBias, EdgePassage};
 
 use super::BOARD_PARAMETERS;
-use super::bearing_table::BearingTable;
 use super::board_edge::BoardEdge;
-use super::board_ray::{BoardRay, EdgeDistance, is_in_front};
-use super::board_surface::BoardSurface;
+use super::board_ray::EdgeDistance;
 use super::pose_bin::PoseBin;
 
 /// Length of a row: pose (rotation 3, translation 3), residual, intrinsics, board and biases of the class, each part at a
@@ -44,55 +42,6 @@ pub const fn row_bias(bias: Bias) -> usize {
 }
 const _: () = assert!(ROW_INTRINSICS + MAX_PARAMETERS <= ROW_BOARD && ROW_BOARD + BOARD_PARAMETERS <= ROW_BIASES);
 const _: () = assert!(ROW_BIASES + Bias::COUNT <= ROW);
-
-/// An event and where it looks.
-pub struct EventRay<S: BoardSurface> {
-    /// Column and row.
-    pub pixel: [f64; 2],
-    /// Its time after the centre of the bin (s).
-    pub dt: f64,
-    /// Its ray.
-    pub ray: BoardRay<S>,
-    /// How its bearing changes with column and row.
-    pub by_pixel: [[f64; 3]; 2],
-}
-
-/// An event's distance from the projected edge.
-#[derive(Clone, Copy)]
-pub struct EventEdge {
-    /// Signed distance in pixels, positive on the light side.
-    pub pixels: f64,
-    /// The board distance where derivatives are taken.
-    pub distance: EdgeDistance,
-    /// How the edge passes the pixel.
-    pub passage: EdgePassage,
-}
-
-impl EventEdge {
-    /// The `edge` of the print for an event; `None` when it is not in view there.
-    pub fn of_event<S: BoardSurface>(
-        bearings: &BearingTable,
-        pose: &PoseBin,
-        event: &EventRay<S>,
-        edge: impl BoardEdge,
-    ) -> Option<Self> {
-        let EventRay { pixel, dt, ray, by_pixel } = event;
-        let step = step_to_edge(&ray.edge_distance(pose, by_pixel, edge));
-        let at = [pixel[0] - step[0], pixel[1] - step[1]];
-        let (bearing, by_pixel) = bearings.place(at[0], at[1])?.bearing();
-        let ray = BoardRay::new(ray.surface(), pose, *dt, &bearing);
-        let distance = ray.edge_distance(pose, &by_pixel, edge);
-        let pixels = distance.beyond(step) / distance.scale;
-        let passage = EdgePassage::new(pose, &distance, bearings.plane().corner_share(at), edge);
-        (is_in_front(ray.depth()) && pixels.is_finite()).then_some(Self { pixels, distance, passage })
-    }
-
-    /// Distance in pixels from where the class's events are expected.
-    #[inline(always)]
-    pub fn from_expected(&self, bias: &ClassBias) -> f64 {
-        self.pixels - bias.distance(&self.passage)
-    }
-}
 
 impl EdgeDistance {
     /// Distance in metres of the event that is `step` pixels from here, to first order.
@@ -128,8 +77,10 @@ mod tests {
     use evcal_core::sensor::Sensor;
 
     use super::*;
+    use crate::solve::bearing_table::BearingTable;
     use crate::solve::board_edge::{BoardEdges, Line, Rim};
-    use crate::solve::board_surface::{BoardGround, FlatBoard};
+    use crate::solve::board_ray::{BoardRay, is_in_front};
+    use crate::solve::board_surface::{BoardGround, BoardSurface, FlatBoard};
     use crate::solve::edge_batch::{BatchEvent, EdgeBatch};
     use crate::solve::event_bias::bias::Biases;
     use crate::solve::event_bias::{CLASS_COUNT, unknown};
@@ -139,6 +90,49 @@ mod tests {
     use evcal_core::camera::{Camera, ModelKind};
     use evcal_geometry::board::shape::{BoardShape, CircleArea, Surface};
     use nalgebra::{Rotation3, Vector3};
+
+    /// An event and where it looks: what a batch computes of many, of one.
+    pub struct EventRay<S: BoardSurface> {
+        /// Column and row.
+        pub pixel: [f64; 2],
+        /// Its time after the centre of the bin (s).
+        pub dt: f64,
+        /// Its ray.
+        pub ray: BoardRay<S>,
+        /// How its bearing changes with column and row.
+        pub by_pixel: [[f64; 3]; 2],
+    }
+
+    /// An event's distance from the projected edge.
+    #[derive(Clone, Copy)]
+    pub struct EventEdge {
+        /// Signed distance in pixels, positive on the light side.
+        pub pixels: f64,
+        /// The board distance where derivatives are taken.
+        pub distance: EdgeDistance,
+        /// How the edge passes the pixel.
+        pub passage: EdgePassage,
+    }
+
+    impl EventEdge {
+        /// The `edge` of the print for an event; `None` when it is not in view there.
+        pub fn of_event<S: BoardSurface>(
+            bearings: &BearingTable,
+            pose: &PoseBin,
+            event: &EventRay<S>,
+            edge: impl BoardEdge,
+        ) -> Option<Self> {
+            let EventRay { pixel, dt, ray, by_pixel } = event;
+            let step = step_to_edge(&ray.edge_distance(pose, by_pixel, edge));
+            let at = [pixel[0] - step[0], pixel[1] - step[1]];
+            let (bearing, by_pixel) = bearings.place(at[0], at[1])?.bearing();
+            let ray = BoardRay::new(ray.surface(), pose, *dt, &bearing);
+            let distance = ray.edge_distance(pose, &by_pixel, edge);
+            let pixels = distance.beyond(step) / distance.scale;
+            let passage = EdgePassage::new(pose, &distance, bearings.plane().corner_share(at), edge);
+            (is_in_front(ray.depth()) && pixels.is_finite()).then_some(Self { pixels, distance, passage })
+        }
+    }
 
     const CENTER: [f64; 2] = [0.11, 0.165];
     const RADIUS: f64 = 0.0175;
@@ -227,8 +221,8 @@ mod tests {
         let mut rows = RowBatch::default();
         rows.set_class(0, &bias, 1.0);
         rows.weigh(batch.edges(), problem.huber, None, 1);
-        assert_eq!(rows.collect(batch.cells(), std::iter::once(0)).0, 1);
-        (rows.residual(0), rows.steps().0[0][0].map(f64::from))
+        assert_eq!(rows.collect(batch.cells(), std::iter::once(0)).count, 1);
+        (rows.residual(0), rows.rows().0[0])
     }
 
     /// Compares the row of an event `beside` pixels from an edge, the rim of the circle or the line, on a board of this `shape` with

@@ -180,6 +180,28 @@ impl Run {
         (self.events.len() < RUN).then_some(after)
     }
 
+    /// Keeps the events whose place in the order of thinning is below `places`.
+    fn thin_to(&mut self, places: u64) {
+        let mut stays = self.events.iter().map(|event| u64::from(event.place) < places);
+        self.kinds.retain(|_| stays.next().unwrap_or(false));
+        self.events.retain(|event| u64::from(event.place) < places);
+        self.events.shrink_to_fit();
+        self.kinds.shrink_to_fit();
+    }
+
+    /// By how much (µs) `other`, which follows it, starts later, where there is room for all its events.
+    fn room_for_all_of(&self, other: &Self) -> Option<u32> {
+        let later = u32::try_from(other.start.checked_sub(self.start)?).ok()?;
+        let last = other.events.last().map_or(0, |event| event.t);
+        (later.checked_add(last).is_some() && self.events.len() + other.events.len() <= RUN).then_some(later)
+    }
+
+    /// Adds the events of `other`, which starts so much `later` (µs).
+    fn append(&mut self, other: &Self, later: u32) {
+        self.events.extend(other.events.iter().map(|event| CompactEvent { t: event.t + later, ..*event }));
+        self.kinds.extend_from_slice(&other.kinds);
+    }
+
     /// Its events in order of time.
     pub fn events(&self) -> impl Iterator<Item = RankedEvent> + '_ {
         self.placed().map(|(event, _)| event)
@@ -221,9 +243,11 @@ impl Kept {
     }
 
     fn thin_to(&mut self, places: u64) {
-        for run in std::mem::take(&mut self.runs) {
-            for (event, place) in run.placed().filter(|(_, place)| u64::from(*place) < places) {
-                self.push(event, place);
+        for mut run in std::mem::take(&mut self.runs) {
+            run.thin_to(places);
+            match self.runs.last_mut().and_then(|last| Some((last.room_for_all_of(&run)?, last))) {
+                Some((later, last)) => last.append(&run, later),
+                None => self.runs.push(run),
             }
         }
     }

@@ -5,7 +5,7 @@ use super::bearing_table::BearingTable;
 use super::knot_choice::choose_knots;
 use super::left_out::{LeftOut, leave_out};
 use super::levenberg::{Solved, solve};
-use super::refinement::{RefinementError, RefinementInput, StageSettings, associate_all, problem};
+use super::refinement::{Associated, RefinementError, RefinementInput, StageSettings, associate_all, problem};
 use super::stretch::residuals_at;
 use super::system::System;
 use super::unexplained::unexplained;
@@ -36,11 +36,12 @@ pub fn follow<E: Send>(
 ) -> Result<Followed, RefinementError<E>> {
     let bearings = BearingTable::new(&state.camera, input.sensor);
     let associated = |state: &State| {
-        let (segments, association) = associate_all(input, state, &bearings, settings, true, 1.0, &mut |_| {})?;
+        let Associated { segments, report, .. } =
+            associate_all(input, state, &bearings, settings, true, 1.0, &mut |_| {})?;
         let mut problem = problem(input, settings, segments, state);
         problem.mean_scale = solved.mean_scale;
         leave_out(&mut problem, state, input.left_out);
-        Ok::<_, RefinementError<E>>((problem, association))
+        Ok::<_, RefinementError<E>>((problem, report))
     };
     let (first, _) = associated(&state)?;
     state = solve(&first, state)?.state;

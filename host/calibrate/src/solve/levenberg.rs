@@ -9,7 +9,7 @@ use super::bearing_table::BearingTable;
 use super::normal::StretchEquations;
 use super::smoothness::{Acceleration, accelerations};
 use super::stretch::{STRETCHES_TOGETHER, Stretch, linearise, stretches};
-use super::system::{Follows, PackedContribution, System};
+use super::system::System;
 use super::{BOARD_INDEX, GLOBAL_COUNT, Problem, SolveError, SolveReport, State, bias_index};
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Bias;
@@ -21,12 +21,18 @@ const SMALLEST_DAMPING: f64 = 1e-10;
 const LARGEST_DAMPING: f64 = 1e8;
 /// Iterations end when the cost falls by less than this share.
 const TOLERANCE: f64 = 1e-5;
+/// A step that promises to lower the cost by less than this share is made without a look at what it leads to: so near to the least cost
+/// the promise is kept.
+pub const TRUSTED: f64 = 8.0 * TOLERANCE;
+/// What an observation that falls out of the camera model's domain costs, in units of what an observation costs on average: it must not
+/// make a step look good.
+const LOST: f64 = 10.0;
 
 /// A solved problem.
 pub struct Solved {
     /// The solution.
     pub state: State,
-    /// The system there.
+    /// The system there, or one step before.
     pub system: System,
     /// How it went.
     pub report: SolveReport,
@@ -37,33 +43,36 @@ pub struct Solved {
 /// # Errors
 /// [`SolveError`] when there is nothing to solve from, or it does not determine the parameters.
 pub fn solve(problem: &Problem, state: State) -> Result<Solved, SolveError> {
-    solve_telling(problem, state, &mut |_| ControlFlow::Continue(()))
+    solve_telling(problem, state, TRUSTED, &mut |_| ControlFlow::Continue(()))
 }
 
-/// As [`solve`]; after each iteration but the last `tell` hears which part is done, 0 to 1, and may end it: the result is then
-/// that of the iterations so far.
+/// As [`solve`]; a step that promises to lower the cost by less than the share `trusted` is the last, and what it leads to is not looked at.
+/// After each iteration but the last `tell` hears which part is done, 0 to 1, and may end it: the result is then that of the iterations
+/// so far.
 ///
 /// # Errors
 /// As [`solve`].
 pub fn solve_telling(
     problem: &Problem,
     mut state: State,
+    trusted: f64,
     tell: &mut dyn FnMut(f64) -> ControlFlow<()>,
 ) -> Result<Solved, SolveError> {
     let stretches = stretches(&problem.segments);
     let free = problem.free.mask();
     let mut system = assemble(problem, &state, &stretches);
-    if system.count == 0 {
+    if system.loss.count == 0 {
         return Err(SolveError::NoObservations);
     }
     let mut report = SolveReport {
-        observations: system.count,
+        observations: system.loss.count,
         initial_cost: system.cost,
         final_cost: system.cost,
         ..SolveReport::default()
     };
     let mut damping = FIRST_DAMPING;
     let mut done = 0.0_f64;
+    let mut was_rejected = false;
     for _ in 0..problem.iterations {
         if report.iterations > 0 {
             done = done.max(report.iterations as f64 / problem.iterations as f64);
@@ -72,44 +81,45 @@ pub fn solve_telling(
             }
         }
         report.iterations += 1;
-        // Systems are large: there is one at a time, and that of a state is made again where a step from there was none.
-        let (cost, count) = (system.cost, system.count);
-        let step = match system.into_step(damping, &free) {
+        let (cost, count) = (system.cost, system.loss.count);
+        let step = match system.step(damping, &free) {
             Ok(step) => step,
             Err(_) if damping < LARGEST_DAMPING => {
-                system = assemble(problem, &state, &stretches);
                 damping *= 100.0;
                 continue;
             }
             Err(_) => return Err(SolveError::Singular),
         };
         let Some(trial) = moved(&state, &step.segments, &step.globals) else {
-            system = assemble(problem, &state, &stretches);
             damping *= 10.0;
             continue;
         };
-        system = assemble(problem, &trial, &stretches);
-        // Observations that fall out of the model's domain must not make a step look good.
-        let better = system.count >= count && system.cost < cost;
-        if !better {
-            drop(system);
-            system = assemble(problem, &state, &stretches);
+        if step.predicted < trusted * cost {
+            if !was_rejected {
+                (state, report.final_cost) = (trial, cost - step.predicted);
+            }
+            break;
+        }
+        let next = assemble(problem, &trial, &stretches);
+        let lost = LOST * cost / count as f64 * count.saturating_sub(next.loss.count) as f64;
+        if next.cost + lost >= cost {
             report.rejected += 1;
-            if damping > LARGEST_DAMPING || step.predicted < TOLERANCE * cost {
+            was_rejected = true;
+            if damping > LARGEST_DAMPING {
                 break;
             }
             damping = (damping * 30.0).max(1e-4);
             continue;
         }
-        let decrease = (cost - system.cost) / cost;
-        state = trial;
+        let decrease = (cost - next.cost) / cost;
+        (state, system, was_rejected) = (trial, next, false);
+        report.final_cost = system.cost;
         damping = (damping * 0.1).max(SMALLEST_DAMPING);
         if decrease < TOLERANCE {
             break;
         }
         done = done.max(settled(decrease, TOLERANCE));
     }
-    report.final_cost = system.cost;
     Ok(Solved { state, system, report })
 }
 
@@ -118,44 +128,6 @@ pub fn solve_telling(
 fn settled(decrease: f64, tolerance: f64) -> f64 {
     let share = decrease.ln() / tolerance.ln();
     if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 }
-}
-
-/// One Gauss-Newton step from `state`, which solves a problem that is nearly `problem`, towards the solution of this one.
-///
-/// # Errors
-/// [`SolveError::Singular`] when the observations do not determine the free parameters, or the camera model refuses the step.
-pub fn one_step(problem: &Problem, state: &State) -> Result<State, SolveError> {
-    step_in(assemble(problem, state, &stretches(&problem.segments)), problem, state)
-}
-
-/// As [`one_step`], with the covariance of the intrinsics before it, as [`intrinsics_covariance`] states it.
-///
-/// # Errors
-/// As [`one_step`].
-pub fn one_step_with_covariance(problem: &Problem, state: &State) -> Result<(State, DMatrix<f64>), SolveError> {
-    let system = assemble(problem, state, &stretches(&problem.segments));
-    let covariance = intrinsics_covariance(&system, &problem.free.mask(), state.camera.parameters().len())?;
-    Ok((step_in(system, problem, state)?, covariance))
-}
-
-fn step_in(system: System, problem: &Problem, state: &State) -> Result<State, SolveError> {
-    let step = system.into_step(FIRST_DAMPING, &problem.free.mask()).map_err(|_| SolveError::Singular)?;
-    moved(state, &step.segments, &step.globals).ok_or(SolveError::Singular)
-}
-
-/// Covariance of the first `count` parameters, the intrinsics, if observations were independent, from the `system` at a solution;
-/// rows and columns of parameters that are held are zero.
-///
-/// # Errors
-/// [`SolveError::Singular`] when the observations do not determine the free parameters.
-pub fn intrinsics_covariance(
-    system: &System,
-    free: &[bool; GLOBAL_COUNT],
-    count: usize,
-) -> Result<DMatrix<f64>, SolveError> {
-    let reduced = system.reduced(0.0, free).map_err(|_| SolveError::Singular)?;
-    let covariance = reduced.covariance(&reduced.places(free)).map_err(|_| SolveError::Singular)?;
-    Ok(intrinsics_of(&covariance, free, count))
 }
 
 /// A matrix over the free global parameters, or over the first of them, as one over the first `count`
@@ -186,18 +158,6 @@ pub fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> Syst
         system.add_jerks(segment, &jerks(trajectory), weights);
     }
     system
-}
-
-/// What each of `stretches` says of the global parameters that the control points are known to `follows`, in `problem` at `state`.
-pub fn contributions(
-    problem: &Problem,
-    state: &State,
-    follows: &Follows,
-    stretches: &[Stretch],
-) -> Vec<PackedContribution> {
-    let bearings = BearingTable::new(&state.camera, problem.sensor);
-    let groups = stretches.chunks(STRETCHES_TOGETHER);
-    groups.flat_map(|group| follows.contributions(&linearised(problem, state, &bearings, group))).collect()
 }
 
 /// The normal equations of each of `stretches` at `state`, whose camera's bearings are given.
@@ -255,7 +215,7 @@ mod tests {
     fn a_solve_tells_how_far_it_is_and_can_be_ended() {
         let (problem, state) = displaced();
         let mut told = Vec::new();
-        let whole = solve_telling(&problem, state.clone(), &mut |done| {
+        let whole = solve_telling(&problem, state.clone(), TRUSTED, &mut |done| {
             told.push(done);
             ControlFlow::Continue(())
         });
@@ -263,7 +223,7 @@ mod tests {
         assert!(whole.final_cost < 0.9 * whole.initial_cost, "{whole:?}");
         assert_eq!(told.len() + 1, whole.iterations);
         assert!(told.len() > 1 && told.is_sorted() && told[0] > 0.0 && told[told.len() - 1] <= 1.0, "{told:?}");
-        let ended = solve_telling(&problem, state, &mut |_| ControlFlow::Break(())).unwrap().report;
+        let ended = solve_telling(&problem, state, TRUSTED, &mut |_| ControlFlow::Break(())).unwrap().report;
         assert!(ended.iterations == 1 && ended.final_cost > whole.final_cost, "{ended:?}");
     }
 

@@ -14,6 +14,7 @@ use crate::solve::event_bias::bias::Bias;
 
 use super::control_band::Block;
 use super::event_row::{ROW_BOARD, ROW_INTRINSICS, ROW_RESIDUAL, row_bias};
+use super::loss::Loss;
 use super::pose_bin::PoseBin;
 use super::row_products::RowProducts;
 use super::{BOARD_INDEX, BOARD_PARAMETERS, GLOBAL_COUNT, bias_index};
@@ -50,10 +51,8 @@ pub struct StretchEquations {
     pub corner: Box<SMatrix<f64, GLOBAL_COUNT, GLOBAL_COUNT>>,
     /// Global gradient.
     pub corner_gradient: [f64; GLOBAL_COUNT],
-    /// Sum of ρ over the rows.
-    pub cost: f64,
-    /// Number of observations.
-    pub count: usize,
+    /// Loss of the observations.
+    pub loss: Loss,
 }
 
 impl StretchEquations {
@@ -67,8 +66,7 @@ impl StretchEquations {
             gradient: vec![[0.0; 6]; count],
             corner: Box::new(SMatrix::zeros()),
             corner_gradient: [0.0; GLOBAL_COUNT],
-            cost: 0.0,
-            count: 0,
+            loss: Loss::default(),
         }
     }
 

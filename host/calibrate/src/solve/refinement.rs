@@ -11,17 +11,17 @@ use evcal_core::settings::at_least;
 use serde::{Deserialize, Serialize};
 
 use crate::circles::reference_frame::PointObservation;
-use crate::solve::association::{AssociationContext, AssociationReport, AssociationSettings, Associator};
+use crate::solve::association::{AssociationContext, AssociationReport, AssociationSettings, Associator, Observed};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::board_edge::BoardEdges;
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::first_events::{common_delay, shift_clock};
-use crate::solve::event_bias::robust::{class_spreads, common_spread, shift_offsets};
+use crate::solve::event_bias::robust::{ClassResidual, class_spreads, common_spread, shift_offsets};
 use crate::solve::event_bias::{CLASS_COUNT, CLASSES_OF_LENGTH, EventBias, is_own_bias, is_shared_bias, unknown};
 use crate::solve::event_sample::RankedEvent;
 use crate::solve::knot_choice::{KnotReport, choose_knots};
 use crate::solve::left_out::{LeftOut, leave_out};
-use crate::solve::levenberg::{Solved, solve_telling};
+use crate::solve::levenberg::{Solved, TRUSTED, solve_telling};
 use crate::solve::observation::SegmentObservations;
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
 use crate::solve::stretch::{EventResidual, residuals_and_scale, residuals_at};
@@ -59,6 +59,15 @@ const SETTLED: f64 = 0.2;
 
 /// Most events in the rounds before the last.
 const EARLY_EVENTS: usize = 250_000;
+
+/// In the last round every so many events are solved first, then all of them: most of the way to the solution is made with few.
+const COARSE: usize = 4;
+
+/// A step that promises to lower the cost by less than this share ends a solve that another one with more events follows.
+const EARLY: f64 = 1e-3;
+
+/// The same for the solve that follows one with fewer events: it starts so near that the promise of its first step is kept.
+const AFTER_COARSE: f64 = 0.03;
 
 /// Spread of the events while it is not known (px).
 pub const FIRST_SIGMA: f64 = 0.5;
@@ -135,6 +144,8 @@ pub struct Refined {
     pub problem: Problem,
     /// Robust residual statistics of the last round.
     pub residuals: ResidualStatistics,
+    /// The residuals of the events there; empty once they were examined.
+    pub events: Vec<EventResidual>,
     /// Stretches that are not in the solve: those of the input, and those that no curve explains.
     pub left_out: Vec<LeftOut>,
     /// One report a round.
@@ -191,13 +202,16 @@ pub fn refine<E: Send>(
         let bearings = BearingTable::new(&state.camera, input.sensor);
         // An answer that it should end is heard at once after it.
         let mut associating = |done| _ = tell(ASSOCIATED * done);
-        let (segments, association) =
+        let Associated { segments, report: association, mut residuals, mut mean_scale } =
             associate_all(input, &state, &bearings, settings, !first, share, &mut associating)?;
         tell(ASSOCIATED).map_err(RefinementError::Read)?;
         kept_share = (association.kept as f64 / (association.events.max(1) as f64 * share)).clamp(1e-3, 1.0);
         let mut problem = problem(input, settings, segments, &state);
-        leave_out(&mut problem, &state, input.left_out);
-        let (residuals, mean_scale) = residuals_and_scale(&problem, &state, &bearings);
+        if !input.left_out.is_empty() || problem.residual == ResidualMeasure::Plane {
+            leave_out(&mut problem, &state, input.left_out);
+            let (events, scale) = residuals_and_scale(&problem, &state, &bearings);
+            (residuals, mean_scale) = (events.iter().map(EventResidual::of_class).collect(), scale);
+        }
         problem.mean_scale = mean_scale.unwrap_or(problem.mean_scale);
         let counts = class_counts(&problem);
         state.bias = updated_bias(&state, residuals, settings);
@@ -211,8 +225,10 @@ pub fn refine<E: Send>(
         problem.free.board = input.free_board;
         let intrinsics = problem.free.intrinsics.iter_mut().zip(input.held);
         intrinsics.for_each(|(free, held)| *free &= !held);
+        let is_large = final_round && counts.iter().sum::<usize>() > EARLY_EVENTS;
+        let mut coarse = is_large.then(|| problem.every(COARSE));
         let knots = (!first).then(|| {
-            let choice = choose_knots(&problem, &state, settings.knots);
+            let choice = choose_knots(coarse.as_ref().unwrap_or(&problem), &state, settings.knots);
             state.trajectories = choice.trajectories;
             problem.stiffness = choice.stiffness;
             choice.report
@@ -220,30 +236,43 @@ pub fn refine<E: Send>(
         let before = state.camera;
         tell(READY).map_err(RefinementError::Read)?;
         let solving = &mut |done| flow(tell(READY + (SOLVED - READY) * done));
-        let Solved { state: solved, mut system, report: solve_report } = solve_telling(&problem, state, solving)?;
+        let trusted = if let Some(mut coarse) = coarse.take() {
+            coarse.stiffness.clone_from(&problem.stiffness);
+            state = solve_telling(&coarse, state, EARLY, solving)?.state;
+            AFTER_COARSE
+        } else if final_round {
+            TRUSTED
+        } else {
+            EARLY
+        };
+        let Solved { state: solved, mut system, report: solve_report } =
+            solve_telling(&problem, state, trusted, solving)?;
         tell(SOLVED).map_err(RefinementError::Read)?;
         state = solved;
         let moved = difference(&before, &state.camera, input.sensor);
         let change = (moved.compared > 0).then_some(moved.root_mean_square);
         rounds.push(RoundReport { association, knots, solve: solve_report, change });
         if final_round {
-            let last = residuals_at(&problem, &state);
-            let (unexplained, mut residuals) =
-                rayon::join(|| unexplained(&problem, &state, &last), || residual_statistics(&problem, &state, &last));
-            let delay = (!has_points && knows_latencies(settings)).then(|| common_delay(&state.bias, &last));
-            drop(last);
+            let mut events = residuals_at(&problem, &state);
+            let (unexplained, mut residuals) = rayon::join(
+                || unexplained(&problem, &state, &events),
+                || residual_statistics(&problem, &state, &events),
+            );
+            let delay = (!has_points && knows_latencies(settings)).then(|| common_delay(&state.bias, &events));
             if !unexplained.is_empty() {
+                drop(events);
                 leave_out(&mut problem, &state, &unexplained);
                 let solving = &mut |done| flow(tell(SOLVED + (1.0 - SOLVED) * done));
-                Solved { state, system, .. } = solve_telling(&problem, state, solving)?;
+                Solved { state, system, .. } = solve_telling(&problem, state, TRUSTED, solving)?;
                 tell(1.0).map_err(RefinementError::Read)?;
-                residuals = residual_statistics(&problem, &state, &residuals_at(&problem, &state));
+                events = residuals_at(&problem, &state);
+                residuals = residual_statistics(&problem, &state, &events);
             }
             if let Some(delay) = delay {
                 shift_clock(&mut state.bias, &mut state.trajectories, delay);
             }
             let left_out = input.left_out.iter().chain(&unexplained).copied().collect();
-            return Ok((Refined { state, problem, residuals, left_out, rounds }, system));
+            return Ok((Refined { state, problem, residuals, events, left_out, rounds }, system));
         }
         last_early = change.is_some_and(|change| change < SETTLED);
     }
@@ -252,6 +281,18 @@ pub fn refine<E: Send>(
 /// Whether to go on after this answer.
 fn flow<E>(answer: Result<(), E>) -> ControlFlow<()> {
     if answer.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+}
+
+/// The events of all recordings as observations.
+pub(super) struct Associated {
+    /// Those of each trajectory.
+    pub(super) segments: Vec<SegmentObservations>,
+    /// What became of the events.
+    pub(super) report: AssociationReport,
+    /// The residuals of the events.
+    pub(super) residuals: Vec<ClassResidual>,
+    /// The mean of the metres on the board for each pixel across the edge, `None` without events.
+    pub(super) mean_scale: Option<f64>,
 }
 
 /// The events of all recordings, a `share` of 0 to 1 of each, as observations. `tell` hears which part was seen, 0 to 1.
@@ -263,9 +304,10 @@ pub(super) fn associate_all<E: Send>(
     sigma_known: bool,
     share: f64,
     tell: &mut dyn FnMut(f64),
-) -> Result<(Vec<SegmentObservations>, AssociationReport), RefinementError<E>> {
+) -> Result<Associated, RefinementError<E>> {
     let mut segments = vec![SegmentObservations::default(); state.trajectories.len()];
     let mut report = AssociationReport::default();
+    let (mut residuals, mut scale_sum) = (Vec::new(), 0.0);
     let (mut seen, total) = (0, input.events.as_ref().map_or(0, |events| events.counts.iter().sum::<u64>()));
     for (recording, &count, events) in input
         .events
@@ -281,7 +323,9 @@ pub(super) fn associate_all<E: Send>(
             tell((seen as f64 / (total as f64 * share)).min(1.0));
         };
         (events.read)(recording, share, take).map_err(RefinementError::Read)?;
-        let (found, part) = associator.finish();
+        let Observed { segments: found, residuals: of_events, scales, report: part } = associator.finish();
+        residuals.extend(of_events);
+        scale_sum += scales;
         report.add(&AssociationReport { events: count, thinned: count.saturating_sub(part.events), ..part });
         for (index, observations) in found {
             if let Some(segment) = segments.get_mut(index) {
@@ -292,7 +336,8 @@ pub(super) fn associate_all<E: Send>(
     for (segment, points) in segments.iter_mut().zip(&input.points) {
         segment.points.clone_from(points);
     }
-    Ok((segments, report))
+    let mean_scale = (!residuals.is_empty()).then(|| scale_sum / residuals.len() as f64);
+    Ok(Associated { segments, report, residuals, mean_scale })
 }
 
 pub(super) fn problem<E>(
@@ -323,7 +368,7 @@ pub(super) fn problem<E>(
 }
 
 /// Spread, and as a start the offset, of each class from the residuals at `state`.
-fn updated_bias(state: &State, mut residuals: Vec<EventResidual>, settings: StageSettings) -> EventBias {
+fn updated_bias(state: &State, mut residuals: Vec<ClassResidual>, settings: StageSettings) -> EventBias {
     let mut bias = state.bias;
     // The paper's residual knows no offsets.
     if settings.refinement.offsets && settings.solve.residual == ResidualMeasure::Pixel {

@@ -4,10 +4,11 @@ use evcal_core::camera::MAX_COEFFICIENTS;
 use multiversion::multiversion;
 
 use super::BOARD_PARAMETERS;
-use super::bearing_table::Cell;
+use super::bearing_table::CoefficientPlace;
 use super::edge_batch::{Edges, GROUP, LANES, Lane, SingleLane};
 use super::event_row::{ROW, ROW_BIASES, ROW_BOARD, ROW_COEFFICIENTS, ROW_INTRINSICS, ROW_RESIDUAL};
-use super::row_products::{Row, STEP};
+use super::loss::Loss;
+use super::row_products::{Row, single};
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::{ClassBias, expected_distance};
 use evcal_geometry::numerics::huber::huber;
@@ -39,11 +40,9 @@ pub struct RowBatch {
     classes: [u8; LANES],
     expected: Expected,
     weighed: Weighed,
-    /// Rows of one class, at most, in each step.
-    steps: [[Row; STEP]; LANES],
-    step_classes: [u8; LANES],
-    step: usize,
-    /// Rows in the last step.
+    rows: [Row; LANES],
+    row_classes: [u8; LANES],
+    /// Rows that are filled.
     filled: usize,
 }
 
@@ -56,8 +55,10 @@ struct Expected {
 /// What comes of it. Apart from what goes in, so that the compiler sees that they do not overlap.
 struct Weighed {
     costs: Lane,
+    weights: Lane,
     residuals: Lane,
-    parts: [SingleLane; PARTS],
+    /// Numbers that single precision holds.
+    parts: [Lane; PARTS],
     /// Derivative of the weighed residual by the pixel of a fixed bearing.
     by_pixel: [SingleLane; 2],
     beside_cell: [SingleLane; 2],
@@ -70,14 +71,14 @@ impl Default for RowBatch {
             expected: Expected { biases: [[0.0; LANES]; Bias::COUNT], sigma: [1.0; LANES] },
             weighed: Weighed {
                 costs: [0.0; LANES],
+                weights: [0.0; LANES],
                 residuals: [0.0; LANES],
                 parts: [[0.0; LANES]; PARTS],
                 by_pixel: [[0.0; LANES]; 2],
                 beside_cell: [[0.0; LANES]; 2],
             },
-            steps: [[[0.0; ROW]; STEP]; LANES],
-            step_classes: [0; LANES],
-            step: 0,
+            rows: [[0.0; ROW]; LANES],
+            row_classes: [0; LANES],
             filled: 0,
         }
     }
@@ -94,13 +95,12 @@ impl RowBatch {
 
     /// Weighs the first `count` lanes of `edges`. `mean_scale` is the unit of the residual where that is not the pixel.
     pub fn weigh(&mut self, edges: &Edges, huber: f64, mean_scale: Option<f64>, count: usize) {
-        (self.step, self.filled) = (0, 0);
+        self.filled = 0;
         weigh(&self.expected, edges, huber, mean_scale, count.next_multiple_of(GROUP), &mut self.weighed);
     }
 
-    /// Adds the rows of the events that have a cell; the `classes` are those of all events. How many there are and the sum of
-    /// their costs.
-    pub fn collect(&mut self, cells: &[Option<&Cell>], classes: impl Iterator<Item = u8>) -> (usize, f64) {
+    /// Adds the rows of the events that have a cell; the `classes` are those of all events. Returns the loss of these events.
+    pub fn collect(&mut self, cells: &[Option<CoefficientPlace>], classes: impl Iterator<Item = u8>) -> Loss {
         for (own, class) in self.classes.iter_mut().zip(classes) {
             *own = class;
         }
@@ -108,24 +108,17 @@ impl RowBatch {
     }
 
     #[inline(always)]
-    fn add(&mut self, lane: usize, cell: &Cell) {
-        let class = self.classes[lane];
-        if self.filled > 0 && (self.filled == STEP || self.step_classes[self.step] != class) {
-            (self.step, self.filled) = (self.step + 1, 0);
-        }
-        let Some(step) = self.steps.get_mut(self.step) else { return };
-        if self.filled == 0 {
-            *step = [[0.0; ROW]; STEP];
-            self.step_classes[self.step] = class;
-        }
-        let row = &mut step[self.filled];
+    fn add(&mut self, lane: usize, cell: &CoefficientPlace) {
+        let Some(row) = self.rows.get_mut(self.filled) else { return };
+        self.row_classes[self.filled] = self.classes[lane];
         self.filled += 1;
         for (lanes, place) in self.weighed.parts.iter().zip(PLACES) {
             row[place] = lanes[lane];
         }
         let lane_of = |lanes: &[SingleLane; 2]| [lanes[0][lane], lanes[1][lane]];
         let coefficients = cell.by_coefficients(lane_of(&self.weighed.beside_cell), lane_of(&self.weighed.by_pixel));
-        row[ROW_COEFFICIENTS..ROW_COEFFICIENTS + MAX_COEFFICIENTS].copy_from_slice(&coefficients);
+        let of_coefficients = &mut row[ROW_COEFFICIENTS..ROW_COEFFICIENTS + MAX_COEFFICIENTS];
+        of_coefficients.iter_mut().zip(coefficients).for_each(|(to, value)| *to = f64::from(value));
     }
 
     /// Distance of the event in a lane from where its class is expected (px).
@@ -133,24 +126,22 @@ impl RowBatch {
         self.weighed.residuals[lane]
     }
 
-    /// The rows that were added in steps of one class each, with empty ones among them, and the class of each step.
-    pub fn steps(&self) -> (&[[Row; STEP]], &[u8]) {
-        let count = self.step + usize::from(self.filled > 0);
-        (&self.steps[..count], &self.step_classes[..count])
+    /// The rows that were added, and their classes.
+    pub fn rows(&self) -> (&[Row], &[u8]) {
+        (&self.rows[..self.filled], &self.row_classes[..self.filled])
     }
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
-fn collect(batch: &mut RowBatch, cells: &[Option<&Cell>]) -> (usize, f64) {
-    let (mut count, mut cost) = (0, 0.0);
+fn collect(batch: &mut RowBatch, cells: &[Option<CoefficientPlace>]) -> Loss {
+    let mut loss = Loss::default();
     for (lane, cell) in cells.iter().take(LANES).enumerate() {
         if let Some(cell) = cell {
             batch.add(lane, cell);
-            count += 1;
-            cost += batch.weighed.costs[lane];
+            loss.add_observation(batch.weighed.costs[lane], batch.weighed.weights[lane]);
         }
     }
-    (count, cost)
+    loss
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
@@ -164,24 +155,25 @@ fn weigh(expected: &Expected, edges: &Edges, bound: f64, mean_scale: Option<f64>
         let weight = root_weight * inverse_sigma;
         let factor = weight / mean_scale.unwrap_or(edges.scale[lane]);
         weighed.costs[lane] = cost;
+        weighed.weights[lane] = root_weight * root_weight;
         weighed.residuals[lane] = residual;
         for axis in 0..3 {
-            weighed.parts[axis][lane] = (edges.by_rotation[axis][lane] * factor) as f32;
-            weighed.parts[3 + axis][lane] = (edges.by_translation[axis][lane] * factor) as f32;
-            weighed.parts[11 + axis][lane] = (edges.by_shape[axis][lane] * factor) as f32;
+            weighed.parts[axis][lane] = single(edges.by_rotation[axis][lane] * factor);
+            weighed.parts[3 + axis][lane] = single(edges.by_translation[axis][lane] * factor);
+            weighed.parts[11 + axis][lane] = single(edges.by_shape[axis][lane] * factor);
         }
-        weighed.parts[11 + BOARD_PARAMETERS - 1][lane] = -factor as f32;
-        weighed.parts[6][lane] = (residual * weight) as f32;
+        weighed.parts[11 + BOARD_PARAMETERS - 1][lane] = single(-factor);
+        weighed.parts[6][lane] = single(residual * weight);
         for axis in 0..2 {
             let by_pixel = -edges.by_pixel[axis][lane] * factor;
-            weighed.parts[7 + axis][lane] = (by_pixel * edges.by_focal_length[axis][lane]) as f32;
-            weighed.parts[9 + axis][lane] = by_pixel as f32;
+            weighed.parts[7 + axis][lane] = single(by_pixel * edges.by_focal_length[axis][lane]);
+            weighed.parts[9 + axis][lane] = single(by_pixel);
             weighed.by_pixel[axis][lane] = by_pixel as f32;
             weighed.beside_cell[axis][lane] = edges.beside_cell[axis][lane] as f32;
         }
         let derivatives = passage.derivatives();
         for (lanes, derivative) in weighed.parts[BIAS_PARTS..].iter_mut().zip(derivatives.as_array()) {
-            lanes[lane] = (-derivative * weight) as f32;
+            lanes[lane] = single(-derivative * weight);
         }
     }
 }

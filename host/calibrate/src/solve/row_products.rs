@@ -1,10 +1,11 @@
 //! Sums of outer products of rows.
 //!
 //! What concerns the pose is summed for each time bin, all else for a whole stretch; what concerns the biases of a class,
-//! for its events alone. Rows are in single precision, but not the sums: coefficients of a lens that hardly differ in what they do
-//! would be lost in their rounding.
+//! for its events alone. The numbers of rows are rounded to single precision, but not the sums: coefficients of a lens that hardly
+//! differ in what they do would be lost in their rounding.
 
 use multiversion::multiversion;
+use multiversion::target::target_cfg_f;
 
 use super::event_row::{ROW, ROW_BIASES};
 use crate::solve::event_bias::CLASS_COUNT;
@@ -14,11 +15,20 @@ use crate::solve::event_bias::bias::Bias;
 const POSE_COLUMNS: usize = 6;
 /// Lines that are summed for all classes alike: pose, residual, intrinsics.
 const COMMON: usize = ROW_BIASES;
-/// Rows that are added in one step: those of a class begin at a multiple of it, and empty rows fill the gaps.
-pub const STEP: usize = 4;
+/// Lines and columns whose sums are in registers while rows are added.
+const TILE_LINES: usize = 4;
+const TILE_COLUMNS: usize = 8;
+const _: () = assert!(COMMON.is_multiple_of(TILE_LINES) && COMMON.is_multiple_of(TILE_COLUMNS));
+const _: () = assert!(ROW.is_multiple_of(TILE_COLUMNS));
 
-/// A row of an event or a circle centre.
-pub type Row = [f32; ROW];
+/// A row of an event or a circle centre. All its numbers are such that single precision holds them ([`single`]).
+pub type Row = [f64; ROW];
+
+/// The nearest number that single precision holds.
+#[inline(always)]
+pub fn single(value: f64) -> f64 {
+    f64::from(value as f32)
+}
 
 /// Sums of outer products. Only what is at and left of the diagonal counts.
 pub struct RowProducts {
@@ -45,23 +55,22 @@ impl Default for RowProducts {
 
 impl RowProducts {
     /// Adds rows without biases.
-    pub fn add_without_biases(&mut self, rows: &[Row; STEP]) {
-        self.is_touched = true;
-        add_common(&mut self.common, std::array::from_ref(rows));
+    pub fn add_without_biases(&mut self, rows: &[Row]) {
+        self.is_touched |= !rows.is_empty();
+        add_common(&mut self.common, rows);
     }
 
-    /// Adds the rows of events; all rows of a step are of the class that stands in the same place in `classes`.
-    pub fn add(&mut self, steps: &[[Row; STEP]], classes: &[u8]) {
-        self.is_touched |= !steps.is_empty();
-        add_common(&mut self.common, steps);
-        let mut rest = steps;
+    /// Adds the rows of events, whose `classes` are in the same order.
+    pub fn add(&mut self, rows: &[Row], classes: &[u8]) {
+        self.add_without_biases(rows);
+        let mut rest = rows;
         for run in classes.chunk_by(|a, b| a == b) {
-            let (steps, later) = rest.split_at(run.len().min(rest.len()));
+            let (rows, later) = rest.split_at(run.len().min(rest.len()));
             rest = later;
             let class = run.first().map_or(0, |&class| usize::from(class));
             if let (Some(sums), Some(touched)) = (self.classes.get_mut(class), self.touched.get_mut(class)) {
                 *touched = true;
-                add_biases(sums, steps);
+                add_biases(sums, rows);
             }
         }
     }
@@ -80,41 +89,49 @@ impl RowProducts {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
-fn add_common(sums: &mut [[f64; COMMON]; COMMON], steps: &[[Row; STEP]]) {
-    for rows in steps {
-        // The part right of the diagonal is not needed, but shorter lines are not made vectors of.
-        add_lines::<0, COMMON, COMMON, COMMON>(sums, rows);
-    }
-}
-
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
-fn add_biases(sums: &mut [[f64; ROW]; Bias::COUNT], steps: &[[Row; STEP]]) {
-    for rows in steps {
-        add_lines::<ROW_BIASES, { ROW_BIASES + Bias::COUNT }, ROW, ROW>(sums, rows);
-    }
-}
-
-/// Adds the products of the lines from `FIRST` to `END` of `rows` with their first columns to `sums`.
-///
-/// Each element is a sum in the order of the rows, whatever the vector width, so that all machines get the same bits.
-#[inline(always)]
-fn add_lines<const FIRST: usize, const END: usize, const COLUMNS: usize, const WIDTH: usize>(
-    sums: &mut [[f64; WIDTH]],
-    rows: &[Row; STEP],
-) {
-    let mut wide = [[0.0; ROW]; STEP];
-    for (wide, row) in wide.iter_mut().zip(rows) {
-        wide.iter_mut().zip(row).for_each(|(wide, value)| *wide = f64::from(*value));
-    }
-    for (line, target) in (FIRST..END).zip(sums) {
-        for column in 0..COLUMNS {
-            let mut sum = target[column];
-            for row in &wide {
-                sum += row[line] * row[column];
-            }
-            target[column] = sum;
+#[multiversion(targets("x86_64+avx512f+avx512vl+fma", "x86_64+avx2+fma", "x86_64+avx"))]
+fn add_common(sums: &mut [[f64; COMMON]; COMMON], rows: &[Row]) {
+    const FUSED: bool = target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64"));
+    for first in (0..COMMON).step_by(TILE_LINES) {
+        // The part right of the diagonal is not needed.
+        for column in (0..first + TILE_LINES).step_by(TILE_COLUMNS) {
+            add_tile::<FUSED, TILE_LINES, COMMON>(&mut sums[first..first + TILE_LINES], first, column, rows);
         }
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+fma", "x86_64+avx2+fma", "x86_64+avx"))]
+fn add_biases(sums: &mut [[f64; ROW]; Bias::COUNT], rows: &[Row]) {
+    const FUSED: bool = target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64"));
+    for column in (0..ROW).step_by(TILE_COLUMNS) {
+        add_tile::<FUSED, { Bias::COUNT }, ROW>(sums, ROW_BIASES, column, rows);
+    }
+}
+
+/// Adds the products of `LINES` lines from `line` on of `rows` with the columns from `column` to `sums`.
+///
+/// Each element is a sum in the order of the rows, whatever the vector width. The product of two numbers of single precision is exact,
+/// so a `FUSED` multiplication and addition rounds as the two apart do: all machines get the same bits.
+#[inline(always)]
+fn add_tile<const FUSED: bool, const LINES: usize, const WIDTH: usize>(
+    sums: &mut [[f64; WIDTH]],
+    line: usize,
+    column: usize,
+    rows: &[Row],
+) {
+    let mut tile = [[0.0; TILE_COLUMNS]; LINES];
+    for (tile, sums) in tile.iter_mut().zip(sums.iter()) {
+        tile.copy_from_slice(&sums[column..column + TILE_COLUMNS]);
+    }
+    for row in rows {
+        for (factor, tile) in row[line..line + LINES].iter().zip(&mut tile) {
+            for (value, sum) in row[column..column + TILE_COLUMNS].iter().zip(tile) {
+                *sum = if FUSED { factor.mul_add(*value, *sum) } else { *sum + factor * value };
+            }
+        }
+    }
+    for (tile, sums) in tile.iter().zip(sums) {
+        sums[column..column + TILE_COLUMNS].copy_from_slice(tile);
     }
 }
 
@@ -124,18 +141,17 @@ mod tests {
 
     #[test]
     fn sums_are_those_of_all_rows_and_of_each_class() {
-        let count = 70;
-        let entry = |row: usize, place: usize| ((row * 31 + place * 17) % 23) as f32 - 11.0;
-        let steps: Vec<[Row; STEP]> = (0..count)
-            .map(|step| std::array::from_fn(|row| std::array::from_fn(|place| entry(STEP * step + row, place))))
-            .collect();
-        let class = |step: usize| if step < 40 { 2 } else { 5 };
+        let count = 271;
+        // Neither exact sums nor short numbers: the order of the sums and their rounding count.
+        let entry = |row: usize, place: usize| single(((row * 31 + place * 17) % 23) as f64 / 7.0 - 1.5);
+        let rows: Vec<Row> = (0..count).map(|row| std::array::from_fn(|place| entry(row, place))).collect();
+        let class = |row: usize| if row < 153 { 2 } else { 5 };
         let classes: Vec<u8> = (0..count).map(class).collect();
         let mut products = RowProducts::default();
-        products.add(&steps, &classes);
+        products.add(&rows, &classes);
         let sum = |line: usize, column: usize, of: Option<u8>| {
-            let wanted = (0..STEP * count).filter(|&row| of.is_none_or(|of| class(row / STEP) == of));
-            wanted.map(|row| f64::from(entry(row, line) * entry(row, column))).sum::<f64>()
+            let wanted = (0..count).filter(|&row| of.is_none_or(|of| class(row) == of));
+            wanted.fold(0.0, |sum, row| sum + entry(row, line) * entry(row, column))
         };
         for line in 0..COMMON {
             for column in 0..=line {

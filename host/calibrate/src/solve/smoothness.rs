@@ -19,6 +19,7 @@ const ACCELERATION: f64 = 100.0;
 const ANGULAR_ACCELERATION: f64 = 300.0;
 
 /// One acceleration in units of its σ, and its derivatives.
+#[derive(Clone, Copy, Debug)]
 pub struct Acceleration {
     /// First of the three control points.
     pub first: usize,

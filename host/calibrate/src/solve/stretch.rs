@@ -7,16 +7,18 @@ use rayon::prelude::*;
 
 use super::bearing_table::BearingTable;
 use super::edge_batch::{BatchEvent, EdgeBatch, LANES};
-use super::event_row::{ROW, ROW_RESIDUAL};
+use super::event_row::ROW_RESIDUAL;
+use super::loss::Loss;
 use super::normal::StretchEquations;
 use super::observation::{EventObservation, SegmentObservations};
 use super::point_row::point_rows;
 use super::pose_bin::PoseBin;
 use super::row_batch::RowBatch;
-use super::row_products::{RowProducts, STEP};
+use super::row_products::{RowProducts, single};
 use super::{Problem, State};
 use crate::circles::reference_frame::PointObservation;
 use crate::solve::event_bias::bias::Bias;
+use crate::solve::event_bias::robust::ClassResidual;
 use crate::solve::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
 use evcal_geometry::numerics::huber::huber;
 
@@ -95,7 +97,7 @@ pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stre
         equations.add_bin(&pose, &mut sums.products);
     }
     equations.add_globals(&sums.products);
-    (equations.cost, equations.count) = (sums.cost, sums.count);
+    equations.loss = sums.loss;
     equations
 }
 
@@ -104,10 +106,8 @@ pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stre
 pub struct BinSums<'a> {
     /// The products.
     pub products: RowProducts,
-    /// Sum of ρ over all rows.
-    pub cost: f64,
-    /// Number of observations.
-    pub count: usize,
+    /// Loss of all observations.
+    pub loss: Loss,
     batch: EdgeBatch<'a>,
     rows: RowBatch,
 }
@@ -132,11 +132,9 @@ impl<'a> BinSums<'a> {
             }
             self.rows.weigh(self.batch.edges(), problem.huber, problem.residual_scale(), part.len());
             let classes = part.iter().map(|event| class_of(event) as u8);
-            let (count, cost) = self.rows.collect(self.batch.cells(), classes);
-            self.count += count;
-            self.cost += cost;
-            let (steps, classes) = self.rows.steps();
-            self.products.add(steps, classes);
+            self.loss.add(&self.rows.collect(self.batch.cells(), classes));
+            let (rows, classes) = self.rows.rows();
+            self.products.add(rows, classes);
         }
     }
 
@@ -148,12 +146,8 @@ impl<'a> BinSums<'a> {
         let Some(rows) = rows else { return };
         let error = rows[0][ROW_RESIDUAL].hypot(rows[1][ROW_RESIDUAL]) * inverse_sigma;
         let (cost, root_weight) = huber(error, problem.huber);
-        let mut weighed = [[0.0; ROW]; STEP];
-        for (to, value) in weighed.iter_mut().flatten().zip(rows.iter().flatten()) {
-            *to = (value * root_weight * inverse_sigma) as f32;
-        }
-        self.cost += cost;
-        self.count += 1;
+        let weighed = rows.map(|row| row.map(|value| single(value * root_weight * inverse_sigma)));
+        self.loss.add_observation(cost, root_weight * root_weight);
         self.products.add_without_biases(&weighed);
     }
 }
@@ -203,6 +197,13 @@ pub struct EventResidual {
     pub distance: f32,
     /// Distance from where the model puts the event (px).
     pub residual: f32,
+}
+
+impl EventResidual {
+    /// What of it concerns the event's class.
+    pub fn of_class(&self) -> ClassResidual {
+        ClassResidual { class: self.class, speed_range: self.speed_range, residual: self.residual }
+    }
 }
 
 /// The residuals of all events, in their order.
@@ -363,8 +364,8 @@ pub(crate) mod tests {
         let mut equations = linearised(problem, state, &bearings, &stretches(&problem.segments));
         assert_eq!(equations.len(), 1);
         let (_, equations) = equations.remove(0);
-        assert_eq!(equations.count, problem.segments[0].events.len());
-        (equations.cost, equations)
+        assert_eq!(equations.loss.count, problem.segments[0].events.len());
+        (equations.loss.cost, equations)
     }
 
     /// Events of a known camera, and where it is; the cost is a parabola.

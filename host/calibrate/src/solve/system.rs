@@ -5,9 +5,10 @@ use rayon::prelude::*;
 
 use super::control_band::{Block, NotPositiveDefinite, banded_times, factored, mean_diagonal};
 use super::eliminated::{ControlCovariance, Eliminated, Following};
+use super::loss::Loss;
 use super::normal::{BorderBlock, StretchEquations};
 use super::smoothness::Acceleration;
-use super::stiffness::add_jerk;
+use super::stiffness::{Stiffness, add_jerk};
 use super::stretch::Stretch;
 use super::{GLOBAL_COUNT, places};
 use crate::trajectory::jerk::Jerk;
@@ -31,10 +32,10 @@ pub struct System {
     pub segments: Vec<SegmentSystem>,
     corner: DMatrix<f64>,
     corner_gradient: DVector<f64>,
-    /// Sum of ρ over all observations.
+    /// Sum of ρ over all observations, and of what holds the trajectories.
     pub cost: f64,
-    /// Number of observations.
-    pub count: usize,
+    /// Loss of the observations.
+    pub loss: Loss,
 }
 
 /// A step of all parameters.
@@ -108,19 +109,12 @@ impl PackedContribution {
 impl System {
     /// An empty system of segments with `control_points` control points each.
     pub fn new(control_points: &[usize]) -> Self {
-        let empty = |&count: &usize| SegmentSystem {
-            order: 1,
-            blocks: vec![Block::zeros(); count],
-            border: vec![[[0.0; GLOBAL_COUNT]; 6]; count],
-            gradient: vec![[0.0; 6]; count],
-            scale: 0.0,
-        };
         Self {
-            segments: control_points.iter().map(empty).collect(),
+            segments: control_points.iter().map(|&count| SegmentSystem::new(count, 1)).collect(),
             corner: DMatrix::zeros(GLOBAL_COUNT, GLOBAL_COUNT),
             corner_gradient: DVector::zeros(GLOBAL_COUNT),
             cost: 0.0,
-            count: 0,
+            loss: Loss::default(),
         }
     }
 
@@ -130,28 +124,17 @@ impl System {
             let Some(segment) = self.segments.get_mut(stretch.segment) else { continue };
             let order = equations.order;
             if segment.order != order && !equations.border.is_empty() {
-                segment.order = order;
-                segment.blocks = vec![Block::zeros(); segment.border.len() * order];
+                *segment = SegmentSystem::new(segment.border.len(), order);
             }
-            let blocks = segment.blocks.iter_mut().skip(equations.first * order);
-            blocks.zip(&equations.blocks).for_each(|(sum, block)| *sum += block);
-            let border = segment.border.iter_mut().skip(equations.first);
-            for (sum, part) in border.zip(&equations.border) {
-                let pairs = sum.iter_mut().flatten().zip(part.iter().flatten());
-                pairs.for_each(|(sum, part)| *sum += part);
-            }
-            let gradient = segment.gradient.iter_mut().skip(equations.first);
-            for (sum, part) in gradient.zip(&equations.gradient) {
-                sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
-            }
+            segment.add(equations, equations.first);
             for column in 0..GLOBAL_COUNT {
                 for row in column..GLOBAL_COUNT {
                     self.corner[(row, column)] += equations.corner[(row, column)];
                 }
                 self.corner_gradient[column] += equations.corner_gradient[column];
             }
-            self.cost += equations.cost;
-            self.count += equations.count;
+            self.cost += equations.loss.cost;
+            self.loss.add(&equations.loss);
         }
     }
 
@@ -185,21 +168,35 @@ impl System {
         }
     }
 
-    /// Solves the system damped by `damping` (relative to the diagonal) for the free parameters. Takes the system, for what it is
-    /// made into is as large.
-    pub fn into_step(self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Step, NotPositiveDefinite> {
-        let gradients: Vec<Vec<[f64; 6]>> = self.segments.iter().map(|segment| segment.gradient.clone()).collect();
-        let corner_gradient = self.corner_gradient.clone();
-        let Reduced { free, segments: eliminated, schur, right } = self.into_reduced(damping, free)?;
+    /// The step of the free parameters, damped by `damping` (relative to the diagonal). A step with hardly any damping is lengthened
+    /// as the loss requires ([`Loss::lengthening`]).
+    pub fn step(&self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Step, NotPositiveDefinite> {
+        let Reduced { free, segments: eliminated, schur, right } = self.reduced(damping, free)?;
         let factor = schur.cholesky().ok_or(NotPositiveDefinite)?;
+        let length = if damping <= SMALL_DAMPING { self.loss.lengthening() } else { 1.0 };
         let reduced = factor.solve(&right);
         let mut globals = vec![0.0; GLOBAL_COUNT];
         for (&global, value) in free.iter().zip(reduced.iter()) {
-            globals[global] = *value;
+            globals[global] = length * value;
         }
-        let segments: Vec<Vec<f64>> = eliminated.iter().map(|part| part.back_substitute(&reduced)).collect();
-        let predicted = predicted_decrease(&gradients, &corner_gradient, &segments, &globals);
+        let of_segment = |part: &Eliminated| {
+            let mut step = part.back_substitute(&reduced);
+            step.iter_mut().for_each(|value| *value *= length);
+            step
+        };
+        let segments: Vec<Vec<f64>> = eliminated.iter().map(of_segment).collect();
+        let predicted = self.predicted_decrease(&segments, &globals);
         Ok(Step { segments, globals, predicted })
+    }
+
+    /// −gᵀδ − ½ δᵀHδ for a step δ of the control points of each segment and the global parameters, with Hδ = −g: half of −gᵀδ.
+    fn predicted_decrease(&self, segments: &[Vec<f64>], globals: &[f64]) -> f64 {
+        let mut sum = 0.0;
+        for (segment, step) in self.segments.iter().zip(segments) {
+            sum += segment.gradient.iter().flatten().zip(step).map(|(g, s)| g * s).sum::<f64>();
+        }
+        sum += self.corner_gradient.iter().zip(globals).map(|(g, s)| g * s).sum::<f64>();
+        -0.5 * sum
     }
 
     /// The system, damped by `damping`, without its control points; of the global parameters those that are `free`.
@@ -219,20 +216,14 @@ impl System {
     }
 }
 
-/// −gᵀδ − ½ δᵀHδ, using Hδ = −g − damping·Dδ: for small damping half of −gᵀδ. Gradients of the control points of each segment and of
-/// the global parameters.
-fn predicted_decrease(
-    gradients: &[Vec<[f64; 6]>],
-    corner_gradient: &DVector<f64>,
-    segments: &[Vec<f64>],
-    globals: &[f64],
-) -> f64 {
-    let mut sum = 0.0;
-    for (gradient, step) in gradients.iter().zip(segments) {
-        sum += gradient.iter().flatten().zip(step).map(|(g, s)| g * s).sum::<f64>();
-    }
-    sum += corner_gradient.iter().zip(globals).map(|(g, s)| g * s).sum::<f64>();
-    -0.5 * sum
+/// What holds the trajectory of a segment beside its observations.
+pub struct Holds<'a> {
+    /// Accelerations of its control points.
+    pub accelerations: Vec<Acceleration>,
+    /// Its jerks.
+    pub jerks: Vec<Jerk>,
+    /// What these weigh.
+    pub stiffness: &'a Stiffness,
 }
 
 /// A system without its control points.
@@ -335,7 +326,55 @@ impl Follows {
     }
 }
 
+/// Up to this damping a step is one of Gauss and Newton.
+const SMALL_DAMPING: f64 = 1e-5;
+
 impl SegmentSystem {
+    /// An empty one of `count` control points, `order` of which act together.
+    fn new(count: usize, order: usize) -> Self {
+        Self {
+            order,
+            blocks: vec![Block::zeros(); count * order],
+            border: vec![[[0.0; GLOBAL_COUNT]; 6]; count],
+            gradient: vec![[0.0; 6]; count],
+            scale: 0.0,
+        }
+    }
+
+    /// Adds equations of the same order whose first control point has the number `at` here.
+    fn add(&mut self, equations: &StretchEquations, at: usize) {
+        let blocks = self.blocks.iter_mut().skip(at * self.order);
+        blocks.zip(&equations.blocks).for_each(|(sum, block)| *sum += block);
+        for (sum, part) in self.border.iter_mut().skip(at).zip(&equations.border) {
+            let pairs = sum.iter_mut().flatten().zip(part.iter().flatten());
+            pairs.for_each(|(sum, part)| *sum += part);
+        }
+        for (sum, part) in self.gradient.iter_mut().skip(at).zip(&equations.gradient) {
+            sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+        }
+    }
+
+    /// The equations of stretches of one segment, with what `holds` its trajectory between their control points; `None` without any.
+    pub fn of_stretches(stretches: &[(Stretch, StretchEquations)], holds: &Holds) -> Option<Self> {
+        let concerned = || stretches.iter().map(|(_, equations)| equations).filter(|one| !one.border.is_empty());
+        let first = concerned().map(|one| one.first).min()?;
+        let end = concerned().map(|one| one.first + one.control_point_count()).max()?;
+        let mut segment = Self::new(end - first, concerned().next()?.order);
+        concerned().for_each(|equations| segment.add(equations, equations.first - first));
+        segment.scale = mean_diagonal(&segment.blocks, segment.order);
+        let (blocks, gradient) = (&mut segment.blocks, &mut segment.gradient);
+        for acceleration in holds.accelerations.iter().filter(|one| one.first >= first && one.first + 3 <= end) {
+            Acceleration { first: acceleration.first - first, ..*acceleration }.add_to(segment.order, blocks, gradient);
+        }
+        if segment.order > 3 {
+            let jerks = holds.jerks.iter().zip(holds.stiffness);
+            for (jerk, weights) in jerks.filter(|(jerk, _)| jerk.first >= first && jerk.first + 4 <= end) {
+                add_jerk(&Jerk { first: jerk.first - first, ..*jerk }, *weights, segment.order, blocks, gradient);
+            }
+        }
+        Some(segment)
+    }
+
     /// The matrix of the control points times `columns`, one vector of six a control point.
     pub fn times(&self, columns: &[[f64; 6]]) -> Vec<[f64; 6]> {
         let mut product = vec![[0.0; 6]; columns.len()];
@@ -360,7 +399,7 @@ impl SegmentSystem {
     }
 
     /// Its control points eliminated, damped by `damping`, from the global parameters that are `free`.
-    fn eliminated(&self, damping: f64, free: &[usize]) -> Result<Eliminated, NotPositiveDefinite> {
+    pub fn eliminated(&self, damping: f64, free: &[usize]) -> Result<Eliminated, NotPositiveDefinite> {
         let factor = factored(&self.blocks, self.order, damping, self.scale)?;
         Ok(Eliminated::new(factor, self.order, &self.border, &self.gradient, free))
     }

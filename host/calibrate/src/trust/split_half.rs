@@ -5,19 +5,23 @@
 //! by what the stated uncertainty of both says, and each should explain the other half's events about as well
 //! as that half's own camera does (with the trajectory free in both cases).
 //!
-//! The common result is so near to that of each half that two Gauss-Newton steps lead there: with the robust loss, one is some
-//! 10 % short. More would only move the trajectory where a half has no events and nothing but its smoothness holds it.
+//! The common result is so near to that of each half that one step of Newton leads there, and the equations at the common result
+//! tell the rest: no event is looked at once more for the halves.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use crate::solve::levenberg::{
-    Solved, intrinsics_covariance, intrinsics_of, one_step, one_step_with_covariance, solve,
-};
-use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
-use crate::solve::stretch::residuals_at;
-use crate::solve::{FreeParameters, GLOBAL_COUNT, Problem, SolveError, State};
+use crate::solve::half::{Half, SolvedHalf};
+use crate::solve::levenberg::intrinsics_of;
+use crate::solve::normal::StretchEquations;
+use crate::solve::observation::SegmentObservations;
+use crate::solve::smoothness::accelerations;
+use crate::solve::stiffness::Stiffness;
+use crate::solve::stretch::{EventResidual, Stretch, point_residuals};
+use crate::solve::system::Holds;
+use crate::solve::{GLOBAL_COUNT, Problem, State};
+use crate::trajectory::jerk::jerks;
 use crate::trust::uncertainty::parts::CovarianceParts;
 use crate::trust::uncertainty::projection::projection_uncertainty;
 use evcal_geometry::lens::camera_file::CameraDescription;
@@ -61,41 +65,160 @@ impl SplitHalf {
     }
 }
 
-/// Halves `problem`, which `state` solves, and compares; `parts` say where the covariance of the whole comes from. `None` when there is
-/// too little to halve.
-pub fn split_half(problem: &Problem, state: &State, parts: &CovarianceParts) -> Option<SplitHalf> {
-    let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
-    if total < SLICE * FEWEST_SLICES {
-        return None;
+/// The number of the slice in which time `t` (s) lies.
+fn slice(t: f64) -> i64 {
+    (t / SLICE).floor() as i64
+}
+
+/// Segment and slice of a stretch.
+fn slice_of(stretch: &Stretch, segments: &[SegmentObservations]) -> (usize, i64) {
+    (stretch.segment, slice(stretch.start(segments)))
+}
+
+/// Cuts `stretches` into groups of at least `size`, without cutting a slice.
+pub fn groups<'a>(stretches: &'a [Stretch], segments: &[SegmentObservations], size: usize) -> Vec<&'a [Stretch]> {
+    let mut groups = Vec::new();
+    let mut rest = stretches;
+    let mut count = 0;
+    for of_slice in stretches.chunk_by(|a, b| slice_of(a, segments) == slice_of(b, segments)) {
+        count += of_slice.len();
+        if count >= size {
+            let (group, later) = rest.split_at(count);
+            groups.push(group);
+            (rest, count) = (later, 0);
+        }
     }
-    let halves = [0, 1].map(|parity| half(problem, parity));
-    let [first, second] = [solved(&halves[0], state).ok()?, solved(&halves[1], state).ok()?];
+    if !rest.is_empty() {
+        groups.push(rest);
+    }
+    groups
+}
+
+/// The equations of both halves.
+pub struct Halves<'a> {
+    segments: &'a [SegmentObservations],
+    holds: Vec<Holds<'a>>,
+    halves: [Half; 2],
+    is_determined: bool,
+}
+
+impl<'a> Halves<'a> {
+    /// Empty ones of `problem`, which `state` solves; `None` where there is too little to halve.
+    pub fn new(problem: &'a Problem, state: &State) -> Option<Self> {
+        const NOT_STIFF: &Stiffness = &Stiffness::new();
+        let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
+        let holds = state.trajectories.iter().enumerate().map(|(segment, trajectory)| Holds {
+            accelerations: accelerations(trajectory),
+            jerks: jerks(trajectory),
+            stiffness: problem.stiffness.get(segment).unwrap_or(NOT_STIFF),
+        });
+        let free = problem.free.mask();
+        (total >= SLICE * FEWEST_SLICES).then(|| Self {
+            segments: &problem.segments,
+            holds: holds.collect(),
+            halves: [Half::new(&free), Half::new(&free)],
+            is_determined: true,
+        })
+    }
+
+    /// Adds a group of [`groups`].
+    pub fn add(&mut self, equations: &[(Stretch, StretchEquations)]) {
+        let slice = |(stretch, _): &(Stretch, StretchEquations)| slice_of(stretch, self.segments);
+        for of_slice in equations.chunk_by(|a, b| slice(a) == slice(b)) {
+            let Some((segment, number)) = of_slice.first().map(slice) else { continue };
+            let Some(holds) = self.holds.get(segment) else { continue };
+            let [even, odd] = &mut self.halves;
+            let half = if number & 1 == 0 { even } else { odd };
+            self.is_determined &= half.add_slice(of_slice, holds).is_some();
+        }
+    }
+
+    /// Both halves with their solutions; `None` where the observations of one do not determine it.
+    pub fn solved(&self) -> Option<SolvedHalves> {
+        let [first, second] = &self.halves;
+        let solved = |half: &Half| Some((half.solved()?, half.loss.cost));
+        self.is_determined.then_some(SolvedHalves([solved(first)?, solved(second)?]))
+    }
+}
+
+/// The solutions of both halves, each with the cost of its observations at the common result.
+pub struct SolvedHalves([(SolvedHalf, f64); 2]);
+
+/// Compares the `halves` of `problem`, which `state` solves with these residuals of the events; `parts` say where the covariance of the
+/// whole comes from. `None` when they cannot be compared.
+pub fn split_half(
+    problem: &Problem,
+    state: &State,
+    halves: &SolvedHalves,
+    events: &[EventResidual],
+    parts: &CovarianceParts,
+) -> Option<SplitHalf> {
+    let free = problem.free.mask();
+    let camera = |(half, _): &(SolvedHalf, f64)| moved(&state.camera, &half.globals);
+    let formal = |(half, _): &(SolvedHalf, f64)| intrinsics_of(&half.formal, &free, state.camera.parameters().len());
+    let [first, second] = &halves.0;
+    let cameras = [camera(first)?, camera(second)?];
+    let formal = [formal(first), formal(second)];
     // What both halves have in common cancels.
     let scattered = &parts.noise + &parts.between_parts;
-    let formal = &first.formal_covariance + &second.formal_covariance;
-    let covariance = alike(&formal, &parts.noise, &scattered, &problem.free.mask())?;
-    let (first_residuals, second_residuals) = (first.residuals, second.residuals);
-    let (first, second) = (&first.state, &second.state);
-    let difference = projection_difference(&first.camera, &second.camera, problem.sensor).ok()?;
+    let covariance = alike(&(&formal[0] + &formal[1]), &parts.noise, &scattered, &free)?;
+    let difference = projection_difference(&cameras[0], &cameras[1], problem.sensor).ok()?;
     let expected = projection_uncertainty(&state.camera, &covariance, problem.sensor).ok()?;
 
+    let distance = DVector::from_fn(formal[0].nrows(), |row, _| first.0.globals[row] - second.0.globals[row]);
     let mut held_out = HeldOutResidual { count: 0, rms: 0.0, own_rms: 0.0 };
-    let owns = [(first, first_residuals), (second, second_residuals)];
-    for ((half, (own, own_residuals)), other) in halves.iter().zip(owns).zip([&second.camera, &first.camera]) {
-        let held = with_camera_held(half, own, other)?;
-        held_out.count += own_residuals.count;
-        held_out.rms += held.rms * held.rms * held.count as f64;
-        held_out.own_rms += own_residuals.rms * own_residuals.rms * own_residuals.count as f64;
+    for (((half, cost), formal), squares) in halves.0.iter().zip(&formal).zip(squares(problem, state, events)) {
+        // The cost is half the sum of the squares, each over its own variance.
+        let share = |decrease: f64| squares.sum * (1.0 - decrease / cost.max(f64::MIN_POSITIVE));
+        held_out.count += squares.count;
+        held_out.own_rms += share(half.decrease);
+        held_out.rms += share(half.decrease - 0.5 * within(formal, &distance, &free)?);
     }
-    let mean = |sum: f64| (sum / held_out.count.max(1) as f64).sqrt();
+    let mean = |sum: f64| (sum.max(0.0) / held_out.count.max(1) as f64).sqrt();
     let held_out = HeldOutResidual { rms: mean(held_out.rms), own_rms: mean(held_out.own_rms), ..held_out };
     Some(SplitHalf {
-        cameras: [CameraDescription::new(&first.camera), CameraDescription::new(&second.camera)],
+        cameras: cameras.map(|camera| CameraDescription::new(&camera)),
         difference,
         expected_rms: expected.rms,
         bound: expected.rms_95,
         held_out,
     })
+}
+
+/// The camera with its parameters moved by the first of `globals`; `None` where the model refuses them.
+fn moved(camera: &Camera<f64>, globals: &[f64; GLOBAL_COUNT]) -> Option<Camera<f64>> {
+    let mut parameters = camera.parameters();
+    parameters.iter_mut().zip(globals.iter().take(MAX_PARAMETERS)).for_each(|(parameter, step)| *parameter += step);
+    Camera::from_parameters(camera.kind(), &parameters)
+}
+
+/// The square of a `distance` of the intrinsics in units of their `covariance`; those that are not `free` do not count.
+fn within(covariance: &DMatrix<f64>, distance: &DVector<f64>, free: &[bool; GLOBAL_COUNT]) -> Option<f64> {
+    let places: Vec<usize> = (0..distance.len()).filter(|&index| free[index]).collect();
+    let distance = distance.select_rows(&places);
+    let factor = covariance.select_rows(&places).select_columns(&places).cholesky()?;
+    Some(factor.solve(&distance).dot(&distance))
+}
+
+/// Number and sum of the squared residuals of a half (px²).
+#[derive(Clone, Copy, Default)]
+struct Squares {
+    count: usize,
+    sum: f64,
+}
+
+/// Those of the even slices, then of the odd ones.
+fn squares(problem: &Problem, state: &State, events: &[EventResidual]) -> [Squares; 2] {
+    let mut halves = [Squares::default(); 2];
+    let [even, odd] = &mut halves;
+    let mut add = |t: f64, square: f64| {
+        let half = if slice(t) & 1 == 0 { &mut *even } else { &mut *odd };
+        half.count += 1;
+        half.sum += square;
+    };
+    events.iter().for_each(|event| add(event.t, f64::from(event.residual).powi(2)));
+    point_residuals(problem, state).iter().for_each(|point| add(point.t, point.residual.norm_squared()));
+    halves
 }
 
 /// What is to `formal` as `scattered` is to `noise`: covariances of the intrinsics, with zeros where a parameter is not `free`. For a
@@ -114,55 +237,6 @@ fn alike(
     let half = noise.solve_lower_triangular(&of_free(scattered))?;
     let shape = noise.solve_lower_triangular(&half.transpose())?;
     Some(intrinsics_of(&(&formal * shape * formal.transpose()), free, count))
-}
-
-/// Steps that lead astray leave a smaller part of the observations than this, or make the residuals so many times as large. The loss is
-/// robust, so that a step in the right direction may make their root mean square a little larger too.
-const FEWEST_LEFT: f64 = 0.999;
-/// See there.
-const MOST_WORSE: f64 = 1.01;
-
-/// What one half says.
-struct SolvedHalf {
-    state: State,
-    /// Covariance of the intrinsics, if observations were independent.
-    formal_covariance: DMatrix<f64>,
-    residuals: ResidualStatistics,
-}
-
-/// The solution of `half` from `state` on, which solves the whole.
-fn solved(half: &Problem, state: &State) -> Result<SolvedHalf, SolveError> {
-    let before = statistics(half, state);
-    let two_steps = one_step(half, state).and_then(|first| one_step_with_covariance(half, &first));
-    if let Ok((state, formal_covariance)) = two_steps {
-        let residuals = statistics(half, &state);
-        if residuals.count as f64 > FEWEST_LEFT * before.count as f64 && residuals.rms < MOST_WORSE * before.rms {
-            return Ok(SolvedHalf { state, formal_covariance, residuals });
-        }
-    }
-    // Too far for them.
-    let Solved { state: own, system, .. } = solve(half, state.clone())?;
-    let formal_covariance = intrinsics_covariance(&system, &half.free.mask(), own.camera.parameters().len())?;
-    let residuals = statistics(half, &own);
-    Ok(SolvedHalf { state: own, formal_covariance, residuals })
-}
-
-fn statistics(problem: &Problem, state: &State) -> ResidualStatistics {
-    residual_statistics(problem, state, &residuals_at(problem, state))
-}
-
-/// Residuals of `half` with `camera`, its trajectories solved anew.
-fn with_camera_held(half: &Problem, own: &State, camera: &Camera<f64>) -> Option<ResidualStatistics> {
-    let free = FreeParameters { intrinsics: [false; MAX_PARAMETERS], ..half.free };
-    let held = Problem { free, ..half.with_segments(half.segments.clone()) };
-    let followed = one_step(&held, &State { camera: *camera, ..own.clone() }).ok()?;
-    Some(statistics(&held, &followed))
-}
-
-/// The slices of `problem` whose number has this parity.
-fn half(problem: &Problem, parity: i64) -> Problem {
-    let wanted = |t: f64| (t / SLICE).floor() as i64 & 1 == parity;
-    problem.with_segments(problem.segments.iter().map(|segment| segment.within(wanted)).collect())
 }
 
 #[cfg(test)]

@@ -26,14 +26,16 @@ pub mod projection;
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::solve::bearing_table::BearingTable;
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::{Bias, Biases};
-use crate::solve::levenberg::{contributions, intrinsics_of};
+use crate::solve::levenberg::{intrinsics_of, linearised};
 use crate::solve::pose_covariance::PoseCovariance;
-use crate::solve::stretch::stretches;
+use crate::solve::stretch::{STRETCHES_TOGETHER, stretches};
 use crate::solve::system::{Contribution, PackedContribution, System};
 use crate::solve::{BOARD_INDEX, BOARD_PARAMETERS, GLOBAL_COUNT, Problem, SolveError, State, bias_index};
 use crate::trust::board_evidence::{BoardEvidence, RADIUS, after, with_board};
+use crate::trust::split_half::{Halves, SolvedHalves, groups};
 use blocks::{Scatter, scatter, sum_by_block};
 use parts::CovarianceParts;
 use projection::{NoView, ProjectionUncertainty, projection_uncertainty};
@@ -77,7 +79,6 @@ pub struct Uncertainty {
 }
 
 /// How sure a joint solve is.
-#[derive(Clone, Debug, PartialEq)]
 pub struct SolveUncertainty {
     /// That of the intrinsics.
     pub intrinsics: Uncertainty,
@@ -93,6 +94,8 @@ pub struct SolveUncertainty {
     pub poses: PoseCovariance,
     /// Covariance of all global parameters that are free, if observations were independent.
     pub formal: DMatrix<f64>,
+    /// Both halves of the observations, solved apart; `None` where they are too few.
+    pub halves: Option<SolvedHalves>,
 }
 
 /// A standard deviation for each bias of each event class.
@@ -160,7 +163,7 @@ fn combined(formal: &DMatrix<f64>, scatters: impl Iterator<Item = Scatter>) -> (
     (shape * inflation, inflation, blocks)
 }
 
-/// The uncertainty of `state`, which solves `problem`; `system` is the one there.
+/// The uncertainty of `state`, which solves `problem`; `system` is the one there, or one small step before.
 ///
 /// # Errors
 /// [`SolveError::Singular`] when the observations do not determine the free parameters.
@@ -168,7 +171,7 @@ pub fn uncertainty(problem: &Problem, state: &State, system: System) -> Result<S
     let stretches = stretches(&problem.segments);
     let free = problem.free.mask();
     let singular = |_| SolveError::Singular;
-    let observations = system.count;
+    let observations = system.loss.count;
     // The derivative of an event's place by the offset of its class is 1, that by the latency the edge's speed.
     let latency_shift = latency_shift(state.bias.iter().enumerate().map(|(class, bias)| {
         let sums = [Bias::Offset, Bias::Latency].map(|bias| system.information_of(bias_index(class, bias)));
@@ -182,7 +185,17 @@ pub fn uncertainty(problem: &Problem, state: &State, system: System) -> Result<S
     let formal_with_board = reduced.covariance(&all_places).ok();
     let step_with_board = reduced.global_step().ok();
     let follows = reduced.into_follows();
-    let contributions_with_board = contributions(problem, state, &follows, &stretches);
+    let bearings = BearingTable::new(&state.camera, problem.sensor);
+    let mut contributions_with_board = Vec::with_capacity(stretches.len());
+    let mut halves = Halves::new(problem, state);
+    for group in groups(&stretches, &problem.segments, STRETCHES_TOGETHER) {
+        let equations = linearised(problem, state, &bearings, group);
+        contributions_with_board.extend(follows.contributions(&equations));
+        if let Some(halves) = &mut halves {
+            halves.add(&equations);
+        }
+    }
+    let halves = halves.and_then(|halves| halves.solved());
     let times: Vec<(usize, f64)> =
         stretches.iter().map(|stretch| (stretch.segment, stretch.start(&problem.segments))).collect();
     let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
@@ -240,7 +253,7 @@ pub fn uncertainty(problem: &Problem, state: &State, system: System) -> Result<S
         board_sigma[RADIUS] = libm::hypot(board_sigma[RADIUS], SYSTEMATIC_RADIUS * problem.mean_scale);
     }
     let intrinsics = Uncertainty { covariance, systematic, systematic_scale, inflation, observations, blocks };
-    Ok(SolveUncertainty { intrinsics, parts, board_sigma, board, bias_sigma, poses, formal })
+    Ok(SolveUncertainty { intrinsics, parts, board_sigma, board, bias_sigma, poses, formal, halves })
 }
 
 /// When observations were made.

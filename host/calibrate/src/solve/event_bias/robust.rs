@@ -5,8 +5,18 @@ use rayon::prelude::*;
 
 use super::bias::Bias;
 use super::{CLASS_COUNT, EventBias, SPEED_RANGE_COUNT};
-use crate::solve::stretch::EventResidual;
 use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
+
+/// The residual of one event (px).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ClassResidual {
+    /// Event class.
+    pub class: u8,
+    /// Range of the edge's normal speed.
+    pub speed_range: u8,
+    /// Distance from where the model puts the event.
+    pub residual: f32,
+}
 
 /// Fewer events than this leave a class as it was.
 const FEWEST: usize = 100;
@@ -18,13 +28,17 @@ const MIN_LENGTH: usize = 65_536;
 const SMALLEST_SIGMA: f64 = 0.05;
 
 /// Adds the median residual of each class to its offset, and takes it off the residuals.
-pub fn shift_offsets(bias: &mut EventBias, residuals: &mut [EventResidual]) {
+pub fn shift_offsets(bias: &mut EventBias, residuals: &mut [ClassResidual]) {
+    let mut of_class: Vec<Vec<f32>> = vec![Vec::new(); CLASS_COUNT];
+    for event in residuals.iter() {
+        if let Some(values) = of_class.get_mut(usize::from(event.class)) {
+            values.push(event.residual);
+        }
+    }
     let mut medians = [0.0_f32; CLASS_COUNT];
-    medians.par_iter_mut().enumerate().for_each(|(class, shift)| {
-        let of_class = residuals.iter().filter(|event| usize::from(event.class) == class);
-        let mut values: Vec<f32> = of_class.map(|event| event.residual).collect();
+    medians.par_iter_mut().zip(&mut of_class).for_each(|(shift, values)| {
         if values.len() >= FEWEST {
-            *shift = median(&mut values, f32::total_cmp).unwrap_or(0.0);
+            *shift = median(values, f32::total_cmp).unwrap_or(0.0);
         }
     });
     for (bias, shift) in bias.iter_mut().zip(medians) {
@@ -37,7 +51,7 @@ pub fn shift_offsets(bias: &mut EventBias, residuals: &mut [EventResidual]) {
 
 /// Spread of each class in each range of speed: the scaled median of the residuals' sizes. Ranges with
 /// too few events take that of their class.
-pub fn class_spreads(bias: &mut EventBias, residuals: &[EventResidual]) {
+pub fn class_spreads(bias: &mut EventBias, residuals: &[ClassResidual]) {
     let mut sizes: Vec<[Vec<f32>; SPEED_RANGE_COUNT]> = vec![Default::default(); CLASS_COUNT];
     for event in residuals {
         let class = sizes.get_mut(usize::from(event.class));
@@ -52,7 +66,7 @@ pub fn class_spreads(bias: &mut EventBias, residuals: &[EventResidual]) {
 }
 
 /// One spread for all classes: without offsets they are not told apart.
-pub fn common_spread(bias: &mut EventBias, residuals: &[EventResidual]) {
+pub fn common_spread(bias: &mut EventBias, residuals: &[ClassResidual]) {
     let mut sizes: Vec<f32> = residuals.iter().map(|event| event.residual.abs()).collect();
     if let Some(sigma) = spread(&mut sizes) {
         bias.iter_mut().for_each(|bias| bias.sigma = [sigma; SPEED_RANGE_COUNT]);
@@ -73,8 +87,8 @@ mod tests {
     #[test]
     fn offsets_are_medians_and_spreads_their_deviations() {
         let event =
-            |class, speed_range, residual| EventResidual { class, speed_range, residual, ..EventResidual::default() };
-        let mut residuals: Vec<EventResidual> =
+            |class, speed_range, residual| ClassResidual { class, speed_range, residual, ..ClassResidual::default() };
+        let mut residuals: Vec<ClassResidual> =
             (-500..=500).map(|i| event(2, u8::from(i % 2 == 0), 0.25 + i as f32 / 1000.0)).collect();
         let mut bias = unknown(1.0);
         shift_offsets(&mut bias, &mut residuals);
