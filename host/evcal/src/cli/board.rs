@@ -21,7 +21,7 @@ const PATTERN: Pattern = Pattern { layout: Layout::Asymmetric, rows: 9, columns:
 #[command(group = clap::ArgGroup::new("outputs").required(true).multiple(true))]
 pub struct Arguments {
     /// Board to print, for example acircles:9x4:23mm:r7.3mm [default: the largest acircles:9x4 that fits]
-    #[arg(long)]
+    #[arg(long, value_parser = super::board_argument::board)]
     board: Option<Board>,
     /// PDF to write
     #[arg(long, value_name = "FILE", group = "outputs", value_parser = value::output_file())]

@@ -27,20 +27,36 @@ pub enum BoardArgumentError {
     },
 }
 
-/// The board that `text` describes, or that the target file of this name does.
+/// The board that `text` describes, or that the target file of this name does, with all its sizes.
+///
+/// # Errors
+/// [`BoardArgumentError`].
+pub fn board(text: &str) -> Result<Board, BoardArgumentError> {
+    match board_file(text) {
+        Some(board) => board,
+        None => Ok(text.parse()?),
+    }
+}
+
+/// The same, or that it is to be recognised.
 ///
 /// # Errors
 /// [`BoardArgumentError`].
 pub fn board_request(text: &str) -> Result<BoardRequest, BoardArgumentError> {
+    match board_file(text) {
+        Some(board) => board.map(BoardRequest::Given),
+        None => Ok(text.parse()?),
+    }
+}
+
+/// The board in the target file of this name; `None` if it is no name of one.
+fn board_file(text: &str) -> Option<Result<Board, BoardArgumentError>> {
     let path = Path::new(text);
     let is_yaml = path
         .extension()
         .is_some_and(|ending| ending.eq_ignore_ascii_case("yaml") || ending.eq_ignore_ascii_case("yml"));
-    if !is_yaml {
-        return Ok(text.parse()?);
-    }
-    match read(path)? {
-        Target::Squares(board) => Ok(BoardRequest::Given(Board::Squares(board))),
+    is_yaml.then(|| match read(path)? {
+        Target::Squares(board) => Ok(Board::Squares(board)),
         Target::Circles(target) => Err(BoardArgumentError::RadiusUnknown { file: text.to_owned(), target }),
-    }
+    })
 }

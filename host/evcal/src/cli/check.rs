@@ -20,7 +20,7 @@ pub struct Arguments {
     /// A recording of events
     recording: PathBuf,
     /// Board to look for, for example acircles:9x4:55mm:r17.5mm; without it, or with auto, rows and columns are recognised
-    #[arg(long)]
+    #[arg(long, value_parser = super::board_argument::board_request)]
     board: Option<BoardRequest>,
     #[command(flatten)]
     source: SourceArguments,

@@ -29,7 +29,7 @@ pub struct Arguments {
     /// serial:PORT?baud=921600&seconds=10&save=FILE
     recording: PathBuf,
     /// Board to look for, for example acircles:9x4:55mm:r17.5mm, or auto; without it, circles of any kind
-    #[arg(long)]
+    #[arg(long, value_parser = super::board_argument::board_request)]
     board: Option<BoardRequest>,
     /// Circle extraction: hard or soft [default: hard]
     #[arg(long, value_parser = super::calibrate::extraction)]

@@ -54,7 +54,7 @@ pub struct Arguments {
     sensor: Option<SensorChoice>,
     /// The board: layout, rows x columns, spacing (asymmetric: half the distance in a row), radius; or checkerboard:6x9:25mm (inner
     /// corners), aprilgrid:6x6:35.2mm:0.3, apriltags:3x4:30mm:0.25, charuco:5x7:30mm:22mm:DICT_5X5_100
-    #[arg(long, default_value = "acircles:9x4:55mm:r17.5mm")]
+    #[arg(long, default_value = "acircles:9x4:55mm:r17.5mm", value_parser = super::board_argument::board)]
     board: Board,
     /// How the camera moves
     #[arg(

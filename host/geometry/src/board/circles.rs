@@ -58,12 +58,6 @@ pub enum BoardProblem {
         "{0} may be either of two layouts: acircles where every other row is shifted (asymmetricGrid: True in Kalibr), else circles"
     )]
     EitherLayout(String),
-    /// Kalibr's description of a target.
-    #[error(
-        "looks like Kalibr's target file, which is not read: name the board with its targetRows, targetCols and spacingMeters; \
-         asymmetricGrid: True is acircles, False is circles"
-    )]
-    TargetFile,
     /// The name of a file.
     #[error("looks like a file, not like a description")]
     File,
@@ -141,9 +135,6 @@ fn unknown_layout(given: &str, rest: &str) -> BoardProblem {
 /// What is wrong with a description that has not the four `parts` of a board, the first of them being a layout if it is `known`.
 fn not_four_parts(text: &str, parts: &[&str], known: Option<Layout>) -> BoardProblem {
     let is_alone = parts.len() == 1;
-    if is_alone && [".yaml", ".yml"].iter().any(|ending| text.to_lowercase().ends_with(ending)) {
-        return BoardProblem::TargetFile;
-    }
     if is_alone && text.contains('.') {
         return BoardProblem::File;
     }

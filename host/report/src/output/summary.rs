@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use evcal_core::camera::ModelKind;
 
 use evcal_calibrate::result::calibration_file::{CalibrationFile, FramesResult};
+use event_recordings::pass::RecordingReport;
 
 /// The lens, the verdict and what stands behind it.
 pub fn summary(calibration: &CalibrationFile) -> String {
@@ -78,12 +79,27 @@ pub fn summary(calibration: &CalibrationFile) -> String {
     for second in &calibration.second_cameras {
         let _ = write!(text, "\n{}", second.sentences());
     }
-    for (index, recording) in calibration.stages.recordings.iter().enumerate() {
+    text.extend(notes(&calibration.stages.recordings));
+    text
+}
+
+/// What is to be noted of recordings, one line for all that have the same.
+fn notes(recordings: &[RecordingReport]) -> Vec<String> {
+    let mut noted: Vec<(&str, Vec<usize>)> = Vec::new();
+    for (number, recording) in (1..).zip(recordings) {
         for note in &recording.notes {
-            let _ = write!(text, "\nnote on recording {}: {note}", index + 1);
+            match noted.iter_mut().find(|(known, _)| *known == note.as_str()) {
+                Some((_, numbers)) => numbers.push(number),
+                None => noted.push((note, vec![number])),
+            }
         }
     }
-    text
+    let line = |(note, numbers): (&str, Vec<usize>)| match numbers[..] {
+        [first, .., last] => format!("\nnote on {} recordings, {first} to {last}: {note}", numbers.len()),
+        [number] => format!("\nnote on recording {number}: {note}"),
+        [] => String::new(),
+    };
+    noted.into_iter().map(line).collect()
 }
 
 /// The parameters of a model in their order.
