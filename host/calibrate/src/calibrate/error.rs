@@ -6,6 +6,7 @@ use crate::detection::radius::OtherRadius;
 use crate::detection::{LARGEST_SENSOR, NoPattern};
 use crate::diagnosis::time_steps::CoarseTimes;
 use crate::initial::InitialError;
+use crate::picture_calibration::alignment::Misalignment;
 use crate::picture_calibration::calibration::NoPictureCalibration;
 use crate::picture_calibration::joint::NoJointPoints;
 use crate::solve::SolveError;
@@ -133,6 +134,9 @@ pub enum CalibrateError {
     /// The pictures give no calibration.
     #[error("no calibration from the camera's frames: {0}")]
     Pictures(NoPictureCalibration),
+    /// Pictures and events do not show the same at the same moment.
+    #[error("frames and events cannot be solved together: {}; {}", .0, .0.advice())]
+    PicturesMisaligned(Misalignment),
     /// Pictures and events cannot be solved together.
     #[error("frames and events cannot be solved together: {0}")]
     JointPictures(NoJointPoints),
@@ -150,6 +154,7 @@ impl CalibrateError {
                 | Self::FirstTrajectories(_)
                 | Self::Solve(_)
                 | Self::Pictures(_)
+                | Self::PicturesMisaligned(_)
                 | Self::JointPictures(_)
         )
     }
