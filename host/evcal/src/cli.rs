@@ -1,6 +1,7 @@
 //! The command line: parsing, exit codes, and one module a subcommand. No algorithm is here.
 //!
-//! Exit codes: 0 done, 1 failed with a reason on standard error, 2 wrong usage, 3 calibrated, but not well enough.
+//! Exit codes: 0 done, 1 failed with a reason on standard error, 2 wrong usage, 3 done, but the answer is no: calibrated, but not
+//! well enough; not the same camera.
 
 mod advice;
 mod board;
@@ -133,6 +134,11 @@ struct UsageError(String);
 #[error("the calibration is not good enough to be used: the verdict says why; --accept-any makes the exit code 0")]
 struct NotGoodEnough;
 
+/// Two calibrations that are not known to be of the same camera; the exit code is 3.
+#[derive(Debug, thiserror::Error)]
+#[error("the calibrations are not known to be of the same camera")]
+struct NotTheSame;
+
 /// Runs the program.
 pub fn run() -> ExitCode {
     // clap exits with 2 on wrong usage.
@@ -192,7 +198,9 @@ pub fn run() -> ExitCode {
             }
             match error {
                 error if error.is::<UsageError>() => ExitCode::from(2),
-                error if error.is::<NotGoodEnough>() => ExitCode::from(3),
+                error if error.is::<NotGoodEnough>() || error.is::<NotTheSame>() => {
+                    ExitCode::from(3)
+                }
                 _ => ExitCode::FAILURE,
             }
         }
