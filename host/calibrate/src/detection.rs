@@ -7,6 +7,7 @@
 mod board_finder;
 pub(crate) mod counted;
 pub mod dot_shape;
+pub mod exchanged;
 pub mod focus;
 mod kept_pixels;
 pub mod larger_pattern;

@@ -2,6 +2,7 @@
 
 use super::board_choice::LargerBoard;
 use crate::check::units::OtherUnit;
+use crate::detection::exchanged::Exchanged;
 use crate::detection::radius::OtherRadius;
 use crate::detection::{LARGEST_SENSOR, NoPattern};
 use crate::diagnosis::time_steps::CoarseTimes;
@@ -61,6 +62,14 @@ pub enum CalibrateError {
     /// The circles are not as large as stated.
     #[error("{0}")]
     OtherRadius(#[source] OtherRadius),
+    /// ON and OFF are exchanged.
+    #[error("{file}: {exchanged}; {}", Exchanged::ADVICE)]
+    Exchanged {
+        /// The file.
+        file: String,
+        /// What was seen.
+        exchanged: Exchanged,
+    },
     /// The lens or the board cannot be as the user says.
     #[error("no lens or board has the values at which parameters are held")]
     ImpossibleValues,
@@ -149,6 +158,7 @@ impl CalibrateError {
             self,
             Self::NoPattern(_)
                 | Self::OtherRadius(_)
+                | Self::Exchanged { .. }
                 | Self::LargerBoard(_)
                 | Self::Initial(_)
                 | Self::FirstTrajectories(_)
