@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::{Checked, Seen};
 use crate::advice::{Advice, Outside};
+use crate::detection::exchanged::Exchanged;
 use crate::detection::{FEWEST_EVENTS, too_short};
 use crate::diagnosis::bad_pixels::Repetition;
 use crate::diagnosis::disorder::Disorder;
@@ -87,7 +88,10 @@ fn advice_on_outside(information: &Information, has_columns: bool) -> Advice {
 
 /// What to do about the board.
 fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> Advice {
-    let Seen { board, found, time_share: share, covered, failure, recognised, edges, .. } = seen;
+    let Seen { board, found, time_share: share, covered, failure, recognised, edges, exchanged, .. } = seen;
+    if let Some(exchanged) = exchanged {
+        return Advice::Plain(format!("{exchanged}: {}", Exchanged::ADVICE));
+    }
     if let Some(failure) = failure {
         return failure.advice();
     }
