@@ -1,4 +1,4 @@
-//! What a recording is good for, before a calibration is made of it: a look at its beginning that takes seconds.
+//! What a recording is good for, before a calibration is made of it: a look at even parts of it that takes seconds.
 
 mod advice;
 pub mod units;
@@ -15,6 +15,7 @@ use self::advice::next_step;
 use self::units::{OtherUnit, other_unit, unusual_unit};
 use crate::advice::Advice;
 use crate::calibrate::still_views::LEAST_TIME;
+use crate::detection::exchanged::{Exchanged, PAIRS, exchanged};
 use crate::detection::focus::{EdgeWidth, edge_width};
 use crate::detection::layout::{RecognisedLayout, find_layout};
 use crate::detection::other_board::OtherBoard;
@@ -30,10 +31,14 @@ use crate::settings::Settings;
 use evcal_geometry::board::{Board, layout_name};
 use event_recordings::given_sensor::counted_from_one;
 use event_recordings::pass::{read_recording, read_while};
-use event_recordings::{Recording, RecordingError};
+use event_recordings::{Recording, RecordingError, RecordingOptions};
 
-/// As many events from the beginning are looked at, or a few more.
+/// In as many events the board is looked for, or a few more: all, or those of even parts of the recording.
 const MOST_EVENTS: u64 = 4_000_000;
+/// Number of these parts.
+const PARTS: i64 = 8;
+/// As many events are counted at the most.
+const MOST_READ: u64 = 100_000_000;
 /// Without a board: windows with so many circles may hold one.
 const FEWEST_CIRCLES: usize = 8;
 /// Length of the slots of time in which something was seen or not (s).
@@ -43,7 +48,7 @@ const SHORTEST_FOR_FLICKER: f64 = 0.25;
 /// Columns and rows of the cells of the sensor in which circles are looked for.
 const CELLS: [u16; 2] = [8, 6];
 
-/// What was seen at the beginning of a recording.
+/// What was seen of a recording.
 #[derive(Debug, Serialize)]
 pub struct Checked {
     /// Rate, duration, size, hot pixels, faults.
@@ -85,6 +90,9 @@ pub struct Seen {
     pub time_share: f64,
     /// Share of the sensor in which there was a circle, in cells of an eighth by a sixth of it.
     pub covered: f64,
+    /// Polarities that are exchanged.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exchanged: Option<Exchanged>,
     /// Width of the circles' edges in the sharpest windows with the board.
     pub edges: Option<EdgeWidth>,
     /// Why it was nowhere, or is not as stated.
@@ -123,15 +131,22 @@ impl Serialize for BoardFailure {
 /// # Errors
 /// [`RecordingError`] when not one event can be read.
 pub fn check(recording: &Recording, board: Option<&Board>, settings: &Settings) -> Result<Checked, RecordingError> {
-    let (mut count, mut end) = (0, 0);
+    let (mut count, mut end, mut end_of_beginning) = (0, 0, None);
     let pass = read_while(recording, &mut |batch| {
         count += batch.events.len() as u64;
         end = batch.events.last().map_or(end, |event| event.t);
-        if count < MOST_EVENTS { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        if count >= MOST_EVENTS {
+            end_of_beginning.get_or_insert(end);
+        }
+        if count < MOST_READ { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     })?;
-    let whole = count < MOST_EVENTS;
-    let beginning = recording.section(pass.first..pass.first.saturating_add(end).saturating_add(1));
-    let information = gather_events(&beginning)?;
+    let whole = count < MOST_READ;
+    let until = |end: i64| recording.section(pass.first..pass.first.saturating_add(end).saturating_add(1));
+    let read = if whole { recording.clone() } else { until(end) };
+    let beginning = until(end_of_beginning.unwrap_or(end));
+    let information = gather_events(&read)?;
+    let parts = (count > MOST_EVENTS).then(|| even_parts(&read, pass.first, [end, count as i64], &information));
+    let looked_at = parts.transpose()?.unwrap_or_else(|| beginning.clone());
     let mut other = unusual_unit(recording, information.mean_rate);
     let outside = information.report.out_of_range;
     let counted_from_one =
@@ -141,9 +156,9 @@ pub fn check(recording: &Recording, board: Option<&Board>, settings: &Settings) 
         // With times in another unit nothing can be seen.
         _ if other.is_some() => None,
         Some(sensor) if sensor.width <= LARGEST_SENSOR.width && sensor.height <= LARGEST_SENSOR.height => {
-            let (pixels, slots) = count_events(&beginning, sensor)?;
+            let (pixels, slots) = count_events(&looked_at, sensor)?;
             (repeated, rounded) = (pixels.repeated, pixels.rounded);
-            Some(look(&beginning, sensor, slots, board, settings)?)
+            Some(look(LookedAt { parts: &looked_at, beginning: &beginning }, sensor, slots, board, settings)?)
         }
         _ => None,
     };
@@ -157,6 +172,43 @@ pub fn check(recording: &Recording, board: Option<&Board>, settings: &Settings) 
         Checked { information, whole, other_unit: other, counted_from_one, repeated, rounded, seen, next: "".into() };
     checked.next = next_step(&checked, recording);
     Ok(checked)
+}
+
+impl Checked {
+    /// `true` if the next thing to do is to calibrate from the recording, or, where no board was named, to name the board in it.
+    pub fn is_ready(&self) -> bool {
+        matches!(self.next, Advice::Calibrate { .. } | Advice::Measure(_))
+    }
+}
+
+/// Events of even parts of a recording that begins at `first` (µs), ends `end` µs after that and has `count` events: as many as are looked
+/// at.
+fn even_parts(
+    recording: &Recording,
+    first: i64,
+    [end, count]: [i64; 2],
+    information: &Information,
+) -> Result<Recording, RecordingError> {
+    let length = (end as f64 * MOST_EVENTS as f64 / count.max(1) as f64 / PARTS as f64) as i64;
+    let step = (end - length).max(0).unsigned_abs().div_ceil(PARTS.unsigned_abs() - 1) as i64;
+    let is_in_a_part = |t: i64| t - (t / step.max(1)).min(PARTS - 1) * step <= length;
+    let mut events = Vec::new();
+    read_recording(recording, &mut |batch| {
+        let inside = batch.iter().filter(|event| is_in_a_part(event.t));
+        events.extend(inside.map(|event| Event { t: event.t + first, ..*event }));
+    })?;
+    let sensor = information.sensor.or(information.likely_sensor);
+    let options = RecordingOptions { sensor, ..RecordingOptions::default() };
+    Ok(Recording::from_events(recording.path(), events, options))
+}
+
+/// A recording in which the board is looked for.
+#[derive(Clone, Copy)]
+struct LookedAt<'a> {
+    /// Even parts of it.
+    parts: &'a Recording,
+    /// Its beginning.
+    beginning: &'a Recording,
 }
 
 /// What its pixels did, and the number of slots of time with events.
@@ -177,26 +229,28 @@ fn slot(event: &Event) -> i64 {
 
 /// Looks for the board, or for circles.
 fn look(
-    recording: &Recording,
+    LookedAt { parts, beginning }: LookedAt,
     sensor: Sensor,
     slots_with_events: usize,
     board: Option<&Board>,
     settings: &Settings,
 ) -> Result<Seen, RecordingError> {
-    if let Some(seen) = look_at_views(recording, sensor, board, settings)? {
+    if let Some(seen) = look_at_views(beginning, sensor, board, settings)? {
         return Ok(seen);
     }
     let settings = &settings.detection;
     let wanted = board.map_or(SearchFor::Circles(FEWEST_CIRCLES), SearchFor::from);
-    let found = search_events(recording, sensor, wanted, settings)?;
+    let found = search_events(parts, sensor, wanted, settings)?;
     let (mut centers, mut times): (Vec<[f64; 2]>, Vec<f64>) = (Vec::new(), Vec::new());
-    let mut edges = None;
+    let (mut edges, mut reversed) = (None, None);
     match &found.content {
         FoundContent::Boards(_, frames) => {
             centers
                 .extend(frames.iter().flat_map(|frame| &frame.circles).map(|circle| <[f64; 2]>::from(circle.center)));
             times.extend(frames.iter().map(|frame| frame.start));
             edges = edge_width(frames);
+            let pairs = frames.iter().zip(frames.iter().skip(1));
+            reversed = exchanged(pairs.step_by(frames.len().div_ceil(PAIRS).max(1)));
         }
         FoundContent::Windows(windows) => {
             let circles = windows.iter().flat_map(|window| &window.circles);
@@ -211,7 +265,7 @@ fn look(
             let other = match board {
                 Board::Circles(board) => {
                     let mut other = OtherBoard::new(settings, board, sensor);
-                    read_recording(recording, &mut |events| other.push(events))?;
+                    read_recording(beginning, &mut |events| other.push(events))?;
                     other.finish()
                 }
                 Board::Squares(_) => None,
@@ -226,7 +280,7 @@ fn look(
         None => None,
     };
     let recognised = match board {
-        None if found.report.found > 0 => find_layout(recording, sensor, settings)?,
+        None if found.report.found > 0 => find_layout(beginning, sensor, settings)?,
         _ => None,
     };
     Ok(Seen {
@@ -238,6 +292,7 @@ fn look(
         time_share: (slots.len() as f64 / slots_with_events.max(1) as f64).min(1.0),
         covered: covered(&centers, sensor),
         edges,
+        exchanged: reversed,
         failure,
     })
 }
@@ -278,6 +333,7 @@ fn look_at_views(
         time_share: (seen / time).min(1.0),
         covered: covered(&centers, sensor),
         edges: None,
+        exchanged: None,
         failure,
     }))
 }
@@ -307,7 +363,7 @@ impl fmt::Display for Checked {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.information)?;
         if !self.whole {
-            writeln!(f, "{:<12}the recording goes on; only its beginning was looked at", "part")?;
+            writeln!(f, "{:<12}the recording goes on; only its first {MOST_READ} events were looked at", "part")?;
         }
         if let Some(other) = &self.other_unit {
             writeln!(f, "{:<12}{other}", "time unit")?;
@@ -347,7 +403,8 @@ impl fmt::Display for Checked {
             let (time, covered) = (100.0 * time_share, 100.0 * covered);
             writeln!(
                 f,
-                "{:<12}{what} in {found} of {windows} windows, {time:.0} % of the time, over {covered:.0} % of the sensor",
+                "{:<12}{what} in {found} of {windows} short windows of time, at least once in {time:.0} % of the tenths of a second with events, over \
+                 {covered:.0} % of the sensor",
                 "board"
             )?;
             if let Some(edges) = seen.edges {
@@ -361,7 +418,6 @@ impl fmt::Display for Checked {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use event_recordings::RecordingOptions;
 
     /// With a pause of a minute the board was seen in 5 % of the time only.
     #[test]
@@ -373,6 +429,22 @@ mod tests {
         let recording = Recording::from_events("events", events, RecordingOptions::default());
         let (pixels, slots) = count_events(&recording, Sensor::new(346, 260)).unwrap();
         assert_eq!((pixels.repeated, slots), (None, 20));
+    }
+
+    /// Only the first 0.3 s of a fast recording were looked at.
+    #[test]
+    fn parts_are_even_over_the_whole_recording() {
+        let event = |t: i64| Event { t: 500 + t, x: 1, y: 2, polarity: Polarity::On };
+        let events = (0..6_000_000).map(|index| event(5 * index)).collect();
+        let recording = Recording::from_events("events", events, RecordingOptions::default());
+        let information = gather_events(&recording).unwrap();
+        let parts = even_parts(&recording, 500, [5 * 5_999_999, 6_000_000], &information).unwrap();
+        let mut seen = Vec::new();
+        read_recording(&parts, &mut |events| seen.extend(events.iter().map(|event| event.t))).unwrap();
+        assert!(seen.len().abs_diff(4_000_000) < 10, "{}", seen.len());
+        assert_eq!((seen.first(), seen.last()), (Some(&0), Some(&(5 * 5_999_999))));
+        let of_second = |second: i64| seen.iter().filter(|t| **t / 1_000_000 == second).count();
+        assert!((0..30).all(|second| of_second(second) > 50_000), "{:?}", (0..30).map(of_second).collect::<Vec<_>>());
     }
 
     #[test]

@@ -8,6 +8,7 @@ mod board_finder;
 pub mod board_stage;
 pub(crate) mod counted;
 pub mod dot_shape;
+pub mod exchanged;
 pub mod focus;
 mod kept_pixels;
 pub mod larger_pattern;

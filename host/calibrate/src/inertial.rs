@@ -29,7 +29,7 @@ use error::InertialError;
 use finding::Finding;
 use findings::findings;
 use joint::{Estimate, Joint};
-use parameters::COUNT;
+use parameters::{COUNT, ROTATION};
 use sample::Sample;
 use settings::InertialSettings;
 use solve::Solved;
@@ -46,7 +46,10 @@ use crate::trajectory::mean_distance;
 use crate::trust::uncertainty::Uncertainty;
 
 /// Fewest seconds of samples along trajectories.
-const FEWEST_SECONDS: f64 = 3.0;
+pub const FEWEST_SECONDS: f64 = 3.0;
+
+/// σ of the rotation (rad) from which nothing is known of the unit.
+const LEAST_KNOWN_ROTATION: f64 = 0.35;
 
 /// Fewest samples a second: with less, turns of a hand lie between the samples.
 const FEWEST_A_SECOND: f64 = 30.0;
@@ -148,6 +151,10 @@ pub fn calibrate_unit(
     let clock = Clock { correlation: start.correlation, streams, clock_origin, delays_at };
     let calibration = finish(&joint, solved, apart, clock)?;
     findings::explained(&calibration, joint.samples)?;
+    // With less, the equations are linear no more and no figure holds.
+    if (ROTATION..ROTATION + 3).any(|axis| !(calibration.sigma(axis) < LEAST_KNOWN_ROTATION)) {
+        return Err(InertialError::Singular);
+    }
     let damaged = lost.into_iter().map(|what| Finding::Damaged { what });
     Ok(InertialCalibration { findings: findings(&calibration).into_iter().chain(damaged).collect(), ..calibration })
 }

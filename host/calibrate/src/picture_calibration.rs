@@ -7,6 +7,7 @@
 //! pictures → dark spots → dots → board → reference frames → first camera and poses
 //! ([`crate::initial`]) → bundle → witness.
 
+pub mod alignment;
 pub mod bundle;
 pub mod calibration;
 pub mod circle_image;

@@ -27,7 +27,7 @@ use self::error::SecondCameraError;
 use self::estimate::Estimate;
 use self::findings::findings;
 use self::joint::{Joint, Lenses, Solved, own_rms, share_of_lenses, solve};
-use self::mount::{Mount, TRANSLATION};
+use self::mount::{Mount, ROTATION, TRANSLATION};
 use self::seen::{Seen, sample_at};
 use self::start::{FEWEST_SECONDS, Start};
 use crate::circles::reference_frame::PointObservation;
@@ -39,6 +39,9 @@ use crate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, State};
 use crate::trajectory::mean_distance;
 use crate::trust::uncertainty::Uncertainty;
 use evcal_geometry::board::symmetry::Symmetry;
+
+/// σ of the rotation (rad) from which nothing is known of a mount.
+const LEAST_KNOWN_ROTATION: f64 = 0.35;
 
 /// A camera as it was calibrated apart, from one recording.
 #[derive(Clone, Copy)]
@@ -85,7 +88,7 @@ pub fn calibrate_second(
     };
     let sigma = [first, second].map(|apart| apart.uncertainty.sigma());
     let before = [(&first.refined.state.camera, sigma[0].as_slice()), (&second.refined.state.camera, &sigma[1])];
-    Ok(finish(solved, &known, before))
+    determined(finish(solved, &known, before))
 }
 
 /// Pictures that the first camera itself took, by a lens that was calibrated apart.
@@ -137,7 +140,7 @@ pub fn calibrate_pictures_against(
     let known = Known { correlation: None, seconds, left_out: 0.0, own_rms: None, sensors: [sensor; 2], lenses };
     let before = (state.camera, pictures.camera);
     let sigma = first.uncertainty.sigma();
-    Ok(finish(solved, &known, [(&before.0, &sigma), (&before.1, pictures.sigma)]))
+    determined(finish(solved, &known, [(&before.0, &sigma), (&before.1, pictures.sigma)]))
 }
 
 /// Adds to `solved` what no block of time shows: the focal length of the `first` camera's events is off, and that of pictures is not.
@@ -219,6 +222,12 @@ fn finish(solved: Solved, known: &Known, before: [(&Camera<f64>, &[f64]); 2]) ->
     };
     calibration.findings = findings(&calibration);
     calibration
+}
+
+/// `calibration`, if its rotation is known to a fraction of a turn: with less, the equations are linear no more and no figure holds.
+fn determined(calibration: SecondCalibration) -> Result<SecondCalibration, SecondCameraError> {
+    let is_known = |axis: usize| calibration.sigma(ROTATION + axis) < LEAST_KNOWN_ROTATION;
+    if (0..3).all(is_known) { Ok(calibration) } else { Err(SecondCameraError::Singular) }
 }
 
 /// The problem with these observations, and the board held.

@@ -1,6 +1,7 @@
 //! The command line: parsing, exit codes, and one module a subcommand. No algorithm is here.
 //!
-//! Exit codes: 0 done, 1 failed with a reason on standard error, 2 wrong usage, 3 calibrated, but not well enough.
+//! Exit codes: 0 done, 1 failed with a reason on standard error, 2 wrong usage, 3 done, but the answer is no: calibrated, but not
+//! well enough; not the same camera; not good for a calibration.
 
 mod advice;
 mod board;
@@ -71,7 +72,7 @@ enum Command {
     /// Tell what is in a recording
     #[command(after_help = examples::INFO)]
     Info(info::Arguments),
-    /// Look at the beginning of a recording: is it good for a calibration, and what to do next?
+    /// Look at even parts of a recording: is it good for a calibration, and what to do next?
     #[command(after_help = examples::CHECK)]
     Check(check::Arguments),
     /// Turn a recording into another format
@@ -133,6 +134,16 @@ struct UsageError(String);
 #[error("the calibration is not good enough to be used: the verdict says why; --accept-any makes the exit code 0")]
 struct NotGoodEnough;
 
+/// Two calibrations that are not known to be of the same camera; the exit code is 3.
+#[derive(Debug, thiserror::Error)]
+#[error("the calibrations are not known to be of the same camera")]
+struct NotTheSame;
+
+/// A recording that is not good for a calibration yet; the exit code is 3.
+#[derive(Debug, thiserror::Error)]
+#[error("the recording is not ready for a calibration: the last line says what to do")]
+struct NotReady;
+
 /// Runs the program.
 pub fn run() -> ExitCode {
     // clap exits with 2 on wrong usage.
@@ -192,7 +203,9 @@ pub fn run() -> ExitCode {
             }
             match error {
                 error if error.is::<UsageError>() => ExitCode::from(2),
-                error if error.is::<NotGoodEnough>() => ExitCode::from(3),
+                error if error.is::<NotGoodEnough>() || error.is::<NotTheSame>() || error.is::<NotReady>() => {
+                    ExitCode::from(3)
+                }
                 _ => ExitCode::FAILURE,
             }
         }

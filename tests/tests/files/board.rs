@@ -61,9 +61,9 @@ fn opencv_finds_and_measures_what_was_asked_for() {
         for (points, side) in points.iter().zip([width, height]) {
             assert!((points - side / MILLIMETRES_PER_INCH * 72.0).abs() < 0.01, "{page}");
         }
-        assert!(run("pdftotext", &[text(&pdf), "-"]).contains(&format!("Board {board}\n")));
+        assert!(run("pdftotext", &[text(&pdf), "-"]).contains(&format!("--board {board}\n")));
         let source = fs::read_to_string(&svg).unwrap();
-        assert!(source.contains(&format!("Board {board}")) && source.contains("mm\""), "{source}");
+        assert!(source.contains(&format!("--board {board}")) && source.contains("mm\""), "{source}");
     }
     let answers = ask(&python(), "board.py", &Value::Array(questions));
     for (answer, (text, dpi, report)) in answers.as_array().unwrap().iter().zip(&expected) {

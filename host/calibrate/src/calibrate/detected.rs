@@ -10,6 +10,7 @@ use crate::check::units::other_unit;
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::board_stage::BoardStage;
+use crate::detection::exchanged::{Exchanged, PAIRS, exchanged};
 use crate::detection::focus::{WINDOWS, edge_width};
 use crate::detection::other_board::{OtherBoard, OtherReading};
 use crate::detection::unplaced::UnplacedWindows;
@@ -157,6 +158,9 @@ impl Detected {
             reason: Reason::Saturated,
         }));
         let (windows, unplaced, report) = stage.into_compact_frames(index);
+        if let Some(exchanged) = exchanged_in(&windows) {
+            return Err(CalibrateError::Exchanged { file: recording.path().display().to_string(), exchanged });
+        }
         self.unplaced.push(unplaced);
         self.health.push(Health {
             flicker: bins.flicker(),
@@ -201,6 +205,14 @@ impl Detected {
             notes: notes.to_vec(),
         });
     }
+}
+
+/// Whether ON and OFF are exchanged, from even parts of the windows.
+fn exchanged_in(windows: &[CompactFrame]) -> Option<Exchanged> {
+    let pairs = windows.windows(2).step_by(windows.len().div_ceil(PAIRS).max(1));
+    let pairs = pairs.map(|pair| pair.iter().cloned().map(ReferenceFrame::from).collect::<Vec<_>>());
+    let pairs: Vec<Vec<ReferenceFrame>> = pairs.collect();
+    exchanged(pairs.iter().filter_map(|pair| Some((pair.first()?, pair.last()?))))
 }
 
 /// As many of the windows as are looked at for the width of edges.

@@ -2,10 +2,12 @@
 
 use super::board_choice::LargerBoard;
 use crate::check::units::OtherUnit;
+use crate::detection::exchanged::Exchanged;
 use crate::detection::radius::OtherRadius;
 use crate::detection::{LARGEST_SENSOR, NoPattern};
 use crate::diagnosis::time_steps::CoarseTimes;
 use crate::initial::InitialError;
+use crate::picture_calibration::alignment::Misalignment;
 use crate::picture_calibration::calibration::NoPictureCalibration;
 use crate::picture_calibration::joint::NoJointPoints;
 use crate::solve::SolveError;
@@ -60,6 +62,14 @@ pub enum CalibrateError {
     /// The circles are not as large as stated.
     #[error("{0}")]
     OtherRadius(#[source] OtherRadius),
+    /// ON and OFF are exchanged.
+    #[error("{file}: {exchanged}; {}", Exchanged::ADVICE)]
+    Exchanged {
+        /// The file.
+        file: String,
+        /// What was seen.
+        exchanged: Exchanged,
+    },
     /// The lens or the board cannot be as the user says.
     #[error("no lens or board has the values at which parameters are held")]
     ImpossibleValues,
@@ -136,6 +146,9 @@ pub enum CalibrateError {
     /// The views of a board that blinks give no calibration.
     #[error("no calibration from a board that blinks: {0}")]
     Views(NoPictureCalibration),
+    /// Pictures and events do not show the same at the same moment.
+    #[error("frames and events cannot be solved together: {}; {}", .0, .0.advice())]
+    PicturesMisaligned(Misalignment),
     /// Pictures and events cannot be solved together.
     #[error("frames and events cannot be solved together: {0}")]
     JointPictures(NoJointPoints),
@@ -148,12 +161,14 @@ impl CalibrateError {
             self,
             Self::NoPattern(_)
                 | Self::OtherRadius(_)
+                | Self::Exchanged { .. }
                 | Self::LargerBoard(_)
                 | Self::Initial(_)
                 | Self::FirstTrajectories(_)
                 | Self::Solve(_)
                 | Self::Pictures(_)
                 | Self::Views(_)
+                | Self::PicturesMisaligned(_)
                 | Self::JointPictures(_)
         )
     }

@@ -41,7 +41,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
 
     let first = first_model(task, &frames, sensor, progress)?;
     let files = Files { starts: Some(&detected.starts), without_pictures: &detected.without_pictures };
-    let pictures = calibrate_beside(task, files, sensor, first.initial.camera.kind(), progress)?;
+    let pictures = calibrate_beside(task, files, &frames, sensor, first.initial.camera.kind(), progress)?;
     keep_examples(&mut frames, &first.initial);
     let events = detected.events.of_choice(choice.as_ref(), task, sensor, progress)?;
 
@@ -53,7 +53,8 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let state = first_state(task, first.initial.camera, start.trajectories);
     let (solve, model_choice) = solve_with_model(task, &input, state, first.choice, progress)?;
     let witness = pictures.as_ref().map(|pictures| witness(&solve, sensor, pictures));
-    let WithPictures { mut solve, joint, own } = join_pictures(task, input, solve, pictures.as_ref(), progress)?;
+    let WithPictures { mut solve, joint, own } =
+        join_pictures(task, input, solve, pictures.as_ref().map(|pictures| &pictures.calibrated), progress)?;
     drop(read);
     let measured = if events.counts.is_some() { Measured::EventEdges } else { Measured::CircleCentres };
     let sample = events.sample.thinned(SAMPLE);

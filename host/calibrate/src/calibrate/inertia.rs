@@ -8,7 +8,7 @@ use crate::inertial::calibration::InertialCalibration;
 use crate::inertial::error::InertialError;
 use crate::inertial::settings::InertialSettings;
 use crate::inertial::stream::ReadSamples;
-use crate::inertial::{RecordedSamples, calibrate_unit, csv, stream};
+use crate::inertial::{FEWEST_SECONDS, RecordedSamples, calibrate_unit, csv, stream};
 use crate::solve::held_intrinsics::HeldIntrinsics;
 
 /// Which inertial unit is calibrated, and what is known of it.
@@ -34,6 +34,35 @@ pub fn calibrate_inertial(
     let Evidence::Events(events) = &calibrated.evidence else { return Err(InertialError::NoTrajectory) };
     let recorded = recorded_samples(inputs, &calibrated.starts, request)?;
     calibrate_unit(recorded, &events.refined, &calibrated.trust.uncertainty, held, &request.settings)
+}
+
+/// Looks at the inertial samples of `inputs` as far as it takes to know that they last long enough, before the camera is calibrated.
+/// What else is wrong with them shows later.
+///
+/// # Errors
+/// [`InertialError::ShortRecording`].
+pub fn check_length(inputs: &[Input], request: &InertialRequest) -> Result<(), InertialError> {
+    let seconds = match &request.file {
+        Some(file) => csv::read(file)
+            .ok()
+            .and_then(|samples| Some(samples.last()?.t - samples.first()?.t))
+            .into_iter()
+            .collect::<Vec<f64>>(),
+        None => inputs
+            .iter()
+            .filter_map(|input| match input {
+                Input::Events(recording) => stream::duration(recording, FEWEST_SECONDS),
+                Input::Images(_) | Input::Circles { .. } => None,
+            })
+            .collect(),
+    };
+    let longest = seconds.into_iter().fold(None, |longest: Option<f64>, one| Some(longest.unwrap_or(0.0).max(one)));
+    match longest {
+        Some(seconds) if seconds < FEWEST_SECONDS => {
+            Err(InertialError::ShortRecording { seconds, needed: FEWEST_SECONDS })
+        }
+        _ => Ok(()),
+    }
 }
 
 fn recorded_samples(

@@ -13,6 +13,7 @@ use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::pictures::search::{PictureSearch, PictureSearchReport};
 use crate::initial::model_choice::{CANDIDATES, ModelRequest, choose_model};
+use crate::picture_calibration::alignment::{Misalignment, misalignment};
 use crate::picture_calibration::calibration::{
     NoPictureCalibration, PictureCalibration, PictureSource, calibrate_pictures,
 };
@@ -21,7 +22,7 @@ use crate::solve::refinement::Refined;
 use crate::trust::examine_pictures;
 use crate::trust::uncertainty::Uncertainty;
 use crate::trust::verdict::verdict;
-use crate::trust::witness::{FailedWitness, WitnessOutcome, picture_witness};
+use crate::trust::witness::{FailedWitness, NoWitness, WitnessOutcome, picture_witness};
 use event_recordings::images::ImagesError;
 use event_recordings::pass::RecordingReport;
 use event_recordings::pictures::TimedImage;
@@ -46,29 +47,53 @@ pub(super) struct Files<'a> {
 /// What pictures were calibrated to, or why they were not.
 pub(super) type CalibratedPictures = Result<PictureCalibration, NoPictureCalibration>;
 
+/// The camera's own pictures beside its events.
+pub(super) struct PicturesBeside {
+    /// The calibration from them alone.
+    pub(super) calibrated: CalibratedPictures,
+    /// How they differ from the events in what they show at the same moment.
+    pub(super) misalignment: Option<Misalignment>,
+}
+
 /// The calibration from the pictures of recordings that hold events too, as far as the task wants it; `None` where there are no
 /// pictures, or they are of no use.
 ///
 /// # Errors
-/// [`CalibrateError`] where the task needs them and there is no calibration from them.
+/// [`CalibrateError`] where the task needs them and there is no calibration from them, or they do not show what `windows` of the events
+/// show.
 pub(super) fn calibrate_beside(
     task: &Task,
     files: Files,
+    windows: &[ReferenceFrame],
     sensor: Sensor,
     model: ModelKind,
     progress: &Progress,
-) -> Result<Option<CalibratedPictures>, CalibrateError> {
+) -> Result<Option<PicturesBeside>, CalibrateError> {
     let is_needed = match task.pictures {
         PictureUse::Ignore | PictureUse::Only => return Ok(None),
         PictureUse::Witness => false,
         PictureUse::Joint | PictureUse::SecondCamera => true,
     };
     let seen = see_pictures(task, files, progress)?;
+    let misalignment = misalignment(windows, &seen.frames, task.board, sensor);
+    if let Some(misalignment) = misalignment.filter(|misalignment| is_in_the_way(task.pictures, misalignment)) {
+        return Err(CalibrateError::PicturesMisaligned(misalignment));
+    }
     let calibrated = picture_calibration(task, seen, PictureSource::Frames, sensor, model, progress);
     if is_needed {
         require(task, calibrated.as_ref())?;
     }
-    Ok(calibrated)
+    Ok(calibrated.map(|calibrated| PicturesBeside { calibrated, misalignment }))
+}
+
+/// `true` if pictures that differ from the events like that are of no use to the task.
+fn is_in_the_way(pictures: PictureUse, misalignment: &Misalignment) -> bool {
+    match pictures {
+        PictureUse::Joint => true,
+        // A second camera may have another lens.
+        PictureUse::SecondCamera => !misalignment.is_of_lens(),
+        PictureUse::Witness | PictureUse::Only | PictureUse::Ignore => false,
+    }
 }
 
 /// Looks for the board in all pictures.
@@ -115,20 +140,27 @@ fn picture_calibration(
 }
 
 /// Compares the result from events with that from pictures.
-pub(super) fn witness(solve: &BoardSolve, sensor: Sensor, pictures: &CalibratedPictures) -> WitnessOutcome {
+pub(super) fn witness(solve: &BoardSolve, sensor: Sensor, pictures: &PicturesBeside) -> WitnessOutcome {
     // The pictures are calibrated with the board as it is stated: so is what they are compared with.
     let (camera, certainty) = match &solve.as_stated {
         Some((camera, certainty)) => (camera, certainty),
         None => (&solve.refined.state.camera, &solve.certainty),
     };
     let covariance = &certainty.intrinsics.covariance;
-    let calibration = match pictures {
+    let misalignment = pictures.misalignment;
+    let calibration = match &pictures.calibrated {
         Ok(calibration) => calibration,
-        Err(failure) => return WitnessOutcome::Failed(failure.clone().into()),
+        Err(NoPictureCalibration { reason, report }) => {
+            let reason = NoWitness::NoCalibration(reason.clone());
+            return WitnessOutcome::Failed(FailedWitness { reason, misalignment, report: report.clone() });
+        }
     };
-    match picture_witness(camera, covariance, calibration, sensor) {
+    match picture_witness(camera, covariance, calibration, sensor, misalignment) {
         Ok(witness) => WitnessOutcome::Witness(Box::new(witness)),
-        Err(reason) => WitnessOutcome::Failed(FailedWitness { reason, report: Box::new(calibration.report.clone()) }),
+        Err(reason) => {
+            let report = Box::new(calibration.report.clone());
+            WitnessOutcome::Failed(FailedWitness { reason, misalignment, report })
+        }
     }
 }
 

@@ -5,6 +5,7 @@ use std::path::Path;
 use super::{Checked, Seen};
 use crate::advice::{Advice, Outside};
 use crate::calibrate::still_views::FEWEST as FEWEST_VIEWS;
+use crate::detection::exchanged::Exchanged;
 use crate::detection::{FEWEST_EVENTS, too_short};
 use crate::diagnosis::bad_pixels::Repetition;
 use crate::diagnosis::disorder::Disorder;
@@ -88,12 +89,15 @@ fn advice_on_outside(information: &Information, has_columns: bool) -> Advice {
 
 /// What to do about the board.
 fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> Advice {
-    let Seen { board, found, time_share: share, covered, failure, recognised, edges, .. } = seen;
+    let Seen { board, found, time_share: share, covered, failure, recognised, edges, exchanged, .. } = seen;
+    if let Some(exchanged) = exchanged {
+        return Advice::Plain(format!("{exchanged}: {}", Exchanged::ADVICE));
+    }
     if let Some(failure) = failure {
         return failure.advice();
     }
     if seen.is_at_rest {
-        return next_at_rest(seen);
+        return next_at_rest(seen, path);
     }
     if let (Some(flicker), true) = (checked.information.flicker, *share < ENOUGH) {
         return Advice::Plain(format!(
@@ -135,9 +139,10 @@ fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> Advice {
 }
 
 /// What to do about a board that blinks.
-fn next_at_rest(seen: &Seen) -> Advice {
-    if seen.board.is_none() {
-        return Advice::NameBoard;
+fn next_at_rest(seen: &Seen, path: &Path) -> Advice {
+    let Some(board) = &seen.board else { return Advice::NameBoard };
+    if seen.found >= FEWEST_VIEWS as u64 {
+        return Advice::Calibrate { recording: path.to_owned(), board: board.clone() };
     }
     Advice::Plain(format!(
         "calibrate from {FEWEST_VIEWS} or more such views together, of one recording or many: half a second each, from all sides, near, and with the board in all corners of the image"

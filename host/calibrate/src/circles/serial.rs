@@ -14,6 +14,8 @@ use crate::circles::stream::{CircleStream, Receiver};
 const PREFIX: &str = "serial:";
 const DEFAULT_BAUD: u32 = 921_600;
 const DEFAULT_SECONDS: f64 = 10.0;
+/// Bytes without a circle after which none is to be expected: no more are saved.
+const MOST_WITHOUT_CIRCLE: u64 = 4 << 20;
 /// How long a read waits before it looks at the clock.
 const POLL: Duration = Duration::from_millis(50);
 
@@ -114,6 +116,9 @@ impl SerialAddress {
                     }
                     receiver.push(new);
                     bytes += count as u64;
+                    if bytes > MOST_WITHOUT_CIRCLE && !receiver.has_circle() {
+                        break;
+                    }
                 }
                 Err(error) if matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::Interrupted) => {}
                 Err(error) => {
@@ -136,6 +141,9 @@ impl SerialAddress {
             frames,
             advice: match (bytes, frames) {
                 (0, _) => "is it the right port, and is the firmware running?",
+                (bytes, _) if bytes > MOST_WITHOUT_CIRCLE => {
+                    "listening ends after 4 MB without a circle: is the baud rate right, and does the sensor see the moving board?"
+                }
                 (_, 0) => "is the baud rate right, and does the firmware send a circle stream?",
                 _ => "does the sensor see the moving board?",
             },

@@ -107,6 +107,11 @@ impl Receiver {
         (self.windows.len(), self.windows.iter().map(|window| window.circles.len()).sum())
     }
 
+    /// Whether a circle has come.
+    pub fn has_circle(&self) -> bool {
+        !self.windows.is_empty() || !self.circles.is_empty()
+    }
+
     /// Frames of the link that passed their checks so far.
     pub fn frames(&self) -> u32 {
         self.decoder.counts().frames

@@ -102,7 +102,7 @@ impl NoBoard {
                 "is the board in view, moving and in focus? Try the soft extraction, or move faster".to_owned()
             }
             Self::BesideBoard | Self::TooFewOfBoard | Self::PlaceUncertain => {
-                "is the board described right: rows and columns, acircles or circles?".to_owned()
+                "is the board described right: rows and columns, acircles or circles? Of rows with 5, 4, 5, 4 circles only 4 each are used: state 4 columns".to_owned()
             }
             Self::CornersBesideBoard => {
                 "count the inner corners, where four squares meet: one row and one column fewer than squares".to_owned()

@@ -1,5 +1,6 @@
 //! What a recording holds, at a glance.
 
+mod other_span;
 mod statistics;
 mod text;
 
@@ -8,6 +9,7 @@ use evcal_core::sensor::Sensor;
 use evcal_files::visible;
 use serde::{Serialize, Serializer};
 
+pub use self::other_span::OtherSpan;
 use self::statistics::Statistics;
 use crate::diagnosis::flicker::Flicker;
 use crate::diagnosis::time_steps::CoarseTimes;
@@ -64,6 +66,9 @@ pub struct Information {
     pub dead_columns: Vec<u16>,
     /// Everything in the file, by stream; empty for formats with one stream of events.
     pub streams: Vec<StreamSummary>,
+    /// Streams that span another time than the events.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub other_spans: Vec<OtherSpan>,
     /// What the reader met.
     pub report: ReadReport,
     /// What the reader took for granted.
@@ -126,6 +131,8 @@ pub struct HotPixel {
 pub fn gather(recording: &Recording) -> Result<Information, RecordingError> {
     let mut information = gather_events(recording)?;
     information.streams = recording.streams()?;
+    let other_span = |stream| OtherSpan::new(stream, information.times_us?);
+    information.other_spans = information.streams.iter().filter_map(other_span).collect();
     information.notes.extend(recording.open_extras()?.chosen());
     Ok(information)
 }
@@ -176,6 +183,7 @@ pub fn gather_events(recording: &Recording) -> Result<Information, RecordingErro
         hottest_pixels,
         dead_columns: statistics.dead_columns(),
         streams: Vec::new(),
+        other_spans: Vec::new(),
         report: reader.report().clone(),
         notes: known.notes.clone(),
         error,

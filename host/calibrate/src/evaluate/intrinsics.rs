@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use evcal_core::camera::Camera;
+use evcal_core::camera::{Camera, ModelKind};
 use serde::Serialize;
 
 /// One parameter in two calibrations.
@@ -14,16 +14,19 @@ pub struct ParameterPair {
     pub first: Option<f64>,
     /// Its value in the second calibration, if the model has it.
     pub second: Option<f64>,
+    /// Whether it means the same in both.
+    pub means_the_same: bool,
 }
 
 impl ParameterPair {
-    /// Second less first, where both have the parameter.
+    /// Second less first, where both have the parameter and it means the same.
     pub fn difference(&self) -> Option<f64> {
-        Some(self.second? - self.first?)
+        if self.means_the_same { Some(self.second? - self.first?) } else { None }
     }
 }
 
-/// The parameters of two calibrations. Those of equal name mean the same only if the models do.
+/// The parameters of two calibrations. Those of equal name mean the same only if the models do: a coefficient of one model is another
+/// thing than that of the same name in another.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct IntrinsicsComparison {
     /// Name of the first camera model.
@@ -34,6 +37,9 @@ pub struct IntrinsicsComparison {
     pub parameters: Vec<ParameterPair>,
 }
 
+/// Parameters that mean the same in all models whose focal length is that on the axis.
+const PINHOLE: [&str; 4] = ["fx", "fy", "cx", "cy"];
+
 /// Puts the parameters of two calibrations side by side.
 pub fn compare_intrinsics(first: &Camera<f64>, second: &Camera<f64>) -> IntrinsicsComparison {
     let named = |camera: &Camera<f64>| -> Vec<(&'static str, f64)> {
@@ -42,6 +48,17 @@ pub fn compare_intrinsics(first: &Camera<f64>, second: &Camera<f64>) -> Intrinsi
     let (first_values, second_values) = (named(first), named(second));
     let value =
         |values: &[(&str, f64)], name: &str| values.iter().find(|(other, _)| *other == name).map(|(_, value)| *value);
+    let family = |camera: &Camera<f64>| match camera.kind() {
+        ModelKind::Radtan4 | ModelKind::Radtan | ModelKind::Radtan8 => ModelKind::Radtan,
+        other => other,
+    };
+    let alike = family(first) == family(second);
+    // Where fx is the focal length on the axis in both, it may be compared.
+    let is_plain = |camera: &Camera<f64>| {
+        let axial = camera.axial_focal_lengths();
+        axial.is_some_and(|[fx, _]| camera.parameters().first().is_some_and(|own| (own - fx).abs() <= 1e-9 * fx))
+    };
+    let plain = is_plain(first) && is_plain(second);
     let only_second = second_values.iter().filter(|(name, _)| value(&first_values, name).is_none());
     let parameters = first_values
         .iter()
@@ -50,6 +67,7 @@ pub fn compare_intrinsics(first: &Camera<f64>, second: &Camera<f64>) -> Intrinsi
             name,
             first: value(&first_values, name),
             second: value(&second_values, name),
+            means_the_same: alike || (plain && PINHOLE.contains(&name)),
         })
         .collect();
     IntrinsicsComparison { first_model: first.kind().name(), second_model: second.kind().name(), parameters }
@@ -74,8 +92,6 @@ impl fmt::Display for IntrinsicsComparison {
 
 #[cfg(test)]
 mod tests {
-    use evcal_core::camera::ModelKind;
-
     use super::*;
 
     #[test]
@@ -93,5 +109,20 @@ mod tests {
         assert_eq!(comparison.parameters.len(), 9);
         let text = comparison.to_string();
         assert!(text.contains("(+0.500 %)") && text.lines().count() == 10, "{text}");
+    }
+
+    /// k1 of one model less k1 of another is no error.
+    #[test]
+    fn coefficients_of_other_models_are_not_subtracted() {
+        let first = Camera::from_parameters(ModelKind::Radtan4, &[200.0, 201.0, 170.0, 130.0, -0.3, 0.1, 0.001, 0.002])
+            .unwrap();
+        let second =
+            Camera::from_parameters(ModelKind::KannalaBrandt, &[201.0, 201.0, 171.0, 129.5, 0.02, 0.01, 0.001, 0.0])
+                .unwrap();
+        let comparison = compare_intrinsics(&first, &second);
+        let difference = |name: &str| {
+            comparison.parameters.iter().find(|pair| pair.name == name).and_then(ParameterPair::difference)
+        };
+        assert_eq!((difference("fx"), difference("k1"), difference("k2")), (Some(1.0), None, None));
     }
 }

@@ -43,6 +43,16 @@ pub enum InertialError {
         /// How much is needed.
         needed: f64,
     },
+    /// The samples end before a calibration can begin.
+    #[error(
+        "the inertial samples last {seconds:.1} s only; {needed:.0} s are needed, and 20 s are better: record longer"
+    )]
+    ShortRecording {
+        /// From the first to the last sample.
+        seconds: f64,
+        /// How much is needed.
+        needed: f64,
+    },
     /// The samples are too far apart in time.
     #[error(
         "the inertial unit gives {rate:.0} samples a second, too few to follow a hand; {needed:.0} are needed, and 200 are better: set a higher rate"
@@ -96,15 +106,15 @@ pub enum InertialError {
     /// A mirrored coordinate system.
     #[error("the axes of the inertial unit are left-handed: change the sign of one axis of both sensors")]
     LeftHanded,
-    /// Accelerometer and gyroscope do not belong to one right-handed frame.
-    #[error(
-        "gravity comes out as {size:.2} m/s², not {stated:.2}: check the unit of the accelerations, the signs of the accelerometer's axes and the spacing of the board, or the axes of both sensors are left-handed"
-    )]
+    /// Gravity does not have its size.
+    #[error("{}", gravity_in_words(*size, *stated, *motion))]
     GravitySize {
-        /// Found.
+        /// Found (m/s²).
         size: f64,
-        /// Stated.
+        /// Stated (m/s²).
         stated: f64,
+        /// Acceleration of the camera by its motion (m/s², root mean square).
+        motion: f64,
     },
     /// The equations have no solution.
     #[error(
@@ -126,5 +136,35 @@ pub enum InertialError {
 impl From<NotPositiveDefinite> for InertialError {
     fn from(_: NotPositiveDefinite) -> Self {
         Self::Singular
+    }
+}
+
+/// Acceleration of the camera, as a share of gravity, from which the motion is to blame.
+const VIOLENT: f64 = 0.5;
+
+fn gravity_in_words(size: f64, stated: f64, motion: f64) -> String {
+    let mistakes = "check the unit of the accelerations, the signs of the accelerometer's axes and the spacing of the board, or the axes of \
+                    both sensors are left-handed";
+    let found = format!("gravity comes out as {size:.2} m/s², not {stated:.2}");
+    if motion > VIOLENT * stated {
+        format!(
+            "{found}, from a motion that accelerated the camera by {motion:.1} m/s² (rms), which hides gravity: move more gently, at least for \
+             some seconds; if it is the same then, {mistakes}"
+        )
+    } else {
+        format!("{found}: {mistakes}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A unit that was all right was accused.
+    #[test]
+    fn a_violent_motion_is_named_before_the_unit_is_accused() {
+        let told = |motion| InertialError::GravitySize { size: 7.1, stated: 9.81, motion }.to_string();
+        assert!(told(9.0).contains("accelerated the camera by 9.0 m/s²") && told(9.0).contains("more gently"));
+        assert!(!told(1.0).contains("gently") && told(1.0).contains("unit of the accelerations"));
     }
 }

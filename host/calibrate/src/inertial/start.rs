@@ -137,12 +137,13 @@ fn lever_arm(
     gravity: f64,
 ) -> Result<InertialParameters, InertialError> {
     let unit = unit_values(samples, |sample| sample.acceleration);
-    let mut rows = Vec::new();
+    let (mut rows, mut squares) = (Vec::new(), 0.0);
     for (index, reading) in unit.values.iter().enumerate().step_by(2) {
         let t = unit.start + STEP * index as f64 - delay;
         let inside = |one: &&&Trajectory| t > one.start() + 0.1 && t < one.end() - 0.1;
         let motion = trajectories.iter().find(inside).and_then(|one| Motion::new(one, t));
         let (Some(reading), Some(motion)) = (reading, motion) else { continue };
+        squares += motion.acceleration.norm_squared();
         rows.push(row(&motion, rotation.inverse_transform_vector(reading)));
     }
     // Where the trajectory is uncertain its acceleration is: those rows fall away.
@@ -175,7 +176,8 @@ fn lever_arm(
     // What is no number is not as stated either.
     let is_as_stated = (reading - 1.0).abs() <= GRAVITY_ERROR;
     if !is_as_stated {
-        return Err(InertialError::GravitySize { size, stated: gravity });
+        let motion = (squares / rows.len().max(1) as f64).sqrt();
+        return Err(InertialError::GravitySize { size, stated: gravity, motion });
     }
     let middle = 0.5 * (samples.first().map_or(0.0, |one| one.t) + samples.last().map_or(0.0, |one| one.t));
     Ok(InertialParameters {

@@ -62,6 +62,23 @@ pub fn read(recording: &Recording) -> Result<ReadSamples, RecordingError> {
     Ok(ReadSamples { samples, lost })
 }
 
+/// Time from the first to the last inertial sample of a recording (s), which is read until that is `enough`; `None` without samples.
+pub fn duration(recording: &Recording, enough: f64) -> Option<f64> {
+    let mut extras = recording.open_extras().ok()?;
+    let (mut first, mut last) = (None, None);
+    while let Some(extra) = extras.next_until(i64::MAX, &mut Vec::new()) {
+        if let Extra::Inertial(sample) = extra {
+            let t = sample.t as f64 * 1e-6;
+            let since = t - *first.get_or_insert(t);
+            last = Some(since);
+            if since >= enough {
+                break;
+            }
+        }
+    }
+    last
+}
+
 /// Leaves out what cannot be used, and looks at units, gaps and saturation.
 ///
 /// # Errors

@@ -15,6 +15,8 @@ use evcal_geometry::lens::projection_difference::{NoCommonView, projection_diffe
 /// A difference of so many times what is to be expected is that of another camera or lens (or of a lens that was
 /// touched); below, that of conditions that the stated uncertainty does not know, such as light and speed.
 const ANOTHER: f64 = 10.0;
+/// A difference below it (px) is not yet that of another lens, however sure the calibrations are.
+const SMALLEST_OF_ANOTHER: f64 = 0.2;
 /// A difference below it (px) is that of the same camera, however sure the calibrations are.
 const SMALLEST: f64 = 0.05;
 
@@ -131,7 +133,7 @@ fn sameness(difference: f64, expected: Option<f64>) -> Sameness {
         _ if difference < SMALLEST => Sameness::Same,
         None => Sameness::Unknown,
         Some(expected) if difference < EXPECTED_TIMES * expected => Sameness::Same,
-        Some(expected) if difference < (ANOTHER * expected).max(1.0) => Sameness::Near,
+        Some(expected) if difference < (ANOTHER * expected).max(SMALLEST_OF_ANOTHER) => Sameness::Near,
         Some(_) => Sameness::Different,
     }
 }
@@ -141,8 +143,8 @@ impl fmt::Display for ComparedCalibrations {
         f.write_str(match self.sameness {
             Sameness::Same => "The same camera: either calibration can take the place of the other.",
             Sameness::Near => {
-                "Perhaps the same camera, but the calibrations differ by more than their uncertainties allow: was the \
-                 lens touched between them? Use the better one; the reports say which."
+                "Not the same within their uncertainties: the lens was touched between them, or one is less certain than it \
+                 says. Use the better one; the reports say which."
             }
             Sameness::Different => {
                 "Different cameras or lenses, or the lens was refocused between them: do not use one for the other."
@@ -208,6 +210,10 @@ mod tests {
         let expected = near.expected_rms.unwrap();
         assert!((near.difference_rms / expected - 8.0 / 2f64.sqrt()).abs() < 0.1, "{near:?}");
         assert_eq!(near.sameness, Sameness::Near);
+        // 0.57 px, where 0.02 are expected, was "perhaps the same camera".
+        let apart = compare(&write(folder, "apart", 170.0, -0.367, Some(0.001)));
+        assert!((0.2..1.0).contains(&apart.difference_rms), "{apart:?}");
+        assert_eq!(apart.sameness, Sameness::Different);
         let different = compare(&write(folder, "different", 175.0, -0.2, Some(0.001)));
         assert_eq!(different.sameness, Sameness::Different);
         assert!(different.to_string().contains("do not use one for the other"));

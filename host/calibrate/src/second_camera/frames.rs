@@ -14,7 +14,9 @@ use super::findings::findings;
 use super::joint::{Joint, Lenses, Solved, share_of_lenses, solve};
 use super::mount::{LINE_DELAY, Mount};
 use super::seen::Seen;
-use super::{Apart, Known, add_scale_error, finish, holding, problem_of_points, seen_by_both, start, with_board_held};
+use super::{
+    Apart, Known, add_scale_error, determined, finish, holding, problem_of_points, seen_by_both, start, with_board_held,
+};
 use crate::circles::reference_frame::PointObservation;
 use crate::solve::State;
 use crate::solve::observation::SegmentObservations;
@@ -124,7 +126,7 @@ pub fn calibrate_frames(
     }
     calibration.rolling_shutter = second.rolling_shutter;
     calibration.findings = findings(&calibration);
-    Ok(calibration)
+    determined(calibration)
 }
 
 /// Solves, and again with the spread of centres that was left as long as that is not the one that was taken for granted: alone, the

@@ -14,7 +14,7 @@ use super::error::SecondCameraError;
 use super::mount::{COUNT, Mount, OFFSET, RATE, RATE_SIGMA, ROTATION, TRANSLATION};
 use super::seen::{Seen, SeenPose, inner_sample, pose_of, rates};
 use crate::trajectory::Trajectory;
-use crate::trajectory::alignment::{Offset, Overlap, offset};
+use crate::trajectory::alignment::{AlignmentError, Offset, Overlap, ambiguous, offsets};
 use evcal_geometry::board::symmetry::Symmetry;
 use evcal_geometry::numerics::rigid::best_rotation;
 use evcal_geometry::numerics::statistics::median;
@@ -24,7 +24,9 @@ use evcal_geometry::timed_pose::TimedPose;
 pub const FEWEST_SECONDS: f64 = 2.0;
 /// Smallest overlap: as a share of the shorter recording, and in seconds.
 const OVERLAP: Overlap = Overlap { share: 0.25, seconds: FEWEST_SECONDS };
-/// How many times more another way round must scatter.
+/// Most offsets of the clocks that are tried.
+const MOST_OFFSETS: usize = 8;
+/// How many times more another way round, or another offset, must scatter.
 const CLEARLY: f64 = 3.0;
 /// How many metres count as much as a radian.
 const LENGTH: f64 = 0.7;
@@ -77,7 +79,38 @@ pub fn start(
 ) -> Result<Start, SecondCameraError> {
     let of_first = rates(first);
     of_first.check()?;
-    let Offset { seconds: offset, correlation } = offset(&of_first, &second.rates, OVERLAP)?;
+    let offsets = offsets(&of_first, &second.rates, OVERLAP, MOST_OFFSETS)?;
+    let step = of_first.step;
+    // Where turns alone leave several offsets open, the right one is that with which nothing moves between the cameras.
+    let at = |offset: &Offset| start_at(first, second, *offset, symmetries, loose).map(|found| (*offset, found));
+    let mut found: Vec<(Offset, Found)> = offsets.iter().filter_map(|offset| at(offset).ok()).collect();
+    found.sort_by(|a, b| a.1.scatter.total_cmp(&b.1.scatter));
+    match found.as_slice() {
+        [] => {
+            let first_offset = offsets.first().ok_or(AlignmentError::OtherMotion { correlation: 0.0 })?;
+            at(first_offset).map(|(_, found)| found.start)
+        }
+        [(one, best), (other, next), ..] if next.scatter < CLEARLY * best.scatter.max(1.0) => {
+            Err(ambiguous(*one, *other, step).into())
+        }
+        [(_, best), ..] => Ok(best.start.clone()),
+    }
+}
+
+/// A start at one offset of the clocks.
+struct Found {
+    start: Start,
+    /// How far poses usually are from where the mount puts them, in [`SPREAD`].
+    scatter: f64,
+}
+
+fn start_at(
+    first: &[Trajectory],
+    second: &Seen,
+    Offset { seconds: offset, correlation }: Offset,
+    symmetries: &[Symmetry],
+    loose: [f64; 2],
+) -> Result<Found, SecondCameraError> {
     let pairs = pairs(first, &second.poses, offset);
     let seconds = pairs.len() as f64 * second.every;
     let (Some(begin), Some(end)) = (pairs.first(), pairs.last()) else {
@@ -95,8 +128,8 @@ pub fn start(
     });
     let seen: Vec<TimedPose> = seen.collect();
     let mount = fitted(first, &seen, mount)?;
-    fixed(first, &seen, &mount, loose)?;
-    Ok(Start { mount, correlation, turns, seconds })
+    let scatter = fixed(first, &seen, &mount, loose)?;
+    Ok(Found { start: Start { mount, correlation, turns, seconds }, scatter })
 }
 
 fn pairs(first: &[Trajectory], second: &[SeenPose], offset: f64) -> Vec<Pair> {
@@ -208,8 +241,9 @@ fn fitted(first: &[Trajectory], seen: &[TimedPose], mut mount: Mount) -> Result<
     Ok(mount)
 }
 
-/// Whether the transform is the same all the time, but for changes as large as `loose`.
-fn fixed(first: &[Trajectory], seen: &[TimedPose], mount: &Mount, loose: [f64; 2]) -> Result<(), SecondCameraError> {
+/// How far poses usually are from where the mount puts them, in [`SPREAD`], if the transform is the same all the time but for changes as
+/// large as `loose`.
+fn fixed(first: &[Trajectory], seen: &[TimedPose], mount: &Mount, loose: [f64; 2]) -> Result<f64, SecondCameraError> {
     let residuals: Vec<_> = seen.iter().filter_map(|pose| residual(first, pose, mount)).collect();
     let usual = |part: usize| {
         let mut sizes: Vec<f64> = residuals.iter().map(|(row, _)| row.fixed_rows::<3>(3 * part).norm()).collect();
@@ -219,7 +253,7 @@ fn fixed(first: &[Trajectory], seen: &[TimedPose], mount: &Mount, loose: [f64; 2
     if distance > loose[0] || rotation > loose[1] {
         return Err(SecondCameraError::NotFixed { distance, degrees: rotation.to_degrees() });
     }
-    Ok(())
+    Ok((rotation / SPREAD[0]).hypot(distance / SPREAD[1]))
 }
 
 #[cfg(test)]

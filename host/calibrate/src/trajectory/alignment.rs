@@ -6,7 +6,7 @@
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use evcal_geometry::numerics::lag::{NoLag, Rules, lag};
+use evcal_geometry::numerics::lag::{Lag, NoLag, Rules, lag, lags};
 
 /// Smallest correlation that is believed.
 const CORRELATION: f64 = 0.9;
@@ -16,6 +16,13 @@ const SECOND_PEAK: f64 = 0.9;
 const PEAK_DISTANCE: f64 = 0.4;
 /// Root mean square of the angular velocity below which a camera hardly turned (rad/s).
 pub const LEAST_RATE: f64 = 0.08;
+/// Rates at which the clock of a second device runs by mistake, in seconds of the first per second of it: a counter that is added
+/// twice, another divider.
+pub const MISTAKEN_RATES: [f64; 9] = [0.25, 1.0 / 3.0, 0.5, 2.0 / 3.0, 1.0, 1.5, 2.0, 3.0, 4.0];
+/// As much of the beginning of both series is compared at other rates (s): the time that this takes grows with its square.
+const LONGEST_OF_OTHER_RATE: f64 = 30.0;
+/// In such steps (s): a hand turns more slowly.
+const COARSE_STEP: f64 = 0.02;
 /// Longest series (s); longer ones have other units.
 const LONGEST: f64 = 86_400.0;
 
@@ -51,6 +58,15 @@ pub enum AlignmentError {
     OtherMotion {
         /// The largest correlation.
         correlation: f64,
+    },
+    /// The turns are the same at another rate of the second clock.
+    #[error(
+        "the clock of the other device runs {rate:.2} times as fast as that of the camera's events: the driver stamped it wrongly; multiply its times by {:.3}",
+        1.0 / rate
+    )]
+    OtherRate {
+        /// Seconds of the second clock per second of the first.
+        rate: f64,
     },
     /// The motion repeats itself.
     #[error(
@@ -95,6 +111,21 @@ impl<T: Copy> Series<T> {
 }
 
 impl Rates {
+    /// The beginning of the same in coarse steps, where each second of its clock is `rate` seconds.
+    fn coarse(&self, rate: f64) -> Self {
+        let value = |t: f64| {
+            let place = (t / rate - self.start) / self.step;
+            let below = place.floor();
+            if below < 0.0 {
+                return None;
+            }
+            let (before, after) = ((*self.values.get(below as usize)?)?, (*self.values.get(below as usize + 1)?)?);
+            Some(before + (after - before) * (place - below))
+        };
+        let (start, length) = (rate * self.start, rate * self.step * self.values.len() as f64);
+        Self::new(start, start + length.min(LONGEST_OF_OTHER_RATE), COARSE_STEP, value)
+    }
+
     /// Root mean square (rad/s).
     pub fn root_mean_square(&self) -> f64 {
         let count = self.known().count().max(1) as f64;
@@ -157,23 +188,61 @@ pub struct Offset {
 /// # Errors
 /// [`AlignmentError`] when no offset is clearly the best.
 pub fn offset(first: &Rates, second: &Rates, overlap: Overlap) -> Result<Offset, AlignmentError> {
-    let step = first.step;
-    let known = |rates: &Rates| rates.known().count() as f64;
-    let rules = Rules {
-        fewest_pairs: (overlap.share * known(first).min(known(second))).max(overlap.seconds / step),
-        correlation: CORRELATION,
-        second_peak: SECOND_PEAK,
-        peak_distance: (PEAK_DISTANCE / step) as usize,
-    };
-    let seconds = |steps: f64| second.start - first.start + steps * step;
-    match lag(&first.values, &second.values, &rules) {
-        Ok(found) => Ok(Offset { seconds: seconds(found.steps), correlation: found.correlation }),
+    match *offsets(first, second, overlap, 2)?.as_slice() {
+        [one] => Ok(one),
+        [one, other, ..] => Err(in_another_clock(first, second, overlap).unwrap_or(ambiguous(one, other, first.step))),
+        [] => Err(AlignmentError::OtherMotion { correlation: 0.0 }),
+    }
+}
+
+/// All offsets that may be the right one, the best first, `most` of them at the most: more than one where the motion repeats itself.
+///
+/// # Errors
+/// [`AlignmentError`] when there is none.
+pub fn offsets(first: &Rates, second: &Rates, overlap: Overlap, most: usize) -> Result<Vec<Offset>, AlignmentError> {
+    let seconds = |steps: f64| second.start - first.start + steps * first.step;
+    match lags(&first.values, &second.values, &rules(first, second, overlap), most) {
+        Ok(found) => {
+            let offset = |lag: &Lag| Offset { seconds: seconds(lag.steps), correlation: lag.correlation };
+            Ok(found.iter().map(offset).collect())
+        }
         Err(NoLag::Steady { mean }) => Err(AlignmentError::EvenRotation { rate: mean.to_degrees() }),
-        Err(NoLag::Unlike { correlation }) => Err(AlignmentError::OtherMotion { correlation }),
+        Err(NoLag::Unlike { correlation }) => {
+            let unlike = AlignmentError::OtherMotion { correlation };
+            Err(in_another_clock(first, second, overlap).unwrap_or(unlike))
+        }
         Err(NoLag::Ambiguous { first, second }) => {
             Err(AlignmentError::Ambiguous { first: seconds(first), second: seconds(second) })
         }
     }
+}
+
+/// The motion repeats itself, so that both may be right; to a `step` (s).
+pub fn ambiguous(one: Offset, other: Offset, step: f64) -> AlignmentError {
+    let rounded = |offset: Offset| (offset.seconds / step).round() * step;
+    AlignmentError::Ambiguous { first: rounded(one), second: rounded(other) }
+}
+
+/// What makes an offset clear.
+fn rules(first: &Rates, second: &Rates, overlap: Overlap) -> Rules {
+    let known = |rates: &Rates| rates.known().count() as f64;
+    Rules {
+        fewest_pairs: (overlap.share * known(first).min(known(second))).max(overlap.seconds / first.step),
+        correlation: CORRELATION,
+        second_peak: SECOND_PEAK,
+        peak_distance: (PEAK_DISTANCE / first.step) as usize,
+    }
+}
+
+/// The rate of the second clock, if both turn alike at another one.
+fn in_another_clock(first: &Rates, second: &Rates, overlap: Overlap) -> Option<AlignmentError> {
+    let first = first.coarse(1.0);
+    let fits = |rate: &&f64| {
+        let second = second.coarse(**rate);
+        lag(&first.values, &second.values, &rules(&first, &second, overlap)).is_ok()
+    };
+    let rate = MISTAKEN_RATES.iter().filter(|rate| **rate != 1.0).find(fits);
+    rate.map(|rate| AlignmentError::OtherRate { rate: 1.0 / rate })
 }
 
 /// Whether the camera turned about more than one axis; `turns` is the sum of the products of angular velocities with those of the camera, whose

@@ -106,6 +106,8 @@ pub enum Cause {
     Defocused,
     /// The camera's own frames give another camera.
     FramesDisagree,
+    /// The camera's own frames are flipped, moved or of another time against its events.
+    FramesMisaligned,
     /// Events are not in the order of their times.
     OutOfOrder,
     /// Times come in steps of more than a fifth of a millisecond.

@@ -8,9 +8,8 @@ use evcal_core::sensor::Sensor;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use crate::picture_calibration::calibration::{
-    NoPictureCalibration, PictureCalibration, PictureFailure, PictureReport,
-};
+use crate::picture_calibration::alignment::Misalignment;
+use crate::picture_calibration::calibration::{PictureCalibration, PictureFailure, PictureReport};
 use crate::trust::uncertainty::projection::{NoView, projection_uncertainty};
 use crate::trust::verdict::{Cause, Finding, Severity};
 use evcal_geometry::lens::camera_file::{CameraDescription, Parameters};
@@ -76,6 +75,9 @@ pub struct Comparison {
     pub sentence: String,
     /// Whether both agree.
     pub agreement: Agreement,
+    /// How frames and events differ in what they show at the same moment, if they do.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub misalignment: Option<Misalignment>,
     /// Root mean square of the projection difference over the sensor (px), pictures less events, the
     /// implied rotation removed.
     pub difference_rms: f64,
@@ -114,6 +116,8 @@ pub enum WitnessOutcome {
 pub struct FailedWitness {
     /// Why.
     pub reason: NoWitness,
+    /// How they differ from the events in what they show at the same moment.
+    pub misalignment: Option<Misalignment>,
     /// What became of the pictures.
     pub report: Box<PictureReport>,
 }
@@ -132,12 +136,6 @@ pub enum NoWitness {
     NoView(#[from] NoView),
 }
 
-impl From<NoPictureCalibration> for FailedWitness {
-    fn from(failure: NoPictureCalibration) -> Self {
-        Self { reason: NoWitness::NoCalibration(failure.reason), report: failure.report }
-    }
-}
-
 impl WitnessOutcome {
     /// What became of the pictures.
     pub fn report(&self) -> &PictureReport {
@@ -150,8 +148,9 @@ impl WitnessOutcome {
     /// The same where the events show a larger board than stated.
     pub fn with_larger_board(self) -> Self {
         match self {
-            Self::Failed(FailedWitness { reason: NoWitness::NoCalibration(reason), report }) => {
-                Self::Failed(FailedWitness { reason: NoWitness::NoCalibration(reason.with_larger_board()), report })
+            Self::Failed(FailedWitness { reason: NoWitness::NoCalibration(reason), misalignment, report }) => {
+                let reason = NoWitness::NoCalibration(reason.with_larger_board());
+                Self::Failed(FailedWitness { reason, misalignment, report })
             }
             other => other,
         }
@@ -159,6 +158,18 @@ impl WitnessOutcome {
 
     /// What the verdict must know: that pictures and events disagree.
     pub fn finding(&self) -> Option<Finding> {
+        let misalignment = match self {
+            Self::Witness(witness) => witness.comparison.misalignment,
+            Self::Failed(failure) => failure.misalignment,
+        };
+        if let Some(misalignment) = misalignment {
+            return Some(Finding {
+                cause: Cause::FramesMisaligned,
+                severity: Severity::Warning,
+                reason: misalignment.to_string(),
+                advice: misalignment.advice().into(),
+            });
+        }
         let Self::Witness(witness) = self else { return None };
         let witness = &witness.comparison;
         (witness.agreement == Agreement::Disagrees).then(|| Finding {
@@ -178,7 +189,7 @@ impl WitnessOutcome {
 }
 
 /// Compares the calibration from pictures with the `camera` from events, whose parameters have
-/// `covariance`.
+/// `covariance`; calibrations of frames and events that do not show the same at the same moment disagree, however near they are.
 ///
 /// # Errors
 /// When both have no part of the sensor in common.
@@ -187,6 +198,7 @@ pub fn picture_witness(
     covariance: &DMatrix<f64>,
     pictures: &PictureCalibration,
     sensor: Sensor,
+    misalignment: Option<Misalignment>,
 ) -> Result<PictureWitness, NoWitness> {
     let difference = projection_difference(camera, &pictures.camera, sensor)?;
     let expected =
@@ -195,7 +207,9 @@ pub fn picture_witness(
     let from_frames = expected(&pictures.camera, &pictures.covariance)?;
     let expected = ExpectedDifference { rms: from_events.hypot(from_frames), events: from_events, frames: from_frames };
     let ratio = difference.rms / expected.rms.max(f64::MIN_POSITIVE);
-    let agreement = if from_frames > TOO_UNCERTAIN {
+    let agreement = if misalignment.is_some() {
+        Agreement::Disagrees
+    } else if from_frames > TOO_UNCERTAIN {
         Agreement::TooUncertain
     } else if ratio <= AGREEMENT {
         Agreement::Agrees
@@ -219,8 +233,16 @@ pub fn picture_witness(
         })
         .collect();
     let comparison = Comparison {
-        sentence: sentence(agreement, &difference, &expected, ratio, pictures.report.used),
+        sentence: match misalignment {
+            Some(misalignment) => format!(
+                "the camera's {} frames DISAGREE with its events: {misalignment}; {}",
+                pictures.report.used,
+                misalignment.advice()
+            ),
+            None => sentence(agreement, &difference, &expected, ratio, pictures.report.used),
+        },
         agreement,
+        misalignment,
         difference_rms: difference.rms,
         difference_max: difference.max,
         difference_max_at: difference.max_at,

@@ -8,7 +8,7 @@ use evcal_geometry::board::Board;
 use evcal_geometry::board::sheet::paper::Paper;
 use evcal_geometry::board::sheet::pdf::pdf;
 use evcal_geometry::board::sheet::svg::svg;
-use evcal_geometry::board::sheet::{board_sheet, board_that_fits};
+use evcal_geometry::board::sheet::{Page, board_sheet, board_that_fits};
 
 use super::output_arguments::OutputArguments;
 use super::{print, value};
@@ -45,13 +45,14 @@ pub struct Arguments {
 /// Runs `evcal board`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let Arguments { paper, margin, .. } = arguments;
+    let page = Page { paper: *paper, margin: *margin, typed: "--board " };
     let board = match arguments.board {
         Some(board) => board,
-        None => board_that_fits(PATTERN, paper, *margin)
+        None => board_that_fits(PATTERN, &page)
             .map(Board::Circles)
             .ok_or_else(|| format!("{paper} is too small for a board of 9x4 dots: choose a larger --paper"))?,
     };
-    let sheet = board_sheet(&board, paper, *margin)?;
+    let sheet = board_sheet(&board, &page)?;
     let written: Vec<&Path> = arguments.pdf.iter().chain(&arguments.svg).map(PathBuf::as_path).collect();
     arguments.results.check(written.iter().copied(), &[])?;
     if let Some(path) = &arguments.pdf {

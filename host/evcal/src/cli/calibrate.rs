@@ -11,6 +11,7 @@ use super::advice::with_advice;
 use super::settings::read_settings;
 use evcal_calibrate::calibrate::board_choice::choose_board;
 use evcal_calibrate::calibrate::inertia::InertialRequest;
+use evcal_calibrate::calibrate::inertia::check_length;
 use evcal_calibrate::calibrate::input::{Input, InputError};
 use evcal_calibrate::calibrate::parameter_request::ParameterRequests;
 use evcal_calibrate::circles::file::InputKind;
@@ -382,6 +383,9 @@ pub fn calibrate_recordings(
             let (count, first, last) = (recording.files().len(), short_name(first), short_name(last));
             print::aside(format!("{count} files continue each other, from {first} to {last}: they are one recording"));
         }
+    }
+    if let Some(request) = arguments.inertial_request() {
+        check_length(&inputs, &request)?;
     }
     let parameters = arguments.parameters()?;
     let rolling_shutter = others.rolling_shutter;

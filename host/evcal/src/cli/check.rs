@@ -10,9 +10,9 @@ use serde::Serialize;
 
 use super::advice::calibrate::worded;
 use super::calibrate::board_in;
-use super::print;
 use super::progress::{Waiting, short_name};
 use super::source_arguments::SourceArguments;
+use super::{NotReady, print};
 
 /// Arguments of `evcal check`.
 #[derive(clap::Args)]
@@ -54,8 +54,10 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let checked = check(&recording, board.as_ref(), &settings)?;
     waiting.finish();
     let next = worded(&checked.next);
+    let is_ready = checked.is_ready();
     match arguments.json {
-        true => print::json(&WithNext { checked, next }),
-        false => print::line(format!("{checked}\nnext: {next}")),
+        true => print::json(&WithNext { checked, next })?,
+        false => print::line(format!("{checked}\nnext: {next}"))?,
     }
+    if is_ready { Ok(()) } else { Err(NotReady.into()) }
 }

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use evcal_calibrate::result::same_camera::compare_calibrations;
+use evcal_calibrate::result::same_camera::{Sameness, compare_calibrations};
 
-use super::print;
+use super::{NotTheSame, print};
 
 /// Arguments of `evcal compare`.
 #[derive(clap::Args)]
@@ -23,5 +23,13 @@ pub struct Arguments {
 /// Runs `evcal compare`.
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let compared = compare_calibrations(&arguments.first, &arguments.second)?;
-    if arguments.json { print::json(&compared) } else { print::line(compared) }
+    if arguments.json {
+        print::json(&compared)?
+    } else {
+        print::line(&compared)?
+    }
+    match compared.sameness {
+        Sameness::Same => Ok(()),
+        Sameness::Near | Sameness::Different | Sameness::Unknown => Err(NotTheSame.into()),
+    }
 }

@@ -5,14 +5,15 @@ use std::path::{Path, PathBuf};
 
 use clap::builder::PossibleValuesParser;
 use evcal_calibrate::export;
-use evcal_calibrate::export::FORMATS;
 use evcal_calibrate::export::content::Exported;
 use evcal_calibrate::export::undistortion_table::{ExportedTable, fit_table, ideal_of, table};
+use evcal_calibrate::export::{FORMATS, inertial, second_camera};
 use evcal_calibrate::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC, plain};
+use evcal_calibrate::result::calibration_file::CalibrationFile;
 use evcal_core::undistortion::IdealCamera;
 use evcal_files::folder::OutputFolder;
 use evcal_files::visible;
-use evcal_geometry::lens::camera_file::camera_path;
+use evcal_geometry::lens::camera_file::{self, camera_path};
 use evcal_geometry::lens::nearest::Replacement;
 
 use super::output_arguments::OutputArguments;
@@ -101,11 +102,15 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         ..calibrated
     };
     let calibration = camera_path(&arguments.calibration);
-    arguments.results.check(outputs(arguments).iter().map(PathBuf::as_path), &[&calibration])?;
+    let beside = match arguments.format.as_deref() {
+        Some(ALL) => files_of_others(&calibration, &calibrated)?,
+        _ => Vec::new(),
+    };
+    arguments.results.check(outputs(arguments, &beside).iter().map(PathBuf::as_path), &[&calibration])?;
     let mut report = serde_json::Map::new();
     let mut written = Vec::new();
     if let Some(name) = arguments.format.as_deref() {
-        let refits = write_formats(arguments, name, &calibrated, &mut written)?;
+        let refits = write_formats(arguments, name, &calibrated, &beside, &mut written)?;
         report.insert("refits".to_owned(), serde_json::to_value(refits)?);
     }
     if arguments.table.rust_table.is_some() || arguments.table.c_header.is_some() {
@@ -118,12 +123,28 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     Ok(())
 }
 
-/// The files that are to be written. Of a folder that is not there yet, none can be in the way.
-fn outputs(arguments: &Arguments) -> Vec<PathBuf> {
+/// Name and content of each file of the camera with its inertial unit or with the other cameras on its mount, as far as the calibration has
+/// them.
+fn files_of_others(path: &Path, camera: &CalibratedCamera) -> Result<Vec<(String, String)>, Box<dyn Error>> {
+    if camera_file::version(path)?.is_none() {
+        return Ok(Vec::new());
+    }
+    let calibration: CalibrationFile = camera_file::parse(path)?;
+    let others = &calibration.second_cameras;
+    let with_unit = calibration.inertial.iter().flat_map(|unit| inertial::files(camera, unit, others));
+    let with_unit = with_unit.map(|(name, text)| (name.to_owned(), text));
+    Ok(with_unit.chain(second_camera::files(camera, others)?).collect())
+}
+
+/// The files that are to be written, those of `beside` too. Of a folder that is not there yet, none can be in the way.
+fn outputs(arguments: &Arguments, beside: &[(String, String)]) -> Vec<PathBuf> {
     let tables = arguments.table.rust_table.iter().chain(&arguments.table.c_header).cloned();
     let formats = match (&arguments.output, arguments.format.as_deref().and_then(export::from_name)) {
         (Some(file), Some(_)) => vec![file.clone()],
-        (Some(folder), None) if folder.is_dir() => FORMATS.iter().map(|format| folder.join(format.file)).collect(),
+        (Some(folder), None) if folder.is_dir() => {
+            let names = FORMATS.iter().map(|format| format.file).chain(beside.iter().map(|(name, _)| name.as_str()));
+            names.map(|name| folder.join(name)).collect()
+        }
         _ => Vec::new(),
     };
     formats.into_iter().chain(tables).collect()
@@ -144,6 +165,7 @@ fn write_formats(
     arguments: &Arguments,
     name: &str,
     calibrated: &CalibratedCamera,
+    beside: &[(String, String)],
     written: &mut Vec<PathBuf>,
 ) -> Result<Vec<RefitReport>, Box<dyn Error>> {
     let mut refits = Vec::new();
@@ -170,6 +192,10 @@ fn write_formats(
                 // The others are worth having all the same.
                 Err(error) => print::aside(format!("not written: {error}")),
             }
+        }
+        for (name, text) in beside {
+            let exported = Exported { text: text.clone(), camera: calibrated.camera, refit: None, note: None };
+            write_file(arguments, &folder.path().join(name), &exported, written)?;
         }
         return Ok(refits);
     };

@@ -85,12 +85,15 @@ fn table(repetition: &Repetition) -> String {
         text +=
             "parts overlap: their results have events in common, and scatter less than those of new recordings would\n";
     }
-    let _ =
-        writeln!(text, "\n{:<4} {:>12} {:>11} {:>11} {:>7}", repetition.model, "mean", "scatter", "stated σ", "ratio");
+    let _ = writeln!(
+        text,
+        "\n{:<4} {:>12} {:>11} {:>11} {:>9}",
+        repetition.model, "mean", "scatter", "stated σ", "σ/scatter"
+    );
     for parameter in &repetition.parameters {
         let _ = writeln!(
             text,
-            "{:<4} {:>12.5} {:>11.5} {:>11.5} {:>7.2}",
+            "{:<4} {:>12.5} {:>11.5} {:>11.5} {:>9.2}",
             parameter.name,
             parameter.mean,
             parameter.scatter,
@@ -98,6 +101,7 @@ fn table(repetition: &Repetition) -> String {
             parameter.stated / parameter.scatter
         );
     }
+    text += "σ/scatter is 1 where the stated uncertainty is right, less where results scatter more than they say, more where they scatter less\n";
     let _ = write!(text, "projection: {:.4} px rms from that of the mean", repetition.projection);
     text
 }

@@ -217,6 +217,24 @@ fn a_stream_that_was_saved_is_never_overwritten() {
     assert_eq!(fs::read(&first).unwrap(), b"first");
 }
 
+/// 219 MB were kept of a port that sent no circle, and more would have been.
+#[test]
+fn listening_ends_where_no_circle_is_to_be_expected() {
+    let directory = TempDir::new().unwrap();
+    let output = directory.path().join("calibration");
+    let (mut device, computer, open) = port_pair();
+    let saved = directory.path().join("saved");
+    let address = format!("serial:{}?seconds=600&save={}", computer.display(), text(&saved));
+    let program = evcal(&["calibrate", &address, "--board", BOARD, "-o", text(&output)]);
+    let sending = std::thread::spawn(move || while device.write_all(&[7; 4096]).is_ok() {});
+    let ended = program.wait_with_output().unwrap();
+    drop(open);
+    drop(sending);
+    let told = String::from_utf8(ended.stderr).unwrap();
+    assert!(ended.status.code() == Some(1) && told.contains("after 4 MB without a circle"), "{told}");
+    assert!(fs::metadata(&saved).unwrap().len() < (4 << 20) + 8192);
+}
+
 #[test]
 fn a_damaged_stream_is_calibrated_with_what_is_left() {
     let directory = TempDir::new().unwrap();

@@ -34,6 +34,12 @@ fn fail(code: i32, arguments: &[&str]) -> String {
     errors
 }
 
+/// Exit code and standard output.
+fn code_and_words(arguments: &[&str]) -> (Option<i32>, String) {
+    let output = evcal(arguments);
+    (output.status.code(), String::from_utf8(output.stdout).unwrap())
+}
+
 fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
@@ -425,10 +431,10 @@ fn times_in_another_unit_are_suspected() {
     let directory = tempfile::tempdir().unwrap();
     let events = directory.path().join("events.txt");
     write_milliseconds(&events);
-    let checked = succeed(&["check", text(&events), "--board", BOARD]);
-    assert!(checked.ends_with("next: add --time-unit ms\n"), "{checked}");
-    let checked = succeed(&["check", text(&events), "--time-unit", "ms"]);
-    assert!(checked.ends_with("next: add --sensor 346x260\n"), "{checked}");
+    let (code, checked) = code_and_words(&["check", text(&events), "--board", BOARD]);
+    assert!(code == Some(3) && checked.ends_with("next: add --time-unit ms\n"), "{checked}");
+    let (code, checked) = code_and_words(&["check", text(&events), "--time-unit", "ms"]);
+    assert!(code == Some(3) && checked.ends_with("next: add --sensor 346x260\n"), "{checked}");
 }
 
 #[test]
@@ -439,7 +445,8 @@ fn check_leads_to_the_calibration() {
         checked.ends_with(&format!("next: evcal calibrate {} --board {BOARD} -o calibration\n", fixture())),
         "{checked}"
     );
-    let checked = succeed(&["check", &fixture(), "--board", "acircles:4x9:55mm:r17.5mm"]);
+    let (code, checked) = code_and_words(&["check", &fixture(), "--board", "acircles:4x9:55mm:r17.5mm"]);
+    assert_eq!(code, Some(3));
     assert!(checked.ends_with(&format!("windows fit the board {BOARD} instead; use --board {BOARD}\n")), "{checked}");
     let checked = succeed(&["check", &fixture()]);
     assert!(checked.contains("next: the board is acircles:9x4, which fits"), "{checked}");

@@ -34,6 +34,8 @@ const THIN: f64 = 0.1;
 const LETTER_SIZE: f64 = 2.6;
 const LETTER_WIDTH: f64 = 0.6 * LETTER_SIZE;
 const LINE_HEIGHT: f64 = 3.6;
+/// Letters beside the lines of a ruler.
+const NUMERAL_SIZE: f64 = 1.8;
 /// Length of an arrow of the orientation mark.
 const ARROW: f64 = 7.0;
 /// Radius of a dot by the spacing, where no board is given: that of 17.5 mm on 55 mm.
@@ -100,6 +102,17 @@ pub struct Words {
     pub text: String,
 }
 
+/// Where a board is to be printed, and what is written below it.
+#[derive(Clone, Copy, Debug)]
+pub struct Page<'a> {
+    /// The paper, upright or lying.
+    pub paper: Paper,
+    /// Left white along the edges, at least (mm).
+    pub margin: f64,
+    /// What to type before the board's description.
+    pub typed: &'a str,
+}
+
 /// A sheet that shows a board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardSheet {
@@ -148,32 +161,32 @@ impl<B: Printable> fmt::Display for DoesNotFit<B> {
     }
 }
 
-/// Lays out `board` on `paper`, upright or lying, with at least `margin` mm left white along the edges.
+/// Lays out `board` on a page, upright or lying.
 ///
 /// # Errors
 /// [`DoesNotFit`] says what would.
-pub fn board_sheet<B: Printable>(board: &B, paper: &Paper, margin: f64) -> Result<BoardSheet, DoesNotFit<B>> {
-    lay_out(board, paper, margin).ok_or_else(|| {
-        let fits = |paper: &&Paper| lay_out(board, paper, margin).is_some();
+pub fn board_sheet<B: Printable>(board: &B, page: &Page) -> Result<BoardSheet, DoesNotFit<B>> {
+    lay_out(board, page).ok_or_else(|| {
+        let fits = |paper: &&Paper| lay_out(board, &Page { paper: **paper, ..*page }).is_some();
         DoesNotFit {
             board: *board,
-            paper: *paper,
-            needed: needed(board, margin),
-            largest: largest_board(board, paper, margin),
+            paper: page.paper,
+            needed: needed(board, page),
+            largest: largest_board(board, page),
             papers: PAPERS.iter().filter(fits).map(|paper| paper.name).collect(),
         }
     })
 }
 
-/// The board of this `pattern` with the largest spacing, in whole millimetres, that fits on `paper`.
-pub fn board_that_fits(pattern: Pattern, paper: &Paper, margin: f64) -> Option<CircleBoard> {
-    largest_board(&CircleBoard { pattern, spacing: 1.0, radius: RADIUS_BY_SPACING }, paper, margin)
+/// The board of this `pattern` with the largest spacing, in whole millimetres, that fits on a page.
+pub fn board_that_fits(pattern: Pattern, page: &Page) -> Option<CircleBoard> {
+    largest_board(&CircleBoard { pattern, spacing: 1.0, radius: RADIUS_BY_SPACING }, page)
 }
 
-fn largest_board<B: Printable>(board: &B, paper: &Paper, margin: f64) -> Option<B> {
-    let longest = paper.size.into_iter().fold(0.0, f64::max).ceil() as u32;
+fn largest_board<B: Printable>(board: &B, page: &Page) -> Option<B> {
+    let longest = page.paper.size.into_iter().fold(0.0, f64::max).ceil() as u32;
     let spacings = (1..=longest).rev().map(f64::from).filter(|spacing| *spacing >= SMALLEST_SPACING);
-    spacings.filter_map(|spacing| board.scaled(spacing)).find(|board| lay_out(board, paper, margin).is_some())
+    spacings.filter_map(|spacing| board.scaled(spacing)).find(|board| lay_out(board, page).is_some())
 }
 
 /// Width of the white, ruler and mark between the margin and the board: left, top.
@@ -185,28 +198,29 @@ fn bottom(lines: usize) -> f64 {
     CLEARANCE + END_TICK + 1.0 + LINE_HEIGHT * lines as f64
 }
 
-fn needed(board: &impl Printable, margin: f64) -> [f64; 2] {
+fn needed(board: &impl Printable, page: &Page) -> [f64; 2] {
     let [width, height] = board.size();
-    let first_line = name(board).len() as f64 * LETTER_WIDTH;
+    let first_line = name(board, page).len() as f64 * LETTER_WIDTH;
     let inner = (width + LEFT).max(LEFT + TICK_DISTANCE).max(first_line);
-    [inner, height + TOP + bottom(writing(board, LONGEST_RULER, inner).len())].map(|side| side + 2.0 * margin)
+    [inner, height + TOP + bottom(writing(board, page, LONGEST_RULER, inner).len())]
+        .map(|side| side + 2.0 * page.margin)
 }
 
-/// The first line below the board.
-fn name(board: &impl Printable) -> String {
-    format!("Board {board}")
+/// The first line below the board: what to type.
+fn name(board: &impl Printable, page: &Page) -> String {
+    format!("{}{board}", page.typed)
 }
 
 /// The lines below the board, of at most `width` mm.
-fn writing(board: &impl Printable, ruler: f64, width: f64) -> Vec<String> {
+fn writing(board: &impl Printable, page: &Page, ruler: f64, width: f64) -> Vec<String> {
     let sentences = format!(
-        "evcal {}. Print at 100 %, without scaling: both rulers must measure {ruler} mm between their end lines. \
-         {} If a caliper says otherwise, tell evcal what it says.",
-        crate::VERSION,
-        board.lengths()
+        "{} Print at 100 %, without scaling: both rulers must measure {ruler} mm between their end lines. If a caliper says otherwise, \
+         type what it says. evcal {}.",
+        board.lengths(),
+        crate::VERSION
     );
     let most = (width / LETTER_WIDTH).floor().max(1.0) as usize;
-    let mut lines = vec![name(board)];
+    let mut lines = vec![name(board, page)];
     let mut line = String::new();
     for word in sentences.split(' ') {
         if !line.is_empty() && line.len() + 1 + word.len() > most {
@@ -222,24 +236,25 @@ fn writing(board: &impl Printable, ruler: f64, width: f64) -> Vec<String> {
 }
 
 /// The sheet the way round that leaves more room, if the board fits either way.
-fn lay_out(board: &impl Printable, paper: &Paper, margin: f64) -> Option<BoardSheet> {
-    let [short, long] = paper.size;
-    let sheets = [[short, long], [long, short]].map(|size| draw(board, size, margin));
+fn lay_out(board: &impl Printable, page: &Page) -> Option<BoardSheet> {
+    let [short, long] = page.paper.size;
+    let sheets = [[short, long], [long, short]].map(|size| draw(board, size, page));
     let room = |(_, room): &(BoardSheet, f64)| *room;
     let best = sheets.into_iter().flatten().reduce(|a, b| if room(&b) > room(&a) { b } else { a });
     best.map(|(sheet, _)| sheet)
 }
 
 /// The sheet of this width and height, and what it leaves free in the tighter direction (mm).
-fn draw(board: &impl Printable, size: [f64; 2], margin: f64) -> Option<(BoardSheet, f64)> {
+fn draw(board: &impl Printable, size: [f64; 2], page: &Page) -> Option<(BoardSheet, f64)> {
+    let margin = page.margin;
     let [width, height] = board.size();
     let across = size[0] - 2.0 * margin;
     let inner = [across - LEFT, size[1] - 2.0 * margin - TOP];
     // A shorter ruler takes no more lines to write.
-    let below = bottom(writing(board, LONGEST_RULER, across).len());
+    let below = bottom(writing(board, page, LONGEST_RULER, across).len());
     let longest = inner[0].min(inner[1] - below).min(LONGEST_RULER);
     let ruler = (longest / TICK_DISTANCE).floor() * TICK_DISTANCE;
-    let text = writing(board, ruler, across);
+    let text = writing(board, page, ruler, across);
     let widest = text.iter().map(String::len).max().unwrap_or(0) as f64 * LETTER_WIDTH;
     let free = [inner[0] - width, inner[1] - below - height];
     let room = free[0].min(free[1]);
@@ -258,6 +273,10 @@ fn draw(board: &impl Printable, size: [f64; 2], margin: f64) -> Option<(BoardShe
         .zip(1..)
         .map(|(text, line)| Words { at: [margin, base + LINE_HEIGHT * f64::from(line) - 0.8], size: LETTER_SIZE, text })
         .collect();
+    words.extend(numerals(ruler, |along, half| {
+        [margin + LEFT + along - half, size[1] - margin - below + CLEARANCE + TICK + NUMERAL_SIZE]
+    }));
+    words.extend(numerals(ruler, |along, _| [margin + TICK + 0.5, margin + TOP + along + 0.35 * NUMERAL_SIZE]));
     words.push(Words { at: [mark[0] + ARROW + 1.5, mark[1] + 0.9], size: LETTER_SIZE, text: "x".to_owned() });
     Some((BoardSheet { size, board: board.to_string(), ruler, dots, rectangles, lines, words }, room))
 }
@@ -278,6 +297,18 @@ fn ruler_lines(start: [f64; 2], direction: [f64; 2], length: f64) -> Vec<Line> {
         Line { from: at(along, 0.0), to: at(along, end), width: THIN }
     }));
     lines
+}
+
+/// The length from the start at each line of a ruler (mm) but the first and the last, whose lines are longer; `place` is where the words
+/// begin, for a length along the ruler and half the width of the words.
+fn numerals(length: f64, place: impl Fn(f64, f64) -> [f64; 2]) -> impl Iterator<Item = Words> {
+    let ticks = (length / TICK_DISTANCE).round() as u32;
+    (1..ticks).map(move |tick| {
+        let along = f64::from(tick) * TICK_DISTANCE;
+        let text = format!("{along}");
+        let half = 0.3 * NUMERAL_SIZE * text.len() as f64;
+        Words { at: place(along, half), size: NUMERAL_SIZE, text }
+    })
 }
 
 /// An arrow along a row, above the top left corner of the board: too thin to be taken for a part of it.

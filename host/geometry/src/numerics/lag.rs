@@ -93,6 +93,29 @@ fn steady(series: &[Option<f64>]) -> Option<f64> {
 }
 
 fn best(first: &[Option<f64>], second: &[Option<f64>], rules: &Rules) -> Result<Lag, NoLag> {
+    let peaks = peaks(first, second, rules, 2)?;
+    match *peaks.as_slice() {
+        [first, second, ..] => Err(NoLag::Ambiguous { first: first.steps.round(), second: second.steps.round() }),
+        [one] => Ok(one),
+        [] => Err(NoLag::Unlike { correlation: 0.0 }),
+    }
+}
+
+/// All lags that may be the right one, the best first, `most` of them at the most: what else is known must decide between them.
+///
+/// # Errors
+/// [`NoLag::Unlike`] if no shift fits, [`NoLag::Steady`] if none can show.
+pub fn lags(first: &[Option<f64>], second: &[Option<f64>], rules: &Rules, most: usize) -> Result<Vec<Lag>, NoLag> {
+    let found = peaks(first, second, rules, most);
+    match (&found, steady(first)) {
+        (Ok(found), Some(_)) if found.len() == 1 => {}
+        (_, Some(mean)) => return Err(NoLag::Steady { mean }),
+        (_, None) => {}
+    }
+    found
+}
+
+fn peaks(first: &[Option<f64>], second: &[Option<f64>], rules: &Rules, most: usize) -> Result<Vec<Lag>, NoLag> {
     let (from, to) = (-(first.len() as i64), second.len() as i64);
     let correlations: Vec<f64> = (from..=to)
         .map(|shift| {
@@ -106,28 +129,32 @@ fn best(first: &[Option<f64>], second: &[Option<f64>], rules: &Rules) -> Result<
             pairs.correlation(rules.fewest_pairs).unwrap_or(-1.0)
         })
         .collect();
-    let steps = |index: f64| from as f64 + index;
     let best = largest(&correlations, |_| true);
     let Some((best, correlation)) = best.filter(|(_, correlation)| *correlation > rules.correlation) else {
         return Err(NoLag::Unlike { correlation: best.map_or(0.0, |(_, value)| value.max(0.0)) });
     };
     let at = |index: usize| correlations.get(index).copied().unwrap_or(-1.0);
-    let is_peak = |index: usize| {
-        index.abs_diff(best) > rules.peak_distance
-            && index > 0
-            && at(index) >= at(index - 1)
-            && at(index) >= at(index + 1)
-    };
-    if let Some((second, value)) = largest(&correlations, is_peak)
-        && value > rules.second_peak * correlation
-    {
-        return Err(NoLag::Ambiguous { first: steps(best as f64), second: steps(second as f64) });
+    let mut found = vec![best];
+    while found.len() < most {
+        let is_peak = |index: usize| {
+            found.iter().all(|other| index.abs_diff(*other) > rules.peak_distance)
+                && index > 0
+                && at(index) >= at(index - 1)
+                && at(index) >= at(index + 1)
+        };
+        match largest(&correlations, is_peak) {
+            Some((next, value)) if value > rules.second_peak * correlation => found.push(next),
+            _ => break,
+        }
     }
     // The top of the parabola through the three.
-    let (before, after) = (at(best.saturating_sub(1)), at(best + 1));
-    let bend = before - 2.0 * correlation + after;
-    let beside = if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 };
-    Ok(Lag { steps: steps(best as f64 + beside), correlation })
+    let top = |index: usize| {
+        let (before, middle, after) = (at(index.saturating_sub(1)), at(index), at(index + 1));
+        let bend = before - 2.0 * middle + after;
+        let beside = if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 };
+        Lag { steps: from as f64 + (index as f64 + beside), correlation: middle }
+    };
+    Ok(found.into_iter().map(top).collect())
 }
 
 fn largest(values: &[f64], wanted: impl Fn(usize) -> bool) -> Option<(usize, f64)> {

@@ -105,6 +105,11 @@ impl Gate {
         Ok(())
     }
 
+    /// Whether a request shows the token.
+    pub fn has_token(&self, headers: &HeaderMap) -> bool {
+        self.is_token(headers.get(TOKEN))
+    }
+
     /// Compares in a time that does not tell how much of it is right.
     fn is_token(&self, given: Option<&HeaderValue>) -> bool {
         let Some(given) = given.map(HeaderValue::as_bytes) else { return false };

@@ -1,5 +1,6 @@
 //! The HTTP server: few connections, short heads, short waits.
 
+use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::ffi::OsStr;
 use std::fs;
@@ -7,7 +8,7 @@ use std::net::TcpListener;
 use std::path::PathBuf;
 use std::pin::pin;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, PoisonError};
+use std::sync::{Arc, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use http_body_util::Full;
@@ -19,16 +20,18 @@ use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper::{Method, Request, Response, StatusCode};
 use hyper_util::rt::{TokioIo, TokioTimer};
-use tokio::sync::{Semaphore, oneshot};
-use tokio::task::spawn_blocking;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
+use tokio::task::{AbortHandle, spawn_blocking};
 use tokio::time::{sleep, timeout};
 
 use super::assets::ASSETS;
 use super::gate::Need;
 use super::{Next, Shared};
 
-/// Connections at a time; more are refused.
-const MOST_CONNECTIONS: usize = 16;
+/// Connections with the token at a time; others of them are refused.
+const MOST_KNOWN: usize = 16;
+/// Connections at a time that have not shown the token. Where there are more, the oldest gives way: heads that never end keep nobody out.
+const MOST_UNKNOWN: usize = 64;
 /// Bytes of a request's head.
 const LONGEST_HEAD: usize = 16 * 1024;
 /// Longest wait for the head of a request.
@@ -64,18 +67,26 @@ pub async fn serve(listener: TcpListener, shared: Arc<Shared>, ended: oneshot::R
 
 async fn accept(listener: TcpListener, shared: Arc<Shared>) {
     let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
-    let places = Arc::new(Semaphore::new(MOST_CONNECTIONS));
+    let places = Arc::new(Semaphore::new(MOST_KNOWN));
+    let mut unknown: VecDeque<(AbortHandle, Arc<OnceLock<OwnedSemaphorePermit>>)> = VecDeque::new();
     loop {
         let Ok((stream, _)) = listener.accept().await else {
             sleep(ACCEPT_PAUSE).await;
             continue;
         };
-        let Ok(place) = Arc::clone(&places).try_acquire_owned() else { continue };
-        let shared = Arc::clone(&shared);
-        tokio::spawn(async move {
+        unknown.retain(|(task, known)| !task.is_finished() && known.get().is_none());
+        if unknown.len() >= MOST_UNKNOWN
+            && let Some((oldest, _)) = unknown.pop_front()
+        {
+            oldest.abort();
+        }
+        // Its place among those with the token, once it has shown that.
+        let known: Arc<OnceLock<OwnedSemaphorePermit>> = Arc::default();
+        let (shared, places, own) = (Arc::clone(&shared), Arc::clone(&places), Arc::clone(&known));
+        let task = tokio::spawn(async move {
             let answer = service_fn(|request| {
-                let shared = Arc::clone(&shared);
-                async move { Ok::<_, Infallible>(answer(&shared, &request).await) }
+                let (shared, places, known) = (Arc::clone(&shared), Arc::clone(&places), Arc::clone(&own));
+                async move { Ok::<_, Infallible>(answer_known(&shared, &request, &places, &known).await) }
             });
             let connection = http1::Builder::new()
                 .timer(TokioTimer::new())
@@ -88,9 +99,26 @@ async fn accept(listener: TcpListener, shared: Arc<Shared>) {
                 connection.as_mut().graceful_shutdown();
                 let _ = timeout(CLOSING, connection).await;
             }
-            drop(place);
         });
+        unknown.push_back((task.abort_handle(), known));
     }
+}
+
+/// Answers; a connection that shows the token for the first time takes a place among those that have.
+async fn answer_known(
+    shared: &Shared,
+    request: &Request<Incoming>,
+    places: &Arc<Semaphore>,
+    known: &OnceLock<OwnedSemaphorePermit>,
+) -> Answer {
+    if known.get().is_none() && shared.gate.has_token(request.headers()) {
+        match Arc::clone(places).try_acquire_owned() {
+            // It was none a moment ago, and a connection has one request at a time.
+            Ok(place) => _ = known.set(place),
+            Err(_) => return plain(StatusCode::SERVICE_UNAVAILABLE),
+        }
+    }
+    answer(shared, request).await
 }
 
 async fn answer(shared: &Shared, request: &Request<Incoming>) -> Answer {

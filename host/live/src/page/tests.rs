@@ -278,6 +278,27 @@ fn slow_pages_hold_up_nobody() {
     assert!(answer.unwrap().ends_with(&newest.body), "only the newest is sent");
 }
 
+/// Sixty heads that never end kept everybody out.
+#[test]
+fn half_sent_heads_lock_nobody_out() {
+    let page = page();
+    page.publisher().publish(&1, &[], &[]);
+    let own = host(&page);
+    let stalled: Vec<TcpStream> = (0..200)
+        .map(|_| {
+            let mut stream = TcpStream::connect(page.address).unwrap();
+            stream.write_all(b"GET / HT").unwrap();
+            stream
+        })
+        .collect();
+    for _ in 0..20 {
+        assert_eq!(status(&page, "GET /", &[("Host", &own)]), 200);
+        let with_token = [("Host", own.as_str()), ("X-Evcal-Token", &token(&page))];
+        assert_eq!(ask_if_possible(&page, &with_token).map(|(status, _)| status), Some(200));
+    }
+    drop(stalled);
+}
+
 fn ask_if_possible(page: &Page, headers: &[(&str, &str)]) -> Option<(u16, Vec<u8>)> {
     let lines: String = headers.iter().map(|(name, value)| format!("{name}: {value}\r\n")).collect();
     let mut stream = TcpStream::connect(page.address).ok()?;

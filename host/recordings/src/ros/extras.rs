@@ -2,7 +2,8 @@
 //!
 //! A bag may hold several cameras and units. The topics that go with the events are those whose names share most of their
 //! beginning with that of the events: `/davis/left/image_raw` and `/davis/left/imu` go with `/davis/left/events`. A picture is of another
-//! camera if it is larger than the sensor, or smaller and its name shares nothing with that of the events, or if it is one of distances.
+//! camera if it is larger than the sensor, or smaller and its name shares nothing with that of the events, or if it is one of distances,
+//! or if its coordinate frame or topic names another side of a rig (left, right, 0, 1) than those of the events.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
@@ -31,6 +32,8 @@ const LEAST_OF_A_MESSAGE: u64 = 64;
 struct Topics {
     pictures: Option<usize>,
     samples: Option<usize>,
+    /// Pictures that would be taken if they were not of another side of the rig.
+    foreign: Option<usize>,
 }
 
 /// What is read of a topic.
@@ -46,6 +49,8 @@ struct MessageExtras {
     topics: Topics,
     /// As [`super::container::Topic::description`] has them, of pictures and of samples.
     names: [Option<String>; 2],
+    /// The same of pictures that are of another camera.
+    foreign: Option<String>,
     /// Why the first could not be read.
     lost: Vec<String>,
     damage: Damage,
@@ -115,7 +120,7 @@ fn read_picture(topic: &Topic, message: &[u8]) -> Result<Read, MessageError> {
 
 /// The topics that go with the events of the topic `wanted`, or of the first one that has any.
 fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -> Result<Topics, RecordingError> {
-    let mut events: Option<(usize, Option<Sensor>)> = None;
+    let mut events: Option<Events> = None;
     // Topics with the size of a picture of each, where it may be of the camera of the events.
     let mut pictures: BTreeMap<usize, Option<Pictures>> = BTreeMap::new();
     let mut samples: BTreeSet<usize> = BTreeSet::new();
@@ -150,7 +155,11 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
             {
                 let described = message::description(topic.kind, topic.wire, message).ok();
                 let described = described.filter(|it| it.has_events && it.unread_encoding().is_none());
-                events = described.map(|described| (head.topic, described.sensor));
+                events = described.map(|described| Events {
+                    topic: head.topic,
+                    sensor: described.sensor,
+                    frame: message::frame_name(topic.wire, message),
+                });
             }
             Kind::Image if !pictures.contains_key(&head.topic) => {
                 // A damaged one tells nothing of its topic.
@@ -158,7 +167,9 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
                 let described = picture::description(topic.kind, topic.wire, message).ok();
                 let described = described.filter(|described| !picture::may_be_distances(&described.encoding));
                 let size = described.and_then(|described| described.size);
-                pictures.insert(head.topic, size.map(|size| Pictures { size, is_read: frame.is_some() }));
+                let named = message::frame_name(topic.wire, message);
+                let of_topic = size.map(|size| Pictures { size, is_read: frame.is_some(), frame: named });
+                pictures.insert(head.topic, of_topic);
             }
             Kind::Imu => _ = samples.insert(head.topic),
             _ => {}
@@ -166,35 +177,72 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
     }
     let topics = container.topics();
     let name = |index: usize| topics.get(index).map_or("", |topic| topic.name.as_str());
-    let beside = events.map_or("", |(topic, _)| name(topic));
+    let beside = events.as_ref().map_or("", |events| name(events.topic));
     // The first of those that fit equally well.
     let fit = |index: usize| (shared(beside, name(index)), name(index).contains("image_raw"));
-    let sensor = events.and_then(|(_, sensor)| sensor);
-    let fits = |(index, pictures): (usize, Option<Pictures>)| {
-        let Pictures { size: (width, height), is_read } = pictures?;
+    let sensor = events.as_ref().and_then(|events| events.sensor);
+    let fits = |(index, pictures): &(usize, Pictures)| {
+        let (width, height) = pictures.size;
         let sides = sensor.map(|sensor| (u32::from(sensor.width), u32::from(sensor.height)));
         let is_whole = sides == Some((width, height));
         let fits = sides.is_none_or(|sides| width <= sides.0 && height <= sides.1);
-        let is_beside = events.is_none() || shared(beside, name(index)) > 0;
-        (is_whole || fits && is_beside).then_some((is_read, index))
+        let is_beside = events.is_none() || shared(beside, name(*index)) > 0;
+        is_whole || fits && is_beside
     };
+    let is_of_other_side = |index: usize, pictures: &Pictures| {
+        events.as_ref().is_some_and(|events| {
+            let of_events = side_of_rig(&events.frame).or_else(|| side_of_rig(beside));
+            let of_pictures = side_of_rig(&pictures.frame).or_else(|| side_of_rig(name(index)));
+            of_events.is_some() && of_pictures.is_some() && of_events != of_pictures
+        })
+    };
+    let pictures = pictures.into_iter().filter_map(|(index, pictures)| Some((index, pictures?))).filter(fits);
+    let (foreign, own): (Vec<_>, Vec<_>) = pictures.partition(|(index, pictures)| is_of_other_side(*index, pictures));
     // Of those that fit equally well, one that is read.
-    let pictures = pictures.into_iter().filter_map(fits);
-    let pictures = pictures.max_by_key(|&(is_read, index)| {
-        let (shared, is_raw) = fit(index);
-        (shared, is_read, is_raw, Reverse(index))
-    });
+    let best = |pictures: Vec<(usize, Pictures)>| {
+        let best = pictures.into_iter().max_by_key(|(index, pictures)| {
+            let (shared, is_raw) = fit(*index);
+            (shared, pictures.is_read, is_raw, Reverse(*index))
+        });
+        best.map(|(index, _)| index)
+    };
+    let pictures = best(own);
+    let foreign = best(foreign).filter(|_| pictures.is_none());
     let samples = samples.into_iter().max_by_key(|&index| (fit(index), Reverse(index)));
-    Ok(Topics { pictures: pictures.map(|(_, index)| index), samples })
+    Ok(Topics { pictures, samples, foreign })
+}
+
+/// The topic whose events are read.
+struct Events {
+    topic: usize,
+    sensor: Option<Sensor>,
+    /// Name of its coordinate frame.
+    frame: String,
 }
 
 /// What the first picture of a topic shows of all.
-#[derive(Clone, Copy)]
 struct Pictures {
     /// Width and height in pixels.
     size: (u32, u32),
     /// Whether their encoding is read.
     is_read: bool,
+    /// Name of their coordinate frame.
+    frame: String,
+}
+
+/// The side of a rig that the name of a topic or coordinate frame contains: the last of its words that is one, or a number of one digit.
+fn side_of_rig(name: &str) -> Option<&str> {
+    const SIDES: [&str; 12] =
+        ["left", "right", "front", "rear", "back", "top", "bottom", "upper", "lower", "center", "master", "slave"];
+    let words = name.split(|letter: char| !letter.is_ascii_alphanumeric());
+    let side = |word: &'_ str| -> Option<(usize, usize)> {
+        let letters = word.trim_end_matches(|letter: char| letter.is_ascii_digit());
+        let digits = word.len() - letters.len();
+        let is_number = digits == 1;
+        let known = SIDES.iter().find(|side| letters.eq_ignore_ascii_case(side));
+        known.map(|_| (0, letters.len())).or(is_number.then_some((letters.len(), word.len())))
+    };
+    words.filter_map(|word| side(word).and_then(|(from, to)| word.get(from..to))).next_back()
 }
 
 /// How many parts at their beginnings two names share.
@@ -213,11 +261,12 @@ pub fn open(
     let topics = choose(&mut *container, options.stream.as_deref(), options.damage)?;
     let description = |topic: Option<usize>| Some(container.topics().get(topic?)?.description());
     let names = [topics.pictures, topics.samples].map(description);
+    let foreign = description(topics.foreign);
     let mut container = open(path)?;
     let mut lost = Vec::new();
     let (damage, mut skipped, mut unread) = (options.damage, Skipped::new(options.damage), UnreadFrames::default());
     let first = told(next(&mut *container, topics, damage, &mut skipped, &mut unread), BOTH, &mut lost);
-    Ok(Box::new(MessageExtras { container, next: first, topics, names, lost, damage, skipped, unread }))
+    Ok(Box::new(MessageExtras { container, next: first, topics, names, foreign, lost, damage, skipped, unread }))
 }
 
 impl ReadExtras for MessageExtras {
@@ -245,7 +294,9 @@ impl ReadExtras for MessageExtras {
 
     fn chosen(&self) -> Vec<String> {
         let sentence = |(what, name): (&str, &Option<String>)| Some(format!("{what} are those of {}", name.as_ref()?));
-        ["frames", "inertial samples"].into_iter().zip(&self.names).filter_map(sentence).collect()
+        let other = |name: &String| format!("{name} is not read: by its name it is of another camera than the events");
+        let chosen = ["frames", "inertial samples"].into_iter().zip(&self.names).filter_map(sentence);
+        chosen.chain(self.foreign.iter().map(other)).collect()
     }
 }
 
@@ -257,7 +308,7 @@ pub fn visit_frames(
     visit: &mut dyn FnMut(TimedImage),
 ) -> Result<Result<(), RecordingError>, RecordingError> {
     let pictures = choose(&mut *open(path)?, options.stream.as_deref(), options.damage)?.pictures;
-    let topics = Topics { pictures, samples: None };
+    let topics = Topics { pictures, ..Topics::default() };
     let (mut container, mut skipped, mut unread) = (open(path)?, Skipped::new(options.damage), UnreadFrames::default());
     Ok(loop {
         match next_or_unread(&mut *container, topics, options.damage, &mut skipped) {

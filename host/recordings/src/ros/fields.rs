@@ -112,12 +112,15 @@ impl<'a> Fields<'a> {
 
     /// The header of most messages; its time in µs.
     pub fn header(&mut self) -> Result<i64, MessageError> {
+        self.header_with_frame().map(|(time, _)| time)
+    }
+
+    /// The header of most messages: its time in µs, and the name of the coordinate frame.
+    pub fn header_with_frame(&mut self) -> Result<(i64, &'a [u8]), MessageError> {
         if self.wire == Wire::Ros1 {
             self.u32("the header")?;
         }
-        let time = self.time("the header")?;
-        self.text("the header")?;
-        Ok(time)
+        Ok((self.time("the header")?, self.text("the header")?))
     }
 
     /// What has not been read.

@@ -77,6 +77,12 @@ impl Description {
     }
 }
 
+/// Name of the coordinate frame in the header of a message; empty if there is none.
+pub fn frame_name(wire: Wire, message: &[u8]) -> String {
+    let header = Fields::new(wire, message).and_then(|mut fields| fields.header_with_frame());
+    header.map(|(_, frame)| String::from_utf8_lossy(frame).into_owned()).unwrap_or_default()
+}
+
 /// What a message with events says of them.
 pub fn description(kind: Kind, wire: Wire, message: &[u8]) -> Result<Description, MessageError> {
     let mut fields = Fields::new(wire, message)?;

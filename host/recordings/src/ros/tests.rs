@@ -289,6 +289,41 @@ fn frames_and_samples_are_of_the_camera_whose_events_are_read() {
     }
 }
 
+/// The left camera's frames were taken for those of the right one, whose events are in the same bag.
+#[test]
+fn frames_of_the_other_side_of_a_rig_are_not_those_of_the_camera() {
+    const PAIRS: [[&str; 3]; 4] = [
+        ["/rig/left/events", "/rig/left/image_raw", "/rig/right/image_raw"],
+        ["/rig/cam0/events", "/rig/cam0/image_raw", "/rig/cam1/image_raw"],
+        ["/rig/event_cam_0/events", "/rig/event_cam_0/image_raw", "/rig/event_cam_1/image_raw"],
+        ["/rig/dvs_front/events", "/rig/aps/image_raw", "/rig/dvs_rear/image_raw"],
+    ];
+    let chosen = |content: &[u8]| {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, content).unwrap();
+        let extras = Recording::new(&path, RecordingOptions::default()).unwrap().open_extras().unwrap();
+        (extras.held().frames, extras.chosen())
+    };
+    for [events_topic, own, other] in PAIRS {
+        let with = |frames: &'static str| {
+            files(move |wire: Wire| -> Messages {
+                vec![
+                    (events_topic, "dvs_msgs/msg/EventArray", event_array(wire, &events(0, 2))),
+                    (frames, "sensor_msgs/msg/Image", image(wire, START + 2, "mono8", 3, &[9; 6])),
+                ]
+            })
+        };
+        for content in with(other) {
+            let (frames, named) = chosen(&content);
+            assert!(!frames && named.iter().any(|one| one.contains("of another camera")), "{other}: {named:?}");
+        }
+        for content in with(own) {
+            assert!(chosen(&content).0, "{own}");
+        }
+    }
+}
+
 /// Frames in an encoding that is not read were dropped without a word.
 #[test]
 fn frames_that_are_not_read_are_named_with_their_encoding() {

@@ -185,7 +185,11 @@ fn write_files(
     }
     if let Some((nearest, farthest)) = distances {
         // A mistake in the unit of the board shows here.
-        let _ = write!(summary, "\nboard: {nearest:.2} to {farthest:.2} m away from the camera");
+        let _ = write!(
+            summary,
+            "\nboard: {nearest:.2} to {farthest:.2} m away from the camera; if it was not, its lengths are stated wrongly by the same \
+             factor, which no other figure shows"
+        );
     }
     let pictures = match &calibrated.evidence {
         Evidence::Pictures(pictures) if pictures.report.source == PictureSource::Frames => {

@@ -5,12 +5,16 @@ use std::fmt::Write as _;
 use evcal_core::camera::ModelKind;
 
 use evcal_calibrate::result::calibration_file::{CalibrationFile, FramesResult};
+use evcal_calibrate::result::second_camera_result::SecondCameraResult;
 use event_recordings::pass::RecordingReport;
 
 /// The lens, the verdict and what stands behind it.
 pub fn summary(calibration: &CalibrationFile) -> String {
     let mut text = String::new();
     let sensor = calibration.sensor;
+    if !calibration.second_cameras.is_empty() {
+        text += "first camera (cam0 in exports): ";
+    }
     let _ = writeln!(
         text,
         "camera {} on {} x {} pixels (± is one standard deviation)",
@@ -30,9 +34,9 @@ pub fn summary(calibration: &CalibrationFile) -> String {
     if let Some(halves) = &calibration.split_half {
         let _ = writeln!(
             text,
-            "two halves of the recording, each calibrated alone, differ by {:.4} px ({:.4} px expected); the residual is {:.4} px \
+            "two halves of the recording, each calibrated alone, differ by {:.4} px ({:.4} px expected, at most {:.4} px in 95 of 100 cases); the residual is {:.4} px \
              on its own half, {:.4} px on the other",
-            halves.difference_rms, halves.expected_rms, halves.held_out.own_rms, halves.held_out.rms
+            halves.difference_rms, halves.expected_rms, halves.bound, halves.held_out.own_rms, halves.held_out.rms
         );
     }
     let residuals = calibration.residuals;
@@ -76,8 +80,12 @@ pub fn summary(calibration: &CalibrationFile) -> String {
     if let Some(inertial) = &calibration.inertial {
         let _ = write!(text, "\n{}", inertial.sentences());
     }
-    for second in &calibration.second_cameras {
-        let _ = write!(text, "\n{}", second.sentences());
+    let is_other = |second: &&SecondCameraResult| second.from_identity.is_none();
+    for (number, second) in (1..).zip(calibration.second_cameras.iter().filter(is_other)) {
+        let _ = write!(text, "\ncam{number} in exports: {}", second.sentences());
+    }
+    for own_frames in calibration.second_cameras.iter().filter(|second| !is_other(second)) {
+        let _ = write!(text, "\n{}", own_frames.sentences());
     }
     text.extend(notes(&calibration.stages.recordings));
     text

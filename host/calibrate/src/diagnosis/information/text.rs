@@ -14,6 +14,9 @@ impl fmt::Display for Information {
         self.write_events(f)?;
         self.write_pixels(f)?;
         self.write_streams(f)?;
+        for other in &self.other_spans {
+            line(f, "warning", other.to_string())?;
+        }
         for warning in self.report.warnings() {
             line(f, "warning", warning)?;
         }

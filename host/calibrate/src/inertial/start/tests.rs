@@ -140,6 +140,19 @@ fn motions_that_leave_something_open_are_named() {
 }
 
 #[test]
+fn a_clock_at_another_rate_is_named() {
+    let trajectory = hand([0.3, 0.35, 0.25]);
+    let truth = unit(exp(&Vector3::new(1.0, -2.0, 0.5)), 0.003);
+    for (stamped, began) in [(2.0, 0.0), (2.0, 20.0), (0.5, 0.0)] {
+        let mut samples = samples(&trajectory, &truth, 250.0);
+        samples.iter_mut().for_each(|sample| sample.t = began + stamped * sample.t);
+        let error = start(&[&trajectory], &samples, GRAVITY).unwrap_err();
+        let InertialError::Alignment(AlignmentError::OtherRate { rate }) = error else { panic!("{error}") };
+        assert!((rate - stamped).abs() < 1e-9, "{rate}");
+    }
+}
+
+#[test]
 fn a_wrong_size_of_gravity_is_named() {
     let trajectory = hand([0.3, 0.35, 0.25]);
     let samples = samples(&trajectory, &unit(UnitQuaternion::identity(), 0.003), 250.0);

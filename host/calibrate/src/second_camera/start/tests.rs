@@ -134,6 +134,20 @@ fn where_nothing_tells_the_way_round_the_board_is_refused() {
     assert_eq!(start(&one, &Seen::along(&other), &symmetries, LOOSE), Err(SecondCameraError::SymmetricBoard));
 }
 
+/// How fast it turns repeats itself, where it is does not: it was refused.
+#[test]
+fn an_offset_that_turns_leave_open_is_found_from_the_places() {
+    let pose = |t: f64| {
+        let turn = Vector3::new(0.4 * (4.0 * t).sin(), 0.3 * (8.0 * t).cos(), 0.0);
+        Isometry3::new(Vector3::new(0.2 + 0.05 * (1.1 * t).sin(), 0.2 + 0.03 * (0.1 * t * t).cos(), -0.7), turn)
+    };
+    let later = |t: f64| pose(t - 0.8) * second_first().inverse();
+    let symmetries = board("acircles:9x4:55mm:r17.5mm");
+    let second = [fitted_to(later, 0.8..6.8)];
+    let found = start(&[fitted_to(pose, 0.0..6.0)], &Seen::along(&second), &symmetries, LOOSE).unwrap();
+    assert!((found.mount.offset - 0.8).abs() < 2e-3, "{}", found.mount.offset);
+}
+
 #[test]
 fn mistakes_are_named() {
     let symmetries = board("acircles:9x4:55mm:r17.5mm");

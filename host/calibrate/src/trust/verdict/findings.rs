@@ -204,7 +204,7 @@ fn radius(observed: &ObservedRadius, evidence: Option<&BoardEvidence>, board: &C
             1e3 * board.spacing
         ),
         advice: Advice::Plain(format!(
-            "measure radius and spacing on the print: one of them is wrong (with the stated radius the spacing would be {:.1} mm); if both are right, ON and OFF are exchanged, or the dots are lighter than the paper",
+            "measure radius and spacing on the print: one of them is wrong (with the stated radius the spacing would be {:.1} mm)",
             1e3 * board.spacing / ratio
         )),
     })
@@ -315,8 +315,8 @@ fn halves(halves: &SplitHalf) -> Option<Finding> {
         cause: Cause::HalvesDisagree,
         severity: Severity::Warning,
         reason: format!(
-            "two halves of the recording differ by {:.3} px, more than the {:.3} px that their uncertainty allows",
-            halves.difference.rms, halves.bound
+            "two halves of the recording differ by {:.3} px, where {:.3} px are expected and at most {:.3} px in 95 of 100 cases",
+            halves.difference.rms, halves.expected_rms, halves.bound
         ),
         advice: "did anything change in between: focus, board, temperature? The stated ± is too small".into(),
     })

@@ -9,6 +9,10 @@ fn board(text: &str) -> CircleBoard {
     text.parse().unwrap()
 }
 
+fn page(paper: Paper) -> Page<'static> {
+    Page { paper, margin: MARGIN, typed: "type " }
+}
+
 fn paper(text: &str) -> Paper {
     text.parse().unwrap()
 }
@@ -21,7 +25,7 @@ fn everything_keeps_off_the_margin_and_marks_keep_off_the_dots() {
         ("circles:5x8:25mm:r8mm", "a3"),
         ("circles:2x2:8mm:r3mm", "100x90mm"),
     ] {
-        let sheet = board_sheet(&board(text), &paper(paper_name), MARGIN).unwrap();
+        let sheet = board_sheet(&board(text), &page(paper(paper_name))).unwrap();
         let inside = |[x, y]: [f64; 2], around: f64| {
             let keeps = |at: f64, size: f64| at - around >= MARGIN - 1e-9 && at + around <= size - MARGIN + 1e-9;
             keeps(x, sheet.size[0]) && keeps(y, sheet.size[1])
@@ -41,42 +45,59 @@ fn everything_keeps_off_the_margin_and_marks_keep_off_the_dots() {
             let end = [words.at[0] + words.text.len() as f64 * LETTER_WIDTH, words.at[1]];
             assert!(inside(words.at, 0.0) && inside(end, 0.0) && words.text.is_ascii(), "{text}: {words:?}");
             let lowest = sheet.dots.iter().map(|dot| dot.center[1] + dot.radius).fold(0.0, f64::max);
-            assert!(words.text == "x" || words.at[1] - words.size > lowest + CLEARANCE - 2.0, "{text}");
+            let beside = words.text == "x" || words.size == NUMERAL_SIZE;
+            assert!(beside || words.at[1] - words.size > lowest + CLEARANCE - 2.0, "{text}");
+            for dot in &sheet.dots {
+                let near = |at: [f64; 2]| (at[0] - dot.center[0]).hypot(at[1] - dot.center[1]) - dot.radius;
+                assert!(near(words.at) > 1.0 && near(end) > 1.0, "{text}: {words:?} {dot:?}");
+            }
         }
     }
 }
 
+/// The first number on the sheet was the distance of neighbours, which is not what is to be typed.
+#[test]
+fn the_sheet_says_first_what_to_type_and_rulers_have_numerals() {
+    let sheet = board_sheet(&board("acircles:9x4:20mm:r6mm"), &page(paper("a4"))).unwrap();
+    assert_eq!(sheet.words[0].text, "type acircles:9x4:20mm:r6mm");
+    assert!(sheet.words[1].text.starts_with("Spacing 20 mm,"), "{:?}", sheet.words[1]);
+    let numerals: Vec<&str> =
+        sheet.words.iter().filter(|words| words.size == NUMERAL_SIZE).map(|words| words.text.as_str()).collect();
+    let ruler = ["10", "20", "30", "40", "50", "60", "70", "80", "90"];
+    assert_eq!(numerals, [ruler, ruler].concat());
+}
+
 #[test]
 fn the_sheet_lies_where_the_board_is_wide() {
-    let upright = board_sheet(&board("acircles:9x4:20mm:r6mm"), &paper("a4"), MARGIN).unwrap();
-    let lying = board_sheet(&board("acircles:5x7:19mm:r6mm"), &paper("a4"), MARGIN).unwrap();
+    let upright = board_sheet(&board("acircles:9x4:20mm:r6mm"), &page(paper("a4"))).unwrap();
+    let lying = board_sheet(&board("acircles:5x7:19mm:r6mm"), &page(paper("a4"))).unwrap();
     assert_eq!((upright.size, lying.size), ([210.0, 297.0], [297.0, 210.0]));
     assert_eq!(upright.ruler, 100.0);
 }
 
 #[test]
 fn what_does_not_fit_is_told_what_does() {
-    let error = board_sheet(&board("acircles:9x4:55mm:r17.5mm"), &paper("a4"), MARGIN).unwrap_err();
+    let error = board_sheet(&board("acircles:9x4:55mm:r17.5mm"), &page(paper("a4"))).unwrap_err();
     let largest = error.largest.unwrap();
-    assert!(board_sheet(&largest, &paper("a4"), MARGIN).is_ok());
+    assert!(board_sheet(&largest, &page(paper("a4"))).is_ok());
     let more = CircleBoard { spacing: largest.spacing + 1e-3, ..largest };
-    assert!(board_sheet(&more, &paper("a4"), MARGIN).is_err());
+    assert!(board_sheet(&more, &page(paper("a4"))).is_err());
     assert!(error.papers.contains(&"a1") && !error.papers.contains(&"a2"), "{error}");
     let [width, height] = error.needed;
     let exact = Paper { name: "custom", size: [width.min(height), width.max(height)] };
-    assert!(board_sheet(&board("acircles:9x4:55mm:r17.5mm"), &exact, MARGIN).is_ok(), "{error}");
+    assert!(board_sheet(&board("acircles:9x4:55mm:r17.5mm"), &page(exact)).is_ok(), "{error}");
     let text = error.to_string();
     assert!(text.contains(&largest.to_string()) && text.contains("fits on a1"), "{text}");
-    let huge = board_sheet(&board("circles:9x9:1m:r10cm"), &paper("a4"), MARGIN).unwrap_err().to_string();
+    let huge = board_sheet(&board("circles:9x9:1m:r10cm"), &page(paper("a4"))).unwrap_err().to_string();
     assert!(huge.contains("no paper that evcal knows"), "{huge}");
-    let tiny = board_sheet(&board("circles:9x9:1m:r10cm"), &paper("30x30mm"), MARGIN).unwrap_err().to_string();
+    let tiny = board_sheet(&board("circles:9x9:1m:r10cm"), &page(paper("30x30mm"))).unwrap_err().to_string();
     assert!(tiny.contains("too small for any board"), "{tiny}");
 }
 
 #[test]
 fn the_default_board_has_the_proportions_of_the_documentation() {
     let pattern = Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 };
-    let fits = board_that_fits(pattern, &paper("a4"), MARGIN).unwrap();
+    let fits = board_that_fits(pattern, &page(paper("a4"))).unwrap();
     assert!(fits.spacing >= 0.023 && (fits.radius / fits.spacing - RADIUS_BY_SPACING).abs() < 0.005, "{fits}");
     assert!(fits.to_string().parse::<CircleBoard>().is_ok());
 }
@@ -97,7 +118,7 @@ fn squares(text: &str) -> SquareBoard {
 fn a_board_of_squares_is_upright_on_its_sheet() {
     for text in SQUARES {
         let board = squares(text);
-        let sheet = board_sheet(&board, &paper("a4"), MARGIN).unwrap();
+        let sheet = board_sheet(&board, &page(paper("a4"))).unwrap();
         assert_eq!(sheet.board, text);
         let (raster, bounds) = (board.raster(), board.bounds());
         let far = |pick: fn(f64, f64) -> f64, axis: usize, start: f64| {
@@ -129,9 +150,9 @@ fn a_board_of_squares_is_upright_on_its_sheet() {
 #[test]
 fn a_board_of_squares_that_does_not_fit_is_made_smaller() {
     for text in ["checkerboard:6x9:60mm", "aprilgrid:6x6:88mm:0.3", "charuco:5x7:60mm:44mm:DICT_5X5_100:legacy"] {
-        let error = board_sheet(&squares(text), &paper("a4"), MARGIN).unwrap_err();
+        let error = board_sheet(&squares(text), &page(paper("a4"))).unwrap_err();
         let largest = error.largest.unwrap();
-        assert!(board_sheet(&largest, &paper("a4"), MARGIN).is_ok());
+        assert!(board_sheet(&largest, &page(paper("a4"))).is_ok());
         assert_eq!(largest.to_string().parse(), Ok(largest));
         let (kind, last) = (text.split(':').take(2), text.split(':').skip(4));
         let written = largest.to_string();

@@ -1,0 +1,117 @@
+//! Are the dots darker than the paper? A dark dot sends OFF events where it moves to, and ON events where it comes from.
+
+use evcal_core::event::Polarity;
+use nalgebra::Vector2;
+use serde::Serialize;
+
+use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
+
+/// Pairs of neighbouring windows that are looked at.
+pub const PAIRS: usize = 100;
+/// Longest time between the two (s).
+const LONGEST: f64 = 0.05;
+/// Slower circles (px/s) do not tell which side is in front.
+const SLOWEST: f64 = 30.0;
+/// Pixels up to so many radii from the centre are those of the circle's rim.
+const REACH: f64 = 1.3;
+/// Fewest pixels of each polarity.
+const FEWEST_PIXELS: f64 = 4.0;
+/// Fewest circles that are looked at, and the share of them whose ON events are in front, from which polarities are exchanged.
+const FEWEST_CIRCLES: usize = 200;
+const MOST: f64 = 0.8;
+
+/// ON events come where dots move to: polarities are exchanged, or the dots are lighter than the paper.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error, Serialize)]
+#[error(
+    "ON events are in front of moving dots at {:.0} % of {circles} circles, where dark dots send OFF events: ON and OFF are exchanged in the file, or light dots are on dark paper",
+    100.0 * share
+)]
+pub struct Exchanged {
+    /// Circles that were looked at.
+    pub circles: usize,
+    /// Share of them.
+    pub share: f64,
+}
+
+impl Exchanged {
+    /// What to do.
+    pub const ADVICE: &str =
+        "write 1 for ON, where the pixel became brighter, and 0 for OFF; or print dark dots on light paper";
+}
+
+/// Looks at the circles of windows, each with the one after it.
+pub fn exchanged<'a>(pairs: impl Iterator<Item = (&'a ReferenceFrame, &'a ReferenceFrame)>) -> Option<Exchanged> {
+    let (mut circles, mut in_front) = (0, 0);
+    for (frame, next) in pairs {
+        let after = next.t() - frame.t();
+        let Some(pixels) = frame.events().filter(|_| next.recording == frame.recording && after < LONGEST) else {
+            continue;
+        };
+        for circle in &frame.circles {
+            let Some(radius) = circle.radius else { continue };
+            let same = |other: &&ObservedCircle| other.index == circle.index;
+            let Some(later) = next.circles.iter().find(same) else { continue };
+            let velocity = (later.center - circle.center) / after;
+            let (mut sums, mut counts) = ([Vector2::<f64>::zeros(); 2], [0.0; 2]);
+            for pixel in pixels {
+                let place = Vector2::new(f64::from(pixel.x()), f64::from(pixel.y())) - circle.center;
+                let kind = usize::from(pixel.polarity() == Polarity::On);
+                if place.norm() < REACH * radius
+                    && let (Some(sum), Some(count)) = (sums.get_mut(kind), counts.get_mut(kind))
+                {
+                    *sum += place;
+                    *count += 1.0;
+                }
+            }
+            let ([off, on], [off_count, on_count]) = (sums, counts);
+            if velocity.norm() < SLOWEST || off_count < FEWEST_PIXELS || on_count < FEWEST_PIXELS {
+                continue;
+            }
+            circles += 1;
+            in_front += usize::from((on / on_count - off / off_count).dot(&velocity) > 0.0);
+        }
+    }
+    let share = in_front as f64 / circles.max(1) as f64;
+    (circles >= FEWEST_CIRCLES && share > MOST).then_some(Exchanged { circles, share })
+}
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::event::Event;
+
+    use super::*;
+    use crate::circles::event_pixel::EventPixel;
+    use crate::circles::reference_frame::SeenIn;
+
+    /// A dot of 10 px that moves to the right, with events of `front` at its right rim.
+    fn frames(front: Polarity) -> Vec<ReferenceFrame> {
+        let back = if front == Polarity::On { Polarity::Off } else { Polarity::On };
+        let frame = |number: u16| {
+            let x = 40 + number;
+            let pixels = (0..20_u16).flat_map(|row| {
+                [(x + 10, front), (x - 10, back)]
+                    .map(|(x, polarity)| EventPixel::new(&Event { t: 0, x, y: 90 + row, polarity }))
+            });
+            let start = 0.01 * f64::from(number);
+            let center = Vector2::new(f64::from(x), 100.0);
+            let circle = ObservedCircle { index: 0, t: start, center, radius: Some(10.0), velocity: None };
+            ReferenceFrame {
+                recording: 0,
+                start,
+                end: start,
+                circles: vec![circle],
+                seen_in: SeenIn::Events(pixels.collect()),
+            }
+        };
+        (0..250).map(frame).collect()
+    }
+
+    #[test]
+    fn on_events_in_front_are_exchanged() {
+        let of = |frames: &[ReferenceFrame]| exchanged(frames.iter().zip(frames.iter().skip(1)));
+        assert_eq!(of(&frames(Polarity::Off)), None);
+        assert_eq!(of(&frames(Polarity::On)), Some(Exchanged { circles: 249, share: 1.0 }));
+        // Too few to accuse the file.
+        assert_eq!(of(&frames(Polarity::On)[..100]), None);
+    }
+}
