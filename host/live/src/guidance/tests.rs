@@ -19,7 +19,7 @@ const LENS: [f64; 9] = [330.0, 330.0, 172.0, 131.0, -0.35, 0.15, 0.0005, -0.0005
 /// Time of one step of the simulated person (s).
 const STEP: f64 = 0.1;
 
-fn board() -> CircleBoard {
+fn board() -> Board {
     "acircles:9x4:55mm:r17.5mm".parse().unwrap()
 }
 
@@ -107,7 +107,7 @@ fn information_is_that_of_an_estimate_of_camera_and_pose() {
     let (camera, board) = (camera(), board());
     let at = place([0.05, -0.03, 0.8], [0.4, -0.3], 0.2);
     let pose = at.pose(&board);
-    let centers: Vec<Vector2<f64>> = (0..board.circle_count()).map(|index| board.circle_center(index)).collect();
+    let centers: Vec<Vector2<f64>> = (0..board.point_count()).map(|index| board.point(index)).collect();
     let project = |change: &[f64; 15]| -> Vec<f64> {
         let lens: Vec<f64> = LENS.iter().zip(change).map(|(value, change)| value + change).collect();
         let camera = Camera::from_parameters(ModelKind::Radtan, &lens).unwrap();
@@ -182,7 +182,7 @@ fn candidates_are_seen_and_many() {
 fn a_board_without_an_end_is_not_found() {
     let (camera, board) = (camera(), board());
     let seen = |x, z| visible(&camera, &board, SENSOR, &place([x, 0.0, z], [0.0, 0.0], 0.0).pose(&board));
-    assert_eq!(seen(0.0, 0.8).map(|circles| circles.len()), Some(board.circle_count()));
+    assert_eq!(seen(0.0, 0.8).map(|circles| circles.len()), Some(board.point_count()));
     for cut in [seen(0.0, 0.55), seen(0.28, 0.8)] {
         assert_eq!(cut, None);
     }
@@ -213,8 +213,8 @@ struct Session {
 fn session(follows: Follows, target: f64, seconds: f64, seed: u64) -> Session {
     let (camera, board) = (camera(), board());
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut guidance = Guidance::new(&board.into(), SENSOR, &InitialSettings::default()).unwrap();
-    let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board.into(), SENSOR);
+    let mut guidance = Guidance::new(&board, SENSOR, &InitialSettings::default()).unwrap();
+    let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board, SENSOR);
     let mut at = place([0.0, 0.0, 1.0], [0.0, 0.0], 0.0);
     let (mut goal, mut followed) = (at, None);
     let (mut tremor, mut seen, mut steps) = ([0.0; 6], 0.0, 0.0);
@@ -294,7 +294,7 @@ fn by_coverage(coverage: &LiveCoverage, step: u64, random: &mut ChaCha8Rng) -> P
 /// A window: once the board was seen, it may lose an end and still be followed.
 fn frame(
     camera: &Camera<f64>,
-    board: &CircleBoard,
+    board: &Board,
     at: &Place,
     t: f64,
     was_seen: bool,
@@ -303,8 +303,8 @@ fn frame(
     let pose = at.pose(board);
     let find = if was_seen { in_image } else { visible };
     let found = find(camera, board, SENSOR, &pose)?;
-    let circles = (0..board.circle_count()).filter(|index| found.contains(&board.circle_center(*index))).map(|index| {
-        let point = board.circle_center(index);
+    let circles = (0..board.point_count()).filter(|index| found.contains(&board.point(*index))).map(|index| {
+        let point = board.point(index);
         let noise = Vector2::new(normal(random), normal(random)) * 0.12;
         let center = camera.project(&(pose * Point3::new(point.x, point.y, 0.0)).coords).unwrap() + noise;
         ObservedCircle { index, t, center, radius: None, velocity: None }
