@@ -2,13 +2,14 @@
 //! events lie on the edges of all circles, as the association hands them over.
 
 use evcal_core::sensor::Sensor;
+use std::ops::ControlFlow;
 use std::time::Instant;
 
 use evcal_calibrate::solve::association::BIN;
 use evcal_calibrate::solve::board_edge::BoardEdges;
 use evcal_calibrate::solve::event_bias::bias::Biases;
 use evcal_calibrate::solve::event_bias::{CLASS_COUNT, unknown};
-use evcal_calibrate::solve::levenberg::solve;
+use evcal_calibrate::solve::levenberg::solve_telling;
 use evcal_calibrate::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use evcal_calibrate::solve::{BOARD_PARAMETERS, FreeParameters, HUBER, Problem, ResidualMeasure, State};
 use evcal_calibrate::trajectory::fit::{TrajectoryShape, fit};
@@ -60,7 +61,9 @@ fn main() {
         let mut best = f64::INFINITY;
         for _ in 0..5 {
             let start = Instant::now();
-            let solved = pool.install(|| solve(&problem, state.clone()));
+            // No step is trusted, so that all are looked at.
+            let goes_on = &mut |_| ControlFlow::Continue(());
+            let solved = pool.install(|| solve_telling(&problem, state.clone(), 0.0, goes_on));
             let elapsed = start.elapsed().as_secs_f64();
             match solved {
                 // One linearisation more than iterations: the first.

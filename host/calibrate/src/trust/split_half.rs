@@ -242,6 +242,22 @@ fn alike(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::solve::observation::EventBin;
+
+    #[test]
+    fn no_slice_is_in_two_groups() {
+        let bins = (0..100).map(|index| EventBin { t: 0.05 + 0.1 * f64::from(index), first: 0, end: 0 }).collect();
+        let segments = [SegmentObservations { bins, ..SegmentObservations::default() }];
+        let stretch = |first: usize| Stretch { segment: 0, bins: first..first + 2, points: 0..0 };
+        let stretches: Vec<Stretch> = (0..100).step_by(2).map(stretch).collect();
+        let groups = groups(&stretches, &segments, 4);
+        assert_eq!(groups.concat(), stretches);
+        assert!(groups.iter().rev().skip(1).all(|group| (4..8).contains(&group.len())), "{groups:?}");
+        for pair in groups.windows(2) {
+            let [before, after] = [pair[0].last().unwrap(), &pair[1][0]].map(|one| slice_of(one, &segments));
+            assert!(before < after, "{before:?} {after:?}");
+        }
+    }
 
     #[test]
     fn the_scatter_of_halves_has_the_shape_of_that_of_the_whole() {

@@ -86,8 +86,7 @@ mod tests {
 
     #[test]
     fn offsets_are_medians_and_spreads_their_deviations() {
-        let event =
-            |class, speed_range, residual| ClassResidual { class, speed_range, residual, ..ClassResidual::default() };
+        let event = |class, speed_range, residual| ClassResidual { class, speed_range, residual };
         let mut residuals: Vec<ClassResidual> =
             (-500..=500).map(|i| event(2, u8::from(i % 2 == 0), 0.25 + i as f32 / 1000.0)).collect();
         let mut bias = unknown(1.0);
