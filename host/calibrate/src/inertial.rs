@@ -152,7 +152,7 @@ pub fn calibrate_unit(
     let calibration = finish(&joint, solved, apart, clock)?;
     findings::explained(&calibration, joint.samples)?;
     // With less, the equations are linear no more and no figure holds.
-    if (ROTATION..ROTATION + 3).any(|axis| !(calibration.sigma(axis) < LEAST_KNOWN_ROTATION)) {
+    if !(ROTATION..ROTATION + 3).all(|axis| calibration.sigma(axis) < LEAST_KNOWN_ROTATION) {
         return Err(InertialError::Singular);
     }
     let damaged = lost.into_iter().map(|what| Finding::Damaged { what });

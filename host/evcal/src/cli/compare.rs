@@ -24,9 +24,9 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let compared = compare_calibrations(&arguments.first, &arguments.second)?;
     if arguments.json {
-        print::json(&compared)?
+        print::json(&compared)?;
     } else {
-        print::line(&compared)?
+        print::line(&compared)?;
     }
     match compared.sameness {
         Sameness::Same => Ok(()),
