@@ -81,7 +81,6 @@ mod tests {
     use crate::solve::BOARD_PARAMETERS;
     use crate::solve::bearing_table::BearingTable;
     use crate::solve::levenberg::{assemble, linearised};
-    use crate::solve::smoothness::accelerations;
     use crate::solve::stretch::stretches;
     use crate::solve::stretch::tests::example;
     use crate::trajectory::jerk::jerks;
@@ -102,11 +101,7 @@ mod tests {
         let bins = problem.segments[0].bins.len();
         let cut: Vec<Stretch> = [0..2, 2..5, 5..bins].map(|bins| Stretch { segment: 0, bins, points: 0..0 }).into();
         let bearings = BearingTable::new(&state.camera, problem.sensor);
-        let holds = Holds {
-            accelerations: accelerations(&state.trajectories[0]),
-            jerks: jerks(&state.trajectories[0]),
-            stiffness: &problem.stiffness[0],
-        };
+        let holds = Holds::new(&state.trajectories[0], &problem.stiffness[0]);
         let mut half = Half::new(&free);
         half.add_slice(&linearised(&problem, &state, &bearings, &cut), &holds).unwrap();
         let solved = half.solved().unwrap();

@@ -7,11 +7,12 @@ use super::control_band::{Block, NotPositiveDefinite, banded_times, factored, me
 use super::eliminated::{ControlCovariance, Eliminated, Following};
 use super::loss::Loss;
 use super::normal::{BorderBlock, StretchEquations};
-use super::smoothness::Acceleration;
+use super::smoothness::{Acceleration, accelerations};
 use super::stiffness::{Stiffness, add_jerk};
 use super::stretch::Stretch;
 use super::{GLOBAL_COUNT, places};
-use crate::trajectory::jerk::Jerk;
+use crate::trajectory::Trajectory;
+use crate::trajectory::jerk::{Jerk, jerks};
 
 /// Normal equations of one segment: A (block-banded), B (border) and gradient.
 pub struct SegmentSystem {
@@ -224,6 +225,13 @@ pub struct Holds<'a> {
     pub jerks: Vec<Jerk>,
     /// What these weigh.
     pub stiffness: &'a Stiffness,
+}
+
+impl<'a> Holds<'a> {
+    /// Those of `trajectory`, whose jerks have this `stiffness`.
+    pub fn new(trajectory: &Trajectory, stiffness: &'a Stiffness) -> Self {
+        Self { accelerations: accelerations(trajectory), jerks: jerks(trajectory), stiffness }
+    }
 }
 
 /// A system without its control points.

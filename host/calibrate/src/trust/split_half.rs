@@ -16,12 +16,10 @@ use crate::solve::half::{Half, SolvedHalf};
 use crate::solve::levenberg::intrinsics_of;
 use crate::solve::normal::StretchEquations;
 use crate::solve::observation::SegmentObservations;
-use crate::solve::smoothness::accelerations;
 use crate::solve::stiffness::Stiffness;
 use crate::solve::stretch::{EventResidual, Stretch, point_residuals};
 use crate::solve::system::Holds;
 use crate::solve::{GLOBAL_COUNT, Problem, State};
-use crate::trajectory::jerk::jerks;
 use crate::trust::uncertainty::parts::CovarianceParts;
 use crate::trust::uncertainty::projection::projection_uncertainty;
 use evcal_geometry::lens::camera_file::CameraDescription;
@@ -107,11 +105,10 @@ impl<'a> Halves<'a> {
     pub fn new(problem: &'a Problem, state: &State) -> Option<Self> {
         const NOT_STIFF: &Stiffness = &Stiffness::new();
         let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
-        let holds = state.trajectories.iter().enumerate().map(|(segment, trajectory)| Holds {
-            accelerations: accelerations(trajectory),
-            jerks: jerks(trajectory),
-            stiffness: problem.stiffness.get(segment).unwrap_or(NOT_STIFF),
-        });
+        let holds =
+            state.trajectories.iter().enumerate().map(|(segment, trajectory)| {
+                Holds::new(trajectory, problem.stiffness.get(segment).unwrap_or(NOT_STIFF))
+            });
         let free = problem.free.mask();
         (total >= SLICE * FEWEST_SLICES).then(|| Self {
             segments: &problem.segments,
