@@ -14,20 +14,20 @@ use serde::{Serialize, Serializer};
 use self::advice::next_step;
 use self::units::{OtherUnit, other_unit, unusual_unit};
 use crate::advice::Advice;
-use crate::calibrate::still_views::LEAST_TIME;
 use crate::detection::exchanged::{Exchanged, PAIRS, exchanged};
 use crate::detection::focus::{EdgeWidth, edge_width};
 use crate::detection::layout::{RecognisedLayout, find_layout};
 use crate::detection::other_board::OtherBoard;
+use crate::detection::pictures::settings::PictureSettings;
 use crate::detection::radius::{OtherRadius, other_radius};
 use crate::detection::search::{FoundContent, SearchFor, search_events};
+use crate::detection::settings::DetectionSettings;
 use crate::detection::still_views::search::search_views;
-use crate::detection::still_views::{StillViews, duration};
+use crate::detection::still_views::{LEAST_TIME, StillViews, duration};
 use crate::detection::{DetectionReport, LARGEST_SENSOR, NoPattern};
 use crate::diagnosis::bad_pixels::{BadPixels, PixelCounter, Repetition};
 use crate::diagnosis::information::{Information, gather_events};
 use crate::diagnosis::rounded::Rounded;
-use crate::settings::Settings;
 use evcal_geometry::board::{Board, layout_name};
 use event_recordings::given_sensor::counted_from_one;
 use event_recordings::pass::{read_recording, read_while};
@@ -130,7 +130,12 @@ impl Serialize for BoardFailure {
 ///
 /// # Errors
 /// [`RecordingError`] when not one event can be read.
-pub fn check(recording: &Recording, board: Option<&Board>, settings: &Settings) -> Result<Checked, RecordingError> {
+pub fn check(
+    recording: &Recording,
+    board: Option<&Board>,
+    settings: &DetectionSettings,
+    pictures: &PictureSettings,
+) -> Result<Checked, RecordingError> {
     let (mut count, mut end, mut end_of_beginning) = (0, 0, None);
     let pass = read_while(recording, &mut |batch| {
         count += batch.events.len() as u64;
@@ -158,7 +163,9 @@ pub fn check(recording: &Recording, board: Option<&Board>, settings: &Settings) 
         Some(sensor) if sensor.width <= LARGEST_SENSOR.width && sensor.height <= LARGEST_SENSOR.height => {
             let (pixels, slots) = count_events(&looked_at, sensor)?;
             (repeated, rounded) = (pixels.repeated, pixels.rounded);
-            Some(look(LookedAt { parts: &looked_at, beginning: &beginning }, sensor, slots, board, settings)?)
+            let looked_at = LookedAt { parts: &looked_at, beginning: &beginning };
+            let at_rest = look_at_views(&beginning, sensor, board, settings, pictures)?;
+            Some(at_rest.map_or_else(|| look(looked_at, sensor, slots, board, settings), Ok)?)
         }
         _ => None,
     };
@@ -233,12 +240,8 @@ fn look(
     sensor: Sensor,
     slots_with_events: usize,
     board: Option<&Board>,
-    settings: &Settings,
+    settings: &DetectionSettings,
 ) -> Result<Seen, RecordingError> {
-    if let Some(seen) = look_at_views(beginning, sensor, board, settings)? {
-        return Ok(seen);
-    }
-    let settings = &settings.detection;
     let wanted = board.map_or(SearchFor::Circles(FEWEST_CIRCLES), SearchFor::from);
     let found = search_events(parts, sensor, wanted, settings)?;
     let (mut centers, mut times): (Vec<[f64; 2]>, Vec<f64>) = (Vec::new(), Vec::new());
@@ -302,7 +305,8 @@ fn look_at_views(
     recording: &Recording,
     sensor: Sensor,
     board: Option<&Board>,
-    settings: &Settings,
+    settings: &DetectionSettings,
+    pictures: &PictureSettings,
 ) -> Result<Option<Seen>, RecordingError> {
     let mut views = StillViews::new(sensor);
     let pass = read_while(recording, &mut |batch| {
@@ -315,13 +319,13 @@ fn look_at_views(
         return Ok(None);
     }
     let count = views.len() as u64;
-    let found = board.map(|board| search_views(board, settings, &[views]));
+    let found = board.map(|board| search_views(board, settings, pictures, &[views]));
     let frames = found.as_ref().map_or(&[][..], |found| &found.frames);
     let circles = frames.iter().flat_map(|frame| &frame.circles);
     let centers: Vec<[f64; 2]> = circles.map(|circle| circle.center.into()).collect();
     let seen: f64 = frames.iter().map(|frame| frame.end - frame.start).sum();
     let failure = found.as_ref().filter(|found| found.frames.is_empty()).map(|_| {
-        let no_pattern = DetectionReport::default().no_pattern(settings.detection.window.max_interval, None);
+        let no_pattern = DetectionReport::default().no_pattern(settings.window.max_interval, None);
         BoardFailure::NoPattern(no_pattern.at_rest(count))
     });
     Ok(Some(Seen {

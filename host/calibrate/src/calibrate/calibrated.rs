@@ -1,11 +1,8 @@
 //! What a calibration gives.
 
-use std::fmt;
-
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
-use serde::{Deserialize, Serialize};
 
 use super::mounted::SecondCamera;
 use super::other_stretches::FollowedStretch;
@@ -20,7 +17,7 @@ use crate::picture_calibration::calibration::{PictureCalibration, PictureReport}
 use crate::picture_calibration::joint::JointReport;
 use crate::solve::event_sample::EventSample;
 use crate::solve::refinement::Refined;
-use crate::solve::residual_statistics::ResidualStatistics;
+use crate::solve::residual_statistics::{Measured, ResidualStatistics};
 use crate::trajectory::segment::SegmentReport;
 use crate::trust::verdict::Verdict;
 use crate::trust::witness::WitnessOutcome;
@@ -64,27 +61,6 @@ pub struct OwnPictures {
     pub points: Vec<Vec<PointObservation>>,
     /// How they came about.
     pub report: JointReport,
-}
-
-/// What residuals are distances of: kinds whose figures cannot be compared.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Measured {
-    /// Events, from the edge of their circle.
-    #[serde(rename = "event edge distance")]
-    EventEdges,
-    /// Centres of circles, from where the result puts them.
-    #[serde(rename = "circle centre distance")]
-    CircleCentres,
-    /// Corners of squares, from where the result puts them.
-    #[serde(rename = "corner distance")]
-    Corners,
-}
-
-impl fmt::Display for Measured {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // As it is written to files.
-        self.serialize(f)
-    }
 }
 
 /// Most events of [`EventCalibration::sample`].

@@ -4,7 +4,7 @@ use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::sensor::Sensor;
 
 use super::Task;
-use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured, SAMPLE};
+use super::calibrated::{Calibrated, EventCalibration, Evidence, SAMPLE};
 use super::detected::detect;
 use super::error::CalibrateError;
 use super::examination::{Seen, examine_calibration};
@@ -23,6 +23,7 @@ use crate::initial::InitialModel;
 use crate::solve::event_bias::unknown;
 use crate::solve::left_out::LeftOut;
 use crate::solve::refinement::{EventInput, FIRST_SIGMA, RefinementInput, SMALLEST_POINT_SIGMA};
+use crate::solve::residual_statistics::Measured;
 use crate::solve::{BOARD_PARAMETERS, State};
 use crate::trajectory::Trajectory;
 use crate::trajectory::first::first_trajectories;

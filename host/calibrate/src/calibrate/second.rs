@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use super::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
+use super::calibrated::{Calibrated, EventCalibration, Evidence};
 use super::error::CalibrateError;
 use super::input::Input;
 use super::mounted::{SecondCamera, SecondFrames};
@@ -17,6 +17,7 @@ use crate::second_camera::joint::Lenses;
 use crate::second_camera::{Apart, Pictures, calibrate_pictures_against, calibrate_second};
 use crate::settings::Settings;
 use crate::solve::held_intrinsics::HeldIntrinsics;
+use crate::solve::residual_statistics::Measured;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::symmetry::symmetries;
 use evcal_geometry::lens::camera_file::CameraDescription;

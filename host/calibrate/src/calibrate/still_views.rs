@@ -15,16 +15,11 @@ use super::input::{Input, read_events};
 use super::pictures::{SeenPictures, calibrate_seen};
 use super::progress::Progress;
 use crate::detection::still_views::search::{FoundInViews, search_views};
-use crate::detection::still_views::{StillViews, duration};
+use crate::detection::still_views::{FEWEST_VIEWS, LEAST_TIME, StillViews, duration};
 use crate::diagnosis::fingerprint::Fingerprint;
 use crate::initial::InitialSettings;
 use crate::picture_calibration::calibration::PictureSource;
 use crate::settings::Settings;
-
-/// Fewest views of a calibration. Every one of them was meant, which the frames of a camera that is moved are not.
-pub(crate) const FEWEST: usize = 6;
-/// What blinks is looked at in place of what moves, if the camera was at rest for at least this part of the time.
-pub(crate) const LEAST_TIME: f64 = 0.3;
 
 /// What became of the views.
 pub(super) enum AtRest {
@@ -68,7 +63,8 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<AtRest, Cali
     }
     let views = collect(task, progress)?;
     let time: f64 = views.recordings.iter().map(|recording| recording.duration).sum();
-    let FoundInViews { frames, report } = search_views(task.board, task.settings, &views.views);
+    let FoundInViews { frames, report } =
+        search_views(task.board, &task.settings.detection, &task.settings.frames, &views.views);
     let at_rest: f64 = views.views.iter().flatten().map(duration).sum();
     let seen: f64 = frames.iter().map(|frame| frame.end - frame.start).sum();
     if seen < LEAST_TIME * time {
@@ -76,7 +72,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<AtRest, Cali
         return Ok(if is_at_rest { AtRest::WithoutBoard(report.frames) } else { AtRest::Moved });
     }
     let seen = SeenPictures { frames, report, starts: views.starts };
-    let initial = InitialSettings { min_frames: FEWEST, ..task.settings.initial.clone() };
+    let initial = InitialSettings { min_frames: FEWEST_VIEWS, ..task.settings.initial.clone() };
     let settings = Settings { initial, ..task.settings.clone() };
     let task = Task { settings: &settings, ..*task };
     let source = PictureSource::StillViews;

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use super::{Checked, Seen};
 use crate::advice::{Advice, Outside};
-use crate::calibrate::still_views::FEWEST as FEWEST_VIEWS;
 use crate::detection::exchanged::Exchanged;
+use crate::detection::still_views::FEWEST_VIEWS;
 use crate::detection::{FEWEST_EVENTS, too_short};
 use crate::diagnosis::bad_pixels::Repetition;
 use crate::diagnosis::disorder::Disorder;
@@ -156,13 +156,14 @@ mod tests {
 
     use super::*;
     use crate::check::check;
-    use crate::settings::Settings;
+    use crate::detection::pictures::settings::PictureSettings;
+    use crate::detection::settings::DetectionSettings;
     use event_recordings::RecordingOptions;
 
     const DAVIS: Option<Sensor> = Some(Sensor::new(346, 260));
 
     fn next(recording: &Recording) -> Advice {
-        check(recording, None, &Settings::default()).unwrap().next
+        check(recording, None, &DetectionSettings::default(), &PictureSettings::default()).unwrap().next
     }
 
     fn next_of(events: Vec<Event>, sensor: Option<Sensor>) -> Advice {

@@ -10,6 +10,10 @@ use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use event_recordings::pictures::{GreyImage, TimedImage};
 
+/// Fewest views of a calibration. Every one of them was meant, which the frames of a camera that is moved are not.
+pub(crate) const FEWEST_VIEWS: usize = 6;
+/// What blinks is looked at in place of what moves, if the camera was at rest for at least this part of the time.
+pub(crate) const LEAST_TIME: f64 = 0.3;
 /// Shortest block (µs): at 10 Hz the light changes once in it.
 const BLOCK: i64 = 50_000;
 /// Longest time (µs) in which a block must have its events.

@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 
 use super::bundle::{PictureBundle, PictureView, SeenDot, picture_bundle};
 use super::circle_image::center_bias;
-use crate::calibrate::calibrated::Measured;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::detection::no_board::NoBoard;
 use crate::detection::pictures::search::PictureSearchReport;
 use crate::initial::{InitialError, InitialModel, InitialSettings, PosedFrame, initial_model};
+use crate::solve::residual_statistics::Measured;
 use crate::solve::residual_statistics::ResidualStatistics;
 use evcal_geometry::board::Board;
 

@@ -6,7 +6,7 @@ use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::advice::Wording;
-use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
+use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use crate::calibrate::stretch_choice::StretchChoice;
 use crate::detection::DetectionReport;
 use crate::initial::InitialReport;
@@ -20,6 +20,7 @@ use crate::solve::burst::BurstLength;
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::{EventBias, EventKind, SPEED_RANGE_COUNT};
 use crate::solve::refinement::RoundReport;
+use crate::solve::residual_statistics::Measured;
 use crate::solve::residual_statistics::ResidualStatistics;
 use crate::trajectory::segment::SegmentReport;
 use crate::trust::coverage::Coverage;

@@ -1,6 +1,6 @@
 //! What every stage took in and gave out, and why the rest fell away: told once, for `stages.txt` and the report.
 
-use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence, Measured};
+use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use crate::calibrate::stretch_choice::StretchChoice;
 use crate::detection::DetectionReport;
 use crate::detection::counted::counted;
@@ -8,6 +8,7 @@ use crate::initial::InitialReport;
 use crate::picture_calibration::calibration::{PictureCalibration, PictureReport, PictureSource};
 use crate::picture_calibration::joint::JointReport;
 use crate::solve::refinement::RoundReport;
+use crate::solve::residual_statistics::Measured;
 use crate::trust::witness::{Comparison, WitnessOutcome};
 
 /// One stage.

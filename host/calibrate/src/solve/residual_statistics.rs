@@ -1,6 +1,8 @@
 //! How far the observations are from where a state puts them, in two figures.
 
-use serde::Serialize;
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
 
 use super::stretch::{EventResidual, point_residuals};
 use super::{Problem, State};
@@ -15,6 +17,27 @@ pub struct ResidualStatistics {
     pub rms: f64,
     /// Median of the absolute value (px).
     pub median: f64,
+}
+
+/// What residuals are distances of: kinds whose figures cannot be compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Measured {
+    /// Events, from the edge of their circle.
+    #[serde(rename = "event edge distance")]
+    EventEdges,
+    /// Centres of circles, from where the result puts them.
+    #[serde(rename = "circle centre distance")]
+    CircleCentres,
+    /// Corners of squares, from where the result puts them.
+    #[serde(rename = "corner distance")]
+    Corners,
+}
+
+impl fmt::Display for Measured {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // As it is written to files.
+        self.serialize(f)
+    }
 }
 
 /// Statistics of all residuals of `problem` at `state`; `events` are those of its events.

@@ -51,7 +51,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             Some(board_in(request, files, recording.options(), &settings.detection)?)
         }
     };
-    let checked = check(&recording, board.as_ref(), &settings)?;
+    let checked = check(&recording, board.as_ref(), &settings.detection, &settings.frames)?;
     waiting.finish();
     let next = worded(&checked.next);
     let is_ready = checked.is_ready();

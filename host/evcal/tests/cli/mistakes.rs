@@ -75,7 +75,6 @@ const USAGE: &[Mistake] = &[
     ),
     mistake("calibrate a.csv --board aprilgrid:6x6:24mm:6mm -o DIR/out", 2, "here 0.25", "aprilgrid:6x6:35.2mm:0.3"),
     mistake("calibrate a.csv --board charuco:5x7:30mm:r20mm -o DIR/out", 2, "size of a marker", "DICT_5X5_100"),
-    mistake("check FIXTURE --board checkerboard:6x9:25mm", 1, "looks for boards of circles", "evcal calibrate"),
     mistake("calibrate a.csv --board auto:55mm -o DIR/out", 2, "auto:SPACING:rRADIUS", "auto:55mm:r17.5mm"),
     mistake("calibrate a.csv --board BOARD --model pinhole -o DIR/out", 2, "pinhole", "radtan"),
     mistake("calibrate a.csv --board BOARD --model fisheye -o DIR/out", 2, "fisheye", "kannala-brandt"),

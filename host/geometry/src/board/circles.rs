@@ -352,7 +352,7 @@ mod tests {
             assert!(told(&format!("{name}:{rest}")).contains("asymmetricGrid: True"), "{name}");
         }
         assert!(told("april_6x6.yaml").contains("only boards of circles"));
-        assert!(told("target.yaml").contains("targetRows"));
+        assert!(told("target.yaml").contains("looks like a file"));
         assert!(told("recording.aedat4").contains("looks like a file"));
         assert!(told("dots:9x4:55mm:r17.5mm").contains("unknown layout"));
     }

@@ -6,9 +6,10 @@ use super::number::{count, percent, signed};
 use super::page::figure;
 use evcal_calibrate::advice::Wording;
 use evcal_calibrate::calibrate::Task;
-use evcal_calibrate::calibrate::calibrated::{Calibrated, Measured};
+use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::result::beside::{VerdictBeside, verdicts_beside};
+use evcal_calibrate::solve::residual_statistics::Measured;
 use evcal_calibrate::trust::verdict::{Finding, Grade, SMALLEST_COVERAGE, Severity, VerdictSettings};
 use evcal_core::sensor::Sensor;
 

@@ -33,7 +33,7 @@ fn poses(board: &Board, count: usize, random: &mut ChaCha8Rng) -> Vec<Isometry3<
     let mut any = |range: f64| range * (2.0 * random.random::<f64>() - 1.0);
     let pose = |_| {
         let rotation = UnitQuaternion::from_euler_angles(any(0.6), any(0.6), any(0.3));
-        let position = Vector3::new(any(0.08), any(0.06), 0.42 + any(0.06));
+        let position = Vector3::new(any(0.11), any(0.08), 0.33 + any(0.05));
         Isometry3::from_parts(Translation3::from(position - rotation * middle.push(0.0)), rotation)
     };
     (0..count).map(pose).collect()

@@ -11,7 +11,8 @@ use nalgebra::Vector2;
 
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
 use crate::detection::pictures::search::{PictureSearch, PictureSearchReport};
-use crate::settings::Settings;
+use crate::detection::pictures::settings::PictureSettings;
+use crate::detection::settings::DetectionSettings;
 
 /// White in a picture.
 const WHITE: f32 = 255.0;
@@ -34,30 +35,36 @@ const MOST: f64 = 0.9;
 ///
 /// What blinks may be the paper or the print, so that the negative is looked at too. Where a little light is enough for all events of
 /// a pixel, squares that blink have grown so far that those between them do not touch any more; then they are made smaller.
-pub fn search_views(board: &Board, settings: &Settings, views: &[Vec<TimedImage>]) -> FoundInViews {
+pub fn search_views(
+    board: &Board,
+    settings: &DetectionSettings,
+    pictures: &PictureSettings,
+    views: &[Vec<TimedImage>],
+) -> FoundInViews {
     let [plain, other]: [fn(&Picture) -> Picture; 2] = match board {
         Board::Circles(_) => [Picture::clone, smooth],
         Board::Squares(_) => [Picture::clone, darker],
     };
-    let found = search_twice(board, settings, views, plain, other);
+    let found = search_twice(board, settings, pictures, views, plain, other);
     if found.frames.len() as f64 >= MOST * views.iter().map(Vec::len).sum::<usize>() as f64 {
         return found;
     }
     let negatives: Vec<Vec<TimedImage>> =
         views.iter().map(|views| views.iter().map(|view| changed(view, negative)).collect()).collect();
-    let of_negatives = search_twice(board, settings, &negatives, plain, other);
+    let of_negatives = search_twice(board, settings, pictures, &negatives, plain, other);
     if of_negatives.report.board_dots > found.report.board_dots { of_negatives } else { found }
 }
 
 /// Looks for the board in pictures changed by `first`, and where it is not found in those changed by `second`.
 fn search_twice(
     board: &Board,
-    settings: &Settings,
+    settings: &DetectionSettings,
+    pictures: &PictureSettings,
     views: &[Vec<TimedImage>],
     first: fn(&Picture) -> Picture,
     second: fn(&Picture) -> Picture,
 ) -> FoundInViews {
-    let mut found = search(board, settings, views, first);
+    let mut found = search(board, settings, pictures, views, first);
     let is_found = |number: usize, view: &TimedImage| {
         found.frames.iter().any(|frame| frame.recording == number && starts(frame, view))
     };
@@ -66,7 +73,7 @@ fn search_twice(
         .enumerate()
         .map(|(number, views)| views.iter().filter(|view| !is_found(number, view)).cloned().collect())
         .collect();
-    let others = search(board, settings, &missing, second);
+    let others = search(board, settings, pictures, &missing, second);
     found.report.with_board += others.report.with_board;
     found.report.board_dots += others.report.board_dots;
     found.report.refused = others.report.refused;
@@ -105,12 +112,13 @@ fn changed(view: &TimedImage, variant: fn(&Picture) -> Picture) -> TimedImage {
 
 fn search(
     board: &Board,
-    settings: &Settings,
+    settings: &DetectionSettings,
+    pictures: &PictureSettings,
     views: &[Vec<TimedImage>],
     variant: fn(&Picture) -> Picture,
 ) -> FoundInViews {
-    let fewest = settings.detection.fewest_circles(&board.lattice());
-    let mut search = PictureSearch::new(board, fewest, settings.frames.max_radius);
+    let fewest = settings.fewest_circles(&board.lattice());
+    let mut search = PictureSearch::new(board, fewest, pictures.max_radius);
     for (number, views) in views.iter().enumerate() {
         let hand_on = |visit: &mut dyn FnMut(TimedImage)| {
             views.iter().map(|view| changed(view, variant)).for_each(visit);
