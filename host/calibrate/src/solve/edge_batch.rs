@@ -1,6 +1,6 @@
 //! The edges of many events of one time bin at once.
 //!
-//! The same formulas as for one event ([`EventEdge`](super::event_row::EventEdge)), in steps over all events of the batch, which
+//! The same formulas as for one event ([`super::event_row`]), in steps over all events of the batch, which
 //! the compiler vectorises. What a table says of each event's place is fetched once: the edge is so near that
 //! the same slopes tell the bearing there.
 
@@ -80,7 +80,7 @@ struct StepsToEdge {
     pixels: [Lane; 2],
 }
 
-/// The edges of the events of a batch; see [`EventEdge`](super::event_row::EventEdge).
+/// The edges of the events of a batch; see [`super::event_row`].
 pub struct Edges {
     depth: Lane,
     /// Signed distance in pixels, positive on the light side.
