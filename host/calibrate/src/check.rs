@@ -279,8 +279,7 @@ fn look(
             FoundContent::Boards(_, frames) => other_radius(frames, board).map(BoardFailure::OtherRadius),
             _ => None,
         },
-        Some(Board::Squares(_)) => None,
-        None => None,
+        Some(Board::Squares(_)) | None => None,
     };
     let recognised = match board {
         None if found.report.found > 0 => find_layout(beginning, sensor, settings)?,

@@ -51,11 +51,29 @@ pub(super) struct Detected {
 }
 
 /// Recordings that share more than this part of their events are of the same time.
-pub(super) const SAME: f64 = 0.02;
+const SAME: f64 = 0.02;
 
 /// The joint solve uses so many events at most; about half of those that are looked at are on an edge of the board. The sample has
 /// as many times more. Where the board is seldom in view it is not enough, and the recordings are read again.
 const SAMPLE_TIMES: usize = 3;
+
+/// What tells the recordings of a calibration from each other.
+#[derive(Default)]
+pub(super) struct Fingerprints(Vec<(String, Fingerprint)>);
+
+impl Fingerprints {
+    /// Takes the fingerprint of `file`.
+    ///
+    /// # Errors
+    /// [`CalibrateError::SameEvents`] when one of the others holds the same events.
+    pub(super) fn add(&mut self, file: String, fingerprint: Fingerprint) -> Result<(), CalibrateError> {
+        if let Some((other, _)) = self.0.iter().find(|(_, other)| other.shared(&fingerprint) > SAME) {
+            return Err(CalibrateError::SameEvents { file, other: other.clone() });
+        }
+        self.0.push((file, fingerprint));
+        Ok(())
+    }
+}
 
 /// Looks for the board in all recordings.
 ///
@@ -86,7 +104,7 @@ fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateErr
         saturated: Vec::new(),
         health: Vec::new(),
     };
-    let mut fingerprints: Vec<(String, Fingerprint)> = Vec::new();
+    let mut fingerprints = Fingerprints::default();
     // What the first damaged recording broke off with.
     let mut damage = None;
     for (index, input) in task.inputs.iter().enumerate() {
@@ -94,10 +112,7 @@ fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateErr
         match input {
             Input::Events(recording) => {
                 let (fingerprint, broken) = all.look_through(task, index, recording, progress)?;
-                if let Some((other, _)) = fingerprints.iter().find(|(_, other)| other.shared(&fingerprint) > SAME) {
-                    return Err(CalibrateError::SameEvents { file: input.name(), other: other.clone() });
-                }
-                fingerprints.push((input.name(), fingerprint));
+                fingerprints.add(input.name(), fingerprint)?;
                 damage = damage.or(broken);
             }
             Input::Images(_) => return Err(CalibrateError::OnlyFrames { file: input.name() }),

@@ -9,7 +9,7 @@ use event_recordings::pictures::TimedImage;
 
 use super::Task;
 use super::calibrated::Calibrated;
-use super::detected::{SAME, common_sensor};
+use super::detected::{Fingerprints, common_sensor};
 use super::error::CalibrateError;
 use super::input::{Input, read_events};
 use super::pictures::{SeenPictures, calibrate_seen};
@@ -84,7 +84,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<AtRest, Cali
 fn collect(task: &Task, progress: &Progress) -> Result<Views, CalibrateError> {
     let sensor = common_sensor(task)?;
     let mut all = Views { sensor, views: Vec::new(), recordings: Vec::new(), starts: Vec::new() };
-    let mut fingerprints: Vec<(String, Fingerprint)> = Vec::new();
+    let mut fingerprints = Fingerprints::default();
     for (index, input) in task.inputs.iter().enumerate() {
         progress.tell(format!("looking for a board at rest in {}", input.short_name()))?;
         let (mut views, mut fingerprint) = (StillViews::new(sensor), Fingerprint::default());
@@ -95,10 +95,7 @@ fn collect(task: &Task, progress: &Progress) -> Result<Views, CalibrateError> {
         if let Input::Events(recording) = input {
             check_outside(recording, &pass.report)?;
         }
-        if let Some((other, _)) = fingerprints.iter().find(|(_, other)| other.shared(&fingerprint) > SAME) {
-            return Err(CalibrateError::SameEvents { file: input.name(), other: other.clone() });
-        }
-        fingerprints.push((input.name(), fingerprint));
+        fingerprints.add(input.name(), fingerprint)?;
         all.views.push(views.finish());
         all.starts.push(pass.first as f64 * 1e-6);
         all.recordings.push(pass.to_report());

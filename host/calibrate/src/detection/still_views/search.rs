@@ -41,30 +41,29 @@ pub fn search_views(
     pictures: &PictureSettings,
     views: &[Vec<TimedImage>],
 ) -> FoundInViews {
-    let [plain, other]: [fn(&Picture) -> Picture; 2] = match board {
-        Board::Circles(_) => [Picture::clone, smooth],
-        Board::Squares(_) => [Picture::clone, darker],
+    let variant: fn(&Picture) -> Picture = match board {
+        Board::Circles(_) => smooth,
+        Board::Squares(_) => Picture::darkest_neighbours,
     };
-    let found = search_twice(board, settings, pictures, views, plain, other);
+    let found = search_twice(board, settings, pictures, views, variant);
     if found.frames.len() as f64 >= MOST * views.iter().map(Vec::len).sum::<usize>() as f64 {
         return found;
     }
     let negatives: Vec<Vec<TimedImage>> =
         views.iter().map(|views| views.iter().map(|view| changed(view, negative)).collect()).collect();
-    let of_negatives = search_twice(board, settings, pictures, &negatives, plain, other);
+    let of_negatives = search_twice(board, settings, pictures, &negatives, variant);
     if of_negatives.report.board_dots > found.report.board_dots { of_negatives } else { found }
 }
 
-/// Looks for the board in pictures changed by `first`, and where it is not found in those changed by `second`.
+/// Looks for the board in the pictures, and where it is not found in them after `variant`.
 fn search_twice(
     board: &Board,
     settings: &DetectionSettings,
     pictures: &PictureSettings,
     views: &[Vec<TimedImage>],
-    first: fn(&Picture) -> Picture,
-    second: fn(&Picture) -> Picture,
+    variant: fn(&Picture) -> Picture,
 ) -> FoundInViews {
-    let mut found = search(board, settings, pictures, views, first);
+    let mut found = search(board, settings, pictures, views, Picture::clone);
     let is_found = |number: usize, view: &TimedImage| {
         found.frames.iter().any(|frame| frame.recording == number && starts(frame, view))
     };
@@ -73,7 +72,7 @@ fn search_twice(
         .enumerate()
         .map(|(number, views)| views.iter().filter(|view| !is_found(number, view)).cloned().collect())
         .collect();
-    let others = search(board, settings, pictures, &missing, second);
+    let others = search(board, settings, pictures, &missing, variant);
     found.report.with_board += others.report.with_board;
     found.report.board_dots += others.report.board_dots;
     found.report.refused = others.report.refused;
@@ -93,11 +92,6 @@ fn smooth(picture: &Picture) -> Picture {
 
 fn negative(picture: &Picture) -> Picture {
     picture.map(|grey| WHITE - grey)
-}
-
-/// With the darkest of 3 × 3 pixels for each.
-fn darker(picture: &Picture) -> Picture {
-    picture.darkest_neighbours()
 }
 
 /// The picture of a view after `variant`.
