@@ -314,7 +314,7 @@ fn look_at_views(
     })?;
     let views = views.finish();
     let time = pass.last.saturating_sub(pass.first) as f64 * 1e-6;
-    if views.iter().map(duration).sum::<f64>() < LEAST_TIME * time {
+    if views.is_empty() || views.iter().map(duration).sum::<f64>() < LEAST_TIME * time {
         return Ok(None);
     }
     let count = views.len() as u64;

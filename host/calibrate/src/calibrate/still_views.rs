@@ -67,8 +67,8 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<AtRest, Cali
         search_views(task.board, &task.settings.detection, &task.settings.frames, &views.views);
     let at_rest: f64 = views.views.iter().flatten().map(duration).sum();
     let seen: f64 = frames.iter().map(|frame| frame.end - frame.start).sum();
-    if seen < LEAST_TIME * time {
-        let is_at_rest = frames.is_empty() && at_rest >= LEAST_TIME * time;
+    if frames.is_empty() || seen < LEAST_TIME * time {
+        let is_at_rest = frames.is_empty() && report.frames > 0 && at_rest >= LEAST_TIME * time;
         return Ok(if is_at_rest { AtRest::WithoutBoard(report.frames) } else { AtRest::Moved });
     }
     let seen = SeenPictures { frames, report, starts: views.starts };

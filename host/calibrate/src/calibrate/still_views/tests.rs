@@ -134,3 +134,14 @@ fn too_few_views_and_another_board_are_named() {
         "{another}"
     );
 }
+
+/// It was called a board that blinks, of which none of 0 views shows it.
+#[test]
+fn events_of_one_moment_are_no_views() {
+    let event = |index: u16| Event { t: 7, x: index % 240, y: index / 240, polarity: Polarity::On };
+    let options = RecordingOptions { sensor: Some(SENSOR), ..RecordingOptions::default() };
+    let inputs = [Recording::from_events("moment", (0..20_000).map(event).collect(), options).into()];
+    let board = "checkerboard:5x8:25mm".parse().unwrap();
+    let error = calibrate_all(&Task::new(&inputs, &board), |_| ControlFlow::Continue(())).err().unwrap();
+    assert!(!error.to_string().contains("blinks"), "{error}");
+}
