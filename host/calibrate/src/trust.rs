@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::picture_calibration::calibration::{PictureCalibration, PictureSource};
+use crate::solve::board_edge::BoardEdges;
 use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::bias::Bias;
 use crate::solve::event_bias::{CLASS_COUNT, EventKind};
@@ -200,9 +201,7 @@ fn observed_radius(refined: &Refined) -> Option<ObservedRadius> {
     let bias = &refined.state.bias;
     let radius = refined.state.board.radius;
     let scale = refined.problem.mean_scale;
-    if !refined.problem.edges.are_bent() {
-        return None;
-    }
+    let BoardEdges::Rims(_) = refined.problem.edges else { return None };
     let inverse_radius = scale / radius;
     let (mut sum, mut count) = (0.0, 0_usize);
     // The mean over both polarities: what delays events moves them to opposite sides.

@@ -26,6 +26,7 @@ use crate::solve::observation::{EventBin, EventObservation, SegmentObservations}
 use crate::solve::pose_bin::PoseBin;
 use crate::trajectory::Trajectory;
 use evcal_geometry::board::Board;
+use evcal_geometry::board::squares::edges::Side;
 
 settings! {
     /// Which event belongs to which circle (section 8 of method.md).
@@ -49,6 +50,9 @@ const CLEARANCE: f64 = 1.5;
 const SLOWEST_EDGE: f64 = 30.0;
 /// Smallest share of the motion that is across the edge; below it the edge slides along itself.
 const TANGENT: f64 = 0.65;
+/// The same for straight edges. Sliding along one changes nothing, and where the motion runs along the squares of a board, the edges
+/// along it are all that fixes its position across the motion.
+const LINE_TANGENT: f64 = 0.1;
 /// Length of a time bin whose events share their basis weights (s).
 pub const BIN: f64 = 0.5e-3;
 
@@ -269,7 +273,11 @@ impl<'a> Associator<'a> {
         let edge = match &self.nearest {
             NearestEdge::Rims(board) => board.nearest_circle(ray.point())?,
             NearestEdge::Lines(places) => {
-                places.nearest(ray.point().into(), CLEARANCE * ray.widest_pixel(&by_pixel))?
+                // A pixel that moves to the light becomes brighter.
+                let brightens = event.polarity == Polarity::On;
+                let light =
+                    ray.velocity(moment.pose).map(|v| if (v > 0.0) == brightens { Side::High } else { Side::Low });
+                places.nearest(ray.point().into(), light, CLEARANCE * ray.widest_pixel(&by_pixel))?
             }
         };
         Some(Near { event, class: class_of(event), dt, edge: u16::try_from(edge).ok()? })
@@ -303,7 +311,7 @@ impl<'a> Associator<'a> {
             let normal_speed = passage.normal_speed;
             let sliding = edges.sliding[lane] / scale;
             let speed = (normal_speed * normal_speed + sliding * sliding).sqrt();
-            if normal_speed.abs() < SLOWEST_EDGE || normal_speed.abs() < TANGENT * speed {
+            if normal_speed.abs() < SLOWEST_EDGE || normal_speed.abs() < self.least_share() * speed {
                 part.report.edge_slides += 1;
                 continue;
             }
@@ -322,6 +330,14 @@ impl<'a> Associator<'a> {
     /// How far from where it is expected an event of a class of this spread may be (px).
     fn band(&self, sigma: f64) -> f64 {
         if self.context.sigma_known { (self.context.settings.band * sigma).min(WIDEST_BAND) } else { FIRST_BAND }
+    }
+
+    /// Smallest share of the motion that is across an edge of the board that an event belongs to.
+    fn least_share(&self) -> f64 {
+        match &self.edges {
+            BoardEdges::Rims(_) => TANGENT,
+            BoardEdges::Lines(_) => LINE_TANGENT,
+        }
     }
 
     /// How far from an edge of the board an event may be that belongs to it (px).

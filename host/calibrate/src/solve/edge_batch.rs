@@ -65,8 +65,8 @@ pub struct EdgeBatch<'a> {
 struct Rays {
     dt: Lane,
     pixel: [Lane; 2],
-    /// Of a rim its centre; of a line its normal, offset and width.
-    edge: [Lane; 4],
+    /// Of a rim its centre; of a line its normal, offset and widths.
+    edge: [Lane; 5],
     bearing: [Lane; 3],
     /// From the centre of the cell of the bearing table (px).
     beside_cell: [Lane; 2],
@@ -102,7 +102,7 @@ pub struct Edges {
     normal_speed: Lane,
     narrowness: Lane,
     corner_share: Lane,
-    acceleration: Lane,
+    memory: Lane,
     /// How fast the pixel's ray slides along the edge (m/s).
     pub sliding: Lane,
 }
@@ -124,7 +124,7 @@ impl Edges {
         normal_speed: NOTHING,
         narrowness: NOTHING,
         corner_share: NOTHING,
-        acceleration: NOTHING,
+        memory: NOTHING,
         sliding: NOTHING,
     };
 
@@ -135,7 +135,7 @@ impl Edges {
             normal_speed: self.normal_speed[lane],
             narrowness: self.narrowness[lane],
             corner_share: self.corner_share[lane],
-            acceleration: self.acceleration[lane],
+            memory: self.memory[lane],
         }
     }
 }
@@ -144,7 +144,7 @@ impl Rays {
     const EMPTY: Self = Self {
         dt: NOTHING,
         pixel: [NOTHING; 2],
-        edge: [NOTHING; 4],
+        edge: [NOTHING; 5],
         bearing: [NOTHING; 3],
         beside_cell: [NOTHING; 2],
         by_pixel: [[NOTHING_SINGLE; 3]; 2],
@@ -284,7 +284,7 @@ impl<'a> EdgeBatch<'a> {
             Some((bearings.place_at(spot, event.pixel[0], event.pixel[1])?, bearings.coefficients(spot)?))
         });
         let edge = match scene.edges {
-            BoardEdges::Rims(centers) => centers.get(usize::from(event.edge)).map(|&[x, y]| [x, y, 0.0, 0.0]),
+            BoardEdges::Rims(centers) => centers.get(usize::from(event.edge)).map(|&[x, y]| [x, y, 0.0, 0.0, 0.0]),
             BoardEdges::Lines(lines) => lines.get(usize::from(event.edge)).map(Line::numbers),
         };
         self.cells[lane] = None;
@@ -328,28 +328,29 @@ fn steps_to_edge<S: BoardSurface, E: LaneEdge>(
 /// An edge whose numbers stand in lanes.
 trait LaneEdge: BoardEdge {
     /// The edge of a lane on a board of this [`BoardShape::radius`].
-    fn of_lane(lanes: &[Lane; 4], lane: usize, radius: f64) -> Self;
+    fn of_lane(lanes: &[Lane; 5], lane: usize, radius: f64) -> Self;
 }
 
 impl LaneEdge for Rim {
     #[inline(always)]
-    fn of_lane(lanes: &[Lane; 4], lane: usize, radius: f64) -> Self {
+    fn of_lane(lanes: &[Lane; 5], lane: usize, radius: f64) -> Self {
         Self { center: [lanes[0][lane], lanes[1][lane]], radius }
     }
 }
 
 impl LaneEdge for Line {
     #[inline(always)]
-    fn of_lane(lanes: &[Lane; 4], lane: usize, radius: f64) -> Self {
+    fn of_lane(lanes: &[Lane; 5], lane: usize, radius: f64) -> Self {
         let normal = [lanes[0][lane], lanes[1][lane]];
-        Self { normal, offset: lanes[2][lane], width: lanes[3][lane], radius }
+        let [offset, dark_width, light_width] = [2, 3, 4].map(|number: usize| lanes[number][lane]);
+        Self { normal, offset, dark_width, light_width, radius }
     }
 }
 
 impl Line {
-    /// Normal, offset and width.
-    fn numbers(&self) -> [f64; 4] {
-        [self.normal[0], self.normal[1], self.offset, self.width]
+    /// Normal, offset and widths.
+    fn numbers(&self) -> [f64; 5] {
+        [self.normal[0], self.normal[1], self.offset, self.dark_width, self.light_width]
     }
 }
 
@@ -398,7 +399,7 @@ fn edges<S: BoardSurface, E: LaneEdge>(
         found.normal_speed[lane] = passage.normal_speed;
         found.narrowness[lane] = passage.narrowness;
         found.corner_share[lane] = passage.corner_share;
-        found.acceleration[lane] = passage.acceleration;
+        found.memory[lane] = passage.memory;
         found.sliding[lane] = distance.sliding;
     }
 }

@@ -9,7 +9,8 @@
 //! radius is ρ pixels, lies
 //! `offset + curvature / ρ + bend v² + corner_latency v s² + curvature_latency v / ρ + memory a`
 //! from the edge, `latency` after its passage; s is the distance from the middle of the sensor, 1 at
-//! its corners, and a the acceleration with which a round dot passes a pixel off its middle.
+//! its corners, and a the acceleration with which a round dot passes a pixel off its middle. At the straight edge of a square ρ is the
+//! width of the dark strip and 1 / a that of the light one: the next edge reaches into the blur of this one.
 //! Its spread depends on the speed: slow edges give noise the time to move events, fast ones turn
 //! differences between pixels' latencies into pixels.
 
@@ -100,12 +101,13 @@ pub fn speed_range(normal_speed: f64) -> usize {
 pub struct EdgePassage {
     /// Normal speed in px/s, positive where the pixel becomes brighter.
     pub normal_speed: f64,
-    /// One over the dot's radius in pixels; at a straight edge one over the width of the narrower strip beside it.
+    /// One over the dot's radius in pixels; at a straight edge one over the width of its dark strip.
     pub narrowness: f64,
     /// Squared distance from the middle of the sensor, 1 at its corners.
     pub corner_share: f64,
-    /// Second derivative of the distance from the edge by time (px/s²).
-    pub acceleration: f64,
+    /// At a rim the second derivative of the distance from the edge by time (px/s²); at a straight edge one over the width of its light
+    /// strip in pixels.
+    pub memory: f64,
 }
 
 impl EdgePassage {
@@ -120,7 +122,7 @@ impl EdgePassage {
         derivatives[Bias::Curvature] = self.narrowness;
         derivatives[Bias::CornerLatency] = speed * self.corner_share;
         derivatives[Bias::CurvatureLatency] = speed * self.narrowness;
-        derivatives[Bias::Memory] = self.acceleration;
+        derivatives[Bias::Memory] = self.memory;
         derivatives
     }
 }
@@ -137,14 +139,11 @@ impl ClassBias {
 /// Distance in pixels from the edge at which an event with these biases is expected, the latency left out.
 #[inline(always)]
 pub fn expected_distance(biases: &Biases<f64>, passage: &EdgePassage) -> f64 {
-    let EdgePassage { normal_speed, narrowness, corner_share, acceleration } = *passage;
+    let EdgePassage { normal_speed, narrowness, corner_share, memory } = *passage;
     let latency = biases[Bias::Bend] * normal_speed
         + biases[Bias::CornerLatency] * corner_share
         + biases[Bias::CurvatureLatency] * narrowness;
-    biases[Bias::Offset]
-        + biases[Bias::Curvature] * narrowness
-        + biases[Bias::Memory] * acceleration
-        + normal_speed * latency
+    biases[Bias::Offset] + biases[Bias::Curvature] * narrowness + biases[Bias::Memory] * memory + normal_speed * latency
 }
 
 /// Biases of all event classes.
@@ -189,7 +188,7 @@ mod tests {
 
     #[test]
     fn derivatives_are_those_of_the_distance() {
-        let passage = EdgePassage { normal_speed: 300.0, narrowness: 0.1, corner_share: 0.6, acceleration: -2000.0 };
+        let passage = EdgePassage { normal_speed: 300.0, narrowness: 0.1, corner_share: 0.6, memory: -2000.0 };
         let [known, ..] = unknown(1.0);
         for bias in Bias::ALL.into_iter().filter(|&bias| bias != Bias::Latency) {
             let mut moved = known;

@@ -60,7 +60,7 @@ impl EdgePassage {
             normal_speed: distance.normal_speed(pose),
             narrowness: edge.narrowness(distance.scale),
             corner_share,
-            acceleration: edge.acceleration(distance.sliding, distance.scale),
+            memory: edge.memory(distance.sliding, distance.scale),
         }
     }
 }
@@ -178,7 +178,13 @@ mod tests {
 
     /// A line that is light towards higher y.
     fn line() -> BoardEdges {
-        BoardEdges::Lines(vec![Line { normal: [0.0, 1.0], offset: LINE, width: 0.025, radius: 0.0 }])
+        BoardEdges::Lines(vec![Line {
+            normal: [0.0, 1.0],
+            offset: LINE,
+            dark_width: 0.025,
+            light_width: 0.03,
+            radius: 0.0,
+        }])
     }
 
     fn problem(edges: BoardEdges) -> Problem {
@@ -333,7 +339,7 @@ mod tests {
             assert!((edges.pixels[lane] - edge.pixels).abs() < 1e-4, "{} {}", edges.pixels[lane], edge.pixels);
             assert_close(edges.scale[lane] / edge.distance.scale, 1.0, "scale");
             assert_close(passage.normal_speed / edge.passage.normal_speed, 1.0, "speed");
-            assert_close(passage.acceleration / edge.passage.acceleration, 1.0, "acceleration");
+            assert_close(passage.memory / edge.passage.memory, 1.0, "memory");
         }
     }
 

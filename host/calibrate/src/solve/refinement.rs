@@ -225,9 +225,6 @@ pub fn refine<E: Send>(
         if !has_points {
             problem.free.biases[latency_reference(&counts)][Bias::Latency] = false;
         }
-        if !problem.edges.are_bent() {
-            problem.free.biases.iter_mut().for_each(|biases| biases[Bias::Memory] = false);
-        }
         problem.free.board = input.free_board;
         let intrinsics = problem.free.intrinsics.iter_mut().zip(input.held);
         intrinsics.for_each(|(free, held)| *free &= !held);

@@ -15,15 +15,15 @@ pub enum Bias {
     /// What the square of the normal speed in px/s adds to the distance, relative to the first OFF event of a burst (s²/px): at
     /// high speed the pixel's low-pass no longer delays by a constant time.
     Bend,
-    /// What one over the dot's radius in pixels adds to the distance (px²).
+    /// What one over the dot's radius in pixels, or the width of the dark strip, adds to the distance (px²).
     Curvature,
     /// What the latency grows by from the middle of the sensor to its corners, with the square of the
     /// distance (s).
     CornerLatency,
     /// What one over the dot's radius in pixels adds to the latency (s px).
     CurvatureLatency,
-    /// What the acceleration of the edge in px/s² adds to the distance (s²): a slow pixel remembers where
-    /// the edge was before.
+    /// What the acceleration of a rim in px/s² adds to the distance (s²): a slow pixel remembers where the edge was before. At a straight
+    /// edge, what one over the width of its light strip in pixels adds (px²).
     Memory,
 }
 

@@ -95,16 +95,28 @@ struct Beside {
     /// Their coordinates; infinite where there is no edge.
     low_position: f64,
     high_position: f64,
+    /// `true` if the cells between them are dark.
+    is_dark: bool,
 }
 
 impl Beside {
-    const NOTHING: Self = Self { low: NONE, high: NONE, low_position: f64::NEG_INFINITY, high_position: f64::INFINITY };
+    const NOTHING: Self =
+        Self { low: NONE, high: NONE, low_position: f64::NEG_INFINITY, high_position: f64::INFINITY, is_dark: false };
 
-    /// The nearer edge to `place` and its distance.
+    /// The edge on the side where its light is on the side `light`, and its distance from `position` (m).
     #[inline(always)]
-    fn nearer(&self, place: f64) -> Near {
-        let (low, high) = (place - self.low_position, self.high_position - place);
-        Near { edge: if low <= high { self.low } else { self.high }, distance: low.min(high) }
+    fn lit(&self, light: Side, position: f64) -> Near {
+        if self.is_dark == (light == Side::Low) {
+            Near { edge: self.low, distance: position - self.low_position }
+        } else {
+            Near { edge: self.high, distance: self.high_position - position }
+        }
+    }
+
+    /// Distance from `position` to the nearer edge (m).
+    #[inline(always)]
+    fn distance(&self, position: f64) -> f64 {
+        (position - self.low_position).min(self.high_position - position)
     }
 
     /// Largest distance from a place in `range` to the nearer edge.
@@ -223,15 +235,16 @@ impl SquareEdges {
         &self.edges
     }
 
-    /// Index of the nearest edge to `point` (metres on the board). `None` if an edge of the other direction is less than `clearance`
-    /// (m) further away, if the foot of the point is less than `clearance` from the end of the straight line or a corner is nearer
-    /// than the edge, and if the point is further from the edge than its narrower side is wide, as points off the board are.
+    /// Index of the nearest of the edges around `point` (metres on the board) whose light side is `light` along x or along y: of the two
+    /// edges around a point along an axis one has its light on either side. `None` if such an edge of the other direction is less than
+    /// `clearance` (m) further away, if the foot of the point is less than `clearance` from the end of the straight line, if a corner is
+    /// nearer than every edge, and if the point is further from the edge than its narrower side is wide, as points off the board are.
     #[inline]
-    pub fn nearest(&self, point: [f64; 2], clearance: f64) -> Option<usize> {
+    pub fn nearest(&self, point: [f64; 2], light: [Side; 2], clearance: f64) -> Option<usize> {
         let [x, y] = point;
         let (column, row) = (self.columns.at_or_below(x), self.rows.at_or_below(y));
         let cell = self.cells.get(row * (self.columns.lines.len() + 1) + column)?;
-        let (near_x, near_y) = (cell.x.nearer(x), cell.y.nearer(y));
+        let (near_x, near_y) = (cell.x.lit(light[0], x), cell.y.lit(light[1], y));
         let is_x = near_x.distance <= near_y.distance;
         let index = if is_x { near_x.edge } else { near_y.edge } as usize;
         let along = if is_x { y } else { x };
@@ -246,8 +259,8 @@ impl SquareEdges {
             return None;
         }
         let vertices = self.vertices.get(cell.first_vertex as usize..cell.end_vertex as usize)?;
-        let square = distance * distance;
-        let is_nearer = |[a, b]: &[f64; 2]| (a - x) * (a - x) + (b - y) * (b - y) < square;
+        let nearest = cell.x.distance(x).min(cell.y.distance(y));
+        let is_nearer = |[a, b]: &[f64; 2]| (a - x) * (a - x) + (b - y) * (b - y) < nearest * nearest;
         (!vertices.iter().any(is_nearer)).then_some(index)
     }
 
@@ -383,6 +396,7 @@ fn besides(across: &Across, edges: &[Edge]) -> Vec<Beside> {
         for (line, cell) in cells.iter_mut().skip(1).enumerate() {
             last = edge_at(line, band).unwrap_or(last);
             (cell.low, cell.low_position) = last;
+            cell.is_dark = edges.get(last.0 as usize).is_some_and(|edge| edge.dark == Side::High);
         }
         let mut next = (NONE, f64::INFINITY);
         for (line, cell) in cells.iter_mut().enumerate().take(across.lines).rev() {

@@ -63,18 +63,28 @@ struct Found {
 }
 
 /// Goes through all sides of cells.
-fn search(sides: &[Side1], point: [f64; 2], clearance: f64) -> Option<Found> {
+fn search(sides: &[Side1], point: [f64; 2], light: [Side; 2], clearance: f64) -> Option<Found> {
     let off = |side: &Side1| {
         let along = point[1 - side.across];
         let past = (side.span[0] - along).max(along - side.span[1]).max(0.0);
         (point[side.across] - side.position).hypot(past)
     };
-    let nearest = sides.iter().min_by(|a, b| off(a).total_cmp(&off(b)))?;
+    let faces = |side: &&Side1| side.span[0] <= point[1 - side.across] && point[1 - side.across] <= side.span[1];
+    sides.iter().min_by(|a, b| off(a).total_cmp(&off(b))).filter(faces)?;
+    // The edges on both sides of the point, and of these the one with its light where it is wanted.
+    let lit = |across: usize| {
+        let facing = |above: bool| {
+            let is_there = move |side: &&Side1| side.across == across && (side.position > point[across]) == above;
+            sides.iter().filter(faces).filter(is_there).min_by(|a, b| off(a).total_cmp(&off(b)))
+        };
+        let is_lit = |side: &&Side1| side.dark_is_high == (light[across] == Side::Low);
+        [facing(false), facing(true)].into_iter().flatten().find(is_lit)
+    };
+    let nearest = [lit(0), lit(1)].into_iter().flatten().min_by(|a, b| off(a).total_cmp(&off(b)))?;
     let Side1 { across, position, dark_is_high, .. } = *nearest;
     let along = point[1 - across];
     let distance = off(nearest);
-    let faces = |side: &&Side1| side.span[0] <= point[1 - side.across] && point[1 - side.across] <= side.span[1];
-    let other = sides.iter().filter(|side| side.across != across).filter(faces).map(off).fold(f64::INFINITY, f64::min);
+    let other = lit(1 - across).map_or(f64::INFINITY, off);
     // The straight line: sides of the same line and shade, end to end.
     let mut line = nearest.span;
     loop {
@@ -98,7 +108,7 @@ fn search(sides: &[Side1], point: [f64; 2], clearance: f64) -> Option<Found> {
 }
 
 #[test]
-fn the_nearest_edge_is_the_one_that_a_search_through_all_finds() {
+fn the_nearest_edge_with_its_light_on_a_side_is_the_one_that_a_search_through_all_finds() {
     let mut random = ChaCha8Rng::seed_from_u64(5);
     for text in BOARDS {
         let raster = raster(text);
@@ -108,7 +118,8 @@ fn the_nearest_edge_is_the_one_that_a_search_through_all_finds() {
             let mut place = |lines: &[f64]| random.random_range(lines[0] - 0.015..lines[lines.len() - 1] + 0.015);
             let point = [place(raster.x_lines()), place(raster.y_lines())];
             for clearance in [0.0, 0.0005, 0.002] {
-                let edge = edges.nearest(point, clearance).map(|index| edges.edges()[index]);
+                let light = [(); 2].map(|()| if random.random() { Side::Low } else { Side::High });
+                let edge = edges.nearest(point, light, clearance).map(|index| edges.edges()[index]);
                 let same = edge.map(|edge| {
                     let along = point[if edge.across == Axis::X { 1 } else { 0 }];
                     assert!(edge.span[0] <= along && along <= edge.span[1]);
@@ -120,8 +131,8 @@ fn the_nearest_edge_is_the_one_that_a_search_through_all_finds() {
                         width: edge.width(),
                     }
                 });
-                let expected = search(&sides, point, clearance);
-                assert_eq!(same, expected, "{text} {point:?} {clearance}");
+                let expected = search(&sides, point, light, clearance);
+                assert_eq!(same, expected, "{text} {point:?} {light:?} {clearance}");
                 found += usize::from(expected.is_some());
             }
         }
@@ -147,7 +158,7 @@ fn edges_of_a_checkerboard_are_the_sides_of_its_squares() {
 fn an_edge_of_a_tag_has_the_widths_beside_it() {
     // Tag 0 has a border of one module, then modules 110101 in its first row.
     let edges = SquareEdges::new(&raster("apriltags:1x1:80mm:0.25"));
-    let at = |point: [f64; 2]| edges.edges()[edges.nearest(point, 0.001).unwrap()];
+    let at = |point: [f64; 2]| edges.edges()[edges.nearest(point, [Side::Low; 2], 0.001).unwrap()];
     let side = at([0.001, -0.065]);
     let near = |a: f64, b: f64| (a - b).abs() < 1e-12;
     assert!(side.across == Axis::X && side.dark == Side::High && near(side.position, 0.0), "{side:?}");
@@ -161,12 +172,14 @@ fn an_edge_of_a_tag_has_the_widths_beside_it() {
 #[test]
 fn points_off_the_board_have_no_edge() {
     let edges = SquareEdges::new(&raster("checkerboard:3x4:20mm"));
-    assert!(edges.nearest([-0.021, -0.01], 0.001).is_some());
+    assert!(edges.nearest([-0.021, -0.01], [Side::Low; 2], 0.001).is_some());
     for point in
         [[-0.041, -0.01], [-10.0, -0.01], [0.02, 1e9], [f64::INFINITY, 0.0], [f64::NAN, 0.01], [0.01, f64::NAN]]
     {
         for clearance in [0.0, 0.001] {
-            assert_eq!(edges.nearest(point, clearance), None, "{point:?}");
+            for light in [Side::Low, Side::High] {
+                assert_eq!(edges.nearest(point, [light; 2], clearance), None, "{point:?}");
+            }
         }
     }
 }
@@ -175,5 +188,5 @@ fn points_off_the_board_have_no_edge() {
 fn an_empty_raster_has_no_edges() {
     let edges = SquareEdges::new(&Raster::of_dark(&[]));
     assert!(edges.edges().is_empty());
-    assert_eq!(edges.nearest([0.0, 0.0], 0.0), None);
+    assert_eq!(edges.nearest([0.0, 0.0], [Side::Low; 2], 0.0), None);
 }
