@@ -280,7 +280,7 @@ mod tests {
         let repaired = RepairedTimes { from_us: 1_000_005 + 600_000, restored_us: wraps * 32_768, excess_us: 0 };
         assert_eq!((stream.gaps, &stream.repaired_times[..]), (1, &[repaired][..]));
         let notes = stream.notes().join("\n");
-        assert!(notes.contains("later times were moved to make up for it: by 98.304 ms from 1.600005 s on"), "{notes}");
+        assert!(notes.contains("later times were corrected: by 98.304 ms from 1.600005 s on"), "{notes}");
     }
 
     /// A pcap file of usbmon with one completed transfer from endpoint 0x82 of each device on bus 2.

@@ -11,7 +11,9 @@ use super::{arrange, choose, structure, table};
 use crate::columns::GuessedUnit;
 use crate::error::Usable;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::extras::{BOTH, Extra, Frame, InertialSample, OtherStreams, READOUT, ReadExtras, Skipped, take_until, told};
+use crate::extras::{
+    BOTH, Extra, Frame, InertialSample, OtherStreams, READOUT, ReadExtras, Skipped, read_or_report, take_until,
+};
 use crate::numbers::{Number, written};
 use crate::options::{RecordingOptions, TimeUnit};
 use crate::pictures::TimedImage;
@@ -148,7 +150,7 @@ pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtra
     let mut beside = Beside::open(path, options)?;
     let held = OtherStreams { frames: beside.frames.is_some(), imu: beside.samples.is_some() };
     let mut lost = Vec::new();
-    let next = told(beside.next(), BOTH, &mut lost);
+    let next = read_or_report(beside.next(), BOTH, &mut lost);
     Ok(Box::new(Hdf5Extras { beside, next, held, lost }))
 }
 
@@ -175,7 +177,7 @@ impl ReadExtras for Hdf5Extras {
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
         lost.append(&mut self.lost);
         if self.next.is_none() {
-            self.beside.skipped.tell(lost);
+            self.beside.skipped.report(lost);
         }
         take_until(&mut self.next, end, lost, || self.beside.next())
     }

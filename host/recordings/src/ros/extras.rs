@@ -16,7 +16,9 @@ use super::fields::MessageError;
 use super::message::{self, Kind};
 use super::picture;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::extras::{BOTH, Extra, OtherStreams, ReadExtras, Skipped, UnreadFrame, UnreadFrames, take_until, told};
+use crate::extras::{
+    BOTH, Extra, OtherStreams, ReadExtras, Skipped, UnreadFrame, UnreadFrames, read_or_report, take_until,
+};
 use crate::options::{Damage, RecordingOptions};
 use crate::pictures::TimedImage;
 
@@ -265,7 +267,7 @@ pub fn open(
     let mut container = open(path)?;
     let mut lost = Vec::new();
     let (damage, mut skipped, mut unread) = (options.damage, Skipped::new(options.damage), UnreadFrames::default());
-    let first = told(next(&mut *container, topics, damage, &mut skipped, &mut unread), BOTH, &mut lost);
+    let first = read_or_report(next(&mut *container, topics, damage, &mut skipped, &mut unread), BOTH, &mut lost);
     Ok(Box::new(MessageExtras { container, next: first, topics, names, foreign, lost, damage, skipped, unread }))
 }
 
@@ -281,8 +283,8 @@ impl ReadExtras for MessageExtras {
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
         lost.append(&mut self.lost);
         if self.next.is_none() {
-            self.skipped.tell(lost);
-            self.unread.tell(lost);
+            self.skipped.report(lost);
+            self.unread.report(lost);
         }
         let Self { container, topics, damage, skipped, unread, .. } = self;
         take_until(&mut self.next, end, lost, || next(&mut **container, *topics, *damage, skipped, unread))
