@@ -57,8 +57,7 @@ struct Decoder {
 
 fn open(path: &Path, options: &RecordingOptions) -> Opened {
     let mut file = ByteReader::open(path)?;
-    let header =
-        header(&Head::read(path)?.bytes).ok_or_else(|| file.damaged(0, "the header has no end"))?;
+    let header = header(&Head::read(path)?.bytes).ok_or_else(|| file.damaged(0, "the header has no end"))?;
     if header.encoding.as_deref().is_some_and(|encoding| encoding != "RAW") {
         let kind = RecordingErrorKind::Unsupported(ForeignFormat::Aedat3Compressed);
         return Err(RecordingError::new(path, kind));

@@ -492,7 +492,7 @@ mod tests {
             "t,x,y,p,p\n1,2,3,1,1\n",
         ] {
             let message = failure(text);
-            let parts = ["where t, x, y and p were expected", "not clear which columns are time, x, y and polarity"];
+            let parts = ["t, x, y and p were expected", "not clear which columns are time, x, y and polarity"];
             assert!(parts.iter().any(|part| message.contains(part)), "{text}: {message}");
         }
     }

@@ -75,7 +75,8 @@ impl Packets {
             if head.size == 0 || head.size > head.length || head.size > LARGEST {
                 self.file.seek(self.file.position() + head.length)?;
                 if head.size > LARGEST && head.length > 0 {
-                    let what = format!("a packet of {} states a size of {} bytes per element", name(head.kind), head.size);
+                    let what =
+                        format!("a packet of {} states a size of {} bytes per element", name(head.kind), head.size);
                     return Err(self.file.damaged(head.byte, what));
                 }
                 continue;

@@ -119,21 +119,22 @@ pub fn header(bytes: &[u8]) -> Option<Header> {
 
 /// Head of a packet, or of the rest of one.
 #[derive(Clone, Copy)]
-/// Offset of the head in the file.
-pub byte: u64,
-/// Kind of the packet.
-pub kind: i16,
-/// Number of the camera.
-pub source: i16,
-/// Size of one event in bytes.
-pub size: u64,
-/// Size of all events in the file, in bytes.
-pub length: u64,
-/// Size that all events should have, in bytes; larger than `length` if the file is cut off.
-pub wanted: u64,
-/// Offset in µs that is added to times.
-pub turns: i64,
-/// Number of events.
+pub struct PacketHead {
+    /// Offset of the head in the file.
+    pub byte: u64,
+    /// Kind of the packet.
+    pub kind: i16,
+    /// Number of the camera.
+    pub source: i16,
+    /// Size of one event in bytes.
+    pub size: u64,
+    /// Size of all events in the file, in bytes.
+    pub length: u64,
+    /// Size that all events should have, in bytes; larger than `length` if the file is cut off.
+    pub wanted: u64,
+    /// Offset in µs that is added to times.
+    pub turns: i64,
+    /// Number of events.
     pub count: u64,
 }
 

@@ -24,8 +24,8 @@ pub struct Table<'a> {
 
 /// A vector inside a buffer.
 #[derive(Clone, Copy)]
-/// Number of elements according to the vector, which may exceed the buffer.
-    /// How many elements it says it has.
+pub struct Vector<'a> {
+    /// Number of elements according to the vector, which may exceed the buffer.
     pub length: usize,
     bytes: &'a [u8],
     start: usize,
