@@ -131,7 +131,7 @@ fn of_files(path: &Path, name: &str) -> Result<Option<Table>, RecordingError> {
     names.retain(|name| name.strip_suffix(columns::event_name(name)) == Some(front) && event_column(name).is_some());
     names.sort();
     let member = |name: String| {
-        let place = Place::beside(folder.join(format!("{name}{EXTENSION}")))?;
+        let place = Place::sibling(folder.join(format!("{name}{EXTENSION}")))?;
         Ok(Member { name, place })
     };
     let members = names.into_iter().map(member).collect::<Result<Vec<_>, RecordingError>>()?;

@@ -137,7 +137,7 @@ fn options_have_the_last_word() {
 fn what_is_no_table_of_events_is_told() {
     for (content, part) in [
         (array("'<f8'", false, "(3,)", &[0; 24]), "shape [3]"),
-        (array("'|O'", false, "(3, 4)", &[0; 24]), "holds elements that are no numbers"),
+        (array("'|O'", false, "(3, 4)", &[0; 24]), "holds elements that are not numbers"),
         (
             array("'<f2'", false, "(3, 4)", &[0; 24]),
             "holds floating-point numbers of 16 bits, which are not read: write it",
@@ -148,7 +148,7 @@ fn what_is_no_table_of_events_is_told() {
             "its array t holds",
         ),
         (array("'<f8'", false, "(1, 4)", &[0xff; 32]), "not clear"),
-        (MAGIC.to_vec(), "not whole"),
+        (MAGIC.to_vec(), "is incomplete"),
     ] {
         let error = testing::read(&content).error.unwrap();
         assert!(error.contains(part), "{error}");
