@@ -1,4 +1,4 @@
-//! Which arrays of a file are its events, and where their numbers are.
+//! Selection of the arrays in a file that contain its events, and their location.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -13,28 +13,28 @@ use crate::error::{RecordingError, RecordingErrorKind};
 use crate::numbers::NumberType;
 use crate::options::Column;
 
-/// More columns than this are none of events.
+/// Largest number of columns in a table of events.
 const MOST_COLUMNS: u64 = 16;
 
-/// Rows of numbers.
+/// A table of numbers.
 pub struct Table {
-    /// Where the fields of a row are, from left to right.
+    /// Parts of a row, from left to right.
     pub parts: Vec<Part>,
-    /// The names of the fields, if they have any.
+    /// Names of the fields, if they have any.
     pub names: Option<Vec<String>>,
     /// Number of rows.
     pub count: u64,
 }
 
-/// Records of fields.
+/// Consecutive records of fields.
 pub struct Part {
-    /// Where they are.
+    /// Location of the array that contains them.
     pub place: Place,
-    /// Bytes there before the first one.
+    /// Number of bytes in the array before the first record.
     pub skip: u64,
     /// Size of a record in bytes.
     pub record: usize,
-    /// Offset and type of each field; no type where it is no number that is read.
+    /// Offset and type of each field. The type is `None` if it is not a supported number.
     pub fields: Vec<(usize, Option<NumberType>)>,
 }
 
@@ -50,7 +50,7 @@ fn damaged(path: &Path, place: &Place, what: &str) -> RecordingError {
     RecordingError::new(place.file(path), kind)
 }
 
-/// The head of the array `name` at `place`.
+/// Reads the header of the array `name` at `place`.
 fn header(path: &Path, name: &str, place: &Place) -> Result<Header, RecordingError> {
     let mut bytes = Vec::new();
     let read = place.open(path)?.take(header::longest()).read_to_end(&mut bytes);
@@ -63,7 +63,7 @@ fn header(path: &Path, name: &str, place: &Place) -> Result<Header, RecordingErr
     })
 }
 
-/// The table of an array that has rows of several fields.
+/// Returns the table of an array, if its rows have several fields.
 fn table(header: &Header, place: &Place) -> Option<Table> {
     let part = |skip, record, fields| Part { place: place.clone(), skip: header.length + skip, record, fields };
     match (&header.element, header.shape.as_slice()) {
@@ -80,7 +80,7 @@ fn table(header: &Header, place: &Place) -> Option<Table> {
                 return None;
             }
             let parts = if as_rows == header.fortran_order {
-                // One column after the other.
+                // Columns are contiguous.
                 let column = |column| part(column * rows * number.size as u64, number.size, vec![(0, Some(*number))]);
                 (0..width).map(column).collect()
             } else {
@@ -93,7 +93,7 @@ fn table(header: &Header, place: &Place) -> Option<Table> {
     }
 }
 
-/// The events of the array at `path`, or of the arrays beside it, where it is but one column of them.
+/// Returns the events of the array at `path`; also of the arrays in files next to it, if it is only one column.
 pub fn of_array(path: &Path) -> Result<Table, RecordingError> {
     let (name, place) = (path.file_stem().unwrap_or_default().to_string_lossy(), Place::whole(path)?);
     let header = header(path, &name, &place)?;
@@ -108,7 +108,7 @@ pub fn of_array(path: &Path) -> Result<Table, RecordingError> {
     })
 }
 
-/// The only file in `folder` whose name says that it holds the times of events.
+/// Returns the file in `folder` whose name means times of events, if there is exactly one.
 pub fn times_in(folder: &Path) -> Option<PathBuf> {
     let names = std::fs::read_dir(folder).ok()?.flatten().map(|entry| entry.file_name());
     let is_time = |name: &str| name.strip_suffix(EXTENSION).and_then(event_column) == Some(Column::T);
@@ -119,7 +119,8 @@ pub fn times_in(folder: &Path) -> Option<PathBuf> {
     }
 }
 
-/// The events of the file `name` at `path` and those beside it that hold the other columns, with the same words in front.
+/// Returns the events of the file `name` at `path` and of the files next to it with the other columns and the same
+/// prefix.
 fn of_files(path: &Path, name: &str) -> Result<Option<Table>, RecordingError> {
     let Some(front) = event_column(name).and_then(|_| name.strip_suffix(columns::event_name(name))) else {
         return Ok(None);
@@ -140,7 +141,7 @@ fn of_files(path: &Path, name: &str) -> Result<Option<Table>, RecordingError> {
     of_columns(path, &members.iter().zip(&heads).collect::<Vec<_>>())
 }
 
-/// An array of one number an event.
+/// Returns the number type of an array with one number per event.
 fn single(header: &Header) -> Option<NumberType> {
     match (&header.element, header.shape.as_slice()) {
         (Element::Number(number), [_] | [_, 1] | [1, _]) => Some(*number),
@@ -148,16 +149,18 @@ fn single(header: &Header) -> Option<NumberType> {
     }
 }
 
-/// A table of an archive, and the name of its array, if it is one.
+/// A table of an archive, with the name of its array if it is a single one.
 pub type Named = (Table, Option<String>);
 
-/// What can be the events of an archive, the likeliest first: the array `wanted`; else those named t, x, y and p, then arrays with
-/// such fields, then those whose names begin with `event`, then all others that have rows.
+/// Returns the tables of an archive that can be its events, the most likely first. If an array is `wanted`, only that
+/// one. Otherwise the arrays named t, x,
+/// y and p, then arrays with such fields, then arrays whose names begin with `event`, then all others that have rows.
 ///
 /// # Errors
+/// If there is no such table.
 /// Where there is nothing.
 pub fn of_archive(path: &Path, members: &[Member], wanted: Option<&str>) -> Result<Vec<Named>, RecordingError> {
-    // Arrays of objects and the like may lie beside the events.
+    // Arrays of Python objects, for example, may be stored with the events.
     let head = |member: &Member| match header(path, &member.name, &member.place) {
         Err(error) if !matches!(error.kind, RecordingErrorKind::Elements { .. }) => Err(error),
         head => Ok(head),
@@ -186,7 +189,7 @@ pub fn of_archive(path: &Path, members: &[Member], wanted: Option<&str>) -> Resu
     if !found.is_empty() {
         return Ok(found.into_iter().map(|(_, named)| named).collect());
     }
-    // What would be of use if it could be read tells more than a list.
+    // The error about a relevant array that is not supported is more useful than a list.
     let of_use = |member: &Member| match wanted {
         Some(wanted) => wanted == member.name,
         None => event_column(&member.name).is_some(),
@@ -201,10 +204,10 @@ pub fn of_archive(path: &Path, members: &[Member], wanted: Option<&str>) -> Resu
     }))
 }
 
-/// An array of an archive, and its head.
+/// An array of an archive, with its header.
 type Array<'a> = (&'a Member, &'a Header);
 
-/// What column of events the array of this name holds, if it is one; of `xy`, which has two, the first.
+/// Returns the column of events that an array of this name contains. For `xy`, which contains two, returns the first.
 fn event_column(name: &str) -> Option<Column> {
     match columns::of_name(name).0 {
         Column::Ignored => (columns::event_name(name) == "xy").then_some(Column::X),
@@ -212,7 +215,7 @@ fn event_column(name: &str) -> Option<Column> {
     }
 }
 
-/// The table of arrays t, x, y and p, or t, xy and p, if they are there.
+/// Returns the table of the arrays t, x, y and p, or t, xy and p, if they are present.
 fn of_columns(path: &Path, arrays: &[Array]) -> Result<Option<Table>, RecordingError> {
     let mut parts: Vec<Part> = Vec::new();
     let mut names = Vec::new();
@@ -226,7 +229,7 @@ fn of_columns(path: &Path, arrays: &[Array]) -> Result<Option<Table>, RecordingE
     for column in [Column::T, Column::X, Column::Y, Column::P] {
         let named = arrays.iter().filter(|(member, _)| columns::of_name(&member.name).0 == column);
         let usable = named.filter_map(|(member, header)| Some((member, header, single(header)?)));
-        // `t` rather than `t_offset`.
+        // Prefers `t` to `t_offset`.
         match (usable.min_by_key(|(member, ..)| member.name.len()), column, xy) {
             (Some((member, header, number)), ..) => {
                 let fields = vec![(0, Some(number))];
@@ -252,14 +255,14 @@ fn of_columns(path: &Path, arrays: &[Array]) -> Result<Option<Table>, RecordingE
     let count = counts.first().copied().unwrap_or(0);
     match (parts.iter().zip(&counts).zip(&names)).find(|((_, other), _)| **other != count) {
         Some(((part, other), name)) => {
-            let what = format!("the array {name} has {other} elements, {} has {count}", names.join(", "));
+            let what = format!("the array {name} has {other} elements; {} has {count}", names.join(", "));
             Err(damaged(path, &part.place, &what))
         }
         None => Ok(Some(Table { parts, names: Some(names), count })),
     }
 }
 
-/// The size of the sensor, where arrays `width` and `height` of one element give it.
+/// Returns the size of the sensor, if arrays `width` and `height` of one element contain it.
 pub fn sensor(path: &Path, members: &[Member]) -> Option<Sensor> {
     let side = |name: &str| {
         let member = members.iter().find(|member| member.name == name)?;
