@@ -15,13 +15,11 @@ enum Step {
 }
 
 /// Replaces files in `folder`: moves the files `old` out of it, and the files `new` of the folder `from` into it. Paths
-/// are relative to their
-/// folders. Files that new ones overwrite are moved out too.
+/// are relative to their folders. Files that new ones overwrite are moved out too.
 ///
 /// # Errors
 /// [`FileError`] with the file in `folder` that could not be moved. `folder` is then restored, or the error names the
-/// folder with the old files
-/// that could not be moved back.
+/// folder with the old files that could not be moved back.
 pub(super) fn exchange(folder: &Path, old: &[PathBuf], from: &Path, new: &[PathBuf]) -> Result<(), FileError> {
     // The folder for old files is inside `folder`, so that it is on the same disk.
     let aside = super::scratch_in(folder).map_err(|error| FileError::new(folder, error))?;

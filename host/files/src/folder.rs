@@ -124,8 +124,7 @@ impl OutputFolder {
     }
 
     /// Checks before the work that results can have their names: no folder has the name of a result (according to
-    /// `is_result`, which gets paths
-    /// in the folder), and each name in `folders` is a folder or unused.
+    /// `is_result`, which gets paths in the folder), and each name in `folders` is a folder or unused.
     ///
     /// # Errors
     /// [`FolderError::Blocked`].
@@ -150,9 +149,8 @@ impl OutputFolder {
         Ok(())
     }
 
-    /// Replaces old files (according to `is_old`) by those that `fill` writes into a temporary folder. The old
-    /// files are removed once all new
-    /// ones are complete and in place.
+    /// Replaces old files (according to `is_old`) by those that `fill` writes into a temporary folder. The old files
+    /// are removed once all new ones are complete and in place.
     ///
     /// # Errors
     /// The error of `fill`, or of a file that cannot be moved. It names the file by its final path, and the old

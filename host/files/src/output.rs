@@ -34,8 +34,7 @@ pub enum OutputError {
 }
 
 /// Checks before the work that files can be written at all `paths`, and that none of them is one of the `inputs`. Pipes
-/// and devices are
-/// exempt, because they have no content to protect.
+/// and devices are exempt, because they have no content to protect.
 ///
 /// # Errors
 /// [`OutputError`] names the first path that cannot be written.

@@ -18,8 +18,7 @@ const MOST_LINKS: usize = 40;
 const TRIES: usize = 100;
 
 /// `true` if `path` is a pipe, a device or one of the program's own streams such as `/dev/stdout` (wherever it is
-/// redirected). Such a file is
-/// written once from beginning to end and cannot be replaced.
+/// redirected). Such a file is written once from beginning to end and cannot be replaced.
 pub fn is_stream(path: &Path) -> bool {
     own_stream(path).is_some() || fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir())
 }
@@ -69,8 +68,7 @@ pub(crate) fn folder(place: &Path) -> &Path {
 }
 
 /// Returns the path at which `place` is written until complete. It is always the same, so that two programs notice each
-/// other and the remains of
-/// a killed program are found again.
+/// other and the remains of a killed program are found again.
 pub(crate) fn unfinished(place: &Path) -> PathBuf {
     let name = place.file_name().unwrap_or_default();
     let mut unfinished = OsString::from(".");

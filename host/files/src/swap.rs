@@ -12,10 +12,8 @@ use super::place;
 const MOST_OTHERS: usize = 10_000;
 
 /// Replaces `folder` by the folder `new` inside it. Files of `folder` that are not in `old` (by their relative paths)
-/// are carried over. Returns
-/// the new folder, open and locked. Returns `None`, with everything unchanged, if the system or the disk does not
-/// support it, or a process works
-/// in the folder.
+/// are carried over. Returns the new folder, open and locked. Returns `None`, with everything unchanged, if the system
+/// or the disk does not support it, or a process works in the folder.
 pub(super) fn swap(folder: &Path, old: &[PathBuf], new: &Path) -> Option<File> {
     let folder = fs::canonicalize(folder).ok()?;
     let new = fs::canonicalize(new).ok()?;

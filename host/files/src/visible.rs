@@ -1,6 +1,5 @@
 //! Escaping of untrusted text (names of files, cameras and topics, lines of settings) for a terminal. Control
-//! characters could move the cursor,
-//! change colours or the title, or imitate output of the program.
+//! characters could move the cursor, change colours or the title, or imitate output of the program.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;

@@ -1,6 +1,5 @@
 //! Loading of YAML from other programs within bounds. The parser's recursion is as deep as the nesting of a file, and a
-//! few lines that repeat each
-//! other (aliases) can fill any memory. Such files are rejected before they are loaded.
+//! few lines that repeat each other (aliases) can fill any memory. Such files are rejected before they are loaded.
 
 use yaml_rust2::parser::{Event, Parser};
 use yaml_rust2::{Yaml, YamlLoader};

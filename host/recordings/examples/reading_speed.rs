@@ -1,8 +1,7 @@
 //! Measures the reading speed on one core: `cargo run --release -p event-recordings --example reading_speed FILE...`.
 //!
 //! Each file is read three times, and the fastest pass counts. On Linux the program measures CPU time, so that other
-//! programs have little
-//! influence.
+//! programs have little influence.
 
 use std::error::Error;
 use std::time::Instant;

@@ -1,8 +1,7 @@
 //! AEDAT 2.0, the format of jAER.
 //!
 //! The file consists of lines that begin with `#` ([`header`]), then records of u32 address and u32 time in µs,
-//! big-endian. In addresses, x counts
-//! from the right and y from below:
+//! big-endian. In addresses, x counts from the right and y from below:
 //!
 //! | camera | column | row | polarity | not an event if set |
 //! |---|---|---|---|---|

@@ -1,16 +1,13 @@
 //! AEDAT 3.0 and 3.1, the formats of cAER.
 //!
 //! The file consists of lines that begin with `#` (the first one is `#!AER-DAT3.1`; in 3.1 the last one is
-//! `#!END-HEADER`), then packets,
-//! little-endian. A packet has a head of i16 kind, i16 source, i32 size of an event, i32 offset of its time, i32
-//! overflows of the time,
-//! i32 capacity, i32 number of events and i32 number of valid ones; the events follow. Packets of kind 1 contain
-//! polarity events: u32
-//! with bit 0 valid, 1 polarity, 2–16 y, 17–31 x; i32 time in µs, to which overflows · 2³¹ is added.
+//! `#!END-HEADER`), then packets, little-endian. A packet has a head of i16 kind, i16 source, i32 size of an event, i32
+//! offset of its time, i32 overflows of the time, i32 capacity, i32 number of events and i32 number of valid ones; the
+//! events follow. Packets of kind 1 contain polarity events: u32 with bit 0 valid, 1 polarity, 2–16 y, 17–31 x; i32
+//! time in µs, to which overflows · 2³¹ is added.
 //!
 //! In 3.1 y counts from above, in 3.0 from below. A file may contain packets of several cameras, called sources.
-//! [`extras`] reads frames and
-//! inertial samples.
+//! [`extras`] reads frames and inertial samples.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,10 +1,8 @@
 //! AEDAT4, the format of DV and dv-processing.
 //!
 //! The file consists of a header ([`header`]) and packets of several streams ([`packets`]). A packet of an event stream
-//! is the FlatBuffer
-//! `EVTS { elements: [Event] }`; an event has 16 bytes: i64 time in µs since 1970, i16 x, i16 y, u8 ON, 3 unused bytes,
-//! all
-//! little-endian.
+//! is the FlatBuffer `EVTS { elements: [Event] }`; an event has 16 bytes: i64 time in µs since 1970, i16 x, i16 y, u8
+//! ON, 3 unused bytes, all little-endian.
 
 mod extras;
 pub mod header;
@@ -360,8 +358,7 @@ mod tests {
     }
 
     /// jAER 3 writes its own coordinates, in which rows of events and frames count from below, and frames of 16 bits.
-    /// Without flipping, the
-    /// camera would have its principal point at the mirrored row.
+    /// Without flipping, the camera would have its principal point at the mirrored row.
     #[test]
     fn rows_that_count_from_below_are_flipped() {
         let stream = |id, kind, size: &str| {

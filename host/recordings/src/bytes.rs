@@ -59,8 +59,7 @@ impl ByteReader {
     }
 
     /// Replaces the content of `block` with the whole records of `SIZE` bytes among the next `count` bytes. Returns
-    /// `true` if there may be
-    /// more. An incomplete record at the end of the file is stored in `report`.
+    /// `true` if there may be more. An incomplete record at the end of the file is stored in `report`.
     pub fn read_records<const SIZE: usize>(
         &mut self,
         block: &mut Vec<u8>,

@@ -84,8 +84,7 @@ pub fn from_names(names: &[&str]) -> (Option<Columns>, Option<TimeUnit>) {
 }
 
 /// Determines the columns by value: p contains only −1, 0 and 1 (apart from a few bad rows), t does not decrease, and x
-/// precedes y. A few
-/// decreases of t are allowed if no column is without them.
+/// precedes y. A few decreases of t are allowed if no column is without them.
 pub fn from_values(rows: &[Vec<Cell>], notes: &mut Vec<String>) -> Result<Columns, LayoutError> {
     let Some(width) = rows.first().map(Vec::len) else {
         return Err(LayoutError::NoRows);

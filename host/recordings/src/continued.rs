@@ -6,13 +6,11 @@ use crate::reader::RecordingInformation;
 use crate::recording::Recording;
 
 /// Range of the pause in µs between the last event of a file and the first event of its continuation. It covers the
-/// pause between two events of
-/// a moving board and the jitter of events that were split by message.
+/// pause between two events of a moving board and the jitter of events that were split by message.
 const PAUSE: RangeInclusive<i64> = -1000..=100_000;
 
 /// Finds recordings that continue each other: format, sensor and camera are the same, and each begins when the previous
-/// one ends. Returns one
-/// list per chain of two or more recordings, with their indices in `recordings` in order of time.
+/// one ends. Returns one list per chain of two or more recordings, with their indices in `recordings` in order of time.
 pub fn chains(recordings: &[&Recording]) -> Vec<Vec<usize>> {
     let mut beginnings: Vec<(i64, usize)> =
         recordings.iter().enumerate().filter_map(|(index, recording)| Some((first_time(recording)?, index))).collect();

@@ -1,8 +1,7 @@
 //! Conversion of recordings from one format to another.
 //!
 //! Events pass the same reader as for a calibration, so a converted recording gives the same calibration as the
-//! original. Frames and inertial
-//! samples are kept if both formats support them; the report lists what was lost.
+//! original. Frames and inertial samples are kept if both formats support them; the report lists what was lost.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -79,8 +78,7 @@ pub enum ConvertError {
     Capture {
         /// Path of the recording.
         path: PathBuf,
-        /// Cause.
-        /// Why.
+        /// Cause. Why.
         #[source]
         error: CaptureError,
     },
@@ -89,8 +87,7 @@ pub enum ConvertError {
     Write {
         /// Path of the output.
         path: PathBuf,
-        /// Cause.
-        /// Why.
+        /// Cause. Why.
         #[source]
         error: WriteError,
     },
@@ -141,13 +138,11 @@ pub struct ConversionProgress {
 }
 
 /// Writes the content of `recording` to a file at `path`. An existing file is replaced once the new one is complete.
-/// Calls `progress` after each
-/// batch.
+/// Calls `progress` after each batch.
 ///
 /// # Errors
 /// [`ConvertError`] if the conversion cannot begin or the output cannot be written. If reading fails later, everything
-/// before the error is
-/// written, and the report contains the error.
+/// before the error is written, and the report contains the error.
 pub fn convert(
     recording: &Recording,
     path: &Path,
@@ -306,8 +301,7 @@ fn start(recording: &Recording) -> Result<Option<i64>, ConvertError> {
 }
 
 /// Returns the time in µs that becomes zero on the camera's clock: 0 if the events begin within the first hour, else
-/// the first time of all.
-/// The camera's stream needs one word for every 33 ms before the first event.
+/// the first time of all. The camera's stream needs one word for every 33 ms before the first event.
 fn zero(events: Option<i64>, extras: Option<i64>) -> i64 {
     const LATEST_START: i64 = 3_600_000_000;
     let first = events.into_iter().chain(extras).min().unwrap_or(0);

@@ -1,9 +1,8 @@
 //! Unwrapping of times from a 32-bit counter.
 //!
 //! In microseconds, such a counter wraps after 71.6 min, or after 35.8 min if its highest bit is not used. Tables of
-//! events contain its counts
-//! unchanged. A clock reset jumps back too, but from any count, whereas a wrap jumps from the end of the counter's
-//! range to its beginning.
+//! events contain its counts unchanged. A clock reset jumps back too, but from any count, whereas a wrap jumps from the
+//! end of the counter's range to its beginning.
 
 use crate::options::TimeUnit;
 use crate::read_report::{CounterWraps, ReadReport};

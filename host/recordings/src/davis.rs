@@ -1,8 +1,7 @@
 //! Recordings of the USB stream of a DAVIS346: `.dvraw` dumps, pcap and pcapng captures, and the bare stream.
 //!
 //! Lost bytes and failed transfers are gaps. They are counted, events continue after them, and the time is corrected by
-//! the computer's clock. After a
-//! reset of the camera's clock, times continue 1 s after the latest one.
+//! the computer's clock. After a reset of the camera's clock, times continue 1 s after the latest one.
 
 pub mod dump;
 mod dump_sink;

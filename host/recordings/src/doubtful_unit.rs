@@ -1,6 +1,5 @@
 //! Choice of the time unit for times that are all multiples of 1000. They are either nanoseconds of a camera that
-//! counts microseconds, or
-//! microseconds of a camera that counts milliseconds. The event rate decides.
+//! counts microseconds, or microseconds of a camera that counts milliseconds. The event rate decides.
 
 use evcal_core::event::Event;
 
@@ -95,8 +94,7 @@ mod tests {
     }
 
     /// Whole milliseconds, written as microseconds, of a camera with 0.65 million events per second. Taken for
-    /// nanoseconds, the rate would be
-    /// 650 million.
+    /// nanoseconds, the rate would be 650 million.
     #[test]
     fn an_impossible_rate_rejects_the_guess() {
         let (last, notes) = read(650, 1000);

@@ -82,8 +82,7 @@ pub struct Description<'a> {
 }
 
 /// Creates the file and writes everything that precedes the first event. The file is requested last, so that none
-/// remains if the format does
-/// not support the recording.
+/// remains if the format does not support the recording.
 pub type CreateFile = fn(&mut dyn FnMut() -> io::Result<File>, &Description) -> Result<Box<dyn Encode>, WriteError>;
 
 /// Copies the USB transfers of a camera into a new file.

@@ -1,9 +1,8 @@
 //! Event Stream (`.es`), a format for events of DVS and ATIS cameras.
 //!
 //! The file begins with `Event Stream`, three bytes of version, a byte with the kind of events, and u16 width and
-//! height of the sensor,
-//! little-endian. Rows count from below. Bytes follow; the first byte of an event contains the time since the previous
-//! one:
+//! height of the sensor, little-endian. Rows count from below. Bytes follow; the first byte of an event contains the
+//! time since the previous one:
 //! | kind | byte | means |
 //! | kind | byte | meaning |
 //! | 1, DVS | `dt << 1 \| on` | an event after dt ≤ 126 µs; u16 x, u16 y follow |

@@ -60,8 +60,7 @@ pub struct OtherStreams {
 }
 
 /// Time in µs that a DAVIS346 takes to read all pixels of a frame, measured in real recordings. It does so once before
-/// the exposure and once
-/// after it.
+/// the exposure and once after it.
 pub const READOUT: i64 = 9200;
 
 /// A frame or an inertial sample.
@@ -100,8 +99,7 @@ impl Extra {
 }
 
 /// Returns the time in µs at which the read-out of a frame begins. If the frame does not contain it, it is estimated as
-/// [`READOUT`] before the
-/// exposure.
+/// [`READOUT`] before the exposure.
 pub fn frame_start(frame: &Frame) -> i64 {
     let exposure_start = frame.exposure.map_or(frame.t, |times| times.0.min(frame.t));
     frame.readout.map_or(exposure_start.saturating_sub(READOUT), |times| times.0.min(exposure_start))
@@ -115,9 +113,8 @@ pub trait ReadExtras {
     /// Time at which the first element begins (µs), if it is known in advance.
     fn first_time(&mut self) -> Option<i64>;
 
-    /// Returns the next element that begins at `end` (µs) or earlier. Elements of a live camera are returned once
-    /// they are complete.
-    /// What cannot be read is left out, and described in `lost`.
+    /// Returns the next element that begins at `end` (µs) or earlier. Elements of a live camera are returned once they
+    /// are complete. What cannot be read is left out, and described in `lost`.
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra>;
 
     /// `true` if this reader returns the packets of `stream`, which a pass through the events passes over.

@@ -156,10 +156,8 @@ pub fn check_outside(recording: &Recording, report: &ReadReport) -> Result<(), O
 }
 
 /// Returns the sensor of a recording whose pixels are counted from 1, as in MATLAB: there are no events in column 0 and
-/// row 0, and the last
-/// events lie one column and one row outside the sensor (the requested one, the file's own, or a usual one). `None`
-/// otherwise; reading then stops at
-/// the first event that contradicts it.
+/// row 0, and the last events lie one column and one row outside the sensor (the requested one, the file's own, or a
+/// usual one). `None` otherwise; reading then stops at the first event that contradicts it.
 pub fn counted_from_one(recording: &Recording) -> Option<Sensor> {
     let known = recording.options().sensor.or_else(|| recording.own_sensor());
     let larger = |sensor: Sensor| Sensor::new(sensor.width.saturating_add(1), sensor.height.saturating_add(1));
@@ -246,9 +244,8 @@ mod tests {
         assert!(!fits("346 260\n1 2 3 1\n", Sensor::new(260, 346)));
     }
 
-    /// MATLAB counts from 1. Without this check cx and cy would be off by 1 px and nothing would show it, because
-    /// the last column and row have
-    /// less than a hundredth of the events.
+    /// MATLAB counts from 1. Without this check cx and cy would be off by 1 px and nothing would show it, because the
+    /// last column and row have less than a hundredth of the events.
     #[test]
     fn pixels_counted_from_one_are_detected() {
         let davis = Sensor::new(346, 260);

@@ -9,8 +9,7 @@
 //! | Metavision | `CD/events`, records x, y, p, t, compressed with ECF |
 //!
 //! Column names and time units are determined as for text files. The crate `hdf5-reader` reads the structure of the
-//! file; [`filters`] adds the
-//! compressions that HDF5 itself does not include.
+//! file; [`filters`] adds the compressions that HDF5 itself does not include.
 
 mod blosc;
 mod ecf;
@@ -130,9 +129,8 @@ fn has_events(table: &Table) -> bool {
 }
 
 /// Returns the streams of events, those named as events first. Other arrays of four columns may be something else, such
-/// as attitudes, so they
-/// are included only if their values can be events. If nothing remains, all arrays are returned, so that the fault can
-/// be reported.
+/// as attitudes, so they are included only if their values can be events. If nothing remains, all arrays are returned,
+/// so that the fault can be reported.
 fn all(path: &Path, options: &RecordingOptions) -> Result<Vec<Found>, RecordingError> {
     let file = filters::open(path, filters::Limits::default()).map_err(|error| structure(path, &error))?;
     let Contents { streams, unread } = layout::find(&file).map_err(|error| structure(path, &error))?;

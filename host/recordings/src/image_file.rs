@@ -71,8 +71,7 @@ const DEFLATE: u64 = 1032;
 const JPEG_PIXELS: u64 = 512;
 
 /// Checks that a file of `length` bytes with at most `pixels` pixels per byte can contain an image of `width` ×
-/// `height` pixels. The check precedes the
-/// allocation of memory for the stated size.
+/// `height` pixels. The check precedes the allocation of memory for the stated size.
 fn check_size(width: u32, height: u32, pixels: u64, length: u64) -> Result<(), ImageFileError> {
     if u64::from(width).saturating_mul(height.into()) > length.saturating_mul(pixels) {
         return Err(ImageFileError::TooLarge { size: (width, height), length });

@@ -2,8 +2,8 @@
 //! it.
 //!
 //! `data.csv` has a header line `#timestamp [ns],filename`, then one line per image. An optional third column,
-//! `exposure [ns]` (or us, ms, s),
-//! contains the exposure time of each image. Images are PNG or JPEG, all of one size, and are read one at a time.
+//! `exposure [ns]` (or us, ms, s), contains the exposure time of each image. Images are PNG or JPEG, all of one size,
+//! and are read one at a time.
 
 use std::fs;
 use std::io;
@@ -177,8 +177,8 @@ pub struct ImageFolder {
 
 impl ImageFolder {
     /// Opens the folder at `path`: reads its table and the size of its first image. The folder of a data set may be
-    /// given if it contains a
-    /// single camera, for example `mav0/cam0`. `stamps` is the moment of the exposure that the timestamps refer to.
+    /// given if it contains a single camera, for example `mav0/cam0`. `stamps` is the moment of the exposure that the
+    /// timestamps refer to.
     ///
     /// # Errors
     /// [`ImageFolderError`] names the invalid line or file.

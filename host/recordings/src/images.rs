@@ -39,9 +39,9 @@ pub enum ImagesError {
 }
 
 impl Images {
-    /// Opens the images at `path`: a folder of images, the `topic` of a bag, or the only image topic of a bag
-    /// without events. `stamps` is the moment of
-    /// the exposure that the timestamps refer to. `None` if `path` contains events instead.
+    /// Opens the images at `path`: a folder of images, the `topic` of a bag, or the only image topic of a bag without
+    /// events. `stamps` is the moment of the exposure that the timestamps refer to. `None` if `path` contains events
+    /// instead.
     ///
     /// # Errors
     /// [`ImagesError`] names the file and the fault.

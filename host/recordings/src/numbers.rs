@@ -48,8 +48,7 @@ impl NumberType {
     }
 
     /// Reads the number at the front of `bytes`; `None` if there are too few bytes. An unsigned number of all ones is
-    /// read as -1, because some programs
-    /// store the -1 of OFF in an unsigned array.
+    /// read as -1, because some programs store the -1 of OFF in an unsigned array.
     pub fn read(self, bytes: &[u8]) -> Option<Number> {
         let mut little = [0; 8];
         let (slots, bytes) = (little.get_mut(..self.size)?, bytes.get(..self.size)?);
@@ -163,8 +162,7 @@ pub fn is_filling(mut values: impl Iterator<Item = Option<f64>>) -> bool {
 }
 
 /// Returns the number of `rows` without the unwritten ones at the end. A single last row that `is_filling` is kept,
-/// because it may be an event; two or more are
-/// not, because one pixel does not send two events at the same time.
+/// because it may be an event; two or more are not, because one pixel does not send two events at the same time.
 pub fn written<R: ExactSizeIterator + DoubleEndedIterator>(rows: R, is_filling: impl Fn(R::Item) -> bool) -> usize {
     let count = rows.len();
     match rows.rev().map(is_filling).take_while(|filling| *filling).count() {

@@ -71,8 +71,7 @@ impl Pass {
 const READ_AHEAD: usize = 4;
 
 /// Passes all events of a recording to `visit`, with times relative to the first event. If the recording is damaged,
-/// passes the events before the
-/// damage. A separate thread reads ahead.
+/// passes the events before the damage. A separate thread reads ahead.
 ///
 /// # Errors
 /// [`RecordingError`] if no event can be read.

@@ -48,9 +48,8 @@ pub fn brightness(red: u8, green: u8, blue: u8) -> u8 {
 /// An image of a recording, with its exposure.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TimedImage {
-    /// Start and end of the exposure in µs on the clock of the recording's events. If the recording does not
-    /// contain them, both are the
-    /// timestamp of the image.
+    /// Start and end of the exposure in µs on the clock of the recording's events. If the recording does not contain
+    /// them, both are the timestamp of the image.
     pub exposure: (i64, i64),
     /// `true` if the recording contains the exposure.
     pub exposure_known: bool,

@@ -42,8 +42,7 @@ impl fmt::Display for CounterWraps {
 pub struct ReadReport {
     /// Events returned.
     pub events: u64,
-    /// Events dropped because they lie outside the sensor (or, when its size is not known, beyond
-    /// column or row 32766).
+    /// Events dropped because they lie outside the sensor (or, when its size is not known, beyond column or row 32766).
     pub out_of_range: u64,
     /// Events among `out_of_range` with a column or row below 0 or beyond 32766.
     pub no_pixel: u64,
@@ -59,9 +58,8 @@ pub struct ReadReport {
     pub clock_resets: u64,
     /// Wraps of the time counter of a table, if any. Times continue as if it had not wrapped.
     pub counter_wraps: Option<CounterWraps>,
-    /// Events dropped because they are more than 0.1 s earlier than the events before and after them (a DAVIS346
-    /// sends such events now and
-    /// then), or at the beginning and more than 0.1 s away from all that follow.
+    /// Events dropped because they are more than 0.1 s earlier than the events before and after them (a DAVIS346 sends
+    /// such events now and then), or at the beginning and more than 0.1 s away from all that follow.
     pub strays: u64,
     /// Space in the file that was reserved for events but never written, in events.
     pub unwritten: u64,

@@ -164,8 +164,8 @@ impl EventReader {
     /// - A larger step back means that the clock was reset: all later times are shifted so that they continue 1 s
     ///   after the latest event.
     /// - Up to 8 such early events are strays, and dropped, if the events after them continue as before, or if the
-    ///   recording ends with them.
-    ///   Strays among the first 64 events, more than 0.1 s away from all that follow, are dropped too.
+    ///   recording ends with them. Strays among the first 64 events, more than 0.1 s away from all that follow, are
+    ///   dropped too.
     ///
     /// Events outside the sensor are dropped. [`Self::report`] counts all of this.
     ///

@@ -58,25 +58,23 @@ impl Recording {
         Ok(Self { path, options, source: Source::File(format), span: None })
     }
 
-    /// Creates a recording from events in memory, with times in microseconds. They pass the same checks as the
-    /// events of a file (see
-    /// [`EventReader::next_batch`]). Reports and messages call the recording `name`; of `options` only the sensor
-    /// is used.
+    /// Creates a recording from events in memory, with times in microseconds. They pass the same checks as the events
+    /// of a file (see [`EventReader::next_batch`]). Reports and messages call the recording `name`; of `options` only
+    /// the sensor is used.
     pub fn from_events(name: impl Into<PathBuf>, events: Vec<Event>, options: RecordingOptions) -> Self {
         Self { path: name.into(), options, source: Source::Memory(Arc::new(events)), span: None }
     }
 
-    /// Creates a recording of a camera that is still recording into the dump at `path`. The first pass waits for
-    /// more data until `growth` reports
-    /// the end. This function waits for the first bytes; it returns `None` if the recording ended without any.
+    /// Creates a recording of a camera that is still recording into the dump at `path`. The first pass waits for more
+    /// data until `growth` reports the end. This function waits for the first bytes; it returns `None` if the recording
+    /// ended without any.
     pub fn growing(path: impl Into<PathBuf>, options: RecordingOptions, growth: Growth) -> Option<Self> {
         growth.wait_beyond(0)?;
         Some(Self { path: path.into(), options, source: Source::Growing(growth), span: None })
     }
 
-    /// Joins `files`, which continue each other and are in order of time (see
-    /// [`chains`](crate::continued::chains)), into one recording.
-    /// `None` if `files` is empty.
+    /// Joins `files`, which continue each other and are in order of time (see [`chains`](crate::continued::chains)),
+    /// into one recording. `None` if `files` is empty.
     pub fn chain(files: Vec<Self>) -> Option<Self> {
         let mut files = files.into_iter();
         let first = files.next()?;
@@ -215,9 +213,8 @@ impl Recording {
         }
     }
 
-    /// Passes the frames to `visit`, in file order. Damage ends the frames without an error; the returned sentence
-    /// then names what could
-    /// not be read.
+    /// Passes the frames to `visit`, in file order. Damage ends the frames without an error; the returned sentence then
+    /// names what could not be read.
     ///
     /// # Errors
     /// When the file cannot be opened.
@@ -417,9 +414,9 @@ mod tests {
             (b"\x89HDF\r\n\x1a\n", "HDF5"),
             (b"#!AER-DAT1.0\r\n", "AEDAT 1"),
             (b"% evt 5.0\n% end\n", "Prophesee"),
-            (b"\x00\x01\x02\x03 and so on", "no format known"),
-            (&[0; 1000], "no format known"),
-            (b"Dear reader,\n", "no format known"),
+            (b"\x00\x01\x02\x03 and so on", "unknown format"),
+            (&[0; 1000], "unknown format"),
+            (b"Dear reader,\n", "unknown format"),
         ] {
             let (_directory, path) = file(content);
             let (_, _, error) = read(&path, &RecordingOptions::default());
@@ -455,8 +452,7 @@ mod tests {
                     };
                     match &report.truncated {
                         Some(truncation) => assert!(truncation.byte <= cut && cut - truncation.byte <= limit),
-                        // A cut between two events cannot be detected in a format without
-                        // structure.
+                        // A cut between two events cannot be detected in a format without structure.
                         None if output == event_calib::OUTPUT => assert_eq!(cut % 25, 0),
                         None if output == text::OUTPUT => assert!(report.events <= 12),
                         None => assert_eq!(read.len(), events.len()),

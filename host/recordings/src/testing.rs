@@ -22,8 +22,7 @@ pub fn read(content: &[u8]) -> Outcome {
 }
 
 /// Creates a folder for thousands of short-lived files, in memory if possible, because removing a file from a disk may
-/// take a
-/// millisecond.
+/// take a millisecond.
 fn short_lived() -> TempDir {
     tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
 }
@@ -92,8 +91,7 @@ pub fn check_wrap(wrapped: &[u8], whole: &[u8]) {
 }
 
 /// Checks damaged versions of a file. A file cut at any byte gives the first of its events and reports the loss or the
-/// damage. A file with any
-/// byte changed causes no panic and gives events in order of time.
+/// damage. A file with any byte changed causes no panic and gives events in order of time.
 pub fn check_damage(content: &[u8]) {
     let whole = read(content);
     assert!(whole.error.is_none() && !whole.events.is_empty(), "{:?}", whole.error);

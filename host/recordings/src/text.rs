@@ -3,17 +3,14 @@
 //! Fields are separated by spaces, tabs, commas or semicolons. Lines that begin with `#` or `%` are comments.
 //!
 //! The columns are determined by the first of these that is available: [`RecordingOptions::columns`], a header line
-//! (which may be the last comment),
-//! the values of the first lines. The unit of the times is determined by [`RecordingOptions::time_unit`], the name of
-//! the column (`t_us`,
-//! `time [s]`…), or the values. Values with decimals are seconds. Whole numbers are microseconds, or nanoseconds if
-//! they exceed 10¹⁷, or if all
-//! are multiples of 1000 below 10¹⁵ and the resulting event rate is possible. [`RecordingInformation::notes`] contains
-//! everything that was guessed.
+//! (which may be the last comment), the values of the first lines. The unit of the times is determined by
+//! [`RecordingOptions::time_unit`], the name of the column (`t_us`, `time [s]`…), or the values. Values with decimals
+//! are seconds. Whole numbers are microseconds, or nanoseconds if they exceed 10¹⁷, or if all are multiples of 1000
+//! below 10¹⁵ and the resulting event rate is possible. [`RecordingInformation::notes`] contains everything that was
+//! guessed.
 //!
 //! Polarity is 1 (ON) and 0 or −1 (OFF), or `true` and `false`. A line with two whole numbers before the first event is
-//! taken as width and height
-//! of the sensor.
+//! taken as width and height of the sensor.
 
 pub(crate) mod error;
 mod layout;
@@ -214,8 +211,7 @@ fn is_separator(byte: &u8) -> bool {
 }
 
 /// Iterator over the fields of a line, from left to right. Fields are separated by spaces and tabs, or by one comma or
-/// semicolon with optional spaces
-/// around it.
+/// semicolon with optional spaces around it.
 struct Fields<'a> {
     /// The rest of the line after the fields returned so far; `None` after the last one.
     rest: Option<&'a [u8]>,

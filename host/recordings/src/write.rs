@@ -68,8 +68,8 @@ fn listed(words: impl Iterator<Item = String>) -> String {
 pub struct EventWriter(Box<dyn Encode>);
 
 impl EventWriter {
-    /// Creates the file at `path` for events of a sensor of `sensor` (width, height) pixels.
-    /// `camera_name` (model and serial number) is stored if the format supports it.
+    /// Creates the file at `path` for events of a sensor of `sensor` (width, height) pixels. `camera_name` (model and
+    /// serial number) is stored if the format supports it.
     ///
     /// # Errors
     /// When the file cannot be created, or the format does not support this sensor.

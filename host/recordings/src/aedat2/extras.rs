@@ -6,8 +6,8 @@
 //! | part of an inertial sample | 31, 11 and 10 set; 28–30: 0 to 2 acceleration x, y, z, 3 temperature, 4 to 6 rate about x, y, z; 12–27 value |
 //!
 //! The brightness of a pixel is the decrease of its level during the exposure (jAER: `DavisChip`, `DavisBaseCamera`,
-//! `IMUSample`). Samples are in
-//! the axes of the IMU, because jAER's sources contradict each other about its orientation to the sensor.
+//! `IMUSample`). Samples are in the axes of the IMU, because jAER's sources contradict each other about its orientation
+//! to the sensor.
 
 use std::path::Path;
 

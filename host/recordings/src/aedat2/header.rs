@@ -1,8 +1,7 @@
 //! The header lines of AEDAT 2.0.
 //!
 //! The first line is `#!AER-DAT2.0`. jAER also writes the camera's settings into the header: thousands of lines,
-//! hundreds of kilobytes, in Latin-1.
-//! Newer files end the header with `#End Of ASCII Header`.
+//! hundreds of kilobytes, in Latin-1. Newer files end the header with `#End Of ASCII Header`.
 
 use crate::bytes::ByteReader;
 use crate::error::RecordingError;
@@ -69,9 +68,8 @@ impl Header {
             let end = rest.iter().position(|&byte| byte == b'\n');
             let line = rest.get(..end.unwrap_or(rest.len())).unwrap_or_default().trim_ascii_end();
             let length = bytes.len() - rest.len();
-            // A record may begin with a `#` as well, but the last byte of an event's address is not
-            // printable: it is 0 or the number of a
-            // camera.
+            // A record may begin with a `#` as well, but the last byte of an event's address is not printable: it is 0
+            // or the number of a camera.
             if !line.starts_with(b"#") || line.iter().any(|byte| byte.is_ascii_control() && *byte != b'\t') {
                 return (length, !rest.is_empty() || bytes.is_empty());
             }

@@ -133,8 +133,7 @@ impl<'a> Vector<'a> {
     }
 
     /// Checks that the buffer is large enough for `length` tables with times. The check is needed because any bytes are
-    /// valid as tables without
-    /// fields, and tables may overlap.
+    /// valid as tables without fields, and tables may overlap.
     pub fn of_tables(self) -> Result<Self, Malformed> {
         if self.length > self.bytes.len() / LEAST_TABLE {
             return Err(Malformed("a vector has more tables than its packet can hold"));

@@ -4,9 +4,9 @@
 //! "#!AER-DAT4.0\r\n"
 //! u32 size, FlatBuffer "IOHE" { compression: i32, dataTablePosition: i64 = -1, infoNode: string }
 //! ```
-//! `infoNode` is XML: below the node `outInfo` one node per stream, named by its number, with the
-//! attributes `typeIdentifier` (EVTS, FRME, IMUS, TRIG), `originalOutputName` and `originalModuleName`
-//! (the module or program that recorded it), and a node `info` with `sizeX`, `sizeY` and `source` (the camera).
+//! `infoNode` is XML: below the node `outInfo` one node per stream, named by its number, with the attributes
+//! `typeIdentifier` (EVTS, FRME, IMUS, TRIG), `originalOutputName` and `originalModuleName` (the module or program that
+//! recorded it), and a node `info` with `sizeX`, `sizeY` and `source` (the camera).
 
 use super::flatbuffer::{self, Malformed};
 

@@ -46,8 +46,7 @@ impl StreamPackets {
     }
 
     /// Parses the next complete packet; `None` at the end. Damaged packets are skipped if the options say so, and if
-    /// the position of the next
-    /// packet is known.
+    /// the position of the next packet is known.
     fn next<T>(&mut self, parse: impl Fn(&[u8]) -> Result<T, Malformed>) -> Result<Option<T>, RecordingError> {
         let Some(stream) = &self.stream else { return Ok(None) };
         while let Some(head) = self.packets.next_packet()? {

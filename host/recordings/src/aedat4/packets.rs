@@ -1,10 +1,8 @@
 //! Reader of the packets of an AEDAT4 file, in file order.
 //!
 //! Packets follow the header. Each has an i32 stream number, an i32 size, and `size` bytes: a whole LZ4 or Zstandard
-//! frame (or plain bytes)
-//! of a FlatBuffer with a u32 size prefix. The table at the end of the file is not needed for reading; only its
-//! position is, which marks
-//! the end of the packets.
+//! frame (or plain bytes) of a FlatBuffer with a u32 size prefix. The table at the end of the file is not needed for
+//! reading; only its position is, which marks the end of the packets.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek};
@@ -18,8 +16,7 @@ use crate::error::{RecordingError, RecordingErrorKind, Usable};
 use crate::read_report::Truncation;
 
 /// Size limit of a decompressed packet (64 MiB, 4 million events). A larger one is damaged, because a camera would need
-/// seconds to fill it, and
-/// programs write many per second.
+/// seconds to fill it, and programs write many per second.
 pub(super) const MAX_UNPACKED: usize = 1 << 26;
 /// Size limit of a compressed packet. Data that cannot be compressed grow by less than the difference.
 const MAX_PACKED: u64 = MAX_UNPACKED as u64 + (1 << 20);
@@ -182,8 +179,7 @@ impl PacketReader {
     }
 
     /// Returns the content of the packet `head` that [`Self::next_packet`] has just returned, decompressed and without
-    /// its size prefix. If the
-    /// packet is cut off, returns the available part, which is empty for a compressed packet.
+    /// its size prefix. If the packet is cut off, returns the available part, which is empty for a compressed packet.
     pub fn content(&mut self, head: &PacketHead) -> Result<&[u8], RecordingError> {
         self.packed.clear();
         if head.length > MAX_PACKED {

@@ -1,6 +1,5 @@
 //! Writer of AEDAT4: a stream of events, optionally one of frames and one of inertial samples, and the closing table of
-//! packets that
-//! dv-processing expects.
+//! packets that dv-processing expects.
 
 mod packet;
 

@@ -1,8 +1,7 @@
 //! Writer of `.dvraw` dumps from events, frames and inertial samples, as a DAVIS346 would have sent them over USB.
 //!
 //! Items go through the camera's multiplexer in order of time. At the same time, inertial samples precede events, and
-//! events precede parts of a
-//! frame. A transfer ends when it is full or when the early-packet delay has passed.
+//! events precede parts of a frame. A transfer ends when it is full or when the early-packet delay has passed.
 
 use std::io::Write;
 use std::rc::Rc;

@@ -212,8 +212,7 @@ impl Encode for DumpSink {
 }
 
 /// Converts three values to 16-bit integers. Returns them with n, the exponent of their full scale `first` · 2ⁿ: the
-/// smallest of 1 (the
-/// camera's default) to 3 that can represent them.
+/// smallest of 1 (the camera's default) to 3 that can represent them.
 fn in_units(values: [f32; 3], first: f32) -> ([i16; 3], u8) {
     let largest = values.iter().fold(0.0_f32, |largest, value| largest.max(value.abs()));
     let full_scale = |scale: u8| first * f32::from(1u8 << scale);

@@ -34,8 +34,7 @@ pub fn event(event: &PolarityEvent, shift: i64) -> Event {
 }
 
 /// Clock that makes the camera's times continuous. They restart at zero when the camera's clock is reset; this clock
-/// then continues 1 s after
-/// the latest time.
+/// then continues 1 s after the latest time.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CameraClock {
     shift: i64,

@@ -8,8 +8,7 @@
 //! ```
 //!
 //! Flags: bit 0 bytes are shuffled, bit 1 not compressed, bit 2 bits are shuffled, bit 4 blocks are not split, bits 5
-//! to 7 the
-//! codec (0 BloscLZ, 1 LZ4, 3 zlib, 4 Zstandard).
+//! to 7 the codec (0 BloscLZ, 1 LZ4, 3 zlib, 4 Zstandard).
 
 use std::io::Read;
 
@@ -171,8 +170,7 @@ fn unshuffle(bytes: &[u8], size: usize, output: &mut Vec<u8>) {
 }
 
 /// Appends elements that are stored as bit planes: the lowest bits of all elements, then the second bits, and so on. If
-/// the number of elements is not a
-/// multiple of eight, they are stored unchanged.
+/// the number of elements is not a multiple of eight, they are stored unchanged.
 fn unshuffle_bits(bytes: &[u8], size: usize, output: &mut Vec<u8>) {
     let elements = bytes.len() / size;
     let start = output.len();
@@ -193,8 +191,7 @@ fn unshuffle_bits(bytes: &[u8], size: usize, output: &mut Vec<u8>) {
 }
 
 /// Decompresses HDF5's LZ4 filter: u64 uncompressed size, u32 size of a block, then for each block u32 compressed size
-/// and compressed bytes; all
-/// numbers are big-endian.
+/// and compressed bytes; all numbers are big-endian.
 pub fn lz4_blocks(data: &[u8], most: usize) -> Result<Vec<u8>, BloscError> {
     let (total, rest) = data.split_first_chunk().ok_or(BloscError::End)?;
     let (block, mut rest) = rest.split_first_chunk().ok_or(BloscError::End)?;

@@ -13,8 +13,8 @@
 //! ```
 //!
 //! Of 4 events, the first is in the highest bits of the first word, and the last in the lowest bits of the last word.
-//! The other two are split:
-//! their lower bits are at the end of a word and their higher bits at the beginning of the next.
+//! The other two are split: their lower bits are at the end of a word and their higher bits at the beginning of the
+//! next.
 
 /// Size of a record in Prophesee's files: u16 x, u16 y, i16 polarity, two unused bytes, i64 time.
 const RECORD: usize = 16;

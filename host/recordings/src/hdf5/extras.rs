@@ -1,6 +1,6 @@
 //! Frames and inertial samples in HDF5, in the layout of MVSEC's files. `image_raw` contains images of 8 bits, and
-//! `imu` three accelerations in m/s²
-//! and three angular rates in rad/s, as in ROS. Their times are in `image_raw_ts` and `imu_ts`.
+//! `imu` three accelerations in m/s² and three angular rates in rad/s, as in ROS. Their times are in `image_raw_ts` and
+//! `imu_ts`.
 
 use std::path::{Path, PathBuf};
 
@@ -53,8 +53,7 @@ impl Timed {
     }
 
     /// Skips an element that cannot be read, together with the rest of its chunk. If the array has no chunks, it is cut
-    /// off, and everything that follows is
-    /// skipped.
+    /// off, and everything that follows is skipped.
     fn pass_over(&mut self) {
         let side = self.data.chunks().and_then(|sides| usize::try_from(*sides.first()?).ok());
         self.next = side.map_or(self.times.len(), |side| (self.next / side.max(1) + 1).saturating_mul(side.max(1)));

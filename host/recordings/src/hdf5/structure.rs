@@ -1,8 +1,7 @@
 //! Writer of the structure of an HDF5 file, as far as arrays in groups require it.
 //!
 //! Superblock of version 2, object headers of version 2 with compact links, contiguous data: sections II to IV of the
-//! HDF5
-//! File Format Specification, version 3.0. All numbers are little-endian.
+//! HDF5 File Format Specification, version 3.0. All numbers are little-endian.
 
 use hdf5_core::jenkins_lookup3;
 
@@ -83,8 +82,7 @@ pub fn dataset(numbers: Integer, count: Option<u64>, address: u64) -> Vec<u8> {
 }
 
 /// Returns the header of a one-dimensional array with chunks of `side` numbers each, which are in a tree at `address`.
-/// `filters` is the message with
-/// their compressions.
+/// `filters` is the message with their compressions.
 #[cfg(test)]
 pub fn chunked(numbers: Integer, count: u64, side: u32, address: u64, filters: &[u8]) -> Vec<u8> {
     let sides = [side, numbers.size.into()].map(u32::to_le_bytes);

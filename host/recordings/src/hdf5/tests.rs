@@ -46,8 +46,7 @@ fn tree(chunks: &[(usize, u64)]) -> Vec<u8> {
 }
 
 /// Builds a file with the columns t, x, y and p of `events` in chunks, which are the last part of the file: first all
-/// of t, then all of x, and so
-/// on. The second value is the offsets of the chunks.
+/// of t, then all of x, and so on. The second value is the offsets of the chunks.
 fn file(events: &[Event], filters: &[u8]) -> (Vec<u8>, Vec<Vec<usize>>) {
     let columns: [(&str, u8, Vec<Vec<u8>>); 4] = [
         ("t", 8, events.iter().map(|event| event.t.to_le_bytes().to_vec()).collect()),

@@ -1,6 +1,5 @@
 //! Writer of HDF5 in the layout of DSEC: `events/{t, x, y, p}`, `t_offset` and `ms_to_idx`. The size of the sensor is
-//! added as attributes `width` and
-//! `height`, which DSEC does not have.
+//! added as attributes `width` and `height`, which DSEC does not have.
 //!
 //! Each array is contiguous in the file, so it is kept in a temporary file until the recording ends.
 

@@ -93,8 +93,7 @@ impl Place {
 type Bytes = Ending<BufReader<io::Take<File>>>;
 
 /// Reader that stays at its end once it has reached it. If a file grew while it is read, `input` would return more
-/// bytes after its end, which makes
-/// flate2 loop endlessly.
+/// bytes after its end, which makes flate2 loop endlessly.
 struct Ending<R> {
     input: R,
     has_ended: bool,

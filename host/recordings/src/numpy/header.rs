@@ -1,6 +1,5 @@
 //! The header of an npy array: a magic number, a version, a length, and a Python dictionary with `descr`,
-//! `fortran_order` and
-//! `shape`.
+//! `fortran_order` and `shape`.
 
 use super::literal::{self, Literal};
 use crate::columns;

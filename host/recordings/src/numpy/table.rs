@@ -153,12 +153,11 @@ fn single(header: &Header) -> Option<NumberType> {
 pub type Named = (Table, Option<String>);
 
 /// Returns the tables of an archive that can be its events, the most likely first. If an array is `wanted`, only that
-/// one. Otherwise the arrays named t, x,
-/// y and p, then arrays with such fields, then arrays whose names begin with `event`, then all others that have rows.
+/// one. Otherwise the arrays named t, x, y and p, then arrays with such fields, then arrays whose names begin with
+/// `event`, then all others that have rows.
 ///
 /// # Errors
-/// If there is no such table.
-/// Where there is nothing.
+/// If there is no such table. Where there is nothing.
 pub fn of_archive(path: &Path, members: &[Member], wanted: Option<&str>) -> Result<Vec<Named>, RecordingError> {
     // Arrays of Python objects, for example, may be stored with the events.
     let head = |member: &Member| match header(path, &member.name, &member.place) {

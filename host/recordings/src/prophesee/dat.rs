@@ -1,8 +1,7 @@
 //! DAT: decoded events, 8 bytes each.
 //!
 //! The header is followed by a byte with the kind of the records (0 or 12: events) and a byte with their size, 8. A
-//! record is u32
-//! time in µs and u32 data, little-endian:
+//! record is u32 time in µs and u32 data, little-endian:
 //!
 //! | version | column | row | polarity |
 //! |---|---|---|---|

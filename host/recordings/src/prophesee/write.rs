@@ -1,6 +1,5 @@
 //! Writer of RAW in EVT 3.0. Each time, row and event that differs from the previous one has its own word, without
-//! vectors of events. There is a time high
-//! every 4096 µs, as from a camera.
+//! vectors of events. There is a time high every 4096 µs, as from a camera.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};

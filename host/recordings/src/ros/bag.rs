@@ -1,10 +1,9 @@
 //! Bags of ROS 1, version 2.0.
 //!
 //! The file has a line `#ROSBAG V2.0`, then records: u32 length and header, u32 length and data. A header is a sequence
-//! of fields, u32
-//! length and `name=value`. The field `op` is the kind of the record: 5 a chunk (records, possibly compressed with bz2
-//! or LZ4), 7 a
-//! connection (a topic and its type), 2 a message. The other kinds are an index, which is not needed.
+//! of fields, u32 length and `name=value`. The field `op` is the kind of the record: 5 a chunk (records, possibly
+//! compressed with bz2 or LZ4), 7 a connection (a topic and its type), 2 a message. The other kinds are an index, which
+//! is not needed.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;

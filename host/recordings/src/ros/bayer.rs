@@ -2,10 +2,9 @@
 //! one is blue.
 //!
 //! Each pixel becomes a weighted mean of itself (weight 4), its four direct neighbours (2 each) and its four diagonal
-//! neighbours (1 each). With these
-//! weights red contributes a quarter, green a half and blue a quarter at every pixel, whatever the order of the
-//! filters. The weights are symmetric, so the
-//! image is not shifted, whereas the mean over a two-by-two square would shift it by half a pixel.
+//! neighbours (1 each). With these weights red contributes a quarter, green a half and blue a quarter at every pixel,
+//! whatever the order of the filters. The weights are symmetric, so the image is not shifted, whereas the mean over a
+//! two-by-two square would shift it by half a pixel.
 
 /// A sample of 8 or 16 bits.
 pub trait Sample: Copy + Into<u32> {
@@ -45,8 +44,7 @@ pub fn grey<T: Sample>(samples: &[T], width: usize) -> Vec<T> {
 }
 
 /// Returns the two neighbours of `index` among `count`. At the ends the only neighbour is returned twice, because the
-/// filter pattern continues
-/// symmetrically beyond the border.
+/// filter pattern continues symmetrically beyond the border.
 fn around(index: usize, count: usize) -> [usize; 2] {
     let before = index.checked_sub(1);
     let after = Some(index + 1).filter(|after| *after < count);

@@ -52,8 +52,7 @@ pub trait Container: Send {
     ///
     /// # Errors
     /// After an error about a part of the file, the messages after that part can still be read. If they cannot be
-    /// found, reading
-    /// ends, and [`Self::truncated`] contains the position.
+    /// found, reading ends, and [`Self::truncated`] contains the position.
     fn next(&mut self) -> Result<Option<MessageHead>, RecordingError>;
 
     /// Content of the message that was read last.
@@ -81,8 +80,7 @@ pub fn is_skipped(error: &RecordingError, damage: Damage) -> bool {
 }
 
 /// Reads the next `length` bytes of `file`, which belong to the record at `byte`, into `buffer`. If they exceed
-/// [`LONGEST_RECORD`], skips them and returns
-/// an error.
+/// [`LONGEST_RECORD`], skips them and returns an error.
 pub fn read_record(file: &mut ByteReader, byte: u64, length: u64, buffer: &mut Vec<u8>) -> Result<(), RecordingError> {
     if length > LONGEST_RECORD {
         file.seek(file.position().saturating_add(length))?;
@@ -175,8 +173,7 @@ impl Packing {
 const ZSTANDARD: &[u8] = b"\x28\xb5\x2f\xfd";
 
 /// Decompresses a message that was compressed individually (by `ros2 bag record --compression-mode message`) into
-/// `unpacked`. For other messages
-/// `unpacked` stays empty.
+/// `unpacked`. For other messages `unpacked` stays empty.
 pub fn unpack_message(message: &[u8], unpacked: &mut Vec<u8>) -> io::Result<()> {
     unpacked.clear();
     if message.starts_with(ZSTANDARD) {

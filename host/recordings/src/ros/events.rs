@@ -58,9 +58,8 @@ struct First {
 }
 
 /// Finds the first message with events of the topic `wanted`, or of any topic if it is `None`. If there is none,
-/// returns the first message that could contain
-/// events. Messages in an unsupported encoding are an error only if no other follows, because some drivers send
-/// triggers in such messages.
+/// returns the first message that could contain events. Messages in an unsupported encoding are an error only if no
+/// other follows, because some drivers send triggers in such messages.
 fn first_of(
     path: &Path,
     container: &mut dyn Container,

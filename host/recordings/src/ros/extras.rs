@@ -1,12 +1,10 @@
 //! Images and inertial samples of the camera whose events are read.
 //!
 //! A bag may contain several cameras and IMUs. The topics that belong to the events are those whose names share the
-//! most leading parts with
-//! that of the events: `/davis/left/image_raw` and `/davis/left/imu` belong to `/davis/left/events`. Images are from
-//! another
-//! camera if they are larger than the sensor, if they are smaller and their topic shares no part with that of the
-//! events, if they may be depth images,
-//! or if their coordinate frame or topic names another side of a rig (left, right, 0, 1) than those of the events.
+//! most leading parts with that of the events: `/davis/left/image_raw` and `/davis/left/imu` belong to
+//! `/davis/left/events`. Images are from another camera if they are larger than the sensor, if they are smaller and
+//! their topic shares no part with that of the events, if they may be depth images, or if their coordinate frame or
+//! topic names another side of a rig (left, right, 0, 1) than those of the events.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
@@ -82,8 +80,7 @@ fn next(
 }
 
 /// Reads the next image or sample like [`next`], but also returns images in an unsupported encoding. Damage without a
-/// recognisable message is skipped
-/// silently, because the reader of the events counts it.
+/// recognisable message is skipped silently, because the reader of the events counts it.
 fn next_or_unread(
     container: &mut dyn Container,
     topics: Topics,

@@ -25,8 +25,7 @@ pub struct ImageTopic {
 
 impl ImageTopic {
     /// Opens the images of the topic `wanted` of the file at `path`, or of the only image topic if the file has no
-    /// events. `None` if the file does
-    /// not contain messages, or if its events are meant.
+    /// events. `None` if the file does not contain messages, or if its events are meant.
     ///
     /// # Errors
     /// When the file cannot be read, does not have the topic, has several image topics, or its first image cannot be
@@ -151,8 +150,7 @@ fn is_images(topic: &Topic, name: &str) -> bool {
 }
 
 /// Returns the topics of a file that have messages. Stops as soon as the `wanted` topic is found, or a topic of events
-/// if none is
-/// wanted.
+/// if none is wanted.
 fn topics(
     open: OpenContainer,
     path: &Path,

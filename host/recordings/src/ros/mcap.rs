@@ -1,10 +1,8 @@
 //! MCAP, the usual container of ROS 2.
 //!
 //! The file consists of records of u8 kind, u64 length and content. Kinds are 3 a schema (the type of messages), 4 a
-//! channel (a topic), 5 a
-//! message, 6 a chunk of such records (possibly compressed with LZ4 or Zstandard), 15 the end of the data. An index
-//! follows, which is
-//! not needed.
+//! channel (a topic), 5 a message, 6 a chunk of such records (possibly compressed with LZ4 or Zstandard), 15 the end of
+//! the data. An index follows, which is not needed.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;

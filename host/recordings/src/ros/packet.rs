@@ -74,8 +74,7 @@ fn mono(time_base: u64, word: u64) -> Event {
 }
 
 /// Decodes polarity events of AEDAT 3.1: u32 with bit 0 valid, 1 polarity, 2–16 y, 17–31 x; i32 time in µs after the
-/// base,
-/// which may overflow within a packet.
+/// base, which may overflow within a packet.
 fn libcaer(time_base: u64, payload: &[u8], events: &mut Vec<Event>) {
     let mut latest = 0_u32;
     let mut turn = 0_u64;
@@ -97,9 +96,8 @@ fn libcaer(time_base: u64, payload: &[u8], events: &mut Vec<Event>) {
 }
 
 /// Decodes words of 16 bits, with their type in bits 15–12: 0 time high, 1 time low (12 bits each, µs after the base),
-/// 2 column, 3 row
-/// and polarity (bit 11) of an event, 4 first row and polarity of a group, 5 one bit for each row of the group, set if
-/// it has an event.
+/// 2 column, 3 row and polarity (bit 11) of an event, 4 first row and polarity of a group, 5 one bit for each row of
+/// the group, set if it has an event.
 fn libcaer_compressed(time_base: u64, payload: &[u8]) -> impl Iterator<Item = Event> {
     let (mut high, mut low, mut x, mut first_row, mut on) = (0_u64, 0_u64, 0_u16, 0_u16, false);
     payload.as_chunks().0.iter().flat_map(move |word| {

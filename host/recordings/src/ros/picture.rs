@@ -161,8 +161,7 @@ fn arranged<T: bayer::Sample>(samples: Vec<T>, layout: Layout, columns: usize) -
 }
 
 /// Decodes a `CompressedImage`. Its format consists of the encoding before compression, a semicolon, and `jpeg` or
-/// `png` with the encoding that was
-/// compressed (`bayer_rggb8; png compressed`); or only of `jpeg` or `png`.
+/// `png` with the encoding that was compressed (`bayer_rggb8; png compressed`); or only of `jpeg` or `png`.
 fn compressed(wire: Wire, message: &[u8]) -> Result<Option<Frame>, MessageError> {
     let mut fields = Fields::new(wire, message)?;
     let t = fields.header()?;

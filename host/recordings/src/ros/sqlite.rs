@@ -1,10 +1,8 @@
 //! Reader of the tables in an SQLite file, row by row (<https://www.sqlite.org/fileformat2.html>).
 //!
 //! A file consists of pages of one size, the first of which begins with a header of 100 bytes. A table is a tree of
-//! pages:
-//! inner pages (kind 5) list others, leaves (kind 13) contain rows. The part of a row that does not fit in its page is
-//! in a list
-//! of overflow pages. Numbers are big-endian.
+//! pages: inner pages (kind 5) list others, leaves (kind 13) contain rows. The part of a row that does not fit in its
+//! page is in a list of overflow pages. Numbers are big-endian.
 
 use std::path::Path;
 
@@ -142,13 +140,11 @@ impl Pages {
     }
 
     /// Reads the next row of `table` into `row`. Returns its number and the offset of its page; `None` at the end, also
-    /// if the file is cut
-    /// off.
+    /// if the file is cut off.
     ///
     /// # Errors
     /// If the file is damaged. The rows after the damaged row or page can still be read. If they cannot be found,
-    /// reading ends, and
-    /// [`Self::truncated`] contains the position.
+    /// reading ends, and [`Self::truncated`] contains the position.
     pub fn next(&mut self, table: &mut Table, row: &mut Vec<u8>) -> Result<Option<(i64, u64)>, RecordingError> {
         let next = self.next_row(table, row);
         match &next {

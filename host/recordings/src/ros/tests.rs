@@ -398,8 +398,7 @@ fn individually_compressed_messages_are_read() {
 }
 
 /// Starting drivers send messages without events and without the size of the sensor. If no camera is connected, they
-/// send only
-/// those.
+/// send only those.
 #[test]
 fn messages_without_events_do_not_determine_the_sensor() {
     let of = |wire: Wire| -> Messages {

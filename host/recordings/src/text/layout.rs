@@ -114,8 +114,7 @@ fn parts(text: &str) -> Result<Parts<'_>, LayoutError> {
 }
 
 /// `true` if these fields are an event and not a header. Fields of unused columns may be empty, except the first one:
-/// an empty first field means a
-/// header above numbered rows.
+/// an empty first field means a header above numbered rows.
 fn is_row(fields: &[&[u8]]) -> bool {
     let is_number = |field: &[u8]| number::is_number(field) || number::polarity(field).is_some();
     fields.first().is_none_or(|first| is_number(first))

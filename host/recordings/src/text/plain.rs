@@ -1,6 +1,5 @@
 //! Fast parser of the usual lines: digits, at most one point in the time, and one separator between fields. Other lines
-//! return `None` and go to
-//! the general parser. Where this parser returns an event, the general one returns the same.
+//! return `None` and go to the general parser. Where this parser returns an event, the general one returns the same.
 
 use evcal_core::event::{Event, Polarity};
 
@@ -71,8 +70,7 @@ fn leading(bytes: &[u8], most: usize) -> (i64, usize) {
 }
 
 /// Parses a time at the front, and removes it: at most 12 digits, then for units longer than 1 µs a fraction, whose
-/// first `places` digits are microseconds
-/// and whose next digit rounds.
+/// first `places` digits are microseconds and whose next digit rounds.
 fn time(rest: &mut &[u8], places: usize) -> Option<i64> {
     // 10¹² s in microseconds fit in an i64, and so do 10¹⁸ µs.
     let mut value = digits(rest, if places == 0 { 18 } else { 12 })?;

@@ -6,8 +6,7 @@ use super::super::picture::{description, frame, unread_encoding};
 use super::*;
 
 /// 24 x 16 pixels that become brighter from left to right, written by OpenCV (`cv2.imencode`, quality 95): grey, and in
-/// colours of which red is
-/// the brightest.
+/// colours of which red is the brightest.
 const GREY_JPEG: &[u8] = include_bytes!("grey.jpg");
 const RED_JPEG: &[u8] = include_bytes!("red.jpg");
 

@@ -94,8 +94,7 @@ pub fn event_array(wire: Wire, number: u32, sensor: Sensor, events: &[Event]) ->
 }
 
 /// Serializes an `event_camera_msgs/EventPacket` with the encoding `libcaer_cmp`, in which columns and rows have 11
-/// bits. The events must span
-/// less than 2²⁴ µs.
+/// bits. The events must span less than 2²⁴ µs.
 pub fn event_packet(wire: Wire, number: u32, sensor: Sensor, events: &[Event]) -> Result<Vec<u8>, WriteError> {
     let base = events.first().map_or(0, |event| event.t);
     let base_ns = u64::try_from(base).ok().and_then(|base| base.checked_mul(1000)).ok_or(WriteError::Time(base))?;
