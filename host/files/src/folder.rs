@@ -9,7 +9,7 @@ use super::exchange::exchange;
 #[cfg(target_os = "linux")]
 use super::swap::swap;
 use super::unfinished::Begun;
-use super::{FileError, place, remove_scratch, scratch_in, unfinished, visible};
+use super::{FileError, paths, remove_scratch, scratch_in, unfinished, visible};
 
 /// Reason why results cannot be written to a folder.
 #[derive(Debug, thiserror::Error)]
@@ -97,7 +97,7 @@ impl OutputFolder {
         }
         fs::create_dir_all(path).map_err(failed)?;
         if let Ok(open) = File::open(path) {
-            if !place::hold(&open).map_err(failed)? {
+            if !paths::hold(&open).map_err(failed)? {
                 return Err(FolderError::Busy(path.to_owned()));
             }
             folder.keep(open);
@@ -167,7 +167,7 @@ impl OutputFolder {
             Ok((new, path))
         })
         .map_err(|error| FileError::new(&self.path, error))?;
-        let filled = fill(new.path()).map_err(|error| final_place(error, new.path(), &self.path));
+        let filled = fill(new.path()).map_err(|error| final_path(error, new.path(), &self.path));
         let path = new.path().to_owned();
         // From here on no signal ends the program until all files are moved and leftovers removed.
         let replaced: Result<T, E> = unfinished::end(&path, move || {
@@ -215,7 +215,7 @@ impl OutputFolder {
 }
 
 /// Replaces the temporary path of a file in an error by its final path.
-fn final_place<E: NamesFile>(mut error: E, from: &Path, folder: &Path) -> E {
+fn final_path<E: NamesFile>(mut error: E, from: &Path, folder: &Path) -> E {
     let file = error.file_mut();
     if let Ok(rest) = file.strip_prefix(from) {
         *file = folder.join(rest);
@@ -349,26 +349,26 @@ mod tests {
         let is_result = |path: &Path| path == Path::new("a.json") || path.parent() == Some(Path::new("exports"));
         for (wrong, is_folder) in [("a.json", true), ("exports", false)] {
             let folder = tempfile::tempdir().unwrap();
-            let place = folder.path().join(wrong);
+            let path = folder.path().join(wrong);
             match is_folder {
-                true => fs::create_dir(&place).unwrap(),
-                false => fs::write(&place, "mine").unwrap(),
+                true => fs::create_dir(&path).unwrap(),
+                false => fs::write(&path, "mine").unwrap(),
             }
             let old = if is_folder { "exports/b.yaml" } else { "a.json" };
             fs::create_dir_all(folder.path().join(old).parent().unwrap()).unwrap();
             fs::write(folder.path().join(old), "old").unwrap();
             let open = OutputFolder::open(folder.path()).unwrap();
             let error = open.check_places(is_result, &["exports"]).unwrap_err().to_string();
-            assert!(error.contains(place.to_str().unwrap()) && error.contains("move it away"), "{error}");
+            assert!(error.contains(path.to_str().unwrap()) && error.contains("move it away"), "{error}");
             let error = open.replace(is_result, |new| {
                 fs::create_dir(new.join("exports")).unwrap();
                 fs::write(new.join("exports/b.yaml"), "new").unwrap();
                 fs::write(new.join("a.json"), "new").unwrap();
                 Ok::<_, FileError>(())
             });
-            assert_eq!(error.unwrap_err().path, place);
+            assert_eq!(error.unwrap_err().path, path);
             assert_eq!(fs::read_to_string(folder.path().join(old)).unwrap(), "old");
-            assert_eq!(place.is_dir(), is_folder);
+            assert_eq!(path.is_dir(), is_folder);
             assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
         }
     }

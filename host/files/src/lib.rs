@@ -6,7 +6,7 @@
 mod exchange;
 pub mod folder;
 pub mod output;
-mod place;
+mod paths;
 pub mod shell_word;
 #[cfg(target_os = "linux")]
 mod swap;
@@ -20,8 +20,8 @@ use std::path::{Path, PathBuf};
 
 use tempfile::{NamedTempFile, TempDir, TempPath};
 
-use self::place::UNFINISHED;
-pub use self::place::is_stream;
+use self::paths::UNFINISHED;
+pub use self::paths::is_stream;
 use self::unfinished::{Begun, Listed};
 
 /// Size of the write buffer in bytes.
@@ -103,7 +103,7 @@ impl NewFile {
             let content = Content::InPlace(BufWriter::with_capacity(BUFFER, file));
             Self { path: path.to_owned(), content, is_new: false, _listed: None }
         };
-        if let Some(stream) = place::own_stream(path) {
+        if let Some(stream) = paths::own_stream(path) {
             return stream.map(in_place).map_err(failed);
         }
         let there = fs::metadata(path);
@@ -114,18 +114,18 @@ impl NewFile {
             return File::create(path).map(in_place).map_err(failed);
         }
         // The target of a link is replaced, not the link itself.
-        let place = place::target(path).map_err(failed)?;
+        let target = paths::target(path).map_err(failed)?;
         // Checked here, so that the error does not name a temporary file.
-        fs::metadata(place::folder(&place)).map_err(failed)?;
+        fs::metadata(paths::folder(&target)).map_err(failed)?;
         let begun = unfinished::begin(Begun::ScratchFile, || {
-            let path = place::unfinished(&place);
-            let file = place::claim(&path, &new_file(&place))?;
+            let path = paths::unfinished(&target);
+            let file = paths::claim(&path, &new_file(&target))?;
             Ok((NamedTempFile::from_parts(file, TempPath::try_from_path(&path)?), path))
         });
         let file = begun.map_err(failed)?;
         let listed = Some(Listed::new(file.path()));
         let content = Content::Temporary(BufWriter::with_capacity(BUFFER, file));
-        Ok(Self { path: place, content, is_new: there.is_err(), _listed: listed })
+        Ok(Self { path: target, content, is_new: there.is_err(), _listed: listed })
     }
 
     /// Path of the bytes until the file is finished, for writers that open the file themselves.
@@ -201,14 +201,14 @@ fn remove_scratch(folder: &Path) {
     }
 }
 
-/// Returns the options to create an unfinished file, with the permissions of the file at `place` or the default ones.
-fn new_file(place: &Path) -> fs::OpenOptions {
+/// Returns the options to create an unfinished file, with the permissions of the file at `path` or the default ones.
+fn new_file(path: &Path) -> fs::OpenOptions {
     let mut options = File::options();
     options.read(true).write(true).create_new(true);
     #[cfg(unix)]
     {
         use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
-        options.mode(fs::metadata(place).map_or(0o666, |there| there.permissions().mode() & 0o7777));
+        options.mode(fs::metadata(path).map_or(0o666, |there| there.permissions().mode() & 0o7777));
     }
     options
 }

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::{FileError, is_stream, place, try_out, visible};
+use super::{FileError, is_stream, paths, try_out, visible};
 
 /// Treatment of files that already exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,18 +44,18 @@ pub fn check_outputs<'a>(
     existing: Existing,
 ) -> Result<(), OutputError> {
     let inputs: Vec<PathBuf> = inputs.iter().filter_map(|input| fs::canonicalize(input).ok()).collect();
-    let mut places = Vec::new();
+    let mut seen = Vec::new();
     for path in paths {
         if is_stream(path) {
             continue;
         }
-        if let Some(place) = real_place(path) {
-            if places.contains(&place) {
+        if let Some(target) = real_path(path) {
+            if seen.contains(&target) {
                 return Err(OutputError::Twice(path.to_owned()));
             }
-            places.push(place);
+            seen.push(target);
         }
-        if path.is_file() && fs::canonicalize(path).is_ok_and(|place| inputs.contains(&place)) {
+        if path.is_file() && fs::canonicalize(path).is_ok_and(|target| inputs.contains(&target)) {
             return Err(OutputError::IsInput(path.to_owned()));
         }
         if existing == Existing::Keep && path.is_file() {
@@ -67,9 +67,9 @@ pub fn check_outputs<'a>(
 }
 
 /// Returns the path of the file after links and folders are resolved. The file need not exist.
-fn real_place(path: &Path) -> Option<PathBuf> {
-    let place = place::target(path).ok()?;
-    Some(fs::canonicalize(place::folder(&place)).ok()?.join(place.file_name()?))
+fn real_path(path: &Path) -> Option<PathBuf> {
+    let target = paths::target(path).ok()?;
+    Some(fs::canonicalize(paths::folder(&target)).ok()?.join(target.file_name()?))
 }
 
 #[cfg(test)]

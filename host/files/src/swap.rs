@@ -1,12 +1,12 @@
-//! Atomic replacement of a folder by another one. Readers, and a killed program, leave either the old results or the
-//! new ones.
+//! Atomic replacement of a folder by another one. Readers see either the old results or the new ones, even if the
+//! program is killed.
 
 use std::env;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::place;
+use super::paths;
 
 /// Largest number of other files of a folder that are carried over.
 const MOST_OTHERS: usize = 10_000;
@@ -21,7 +21,7 @@ pub(super) fn swap(folder: &Path, old: &[PathBuf], new: &Path) -> Option<File> {
     if env::current_dir().is_ok_and(|current| current.starts_with(&folder)) {
         return None;
     }
-    let temporary = place::unfinished(&folder);
+    let temporary = paths::unfinished(&folder);
     // It may be left from a killed run.
     let _ = fs::remove_dir_all(&temporary);
     let mut others = Vec::new();
@@ -94,11 +94,11 @@ fn carry(folder: &Path, others: &[Entry], temporary: &Path, carried: &mut Vec<Pa
 /// and locked.
 fn exchange(folder: &Path, temporary: &Path) -> io::Result<File> {
     let held = File::open(temporary)?;
-    place::hold(&held)?;
+    paths::hold(&held)?;
     held.sync_all()?;
     rustix::fs::renameat_with(rustix::fs::CWD, temporary, rustix::fs::CWD, folder, rustix::fs::RenameFlags::EXCHANGE)?;
     // Flushes the exchange itself, if the file system supports it.
-    let _ = File::open(place::folder(folder)).and_then(|parent| parent.sync_all());
+    let _ = File::open(paths::folder(folder)).and_then(|parent| parent.sync_all());
     Ok(held)
 }
 

@@ -63,7 +63,7 @@ pub struct ConversionReport {
     pub error: Option<ConvertError>,
 }
 
-/// Error because of which nothing was converted.
+/// Error that prevents a conversion.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ConvertError {
@@ -78,7 +78,7 @@ pub enum ConvertError {
     Capture {
         /// Path of the recording.
         path: PathBuf,
-        /// Cause. Why.
+        /// Cause.
         #[source]
         error: CaptureError,
     },
@@ -87,7 +87,7 @@ pub enum ConvertError {
     Write {
         /// Path of the output.
         path: PathBuf,
-        /// Cause. Why.
+        /// Cause.
         #[source]
         error: WriteError,
     },

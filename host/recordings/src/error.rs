@@ -51,7 +51,7 @@ pub enum RecordingErrorKind {
     /// The content matches no known format.
     #[error("has an unknown format (known: {}); was it cut off at its beginning?", known.join(", "))]
     UnknownFormat {
-        /// Names of the known formats. Names of the formats that are.
+        /// Names of the known formats.
         known: Vec<&'static str>,
     },
     /// A header, packet or record violates its format.
@@ -181,7 +181,7 @@ pub enum RecordingErrorKind {
     ImageEncoding {
         /// Name of the topic.
         topic: String,
-        /// Name of the encoding. The encoding.
+        /// Name of the encoding.
         encoding: String,
     },
     /// Frames have an unsupported pixel encoding.

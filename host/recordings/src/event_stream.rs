@@ -3,8 +3,9 @@
 //! The file begins with `Event Stream`, three bytes of version, a byte with the kind of events, and u16 width and
 //! height of the sensor, little-endian. Rows count from below. Bytes follow; the first byte of an event contains the
 //! time since the previous one:
-//! | kind | byte | means |
+//!
 //! | kind | byte | meaning |
+//! |---|---|---|
 //! | 1, DVS | `dt << 1 \| on` | an event after dt ≤ 126 µs; u16 x, u16 y follow |
 //! | | 0xFF | 127 µs pass |
 //! | | 0xFE | no meaning |

@@ -73,7 +73,7 @@ pub enum Extra {
 }
 
 impl Extra {
-    /// Time at which it begins, in µs.
+    /// Time at which the element begins, in µs. A frame begins with its read-out (see [`frame_start`]).
     pub fn start(&self) -> i64 {
         match self {
             Self::Frame(frame) => frame_start(frame),
@@ -81,7 +81,7 @@ impl Extra {
         }
     }
 
-    /// Returns it with all times `shift` µs later.
+    /// Returns the element with all times `shift` µs later.
     pub fn later(mut self, shift: i64) -> Self {
         let move_pair = |times: &mut Option<(i64, i64)>| {
             *times = times.map(|(start, end)| (start.saturating_add(shift), end.saturating_add(shift)));

@@ -178,7 +178,7 @@ fn arrange(
     }
     let stated = options.time_unit.or_else(|| table.unit_of_name());
     let guess = || {
-        let column = table.place_of(Column::T);
+        let column = table.index_of(Column::T);
         let times: Vec<f64> = sample.iter().filter_map(|row| row.get(column?)?.value).collect();
         columns::unit_from_values(&times, notes)
     };

@@ -20,7 +20,7 @@ pub struct NumberType {
 /// Kind of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NumberKind {
-    /// Two's complement.
+    /// Signed integer in two's complement.
     Signed,
     /// Unsigned integer.
     Unsigned,

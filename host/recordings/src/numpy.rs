@@ -203,12 +203,12 @@ struct Source {
 
 impl Source {
     fn open(path: &Path, part: &Part, columns: &mut impl Iterator<Item = Column>) -> Result<Self, RecordingError> {
-        let mut input = part.place.open(path)?;
+        let mut input = part.location.open(path)?;
         // If the file ends before that, the following reads return nothing.
         let _ = std::io::copy(&mut input.by_ref().take(part.skip), &mut std::io::sink());
         let fields = part.fields.iter().zip(columns).map(|(&(offset, number), column)| (column, offset, number));
-        let byte = part.place.start + if part.place.is_compressed() { 0 } else { part.skip };
-        let (compressed, fields) = (part.place.is_compressed(), fields.collect());
+        let byte = part.location.start + if part.location.is_compressed() { 0 } else { part.skip };
+        let (compressed, fields) = (part.location.is_compressed(), fields.collect());
         Ok(Self { input, byte, compressed, record: part.record, fields, bytes: Vec::new() })
     }
 

@@ -79,7 +79,7 @@ pub enum TimeUnit {
 }
 
 impl TimeUnit {
-    /// Exponent n, with a unit of 10ⁿ µs.
+    /// Returns n such that the unit is 10ⁿ µs.
     pub const fn decimal_exponent(self) -> i32 {
         match self {
             Self::Seconds => 6,

@@ -69,10 +69,10 @@ pub struct ReadReport {
     pub stream: StreamFaults,
     /// Packets of other streams that were passed over, by name of the stream.
     pub other_packets: BTreeMap<String, u64>,
-    /// Number of frames in the whole recording, if the events' reader passes all of them.
+    /// Number of frames in the whole recording. Known only at the end, and only if frames and events are read together.
     #[serde(skip)]
     pub frames: Option<u64>,
-    /// End of the file, if it comes too early.
+    /// The point at which the file ends, if it ends too early.
     pub truncated: Option<Truncation>,
 }
 
@@ -146,8 +146,7 @@ pub struct StreamFaults {
     pub taken_back_us: u64,
     /// Number of resets of the camera's clock, after its first time. Times continue 1 s after the latest.
     pub clock_resets: u64,
-    /// Events that the camera dropped because the computer read too slowly, if the camera was asked.
-    /// Events that the camera dropped because the computer read too slowly, if it was asked.
+    /// Events that the camera dropped because the computer read too slowly, if the camera reported it.
     pub dropped: u64,
     /// Counts of words that a healthy camera does not send, by kind of fault.
     pub faults: BTreeMap<&'static str, u64>,

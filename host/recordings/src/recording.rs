@@ -146,7 +146,7 @@ impl Recording {
     /// Starts a pass through the recording, from its first event.
     ///
     /// # Errors
-    /// When the file cannot be opened or its header cannot be understood.
+    /// When the file cannot be opened or its header is invalid.
     pub fn open(&self) -> Result<EventReader, RecordingError> {
         Ok(EventReader::new(&self.path, self.decoder()?, &self.options)?.within(self.span.clone()))
     }

@@ -89,16 +89,16 @@ impl Header {
             self.chip.get_or_insert_with(|| chip.trim().to_uppercase());
         } else if let Some(created) = line.trim_start_matches('#').trim().strip_prefix("created ") {
             self.created.get_or_insert_with(|| created.to_owned());
-        } else if let Some(range) = number_behind(line, "ImuAccelScaleG") {
+        } else if let Some(range) = number_after(line, "ImuAccelScaleG") {
             self.ranges.acceleration = range;
-        } else if let Some(range) = number_behind(line, "GyroFullScaleDegPerSec") {
+        } else if let Some(range) = number_after(line, "GyroFullScaleDegPerSec") {
             self.ranges.angular_velocity = range;
         }
     }
 }
 
 /// Returns the number after `name` in a line of settings, if there is one.
-fn number_behind(line: &str, name: &str) -> Option<f32> {
+fn number_after(line: &str, name: &str) -> Option<f32> {
     let (_, rest) = line.split_once(name)?;
     rest.split(|character: char| !character.is_ascii_digit()).next()?.parse().ok().filter(|range| *range > 0.0)
 }

@@ -203,10 +203,10 @@ pub fn lz4_blocks(data: &[u8], most: usize) -> Result<Vec<u8>, BloscError> {
     let mut output = Vec::with_capacity(total);
     while output.len() < total {
         let length = block.min(total - output.len());
-        let (packed, behind) = rest.split_first_chunk().ok_or(BloscError::End)?;
-        let (packed, behind) = behind.split_at_checked(u32::from_be_bytes(*packed) as usize).ok_or(BloscError::End)?;
+        let (packed, after) = rest.split_first_chunk().ok_or(BloscError::End)?;
+        let (packed, after) = after.split_at_checked(u32::from_be_bytes(*packed) as usize).ok_or(BloscError::End)?;
         unpack(1, packed, length, &mut output)?;
-        rest = behind;
+        rest = after;
     }
     Ok(output)
 }

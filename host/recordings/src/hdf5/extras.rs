@@ -52,8 +52,8 @@ impl Timed {
         self.times.get(self.next).copied()
     }
 
-    /// Skips an element that cannot be read, together with the rest of its chunk. If the array has no chunks, it is cut
-    /// off, and everything that follows is skipped.
+    /// Skips an element that cannot be read, together with the rest of its chunk. An array without chunks is
+    /// unreadable only if the file is cut off, so the rest of it is skipped.
     fn pass_over(&mut self) {
         let side = self.data.chunks().and_then(|sides| usize::try_from(*sides.first()?).ok());
         self.next = side.map_or(self.times.len(), |side| (self.next / side.max(1) + 1).saturating_mul(side.max(1)));

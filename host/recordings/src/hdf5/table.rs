@@ -108,7 +108,7 @@ impl Table {
     }
 
     /// Returns the index of a column in a row of [`Self::cells`].
-    pub fn place_of(&self, column: Column) -> Option<usize> {
+    pub fn index_of(&self, column: Column) -> Option<usize> {
         match self {
             Self::Columns(columns) => columns.iter().position(|(other, _)| *other == column),
             Self::Rows(_, order) => order.as_slice().iter().position(|other| *other == column),

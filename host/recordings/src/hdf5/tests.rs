@@ -33,8 +33,8 @@ fn tree(chunks: &[(usize, u64)]) -> Vec<u8> {
     let nowhere = u64::MAX.to_le_bytes();
     let mut bytes = [&b"TREE\x01\x00"[..], &(chunks.len() as u16).to_le_bytes(), &nowhere, &nowhere].concat();
     let key = |length: usize, index: usize| {
-        let place = ((index * SIDE) as u64).to_le_bytes();
-        [&(length as u32).to_le_bytes()[..], &[0; 4], &place, &[0; 8]].concat()
+        let offset = ((index * SIDE) as u64).to_le_bytes();
+        [&(length as u32).to_le_bytes()[..], &[0; 4], &offset, &[0; 8]].concat()
     };
     for (index, (length, address)) in chunks.iter().enumerate() {
         bytes.extend(key(*length, index));
@@ -65,7 +65,7 @@ fn file(events: &[Event], filters: &[u8]) -> (Vec<u8>, Vec<Vec<usize>>) {
         columns.iter().map(|(_, size, numbers)| numbers.chunks(SIDE).map(|part| pack(part, *size)).collect()).collect();
     let build = |start: usize| {
         let mut bytes = vec![0; 48];
-        let (mut objects, mut places, mut end) = (Vec::new(), Vec::new(), start);
+        let (mut objects, mut offsets, mut end) = (Vec::new(), Vec::new(), start);
         for ((name, size, _), chunks) in columns.iter().zip(&packed) {
             let starts: Vec<usize> = chunks
                 .iter()
@@ -82,18 +82,18 @@ fn file(events: &[Event], filters: &[u8]) -> (Vec<u8>, Vec<Vec<usize>>) {
             objects.push((*name, bytes.len() as u64));
             let numbers = Integer { size: *size, is_signed: *name == "t" };
             bytes.extend(chunked(numbers, events.len() as u64, SIDE as u32, address, filters));
-            places.push(starts);
+            offsets.push(starts);
         }
         let columns = bytes.len() as u64;
         bytes.extend(group(&objects, &[]));
         let root = bytes.len() as u64;
         bytes.extend(group(&[("events", columns)], &[("width", 346), ("height", 260)]));
         bytes.splice(..48, superblock(root, end as u64));
-        (bytes, places)
+        (bytes, offsets)
     };
     let start = build(0).0.len();
-    let (head, places) = build(start);
-    ([head, packed.concat().concat()].concat(), places)
+    let (head, offsets) = build(start);
+    ([head, packed.concat().concat()].concat(), offsets)
 }
 
 #[test]
@@ -108,13 +108,13 @@ fn times_continue_after_a_counter_wrap() {
 #[test]
 fn events_before_and_after_a_damaged_chunk_are_kept() {
     let events = events(1050);
-    let (content, places) = file(&events, &DEFLATE);
+    let (content, offsets) = file(&events, &DEFLATE);
     let Outcome { events: whole, error, information, .. } = testing::read(&content);
     assert_eq!((whole.as_slice(), error), (events.as_slice(), None));
     assert_eq!(information.unwrap().sensor, Some(Sensor::new(346, 260)));
     for (column, chunk) in [(0, 0), (0, 3), (2, 3), (3, 10)] {
         let mut damaged = content.clone();
-        damaged[places[column][chunk]..][..6].fill(0x5a);
+        damaged[offsets[column][chunk]..][..6].fill(0x5a);
         let outcome = testing::read(&damaged);
         let (before, behind) = (chunk * SIDE, (chunk + 1) * SIDE);
         if before > 0 {
@@ -152,9 +152,9 @@ fn arrays_without_any_bytes_end_immediately() {
     let numbers = Integer { size: 8, is_signed: true };
     let mut bytes = vec![0; 48];
     let objects = ["t", "x", "y", "p"].map(|name| {
-        let place = bytes.len() as u64;
+        let offset = bytes.len() as u64;
         bytes.extend(dataset(numbers, Some(MANY), u64::MAX));
-        (name, place)
+        (name, offset)
     });
     let root = bytes.len() as u64;
     bytes.extend(group(&objects, &[]));
@@ -167,9 +167,9 @@ fn arrays_without_any_bytes_end_immediately() {
 #[test]
 fn a_cut_file_is_read_up_to_its_end() {
     let events = events(1050);
-    let (content, places) = file(&events, &DEFLATE);
+    let (content, offsets) = file(&events, &DEFLATE);
     // Within the fourth chunk of the last column.
-    let cut = places[3][3] + 1;
+    let cut = offsets[3][3] + 1;
     let Outcome { events: read, report, error, .. } = testing::read(&content[..cut]);
     assert_eq!((read.as_slice(), error), (&events[..3 * SIDE], None));
     let truncated = report.truncated.unwrap();
@@ -229,9 +229,9 @@ fn other_arrays_are_not_taken_for_events() {
             .map(|name| {
                 let address = bytes.len() as u64;
                 bytes.extend([7_i64, 9].map(i64::to_le_bytes).as_flattened());
-                let place = bytes.len() as u64;
+                let offset = bytes.len() as u64;
                 bytes.extend(dataset(whole, Some(2), address));
-                (*name, place)
+                (*name, offset)
             })
             .collect();
         let root = bytes.len() as u64;
@@ -258,7 +258,7 @@ const WHOLE: Integer = Integer { size: 8, is_signed: true };
 /// Builds a file of groups of arrays.
 fn groups(groups: &[(&str, &[Array])]) -> Vec<u8> {
     let mut bytes = vec![0; 48];
-    let mut places = Vec::new();
+    let mut offsets = Vec::new();
     for (name, arrays) in groups {
         let mut objects = Vec::new();
         for (name, sides, numbers) in *arrays {
@@ -271,11 +271,11 @@ fn groups(groups: &[(&str, &[Array])]) -> Vec<u8> {
                 (sides, false) => shaped(WHOLE, sides, address),
             });
         }
-        places.push((*name, bytes.len() as u64));
+        offsets.push((*name, bytes.len() as u64));
         bytes.extend(group(&objects, &[]));
     }
     let root = bytes.len() as u64;
-    bytes.extend(group(&places, &[]));
+    bytes.extend(group(&offsets, &[]));
     let length = bytes.len() as u64;
     bytes.splice(..48, superblock(root, length));
     bytes
@@ -334,7 +334,7 @@ fn reserved_space_with_another_fill_value_is_not_read_as_events() {
 /// A pose has four columns, one of which could be a time and one a polarity.
 #[test]
 fn matrices_are_not_streams() {
-    let identity: Vec<i64> = (0..16).map(|place| i64::from(place % 5 == 0)).collect();
+    let identity: Vec<i64> = (0..16).map(|index| i64::from(index % 5 == 0)).collect();
     let (rows, events) = (events(50), events(50));
     let rows = rows.iter().flat_map(|event| [event.t, event.x.into(), event.y.into(), event.polarity.index() as i64]);
     let pose: &[Array] = &[("pose", &[4, 4], identity.clone()), ("projection", &[3, 4], identity[..12].to_vec())];

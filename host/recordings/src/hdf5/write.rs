@@ -79,7 +79,7 @@ impl Encoder {
         if wanted > LONGEST_INDEX {
             self.milliseconds = u64::MAX;
         }
-        // The first event of a millisecond may be anywhere in it.
+        // The index of a millisecond is that of the first event at its beginning or later.
         while self.milliseconds < wanted {
             self.columns[INDEX].file.write_all(&self.count.to_le_bytes())?;
             self.milliseconds += 1;

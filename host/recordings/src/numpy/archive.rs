@@ -25,12 +25,12 @@ pub struct Member {
     /// Name of the array, without `.npy`.
     pub name: String,
     /// Location of the array.
-    pub place: Place,
+    pub location: Location,
 }
 
 /// Location of an array in a file.
 #[derive(Clone, Debug)]
-pub struct Place {
+pub struct Location {
     /// Path of the file, if it is not the recording's own.
     file: Option<PathBuf>,
     /// Offset of the first byte.
@@ -48,7 +48,7 @@ struct Packed {
     checksum: u32,
 }
 
-impl Place {
+impl Location {
     /// Returns the location of the whole file at `path`.
     pub fn whole(path: &Path) -> Result<Self, RecordingError> {
         let metadata = std::fs::metadata(path).map_err(|error| RecordingError::io(path, error))?;
@@ -194,7 +194,7 @@ pub fn members(path: &Path) -> Result<Vec<Member>, RecordingError> {
         let packed = Packed { deflated, size: entry.uncompressed_size_hint(), checksum: entry.crc32() };
         let (start, end) = archive.get_entry(entry.wayfinder()).map_err(damaged)?.compressed_data_range();
         let length = end.saturating_sub(start);
-        members.push(Member { name, place: Place { file: None, start, length, packed: Some(packed) } });
+        members.push(Member { name, location: Location { file: None, start, length, packed: Some(packed) } });
         if members.len() == MOST_MEMBERS {
             break;
         }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use evcal_core::sensor::Sensor;
 
-use super::archive::{EXTENSION, Member, Place};
+use super::archive::{EXTENSION, Location, Member};
 use super::header::{self, Element, HeadError, Header};
 use crate::columns;
 use crate::error::Usable;
@@ -29,7 +29,7 @@ pub struct Table {
 /// Consecutive records of fields.
 pub struct Part {
     /// Location of the array that contains them.
-    pub place: Place,
+    pub location: Location,
     /// Number of bytes in the array before the first record.
     pub skip: u64,
     /// Size of a record in bytes.
@@ -45,27 +45,27 @@ impl Table {
     }
 }
 
-fn damaged(path: &Path, place: &Place, what: &str) -> RecordingError {
-    let kind = RecordingErrorKind::Damaged { byte: place.start, what: what.to_owned(), usable: Usable::Before };
-    RecordingError::new(place.file(path), kind)
+fn damaged(path: &Path, location: &Location, what: &str) -> RecordingError {
+    let kind = RecordingErrorKind::Damaged { byte: location.start, what: what.to_owned(), usable: Usable::Before };
+    RecordingError::new(location.file(path), kind)
 }
 
-/// Reads the header of the array `name` at `place`.
-fn header(path: &Path, name: &str, place: &Place) -> Result<Header, RecordingError> {
+/// Reads the header of the array `name` at `location`.
+fn header(path: &Path, name: &str, location: &Location) -> Result<Header, RecordingError> {
     let mut bytes = Vec::new();
-    let read = place.open(path)?.take(header::longest()).read_to_end(&mut bytes);
-    read.map_err(|error| damaged(path, place, &format!("the array is damaged: {error}")))?;
+    let read = location.open(path)?.take(header::longest()).read_to_end(&mut bytes);
+    read.map_err(|error| damaged(path, location, &format!("the array is damaged: {error}")))?;
     Header::parse(&bytes).map_err(|error| match error {
-        HeadError::Damaged(what) => damaged(path, place, what),
+        HeadError::Damaged(what) => damaged(path, location, what),
         HeadError::Elements(what) => {
-            RecordingError::new(place.file(path), RecordingErrorKind::Elements { array: name.to_owned(), what })
+            RecordingError::new(location.file(path), RecordingErrorKind::Elements { array: name.to_owned(), what })
         }
     })
 }
 
 /// Returns the table of an array, if its rows have several fields.
-fn table(header: &Header, place: &Place) -> Option<Table> {
-    let part = |skip, record, fields| Part { place: place.clone(), skip: header.length + skip, record, fields };
+fn table(header: &Header, location: &Location) -> Option<Table> {
+    let part = |skip, record, fields| Part { location: location.clone(), skip: header.length + skip, record, fields };
     match (&header.element, header.shape.as_slice()) {
         (Element::Record(fields, size), _) => {
             let named = || fields.iter().filter(|field| !field.name.is_empty());
@@ -95,13 +95,13 @@ fn table(header: &Header, place: &Place) -> Option<Table> {
 
 /// Returns the events of the array at `path`; also of the arrays in files next to it, if it is only one column.
 pub fn of_array(path: &Path) -> Result<Table, RecordingError> {
-    let (name, place) = (path.file_stem().unwrap_or_default().to_string_lossy(), Place::whole(path)?);
-    let header = header(path, &name, &place)?;
+    let (name, location) = (path.file_stem().unwrap_or_default().to_string_lossy(), Location::whole(path)?);
+    let header = header(path, &name, &location)?;
     let is_column = single(&header).is_some() || header.shape.get(1) == Some(&2);
     if is_column && let Some(table) = of_files(path, &name)? {
         return Ok(table);
     }
-    table(&header, &place).ok_or_else(|| {
+    table(&header, &location).ok_or_else(|| {
         let kind =
             RecordingErrorKind::NoEventStream(format!("an array of shape {:?} without named fields", header.shape));
         RecordingError::new(path, kind)
@@ -132,11 +132,11 @@ fn of_files(path: &Path, name: &str) -> Result<Option<Table>, RecordingError> {
     names.retain(|name| name.strip_suffix(columns::event_name(name)) == Some(front) && event_column(name).is_some());
     names.sort();
     let member = |name: String| {
-        let place = Place::sibling(folder.join(format!("{name}{EXTENSION}")))?;
-        Ok(Member { name, place })
+        let location = Location::sibling(folder.join(format!("{name}{EXTENSION}")))?;
+        Ok(Member { name, location })
     };
     let members = names.into_iter().map(member).collect::<Result<Vec<_>, RecordingError>>()?;
-    let head = |member: &Member| header(path, &member.name, &member.place);
+    let head = |member: &Member| header(path, &member.name, &member.location);
     let heads = members.iter().map(head).collect::<Result<Vec<_>, _>>()?;
     of_columns(path, &members.iter().zip(&heads).collect::<Vec<_>>())
 }
@@ -157,10 +157,10 @@ pub type Named = (Table, Option<String>);
 /// `event`, then all others that have rows.
 ///
 /// # Errors
-/// If there is no such table. Where there is nothing.
+/// If there is no such table.
 pub fn of_archive(path: &Path, members: &[Member], wanted: Option<&str>) -> Result<Vec<Named>, RecordingError> {
     // Arrays of Python objects, for example, may be stored with the events.
-    let head = |member: &Member| match header(path, &member.name, &member.place) {
+    let head = |member: &Member| match header(path, &member.name, &member.location) {
         Err(error) if !matches!(error.kind, RecordingErrorKind::Elements { .. }) => Err(error),
         head => Ok(head),
     };
@@ -173,7 +173,7 @@ pub fn of_archive(path: &Path, members: &[Member], wanted: Option<&str>) -> Resu
         found.extend(of_columns(path, &arrays)?.map(|table| (0, (table, None))));
     }
     for (member, header) in arrays.iter().filter(|(member, _)| wanted.is_none_or(|wanted| wanted == member.name)) {
-        let Some(table) = table(header, &member.place) else { continue };
+        let Some(table) = table(header, &member.location) else { continue };
         let has_names = table.names.as_ref().is_some_and(|names| {
             columns::from_names(&names.iter().map(String::as_str).collect::<Vec<_>>()).0.is_some()
         });
@@ -232,19 +232,24 @@ fn of_columns(path: &Path, arrays: &[Array]) -> Result<Option<Table>, RecordingE
         match (usable.min_by_key(|(member, ..)| member.name.len()), column, xy) {
             (Some((member, header, number)), ..) => {
                 let fields = vec![(0, Some(number))];
-                parts.push(Part { place: member.place.clone(), skip: header.length, record: number.size, fields });
+                parts.push(Part {
+                    location: member.location.clone(),
+                    skip: header.length,
+                    record: number.size,
+                    fields,
+                });
                 names.push(columns::event_name(&member.name).to_owned());
                 counts.push(header.count());
             }
             (None, Column::X | Column::Y, Some((member, header, number, count))) => {
                 let second = usize::from(column == Column::Y);
-                let (size, place) = (number.size, member.place.clone());
+                let (size, location) = (number.size, member.location.clone());
                 let (skip, record, offset) = if header.fortran_order {
                     (second as u64 * count * size as u64, size, 0)
                 } else {
                     (0, 2 * size, second * size)
                 };
-                parts.push(Part { place, skip: header.length + skip, record, fields: vec![(offset, Some(number))] });
+                parts.push(Part { location, skip: header.length + skip, record, fields: vec![(offset, Some(number))] });
                 names.push(if column == Column::X { "x" } else { "y" }.to_owned());
                 counts.push(count);
             }
@@ -255,7 +260,7 @@ fn of_columns(path: &Path, arrays: &[Array]) -> Result<Option<Table>, RecordingE
     match (parts.iter().zip(&counts).zip(&names)).find(|((_, other), _)| **other != count) {
         Some(((part, other), name)) => {
             let what = format!("the array {name} has {other} elements; {} has {count}", names.join(", "));
-            Err(damaged(path, &part.place, &what))
+            Err(damaged(path, &part.location, &what))
         }
         None => Ok(Some(Table { parts, names: Some(names), count })),
     }
@@ -265,10 +270,10 @@ fn of_columns(path: &Path, arrays: &[Array]) -> Result<Option<Table>, RecordingE
 pub fn sensor(path: &Path, members: &[Member]) -> Option<Sensor> {
     let side = |name: &str| {
         let member = members.iter().find(|member| member.name == name)?;
-        let header = header(path, name, &member.place).ok()?;
+        let header = header(path, name, &member.location).ok()?;
         let Element::Number(number) = header.element else { return None };
         let mut bytes = Vec::new();
-        member.place.open(path).ok()?.take(header.length + 8).read_to_end(&mut bytes).ok()?;
+        member.location.open(path).ok()?.take(header.length + 8).read_to_end(&mut bytes).ok()?;
         number.read(bytes.get(usize::try_from(header.length).ok()?..)?)?.pixel().filter(|_| header.count() == 1)
     };
     Some(Sensor::new(side("width")?, side("height")?))

@@ -25,9 +25,9 @@ use crate::pictures::TimedImage;
 
 /// Number of messages that are examined to find topics if the file does not list them. More are examined until there is
 /// a topic of each kind.
-const LOOKED_AT: usize = 4096;
+const EXAMINED: usize = 4096;
 /// Size limit in bytes of the messages that are examined, because a list may name topics without messages.
-const MOST_LOOKED_AT: u64 = 1 << 28;
+const MOST_BYTES: u64 = 1 << 28;
 /// Smallest size in bytes with which a message is counted, because there may be very many empty ones.
 const LEAST_OF_A_MESSAGE: u64 = 64;
 
@@ -135,9 +135,9 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
     // `true` if more topics may follow: as many as the file lists, or possibly some if it has no list.
     let awaited = |listed: Option<usize>, found: usize, count: usize| match listed {
         Some(listed) => found < listed,
-        None => found == 0 || count < LOOKED_AT,
+        None => found == 0 || count < EXAMINED,
     };
-    while bytes < MOST_LOOKED_AT
+    while bytes < MOST_BYTES
         && (events.is_none()
             || awaited(listed_pictures, pictures.len(), count)
             || awaited(listed_samples, samples.len(), count))

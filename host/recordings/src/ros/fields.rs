@@ -27,7 +27,7 @@ pub enum MessageError {
     /// The encoding of events is unknown.
     #[error("its events have an unknown encoding (known: evt3, libcaer, libcaer_cmp, mono)")]
     Encoding,
-    /// The events are big-endian. Big-endian events.
+    /// The events are big-endian.
     #[error("the events are big-endian")]
     BigEndian,
 }

@@ -203,13 +203,13 @@ impl Mcap {
         let mut bytes = Vec::new();
         self.file.read(&mut bytes, LONGEST_SUMMARY.min(end - start))?;
         let (mut described, mut rest) = (Described::default(), bytes.as_slice());
-        while let Some((&[kind, ref length @ ..], behind)) = rest.split_first_chunk::<RECORD_HEAD>() {
+        while let Some((&[kind, ref length @ ..], after)) = rest.split_first_chunk::<RECORD_HEAD>() {
             let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
-            let Some((content, behind)) = behind.split_at_checked(length) else { break };
+            let Some((content, after)) = after.split_at_checked(length) else { break };
             if matches!(kind, SCHEMA | CHANNEL) && described.add(kind, content).is_err() {
                 return Ok(None);
             }
-            rest = behind;
+            rest = after;
         }
         Ok(Some(described.topics).filter(|topics| !topics.is_empty()))
     }

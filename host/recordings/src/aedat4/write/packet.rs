@@ -88,8 +88,8 @@ pub(in crate::aedat4) fn event_packet(events: &[Event]) -> Result<Vec<u8>, Write
     buffer.finish(20)
 }
 
-/// `FRME { t @48, frame @56 to @64, exposure @72 to @80, exposure time @88, width @96, height @98, x @100, y @102,
-/// format @104, pixels @108 → @112 }`
+/// `FRME { t @48, frame @56 to @64, exposure @72 to @80, exposure time @88, width @96, height @98,
+/// x @100, y @102, format @104, pixels @108 → @112 }`
 pub(super) fn frame_packet(frame: &Frame) -> Result<Vec<u8>, WriteError> {
     let mut buffer = Buffer::new(b"FRME");
     // @12: vtable of 28 bytes, padded up to @44; table of 68 bytes.
@@ -111,8 +111,8 @@ pub(super) fn frame_packet(frame: &Frame) -> Result<Vec<u8>, WriteError> {
     buffer.finish(44)
 }
 
-/// `IMUS { elements @24 → @28 }`: n offsets from @32, then one vtable, then n tables of 40 bytes `{ temperature @4,
-/// acceleration @8, angular velocity @20, t @32 }`.
+/// `IMUS { elements @24 → @28 }`: n offsets from @32, then one vtable, then n tables of 40 bytes
+/// `{ temperature @4, acceleration @8, angular velocity @20, t @32 }`.
 pub(super) fn imu_packet(samples: &[InertialSample]) -> Result<Vec<u8>, WriteError> {
     let mut buffer = Buffer::new(b"IMUS");
     buffer.u16s(&[6, 8, 4, 0]);
@@ -139,8 +139,8 @@ pub(super) fn imu_packet(samples: &[InertialSample]) -> Result<Vec<u8>, WriteErr
     buffer.finish(20)
 }
 
-/// `FTAB { table @24 → @28 }`: n offsets from @32, then one vtable, then n tables of 44 bytes `{ byteOffset @12, {
-/// stream, size } @4, numElements @20, timestampStart @28, timestampEnd @36 }`.
+/// `FTAB { table @24 → @28 }`: n offsets from @32, then one vtable, then n tables of 44 bytes
+/// `{ byteOffset @12, { stream, size } @4, numElements @20, timestampStart @28, timestampEnd @36 }`.
 pub(super) fn packet_table(rows: &[TableRow]) -> Result<Vec<u8>, WriteError> {
     let mut buffer = Buffer::new(b"FTAB");
     buffer.u16s(&[6, 8, 4, 0]);

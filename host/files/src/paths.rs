@@ -52,25 +52,25 @@ pub(crate) fn own_stream(path: &Path) -> Option<io::Result<File>> {
 /// # Errors
 /// If links form a cycle.
 pub(crate) fn target(path: &Path) -> io::Result<PathBuf> {
-    let mut place = path.to_owned();
+    let mut target = path.to_owned();
     for _ in 0..MOST_LINKS {
-        match fs::read_link(&place) {
-            Ok(link) => place = folder(&place).join(link),
-            Err(_) => return Ok(place),
+        match fs::read_link(&target) {
+            Ok(link) => target = folder(&target).join(link),
+            Err(_) => return Ok(target),
         }
     }
     Err(io::Error::other("is a link that leads back to itself"))
 }
 
-/// Returns the folder that contains `place`.
-pub(crate) fn folder(place: &Path) -> &Path {
-    place.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+/// Returns the folder that contains `path`.
+pub(crate) fn folder(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Returns the path at which `place` is written until complete. It is always the same, so that two programs notice each
+/// Returns the path at which `path` is written until complete. It is always the same, so that two programs notice each
 /// other and the remains of a killed program are found again.
-pub(crate) fn unfinished(place: &Path) -> PathBuf {
-    let name = place.file_name().unwrap_or_default();
+pub(crate) fn unfinished(path: &Path) -> PathBuf {
+    let name = path.file_name().unwrap_or_default();
     let mut unfinished = OsString::from(".");
     if name.len() + 1 + UNFINISHED.len() <= LONGEST_NAME {
         unfinished.push(name);
@@ -81,7 +81,7 @@ pub(crate) fn unfinished(place: &Path) -> PathBuf {
         unfinished.push(format!("~{:016x}", hasher.finish()));
     }
     unfinished.push(UNFINISHED);
-    folder(place).join(unfinished)
+    folder(path).join(unfinished)
 }
 
 fn beginning(name: &OsStr) -> String {
