@@ -106,7 +106,7 @@ pub enum ConvertError {
     #[error("{0}; nothing was written, because nothing precedes it")]
     Nothing(#[source] Box<ConvertError>),
     /// Transfers are copied with their times, which cannot be changed.
-    #[error("{}: transfers of a camera are copied as they are, and their times cannot count from 1970", .0.display())]
+    #[error("{}: USB transfers are copied unchanged, so their times cannot count from 1970", .0.display())]
     CopiedTimes(PathBuf),
     /// The recording does not contain the date at which it began.
     #[error("{} does not say when it began: times cannot count from 1970", .0.display())]

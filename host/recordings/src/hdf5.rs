@@ -197,7 +197,7 @@ fn streams(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummary>
         }];
         for (name, other) in [(extras::FRAMES, found.frames), (extras::SAMPLES, found.samples)] {
             if let Some(TimedDataset { data, .. }) = other {
-                let name = format!("{name} beside {}", found.name);
+                let name = format!("{name} of {}", found.name);
                 summaries.push(StreamSummary { packets: 1, elements: length(&data), ..StreamSummary::new(name) });
             }
         }

@@ -103,7 +103,7 @@ pub enum ImageFolderError {
         what: LineError,
     },
     /// The table names no image.
-    #[error("{} names no image: one line each is needed, TIMESTAMP_NS,FILENAME", .0.display())]
+    #[error("{} names no image: one line TIMESTAMP_NS,FILENAME per image is needed", .0.display())]
     NoImages(PathBuf),
     /// An image cannot be read.
     #[error("{}: {error}: copy it again, or take its line out of data.csv", path.display())]
@@ -133,7 +133,7 @@ pub enum ImageFolderError {
 #[non_exhaustive]
 pub enum LineError {
     /// The line has too few columns.
-    #[error("{0:?} is not a time stamp in ns, comma, name of a file")]
+    #[error("{0:?} is not a line TIMESTAMP_NS,FILENAME")]
     Columns(String),
     /// The time is not a whole number.
     #[error("{0:?} is not a whole number of nanoseconds")]
@@ -143,7 +143,7 @@ pub enum LineError {
     Exposure(String),
     /// The time does not increase.
     #[error(
-        "{time} ns is not after {before} ns, the time stamp before it: sort the lines by time, and remove duplicates"
+        "{time} ns is not after {before} ns, the timestamp before it: sort the lines by time, and remove duplicates"
     )]
     Back {
         /// Time of the line in ns.

@@ -87,12 +87,12 @@ impl ReadReport {
         let mut warnings = Vec::new();
         if self.steps_back > 0 {
             let (events, largest) = (counted(self.steps_back, "event is", "events are"), self.largest_step_back);
-            warnings.push(format!("{events} up to {largest} µs earlier than the latest before, and got its time"));
+            warnings.push(format!("{events} up to {largest} µs earlier than a previous event, and given its time"));
         }
         if self.clock_resets > 0 {
             let times = counted(self.clock_resets, "time", "times");
             warnings.push(format!(
-                "the clock of the recording was reset {times}: later times are shifted to continue after 1 s"
+                "the clock of the recording was reset {times}: later times are shifted, to continue 1 s after the latest event"
             ));
         }
         warnings.extend(self.counter_wraps.as_ref().map(CounterWraps::to_string));
@@ -236,8 +236,8 @@ mod tests {
         assert_eq!(
             once.warnings(),
             [
-                "1 event is up to 7 µs earlier than the latest before, and got its time",
-                "the clock of the recording was reset 1 time: later times are shifted to continue after 1 s",
+                "1 event is up to 7 µs earlier than a previous event, and given its time",
+                "the clock of the recording was reset 1 time: later times are shifted, to continue 1 s after the latest event",
                 "the time counter wrapped 1 time, at event 7: times continue as if it had not",
                 "1 stray event is left out: more than 0.1 s away from neighbouring events",
                 "1 event lies outside the sensor and is left out; 1 of them has a column or row below 0 or beyond 32766",

@@ -106,7 +106,7 @@ impl EventReader {
         if let Some(sensor) = options.sensor {
             if let Some(Sensor { width, height }) = information.sensor.filter(|&own| own != sensor) {
                 information.notes.push(format!(
-                    "the file says that the sensor has {width} x {height} pixels; {} x {} was asked for and is used",
+                    "the file states a sensor of {width} x {height} pixels; the requested size, {} x {}, is used",
                     sensor.width, sensor.height
                 ));
             }

@@ -200,7 +200,7 @@ impl Encode for DumpSink {
             format!("times count from {} us{back}", self.origin)
         });
         [
-            counted(self.frames_overlap, "frames whose times overlap, are out of order or cannot be"),
+            counted(self.frames_overlap, "frames whose timestamps overlap, are out of order or are impossible"),
             counted(self.frames_without_place, "frames in colour or beyond the sensor"),
             counted(self.samples_back, "inertial samples earlier than the one before them"),
             origin,

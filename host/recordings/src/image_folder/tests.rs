@@ -85,8 +85,8 @@ fn mistakes_name_the_line_or_the_file() {
     wrong("5,a.png\n5,b.png\n", &["line 2", "5 ns is not after 5 ns"]);
     wrong("5,a.png\n-3,b.png\n", &["line 2", "-3 ns is not after 5 ns"]);
     wrong("5,a.png\n1.5e9,b.png\n", &["line 2", "\"1.5e9\" is not a whole number of nanoseconds"]);
-    wrong("5,a.png\n\n7\n", &["line 3", "\"7\" is not a time stamp"]);
-    wrong("5,a.png\n7,\n", &["line 2", "is not a time stamp"]);
+    wrong("5,a.png\n\n7\n", &["line 3", "\"7\" is not a line TIMESTAMP_NS"]);
+    wrong("5,a.png\n7,\n", &["line 2", "is not a line TIMESTAMP_NS"]);
     wrong("#timestamp [ns],filename,exposure [us]\n5,a.png,fast\n", &["line 2", "\"fast\" is not an exposure"]);
     wrong("#timestamp [ns],filename,exposure [us]\n5,a.png\n", &["line 2", "\"\" is not an exposure"]);
     wrong("#timestamp [ns],filename\n", &["data.csv names no image"]);

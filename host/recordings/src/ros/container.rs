@@ -100,7 +100,7 @@ pub enum ChunkError {
     #[error("{0}")]
     Head(#[from] MessageError),
     /// The chunk is shorter than its head states.
-    #[error("it ends within its records")]
+    #[error("it is shorter than stated")]
     Short,
     /// The format does not define this compression.
     #[error("its compression is not one of {known}")]

@@ -19,7 +19,7 @@ pub enum MessageError {
     #[error("the message is not in little-endian CDR")]
     Encapsulation,
     /// The rows of an image are shorter than its width.
-    #[error("the picture has fewer bytes in a row than pixels")]
+    #[error("the rows of the picture are too short for its width")]
     Rows,
     /// The JPEG or PNG of an image cannot be read.
     #[error("the picture is {0}")]
