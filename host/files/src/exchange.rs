@@ -1,4 +1,4 @@
-//! New files in the place of old ones: all of them, or none.
+//! Exchange of old files for new ones in a folder: all of them, or none.
 
 use std::fs;
 use std::io;
@@ -8,20 +8,20 @@ use tempfile::TempDir;
 
 use super::FileError;
 
-/// What was done to a folder, and can be undone.
+/// A change to a folder that can be undone.
 enum Step {
     Made(PathBuf),
     Moved { from: PathBuf, to: PathBuf },
 }
 
-/// Moves the files `old` of `folder` away and the files `new` of the folder `from` in, all named by their path in
-/// their folder. Old files that new ones replace go too.
+/// Replaces files in `folder`: moves the files `old` out of it, and the files `new` of the folder `from` into it. Paths
+/// are relative to their folders. Files that new ones overwrite are moved out too.
 ///
 /// # Errors
-/// [`FileError`] names the file in `folder` that could not be moved; `folder` is then as it was, or the error says where
-/// the rest of its old files is.
+/// [`FileError`] with the file in `folder` that could not be moved. `folder` is then restored, or the error names the
+/// folder with the old files that could not be moved back.
 pub(super) fn exchange(folder: &Path, old: &[PathBuf], from: &Path, new: &[PathBuf]) -> Result<(), FileError> {
-    // In the folder itself: nothing can be moved to another disk.
+    // The folder for old files is inside `folder`, so that it is on the same disk.
     let aside = super::scratch_in(folder).map_err(|error| FileError::new(folder, error))?;
     let mut steps = Vec::new();
     match put_in(folder, old, &Filled { folder: from, files: new }, aside.path(), &mut steps) {
@@ -33,7 +33,7 @@ pub(super) fn exchange(folder: &Path, old: &[PathBuf], from: &Path, new: &[PathB
     }
 }
 
-/// New files, by their paths in the folder where they are.
+/// New files, with paths relative to the folder that contains them.
 struct Filled<'a> {
     folder: &'a Path,
     files: &'a [PathBuf],
@@ -42,8 +42,8 @@ struct Filled<'a> {
 fn put_in(folder: &Path, old: &[PathBuf], new: &Filled, aside: &Path, steps: &mut Vec<Step>) -> Result<(), FileError> {
     let is_replaced = |file: &&PathBuf| !old.contains(file) && folder.join(file).symlink_metadata().is_ok();
     for file in old.iter().chain(new.files.iter().filter(is_replaced)) {
-        let place = folder.join(file);
-        move_file(file, folder, aside, steps).map_err(|error| FileError::new(&place, error))?;
+        let path = folder.join(file);
+        move_file(file, folder, aside, steps).map_err(|error| FileError::new(&path, error))?;
     }
     for file in new.files {
         move_file(file, new.folder, folder, steps).map_err(|error| FileError::new(&folder.join(file), error))?;
@@ -51,7 +51,7 @@ fn put_in(folder: &Path, old: &[PathBuf], new: &Filled, aside: &Path, steps: &mu
     Ok(())
 }
 
-/// Moves `file` from one folder to its place in another.
+/// Moves `file` from one folder to the same relative path in another.
 fn move_file(file: &Path, from: &Path, folder: &Path, steps: &mut Vec<Step>) -> io::Result<()> {
     let mut outer: Vec<&Path> = file.ancestors().skip(1).filter(|path| !path.as_os_str().is_empty()).collect();
     outer.reverse();
@@ -69,7 +69,7 @@ fn move_file(file: &Path, from: &Path, folder: &Path, steps: &mut Vec<Step>) -> 
     Ok(())
 }
 
-/// Undoes all steps that can be undone, the last one first, and tells the first error.
+/// Undoes the steps, the last one first, as far as possible. Returns the first error.
 fn undo(steps: Vec<Step>) -> io::Result<()> {
     let back = |step: Step| match step {
         Step::Made(path) => fs::remove_dir(path),
@@ -78,13 +78,13 @@ fn undo(steps: Vec<Step>) -> io::Result<()> {
     steps.into_iter().rev().map(back).fold(Ok(()), io::Result::and)
 }
 
-/// The error, with the place of old files that could not be put back.
+/// Extends the error by the folder with old files that could not be moved back.
 fn kept(FileError { path, error }: FileError, aside: TempDir) -> FileError {
-    // A later run removes what is not whole.
+    // The name must not end in .part, because a later run removes such folders.
     let aside = aside.keep();
     let visible = aside.with_extension("kept");
-    let place = if fs::rename(&aside, &visible).is_ok() { visible } else { aside };
-    let text = format!("{error}; what could not be put back is in {}: move it from there", place.display());
+    let kept = if fs::rename(&aside, &visible).is_ok() { visible } else { aside };
+    let text = format!("{error}; files that could not be moved back are in {}: move them from there", kept.display());
     FileError { path, error: io::Error::new(error.kind(), text) }
 }
 
@@ -92,7 +92,7 @@ fn kept(FileError { path, error }: FileError, aside: TempDir) -> FileError {
 mod tests {
     use super::*;
 
-    /// Files and folders below `folder` by their paths, with the content of files.
+    /// Returns the files and folders below `folder` by their paths, with the content of files.
     fn content(folder: &Path) -> Vec<(PathBuf, Option<String>)> {
         let mut found = Vec::new();
         for entry in fs::read_dir(folder).unwrap() {
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn a_move_that_fails_leaves_all_as_it_was() {
+    fn a_failed_move_restores_the_folder() {
         let [folder, from] = [(); 2].map(|()| tempfile::tempdir().unwrap());
         fs::create_dir(folder.path().join("exports")).unwrap();
         for name in ["a.json", "b.txt", "exports/c.yaml", "mine.txt"] {

@@ -1,4 +1,4 @@
-//! The folder that a program writes its results into.
+//! The folder into which a program writes its results.
 
 use std::fs::{self, File};
 use std::io;
@@ -9,52 +9,52 @@ use super::exchange::exchange;
 #[cfg(target_os = "linux")]
 use super::swap::swap;
 use super::unfinished::Begun;
-use super::{FileError, place, remove_scratch, scratch_in, unfinished, visible};
+use super::{FileError, paths, remove_scratch, scratch_in, unfinished, visible};
 
-/// Why results cannot go into a folder.
+/// Reason why results cannot be written to a folder.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FolderError {
-    /// It cannot be made, or no file can be written in it.
+    /// The folder cannot be created, or no file can be written in it.
     #[error("{0}")]
     Unusable(#[source] FileError),
-    /// It holds results.
+    /// The folder already contains results.
     #[error("{} is there already", visible::path(.0))]
     Taken(PathBuf),
-    /// Another program writes results into it.
-    #[error("another run of this program writes its results into {}", visible::path(.0))]
+    /// Another run of the program is writing results into the folder.
+    #[error("another run of this program is writing its results into {}", visible::path(.0))]
     Busy(PathBuf),
-    /// A result cannot have its name.
+    /// The name of a result is in use.
     #[error("{0}")]
     Blocked(#[from] Blocked),
 }
 
-/// What no result can take the place of.
+/// File or folder that occupies the name of a result.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Blocked {
-    /// A folder where a file belongs.
-    #[error("{} is a folder, and a result needs its name: move it away", visible::path(.0))]
+    /// A folder has the name of a file.
+    #[error("{} is a folder, but a result needs its name: move it away", visible::path(.0))]
     Folder(PathBuf),
-    /// A file where a folder belongs.
-    #[error("{} is no folder, and results need a folder of this name: move it away", visible::path(.0))]
+    /// A file has the name of a folder.
+    #[error("{} is not a folder, but results need a folder of this name: move it away", visible::path(.0))]
     NoFolder(PathBuf),
 }
 
 impl Blocked {
-    /// As an error of the file that is in the way.
+    /// Converts to an error about the file that is in the way.
     fn into_file_error(self) -> FileError {
         let (path, kind, what) = match self {
-            Self::Folder(path) => (path, io::ErrorKind::AlreadyExists, "is a folder, and a result needs its name"),
-            Self::NoFolder(path) => (path, io::ErrorKind::NotADirectory, "is no folder, and results need one there"),
+            Self::Folder(path) => (path, io::ErrorKind::AlreadyExists, "is a folder, but a result needs its name"),
+            Self::NoFolder(path) => (path, io::ErrorKind::NotADirectory, "is not a folder, but results need one there"),
         };
         FileError { path, error: io::Error::new(kind, format!("{what}: move it away")) }
     }
 }
 
-/// An error that names a file.
+/// An error with the path of a file.
 pub trait NamesFile: From<FileError> {
-    /// The file.
+    /// Path of the file.
     fn file_mut(&mut self) -> &mut PathBuf;
 }
 
@@ -64,25 +64,26 @@ impl NamesFile for FileError {
     }
 }
 
-/// A folder in which files can be written. When dropped it is removed again if it is empty and was made for this.
+/// A writable folder. When dropped, it is removed if it is empty and was created by [`OutputFolder::open`].
 #[derive(Debug)]
 pub struct OutputFolder {
     path: PathBuf,
-    /// Folders that were made, outermost first.
+    /// Folders that were created, outermost first.
     made: Vec<PathBuf>,
-    /// The open folder, which is held against other runs; `None` where a system cannot open folders.
+    /// The open folder, locked against other runs; `None` if the system cannot open folders.
     held: Mutex<Option<File>>,
 }
 
 impl OutputFolder {
-    /// Makes the folder, if need be, and tries to write in it. As long as it is open, no other run can open it.
+    /// Creates the folder if needed, and checks that files can be written in it. While it is open, no other run can
+    /// open it.
     ///
     /// # Errors
     /// [`FolderError::Unusable`], [`FolderError::Busy`].
     pub fn open(path: &Path) -> Result<Self, FolderError> {
         let failed = |error: io::Error| FolderError::Unusable(FileError::new(path, error));
         if path.is_file() {
-            return Err(failed(io::Error::other("is a file, and results need a folder")));
+            return Err(failed(io::Error::other("is a file, but results need a folder")));
         }
         let mut made: Vec<PathBuf> = path
             .ancestors()
@@ -96,7 +97,7 @@ impl OutputFolder {
         }
         fs::create_dir_all(path).map_err(failed)?;
         if let Ok(open) = File::open(path) {
-            if !place::hold(&open).map_err(failed)? {
+            if !paths::hold(&open).map_err(failed)? {
                 return Err(FolderError::Busy(path.to_owned()));
             }
             folder.keep(open);
@@ -105,8 +106,8 @@ impl OutputFolder {
         Ok(folder)
     }
 
-    /// As [`OutputFolder::open`], of a folder that holds no results: no file of which `is_result` says so by its path
-    /// in the folder.
+    /// Opens a folder like [`OutputFolder::open`], which must not contain results yet. `is_result` decides by a
+    /// file's path in the folder.
     ///
     /// # Errors
     /// [`FolderError`].
@@ -117,13 +118,13 @@ impl OutputFolder {
         }
     }
 
-    /// The folder.
+    /// Path of the folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Whether results can have their names, told before the work and not after it: no folder has the name of a file
-    /// of which `is_result` says so by its path in the folder, and what is called as one of `folders` is a folder.
+    /// Checks before the work that results can have their names: no folder has the name of a result (according to
+    /// `is_result`, which gets paths in the folder), and each name in `folders` is a folder or unused.
     ///
     /// # Errors
     /// [`FolderError::Blocked`].
@@ -135,12 +136,12 @@ impl OutputFolder {
         }
     }
 
-    /// Whether these files can be put into the folder.
+    /// Checks that these files can be moved into the folder.
     fn check_files(&self, files: &[PathBuf]) -> Result<(), Blocked> {
         for file in files {
-            let place = self.path.join(file);
-            if place.is_dir() {
-                return Err(Blocked::Folder(place));
+            let path = self.path.join(file);
+            if path.is_dir() {
+                return Err(Blocked::Folder(path));
             }
             let parents = file.ancestors().skip(1).filter(|parent| !parent.as_os_str().is_empty());
             parents.map(|parent| self.path.join(parent)).try_for_each(|parent| check_is_folder(&parent))?;
@@ -148,12 +149,12 @@ impl OutputFolder {
         Ok(())
     }
 
-    /// Replaces the files of which `is_old` says so by those that `fill` writes into the folder that it is given. The
-    /// old ones go when all of the new ones are whole and in their places.
+    /// Replaces old files (according to `is_old`) by those that `fill` writes into a temporary folder. The old files
+    /// are removed once all new ones are complete and in place.
     ///
     /// # Errors
-    /// That of `fill` or of a file that cannot be put in its place. It names the file as it would have been called; what
-    /// was there stays.
+    /// The error of `fill`, or of a file that cannot be moved. It names the file by its final path, and the old
+    /// files stay.
     pub fn replace<T, E: NamesFile>(
         &self,
         is_old: impl Fn(&Path) -> bool,
@@ -166,9 +167,9 @@ impl OutputFolder {
             Ok((new, path))
         })
         .map_err(|error| FileError::new(&self.path, error))?;
-        let filled = fill(new.path()).map_err(|error| final_place(error, new.path(), &self.path));
+        let filled = fill(new.path()).map_err(|error| final_path(error, new.path(), &self.path));
         let path = new.path().to_owned();
-        // No signal ends the program between the first file and the last, nor before what is left is removed.
+        // From here on no signal ends the program until all files are moved and leftovers removed.
         let replaced: Result<T, E> = unfinished::end(&path, move || {
             let filled = filled?;
             let old: Vec<PathBuf> = files(&self.path).into_iter().filter(|file| is_old(file)).collect();
@@ -188,19 +189,19 @@ impl OutputFolder {
         replaced
     }
 
-    /// Holds the open folder from now on.
+    /// Stores the open folder, which keeps its lock.
     fn keep(&self, open: File) {
         *self.held.lock().unwrap_or_else(PoisonError::into_inner) = Some(open);
     }
 
-    /// From now on no signal removes a folder that was made.
+    /// Keeps the created folders when a signal ends the program.
     fn hold(&self) {
         for folder in &self.made {
             unfinished::end(folder, || ());
         }
     }
 
-    /// Removes the files of which `is_result` says that they are results, by their path in the folder.
+    /// Removes all results; `is_result` decides by a file's path in the folder.
     ///
     /// # Errors
     /// [`FileError`] names the file that cannot be removed.
@@ -213,8 +214,8 @@ impl OutputFolder {
     }
 }
 
-/// The path in `folder` of a file in the folder that is renamed to it.
-fn final_place<E: NamesFile>(mut error: E, from: &Path, folder: &Path) -> E {
+/// Replaces the temporary path of a file in an error by its final path.
+fn final_path<E: NamesFile>(mut error: E, from: &Path, folder: &Path) -> E {
     let file = error.file_mut();
     if let Ok(rest) = file.strip_prefix(from) {
         *file = folder.join(rest);
@@ -222,7 +223,7 @@ fn final_place<E: NamesFile>(mut error: E, from: &Path, folder: &Path) -> E {
     error
 }
 
-/// What is there must be a folder, or lead to one.
+/// Checks that `path` does not exist or is a folder (or a link to one).
 fn check_is_folder(path: &Path) -> Result<(), Blocked> {
     match path.symlink_metadata().is_ok() && !path.is_dir() {
         true => Err(Blocked::NoFolder(path.to_owned())),
@@ -234,7 +235,7 @@ impl Drop for OutputFolder {
     fn drop(&mut self) {
         self.hold();
         for folder in self.made.iter().rev() {
-            // One that holds something stays.
+            // A folder with content stays.
             if fs::remove_dir(folder).is_err() {
                 break;
             }
@@ -242,10 +243,10 @@ impl Drop for OutputFolder {
     }
 }
 
-/// How many folders deep results may be.
+/// Depth of subfolders that may contain results.
 const DEPTH: usize = 2;
 
-/// What is in a folder and in its folders, down to [`DEPTH`], by its path in it, in the order of the names.
+/// Files and folders within a folder, down to [`DEPTH`], by their relative paths, sorted by name.
 #[derive(Default)]
 struct Entries {
     files: Vec<PathBuf>,
@@ -286,7 +287,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_empty_folder_goes_again_and_a_filled_one_stays() {
+    fn an_empty_folder_is_removed_and_a_filled_one_stays() {
         let parent = tempfile::tempdir().unwrap();
         let (outer, inner) = (parent.path().join("a"), parent.path().join("a/b"));
         drop(OutputFolder::open(&inner).unwrap());
@@ -296,13 +297,13 @@ mod tests {
         drop(folder);
         assert!(inner.join("camera.yaml").exists());
         fs::remove_file(inner.join("camera.yaml")).unwrap();
-        // It was there before.
+        // It existed before.
         drop(OutputFolder::open(&inner).unwrap());
         assert!(inner.exists());
     }
 
     #[test]
-    fn results_are_found_and_removed_and_nothing_else_is() {
+    fn only_results_are_found_and_removed() {
         let folder = tempfile::tempdir().unwrap();
         let is_result = |path: &Path| path == Path::new("a.json") || path.starts_with("exports");
         drop(OutputFolder::open_new(folder.path(), is_result).unwrap());
@@ -318,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn old_results_stay_until_the_new_ones_are_whole() {
+    fn old_results_stay_until_the_new_ones_are_complete() {
         let folder = tempfile::tempdir().unwrap();
         let is_result = |path: &Path| path == Path::new("a.json") || path.starts_with("exports");
         let put = |path: PathBuf, text: &str| fs::write(path, text).unwrap();
@@ -344,30 +345,30 @@ mod tests {
     }
 
     #[test]
-    fn what_is_in_the_way_of_a_result_is_told_and_nothing_is_lost() {
+    fn a_file_in_the_way_of_a_result_is_named_and_nothing_is_lost() {
         let is_result = |path: &Path| path == Path::new("a.json") || path.parent() == Some(Path::new("exports"));
         for (wrong, is_folder) in [("a.json", true), ("exports", false)] {
             let folder = tempfile::tempdir().unwrap();
-            let place = folder.path().join(wrong);
+            let path = folder.path().join(wrong);
             match is_folder {
-                true => fs::create_dir(&place).unwrap(),
-                false => fs::write(&place, "mine").unwrap(),
+                true => fs::create_dir(&path).unwrap(),
+                false => fs::write(&path, "mine").unwrap(),
             }
             let old = if is_folder { "exports/b.yaml" } else { "a.json" };
             fs::create_dir_all(folder.path().join(old).parent().unwrap()).unwrap();
             fs::write(folder.path().join(old), "old").unwrap();
             let open = OutputFolder::open(folder.path()).unwrap();
-            let told = open.check_places(is_result, &["exports"]).unwrap_err().to_string();
-            assert!(told.contains(place.to_str().unwrap()) && told.contains("move it away"), "{told}");
+            let error = open.check_places(is_result, &["exports"]).unwrap_err().to_string();
+            assert!(error.contains(path.to_str().unwrap()) && error.contains("move it away"), "{error}");
             let error = open.replace(is_result, |new| {
                 fs::create_dir(new.join("exports")).unwrap();
                 fs::write(new.join("exports/b.yaml"), "new").unwrap();
                 fs::write(new.join("a.json"), "new").unwrap();
                 Ok::<_, FileError>(())
             });
-            assert_eq!(error.unwrap_err().path, place);
+            assert_eq!(error.unwrap_err().path, path);
             assert_eq!(fs::read_to_string(folder.path().join(old)).unwrap(), "old");
-            assert_eq!(place.is_dir(), is_folder);
+            assert_eq!(path.is_dir(), is_folder);
             assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
         }
     }
@@ -382,7 +383,7 @@ mod tests {
         let error = OutputFolder::open(file.path()).unwrap_err().to_string();
         assert!(error.contains("is a file"), "{error}");
     }
-    /// Two runs into one folder both ended well, and the second replaced the results of the first.
+    /// A second run into the same folder would replace the results of the first.
     #[test]
     fn a_folder_is_open_once() {
         let folder = tempfile::tempdir().unwrap();
@@ -390,7 +391,7 @@ mod tests {
         let error = OutputFolder::open(folder.path()).unwrap_err().to_string();
         assert!(error.contains("another run of this program"), "{error}");
         drop(open);
-        // A killed run left this.
+        // A killed run leaves such a folder.
         fs::create_dir(folder.path().join(".evcal.x1y2.part")).unwrap();
         fs::write(folder.path().join(".evcal.x1y2.part/a.json"), "half").unwrap();
         let open = OutputFolder::open(folder.path()).unwrap();

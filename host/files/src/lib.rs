@@ -1,12 +1,12 @@
 #![doc = include_str!("../README.md")]
-// No input makes it panic; the program prints.
+// Untrusted input must not cause a panic, and only the program prints.
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod exchange;
 pub mod folder;
 pub mod output;
-mod place;
+mod paths;
 pub mod shell_word;
 #[cfg(target_os = "linux")]
 mod swap;
@@ -20,36 +20,36 @@ use std::path::{Path, PathBuf};
 
 use tempfile::{NamedTempFile, TempDir, TempPath};
 
-use self::place::UNFINISHED;
-pub use self::place::is_stream;
+use self::paths::UNFINISHED;
+pub use self::paths::is_stream;
 use self::unfinished::{Begun, Listed};
 
-/// Bytes that are written at once.
+/// Size of the write buffer in bytes.
 const BUFFER: usize = 1 << 18;
 
 /// A file or folder that cannot be written.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {}", visible::path(path), message(error))]
 pub struct FileError {
-    /// The file or folder.
+    /// Path of the file or folder.
     pub path: PathBuf,
-    /// What the system said.
+    /// Error of the operating system.
     pub error: io::Error,
 }
 
 impl FileError {
-    /// An error of this file.
+    /// Creates an error about the file at `path`.
     pub fn new(path: &Path, error: io::Error) -> Self {
         Self { path: path.to_owned(), error }
     }
 }
 
-/// What the system said, and what to do about it.
+/// Returns the message of the operating system, with advice appended.
 pub fn message(error: &io::Error) -> String {
     plain(error) + advice(error.kind())
 }
 
-/// What the system said, without the name of a temporary file that nobody knows.
+/// Returns the message of the operating system without the name of a temporary file, which means nothing to the user.
 fn plain(error: &io::Error) -> String {
     let text = error.to_string();
     match (text.split_once(" at path \""), error.get_ref()) {
@@ -58,51 +58,52 @@ fn plain(error: &io::Error) -> String {
     }
 }
 
-/// What to do about an error of this kind, as words to append.
+/// Returns advice on an error of this kind, as text to append to a sentence.
 fn advice(kind: io::ErrorKind) -> &'static str {
     match kind {
         io::ErrorKind::NotFound => "; does the folder exist?",
         io::ErrorKind::IsADirectory => "; name a file in it",
-        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => "; name a place where you may write",
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => "; choose a folder where you may write",
         io::ErrorKind::NotSeekable => "; this format cannot go into a pipe: name a file",
-        io::ErrorKind::ResourceBusy => "; wait for its end, or choose another name",
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "; make room there, or name another disk",
+        io::ErrorKind::ResourceBusy => "; wait until it ends, or choose another name",
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "; free some space there, or choose another disk",
         _ => "",
     }
 }
 
-/// A file that is being written. Dropped before [`NewFile::finish`], it leaves nothing.
+/// A file that is being written. If it is dropped before [`NewFile::finish`], nothing remains.
 #[derive(Debug)]
 pub struct NewFile {
-    /// Where it belongs.
+    /// Final path.
     path: PathBuf,
     content: Content,
-    /// Whether a file of this name was there at the beginning.
+    /// `true` if no file of this name existed at the beginning.
     is_new: bool,
-    /// Dropped after the content.
+    /// Entry in the list of unfinished files; dropped after `content`.
     _listed: Option<Listed>,
 }
 
 #[derive(Debug)]
 enum Content {
-    /// Under a name of its own in the folder of the file.
-    Beside(BufWriter<NamedTempFile>),
-    /// What is there is no ordinary file, such as a pipe or `/dev/stdout`: nothing can take its place.
+    /// A temporary file in the folder of the final path, renamed when finished.
+    Temporary(BufWriter<NamedTempFile>),
+    /// The file at the path itself, which is not a regular file (for example a pipe or `/dev/stdout`) and therefore
+    /// cannot be replaced.
     InPlace(BufWriter<File>),
 }
 
 impl NewFile {
-    /// Begins the file at `path`.
+    /// Begins writing the file at `path`.
     ///
     /// # Errors
-    /// [`FileError`] when nothing can be written there.
+    /// [`FileError`] if nothing can be written there.
     pub fn create(path: &Path) -> Result<Self, FileError> {
         let failed = |error| FileError::new(path, error);
         let in_place = |file| {
             let content = Content::InPlace(BufWriter::with_capacity(BUFFER, file));
             Self { path: path.to_owned(), content, is_new: false, _listed: None }
         };
-        if let Some(stream) = place::own_stream(path) {
+        if let Some(stream) = paths::own_stream(path) {
             return stream.map(in_place).map_err(failed);
         }
         let there = fs::metadata(path);
@@ -112,55 +113,57 @@ impl NewFile {
         if there.as_ref().is_ok_and(|there| !there.is_file()) {
             return File::create(path).map(in_place).map_err(failed);
         }
-        // The target of a link is replaced, not the link.
-        let place = place::target(path).map_err(failed)?;
-        // Said without the name of a temporary file.
-        fs::metadata(place::folder(&place)).map_err(failed)?;
+        // The target of a link is replaced, not the link itself.
+        let target = paths::target(path).map_err(failed)?;
+        // Checked here, so that the error does not name a temporary file.
+        fs::metadata(paths::folder(&target)).map_err(failed)?;
         let begun = unfinished::begin(Begun::ScratchFile, || {
-            let path = place::unfinished(&place);
-            let file = place::claim(&path, &new_file(&place))?;
+            let path = paths::unfinished(&target);
+            let file = paths::claim(&path, &new_file(&target))?;
             Ok((NamedTempFile::from_parts(file, TempPath::try_from_path(&path)?), path))
         });
         let file = begun.map_err(failed)?;
         let listed = Some(Listed::new(file.path()));
-        let content = Content::Beside(BufWriter::with_capacity(BUFFER, file));
-        Ok(Self { path: place, content, is_new: there.is_err(), _listed: listed })
+        let content = Content::Temporary(BufWriter::with_capacity(BUFFER, file));
+        Ok(Self { path: target, content, is_new: there.is_err(), _listed: listed })
     }
 
-    /// Where the bytes are until the file is finished, for writers that open a file themselves.
+    /// Path of the bytes until the file is finished, for writers that open the file themselves.
     pub fn unfinished_path(&self) -> &Path {
         match &self.content {
-            Content::Beside(file) => file.get_ref().path(),
+            Content::Temporary(file) => file.get_ref().path(),
             Content::InPlace(_) => &self.path,
         }
     }
 
-    /// The file as writers take it that want one of their own.
+    /// Returns a second handle of the file, for writers that need to own one.
     ///
     /// # Errors
-    /// What the system says.
+    /// The error of the operating system.
     pub fn handle(&self) -> io::Result<File> {
         match &self.content {
-            Content::Beside(file) => file.get_ref().as_file().try_clone(),
+            Content::Temporary(file) => file.get_ref().as_file().try_clone(),
             Content::InPlace(file) => file.get_ref().try_clone(),
         }
     }
 
-    /// Gives the file its name when it is on the disk; one that was there from the beginning is replaced.
+    /// Flushes the file to the disk and renames it to its final path, replacing a file that existed when
+    /// [`NewFile::create`] was called.
     ///
     /// # Errors
-    /// [`FileError`] when not all of it could be written, or another program made a file of its name meanwhile.
+    /// [`FileError`] if not everything could be written, or another program created a file of this name in the
+    /// meantime.
     pub fn finish(self) -> Result<(), FileError> {
         let failed = |error| FileError::new(&self.path, error);
         match self.content {
-            Content::Beside(file) => {
+            Content::Temporary(file) => {
                 let file = file.into_inner().map_err(|error| failed(error.into_error()))?;
                 file.as_file().sync_all().map_err(failed)?;
                 let path = file.path().to_owned();
                 let name = |file: NamedTempFile| match self.is_new {
                     true => file.persist_noclobber(&self.path).or_else(|error| match error.error.kind() {
                         io::ErrorKind::AlreadyExists => Err(error),
-                        // Some disks cannot do that.
+                        // Some file systems do not support this.
                         _ => error.file.persist(&self.path),
                     }),
                     false => file.persist(&self.path),
@@ -168,7 +171,7 @@ impl NewFile {
                 unfinished::end(&path, || name(file)).map_err(|error| match error.error.kind() {
                     io::ErrorKind::AlreadyExists => failed(io::Error::new(
                         io::ErrorKind::AlreadyExists,
-                        "another program made it meanwhile, and it stays; choose another name",
+                        "another program created it in the meantime, so it was not replaced; choose another name",
                     )),
                     _ => failed(error.error),
                 })?;
@@ -179,15 +182,15 @@ impl NewFile {
     }
 }
 
-/// Begins the name of a folder for what is not whole yet.
+/// Prefix of temporary folders.
 const SCRATCH: &str = ".evcal.";
 
-/// A folder in `folder` for what is not whole yet.
+/// Creates a temporary folder in `folder` for incomplete results.
 fn scratch_in(folder: &Path) -> io::Result<TempDir> {
     tempfile::Builder::new().prefix(SCRATCH).suffix(UNFINISHED).tempdir_in(folder)
 }
 
-/// Removes such folders that a killed program left in `folder`, which no other program may be writing.
+/// Removes temporary folders that a killed program left in `folder`. No other program may be writing into it.
 fn remove_scratch(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();
@@ -198,26 +201,26 @@ fn remove_scratch(folder: &Path) {
     }
 }
 
-/// How an unfinished file is made: with the permissions of the file at `place`, or those of any new file.
-fn new_file(place: &Path) -> fs::OpenOptions {
+/// Returns the options to create an unfinished file, with the permissions of the file at `path` or the default ones.
+fn new_file(path: &Path) -> fs::OpenOptions {
     let mut options = File::options();
     options.read(true).write(true).create_new(true);
     #[cfg(unix)]
     {
         use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
-        options.mode(fs::metadata(place).map_or(0o666, |there| there.permissions().mode() & 0o7777));
+        options.mode(fs::metadata(path).map_or(0o666, |there| there.permissions().mode() & 0o7777));
     }
     options
 }
 
-/// A file without a name, which goes when it is closed.
+/// Creates a file without a name, which is removed when it is closed.
 ///
 /// # Errors
-/// The error names the folder for temporary files.
+/// The error names the system's folder for temporary files.
 pub fn nameless() -> io::Result<File> {
     tempfile::tempfile().map_err(|error| {
         let folder = std::env::temp_dir();
-        let text = format!("no temporary file can be made in {} (TMPDIR): {}", folder.display(), plain(&error));
+        let text = format!("cannot create a temporary file in {} (TMPDIR): {}", folder.display(), plain(&error));
         io::Error::new(error.kind(), text)
     })
 }
@@ -225,14 +228,14 @@ pub fn nameless() -> io::Result<File> {
 impl Write for NewFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match &mut self.content {
-            Content::Beside(file) => file.write(bytes),
+            Content::Temporary(file) => file.write(bytes),
             Content::InPlace(file) => file.write(bytes),
         }
     }
 
     fn flush(&mut self) -> io::Result<()> {
         match &mut self.content {
-            Content::Beside(file) => file.flush(),
+            Content::Temporary(file) => file.flush(),
             Content::InPlace(file) => file.flush(),
         }
     }
@@ -241,33 +244,33 @@ impl Write for NewFile {
 impl Seek for NewFile {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         match &mut self.content {
-            Content::Beside(file) => file.seek(to),
+            Content::Temporary(file) => file.seek(to),
             Content::InPlace(file) => file.seek(to),
         }
     }
 }
 
-/// Whether a file can be written at `path`, for who has to work long before there is something to write.
+/// Checks that a file can be written at `path`, before a long computation whose result goes there.
 ///
 /// # Errors
-/// [`FileError`] when nothing can be written there.
+/// [`FileError`] if nothing can be written there.
 pub fn try_out(path: &Path) -> Result<(), FileError> {
-    // Who reads a pipe would take its first end for the end of all.
+    // Opening and closing a pipe would signal its end to the reader, so streams are not tried.
     if is_stream(path) { Ok(()) } else { NewFile::create(path).map(drop) }
 }
 
-/// Writes a file of this content.
+/// Writes a file with this content.
 ///
 /// # Errors
-/// [`FileError`] when it cannot be written; what was there stays.
+/// [`FileError`] if it cannot be written; an existing file is then kept.
 pub fn write(path: &Path, content: &[u8]) -> Result<(), FileError> {
     write_with(path, |file| file.write_all(content))
 }
 
-/// Writes a file with `fill`.
+/// Writes a file whose content `fill` produces.
 ///
 /// # Errors
-/// [`FileError`] when it cannot be written or `fill` fails; what was there stays.
+/// [`FileError`] if it cannot be written or `fill` fails; an existing file is then kept.
 pub fn write_with(path: &Path, fill: impl FnOnce(&mut NewFile) -> io::Result<()>) -> Result<(), FileError> {
     let mut file = NewFile::create(path)?;
     fill(&mut file).map_err(|error| FileError::new(path, error))?;
@@ -286,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_has_its_name_when_it_is_whole_and_not_before() {
+    fn a_file_gets_its_name_only_when_complete() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("result.csv");
         let mut file = NewFile::create(&path).unwrap();
@@ -299,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_a_file_is_refused_before_anything_is_written() {
+    fn an_impossible_path_is_rejected_before_anything_is_written() {
         let folder = tempfile::tempdir().unwrap();
         let refused = |path: &Path| NewFile::create(path).unwrap_err().to_string();
         assert!(refused(folder.path()).contains("name a file in it"), "{}", refused(folder.path()));
@@ -309,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn what_fails_leaves_the_old_file_and_nothing_else() {
+    fn a_failure_keeps_the_old_file_and_leaves_nothing_else() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("result.csv");
         write(&path, b"old").unwrap();
@@ -324,7 +327,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn devices_links_and_permissions_stay() {
+    fn devices_links_and_permissions_are_preserved() {
         use std::os::unix::fs::{PermissionsExt as _, symlink};
         write(Path::new("/dev/null"), b"gone").unwrap();
         assert!(!fs::metadata("/dev/null").unwrap().is_file());
@@ -338,16 +341,16 @@ mod tests {
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
         assert_eq!(fs::read(&real).unwrap(), b"new");
         assert_eq!(fs::metadata(&real).unwrap().permissions().mode() & 0o777, 0o640);
-        // A new file can be read by whom the user lets read new files.
+        // The permissions of a new file follow the user's umask.
         write(&plain, b"new").unwrap();
         let other = folder.path().join("other.csv");
         fs::write(&other, b"new").unwrap();
         let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
         assert_eq!(mode(&plain), mode(&other));
     }
-    /// What a killed run left was never removed, and of two runs the second replaced what the first had written.
+    /// The remains of a killed run are removed, and of two simultaneous runs the second fails.
     #[test]
-    fn two_runs_do_not_write_one_file() {
+    fn two_runs_cannot_write_the_same_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("result.csv");
         fs::write(folder.path().join(".result.csv.part"), "left by a killed run").unwrap();
@@ -356,23 +359,23 @@ mod tests {
         let error = NewFile::create(&path).unwrap_err().to_string();
         assert!(
             error.ends_with(
-                "result.csv: another run of this program is writing it; wait for its end, or choose another name"
+                "result.csv: another run of this program is writing it; wait until it ends, or choose another name"
             ),
             "{error}"
         );
         first.finish().unwrap();
-        // Another program made it meanwhile.
+        // Another program creates the file in the meantime.
         let other = folder.path().join("other.csv");
         let new = NewFile::create(&other).unwrap();
         fs::write(&other, "of another program").unwrap();
         let error = new.finish().unwrap_err().to_string();
-        assert!(error.contains("another program made it meanwhile"), "{error}");
+        assert!(error.contains("another program created it in the meantime"), "{error}");
         assert_eq!(fs::read(&other).unwrap(), b"of another program");
         assert_eq!(names(folder.path()), ["other.csv", "result.csv"]);
     }
 
-    /// Trying a pipe out ended it for its reader; links to files that were not there yet were replaced; names of 252 bytes were
-    /// refused.
+    /// Checking a pipe must not end it for its reader, links to missing files are followed, and names of 252 bytes
+    /// and more are possible.
     #[cfg(unix)]
     #[test]
     fn pipes_links_and_long_names_are_written() {

@@ -1,60 +1,61 @@
-//! Whether a file may be written where the user wants it.
+//! Checks of output paths before the work begins.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::{FileError, is_stream, place, try_out, visible};
+use super::{FileError, is_stream, paths, try_out, visible};
 
-/// What becomes of files that are there already.
+/// Treatment of files that already exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
-    /// They stay, and nothing is written.
+    /// Keep them and return an error.
     Keep,
-    /// New ones take their place.
+    /// Replace them.
     Replace,
 }
 
-/// Why a file cannot be written.
+/// Reason why a file cannot be written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum OutputError {
-    /// There is one of its name.
+    /// A file of this name exists.
     #[error("{} is there already", visible::path(.0))]
     Taken(PathBuf),
-    /// Two results would have one name, so that the second would replace the first.
+    /// Two results have the same path, so the second would replace the first.
     #[error("two results would be written to {}: give each a name of its own", visible::path(.0))]
     Twice(PathBuf),
-    /// It is read too: when reading fails half-way, or less is written than was read, the rest would be lost.
-    #[error("{} is what is read: choose another name for the result", visible::path(.0))]
+    /// The file is also an input. If reading failed half-way, or less were written than read, the rest would be
+    /// lost.
+    #[error("{} is an input file; choose another name for the result", visible::path(.0))]
     IsInput(PathBuf),
-    /// The system refuses.
+    /// The operating system does not allow it.
     #[error("{0}")]
     Unusable(#[from] FileError),
 }
 
-/// Whether files can be written at all of `paths`, told before the work and not after it. Those that are also `inputs` never can.
-/// Pipes and devices have no content to keep.
+/// Checks before the work that files can be written at all `paths`, and that none of them is one of the `inputs`. Pipes
+/// and devices are exempt, because they have no content to protect.
 ///
 /// # Errors
-/// [`OutputError`] names the first that cannot be written.
+/// [`OutputError`] names the first path that cannot be written.
 pub fn check_outputs<'a>(
     paths: impl IntoIterator<Item = &'a Path>,
     inputs: &[&Path],
     existing: Existing,
 ) -> Result<(), OutputError> {
     let inputs: Vec<PathBuf> = inputs.iter().filter_map(|input| fs::canonicalize(input).ok()).collect();
-    let mut places = Vec::new();
+    let mut seen = Vec::new();
     for path in paths {
         if is_stream(path) {
             continue;
         }
-        if let Some(place) = real_place(path) {
-            if places.contains(&place) {
+        if let Some(target) = real_path(path) {
+            if seen.contains(&target) {
                 return Err(OutputError::Twice(path.to_owned()));
             }
-            places.push(place);
+            seen.push(target);
         }
-        if path.is_file() && fs::canonicalize(path).is_ok_and(|place| inputs.contains(&place)) {
+        if path.is_file() && fs::canonicalize(path).is_ok_and(|target| inputs.contains(&target)) {
             return Err(OutputError::IsInput(path.to_owned()));
         }
         if existing == Existing::Keep && path.is_file() {
@@ -65,10 +66,10 @@ pub fn check_outputs<'a>(
     Ok(())
 }
 
-/// Where a file of this name is or will be, whatever its path is written as.
-fn real_place(path: &Path) -> Option<PathBuf> {
-    let place = place::target(path).ok()?;
-    Some(fs::canonicalize(place::folder(&place)).ok()?.join(place.file_name()?))
+/// Returns the path of the file after links and folders are resolved. The file need not exist.
+fn real_path(path: &Path) -> Option<PathBuf> {
+    let target = paths::target(path).ok()?;
+    Some(fs::canonicalize(paths::folder(&target)).ok()?.join(target.file_name()?))
 }
 
 #[cfg(test)]
@@ -76,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_there_stays_unless_it_may_be_replaced() {
+    fn an_existing_file_is_kept_unless_it_may_be_replaced() {
         let folder = tempfile::tempdir().unwrap();
         let [old, new] = ["old.csv", "new.csv"].map(|name| folder.path().join(name));
         fs::write(&old, "old").unwrap();
@@ -94,30 +95,30 @@ mod tests {
     }
 
     #[test]
-    fn two_results_need_two_names() {
+    fn two_results_need_different_names() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("table.h");
         let otherwise = folder.path().join(".").join("table.h");
         for existing in [Existing::Keep, Existing::Replace] {
-            let told = check_outputs([file.as_path(), &otherwise], &[], existing).unwrap_err().to_string();
-            assert!(told.contains("table.h: give each a name of its own"), "{told}");
+            let error = check_outputs([file.as_path(), &otherwise], &[], existing).unwrap_err().to_string();
+            assert!(error.contains("table.h: give each a name of its own"), "{error}");
         }
         fs::write(&file, "old").unwrap();
-        let told = check_outputs([otherwise.as_path(), &file], &[], Existing::Replace).unwrap_err().to_string();
-        assert!(told.starts_with("two results"), "{told}");
+        let error = check_outputs([otherwise.as_path(), &file], &[], Existing::Replace).unwrap_err().to_string();
+        assert!(error.starts_with("two results"), "{error}");
         #[cfg(unix)]
         check_outputs([Path::new("/dev/null"), Path::new("/dev/null")], &[], Existing::Keep).unwrap();
     }
 
     #[test]
-    fn what_is_read_is_never_replaced() {
+    fn an_input_is_never_replaced() {
         let folder = tempfile::tempdir().unwrap();
         let recording = folder.path().join("events.csv");
         fs::write(&recording, "0,1,2,1").unwrap();
         let otherwise = folder.path().join(".").join("events.csv");
         for existing in [Existing::Keep, Existing::Replace] {
-            let told = check_outputs([otherwise.as_path()], &[&recording], existing).unwrap_err().to_string();
-            assert!(told.ends_with("events.csv is what is read: choose another name for the result"), "{told}");
+            let error = check_outputs([otherwise.as_path()], &[&recording], existing).unwrap_err().to_string();
+            assert!(error.ends_with("events.csv is an input file; choose another name for the result"), "{error}");
         }
     }
 }

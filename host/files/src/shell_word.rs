@@ -1,6 +1,6 @@
-//! Words of a command line that is printed to be copied.
+//! Quoting of words in a command line that the user can copy.
 
-/// `word` as a shell takes it: in quotes if need be.
+/// Returns `word` as a shell reads it, in quotes if necessary.
 pub fn shell_word(word: &str) -> String {
     let plain = |letter: char| letter.is_alphanumeric() || "-_./:=,+@%".contains(letter);
     if !word.is_empty() && word.chars().all(plain) {
@@ -15,7 +15,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_what_a_shell_would_take_apart_is_quoted() {
+    fn only_special_characters_are_quoted() {
         assert_eq!(shell_word("a/b-1.dvraw"), "a/b-1.dvraw");
         assert_eq!(shell_word("my recording.dvraw"), "'my recording.dvraw'");
         assert_eq!(shell_word("it's"), r"'it'\''s'");

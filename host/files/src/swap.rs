@@ -1,56 +1,57 @@
-//! A whole folder in the place of another, in one step: whoever looks, and a program that is killed, sees the old results or the new ones.
+//! Atomic replacement of a folder by another one. Readers see either the old results or the new ones, even if the
+//! program is killed.
 
 use std::env;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::place;
+use super::paths;
 
-/// Other files of a folder that are carried over at most.
+/// Largest number of other files of a folder that are carried over.
 const MOST_OTHERS: usize = 10_000;
 
-/// Puts the folder `new`, which is in `folder`, in its place, with all files that `folder` holds beside those of `old` (by their paths in
-/// it). Returns the folder, held as it was; `None` where the system, the disk or somebody who works in the folder does not allow it.
-/// Then all is as it was.
+/// Replaces `folder` by the folder `new` inside it. Files of `folder` that are not in `old` (by their relative paths)
+/// are carried over. Returns the new folder, open and locked. Returns `None`, with everything unchanged, if the system
+/// or the disk does not support it, or a process works in the folder.
 pub(super) fn swap(folder: &Path, old: &[PathBuf], new: &Path) -> Option<File> {
     let folder = fs::canonicalize(folder).ok()?;
     let new = fs::canonicalize(new).ok()?;
-    // Whoever is in it would stay in the old one.
+    // The process would stay in the old folder.
     if env::current_dir().is_ok_and(|current| current.starts_with(&folder)) {
         return None;
     }
-    let beside = place::unfinished(&folder);
-    // A run that was killed left it.
-    let _ = fs::remove_dir_all(&beside);
+    let temporary = paths::unfinished(&folder);
+    // It may be left from a killed run.
+    let _ = fs::remove_dir_all(&temporary);
     let mut others = Vec::new();
     list(&folder, Path::new(""), &|path| folder.join(path) == new || old.iter().any(|old| old == path), &mut others)
         .ok()?;
-    fs::rename(&new, &beside).ok()?;
+    fs::rename(&new, &temporary).ok()?;
     let mut carried = Vec::new();
-    match carry(&folder, &others, &beside, &mut carried).and_then(|()| exchange(&folder, &beside)) {
+    match carry(&folder, &others, &temporary, &mut carried).and_then(|()| exchange(&folder, &temporary)) {
         Ok(held) => {
-            bring_late_files(&beside, old, &folder);
-            let _ = fs::remove_dir_all(&beside);
+            bring_late_files(&temporary, old, &folder);
+            let _ = fs::remove_dir_all(&temporary);
             Some(held)
         }
         Err(_) => {
             for path in carried.iter().rev() {
                 let _ = if path.is_dir() { fs::remove_dir(path) } else { fs::remove_file(path) };
             }
-            let _ = fs::rename(&beside, &new);
+            let _ = fs::rename(&temporary, &new);
             None
         }
     }
 }
 
-/// Something in a folder, by its path in it.
+/// A file or folder, with its path relative to the folder that was listed.
 struct Entry {
     path: PathBuf,
     is_folder: bool,
 }
 
-/// Lists all in `folder` below `inner`, folders before what is in them, without what `is_left_out`.
+/// Lists everything in `folder` below `inner`, except what `is_left_out` selects. A folder precedes its content.
 fn list(folder: &Path, inner: &Path, is_left_out: &dyn Fn(&Path) -> bool, found: &mut Vec<Entry>) -> io::Result<()> {
     for entry in fs::read_dir(folder.join(inner))? {
         let entry = entry?;
@@ -70,10 +71,11 @@ fn list(folder: &Path, inner: &Path, is_left_out: &dyn Fn(&Path) -> bool, found:
     Ok(())
 }
 
-/// Gives each of `others` a second name in `beside`, unless it has one of that name. What was made there is in `carried`.
-fn carry(folder: &Path, others: &[Entry], beside: &Path, carried: &mut Vec<PathBuf>) -> io::Result<()> {
+/// Hard-links each of `others` into `temporary`, unless it already has an entry of that path. `carried` receives the
+/// new entries.
+fn carry(folder: &Path, others: &[Entry], temporary: &Path, carried: &mut Vec<PathBuf>) -> io::Result<()> {
     for Entry { path, is_folder } in others {
-        let (from, to) = (folder.join(path), beside.join(path));
+        let (from, to) = (folder.join(path), temporary.join(path));
         if to.symlink_metadata().is_ok() {
             continue;
         }
@@ -85,28 +87,30 @@ fn carry(folder: &Path, others: &[Entry], beside: &Path, carried: &mut Vec<PathB
         }
         carried.push(to);
     }
-    fs::set_permissions(beside, fs::metadata(folder)?.permissions())
+    fs::set_permissions(temporary, fs::metadata(folder)?.permissions())
 }
 
-/// Exchanges the two folders when all of `beside` is on the disk. Returns what is at `folder` then, held.
-fn exchange(folder: &Path, beside: &Path) -> io::Result<File> {
-    let held = File::open(beside)?;
-    place::hold(&held)?;
+/// Flushes `temporary` to the disk and exchanges it with `folder`. Returns the folder that is then at `folder`, open
+/// and locked.
+fn exchange(folder: &Path, temporary: &Path) -> io::Result<File> {
+    let held = File::open(temporary)?;
+    paths::hold(&held)?;
     held.sync_all()?;
-    rustix::fs::renameat_with(rustix::fs::CWD, beside, rustix::fs::CWD, folder, rustix::fs::RenameFlags::EXCHANGE)?;
-    // The step itself, where the disk allows that.
-    let _ = File::open(place::folder(folder)).and_then(|parent| parent.sync_all());
+    rustix::fs::renameat_with(rustix::fs::CWD, temporary, rustix::fs::CWD, folder, rustix::fs::RenameFlags::EXCHANGE)?;
+    // Flushes the exchange itself, if the file system supports it.
+    let _ = File::open(paths::folder(folder)).and_then(|parent| parent.sync_all());
     Ok(held)
 }
 
-/// Moves what somebody put into the old folder meanwhile, which is at `beside`, to the new one.
-fn bring_late_files(beside: &Path, old: &[PathBuf], folder: &Path) {
+/// Moves files that were created in the old folder in the meantime from `temporary`, where it is now, to the new
+/// folder.
+fn bring_late_files(temporary: &Path, old: &[PathBuf], folder: &Path) {
     let mut others = Vec::new();
-    let _ = list(beside, Path::new(""), &|path| old.iter().any(|old| old == path), &mut others);
+    let _ = list(temporary, Path::new(""), &|path| old.iter().any(|old| old == path), &mut others);
     for Entry { path, .. } in others {
         let to = folder.join(&path);
         if to.symlink_metadata().is_err() {
-            let _ = fs::rename(beside.join(&path), to);
+            let _ = fs::rename(temporary.join(&path), to);
         }
     }
 }
@@ -120,7 +124,7 @@ mod tests {
         fs::write(path, text).unwrap();
     }
 
-    /// Every file with its text, and every folder without any.
+    /// Returns every file with its text, and every folder with an empty text.
     fn content(folder: &Path) -> Vec<(String, String)> {
         let mut entries = Vec::new();
         list(folder, Path::new(""), &|_| false, &mut entries).unwrap();
@@ -136,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn new_results_are_there_with_all_that_is_no_result() {
+    fn new_results_and_all_other_files_are_in_the_new_folder() {
         let parent = tempfile::tempdir().unwrap();
         let folder = parent.path().join("results");
         let others = [("mine.txt", "mine"), ("exports/mine.yaml", "mine"), ("raw/deep/er/still/a.dvraw", "recording")];
@@ -148,7 +152,7 @@ mod tests {
         for name in ["a.json", "exports/b.yaml", "d.txt"] {
             write(new.join(name), "new");
         }
-        // A run that was killed left this.
+        // A killed run leaves such a folder.
         write(parent.path().join(".results.part/a.json"), "older");
         let old = ["a.json", "exports/b.yaml", "c.txt"].map(PathBuf::from);
         assert!(swap(&folder, &old, &new).is_some());
@@ -170,9 +174,9 @@ mod tests {
         assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 1);
     }
 
-    /// A folder that somebody works in is not taken away; all stays as it was.
+    /// A folder in which a process works is not replaced.
     #[test]
-    fn where_it_is_not_possible_nothing_changes() {
+    fn if_a_swap_is_impossible_nothing_changes() {
         let parent = env::current_dir().unwrap();
         let folder = tempfile::tempdir_in(&parent).unwrap();
         write(folder.path().join("a.json"), "old");

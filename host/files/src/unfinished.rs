@@ -1,22 +1,22 @@
-//! What is begun and not whole yet, to be removed when the program is ended by a signal.
+//! List of unfinished files and folders, which are removed if a signal ends the program.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf, absolute};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Whose something that is not whole is.
+/// Kind of an unfinished file or folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Begun {
-    /// A file of the program's own, with a name of its own.
+    /// A temporary file of the program.
     ScratchFile,
-    /// A folder of the program's own, with a name of its own: all that is in it goes.
+    /// A temporary folder of the program, which is removed with its content.
     ScratchFolder,
-    /// A folder that the user named and that was made: it stays if something is in it.
+    /// A folder that the user named and the program created. It is removed only if it is empty.
     UsersFolder,
 }
 
-/// By absolute paths, so that of two folders the inner one is sorted after the outer one.
+/// Absolute paths, so that a folder is sorted before its content.
 type List = BTreeMap<PathBuf, Begun>;
 
 static UNFINISHED: Mutex<List> = Mutex::new(List::new());
@@ -25,12 +25,12 @@ fn list() -> MutexGuard<'static, List> {
     UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The name of `path` in the list; without a folder to work in there are only absolute paths.
+/// Returns the key of `path` in the list. If there is no working directory, all paths are absolute already.
 fn name(path: &Path) -> PathBuf {
     absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
-/// Begins something at the path that `make` tells.
+/// Creates a file or folder with `make`, and adds the returned path to the list.
 pub(super) fn begin<T, E>(begun: Begun, make: impl FnOnce() -> Result<(T, PathBuf), E>) -> Result<T, E> {
     let mut list = list();
     let (made, path) = make()?;
@@ -38,19 +38,19 @@ pub(super) fn begin<T, E>(begun: Begun, make: impl FnOnce() -> Result<(T, PathBu
     Ok(made)
 }
 
-/// Ends with `finish` what was begun at `path`.
+/// Removes `path` from the list and calls `finish`, without interruption by [`remove_all`].
 pub(super) fn end<T>(path: &Path, finish: impl FnOnce() -> T) -> T {
     let mut list = list();
     list.remove(&name(path));
     finish()
 }
 
-/// An entry of the list, which goes when it is dropped.
+/// Entry in the list. Dropping it removes the entry.
 #[derive(Debug)]
 pub(super) struct Listed(PathBuf);
 
 impl Listed {
-    /// Of what was begun at `path`.
+    /// Refers to the entry of `path`.
     pub(super) fn new(path: &Path) -> Self {
         Self(path.to_owned())
     }
@@ -62,21 +62,21 @@ impl Drop for Listed {
     }
 }
 
-/// As long as it is held, nothing is begun or finished.
+/// While this value exists, nothing can be added to the list or finished.
 pub struct Stopped {
     _list: MutexGuard<'static, List>,
 }
 
-/// Removes all that is not whole.
+/// Removes all unfinished files and folders.
 pub fn remove_all() -> Stopped {
     let mut list = list();
     let (folders, scratch): (Vec<_>, Vec<_>) =
         std::mem::take(&mut *list).into_iter().rev().partition(|(_, begun)| *begun == Begun::UsersFolder);
-    // What is in a folder goes before it.
+    // The content of a folder is removed before the folder.
     for (path, begun) in scratch.into_iter().chain(folders) {
         let _ = match begun {
             Begun::ScratchFile => fs::remove_file(&path),
-            // A file that is made meanwhile is met by the second try.
+            // The second attempt also removes files that were created during the first.
             Begun::ScratchFolder => fs::remove_dir_all(&path).or_else(|_| fs::remove_dir_all(&path)),
             Begun::UsersFolder => fs::remove_dir(&path),
         };

@@ -1,31 +1,31 @@
-//! Text from outside (names of files, cameras and topics, lines of settings) as it may be shown on a terminal: control characters
-//! would move its cursor, change its colours or title, or fake a line of the program.
+//! Escaping of untrusted text (names of files, cameras and topics, lines of settings) for a terminal. Control
+//! characters could move the cursor, change colours or the title, or imitate output of the program.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// `text` with its control characters written as `\u001b`, except line ends and tabs.
+/// Returns `text` with control characters written like `\u001b`, except line ends and tabs.
 pub fn lines(text: &str) -> Cow<'_, str> {
     escaped(text, |letter| is_control(letter) && !matches!(letter, '\n' | '\t'))
 }
 
-/// `name` with all its control characters written as `\u000a`: it stays on one line.
+/// Returns `name` with all control characters, including line ends, written like `\u000a`.
 pub fn name(name: &str) -> Cow<'_, str> {
     escaped(name, is_control)
 }
 
-/// A path as [`name`] shows it.
+/// Returns a path as text, escaped like [`name`].
 pub fn path(path: impl AsRef<Path>) -> String {
     name(&path.as_ref().to_string_lossy()).into_owned()
 }
 
-/// Control characters, and those that turn the direction of what follows.
+/// `true` for control characters and for characters that change the direction of text.
 fn is_control(letter: char) -> bool {
     letter.is_control() || matches!(letter, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{2028}' | '\u{2029}')
 }
 
-/// In the form that JSON has for them, too.
+/// Escapes characters as in JSON.
 fn escaped(text: &str, is_escaped: impl Fn(char) -> bool) -> Cow<'_, str> {
     if !text.contains(&is_escaped) {
         return Cow::Borrowed(text);
@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn control_characters_are_shown_and_all_else_stays() {
+    fn control_characters_are_escaped_and_other_text_is_unchanged() {
         assert_eq!(lines("plain ä µ\n\tσ"), "plain ä µ\n\tσ");
         assert_eq!(lines("\u{1b}]0;x\u{7}a\rb\u{9b}31m\u{7f}\n"), "\\u001b]0;x\\u0007a\\u000db\\u009b31m\\u007f\n");
         assert_eq!(name("a\nb\tc"), "a\\u000ab\\u0009c");

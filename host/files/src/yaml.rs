@@ -1,31 +1,31 @@
-//! YAML of other programs. The parser's stack is as deep as a file is nested, and a few lines that repeat each other fill any
-//! memory: such files are refused before they are loaded.
+//! Loading of YAML from other programs within bounds. The parser's recursion is as deep as the nesting of a file, and a
+//! few lines that repeat each other (aliases) can fill any memory. Such files are rejected before they are loaded.
 
 use yaml_rust2::parser::{Event, Parser};
 use yaml_rust2::{Yaml, YamlLoader};
 
-/// Levels of lists and maps in each other.
+/// Largest nesting depth of lists and maps.
 const DEEPEST: usize = 64;
 
-/// Why a text is not loaded.
+/// Reason why a document is not loaded.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LoadError {
-    /// Longer than what it is taken for.
+    /// The text is longer than allowed.
     #[error("it has more than {0} bytes")]
     TooLong(usize),
-    /// Lists and maps in each other without end.
+    /// Lists and maps are nested too deeply.
     #[error("its lists are more than {DEEPEST} levels deep")]
     TooDeep,
-    /// Anchors or aliases.
-    #[error("it repeats parts of itself (& and *), which is not read")]
+    /// The text contains anchors or aliases.
+    #[error("it repeats parts of itself (& and *), which is not supported")]
     Repeats,
-    /// It is no YAML.
+    /// The text is not valid YAML.
     #[error("{0}")]
     Syntax(String),
 }
 
-/// The documents in `text`, which may have `longest` bytes.
+/// Loads the documents in `text`, which may have up to `longest` bytes.
 ///
 /// # Errors
 /// [`LoadError`].
@@ -37,12 +37,12 @@ pub fn load(text: &str, longest: usize) -> Result<Vec<Yaml>, LoadError> {
     YamlLoader::load_from_str(text).map_err(|error| LoadError::Syntax(error.to_string()))
 }
 
-/// Goes through `text` piece by piece, which takes no stack and no memory.
+/// Parses `text` event by event, which needs neither recursion nor memory, and checks its structure.
 fn check(text: &str) -> Result<(), LoadError> {
     let mut parser = Parser::new_from_str(text);
     let mut depth = 0_usize;
     loop {
-        // Anchors have numbers from 1 on.
+        // Anchor numbers start at 1.
         let (event, _) = parser.next_token().map_err(|error| LoadError::Syntax(error.to_string()))?;
         match event {
             Event::StreamEnd => return Ok(()),
@@ -65,7 +65,7 @@ mod tests {
     const LONGEST: usize = 1 << 20;
 
     #[test]
-    fn what_repeats_itself_is_refused_and_a_quoted_mark_is_not() {
+    fn aliases_are_rejected_and_quoted_marks_are_not() {
         let line = |level: usize| format!("a{level}: &a{level} [{}]\n", format!("*a{},", level - 1).repeat(9));
         let bomb: String = (1..20).map(line).collect();
         for text in [&format!("a0: &a0 1\n{bomb}"), "a: &b 1\n", "a: &b [1]\n", "a: &b {c: 1}\n"] {
@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_nested_without_end_is_refused() {
+    fn deep_nesting_is_rejected() {
         for nested in ["[", "{a: ", "- ", "? ", "- [", "? {"] {
             assert!(load(&nested.repeat(LONGEST / nested.len()), LONGEST).is_err(), "{nested}");
         }
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_long_is_refused() {
+    fn long_text_is_rejected() {
         assert!(load("a: 12\n", 6).is_ok());
         assert_eq!(load("a: 12\n", 5), Err(LoadError::TooLong(5)));
     }

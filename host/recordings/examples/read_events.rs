@@ -1,4 +1,4 @@
-//! Opens a recording of any format and prints how many events it holds, for how long, and how many a second.
+//! Opens a recording of any format and prints its number of events, its duration, and its event rate.
 //!
 //! ```sh
 //! cargo run --release -p event-recordings --example read_events -- recording.aedat4

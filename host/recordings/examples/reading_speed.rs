@@ -1,7 +1,7 @@
-//! How fast recordings are read on one core: `cargo run --release -p event-recordings --example reading_speed FILE...`.
+//! Measures the reading speed on one core: `cargo run --release -p event-recordings --example reading_speed FILE...`.
 //!
-//! Each file is read three times; the fastest counts. The time is that of the processor where the system tells it (Linux), so other
-//! programs on the computer matter little.
+//! Each file is read three times, and the fastest pass counts. On Linux the program measures CPU time, so that other
+//! programs have little influence.
 
 use std::error::Error;
 use std::time::Instant;
@@ -9,10 +9,10 @@ use std::time::Instant;
 use evcal_core::sensor::Sensor;
 use event_recordings::{Recording, RecordingOptions};
 
-/// Seconds that this thread was on a processor, else seconds that passed.
+/// Returns the CPU time of this thread in seconds, or the elapsed time if the system does not report it.
 fn seconds(start: &Instant) -> f64 {
-    let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
-    let nanoseconds = told.and_then(|text| text.split_whitespace().next()?.parse::<f64>().ok());
+    let schedule = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
+    let nanoseconds = schedule.and_then(|text| text.split_whitespace().next()?.parse::<f64>().ok());
     nanoseconds.map_or_else(|| start.elapsed().as_secs_f64(), |nanoseconds| nanoseconds * 1e-9)
 }
 

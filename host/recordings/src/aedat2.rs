@@ -1,17 +1,17 @@
 //! AEDAT 2.0, the format of jAER.
 //!
-//! Lines that begin with `#` ([`header`]); then records of u32 address and u32 time in µs, big-endian. Addresses count x from the right
-//! and y from below:
+//! The file consists of lines that begin with `#` ([`header`]), then records of u32 address and u32 time in µs,
+//! big-endian. In addresses, x counts from the right and y from below:
 //!
-//! | camera | column | row | polarity | no event |
+//! | camera | column | row | polarity | not an event if set |
 //! |---|---|---|---|---|
 //! | DAVIS | bits 12–21 | 22–30 | 11: 1 is ON | 31 (frames, inertial samples: see [`extras`]), 10 (signals) |
 //! | DVS128 | bits 1–7 | 8–14 | 0: 0 is ON | 15 (signals) |
 //!
-//! Where several DAVIS were recorded together, the lowest 4 bits of an event are the number of its camera (jAER,
+//! If several DAVIS were recorded together, the lowest 4 bits of an event are the number of its camera (jAER,
 //! `MultiCameraApsDvsEvent`). Frames and inertial samples of such files are not read.
 //!
-//! The camera follows from the line `# AEChip:`; without one, from the addresses of the first records.
+//! The camera is determined by the line `# AEChip:`, or without one by the addresses of the first records.
 
 mod extras;
 mod header;
@@ -42,16 +42,16 @@ pub const FORMAT: FileFormat = FileFormat {
     ..FileFormat::of_events("AEDAT 2.0", |head| head.bytes.starts_with(MAGIC), open)
 };
 
-/// Bytes of an event.
+/// Size of a record in bytes.
 const RECORD: usize = 8;
-/// Bytes that are decoded at a time: whole records.
+/// Number of bytes that are decoded at a time; a multiple of [`RECORD`].
 const BLOCK: u64 = 1 << 17;
-/// How many records are looked at where no chip is named.
+/// Number of records from which the camera is determined if no chip is named.
 const SAMPLE: u64 = 2000;
-/// What in the line of the chip tells its sensor.
+/// Parts of chip names, with the sensor of the chip.
 const CHIPS: &[(&str, Sensor)] = &[
     ("DAVIS346", Sensor::new(346, 260)),
-    // As some exporters write it.
+    // Spelling of some exporters.
     ("DAVI346", Sensor::new(346, 260)),
     ("DAVIS240", Sensor::new(240, 180)),
     ("SBRET10", Sensor::new(240, 180)),
@@ -59,16 +59,16 @@ const CHIPS: &[(&str, Sensor)] = &[
     ("DAVIS128", Sensor::new(128, 128)),
 ];
 const DVS128: Sensor = Sensor::new(128, 128);
-/// In the name of the chip of several cameras that were recorded together.
+/// Part of the chip name of several cameras that were recorded together.
 const SEVERAL: &str = "MULTI";
-/// Bits of an event of several cameras with the number of its camera.
+/// Bits of an event that contain the number of its camera, if there are several.
 const CAMERA: u32 = 0xf;
 
-/// How addresses are laid out.
+/// Layout of the addresses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Layout {
     Davis(Sensor),
-    /// Of several cameras with such a sensor each, this one is read.
+    /// Several cameras with such a sensor each, of which the one with this number is read.
     SeveralDavis(Sensor, u32),
     Dvs128,
 }
@@ -82,12 +82,13 @@ impl Layout {
     }
 }
 
-/// Address and time of a record.
+/// Splits a record into address and time.
 fn words([a, b, c, d, e, f, g, h]: [u8; RECORD]) -> (u32, u32) {
     (u32::from_be_bytes([a, b, c, d]), u32::from_be_bytes([e, f, g, h]))
 }
 
-/// The layout of the first `records`, and what was taken for granted.
+/// Determines the layout from the header and the first `records`. Also returns a note about an assumption, if one was
+/// made.
 fn layout(
     header: &Header,
     records: &[[u8; RECORD]],
@@ -115,13 +116,16 @@ fn layout(
         return Ok((Layout::Davis(sensor), None));
     }
     if !records.is_empty() && header.chip.is_none() && records.iter().all(|record| words(*record).0 >> 16 == 0) {
-        return Ok((Layout::Dvs128, Some("no chip is named: taken for a DVS128 by its addresses".to_owned())));
+        return Ok((
+            Layout::Dvs128,
+            Some("the file names no chip: assumed a DVS128 because of its addresses".to_owned()),
+        ));
     }
     let sensor = options.sensor.ok_or(RecordingErrorKind::ChipUnknown)?;
-    Ok((Layout::Davis(sensor), Some("the chip is not known: taken for a DAVIS with the size asked for".to_owned())))
+    Ok((Layout::Davis(sensor), Some("the chip is unknown: assumed a DAVIS of the requested size".to_owned())))
 }
 
-/// That of several cameras: the one asked for, or that of the first event.
+/// Returns the layout for several cameras: reads the requested one, or the camera of the first event.
 fn several(
     sensor: Sensor,
     records: &[[u8; RECORD]],
@@ -145,11 +149,11 @@ struct Decoder {
     layout: Layout,
     block: Vec<u8>,
     clock: Clock,
-    /// Words of frames, of inertial samples, signals, and events of other cameras.
+    /// Counts of words of frames, words of inertial samples, signals, and events of other cameras.
     others: [u64; 4],
 }
 
-/// Makes times of 32 bits go on over their ends: the latest one as it stands in the file, and as it goes on.
+/// Extends 32-bit times beyond their overflow. Contains the latest time as in the file and its extension.
 #[derive(Clone, Copy, Default)]
 struct Clock(Option<(u32, i64)>);
 
@@ -162,29 +166,29 @@ impl Clock {
     }
 }
 
-/// Whether a word of a DAVIS is the level of a pixel, or part of an inertial sample.
+/// `true` if a word of a DAVIS is the level of a pixel.
 fn is_level(word: u32) -> bool {
     word >> 31 == 1 && !is_sample(word)
 }
 
-/// Whether a word of a DAVIS is part of an inertial sample.
+/// `true` if a word of a DAVIS is part of an inertial sample.
 fn is_sample(word: u32) -> bool {
     word & 0x8000_0c00 == 0x8000_0c00
 }
 
-/// Whether a word of a DAVIS is an event.
+/// `true` if a word of a DAVIS is an event.
 fn is_event(word: u32) -> bool {
     word & 0x8000_0400 == 0
 }
 
-/// A file at its first record.
+/// An open file, positioned at its first record.
 struct Start {
     file: ByteReader,
     layout: Layout,
     note: Option<String>,
     created: Option<String>,
     ranges: Ranges,
-    /// At the first event, if there is one among the first records.
+    /// Clock that starts at the first event, if there is one among the first records.
     clock: Clock,
 }
 
@@ -216,7 +220,7 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
     Ok(Box::new(Decoder { file, information, layout, block: Vec::new(), clock: Clock::default(), others: [0; 4] }))
 }
 
-/// Counts the events of each of several cameras.
+/// Counts the events of each camera, if there are several.
 fn summarise(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummary>, RecordingError> {
     let Start { mut file, layout: Layout::SeveralDavis(..), mut clock, .. } = start(path, options)? else {
         return Ok(Vec::new());
@@ -238,13 +242,14 @@ fn summarise(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummar
     Ok(cameras.into_values().collect())
 }
 
-/// The place of an address that counts from the other side; one that no sensor has if it is beyond.
+/// Converts an address that counts from the opposite side. Returns a coordinate outside any sensor if the address is
+/// too large.
 fn mirrored(size: u16, address: u32) -> u16 {
     u16::try_from(address).ok().and_then(|address| size.checked_sub(1)?.checked_sub(address)).unwrap_or(u16::MAX)
 }
 
 impl Decoder {
-    /// The event of a record; `None` if it is something else.
+    /// Decodes the event of a record; counts other records and returns `None`.
     fn event(&mut self, record: [u8; RECORD]) -> Option<Event> {
         let (address, time) = words(record);
         let Sensor { width, height } = self.layout.sensor();
@@ -314,14 +319,14 @@ mod tests {
     }
 
     #[test]
-    fn addresses_of_a_davis_made_by_hand() {
+    fn addresses_of_a_davis_are_decoded() {
         let records = [
             [davis(0, 0, 1), 0x7fff_fffe],
-            // A picture, a signal, an inertial sample.
+            // A frame, a signal, an inertial sample.
             [0x8000_0000 | davis(5, 5, 0), 0x7fff_fffe],
             [davis(5, 5, 0) | 0x400, 0x7fff_fffe],
             [0x8000_0c00, 0x7fff_fffe],
-            // Time goes on past the largest i32.
+            // The time continues beyond the largest i32.
             [davis(345, 259, 0), 0x8000_0001],
             // Row 306 from below.
             [306 << 22, 0x8000_0002],
@@ -338,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn addresses_of_a_dvs128_made_by_hand() {
+    fn addresses_of_a_dvs128_are_decoded() {
         // Column 3 from the right, row 7 from below, once ON and once OFF; then a signal.
         let records = [[7 << 8 | 3 << 1, 5], [7 << 8 | 3 << 1 | 1, 6], [1 << 15, 7]];
         for lines in ["# AEChip: ch.unizh.ini.jaer.chip.retina.DVS128\r\n", "# no chip\r\n"] {
@@ -351,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn data_that_begin_with_a_hash_are_no_header() {
+    fn data_that_begin_with_a_hash_are_not_part_of_the_header() {
         // Row 140 from below: the first byte of the address is a `#`, and a line end follows in the time.
         let records = [[davis(9, 119, 1), 0x0a0a_0a0a]];
         let content = file(DAVIS, &records);
@@ -360,24 +365,24 @@ mod tests {
     }
 
     #[test]
-    fn a_chip_whose_addresses_are_not_known_is_refused() {
+    fn a_chip_with_an_unknown_address_format_is_rejected() {
         let content = file("# AEChip: ch.unizh.ini.jaer.chip.retina.DVXplorer\r\n", &[[davis(1, 2, 0), 3]]);
         let sensor = Some(Sensor::new(640, 480));
         let error = testing::read_with(&content, RecordingOptions { sensor, ..RecordingOptions::default() }).error;
         assert!(error.as_ref().is_some_and(|error| error.contains("RETINA.DVXPLORER")), "{error:?}");
     }
 
-    /// As DHP19 has four of them.
+    /// DHP19 has four cameras per file.
     #[test]
-    fn of_several_cameras_one_is_read() {
+    fn one_of_several_cameras_is_read() {
         let chip = "# AEChip: ch.unizh.ini.jaer.chip.multicamera.MultiDAVIS346BCameraChip\r\n";
         let records: Vec<[u32; 2]> = (0..12).map(|index| [davis(index, 7, 1) | (3 - index % 4), index]).collect();
         let content = file(chip, &records);
-        let places = |outcome: &testing::Outcome| outcome.events.iter().map(|event| event.x).collect::<Vec<_>>();
+        let columns = |outcome: &testing::Outcome| outcome.events.iter().map(|event| event.x).collect::<Vec<_>>();
         let first = testing::read(&content);
-        assert_eq!((places(&first), first.report.other_packets.len()), (vec![0, 4, 8], 1));
+        assert_eq!((columns(&first), first.report.other_packets.len()), (vec![0, 4, 8], 1));
         let with = |stream: &str| RecordingOptions { stream: Some(stream.to_owned()), ..RecordingOptions::default() };
-        assert_eq!(places(&testing::read_with(&content, with("1"))), [2, 6, 10]);
+        assert_eq!(columns(&testing::read_with(&content, with("1"))), [2, 6, 10]);
         assert!(testing::read_with(&content, with("left")).error.unwrap().contains("0 to 15"));
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("several.aedat");
@@ -389,7 +394,7 @@ mod tests {
             streams.into_iter().map(|one| (one.name, one.elements, one.times_us)).collect::<Vec<_>>(),
             expected.map(counts)
         );
-        // One camera has no number.
+        // A file of a single camera has no camera numbers.
         assert!(
             testing::read_with(&file(DAVIS, &records), with("1"))
                 .error
@@ -408,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn damage_loses_no_more_than_it_must() {
+    fn damage_loses_as_little_as_possible() {
         let records: Vec<[u32; 2]> = (0..20).map(|index| [davis(index, 2 * index, index & 1), index * 1000]).collect();
         testing::check_damage(&file(DAVIS, &records));
     }

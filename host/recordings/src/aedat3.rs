@@ -1,12 +1,13 @@
 //! AEDAT 3.0 and 3.1, the formats of cAER.
 //!
-//! Lines that begin with `#`, the first one `#!AER-DAT3.1`, in 3.1 the last one `#!END-HEADER`; then packets,
-//! little-endian: a head of i16 kind, i16 source, i32 size of an event, i32 offset of its time, i32 turns of the time,
-//! i32 capacity, i32 number of events, i32 number of valid ones, and the events. Packets of kind 1 hold polarity events: u32
-//! with bit 0 valid, 1 polarity, 2–16 y, 17–31 x; i32 time in µs, to which turns · 2³¹ is added.
+//! The file consists of lines that begin with `#` (the first one is `#!AER-DAT3.1`; in 3.1 the last one is
+//! `#!END-HEADER`), then packets, little-endian. A packet has a head of i16 kind, i16 source, i32 size of an event, i32
+//! offset of its time, i32 overflows of the time, i32 capacity, i32 number of events and i32 number of valid ones; the
+//! events follow. Packets of kind 1 contain polarity events: u32 with bit 0 valid, 1 polarity, 2–16 y, 17–31 x; i32
+//! time in µs, to which overflows · 2³¹ is added.
 //!
-//! In 3.1 y counts from above, in 3.0 from below. A file may hold packets of several cameras, its sources. Frames and inertial samples are
-//! read by [`extras`].
+//! In 3.1 y counts from above, in 3.0 from below. A file may contain packets of several cameras, called sources.
+//! [`extras`] reads frames and inertial samples.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -34,18 +35,18 @@ pub const FORMAT: FileFormat = FileFormat {
     ..FileFormat::of_events("AEDAT 3", |head| head.bytes.starts_with(MAGIC), open)
 };
 
-/// Bytes of events that are read at a time: a packet may be as large as its file.
+/// Number of bytes of events that are read at a time, because a packet may be as large as its file.
 const PART: u64 = 1 << 18;
 
 struct Decoder {
     file: ByteReader,
     header: Header,
-    /// Number of the camera that is read.
+    /// Number of the camera whose events are read.
     source: Option<i16>,
     information: RecordingInformation,
-    /// Height of the sensor, where y counts from below.
+    /// Height of the sensor, if y counts from below.
     from_below: Option<u16>,
-    /// What is left of a packet of which a part was read.
+    /// Head of the rest of a packet that has been read in part.
     begun: Option<PacketHead>,
     part: Vec<u8>,
     truncated: Option<Truncation>,
@@ -53,8 +54,7 @@ struct Decoder {
 
 fn open(path: &Path, options: &RecordingOptions) -> Opened {
     let mut file = ByteReader::open(path)?;
-    let header =
-        header(&Head::read(path)?.bytes).ok_or_else(|| file.damaged(0, "the end of the header is not found"))?;
+    let header = header(&Head::read(path)?.bytes).ok_or_else(|| file.damaged(0, "the header has no end"))?;
     if header.encoding.as_deref().is_some_and(|encoding| encoding != "RAW") {
         let kind = RecordingErrorKind::Unsupported(ForeignFormat::Aedat3Compressed);
         return Err(RecordingError::new(path, kind));
@@ -70,7 +70,7 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
     };
     let notes = match source {
         Some((number, name)) if header.sources.len() > 1 => {
-            vec![format!("the events of {number} {name} are read, of {}", header.list())]
+            vec![format!("the events of {number} {name} are read; the file contains {}", header.list())]
         }
         _ => Vec::new(),
     };
@@ -80,7 +80,7 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
     Ok(Box::new(Decoder { file, header, source, information, from_below, begun, part, truncated: None }))
 }
 
-/// The camera that is asked for, or the first one.
+/// Returns the requested camera, or the first one.
 fn chosen<'a>(
     path: &Path,
     header: &'a Header,
@@ -135,13 +135,14 @@ impl Decode for Decoder {
     }
 }
 
-/// Under which name packets that are passed over are counted. A damaged file may have any kind: those that cAER does not have are one.
+/// Name under which packets that are passed over are counted. A damaged file may contain any kind, so all kinds that
+/// cAER does not use share one name.
 fn other_name(header: &Header, kind: i16, source: i16) -> String {
     let name = header.name_of(kind, source);
     if is_known(kind) { format!("{name} ({kind})") } else { format!("{name} (of unknown kinds)") }
 }
 
-/// Counts what the packets of each kind and source hold.
+/// Counts the content of the packets, by kind and source.
 fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
     let mut file = ByteReader::open(path)?;
     let Some(header) = header(&Head::read(path)?.bytes) else { return Ok(Vec::new()) };
@@ -150,7 +151,7 @@ fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
     loop {
         let head = match next_head(&mut file, &mut None) {
             Ok(Some(head)) => head,
-            // Damage is for the reader of events to report.
+            // The reader of the events reports damage.
             Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
             Err(error) => return Err(error),
         };
@@ -205,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn packets_made_by_hand() {
+    fn packets_are_decoded() {
         let mut invalid = record(1, 1, 1, 4);
         invalid[0] &= !1;
         let packets = [
@@ -228,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn of_several_cameras_one_is_read() {
+    fn one_of_several_cameras_is_read() {
         let lines = b"#!AER-DAT3.1\r\n#Format: RAW\r\n#-Source 7: DAVIS240C\r\n#Source 1: DAVIS346\r\n#Source 2: DVS128\r\n#!END-HEADER\r\n";
         let packets = [
             packet_of(2, 1, 0, &[record(3, 4, 1, 7)]),
@@ -267,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_refused_with_its_byte() {
+    fn impossible_values_are_rejected_with_their_byte() {
         let good = packet(1, 0, &[record(3, 4, 1, 7)]);
         let mut wide = good.clone();
         wide[4] = 9;
@@ -285,7 +286,7 @@ mod tests {
         assert!(testing::read(nameless).error.unwrap().contains("how many pixels"));
     }
 
-    /// A packet may be as large as its file: it was read at once.
+    /// A packet may be as large as its file, so it must not be read at once.
     #[test]
     fn a_large_packet_is_read_in_parts() {
         let count = 3 * PART as u32 / EVENT as u32 - 1;
@@ -295,7 +296,7 @@ mod tests {
         assert_eq!(outcome.error, None);
         let expected = (0..count).map(|index| (index.into(), (index % 346) as u16)).chain([(i64::from(count), 1)]);
         assert!(outcome.events.iter().map(|event| (event.t, event.x)).eq(expected));
-        // Cut within its last event but one.
+        // Cut within the last event but one.
         let outcome = testing::read(&content[..content.len() - 8 - 28 - 8 - 3]);
         assert_eq!((outcome.events.len(), outcome.error), (count as usize - 2, None));
         assert!(outcome.report.truncated.is_some());
@@ -311,7 +312,7 @@ mod tests {
         assert_eq!((summary.packets, summary.times_us), (2, Some((0, count.into()))));
     }
 
-    /// Damage made up to 65536 kinds, and all of them were copied for each packet.
+    /// Damage can make up to 65536 kinds.
     #[test]
     fn unknown_kinds_are_counted_as_one() {
         let packets: Vec<Vec<u8>> = (i16::MIN..=i16::MAX).step_by(7).map(|kind| packet(kind, 0, &[])).collect();
@@ -324,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn damage_loses_no_more_than_it_must() {
+    fn damage_loses_as_little_as_possible() {
         let packets: Vec<Vec<u8>> = (0..4)
             .map(|number| {
                 let records = (0..3).map(|index| record(index, number, 1, number * 5000 + index * 1000));

@@ -1,8 +1,8 @@
 //! AEDAT4, the format of DV and dv-processing.
 //!
-//! A header ([`header`]), then packets of several streams ([`packets`]). A packet of an event stream
-//! is the FlatBuffer `EVTS { elements: [Event] }`, where an event has 16 bytes: i64 time in µs since
-//! 1970, i16 x, i16 y, u8 ON, 3 bytes unused, all little-endian.
+//! The file consists of a header ([`header`]) and packets of several streams ([`packets`]). A packet of an event stream
+//! is the FlatBuffer `EVTS { elements: [Event] }`; an event has 16 bytes: i64 time in µs since 1970, i16 x, i16 y, u8
+//! ON, 3 unused bytes, all little-endian.
 
 mod extras;
 pub mod header;
@@ -49,15 +49,15 @@ fn open_extras(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadEx
 /// Type identifier of a stream of events.
 const EVENTS: &str = "EVTS";
 
-/// A batch is handed out as soon as it has this many events.
+/// Number of events from which a batch is returned.
 const BATCH: usize = 16_384;
 
 struct EventDecoder {
     packets: PacketReader,
     stream: i32,
-    /// Names of the streams by their numbers.
+    /// Descriptions of the streams, by number.
     names: BTreeMap<i32, String>,
-    /// Rows of the sensor, if they count from below.
+    /// Height of the sensor in pixels, if rows count from below.
     from_below: Option<u16>,
     damage: Damage,
     information: RecordingInformation,
@@ -79,28 +79,28 @@ impl EventDecoder {
         };
         let from_below = match stream.rows_from_below {
             true => {
-                notes.push("jAER recorded it, which counts rows from below: they are turned".into());
+                notes.push("jAER recorded this file and counts rows from below: y is flipped".into());
                 Some(sensor.or(options.sensor).ok_or_else(|| error(RecordingErrorKind::ChipUnknown))?.height)
             }
             false => None,
         };
-        // Where two streams have one number, the first.
+        // If two streams have the same number, the first one is used.
         let names = header.streams.iter().rev().map(|stream| (stream.id, describe(stream))).collect();
         let camera_name = stream.source.clone();
         let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, began: None, notes };
         Ok(Self { stream: stream.id, names, from_below, damage: options.damage, information, packets })
     }
 
-    /// Appends the events of the packet `head`.
+    /// Decodes the packet `head` and appends its events.
     fn decode_packet(&mut self, head: &PacketHead, batch: &mut Vec<Event>) -> Result<(), RecordingError> {
         let from_below = self.from_below;
         let content = self.packets.content(head)?;
         match events(content, head.cut_off) {
             Ok(events) => {
-                batch.extend(events.iter().map(|bytes| turned(event(bytes), from_below)));
+                batch.extend(events.iter().map(|bytes| flipped(event(bytes), from_below)));
                 Ok(())
             }
-            // Not even the beginning of the packet is there; the reader has noted it.
+            // Even the beginning of the packet is missing, which the packet reader has recorded.
             Err(_) if head.cut_off => Ok(()),
             Err(Malformed(what)) => Err(self.packets.damaged(head, what)),
         }
@@ -140,7 +140,7 @@ impl Decode for EventDecoder {
     }
 }
 
-/// The structs of a packet of events.
+/// Returns the events in the content of a packet, undecoded.
 fn events(content: &[u8], cut_off: bool) -> Result<&[[u8; 16]], Malformed> {
     let vector = flatbuffer::root(content, b"EVTS")?.vector(0)?;
     if cut_off { Ok(vector.first_elements()) } else { vector.elements() }
@@ -157,10 +157,11 @@ fn event(bytes: &[u8; 16]) -> Event {
     }
 }
 
-/// The event with its row counted from above, where the sensor has these rows and they count `from_below`.
-fn turned(event: Event, from_below: Option<u16>) -> Event {
+/// Flips the row of an event that counts from below, if it is inside the sensor. `from_below` is the height of the
+/// sensor if rows do.
+fn flipped(event: Event, from_below: Option<u16>) -> Event {
     match from_below {
-        // An event outside the sensor stays there.
+        // An event outside the sensor stays outside.
         Some(rows) if event.y < rows => Event { y: rows - 1 - event.y, ..event },
         _ => event,
     }
@@ -170,7 +171,7 @@ fn describe(stream: &Stream) -> String {
     format!("{} {} ({})", stream.id, stream.name, stream.type_identifier)
 }
 
-/// The streams, with their cameras where these have names.
+/// Describes the streams, with the names of their cameras if known.
 fn describe_all<'a>(streams: impl Iterator<Item = &'a Stream>) -> String {
     let one = |stream: &Stream| match &stream.source {
         Some(camera) => format!("{} of {camera}", describe(stream)),
@@ -179,7 +180,8 @@ fn describe_all<'a>(streams: impl Iterator<Item = &'a Stream>) -> String {
     streams.map(one).collect::<Vec<_>>().join(", ")
 }
 
-/// The stream of events `wanted`, by its name, its number or the name of its camera; else the first one.
+/// Returns the event stream `wanted`, selected by its name, its number or the name of its camera; the first one if
+/// `wanted` is `None`.
 fn choose_stream<'a>(
     header: &'a Header,
     wanted: Option<&str>,
@@ -202,7 +204,7 @@ fn choose_stream<'a>(
         None => {
             if of_events().count() > 1 {
                 let all = describe_all(of_events());
-                notes.push(format!("the first event stream is read, of {all}"));
+                notes.push(format!("the first event stream is read; the file contains {all}"));
             }
             Ok(first)
         }
@@ -232,7 +234,8 @@ mod tests {
     use super::*;
     use crate::Recording;
 
-    /// A file with streams 0 "events", 1 "frames", 2 "more" (events of another camera) and these packets; not closed.
+    /// Writes a file with the streams 0 "events", 1 "frames" and 2 "more" (events of another camera) and these packets,
+    /// without a closing table.
     fn file(compression: Compression, size: i64, packets: &[(i32, Vec<u8>)]) -> (TempDir, PathBuf) {
         let stream = |id, name, kind| {
             let camera = if id == 2 { "right" } else { "left" };
@@ -354,10 +357,10 @@ mod tests {
         assert!(outcome.error.unwrap().contains("0 events (EVTS) of left, 2 more (EVTS) of right"));
     }
 
-    /// jAER 3 writes its own coordinates, whose rows count from below, for events and frames, and frames of 16 bits. The camera
-    /// that came out had its centre at the mirrored row, and its frames were called damaged.
+    /// jAER 3 writes its own coordinates, in which rows of events and frames count from below, and frames of 16 bits.
+    /// Without flipping, the camera would have its principal point at the mirrored row.
     #[test]
-    fn rows_that_count_from_below_are_turned() {
+    fn rows_that_count_from_below_are_flipped() {
         let stream = |id, kind, size: &str| {
             format!(
                 r#"<node name="{id}"><attr key="originalModuleName">jAER</attr><attr key="typeIdentifier">{kind}</attr>
@@ -370,7 +373,7 @@ mod tests {
             let description = format!(r#"<dv version="2.0"><node name="outInfo">{streams}</node></dv>"#);
             let event = |y| Event { t: 5, x: 3, y, polarity: Polarity::On };
             let events = event_packet(&[event(0), event(259), event(260)]).unwrap();
-            // 16 bits, 2 x 3 pixels from column 4, row 7 from below.
+            // 16 bits, 2 x 3 pixels at column 4, row 7 from below.
             let frame = other_streams::tests::frame_bytes(2, [2, 3, 4, 7], &[1, 0, 2, 0, 3, 0, 4, 0, 5, 0, 6, 0]);
             let frame = [&(frame.len() as u32).to_le_bytes()[..], &frame].concat();
             let mut bytes = [MAGIC.as_slice(), &header(Compression::None, &description).unwrap()].concat();
@@ -401,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_are_of_the_camera_whose_events_are_read() {
+    fn frames_are_from_the_camera_whose_events_are_read() {
         let (_directory, path) = file(Compression::None, 346, &[]);
         let of = |stream: &str| {
             let options = RecordingOptions { stream: Some(stream.to_owned()), ..RecordingOptions::default() };
@@ -411,11 +414,11 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_that_is_too_large_is_refused() {
+    fn a_sensor_that_is_too_large_is_rejected() {
         for size in [32_768, 0, -5, 70_000] {
             let (_directory, path) = file(Compression::None, size, &[]);
             let error = read(&path, RecordingOptions::default()).error.unwrap();
-            assert!(error.contains(&size.to_string()) && error.contains("which none has"), "{error}");
+            assert!(error.contains(&size.to_string()) && error.contains("which is not possible"), "{error}");
             let options = RecordingOptions { sensor: Some(Sensor::new(346, 260)), ..RecordingOptions::default() };
             assert_eq!(read(&path, options).error, None);
         }
@@ -424,13 +427,13 @@ mod tests {
     }
 
     #[test]
-    fn packets_that_unpack_to_too_much_are_damage() {
+    fn packets_that_decompress_to_too_much_are_damage() {
         let bomb = zstd::bulk::compress(&vec![0; packets::MAX_UNPACKED + 1], 1).unwrap();
         let (_directory, path) = file(Compression::Zstd, 346, &[(0, bomb)]);
         assert!(read(&path, RecordingOptions::default()).error.unwrap().contains("more than 64 MiB"));
     }
 
-    /// Its bytes were read before its length was looked at.
+    /// The length is checked before any bytes are read.
     #[test]
     fn a_packet_that_is_too_long_is_not_read() {
         let length = packets::MAX_UNPACKED as i32 * 2;

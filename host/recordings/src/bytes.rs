@@ -1,4 +1,4 @@
-//! A file as bytes: where the reading is, and how much is left.
+//! Reader of a file as bytes, which keeps track of the position and of the bytes left.
 
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -8,12 +8,12 @@ use crate::error::Usable;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::read_report::{ReadReport, Truncation};
 
-/// Which part of `whole` `part` is, 0 to 1; nothing of nothing is all.
+/// Returns the fraction `part` / `whole`, at most 1; also 1 if `whole` is 0.
 pub fn share(part: u64, whole: u64) -> f64 {
     if part >= whole { 1.0 } else { part as f64 / whole as f64 }
 }
 
-/// Reads a file from its beginning. Nothing is allocated that the file does not hold.
+/// Reader of a file from its beginning. It never allocates more than the file contains.
 pub struct ByteReader {
     path: PathBuf,
     file: BufReader<File>,
@@ -35,22 +35,22 @@ impl ByteReader {
         self.position
     }
 
-    /// Number of all bytes.
+    /// Number of bytes in the file.
     pub fn length(&self) -> u64 {
         self.length
     }
 
-    /// Number of bytes from there to the end.
+    /// Number of bytes from the position to the end of the file.
     pub fn left(&self) -> u64 {
         self.length.saturating_sub(self.position)
     }
 
-    /// Which part of the file was read, 0 to 1.
+    /// Fraction of the file that has been read, 0 to 1.
     pub fn done(&self) -> f64 {
         share(self.position, self.length)
     }
 
-    /// Replaces the content of `buffer` by the next `count` bytes; by fewer at the end of the file only.
+    /// Replaces the content of `buffer` with the next `count` bytes. At the end of the file there are fewer.
     pub fn read(&mut self, buffer: &mut Vec<u8>, count: u64) -> Result<(), RecordingError> {
         buffer.clear();
         let read = self.file.by_ref().take(count).read_to_end(buffer);
@@ -58,8 +58,8 @@ impl ByteReader {
         Ok(())
     }
 
-    /// Replaces the content of `block` by the next `count` bytes, as far as they are whole records of `SIZE` bytes, and
-    /// tells whether there may be more. What is left of a record at the end of the file is noted in `report`.
+    /// Replaces the content of `block` with the whole records of `SIZE` bytes among the next `count` bytes. Returns
+    /// `true` if there may be more. An incomplete record at the end of the file is stored in `report`.
     pub fn read_records<const SIZE: usize>(
         &mut self,
         block: &mut Vec<u8>,
@@ -77,7 +77,7 @@ impl ByteReader {
         Ok(more)
     }
 
-    /// The next `N` bytes; `None`, and the position stays, if there are not as many.
+    /// Reads the next `N` bytes. Returns `None` and keeps the position if there are fewer.
     pub fn array<const N: usize>(&mut self) -> Result<Option<[u8; N]>, RecordingError> {
         if self.left() < N as u64 {
             return Ok(None);
@@ -88,7 +88,7 @@ impl ByteReader {
         Ok(Some(bytes))
     }
 
-    /// Goes on at `position`.
+    /// Continues at `position`.
     pub fn seek(&mut self, position: u64) -> Result<(), RecordingError> {
         let distance = i64::try_from(i128::from(position) - i128::from(self.position)).unwrap_or(i64::MAX);
         self.file.seek_relative(distance).map_err(|error| RecordingError::io(&self.path, error))?;
@@ -96,7 +96,7 @@ impl ByteReader {
         Ok(())
     }
 
-    /// An error about what stands at `byte`.
+    /// Creates an error about the data at `byte`.
     pub fn damaged(&self, byte: u64, what: impl Into<String>) -> RecordingError {
         let kind = RecordingErrorKind::Damaged { byte, what: what.into(), usable: Usable::Before };
         RecordingError::new(&self.path, kind)

@@ -1,4 +1,4 @@
-//! Files that continue each other, read as one recording.
+//! Decoding of files that continue each other as one recording.
 
 use std::collections::VecDeque;
 
@@ -9,23 +9,23 @@ use crate::extras::{Extra, OtherStreams, ReadExtras};
 use crate::read_report::ReadReport;
 use crate::reader::{Decode, RecordingInformation};
 
-/// Opens the decoder of a file.
+/// Opens the decoder of a file when called.
 pub type OpenDecoder = Box<dyn FnOnce() -> Result<Box<dyn Decode>, RecordingError> + Send>;
 
-/// Decodes files one after the other.
+/// Decoder of several files, one after the other.
 pub struct ChainDecoder {
-    /// Those that were not opened yet.
+    /// Files that have not been opened yet.
     files: VecDeque<OpenDecoder>,
-    /// Number of all of them.
+    /// Number of all files.
     count: usize,
     now: Box<dyn Decode>,
     information: RecordingInformation,
-    /// Frames of the files that were read, if each of them gave a number.
+    /// Number of frames in the files read so far, if each file reported one.
     frames: Option<u64>,
 }
 
 impl ChainDecoder {
-    /// Begins with `first`.
+    /// Starts with `first`, followed by `others`.
     pub fn new(first: Box<dyn Decode>, others: impl Iterator<Item = OpenDecoder>) -> Self {
         let (files, information) = (VecDeque::from_iter(others), first.information().clone());
         Self { count: files.len() + 1, files, now: first, information, frames: Some(0) }
@@ -60,9 +60,9 @@ impl Decode for ChainDecoder {
     }
 }
 
-/// Frames and inertial samples of files, one after the other.
+/// Reader of the frames and inertial samples of several files, one after the other.
 pub struct ChainExtras {
-    /// Those of each file.
+    /// Reader of each file.
     pub files: Vec<Box<dyn ReadExtras>>,
 }
 

@@ -1,61 +1,61 @@
-//! What the columns of a table of events are, and the unit of its times, where nobody says it.
+//! Detection of the columns of a table of events and of the unit of its times, if the user does not give them.
 
 use crate::options::{Column, Columns, TimeUnit};
 
-/// Why the columns of a text file or an array cannot be told.
+/// Reason why the columns of a text file or an array cannot be determined.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LayoutError {
-    /// Not a text file.
-    #[error("is no text")]
+    /// The file is not text.
+    #[error("is not a text file")]
     NoText,
-    /// Names of which the needed ones are missing.
-    #[error("the columns are named {0}, where t, x, y and p were expected")]
+    /// The columns have names, but required ones are missing.
+    #[error("the columns are named {0}; t, x, y and p were expected")]
     Names(String),
-    /// A first line of two fields that are no size.
+    /// The first line has two fields that are not a size.
     #[error("the first line, {0:?}, is neither an event nor the size of a sensor")]
     FirstLine(String),
-    /// An array without rows, or whose rows were never written.
+    /// The array has no rows, or its rows were never written.
     #[error("holds no events: its array has no rows, or none that was written")]
     NoRows,
-    /// Not one line of numbers.
-    #[error("no line with numbers was found at its beginning; a line `t x y p` per event is expected")]
+    /// No line consists of numbers.
+    #[error("no line with numbers was found at its beginning; one line `t x y p` per event is expected")]
     NoNumbers,
-    /// More or fewer fields than four, without names.
-    #[error("it has {0} fields in a row and no names, where t, x, y and p were expected")]
+    /// The columns have no names, and there are not four of them.
+    #[error("it has {0} fields in a row and no names; t, x, y and p were expected")]
     FieldCount(usize),
     /// No order of columns fits the values.
     #[error("it is not clear which columns are time, x, y and polarity")]
     Unclear,
-    /// An order was asked for where there is nothing to put in order.
-    #[error("names its columns itself, so that none can be asked for")]
+    /// An order was requested for a file with named columns.
+    #[error("has named columns, so their order cannot be chosen")]
     Named,
-    /// Several orders fit.
-    #[error("the columns cannot be told apart")]
+    /// Several orders fit the values.
+    #[error("the columns cannot be distinguished")]
     Ambiguous,
 }
 
-/// How many rows are looked at.
+/// Number of rows that are examined.
 pub const SAMPLE: usize = 2000;
-/// Whole numbers above it are nanoseconds since 1970 (or, as microseconds, later than the year 5000).
+/// Whole numbers above this are nanoseconds since 1970 (as microseconds they would be after the year 5000).
 const LARGEST_MICROSECONDS: f64 = 1e17;
-/// Whole numbers from it on, up to the next, are microseconds since 1970 (from 2001 on).
+/// Whole numbers from this up to [`LARGEST_MICROSECONDS`] are microseconds since 1970 (from 2001 on).
 const SINCE_1970: f64 = 1e15;
-/// Share of times that may be less than the one before, where nothing else can be the time.
+/// Fraction of times that may be less than the one before, if no other column can be the time.
 const MOST_BACK: f64 = 0.1;
-/// From so many different times on, all multiples of 1000, they are taken for nanoseconds.
+/// Number of different times, all multiples of 1000, from which they are taken for nanoseconds.
 const ENOUGH_TIMES: usize = 20;
 
-/// What one field of a row can be.
+/// Properties of one field of a row.
 #[derive(Clone, Copy, Debug)]
 pub struct Cell {
     /// Its value, if it is a number.
     pub value: Option<f64>,
-    /// Whether it can be a polarity.
+    /// `true` if it can be a polarity.
     pub is_polarity: bool,
 }
 
-/// What a column of this name holds, and the unit that the name gives.
+/// Returns the content of a column with this name, and the unit if the name contains one.
 pub fn of_name(name: &str) -> (Column, Option<TimeUnit>) {
     let name = event_name(name).to_lowercase();
     let mut words = name.split(|character: char| !character.is_alphanumeric()).filter(|word| !word.is_empty());
@@ -70,21 +70,21 @@ pub fn of_name(name: &str) -> (Column, Option<TimeUnit>) {
     }
 }
 
-/// The name of a column as it stands behind what says that it is one of events: `t` of `dataset_events_t`.
+/// Removes a prefix that marks a column as part of the events: `dataset_events_t` becomes `t`.
 pub fn event_name(name: &str) -> &str {
     let name = name.strip_prefix("dataset_").unwrap_or(name);
     name.strip_prefix("events_").or_else(|| name.strip_prefix("event_")).unwrap_or(name)
 }
 
-/// The columns by their names, if t, x, y and p are all there, and the unit that the name of t gives.
+/// Determines the columns by name, if t, x, y and p are all present, and the unit from the name of t.
 pub fn from_names(names: &[&str]) -> (Option<Columns>, Option<TimeUnit>) {
     let known: Vec<_> = names.iter().map(|name| of_name(name)).collect();
     let unit = known.iter().filter_map(|(_, unit)| *unit).next_back();
     (Columns::new(known.into_iter().map(|(column, _)| column).collect()), unit)
 }
 
-/// The columns by their values: p has, but for single bad rows, no values but −1, 0 and 1, t does not
-/// decrease, and x stands before y. A few steps back are allowed where no column can be t without one.
+/// Determines the columns by value: p contains only −1, 0 and 1 (apart from a few bad rows), t does not decrease, and x
+/// precedes y. A few decreases of t are allowed if no column is without them.
 pub fn from_values(rows: &[Vec<Cell>], notes: &mut Vec<String>) -> Result<Columns, LayoutError> {
     let Some(width) = rows.first().map(Vec::len) else {
         return Err(LayoutError::NoRows);
@@ -101,10 +101,11 @@ pub fn from_values(rows: &[Vec<Cell>], notes: &mut Vec<String>) -> Result<Column
         let back = values.windows(2).filter(|pair| pair[1] < pair[0]).count();
         back as f64 <= most_back * values.len() as f64 && values.first() != values.last()
     };
-    // The usual order first; it is also the only one that is believed without a change of time.
+    // The usual order is tried first. It is also the only one that is accepted without a change of time.
     const ORDERS: [(usize, usize); 3] = [(0, 3), (3, 2), (2, 3)];
     let order = |most_back: f64| ORDERS.into_iter().find(|&(t, p)| is_polarity(p) && is_time(t, most_back));
-    // Pixels that are read out in their order step back seldom, too.
+    // A column of coordinates may also decrease rarely, if pixels are read out in order, so strict order is tried
+    // first.
     let (t, p) = order(0.0)
         .or_else(|| order(MOST_BACK))
         .or_else(|| Some((0, 3)).filter(|&(_, p)| is_polarity(p)))
@@ -121,15 +122,15 @@ pub fn from_values(rows: &[Vec<Cell>], notes: &mut Vec<String>) -> Result<Column
         };
     }
     let columns = Columns::new(columns).ok_or(LayoutError::Ambiguous)?;
-    notes.push(format!("the columns have no names: taken for {columns}"));
+    notes.push(format!("the columns have no names: assumed {columns}"));
     Ok(columns)
 }
 
-/// A unit of times.
+/// A time unit that was determined from the values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuessedUnit {
     pub unit: TimeUnit,
-    /// `true` if nanoseconds may as well be microseconds.
+    /// `true` if nanoseconds could also be microseconds.
     pub is_doubtful: bool,
 }
 
@@ -139,7 +140,7 @@ impl From<TimeUnit> for GuessedUnit {
     }
 }
 
-/// The unit of the first times of a file.
+/// Determines the unit from the first times of a file.
 pub fn unit_from_values(times: &[f64], notes: &mut Vec<String>) -> GuessedUnit {
     let largest = times.iter().fold(0f64, |largest, time| largest.max(time.abs()));
     let different = times.windows(2).filter(|pair| pair[0] != pair[1]).count();
@@ -167,14 +168,15 @@ mod tests {
         from_values(&rows, &mut Vec::new()).map_or_else(|error| error.to_string(), |columns| columns.to_string())
     }
 
-    /// With a sensor that is read out column by column x steps back no more often than times that are not quite in order. It was taken for one.
+    /// With a sensor that is read out column by column, x decreases no more often than times that are slightly out of
+    /// order.
     #[test]
-    fn a_column_without_a_step_back_is_the_time_rather_than_one_with_some() {
+    fn a_column_without_decreases_is_preferred_as_time() {
         let scan = |index: u32| [index % 320 / 4, index * 7 % 100 + 2, 5000 + index / 320, index / 3 % 2];
         assert_eq!(order((0..2000).map(scan)), "x,y,t,p");
         let scan = |index: u32| [index % 320 / 4, index * 7 % 100 + 2, index / 3 % 2, 5000 + index / 320];
         assert_eq!(order((0..2000).map(scan)), "x,y,p,t");
-        // Of every twentieth pair of events the second came first.
+        // In every twentieth pair of events the second comes first.
         let exchanged = |index: u32| {
             let early = if index % 20 == 9 { 13 } else { 0 };
             [20 + index - early, index * 7 % 100 + 2, 50 - index % 37, 1]

@@ -1,31 +1,31 @@
-//! Which files continue each other: programs split long recordings by size or time.
+//! Detection of files that continue each other, because programs split long recordings by size or time.
 
 use std::ops::RangeInclusive;
 
 use crate::reader::RecordingInformation;
 use crate::recording::Recording;
 
-/// A file that continues another begins so long after its last event (µs): the pause between two events of a moving board, or the
-/// jitter of events that were split by message.
+/// Range of the pause in µs between the last event of a file and the first event of its continuation. It covers the
+/// pause between two events of a moving board and the jitter of events that were split by message.
 const PAUSE: RangeInclusive<i64> = -1000..=100_000;
 
-/// Finds recordings that continue each other: same format, sensor and camera, and each begins when the one before it ends. Returns
-/// their places in `recordings`, in the order of time, one list for each chain of two or more.
+/// Finds recordings that continue each other: format, sensor and camera are the same, and each begins when the previous
+/// one ends. Returns one list per chain of two or more recordings, with their indices in `recordings` in order of time.
 pub fn chains(recordings: &[&Recording]) -> Vec<Vec<usize>> {
     let mut beginnings: Vec<(i64, usize)> =
-        recordings.iter().enumerate().filter_map(|(place, recording)| Some((first_time(recording)?, place))).collect();
+        recordings.iter().enumerate().filter_map(|(index, recording)| Some((first_time(recording)?, index))).collect();
     beginnings.sort_unstable();
     let mut chains: Vec<Vec<usize>> = Vec::new();
     let mut chain: Vec<usize> = Vec::new();
-    for &(first, place) in &beginnings {
+    for &(first, index) in &beginnings {
         let before = chain.last().and_then(|before| recordings.get(*before));
-        if let (Some(before), Some(recording)) = (before, recordings.get(place))
+        if let (Some(before), Some(recording)) = (before, recordings.get(index))
             && is_alike(before, recording)
             && ends_at(before, first)
         {
-            chain.push(place);
+            chain.push(index);
         } else {
-            chains.push(std::mem::replace(&mut chain, vec![place]));
+            chains.push(std::mem::replace(&mut chain, vec![index]));
         }
     }
     chains.push(chain);
@@ -48,7 +48,7 @@ fn is_alike(one: &Recording, other: &Recording) -> bool {
     known(one).is_some_and(|one| known(other) == Some(one))
 }
 
-/// Returns `true` if the last event comes shortly before `time` (µs). Reads no further than to the first event after it.
+/// Returns `true` if the last event comes shortly before `time` (µs). Stops reading at the first event after it.
 fn ends_at(recording: &Recording, time: i64) -> bool {
     let Ok(mut reader) = recording.open() else { return false };
     let (mut batch, mut last) = (Vec::new(), None);
@@ -76,7 +76,7 @@ mod tests {
     use crate::encode::OutputFormat;
     use crate::write::EventWriter;
 
-    /// 3000 events 70 µs apart from `first` on.
+    /// Returns 3000 events 70 µs apart, the first at time `first`.
     fn events(first: i64) -> Vec<Event> {
         (0..3000)
             .map(|index| Event {
@@ -109,12 +109,13 @@ mod tests {
         const LENGTH: i64 = 3000 * 70;
         for extension in ["npz", "bag", "mcap", "aedat4", "csv"] {
             let folder = tempfile::tempdir().unwrap();
-            // In the order of a shell, 10 stands before 2; 20 begins 0.3 s after the others end, 30 within them.
+            // In a shell's order, 10 precedes 2. File 20 begins 0.3 s after the others end, file 30 during
+            // them.
             let starts = [(1, 0), (10, 2 * LENGTH), (2, LENGTH), (20, 3 * LENGTH + 300_000), (30, LENGTH / 2)];
             let name = |number: i32| folder.path().join(format!("part_{number}.{extension}"));
             let files = starts.map(|(number, start)| write(&name(number), 1_000_003 + start));
             let chains = chains(&files.each_ref());
-            // One that lies within others breaks the chain: which of them are one recording is not clear.
+            // A file that lies within others breaks the chain, because the order is then ambiguous.
             assert_eq!(chains, [vec![2, 1]], "{extension}");
             let three = [&files[0], &files[1], &files[2], &files[3]];
             assert_eq!(super::chains(&three), [vec![0, 2, 1]], "{extension}");

@@ -1,8 +1,7 @@
-//! From one format of recordings to another.
+//! Conversion of recordings from one format to another.
 //!
-//! Events go through the same reader as for a calibration, so that a converted recording calibrates
-//! as the original does. Frames and inertial samples are kept where both formats hold them; the
-//! report names what is not.
+//! Events pass the same reader as for a calibration, so a converted recording gives the same calibration as the
+//! original. Frames and inertial samples are kept if both formats support them; the report lists what was lost.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -24,92 +23,92 @@ use crate::reader::EventReader;
 use crate::recording::Recording;
 use evcal_files::{FileError, NewFile};
 
-/// The format that the extension of `path` stands for.
+/// Returns the output format for the extension of `path`.
 ///
 /// # Errors
-/// [`ConvertError::Extension`] when there is none.
+/// [`ConvertError::Extension`] if there is none.
 pub fn output_of(path: &Path) -> Result<OutputFormat, ConvertError> {
     OutputFormat::from_extension(path).ok_or_else(|| ConvertError::Extension(path.to_owned()))
 }
 
-/// From when times count.
+/// Zero of the times in the output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum TimeOrigin {
-    /// As in the recording.
+    /// The same as in the recording.
     #[default]
     Kept,
-    /// From 1970, by the time at which a recording of a camera began.
+    /// 1970-01-01, from the date at which the camera's recording began.
     Unix,
 }
 
-/// What was converted.
+/// Result of a conversion.
 #[derive(Debug, Default, Serialize)]
 pub struct ConversionReport {
-    /// Events written, as far as they were decoded.
+    /// Events written.
     pub events: u64,
     /// Frames written.
     pub frames: u64,
     /// Inertial samples written.
     pub inertial_samples: u64,
-    /// Transfers copied, where both formats are those of the camera's stream.
+    /// Transfers copied, if both formats store USB transfers of a camera.
     pub transfers: u64,
-    /// What the output does not hold, or holds otherwise, in sentences.
+    /// Content that the output lacks or stores with less detail, in sentences.
     pub lost: Vec<String>,
-    /// What the reader met.
+    /// Counts and corrections of the reader.
     pub report: ReadReport,
-    /// What the reader took for granted.
+    /// Assumptions of the reader.
     pub notes: Vec<String>,
-    /// Why reading stopped before the end; what came before is in the output.
+    /// Error that ended reading early; the output contains everything before it.
     #[serde(serialize_with = "as_text")]
     pub error: Option<ConvertError>,
 }
 
-/// Why nothing was converted.
+/// Error that prevents a conversion.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ConvertError {
     /// The recording cannot be opened.
     #[error("{0}")]
     Recording(#[from] RecordingError),
-    /// The sensor that was asked for is not that of the recording.
+    /// The requested sensor is not the sensor of the recording.
     #[error("{0}")]
     OtherSensor(#[from] OtherSensor),
     /// The camera's stream cannot be read.
     #[error("{}: {error}", path.display())]
     Capture {
-        /// The recording.
+        /// Path of the recording.
         path: PathBuf,
-        /// Why.
+        /// Cause.
         #[source]
         error: CaptureError,
     },
     /// The output cannot be written.
     #[error("{}: {error}", path.display())]
     Write {
-        /// The output.
+        /// Path of the output.
         path: PathBuf,
-        /// Why.
+        /// Cause.
         #[source]
         error: WriteError,
     },
     /// No format has this extension.
     #[error("{}: unknown extension; known are {}", .0.display(), output_extensions())]
     Extension(PathBuf),
-    /// The sensor size is not known.
+    /// The sensor size is unknown.
     #[error("{} does not say how many pixels the sensor has{}", file.display(), likely_words(*likely))]
     SensorUnknown {
-        /// The recording.
+        /// Path of the recording.
         file: PathBuf,
-        /// The smallest usual sensor that has all its pixels.
+        /// Smallest usual sensor that contains all events.
         likely: Option<Sensor>,
     },
-    /// Reading stopped before there was anything to write.
-    #[error("{0}; nothing was written, for nothing stands before it")]
+    /// Reading stopped before the first event, frame or sample.
+    #[error("{0}; nothing was written, because nothing precedes it")]
     Nothing(#[source] Box<ConvertError>),
-    /// Times of transfers that are copied stay as they are.
-    #[error("{}: transfers of a camera are copied as they are, and their times cannot count from 1970", .0.display())]
+    /// Transfers are copied with their times, which cannot be changed.
+    #[error("{}: USB transfers are copied unchanged, so their times cannot count from 1970", .0.display())]
     CopiedTimes(PathBuf),
-    /// The recording does not say when it began.
+    /// The recording does not contain the date at which it began.
     #[error("{} does not say when it began: times cannot count from 1970", .0.display())]
     StartUnknown(PathBuf),
 }
@@ -118,31 +117,32 @@ fn as_text<S: Serializer>(error: &Option<ConvertError>, to: S) -> Result<S::Ok, 
     error.as_ref().map(ConvertError::to_string).serialize(to)
 }
 
-/// What comes later than this after the last event has a damaged time (µs).
+/// Frames and samples later than this (µs) after the last event have a damaged time.
 const AFTERWARDS: i64 = 60_000_000;
 
-/// What is done to a recording on its way.
+/// Changes that are made to a recording during conversion.
 pub struct Change<'a> {
     /// Changes a batch of events; times must stay in order.
     pub events: &'a mut dyn FnMut(&mut Vec<Event>),
-    /// Changes a frame or an inertial sample, not its times.
+    /// Changes a frame or an inertial sample, except its times.
     pub extra: &'a mut dyn FnMut(&mut Extra),
 }
 
-/// How far a conversion is.
+/// Progress of a conversion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ConversionProgress {
-    /// Events done.
+    /// Events converted so far.
     pub events: u64,
-    /// Which part of the recording that is, 0 to 1; `None` where that is not known.
+    /// Fraction of the recording converted, 0 to 1; `None` if unknown.
     pub done: Option<f64>,
 }
 
-/// Writes the content of `recording` to a file at `path`; one that was there is replaced when the new one is whole. `progress` is told how far it is.
+/// Writes the content of `recording` to a file at `path`. An existing file is replaced once the new one is complete.
+/// Calls `progress` after each batch.
 ///
 /// # Errors
-/// [`ConvertError`] if it cannot begin or the output cannot be written. Should the recording break
-/// off, what came before is written, and the report says so.
+/// [`ConvertError`] if the conversion cannot begin or the output cannot be written. If reading fails later, everything
+/// before the error is written, and the report contains the error.
 pub fn convert(
     recording: &Recording,
     path: &Path,
@@ -160,10 +160,11 @@ pub fn convert(
     convert_changed(recording, path, target, origin, unchanged, progress)
 }
 
-/// As [`convert`], of a recording that is changed on its way: transfers of a camera are never copied.
+/// Converts like [`convert`], but applies `change` to the content. USB transfers are therefore decoded instead of
+/// copied.
 ///
 /// # Errors
-/// As there.
+/// As for [`convert`].
 pub fn convert_changed(
     recording: &Recording,
     path: &Path,
@@ -225,7 +226,7 @@ pub fn convert_changed(
         report.lost.push("frames or inertial samples more than a minute after the last event".to_owned());
     }
     check_outside(recording, reader.report())?;
-    // What was there is not replaced by nothing.
+    // An existing file is not replaced by an empty one.
     if report.events + report.frames + report.inertial_samples == 0
         && let Some(error) = report.error.take()
     {
@@ -244,7 +245,8 @@ pub fn convert_changed(
     Ok(report)
 }
 
-/// Changes, moves and writes a frame or an inertial sample, and counts it if it is kept.
+/// Changes a frame or an inertial sample, shifts its times by `shift` µs, writes it, and counts it if the output
+/// supports it.
 fn write_extra(
     output: &mut dyn Encode,
     mut extra: Extra,
@@ -290,7 +292,7 @@ fn copy_transfers(
     })
 }
 
-/// When the recording of a camera began, in µs since 1970, if it says so.
+/// Returns the time in µs since 1970 at which a camera's recording began, if it contains it.
 fn start(recording: &Recording) -> Result<Option<i64>, ConvertError> {
     let Some(open) = recording.format().transfers else { return Ok(None) };
     let unreadable = |error| ConvertError::Capture { path: recording.path().to_owned(), error };
@@ -298,15 +300,15 @@ fn start(recording: &Recording) -> Result<Option<i64>, ConvertError> {
     Ok(i64::try_from(start / 1000).ok().filter(|start| *start > 0))
 }
 
-/// Time that becomes the zero of a camera's clock: 0 as long as the events begin in the hour after it,
-/// else the first time of all. The camera's stream spends a word on every 33 ms before.
+/// Returns the time in µs that becomes zero on the camera's clock: 0 if the events begin within the first hour, else
+/// the first time of all. The camera's stream needs one word for every 33 ms before the first event.
 fn zero(events: Option<i64>, extras: Option<i64>) -> i64 {
     const LATEST_START: i64 = 3_600_000_000;
     let first = events.into_iter().chain(extras).min().unwrap_or(0);
     if (0..LATEST_START).contains(&events.unwrap_or(first)) { 0 } else { first }
 }
 
-/// The next events; false at the end, which may be an error.
+/// Reads the next events. Returns `false` at the end and after an error, which is stored in `report`.
 fn next(reader: &mut EventReader, events: &mut Vec<Event>, report: &mut ConversionReport) -> bool {
     reader.next_batch(events).unwrap_or_else(|error| {
         report.error = Some(error.into());

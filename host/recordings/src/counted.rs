@@ -1,6 +1,6 @@
-//! A number with what it counts, in a sentence.
+//! Numbers with the noun that they count, in messages.
 
-/// `count` with `one` or `many` behind it, which may be whole parts of a sentence: `2 events are`.
+/// Returns `count` followed by `one` or `many`, which may contain more of the sentence: `2 events are`.
 pub fn counted(count: u64, one: &str, many: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { many })
 }
@@ -11,7 +11,7 @@ mod tests {
 
     #[test]
     fn only_one_is_singular() {
-        let told = [0, 1, 2].map(|count| counted(count, "event is", "events are"));
-        assert_eq!(told, ["0 events are", "1 event is", "2 events are"]);
+        let texts = [0, 1, 2].map(|count| counted(count, "event is", "events are"));
+        assert_eq!(texts, ["0 events are", "1 event is", "2 events are"]);
     }
 }

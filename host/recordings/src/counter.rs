@@ -1,45 +1,47 @@
-//! Times that a counter of 32 bits holds, which wraps in the middle of a recording.
+//! Unwrapping of times from a 32-bit counter.
 //!
-//! The highest count is followed by the lowest: in microseconds after 71.6 min, or after 35.8 min where the highest bit is not used. Tables
-//! of events hold such counts as they are. A clock that was reset leaps back, too, but from anywhere and not from the end of a counter's
-//! range.
+//! In microseconds, such a counter wraps after 71.6 min, or after 35.8 min if its highest bit is not used. Tables of
+//! events contain its counts unchanged. A clock reset jumps back too, but from any count, whereas a wrap jumps from the
+//! end of the counter's range to its beginning.
 
 use crate::options::TimeUnit;
 use crate::read_report::{CounterWraps, ReadReport};
 
-/// The lowest count of a counter, and the one that would follow its highest.
+/// Ranges of counters: the lowest count, and the highest count plus 1.
 const RANGES: [(i128, i128); 3] = [(0, 1 << 32), (-(1 << 31), 1 << 31), (0, 1 << 31)];
-/// A wrap leads from so many counts before the end of the range to as many around its beginning: 16.8 s of microseconds.
+/// A jump is a wrap if it begins within this many counts of the end of the range and ends within as many of its
+/// beginning (16.8 s in microseconds).
 const NEAR: i128 = 1 << 24;
 /// A microsecond in nanoseconds.
 const MICROSECOND: i128 = 1000;
-/// No wrap leaps by less (µs); the shortest, of nanoseconds in 31 bits, is one of 2.1 s.
+/// Shortest jump in µs that can be a wrap. The shortest range, nanoseconds in 31 bits, is 2.1 s long.
 const SHORTEST_WRAP: u64 = 2_000_000;
 
-/// Makes one clock of the times of a table, whose counter may wrap.
+/// Clock that unwraps the times of a table.
 pub struct TimeCounter {
-    /// How long a count may be, in nanoseconds.
+    /// Possible durations of a count, in nanoseconds.
     counts: [i128; 2],
-    /// Times seen so far, and the last of them (µs) as the file has it.
+    /// Number of times seen so far, and the last of them (µs) as in the file.
     events: u64,
     last: Option<i64>,
-    /// How much the wraps up to here come to, in nanoseconds; and how much at most so far.
+    /// Sum of the wraps so far, in nanoseconds, and its maximum.
     wrapped: i128,
     most: i128,
-    /// The same as the first, in microseconds.
+    /// `wrapped` in microseconds.
     shift: i64,
 }
 
 impl TimeCounter {
-    /// For times in this unit. Those in seconds or milliseconds may also be microseconds that were divided.
+    /// Creates a clock for times in this unit. Times in seconds or milliseconds may also come from a microsecond
+    /// counter by division.
     pub fn new(unit: TimeUnit) -> Self {
         let count = 10_i128.pow(unit.decimal_exponent().saturating_add(3).unsigned_abs());
         Self { counts: [count, count.min(MICROSECOND)], events: 0, last: None, wrapped: 0, most: 0, shift: 0 }
     }
 
-    /// The next event of the file has the time `t` (µs) there: its time on a clock that does not wrap.
+    /// Returns the unwrapped time (µs) of the next event, which has the time `t` (µs) in the file.
     ///
-    /// Events from before a wrap may follow it: the clock is turned back for them, and on again for the next.
+    /// Events from before a wrap may follow it. The wrap is then undone for them, and redone for the next event.
     pub fn time(&mut self, t: i64, report: &mut ReadReport) -> i64 {
         self.events += 1;
         let last = self.last.replace(t).unwrap_or(t);
@@ -55,16 +57,17 @@ impl TimeCounter {
         t.saturating_add(self.shift)
     }
 
-    /// What the wrap from the time `last` to the time `t` comes to; less than 0 if it is passed backwards, 0 if there is none.
+    /// Returns the length of the wrap from the time `last` to the time `t`: negative if it is passed backwards, 0 if
+    /// there is no wrap.
     fn wrap(&self, last: i64, t: i64) -> i128 {
         let [last, t] = [last, t].map(|time| i128::from(time) * MICROSECOND);
         let mut ranges =
             self.counts.iter().flat_map(|count| RANGES.map(|(start, end)| (start * count, end * count, count)));
         let wrap = |(start, end, count): (i128, i128, &i128)| {
             let near = NEAR * count;
-            // In nanoseconds the last count may have been rounded up.
+            // The last count may have been rounded up to microseconds.
             let is_at_end = |time| (end - near..end + MICROSECOND).contains(&time);
-            // The highest count of an unsigned number is read as -1.
+            // The highest count of an unsigned counter may have been read as -1.
             let is_at_start = |time| (start - near..start + near).contains(&time);
             if is_at_end(last) && is_at_start(t) {
                 Some(end - start)
@@ -83,7 +86,7 @@ mod tests {
     use super::*;
     use crate::testing::KEPT;
 
-    /// The times (µs) on a clock that does not wrap.
+    /// Returns the unwrapped times (µs).
     fn times(unit: TimeUnit, times: impl IntoIterator<Item = i64>) -> (Vec<i64>, Option<CounterWraps>) {
         let (mut counter, mut report) = (TimeCounter::new(unit), ReadReport::default());
         let times = times.into_iter().map(|t| counter.time(t, &mut report)).collect();
@@ -91,9 +94,9 @@ mod tests {
     }
 
     #[test]
-    fn times_go_on_where_the_counter_wraps() {
+    fn times_continue_after_a_wrap() {
         for (kept, wraps, first_event) in [(KEPT[0], 2, 431), (KEPT[1], 3, 216), (KEPT[2], 5, 216)] {
-            // 3 h, in steps of 10 s.
+            // 3 h in steps of 10 s.
             let truth: Vec<i64> = (0..1080).map(|index| index * 10_000_000 + 7).collect();
             let (times, met) = times(TimeUnit::Microseconds, truth.iter().map(|t| kept(*t)));
             assert_eq!(times, truth);
@@ -104,7 +107,7 @@ mod tests {
     #[test]
     fn events_around_the_wrap_may_come_in_any_order() {
         let wrap = 1 << 32;
-        // 100 µs apart; every third comes 3 ms late, every seventh 5 ms early.
+        // 100 µs apart; every third event is 3 ms late, every seventh 5 ms early.
         let mut truth: Vec<i64> = (-200..200).map(|index| wrap + index * 100).collect();
         truth.sort_by_key(|t| {
             t + [3000, 0, 0][(t / 100 % 3) as usize] - [5000, 0, 0, 0, 0, 0, 0][(t / 100 % 7) as usize]
@@ -116,14 +119,14 @@ mod tests {
         assert_eq!((times, met), (truth, Some(CounterWraps { count: 1, first_event })));
     }
 
-    /// The first event of a file may be one from behind the wrap.
+    /// The first event of a file may be from after the wrap, and the second from before it.
     #[test]
-    fn a_file_may_begin_within_the_wrap() {
+    fn a_file_may_begin_at_the_wrap() {
         let (times, met) = times(TimeUnit::Microseconds, [2, u32::MAX.into(), 3, 4_294_967_294, 5, 6]);
         assert_eq!((times, met), (vec![2, -1, 3, -2, 5, 6], None));
     }
 
-    /// Unsigned numbers whose bits are all ones are read so.
+    /// An unsigned count of all ones is read as −1.
     #[test]
     fn the_highest_count_may_be_minus_one() {
         let end = 1 << 32;
@@ -133,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn the_counts_are_those_of_the_column() {
+    fn the_unit_of_the_column_determines_the_range() {
         // 32 bits of nanoseconds: 10 min in steps of 5 ms, to the nearest µs.
         let truth: Vec<i64> = (0..120_000).map(|index| index * 5_000_321).collect();
         let rounded = |count: i64| (count + 500) / 1000;
@@ -144,12 +147,12 @@ mod tests {
         let end = 1 << 32;
         assert_eq!(times(TimeUnit::Milliseconds, [(end - 1) * 1000, 1000]).0, [(end - 1) * 1000, (end + 1) * 1000]);
         assert_eq!(times(TimeUnit::Milliseconds, [end - 1, 1]).0, [end - 1, end + 1]);
-        // In a column of microseconds 49.7 days are the range of no counter.
+        // In microseconds, no counter has a range of 49.7 days.
         assert_eq!(times(TimeUnit::Microseconds, [(end - 1) * 1000, 1000]).0, [(end - 1) * 1000, 1000]);
     }
 
     #[test]
-    fn leaps_elsewhere_are_left_to_the_reader() {
+    fn other_jumps_are_left_to_the_reader() {
         let (end, second) = (1_i64 << 32, 1_000_000);
         for [before, after] in [
             [4000 * second, 0],
@@ -168,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn times_that_wrap_for_ever_end_at_the_largest() {
+    fn endless_wraps_end_at_the_largest_time() {
         let end = 1_i64 << 32;
         let second = 1_000_000;
         let round = [0, end / 4, end - 1].map(|count| count * second);

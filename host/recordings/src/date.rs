@@ -1,11 +1,11 @@
-//! When a recording was made.
+//! Date of a recording from its times.
 
 use jiff::Timestamp;
 
-/// Times that count from 1970 are those of the years 2000 to 2099, in microseconds.
+/// Range of times in microseconds that are taken for times since 1970: the years 2000 to 2099.
 const SINCE_1970: std::ops::Range<i64> = 946_684_800_000_000..4_102_444_800_000_000;
 
-/// The date of a time in microseconds since 1970; `None` for a time that counts from elsewhere.
+/// Returns the date of a time in microseconds since 1970; `None` if the time seems to count from elsewhere.
 pub fn date(microseconds: i64) -> Option<String> {
     if !SINCE_1970.contains(&microseconds) {
         return None;

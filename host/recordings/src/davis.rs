@@ -1,9 +1,7 @@
-//! Recordings of what a DAVIS346 sent over USB: `.dvraw` dumps, pcap and pcapng captures, and the
-//! bare stream.
+//! Recordings of the USB stream of a DAVIS346: `.dvraw` dumps, pcap and pcapng captures, and the bare stream.
 //!
-//! Lost bytes and failed transfers are gaps: they are counted, events go on behind them, and the time
-//! is put right by the computer's clock. Where the camera's clock was reset, times go on 1 s after the
-//! latest one.
+//! Lost bytes and failed transfers are gaps. They are counted, events continue after them, and the time is corrected by
+//! the computer's clock. After a reset of the camera's clock, times continue 1 s after the latest one.
 
 pub mod dump;
 mod dump_sink;
@@ -30,7 +28,7 @@ use crate::read_report::ReadReport;
 use crate::reader::{Decode, RecordingInformation};
 pub use dump_sink::OUTPUT;
 
-/// Dumps and captures, which begin with a mark.
+/// Dumps and captures, which are recognised by their first bytes.
 pub const FORMAT: FileFormat = FileFormat {
     name: "DAVIS USB recording",
     recognise: |head| is(head, &[CaptureFormat::Dvraw, CaptureFormat::Packets]),
@@ -43,7 +41,7 @@ pub const FORMAT: FileFormat = FileFormat {
     uses: Uses { device: true, ..Uses::NONE },
 };
 
-/// The stream alone, which can be told from other files only by its words.
+/// The bare stream, which is recognised only by its words.
 pub const BARE_FORMAT: FileFormat = FileFormat {
     name: "bare DAVIS stream",
     recognise: |head| is(head, &[CaptureFormat::BarePayload]),
@@ -55,7 +53,7 @@ pub const BARE_FORMAT: FileFormat = FileFormat {
 
 const BATCH: usize = 32_768;
 
-/// Names of what there is beside events.
+/// Names of the content other than events.
 const FRAMES: &str = "frames";
 const INERTIAL: &str = "inertial samples";
 const SIGNALS: &str = "signals";
@@ -74,7 +72,7 @@ struct Transfers {
 }
 
 fn open(path: &Path, options: &RecordingOptions, format: &'static str) -> Result<Box<dyn Decode>, RecordingError> {
-    // A dump is of one camera.
+    // A dump contains a single camera.
     if options.device.is_some() && is(&Head::read(path)?, &[CaptureFormat::Dvraw]) {
         let kind = RecordingErrorKind::NoEffect { option: FormatOption::Device, format: "dump of one camera" };
         return Err(RecordingError::new(path, kind));
@@ -82,7 +80,7 @@ fn open(path: &Path, options: &RecordingOptions, format: &'static str) -> Result
     Ok(transfers(Messages::open(path, options.device)?, format))
 }
 
-/// Opens a dump that is being written: at its end so far, the decoder waits for what is still to come.
+/// Opens a dump that is still being written. At its current end, the decoder waits for more.
 pub(super) fn follow(path: &Path, growth: &Growth) -> Result<Box<dyn Decode>, RecordingError> {
     Ok(transfers(Messages::follow(path, growth)?, FORMAT.name))
 }
@@ -91,7 +89,7 @@ fn transfers(messages: Messages, format: &'static str) -> Box<dyn Decode> {
     let header = messages.header();
     let mut notes = Vec::new();
     if header.registers.is_empty() {
-        notes.push("the recording does not hold the camera's registers: taken for a DAVIS346".to_owned());
+        notes.push("the recording does not contain the camera's registers: assumed a DAVIS346".to_owned());
     }
     let information = RecordingInformation {
         format,
@@ -117,7 +115,7 @@ impl Decode for Transfers {
                 }
             });
         }
-        // Also of what is before damage.
+        // Also reports what precedes damage.
         self.messages.report(report);
         more
     }
@@ -127,7 +125,7 @@ impl Decode for Transfers {
     }
 }
 
-/// Counts what the stream holds.
+/// Counts the content of the stream by kind.
 fn summarise(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummary>, RecordingError> {
     let mut messages = Messages::open(path, options.device)?;
     let names = ["events", FRAMES, INERTIAL, SIGNALS];
@@ -170,7 +168,7 @@ mod tests {
     use crate::{Recording, RepairedTimes};
 
     #[test]
-    fn dumps_and_bare_streams_give_the_events_they_were_made_of() {
+    fn events_are_read_back_from_dumps_and_bare_streams() {
         let mut encoder = Encoder::new(Layout::DAVIS346);
         let mut bytes = Vec::new();
         let expected: Vec<Event> = (0..100_000u32)
@@ -206,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn a_recording_can_be_read_while_it_is_made() {
+    fn a_recording_can_be_read_while_it_is_written() {
         let mut encoder = Encoder::new(Layout::DAVIS346);
         let directory = tempfile::tempdir().expect("a directory can be made");
         let path = directory.path().join("recording");
@@ -242,10 +240,10 @@ mod tests {
     }
 
     #[test]
-    fn the_times_that_were_put_right_are_named() {
+    fn corrected_times_are_listed() {
         let mut encoder = Encoder::new(Layout::DAVIS346);
         let mut dump = DumpWriter::new(Vec::new(), &DumpHeader::default(), Compression::None).expect("a vector");
-        // Transfers of 1 ms after a restart of the clock, of which those of 0.1 s are lost.
+        // Transfers of 1 ms after a restart of the clock; those of 0.1 s are lost.
         let mut reset = Vec::new();
         encoder
             .event(&PolarityEvent { time: 5, x: 1, y: 2, polarity: WirePolarity::On }, &mut reset)
@@ -273,17 +271,17 @@ mod tests {
         while reader.next_batch(&mut batch).expect("it is whole") {
             last = batch.last().map_or(last, |event| event.t);
         }
-        // Times go on 1 s after the 5 us before the restart.
+        // Times continue 1 s after the 5 us before the restart.
         assert_eq!(last, 1_000_005 + 999_000);
         let stream = &reader.report().stream;
         let wraps = 600_000 / 32_768 - 499_000 / 32_768;
         let repaired = RepairedTimes { from_us: 1_000_005 + 600_000, restored_us: wraps * 32_768, excess_us: 0 };
         assert_eq!((stream.gaps, &stream.repaired_times[..]), (1, &[repaired][..]));
         let notes = stream.notes().join("\n");
-        assert!(notes.contains("later times were moved to make up for it: by 98.304 ms from 1.600005 s on"), "{notes}");
+        assert!(notes.contains("later times were corrected: by 98.304 ms from 1.600005 s on"), "{notes}");
     }
 
-    /// A pcap file of usbmon with one completed transfer from endpoint 0x82 of each device on bus 2.
+    /// Returns a pcap file of usbmon with one completed transfer from endpoint 0x82 of each device on bus 2.
     fn pcap(transfers: &[(u8, &[u8])]) -> Vec<u8> {
         let mut file = [0xA1B2_C3D4u32, 0x0004_0002, 0, 0, 1 << 18, 220].map(u32::to_le_bytes).concat();
         for (device, payload) in transfers {
@@ -328,11 +326,11 @@ mod tests {
     }
 
     #[test]
-    fn events_before_damage_in_a_capture_are_read_and_the_damage_is_named() {
+    fn events_before_damage_in_a_capture_are_read_and_the_damage_is_reported() {
         let directory = tempfile::tempdir().expect("a directory can be made");
         let path = directory.path().join("damaged.pcap");
         let good = pcap(&[(4, &one_event(44))]);
-        // A packet whose length cannot be, and a good one behind it.
+        // A packet with an impossible length, then a good one.
         let damage = [1000, 0, 0x7FFF_FFFFu32, 64].map(u32::to_le_bytes).concat();
         let behind = pcap(&[(4, &one_event(55))]).split_off(24);
         std::fs::write(&path, [good.clone(), damage, behind].concat()).expect("it can be written");
@@ -352,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn a_capture_is_cut_off_where_its_last_packet_begins() {
+    fn a_capture_may_be_cut_off_within_its_last_packet() {
         let directory = tempfile::tempdir().expect("a directory can be made");
         let path = directory.path().join("cut.pcap");
         let begins = pcap(&[(4, &one_event(44))]).len();

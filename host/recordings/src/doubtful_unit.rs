@@ -1,5 +1,5 @@
-//! Times that are all multiples of 1000 are nanoseconds of a camera that counts microseconds, or microseconds of one that counts
-//! milliseconds. The rate of events decides.
+//! Choice of the time unit for times that are all multiples of 1000. They are either nanoseconds of a camera that
+//! counts microseconds, or microseconds of a camera that counts milliseconds. The event rate decides.
 
 use evcal_core::event::Event;
 
@@ -8,19 +8,19 @@ use crate::options::TimeUnit;
 use crate::read_report::ReadReport;
 use crate::reader::{Decode, RecordingInformation};
 
-/// No camera sends as many events per second for as long as [`EVENTS`] take.
+/// Highest rate in events per second that a camera can sustain for [`EVENTS`] events.
 const MOST_EVENTS_A_SECOND: f64 = 1e8;
-/// Events from which the rate is taken.
+/// Number of events from which the rate is computed.
 const EVENTS: usize = 1 << 20;
 
-/// Events per second in the times of `decoder`, which is at its beginning, if no camera sends as many.
+/// Returns the rate in events per second if it is higher than any camera's. `decoder` must be at its beginning.
 pub fn impossible_rate(decoder: &mut dyn Decode) -> Option<f64> {
     let (mut batch, mut count) = (Vec::new(), 0);
     let mut span: Option<(i64, i64)> = None;
     let mut more = true;
     while more && count < EVENTS {
         batch.clear();
-        // What is wrong with the file is reported by the pass that follows.
+        // The pass that follows reports any fault of the file.
         more = decoder.decode(&mut batch, &mut ReadReport::default()).unwrap_or(false);
         count += batch.len();
         for Event { t, .. } in &batch {
@@ -33,20 +33,21 @@ pub fn impossible_rate(decoder: &mut dyn Decode) -> Option<f64> {
     (rate > MOST_EVENTS_A_SECOND).then_some(rate)
 }
 
-/// A decoder of times that were taken for another unit at first.
+/// Decoder whose time unit was corrected.
 pub struct Corrected {
     decoder: Box<dyn Decode>,
     information: RecordingInformation,
 }
 
 impl Corrected {
-    /// `decoder`, to which the unit was stated because in nanoseconds there would be this impossible `rate` (events per second).
+    /// Wraps `decoder`, which was opened with microseconds because nanoseconds would have given this impossible
+    /// `rate` (events per second).
     pub fn new(decoder: Box<dyn Decode>, rate: f64) -> Self {
         let mut information = decoder.information().clone();
         let (unit, nanoseconds) = (TimeUnit::Microseconds, TimeUnit::Nanoseconds);
         let millions = rate / 1e6;
         information.notes.push(format!(
-            "times are taken for {unit}: in {nanoseconds} there would be {millions:.0} million events per second, which no camera sends"
+                        "times are taken for {unit}: in {nanoseconds} there would be {millions:.0} million events per second, which is impossible"
         ));
         Self { decoder, information }
     }
@@ -72,13 +73,14 @@ mod tests {
 
     use crate::{Recording, RecordingOptions};
 
-    /// The last time and the notes of 100,000 events of which `together` have one time, which is a multiple of `step`.
+    /// Returns the last time and the notes of 100,000 events. Groups of `together` events have the same time, a
+    /// multiple of `step`.
     fn read(together: i64, step: i64) -> (i64, Vec<String>) {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("events.csv");
         let mut text = "t,x,y,p\n".to_owned();
         for index in 0..100_000 {
-            // A slow beginning, as long as a guess looks at the file.
+            // The beginning, from which the unit is guessed, has a low rate.
             let t = if index < 2000 { index / 50 } else { 40 + (index - 2000) / together } * step;
             let _ = writeln!(text, "{t},{},{},{}", index % 346, index % 260, index % 2);
         }
@@ -91,8 +93,8 @@ mod tests {
         (last, reader.information().notes.clone())
     }
 
-    /// Whole milliseconds, written as microseconds, of a camera with 0.65 million events per second: taken for nanoseconds, there
-    /// were 650 million.
+    /// Whole milliseconds, written as microseconds, of a camera with 0.65 million events per second. Taken for
+    /// nanoseconds, the rate would be 650 million.
     #[test]
     fn an_impossible_rate_rejects_the_guess() {
         let (last, notes) = read(650, 1000);
@@ -101,7 +103,7 @@ mod tests {
             notes.iter().any(|note| note.contains("taken for microseconds: in nanoseconds there would be 5")),
             "{notes:?}"
         );
-        // Microseconds, written as nanoseconds, of one with 7 million events per second.
+        // Microseconds, written as nanoseconds, of a camera with 7 million events per second.
         let (last, notes) = read(7, 1000);
         assert_eq!(last, 14_039);
         assert!(notes.iter().any(|note| note.contains("taken for nanoseconds")), "{notes:?}");

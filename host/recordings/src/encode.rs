@@ -1,4 +1,4 @@
-//! What a format needs to be written.
+//! The interface of a format's writer.
 
 use std::fs::File;
 use std::io;
@@ -11,52 +11,53 @@ use usb_davis::protocol::EncodeError;
 
 use super::extras::{Extra, OtherStreams};
 
-/// Why a recording could not be written.
+/// Error while writing a recording.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WriteError {
-    /// The operating system refused.
+    /// The operating system reported an error.
     #[error("cannot be written: {}", evcal_files::message(.0))]
     Io(#[from] io::Error),
-    /// More than a size field can hold.
+    /// A packet or header exceeds what its size field can express.
     #[error("a packet or header is too large for its format")]
     TooLarge,
-    /// A DAVIS346 has another sensor.
+    /// The format is for a DAVIS346 only.
     #[error("a DAVIS346 has 346x260 pixels; the recording is for a sensor of {}x{}", .0.width, .0.height)]
     Sensor(Sensor),
-    /// Columns or rows do not fit.
-    #[error("{format} has room for {most} columns and rows; the sensor of the recording has {}x{} pixels", sensor.width, sensor.height)]
+    /// The sensor has more columns or rows than the format supports.
+    #[error("{format} supports at most {most} columns and rows; the sensor of the recording has {}x{} pixels", sensor.width, sensor.height)]
     Size {
-        /// What is written.
+        /// Name of the output format.
         format: &'static str,
-        /// Its largest number of columns or rows.
+        /// Largest number of columns or rows of that format.
         most: u16,
-        /// That of the recording.
+        /// Sensor of the recording.
         sensor: Sensor,
     },
-    /// A time that the format does not have.
+    /// A time is outside the range of the format.
     #[error("ROS has no time of {0} us: times are from 0 on, in ROS 2 before the year 2038; write another format")]
     Time(i64),
-    /// Times leap further than a format can follow whose words count time.
-    #[error("its times leap from {before} us to {time} us, more than a day, which this format cannot follow")]
+    /// The step in time between two elements is too long for a format that counts time in words.
+    #[error("its times jump from {before} us to {time} us, more than a day, which this format does not support")]
     Leap {
-        /// The time before.
+        /// Time before the step in µs.
         before: i64,
-        /// That of the event, frame or sample after it.
+        /// Time of the event, frame or sample after the step in µs.
         time: i64,
     },
-    /// A camera could not have sent this.
+    /// A camera could not have sent this data.
     #[error("a DAVIS346 could not send this: {0}")]
     Wire(#[from] EncodeError),
-    /// A dump refuses it.
+    /// The dump cannot be written.
     #[error("cannot be written: {0}")]
     Dump(#[from] DumpError),
 }
 
-/// Longest leap forward where a format counts all time in words (µs): a day. A time that is wrong would fill the disk.
+/// Longest step forward in µs for formats that count time in words: one day. A damaged time could otherwise fill the
+/// disk.
 const LONGEST_LEAP: u64 = 86_400_000_000;
 
-/// Whether a format that counts all time in words can go on from the time `before` to `time` (µs).
+/// Checks that a format that counts time in words can continue from the time `before` to `time` (µs).
 ///
 /// # Errors
 /// [`WriteError::Leap`].
@@ -67,42 +68,42 @@ pub fn check_leap(before: i64, time: i64) -> Result<(), WriteError> {
     Ok(())
 }
 
-/// What is known of a recording before it is written.
+/// Properties of a recording that are known before it is written.
 #[derive(Clone, Copy, Debug)]
 pub struct Description<'a> {
     /// Width and height of the sensor in pixels.
     pub sensor: Sensor,
-    /// Model and serial number of the camera; empty if not known.
+    /// Model and serial number of the camera; empty if unknown.
     pub camera_name: &'a str,
-    /// What there will be beside events.
+    /// Streams to be written in addition to the events.
     pub others: OtherStreams,
-    /// Time in µs that becomes the zero of a camera's clock, where the format has one.
+    /// Time in µs that becomes zero on the camera's clock, for formats with such a clock.
     pub zero: i64,
 }
 
-/// Creates the file and writes what stands before the first event. The file is obtained last, so that none is
-/// left behind when the format cannot hold the recording.
+/// Creates the file and writes everything that precedes the first event. The file is requested last, so that none
+/// remains if the format does not support the recording.
 pub type CreateFile = fn(&mut dyn FnMut() -> io::Result<File>, &Description) -> Result<Box<dyn Encode>, WriteError>;
 
-/// Copies the USB transfers of a camera to a new file.
+/// Copies the USB transfers of a camera into a new file.
 pub type CopyTransfers = fn(&mut Capture, File) -> Result<CopiedTransfers, WriteError>;
 
-/// A format to write.
+/// A format that can be written.
 #[derive(Clone, Copy, Debug)]
 pub struct OutputFormat {
     /// Name on the command line.
     pub name: &'static str,
-    /// Name for the user, where the one on the command line does not tell.
+    /// Name for the user, if the one on the command line is not clear.
     pub title: Option<&'static str>,
-    /// File name extensions that stand for it, in lower case.
+    /// File name extensions of the format, in lower case.
     pub extensions: &'static [&'static str],
-    /// Whether the size of the sensor is part of it.
+    /// `true` if the file contains the size of the sensor.
     pub holds_sensor: bool,
-    /// Whether frames and inertial samples can be kept.
+    /// `true` if the file can contain frames and inertial samples.
     pub holds_extras: bool,
-    /// Creates a file of it.
+    /// Creates a file of this format.
     pub create: CreateFile,
-    /// Copies transfers into it, where it holds those.
+    /// Copies USB transfers into a new file, if the format stores them.
     pub copy_transfers: Option<CopyTransfers>,
 }
 
@@ -114,26 +115,26 @@ impl PartialEq for OutputFormat {
 
 impl Eq for OutputFormat {}
 
-/// Transfers that were copied.
+/// Result of copying USB transfers.
 #[derive(Debug, Default)]
 pub struct CopiedTransfers {
-    /// How many.
+    /// Number of transfers copied.
     pub transfers: u64,
-    /// What was lost of them, in a sentence.
+    /// Description of what was lost, as a sentence.
     pub lost: Option<String>,
-    /// Why reading stopped before the end.
+    /// Error that ended reading early.
     pub error: Option<CaptureError>,
 }
 
-/// Turns events, and what else it has a place for, into the bytes of one format.
+/// Encoder of one format: turns events, and frames and inertial samples if supported, into bytes.
 pub trait Encode {
-    /// Writes `events`, which come after those written before.
+    /// Writes `events`, which follow those written before.
     ///
     /// # Errors
-    /// When the format cannot hold them or the output refuses.
+    /// When the format does not support them or the output cannot be written.
     fn write(&mut self, events: &[Event]) -> Result<(), WriteError>;
 
-    /// Takes a frame or an inertial sample; false if there is no place for it.
+    /// Writes a frame or an inertial sample. Returns `false` if the format does not support it.
     ///
     /// # Errors
     /// As [`Encode::write`].
@@ -142,7 +143,7 @@ pub trait Encode {
         Ok(false)
     }
 
-    /// Everything before `end` (µs) has been given.
+    /// Announces that all events, frames and samples before `end` (µs) have been written.
     ///
     /// # Errors
     /// As [`Encode::write`].
@@ -151,13 +152,13 @@ pub trait Encode {
         Ok(())
     }
 
-    /// Writes whatever closes the file.
+    /// Writes the end of the file.
     ///
     /// # Errors
     /// As [`Encode::write`].
     fn finish(&mut self) -> Result<(), WriteError>;
 
-    /// What could not be kept, in sentences; complete when the file is closed.
+    /// Describes what was lost, in sentences. Complete after [`Encode::finish`].
     fn lost(&self) -> Vec<String> {
         Vec::new()
     }

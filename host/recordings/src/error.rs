@@ -1,4 +1,4 @@
-//! What can go wrong with a recording.
+//! Errors of reading recordings.
 
 use std::fmt;
 use std::io;
@@ -13,58 +13,58 @@ use super::foreign::ForeignFormat;
 use super::options::{FormatOption, TimeUnit};
 use super::text::error::LineError;
 
-/// Why a recording could not be read.
+/// Error while reading a recording, with the file's path.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {kind}", visible::path(path))]
 pub struct RecordingError {
-    /// The file.
+    /// Path of the file or folder.
     pub path: PathBuf,
-    /// What happened.
+    /// Cause of the error.
     pub kind: RecordingErrorKind,
 }
 
-/// What happened to a recording.
+/// Cause of a [`RecordingError`].
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RecordingErrorKind {
-    /// The operating system refused.
+    /// The operating system reported an error.
     #[error("cannot be read: {0}")]
     Io(io::Error),
-    /// There is no such file.
+    /// The file does not exist.
     #[error("cannot be read: {0}")]
     Missing(io::Error),
-    /// A pipe or device.
+    /// The path is a pipe or a device.
     #[error("is not an ordinary file; recordings are read several times, so a pipe has to be saved to a file first")]
     NotAFile,
-    /// A directory.
-    #[error("is a folder, and no recording")]
+    /// The path is a folder without a recording format of its own.
+    #[error("is a folder, not a recording")]
     Directory {
-        /// Names of the files in it that may be recordings, those of events first.
+        /// Names of files in the folder that may be recordings; those with "event" in their name come first.
         recordings: Vec<String>,
     },
-    /// No byte in it.
+    /// The file has no bytes.
     #[error("is empty")]
     Empty,
-    /// A format that others read.
+    /// The file has a format that is recognised but not supported.
     #[error("is a {0} file, which is not supported")]
     Unsupported(ForeignFormat),
-    /// Nothing that we know.
-    #[error("is in no format known here (known: {}); was it cut off at its beginning?", known.join(", "))]
+    /// The content matches no known format.
+    #[error("has an unknown format (known: {}); was it cut off at its beginning?", known.join(", "))]
     UnknownFormat {
-        /// Names of the formats that are.
+        /// Names of the known formats.
         known: Vec<&'static str>,
     },
-    /// A header, packet or record that breaks its format.
+    /// A header, packet or record violates its format.
     #[error("byte {byte}: {what}; {usable}")]
     Damaged {
         /// Offset of the damaged part from the start of the file.
         byte: u64,
-        /// What is wrong with it.
+        /// Description of the fault.
         what: String,
-        /// What can be used all the same.
+        /// Part of the file that can be used nevertheless.
         usable: Usable,
     },
-    /// The list of the files of a bag cannot be understood.
+    /// The `metadata.yaml` of a bag is invalid.
     #[error("the list of the files of the bag cannot be read: {0}")]
     BagMetadata(String),
     /// A chunk of an HDF5 file cannot be unpacked.
@@ -72,36 +72,36 @@ pub enum RecordingErrorKind {
     DamagedChunk {
         /// Number of its first event, from 1.
         event: u64,
-        /// What the library of HDF5 said.
+        /// Message of the HDF5 library.
         what: String,
     },
-    /// A line of text that is no event.
+    /// A line of text is not an event.
     #[error("line {line}: {what}")]
     Line {
         /// Number of the line, from 1.
         line: u64,
-        /// What is wrong with it.
+        /// Fault of the line.
         what: LineError,
     },
-    /// An event that no camera sends.
+    /// An event is impossible.
     #[error("event {event}: {what}")]
     Event {
         /// Number of the event, from 1.
         event: u64,
-        /// What is wrong with it.
+        /// Fault of the event.
         what: String,
     },
-    /// A time that is none in the unit of the file.
+    /// A time is not valid in the unit of the file.
     #[error("event {event}: its time, {value}, is not a time in {unit}")]
     EventTime {
         /// Number of the event, from 1.
         event: u64,
-        /// What stands there.
+        /// Value in the file.
         value: f64,
-        /// The unit expected.
+        /// Expected unit.
         unit: TimeUnit,
     },
-    /// An option that means nothing to the format.
+    /// An option does not apply to the format.
     #[error("{option} has no effect on a file of this format ({format})")]
     NoEffect {
         /// The option.
@@ -109,138 +109,138 @@ pub enum RecordingErrorKind {
         /// Name of the format.
         format: &'static str,
     },
-    /// A column whose elements are not read.
+    /// An array has an unsupported element type.
     #[error(
-        "its array {array} holds {what}, which are not read: write it as whole numbers or as floating-point numbers of 32 or 64 bits"
+        "its array {array} holds {what}, which are not supported: write it as whole numbers or as floating-point numbers of 32 or 64 bits"
     )]
     Elements {
-        /// Its name.
+        /// Name of the array.
         array: String,
-        /// What its elements are.
+        /// Description of its elements.
         what: &'static str,
     },
-    /// A compression of HDF5 that is not read.
-    #[error("its events are packed with {0}, which is not read")]
+    /// An HDF5 compression is not supported.
+    #[error("its events are compressed with {0}, which is not supported")]
     Filter(String),
-    /// A sensor larger than any event camera.
-    #[error("says that its sensor has {width} x {height} pixels, which none has (1 to 32767 each can be read)")]
+    /// The sensor is larger than that of any event camera.
+    #[error("states a sensor of {width} x {height} pixels, which is not possible (1 to 32767 each are supported)")]
     Sensor {
         /// Width in pixels.
         width: i64,
         /// Height in pixels.
         height: i64,
     },
-    /// An address of a pixel means something only with the size of its sensor.
+    /// The file does not contain the size of the sensor, which its pixel addresses depend on.
     #[error("does not say how many pixels its camera has")]
     ChipUnknown,
-    /// A camera that writes its addresses in a way that is not known.
-    #[error("is of a camera whose addresses are not known here ({0}): save it as text with jAER first")]
+    /// The camera is not supported: its address format is unknown.
+    #[error("is from a camera with an unknown address format ({0}): save it as text with jAER first")]
     Chip(String),
-    /// Packets of events in an encoding that is not read.
+    /// Event packets have an unsupported encoding.
     #[error(
-        "the events of its topic {topic} are encoded as {encoding:?}, which is not read (known: {}): record them with another encoding",
+            "the events of its topic {topic} are encoded as {encoding:?}, which is not supported (known: {}): record them with another encoding",
         known.join(", ")
     )]
     EventEncoding {
         /// Name of the topic.
         topic: String,
-        /// The encoding.
+        /// Name of the encoding.
         encoding: String,
-        /// Those that are read.
+        /// Names of the supported encodings.
         known: &'static [&'static str],
     },
-    /// No stream of events, but this; empty where there is nothing.
+    /// The recording has no event stream. The text lists what it contains instead; it is empty if there is nothing.
     #[error("{}", without_events(.0))]
     NoEventStream(String),
-    /// The stream asked for is not there.
+    /// The requested stream does not exist.
     #[error("has no event stream {wanted:?}; its event streams: {available}")]
     NoSuchStream {
-        /// Name or number asked for.
+        /// Requested name or number.
         wanted: String,
-        /// Those that exist.
+        /// List of the existing streams.
         available: String,
     },
-    /// The topic asked for is not there.
+    /// The requested topic does not exist.
     #[error("has no topic {wanted:?} with events or images; it has {available}")]
     NoSuchTopic {
-        /// Its name.
+        /// Requested name.
         wanted: String,
-        /// Those that exist.
+        /// List of the existing topics.
         available: String,
     },
-    /// Images of several cameras.
+    /// Several topics contain images, so one must be chosen.
     #[error("holds images of several topics ({0})")]
     SeveralImageTopics(String),
-    /// A topic without an image.
+    /// A topic contains no image.
     #[error("has no image in its topic {0}: record that topic again")]
     NoImages(String),
-    /// Images of a kind that is not read.
+    /// Images have an unsupported encoding.
     #[error(
-        "has images of {topic} in the encoding {encoding:?}; mono, bgr, rgb, bgra, rgba and bayer_* of 8 and 16 bits, uyvy, yuyv, nv21, nv24, JPEG and PNG are read: convert them"
+        "has images of {topic} in the encoding {encoding:?}, which is not supported; convert them to mono, bgr, rgb, bgra, rgba or bayer_* of 8 or 16 bits, uyvy, yuyv, nv21, nv24, JPEG or PNG"
     )]
     ImageEncoding {
-        /// The topic.
+        /// Name of the topic.
         topic: String,
-        /// The encoding.
+        /// Name of the encoding.
         encoding: String,
     },
-    /// Frames of the camera whose pixels are stored in a way that is not read.
+    /// Frames have an unsupported pixel encoding.
     #[error(
-        "{} in an encoding that is not read ({encoding}); convert them to mono8 or mono16",
+            "{} in an unsupported encoding ({encoding}); convert them to mono8 or mono16",
         counted(*.count, "frame is", "frames are")
     )]
     FrameEncoding {
-        /// How many.
+        /// Number of frames.
         count: u64,
         /// Name of the encoding.
         encoding: String,
     },
-    /// An image has another size than those before it.
-    #[error("image {image} of {topic} has {} x {} pixels, those before it another size: record one camera, in one size", size.0, size.1)]
+    /// The size of the images changes.
+    #[error("image {image} of {topic} has {} x {} pixels, unlike those before it: record one camera, in one size", size.0, size.1)]
     ImageSize {
-        /// The topic.
+        /// Name of the topic.
         topic: String,
         /// Number of the image, from 1.
         image: u64,
-        /// Its width and height.
+        /// Width and height of the image in pixels.
         size: (u16, u16),
     },
-    /// Time stamps of images stand still or go back.
+    /// Timestamps of images do not increase.
     #[error(
         "image {image} of {topic} is stamped {time} µs, not after {before} µs of the image before it: let the driver of the camera stamp each image"
     )]
     ImageTime {
-        /// The topic.
+        /// Name of the topic.
         topic: String,
         /// Number of the image, from 1.
         image: u64,
-        /// Its time stamp.
+        /// Timestamp of the image in µs.
         time: i64,
-        /// That of the image before.
+        /// Timestamp of the previous image in µs.
         before: i64,
     },
-    /// A database of which the latest part is in another file.
-    #[error("is not whole: the latest messages are in {log}; merge them with sqlite3 and `PRAGMA wal_checkpoint(TRUNCATE)`", log = log.display())]
+    /// The latest messages of an SQLite database are in a separate file (its write-ahead log).
+    #[error("is incomplete: the latest messages are in {log}; merge them with sqlite3 and `PRAGMA wal_checkpoint(TRUNCATE)`", log = log.display())]
     Unmerged {
-        /// The other file.
+        /// Path of the separate file.
         log: PathBuf,
     },
-    /// The columns of a text file are not clear.
+    /// The columns of a text file are ambiguous.
     #[error("{0}")]
     Layout(#[source] LayoutError),
-    /// A recording of USB transfers cannot be read.
+    /// A USB capture cannot be read.
     #[error("{0}")]
     Capture(#[source] CaptureError),
 }
 
-/// What of a damaged file can be used.
+/// Usable part of a damaged file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Usable {
-    /// Nothing: what is damaged says where the rest is.
+    /// Nothing: the damaged part locates all others.
     Nothing,
-    /// What stands before the damage.
+    /// The part before the damage.
     Before,
-    /// What stands before the damage and, with [`Damage::Skip`](super::Damage::Skip), what stands behind it.
+    /// The part before the damage and, with [`Damage::Skip`](super::Damage::Skip), the part after it.
     Around,
 }
 
@@ -249,7 +249,7 @@ impl fmt::Display for Usable {
         f.write_str(match self {
             Self::Nothing => "nothing can be read without it",
             Self::Before => "the events before it can be used",
-            Self::Around => "the events before it can be used, and those behind it where damage is left out",
+            Self::Around => "the events before it can be used, and the events after it if damage is skipped",
         })
     }
 }
@@ -264,11 +264,11 @@ impl RecordingError {
     }
 }
 
-/// What a recording without events holds.
+/// Describes a recording without events.
 fn without_events(held: &str) -> String {
     match held {
-        "" => "holds nothing at all: name a recording that has events".to_owned(),
-        held => format!("holds no events, only {held}; name a recording that has some"),
+        "" => "is a recording without content: name one with events".to_owned(),
+        held => format!("holds no events, only {held}; name a recording with events"),
     }
 }
 
@@ -277,12 +277,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_recording_without_events_holds_is_told() {
-        for (held, told) in [
-            ("", "holds nothing at all: name a recording that has events"),
-            ("0 frames (FRME)", "holds no events, only 0 frames (FRME); name a recording that has some"),
+    fn the_content_of_a_recording_without_events_is_named() {
+        for (held, message) in [
+            ("", "is a recording without content: name one with events"),
+            ("0 frames (FRME)", "holds no events, only 0 frames (FRME); name a recording with events"),
         ] {
-            assert_eq!(RecordingErrorKind::NoEventStream(held.to_owned()).to_string(), told);
+            assert_eq!(RecordingErrorKind::NoEventStream(held.to_owned()).to_string(), message);
         }
     }
 }

@@ -1,7 +1,7 @@
-//! The binary format of EventCalib, the code of the paper's authors.
+//! The binary format of EventCalib, published code for calibrating event cameras.
 //!
-//! No header; one record of 25 bytes per event, little-endian: f64 time in seconds, f64 x, f64 y
-//! (pixels), u8 polarity (0 or 1). Recognised by its first records making sense.
+//! The file has no header. Each event is a record of 25 bytes, little-endian: f64 time in seconds, f64 x, f64 y
+//! (pixels), u8 polarity (0 or 1). The format is recognised by plausible values in the first records.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
@@ -21,7 +21,7 @@ use crate::reader::{Decode, MAX_SENSOR_SIZE, RecordingInformation};
 pub const FORMAT: FileFormat =
     FileFormat { output: Some(&OUTPUT), ..FileFormat::of_events("EventCalib binary", recognise, open) };
 
-/// EventCalib binary, written.
+/// EventCalib binary as an output format.
 pub const OUTPUT: OutputFormat = OutputFormat {
     name: "bin",
     title: Some("EventCalib"),
@@ -34,12 +34,12 @@ pub const OUTPUT: OutputFormat = OutputFormat {
 
 const RECORD: usize = 25;
 const BATCH: usize = 32_768;
-/// How many records must make sense.
+/// Number of records that must have plausible values.
 const SAMPLE: usize = 64;
-/// Seconds; times beyond it (3000 years) are none.
+/// Limit of times in seconds (3000 years).
 const MAX_TIME: f64 = 1e11;
 
-/// A record whose fields have been told apart.
+/// A record, split into its fields.
 struct Record {
     t: f64,
     x: f64,
@@ -65,7 +65,7 @@ fn open(path: &Path, _: &RecordingOptions) -> Opened {
         sensor: None,
         camera_name: None,
         began: None,
-        notes: vec!["the file has no header: taken for EventCalib records (seconds, x, y, polarity)".to_owned()],
+        notes: vec!["the file has no header: assumed EventCalib records (seconds, x, y, polarity)".to_owned()],
     };
     let file = BufReader::with_capacity(1 << 18, file);
     Ok(Box::new(Decoder { path: path.to_owned(), file, information, records: 0, length }))
@@ -81,7 +81,7 @@ fn recognise(head: &Head) -> bool {
             latest = record.t;
             in_order
                 && record.t.abs() < MAX_TIME
-                // Zeros and tiny numbers are what other binary files look like when read as f64.
+                // Other binary files, read as f64, often contain zeros and tiny numbers.
                 && (record.t == 0.0 || record.t.abs() > 1e-9)
                 && whole_pixel(record.x)
                 && whole_pixel(record.y)
@@ -95,12 +95,12 @@ struct Decoder {
     file: BufReader<File>,
     information: RecordingInformation,
     records: u64,
-    /// Length of the file.
+    /// Length of the file in bytes.
     length: u64,
 }
 
 impl Decoder {
-    /// The next record; `None` at the end of the file.
+    /// Reads the next record; `None` at the end of the file.
     fn next_record(&mut self, report: &mut ReadReport) -> Result<Option<[u8; RECORD]>, RecordingError> {
         let mut bytes = [0; RECORD];
         let mut length = 0;
@@ -124,7 +124,7 @@ impl Decoder {
     }
 }
 
-/// The event in record number `index`, from 0.
+/// Decodes the event in record number `index`, from 0.
 fn event(record: &Record, index: u64) -> Result<Event, RecordingErrorKind> {
     let error = |what: String| RecordingErrorKind::Event { event: index + 1, what };
     // NaN fails the comparison too.
@@ -133,12 +133,12 @@ fn event(record: &Record, index: u64) -> Result<Event, RecordingErrorKind> {
         return Err(error(format!("its time, {} s, is not a time; the file is damaged there", record.t)));
     }
     let pixel = |name, value: f64| {
-        // Out of u16 saturates.
+        // Values outside the range of u16 saturate.
         let whole = value as u16;
         if f64::from(whole) == value {
             Ok(whole)
         } else if value.is_finite() && value.fract() == 0.0 {
-            // No sensor has this one: the reader drops it as out of range.
+            // No sensor has this coordinate, so the reader drops the event as out of range.
             Ok(u16::MAX)
         } else {
             Err(error(format!(
@@ -189,7 +189,7 @@ impl Decode for Decoder {
     }
 }
 
-/// Writes EventCalib records.
+/// Encoder of EventCalib records.
 struct Encoder<W>(W);
 
 impl<W: Write> Encode for Encoder<W> {
@@ -239,15 +239,15 @@ mod tests {
     }
 
     #[test]
-    fn the_layout_is_that_of_the_published_code() {
-        // t = 1.5 s, x = 3, y = 260, ON, written out by hand.
+    fn a_record_has_the_published_layout() {
+        // t = 1.5 s, x = 3, y = 260, ON, as bytes.
         let mut content = vec![0, 0, 0, 0, 0, 0, 0xf8, 0x3f, 0, 0, 0, 0, 0, 0, 0x08, 0x40];
         content.extend_from_slice(&[0, 0, 0, 0, 0, 0x40, 0x70, 0x40, 1]);
         assert_eq!(read(&content), (vec![Event { t: 1_500_000, x: 3, y: 260, polarity: Polarity::On }], None));
     }
 
     #[test]
-    fn a_record_that_is_no_event_is_named_and_those_before_it_are_kept() {
+    fn an_invalid_record_is_named_and_the_events_before_it_are_kept() {
         let good: Vec<u8> = (0..100).flat_map(|index| bytes(f64::from(index) * 1e-3, 1.0, 2.0, 0)).collect();
         for (bad, part) in [
             (bytes(f64::NAN, 1.0, 1.0, 0), "NaN"),
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn other_binary_files_are_not_taken_for_it() {
+    fn other_binary_files_are_not_recognised() {
         let pseudorandom =
             |seed: u32| (0..5000u32).map(move |index| ((index ^ seed).wrapping_mul(2_654_435_761) >> 24) as u8);
         for content in [
@@ -278,7 +278,7 @@ mod tests {
             [bytes(9.0, 1.0, 1.0, 1), bytes(1.0, 1.0, 1.0, 1)].concat(),
             bytes(1.0, 1.0, 1.0, 1)[..24].to_vec(),
         ] {
-            assert!(read(&content).1.unwrap().contains("no format known"));
+            assert!(read(&content).1.unwrap().contains("unknown format"));
         }
     }
 }

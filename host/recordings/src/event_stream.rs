@@ -1,16 +1,17 @@
-//! Event Stream (`.es`), of DVS and ATIS.
+//! Event Stream (`.es`), a format for events of DVS and ATIS cameras.
 //!
-//! `Event Stream`, three bytes of version, a byte with the kind of events, then u16 width and height of the sensor,
-//! little-endian. Rows count from below. Then bytes, of which the first of an event tells how much later it is:
+//! The file begins with `Event Stream`, three bytes of version, a byte with the kind of events, and u16 width and
+//! height of the sensor, little-endian. Rows count from below. Bytes follow; the first byte of an event contains the
+//! time since the previous one:
 //!
-//! | kind | byte | means |
+//! | kind | byte | meaning |
 //! |---|---|---|
 //! | 1, DVS | `dt << 1 \| on` | an event after dt ≤ 126 µs; u16 x, u16 y follow |
-//! | | 0xFF | 127 µs later |
-//! | | 0xFE | nothing |
+//! | | 0xFF | 127 µs pass |
+//! | | 0xFE | no meaning |
 //! | 2, ATIS | `dt << 2 \| on << 1 \| exposure` | an event after dt ≤ 62 µs, or a measurement of light; u16 x, u16 y follow |
-//! | | 0xFD to 0xFF | 63, 126 or 189 µs later |
-//! | | 0xFC | nothing |
+//! | | 0xFD to 0xFF | 63, 126 or 189 µs pass |
+//! | | 0xFC | no meaning |
 
 use std::path::Path;
 
@@ -26,26 +27,26 @@ use crate::read_report::{ReadReport, Truncation};
 use crate::reader::{Decode, RecordingInformation};
 
 const MAGIC: &[u8] = b"Event Stream";
-/// What stands before the size of the sensor: the magic, the version, and the kind.
+/// Number of bytes before the size of the sensor: the magic, the version, and the kind.
 const HEAD: usize = MAGIC.len() + 4;
-/// Bytes that are decoded at a time.
+/// Number of bytes that are decoded at a time.
 const BLOCK: u64 = 1 << 17;
 
 /// Event Stream.
 pub const FORMAT: FileFormat = FileFormat::of_events("Event Stream", |head| head.bytes.starts_with(MAGIC), open);
 
-/// What the events are.
+/// Kind of the events.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Dvs,
     Atis,
 }
 
-/// What the first byte of an event says.
+/// Meaning of a byte.
 enum Step {
-    /// So many microseconds pass.
+    /// This time passes, in microseconds.
     Later(i64),
-    /// An event after so many microseconds; no change of brightness if its polarity is `None`.
+    /// An event after this time in microseconds. Without polarity it is a measurement of light.
     Event(i64, Option<Polarity>),
 }
 
@@ -68,7 +69,7 @@ struct Decoder {
     kind: Kind,
     height: u16,
     t: i64,
-    /// What was read and not decoded, and where it is in the file.
+    /// Bytes that were read but not decoded.
     rest: Vec<u8>,
     block: Vec<u8>,
     measurements: u64,
@@ -78,7 +79,7 @@ fn open(path: &Path, _: &RecordingOptions) -> Opened {
     let mut file = ByteReader::open(path)?;
     let head = file.array::<HEAD>()?;
     let Some([.., major, _, _, kind]) = head else {
-        return Err(file.damaged(0, "the header is not whole"));
+        return Err(file.damaged(0, "the header is incomplete"));
     };
     let unsupported = |format| RecordingError::new(path, RecordingErrorKind::Unsupported(format));
     if major != 2 {
@@ -90,7 +91,7 @@ fn open(path: &Path, _: &RecordingOptions) -> Opened {
         _ => return Err(unsupported(ForeignFormat::EventStreamKind)),
     };
     let Some([a, b, c, d]) = file.array()? else {
-        return Err(file.damaged(HEAD as u64, "the header is not whole"));
+        return Err(file.damaged(HEAD as u64, "the header is incomplete"));
     };
     let sensor = Sensor::new(u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d]));
     let information = RecordingInformation {
@@ -105,7 +106,7 @@ fn open(path: &Path, _: &RecordingOptions) -> Opened {
 }
 
 impl Decoder {
-    /// Appends the events at the front of `bytes`; how many bytes they are.
+    /// Appends the events at the front of `bytes`. Returns the number of bytes decoded.
     fn events(&mut self, bytes: &[u8], batch: &mut Vec<Event>) -> usize {
         let mut rest = bytes;
         while let Some((&byte, after)) = rest.split_first() {
@@ -119,7 +120,7 @@ impl Decoder {
                     self.t = self.t.saturating_add(step);
                     rest = after;
                     let (x, y) = (u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d]));
-                    // A row that the sensor does not have is beyond all.
+                    // A row outside the sensor becomes one outside any sensor.
                     let y = self.height.checked_sub(1).and_then(|last| last.checked_sub(y)).unwrap_or(u16::MAX);
                     match polarity {
                         Some(polarity) => batch.push(Event { t: self.t, x, y, polarity }),
@@ -177,8 +178,9 @@ mod tests {
     }
 
     #[test]
-    fn bytes_of_a_dvs_made_by_hand() {
-        // After 3 µs ON at (319, 239 from below); after 127 + 127 + 126 µs OFF at (0, 0 from below); one row too many.
+    fn events_of_a_dvs_are_decoded() {
+        // ON at (319, 239 from below) after 3 µs; OFF at (0, 0 from below) after 127 + 127 + 126 µs; a row outside the
+        // sensor.
         let content = [7, 63, 1, 239, 0, 0xff, 0xfe, 0xff, 252, 0, 0, 0, 0, 0, 5, 0, 240, 0];
         let outcome = testing::read(&file(1, &content));
         let expected = [event(3, 319, 0, Polarity::On), event(383, 0, 239, Polarity::Off)];
@@ -189,8 +191,8 @@ mod tests {
     }
 
     #[test]
-    fn bytes_of_an_atis_made_by_hand() {
-        // 189 + 63 µs and nothing; then 62 µs ON; 1 µs OFF; a measurement.
+    fn events_of_an_atis_are_decoded() {
+        // 189 + 63 µs and a byte without meaning; ON after 62 µs; OFF after 1 µs; a measurement.
         let content = [0xff, 0xfd, 0xfc, 250, 1, 0, 0, 0, 4, 2, 0, 1, 0, 3, 2, 0, 1, 0];
         let outcome = testing::read(&file(2, &content));
         let expected = [event(314, 1, 239, Polarity::On), event(315, 2, 238, Polarity::Off)];
@@ -199,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn events_across_the_blocks_of_reading_are_whole() {
+    fn events_across_read_blocks_are_complete() {
         let count = BLOCK as usize / 5 * 2 + 7;
         let content: Vec<u8> = (0..count).flat_map(|index| [3, (index % 251) as u8, 0, 0, 0]).collect();
         let outcome = testing::read(&file(1, &content));
@@ -208,10 +210,10 @@ mod tests {
     }
 
     #[test]
-    fn other_kinds_and_versions_are_refused() {
+    fn other_kinds_and_versions_are_rejected() {
         for (content, part) in [
             (file(4, &[]), "DVS nor an ATIS"),
-            ([MAGIC, &[1, 0, 0, 1, 64, 1, 240, 0]].concat(), "another version than 2"),
+            ([MAGIC, &[1, 0, 0, 1, 64, 1, 240, 0]].concat(), "a version other than 2"),
             (file(1, &[])[..14].to_vec(), "header"),
         ] {
             let error = testing::read(&content).error.unwrap();
@@ -220,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn damage_loses_no_more_than_it_must() {
+    fn damage_loses_as_little_as_possible() {
         let content: Vec<u8> = (0..30).flat_map(|index| [0xff, index * 2, index, 0, index, 0]).collect();
         testing::check_damage(&file(1, &content));
         testing::check_damage(&file(2, &content));

@@ -1,4 +1,4 @@
-//! What a recording holds beside events: frames and inertial samples.
+//! Frames and inertial samples of a recording.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,60 +8,59 @@ use crate::error::{RecordingError, RecordingErrorKind};
 use crate::options::Damage;
 use crate::read_report::ReadReport;
 
-/// A picture of the camera's frame sensor.
+/// An image from the camera's frame sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Frame {
-    /// Time stamp in µs, on the clock of the events. Which moment it stands for depends on the program
-    /// that recorded: the start or the middle of the exposure.
+    /// Timestamp in µs, on the clock of the events. Depending on the program that recorded, it is the start or the
+    /// middle of the exposure.
     pub t: i64,
-    /// Start and end of the exposure in µs, where the file gives them.
+    /// Start and end of the exposure in µs, if the file contains them.
     pub exposure: Option<(i64, i64)>,
-    /// Start and end of reading the sensor in µs, the exposure between them, where the file gives
-    /// them.
+    /// Start and end of the sensor's read-out in µs, which includes the exposure, if the file contains them.
     pub readout: Option<(i64, i64)>,
     /// Width and height in pixels.
     pub size: (u16, u16),
-    /// Column and row of the sensor at which the picture begins.
+    /// Column and row of the sensor at the picture's top-left pixel.
     pub position: (u16, u16),
-    /// Values per pixel: 1 grey, 2 grey and alpha, 3 blue-green-red, 4 with alpha.
+    /// Number of values per pixel: 1 grey, 2 grey and alpha, 3 blue-green-red, 4 with alpha.
     pub channels: usize,
     /// width · height · channels values, row by row.
     pub pixels: Vec<u8>,
 }
 
-/// A frame whose pixels are stored in a way that is not read.
+/// A frame with an unsupported pixel encoding.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnreadFrame {
-    /// Time stamp in µs, as that of a [`Frame`].
+    /// Timestamp in µs, as in [`Frame::t`].
     pub t: i64,
     /// Name of the encoding, such as `32FC1`.
     pub encoding: String,
 }
 
-/// One reading of the inertial measurement unit, in camera axes.
+/// One reading of the IMU, in camera axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InertialSample {
-    /// Time stamp in µs, on the clock of the events.
+    /// Timestamp in µs, on the clock of the events.
     pub t: i64,
     /// Temperature in °C.
     pub temperature: f32,
-    /// Accelerations x, y, z less gravity, in g. Zeros where they were not measured.
+    /// Specific force (acceleration minus gravity) along x, y, z in g. Zeros if it was not measured.
     pub acceleration: [f32; 3],
-    /// Angular velocities about x, y, z in °/s. Zeros where they were not measured.
+    /// Angular velocities about x, y, z in °/s. Zeros if they were not measured.
     pub angular_velocity: [f32; 3],
 }
 
-/// Streams beside that of the events.
+/// The streams of a recording in addition to its events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct OtherStreams {
-    /// Frames.
+    /// `true` if there are frames.
     pub frames: bool,
-    /// Inertial samples.
+    /// `true` if there are inertial samples.
     pub imu: bool,
 }
 
-/// Time that a DAVIS346 takes to read the levels of all pixels of a frame, once before the exposure
-/// and once after it, in microseconds: as recordings of real ones show.
+/// Time in µs that a DAVIS346 takes to read all pixels of a frame, measured in real recordings. It does so once before
+/// the exposure and once after it.
 pub const READOUT: i64 = 9200;
 
 /// A frame or an inertial sample.
@@ -74,7 +73,7 @@ pub enum Extra {
 }
 
 impl Extra {
-    /// When it begins, in µs.
+    /// Time at which the element begins, in µs. A frame begins with its read-out (see [`frame_start`]).
     pub fn start(&self) -> i64 {
         match self {
             Self::Frame(frame) => frame_start(frame),
@@ -82,7 +81,7 @@ impl Extra {
         }
     }
 
-    /// The same, `shift` µs later.
+    /// Returns the element with all times `shift` µs later.
     pub fn later(mut self, shift: i64) -> Self {
         let move_pair = |times: &mut Option<(i64, i64)>| {
             *times = times.map(|(start, end)| (start.saturating_add(shift), end.saturating_add(shift)));
@@ -99,51 +98,52 @@ impl Extra {
     }
 }
 
-/// When a frame begins, in µs: where it does not say when its sensor began to be read, before the
-/// exposure by the time that a camera takes for that.
+/// Returns the time in µs at which the read-out of a frame begins. If the frame does not contain it, it is estimated as
+/// [`READOUT`] before the exposure.
 pub fn frame_start(frame: &Frame) -> i64 {
     let exposure_start = frame.exposure.map_or(frame.t, |times| times.0.min(frame.t));
     frame.readout.map_or(exposure_start.saturating_sub(READOUT), |times| times.0.min(exposure_start))
 }
 
-/// Hands out frames and inertial samples in order of time.
+/// Reader of frames and inertial samples, in order of time.
 pub trait ReadExtras {
-    /// Which kinds there are.
+    /// Kinds of streams that this reader returns.
     fn held(&self) -> OtherStreams;
 
-    /// When the first begins (µs), where that is known beforehand.
+    /// Time at which the first element begins (µs), if it is known in advance.
     fn first_time(&mut self) -> Option<i64>;
 
-    /// The next one that begins at `end` (µs) or before; those of a camera come when they are complete.
-    /// What cannot be read is left out and goes to `lost`.
+    /// Returns the next element that begins at `end` (µs) or earlier. Elements of a live camera are returned once they
+    /// are complete. What cannot be read is left out, and described in `lost`.
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra>;
 
-    /// Of the packets of other streams that a pass through the events passed over: those read here.
+    /// `true` if this reader returns the packets of `stream`, which a pass through the events passes over.
     fn reads(&self, stream: &str) -> bool;
 
-    /// Which streams of the recording are handed out, in sentences, where there may be several.
+    /// Names the streams that are returned, in sentences, if the recording has several.
     fn chosen(&self) -> Vec<String> {
         Vec::new()
     }
 
-    /// What this reader leaves out of what it hands over, in a sentence.
+    /// Describes in a sentence what is lost from the returned elements, for example bits per pixel.
     fn lessened(&self) -> Option<&'static str> {
         None
     }
 }
 
-/// What readers of both kinds give.
+/// Name of both kinds together, for messages.
 pub const BOTH: &str = "frames and inertial samples";
 
-/// What was read; why it could not be goes to `lost`, where `what` names those that are given up.
-pub fn told<T>(read: Result<Option<T>, RecordingError>, what: &str, lost: &mut Vec<String>) -> Option<T> {
+/// Returns the element that was read. After an error, returns `None` and adds to `lost` that `what` is missing from
+/// here on.
+pub fn read_or_report<T>(read: Result<Option<T>, RecordingError>, what: &str, lost: &mut Vec<String>) -> Option<T> {
     read.unwrap_or_else(|error| {
         lost.push(format!("{what} from here on: {error}"));
         None
     })
 }
 
-/// What to do about damaged frames and inertial samples, and how many were passed over.
+/// Treatment of damaged frames and inertial samples, with the number of those skipped.
 #[derive(Debug)]
 pub struct Skipped {
     damage: Damage,
@@ -151,15 +151,15 @@ pub struct Skipped {
 }
 
 impl Skipped {
-    /// Nothing was passed over yet.
+    /// Creates a count of zero.
     pub fn new(damage: Damage) -> Self {
         Self { damage, count: 0 }
     }
 
-    /// Counts `error` if it is to be passed over.
+    /// Counts `error` if it is damage that is to be skipped.
     ///
     /// # Errors
-    /// `error`, if it is not.
+    /// Returns any other `error`.
     pub fn add(&mut self, error: RecordingError) -> Result<(), RecordingError> {
         match (&error.kind, self.damage) {
             (RecordingErrorKind::Damaged { .. }, Damage::Skip) => {
@@ -170,8 +170,8 @@ impl Skipped {
         }
     }
 
-    /// Tells `lost`, once, how many were passed over.
-    pub fn tell(&mut self, lost: &mut Vec<String>) {
+    /// Adds the number of skipped packets to `lost`, once.
+    pub fn report(&mut self, lost: &mut Vec<String>) {
         let count = std::mem::take(&mut self.count);
         if count > 0 {
             lost.push(format!("{} of {BOTH}", counted(count, "damaged packet", "damaged packets")));
@@ -179,10 +179,10 @@ impl Skipped {
     }
 }
 
-/// Frames that were passed over because their encoding is not read.
+/// Counts of frames that were passed over because their encoding is not supported.
 #[derive(Debug, Default)]
 pub struct UnreadFrames {
-    /// How many there are of each encoding.
+    /// Number of frames for each encoding.
     counts: BTreeMap<String, u64>,
 }
 
@@ -192,25 +192,26 @@ impl UnreadFrames {
         *self.counts.entry(frame.encoding).or_default() += 1;
     }
 
-    /// `true` if there is none.
+    /// `true` if no frame was counted.
     pub fn is_empty(&self) -> bool {
         self.counts.is_empty()
     }
 
-    /// Adds to `lost`, once, how many there are of each encoding.
-    pub fn tell(&mut self, lost: &mut Vec<String>) {
+    /// Adds the number of frames of each encoding to `lost`, once.
+    pub fn report(&mut self, lost: &mut Vec<String>) {
         let counts = std::mem::take(&mut self.counts).into_iter();
         lost.extend(counts.map(|(encoding, count)| RecordingErrorKind::FrameEncoding { count, encoding }.to_string()));
     }
 
-    /// The error about the most frequent encoding; `None` if there is no such frame.
+    /// Returns an error about the most frequent encoding; `None` if no frame was counted.
     pub fn error(self, path: &Path) -> Option<RecordingError> {
         let (encoding, count) = self.counts.into_iter().max_by_key(|(_, count)| *count)?;
         Some(RecordingError::new(path, RecordingErrorKind::FrameEncoding { count, encoding }))
     }
 }
 
-/// Takes `next` if it begins at `end` (µs) or before; `read` gives the one behind it. What cannot be read goes to `lost`.
+/// Returns `next` if it begins at `end` (µs) or earlier, and replaces it by the result of `read`. What cannot be read
+/// is described in `lost`.
 pub fn take_until(
     next: &mut Option<Extra>,
     end: i64,
@@ -218,11 +219,11 @@ pub fn take_until(
     read: impl FnOnce() -> Result<Option<Extra>, RecordingError>,
 ) -> Option<Extra> {
     next.as_ref().filter(|extra| extra.start() <= end)?;
-    let after = told(read(), BOTH, lost);
+    let after = read_or_report(read(), BOTH, lost);
     std::mem::replace(next, after)
 }
 
-/// For a target or a recording that has none.
+/// Reader for recordings without frames and inertial samples.
 pub struct NoExtras;
 
 impl ReadExtras for NoExtras {
@@ -243,7 +244,7 @@ impl ReadExtras for NoExtras {
     }
 }
 
-/// What a recording holds that `extras` does not hand over, in sentences.
+/// Describes what a recording contains but `extras` does not return, in sentences.
 pub fn left_out(extras: &dyn ReadExtras, report: &ReadReport) -> Vec<String> {
     let mut left_out = Vec::new();
     for (name, count) in &report.other_packets {

@@ -1,26 +1,26 @@
-//! Formats of others, which are known by how they begin and are not read.
+//! Formats that are recognised by their first bytes but not supported.
 
 use std::fmt;
 
-/// A format that is known and not read.
+/// A format that is recognised but not supported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ForeignFormat {
     /// AEDAT 1 of jAER.
     Aedat1,
-    /// AEDAT 3 whose packets are compressed.
+    /// AEDAT 3 with compressed packets.
     Aedat3Compressed,
-    /// A bag of ROS 1 as it was before version 2.
+    /// A bag of ROS 1 before version 2.
     Rosbag1,
-    /// HDF5, where this library was built without it.
+    /// HDF5, if this library was built without support for it.
     Hdf5,
     /// HDF5 whose arrays are views of other arrays (virtual datasets).
     VirtualHdf5,
-    /// Prophesee RAW in another encoding than EVT 2.0, 2.1 or 3.0.
+    /// Prophesee RAW in an encoding other than EVT 2.0, 2.1 and 3.0.
     PropheseeEncoding,
-    /// Event Stream of another version than 2.
+    /// Event Stream of a version other than 2.
     EventStreamVersion,
-    /// Event Stream of neither a DVS nor an ATIS: colours, or generic bytes.
+    /// Event Stream that is neither from a DVS nor from an ATIS (colours, or generic bytes).
     EventStreamKind,
     /// gzip.
     Gzip,
@@ -36,15 +36,15 @@ pub enum ForeignFormat {
     SevenZip,
     /// RAR.
     Rar,
-    /// ZIP without an array of NumPy in it.
+    /// ZIP without NumPy arrays.
     Zip,
-    /// ZIP whose arrays are packed in a way that NumPy does not pack them.
+    /// ZIP whose arrays have a compression that NumPy does not use.
     ZipCompression,
-    /// A spreadsheet, as Excel writes it.
+    /// A spreadsheet of Excel.
     Spreadsheet,
-    /// A calibration that evcal wrote.
+    /// A calibration written by evcal.
     Calibration,
-    /// The report of a calibration that evcal wrote.
+    /// A calibration report written by evcal.
     CalibrationReport,
     /// JSON.
     Json,
@@ -56,19 +56,19 @@ pub enum ForeignFormat {
     Png,
     /// Apache Parquet.
     Parquet,
-    /// MATLAB before version 7.3, which is HDF5.
+    /// MATLAB before version 7.3 (later versions are HDF5).
     Matlab,
-    /// A pickle of Python.
+    /// A Python pickle.
     Pickle,
     /// A video.
     Video,
     /// A web page.
     Html,
-    /// What Git keeps in place of a large file.
+    /// The pointer file of Git LFS for a large file.
     GitLfsPointer,
-    /// Text of two bytes a letter.
+    /// Text with two bytes per character.
     Utf16,
-    /// Text of one byte a letter, with letters that are not ASCII.
+    /// Text with one byte per character, some of them not ASCII.
     Latin1,
 }
 
@@ -80,9 +80,9 @@ impl fmt::Display for ForeignFormat {
             Self::Rosbag1 => "ROS bag of version 1",
             Self::Hdf5 => "HDF5",
             Self::VirtualHdf5 => "virtual HDF5",
-            Self::PropheseeEncoding => "Prophesee RAW with another encoding than EVT 2.0, 2.1 or 3.0",
-            Self::EventStreamVersion => "Event Stream (of another version than 2)",
-            Self::EventStreamKind => "Event Stream (of neither a DVS nor an ATIS)",
+            Self::PropheseeEncoding => "Prophesee RAW with an encoding other than EVT 2.0, 2.1 or 3.0",
+            Self::EventStreamVersion => "Event Stream (of a version other than 2)",
+            Self::EventStreamKind => "Event Stream (from neither a DVS nor an ATIS)",
             Self::Gzip => "gzip",
             Self::Xz => "xz",
             Self::Zstandard => "Zstandard",
@@ -110,10 +110,10 @@ impl fmt::Display for ForeignFormat {
     }
 }
 
-/// What a report of a calibration has near its beginning.
+/// Text near the beginning of a calibration report.
 const REPORT: &[u8] = b"name=\"generator\" content=\"evcal ";
 
-/// Bytes that a format has at one place.
+/// Bytes at a fixed offset by which a format is recognised.
 struct Mark {
     at: usize,
     bytes: &'static [u8],
@@ -124,7 +124,7 @@ const fn mark(at: usize, bytes: &'static [u8], format: ForeignFormat) -> Mark {
     Mark { at, bytes, format }
 }
 
-/// In the order in which they are tried.
+/// Marks in the order in which they are tried.
 const MARKS: &[Mark] = &[
     mark(0, b"#!AER-DAT1", ForeignFormat::Aedat1),
     mark(0, b"#ROSBAG V1", ForeignFormat::Rosbag1),
@@ -156,7 +156,7 @@ const MARKS: &[Mark] = &[
     mark(257, b"ustar", ForeignFormat::Tar),
 ];
 
-/// The format that is known but not read, if `bytes` begin like one.
+/// Returns the unsupported format that `bytes` begin like, if any.
 pub fn recognise(bytes: &[u8]) -> Option<ForeignFormat> {
     let beginning = bytes.get(..1024).unwrap_or(bytes);
     if bytes.starts_with(b"<!DOCTYPE") && beginning.windows(REPORT.len()).any(|part| part == REPORT) {
@@ -171,7 +171,8 @@ pub fn recognise(bytes: &[u8]) -> Option<ForeignFormat> {
         .or_else(|| is_latin_1(bytes).then_some(ForeignFormat::Latin1))
 }
 
-/// Whether `bytes` begin as lines of text with single letters that are not ASCII, in one byte each, as programs of Windows write a µ.
+/// `true` if `bytes` begin as lines of text with a few non-ASCII characters of one byte each, such as a µ from a
+/// Windows program.
 fn is_latin_1(bytes: &[u8]) -> bool {
     let is_utf_8 = std::str::from_utf8(bytes).map_or_else(|error| error.error_len().is_none(), |_| true);
     let is_text = |byte: &u8| !byte.is_ascii_control() || matches!(byte, b'\t' | b'\r' | b'\n');
@@ -179,8 +180,7 @@ fn is_latin_1(bytes: &[u8]) -> bool {
     !is_utf_8 && bytes.contains(&b'\n') && bytes.iter().all(is_text) && letters < bytes.len() / 10
 }
 
-/// Whether `bytes` begin as text that Windows calls Unicode: a mark of the order of bytes, then letters of two bytes of which one is
-/// zero.
+/// `true` if `bytes` begin as UTF-16 text: a byte order mark, then pairs of bytes of which one is zero.
 fn is_utf_16(bytes: &[u8]) -> bool {
     let Some((mark, letters)) = bytes.split_first_chunk::<2>() else { return false };
     let zero = match mark {
@@ -197,18 +197,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_calibration_is_told_from_other_json() {
+    fn a_calibration_is_distinguished_from_other_json() {
         assert_eq!(recognise(b"{\n  \"format\": \"evcal-calibration\",\n"), Some(ForeignFormat::Calibration));
         assert_eq!((recognise(b"{\n  \"other\": 1}"), recognise(b"1,2,3\n")), (Some(ForeignFormat::Json), None));
     }
 
     #[test]
-    fn text_with_single_letters_of_another_alphabet_is_told_from_other_bytes() {
+    fn latin_1_text_is_distinguished_from_binary_data() {
         let text = "t [us],x,y,p\n".to_owned() + &"5,1,2,1\n".repeat(20);
         let bytes: Vec<u8> = text.bytes().map(|byte| if byte == b'u' { 0xb5 } else { byte }).collect();
         assert_eq!((recognise(&bytes), recognise(text.as_bytes())), (Some(ForeignFormat::Latin1), None));
         assert_eq!(recognise(text.replace('u', "µ").as_bytes()), None);
-        // A letter of two bytes that was cut, and words of a camera.
+        // A UTF-8 character of two bytes that was cut, and words of a camera.
         assert_eq!(
             (recognise(&text.replace('u', "µ").as_bytes()[..4]), recognise(&[0x80, 0x0a, 0xb5, 0x20].repeat(40))),
             (None, None)
@@ -216,12 +216,12 @@ mod tests {
     }
 
     #[test]
-    fn text_of_two_bytes_a_letter_is_told_from_other_bytes() {
+    fn utf_16_text_is_distinguished_from_binary_data() {
         let text = "t,x,y,p\n0,1,2,1\n";
         let little: Vec<u8> = std::iter::once(0xfeff).chain(text.encode_utf16()).flat_map(u16::to_le_bytes).collect();
         let big: Vec<u8> = std::iter::once(0xfeff).chain(text.encode_utf16()).flat_map(u16::to_be_bytes).collect();
         assert_eq!((recognise(&little), recognise(&big)), (Some(ForeignFormat::Utf16), Some(ForeignFormat::Utf16)));
-        // A stream of words of which the first happens to be the mark.
+        // A stream of words whose first one happens to be the mark.
         assert_eq!(
             recognise(&[0xff, 0xfe, 0x12, 0x80, 0, 0x90, 0x34, 0x21, 0, 0x80, 1, 0x80, 2, 0x80, 3, 0x80, 4, 0x80]),
             None

@@ -1,4 +1,4 @@
-//! What a format of recordings can do, and how it is told from others.
+//! The interface of a recording format: how it is recognised, read and written.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -14,62 +14,63 @@ use crate::error::{RecordingError, RecordingErrorKind};
 use crate::options::RecordingOptions;
 use crate::reader::Decode;
 
-/// How many bytes of a file are looked at to find its format.
+/// Number of bytes from the start of a file that are examined to find its format.
 const HEAD_LENGTH: u64 = 65_536;
 
-/// A decoder at the beginning of its file.
+/// Result of opening a file: a decoder at its beginning.
 pub type Opened = Result<Box<dyn Decode>, RecordingError>;
 
-/// Hands the frames of a file, in their order, to a visitor. The inner error ended them early.
+/// Passes the frames of a file to a visitor, in file order. An inner error ended them early; an outer one prevented the
+/// start.
 pub type VisitFrames =
     fn(&Path, &RecordingOptions, &mut dyn FnMut(TimedImage)) -> Result<Result<(), RecordingError>, RecordingError>;
 
-/// A reader of frames and inertial samples at the beginning of its file.
+/// Opens a reader of frames and inertial samples at the beginning of the file.
 pub type OpenExtras = fn(&Path, &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError>;
 
-/// Opens a file for its USB transfers.
+/// Opens a capture of USB transfers.
 pub type OpenTransfers = fn(&Path, &RecordingOptions) -> Result<Capture, CaptureError>;
 
 /// A file format that holds events.
 ///
-/// Adding one takes a module with such a constant and a line in [`FORMATS`](super::FORMATS).
+/// To add a format, write a module with such a constant and add it to [`FORMATS`](super::FORMATS).
 pub struct FileFormat {
     /// Name for the user.
     pub name: &'static str,
-    /// Whether a file that begins like this is of this format.
+    /// Returns `true` if the head of a file matches this format.
     pub recognise: fn(&Head) -> bool,
-    /// Starts reading the events of a file of this format from its beginning.
+    /// Opens a file of this format for its events.
     pub events: fn(&Path, &RecordingOptions) -> Opened,
-    /// Counts what the streams of such a file hold; empty where there is but one stream of events.
+    /// Counts the packets and elements of each stream. Empty for formats with a single event stream.
     pub streams: fn(&Path, &RecordingOptions) -> Result<Vec<StreamSummary>, RecordingError>,
-    /// Shows the frames, where the format holds them.
+    /// Visits the frames, if the format can contain any.
     pub frames: Option<VisitFrames>,
-    /// Reads frames and inertial samples to convert them, where the format holds them.
+    /// Opens frames and inertial samples for conversion, if the format can contain any.
     pub extras: Option<OpenExtras>,
-    /// Reads USB transfers, where the format holds those of a camera.
+    /// Opens the USB transfers, if the format stores those of a camera.
     pub transfers: Option<OpenTransfers>,
-    /// How the format is written, where it is.
+    /// Writer of the format, if there is one.
     pub output: Option<&'static OutputFormat>,
-    /// Which options mean something to it.
+    /// Options that apply to this format.
     pub uses: Uses,
 }
 
-/// Which options mean something to a format, beside those that do to all.
+/// Options that apply to a format, in addition to those that apply to all formats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Uses {
-    /// There may be several streams.
+    /// The file may contain several streams.
     pub stream: bool,
-    /// Columns and unit of the times.
+    /// The file is a table with columns and a time unit.
     pub columns: bool,
-    /// There may be several devices.
+    /// The file may contain several devices.
     pub device: bool,
 }
 
 impl Uses {
-    /// None of them.
+    /// No such options.
     pub const NONE: Self = Self { stream: false, columns: false, device: false };
 
-    /// The first of `options` that is given and means nothing.
+    /// Returns the first of `options` that is given but does not apply.
     pub fn unused(self, options: &RecordingOptions) -> Option<FormatOption> {
         [
             (FormatOption::Stream, self.stream, options.stream.is_some()),
@@ -81,7 +82,7 @@ impl Uses {
         .find_map(|(option, is_used, is_given)| (is_given && !is_used).then_some(option))
     }
 
-    /// `options` without those that mean nothing.
+    /// Returns `options` without those that do not apply.
     pub fn of(self, options: &RecordingOptions) -> RecordingOptions {
         RecordingOptions {
             stream: options.stream.clone().filter(|_| self.stream),
@@ -94,7 +95,7 @@ impl Uses {
 }
 
 impl FileFormat {
-    /// A format with one stream of events and nothing beside it, which is read but not written.
+    /// Creates a read-only format with one event stream, without frames or inertial samples.
     pub const fn of_events(
         name: &'static str,
         recognise: fn(&Head) -> bool,
@@ -106,7 +107,7 @@ impl FileFormat {
     }
 }
 
-/// How much one stream of a recording holds.
+/// Content of one stream of a recording.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct StreamSummary {
     /// Number, name and kind of the stream.
@@ -117,18 +118,18 @@ pub struct StreamSummary {
     pub elements: u64,
     /// Times of the first and the last element in µs.
     pub times_us: Option<(i64, i64)>,
-    /// Encoding of its frames, if that is not read.
+    /// Encoding of the frames, if it is not supported.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unread: Option<String>,
 }
 
 impl StreamSummary {
-    /// A stream in which nothing was counted yet.
+    /// Creates the summary of a stream without packets.
     pub(super) fn new(name: String) -> Self {
         Self { name, packets: 0, elements: 0, times_us: None, unread: None }
     }
 
-    /// Takes note of a packet whose first and last elements have these times in µs.
+    /// Extends the time range by a packet whose first and last elements have these times in µs.
     pub(super) fn extend(&mut self, times: Option<(i64, i64)>) {
         self.times_us = match (self.times_us, times) {
             (Some((first, _)), Some((_, last))) => Some((first, last)),
@@ -146,7 +147,7 @@ pub struct Head {
 }
 
 impl Head {
-    /// Reads the beginning of the file at `path`, which must be an ordinary file.
+    /// Reads the beginning of the file at `path`, which must be a regular file.
     pub fn read(path: &Path) -> Result<Self, RecordingError> {
         let io = |error: io::Error| match error.kind() {
             io::ErrorKind::NotFound => RecordingError::new(path, RecordingErrorKind::Missing(error)),
@@ -164,7 +165,8 @@ impl Head {
         Ok(Self { bytes, length: metadata.len() })
     }
 
-    /// The text that the file begins with, up to the last whole line read, if it is a text file.
+    /// Returns the text at the beginning, up to the last whole line that was read; `None` if the file is not a text
+    /// file.
     pub fn text(&self) -> Option<&str> {
         let whole = self.length <= self.bytes.len() as u64;
         let end = if whole { self.bytes.len() } else { self.bytes.iter().rposition(|&byte| byte == b'\n')? + 1 };
@@ -174,7 +176,8 @@ impl Head {
     }
 }
 
-/// The recordings in the folder `path` by their names, those of events first.
+/// Returns the names of the files in the folder `path` that look like recordings, those with "event" in their name
+/// first.
 fn recordings_in(path: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(path).into_iter().flatten().flatten();
     let mut names: Vec<String> = entries
@@ -182,12 +185,12 @@ fn recordings_in(path: &Path) -> Vec<String> {
         .filter_map(|entry| entry.file_name().into_string().ok())
         .filter(|name| name.rsplit_once('.').is_some_and(|(_, extension)| USUAL_EXTENSIONS.contains(&extension)))
         .collect();
-    // Beside the events may lie other tables.
+    // The folder may also contain tables of other data.
     names.sort_by_key(|name| (!name.to_lowercase().contains("event"), name.clone()));
     names
 }
 
-/// How names of recordings usually end.
+/// Usual extensions of recordings.
 const USUAL_EXTENSIONS: [&str; 17] = [
     "aedat4", "aedat", "dvraw", "raw", "dat", "bag", "mcap", "db3", "h5", "hdf5", "npz", "npy", "csv", "txt", "es",
     "pcap", "pcapng",

@@ -1,4 +1,4 @@
-//! The formats that are read, and which of them a file or folder is of.
+//! The supported formats, and detection of the format of a file or folder.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use crate::hdf5;
 use crate::options::RecordingOptions;
 use crate::{aedat2, aedat3, aedat4, davis, event_calib, event_stream, foreign, numpy, prophesee, ros, text};
 
-/// The formats, in the order in which they are tried.
+/// Supported formats, in the order in which they are tried.
 pub const FORMATS: &[&FileFormat] = &[
     &aedat4::FORMAT,
     &aedat2::FORMAT,
@@ -43,7 +43,7 @@ fn find_format(path: &Path, head: &Head) -> Result<&'static FileFormat, Recordin
     })
 }
 
-/// The format of the recording that the folder at `path` is, if it is one.
+/// Returns the format of the folder at `path`, if it is a recording.
 pub(crate) fn folder_format(path: &Path) -> Option<&'static FileFormat> {
     if ros::is_folder(path) {
         Some(&ros::FOLDER_FORMAT)
@@ -54,10 +54,10 @@ pub(crate) fn folder_format(path: &Path) -> Option<&'static FileFormat> {
     }
 }
 
-/// The format of the file or folder of events at `path`, found from its content.
+/// Detects the format of the file or folder at `path` from its content.
 ///
 /// # Errors
-/// When it cannot be read, is empty, or is of no known format.
+/// When it cannot be read, is empty, or has an unknown format.
 pub fn format_of(path: &Path) -> Result<&'static FileFormat, RecordingError> {
     if let Some(format) = folder_format(path) {
         return Ok(format);
@@ -66,7 +66,8 @@ pub fn format_of(path: &Path) -> Result<&'static FileFormat, RecordingError> {
     find_format(path, &head)
 }
 
-/// `options` that were given for another recording, without those that mean nothing to the one at `path`.
+/// Adapts `options` that were given for another recording to the one at `path`: removes those that do not apply to its
+/// format.
 pub fn options_for(path: &Path, options: &RecordingOptions) -> RecordingOptions {
     format_of(path).map_or_else(|_| options.clone(), |format| format.uses.of(options))
 }

@@ -1,4 +1,4 @@
-//! Whether a sensor that was asked for is that of the recording.
+//! Checks that the requested sensor size fits the events of a recording.
 
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
@@ -8,94 +8,94 @@ use crate::options::RecordingOptions;
 use crate::read_report::ReadReport;
 use crate::recording::Recording;
 
-/// Share of events that may lie outside of a sensor that was asked for.
+/// Fraction of events that may lie outside the requested sensor.
 const FEW_OUTSIDE: f64 = 0.01;
 
-/// A sensor that was asked for is not that of the recording.
+/// The requested sensor does not fit the recording.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum OtherSensor {
-    /// Many events are beyond it.
+    /// Many events lie outside it.
     #[error(
-        "{file}: {outside} of {total} events lie outside the {sensor} pixels that were asked for{}",
-        own.map_or_else(String::new, |own| format!("; the file says {own}"))
-    )]
+            "{file}: {outside} of {total} events lie outside the {sensor} pixels that were asked for{}",
+            own.map_or_else(String::new, |own| format!("; the file states {own}"))
+        )]
     TooSmall {
-        /// The file.
+        /// Path of the file.
         file: String,
-        /// Events outside.
+        /// Number of events outside the sensor.
         outside: u64,
-        /// All events.
+        /// Number of all events.
         total: u64,
-        /// The sensor asked for.
+        /// Requested sensor.
         sensor: Sensor,
-        /// What the file says.
+        /// Sensor stated in the file.
         own: Option<Sensor>,
     },
-    /// Its rows are the columns of the recording, or the recording has them the wrong way round.
+    /// Columns and rows are exchanged, in the requested size or in the recording.
     #[error(
         "{file}: {outside} of {total} events lie outside the {sensor} pixels, but none would with x and y exchanged"
     )]
     Exchanged {
-        /// The file.
+        /// Path of the file.
         file: String,
-        /// Events outside.
+        /// Number of events outside the sensor.
         outside: u64,
-        /// All events.
+        /// Number of all events.
         total: u64,
-        /// The sensor.
+        /// Requested sensor.
         sensor: Sensor,
-        /// Where they are exchanged.
+        /// Part of the input in which x and y are exchanged.
         exchanged: Exchanged,
     },
-    /// Its pixels are counted from 1.
+    /// Pixels are counted from 1 instead of 0.
     #[error(
-        "{file}: no event lies in column 0 or row 0 of the {sensor} pixels, and some lie in column {} and row {}. Pixels are counted from 1, where they should be counted from 0",
+            "{file}: no event lies in column 0 or row 0 of the {sensor} pixels, and some lie in column {} and row {}. Pixels are counted from 1 instead of 0",
         .sensor.width, .sensor.height
     )]
     CountedFromOne {
-        /// The file.
+        /// Path of the file.
         file: String,
-        /// The sensor.
+        /// Sensor that fits once pixels are counted from 0.
         sensor: Sensor,
     },
-    /// Columns and rows that are no pixels.
+    /// Many events have a column or row that no sensor has.
     #[error("{file}: {count} of {total} events have a column or row below 0 or beyond 32766")]
     NoPixels {
-        /// The file.
+        /// Path of the file.
         file: String,
-        /// Events with such ones.
+        /// Number of events with such a column or row.
         count: u64,
-        /// All events.
+        /// Number of all events.
         total: u64,
     },
-    /// It has pixels that the sensor of the file does not have.
+    /// The requested sensor is larger than the sensor stated in the file.
     #[error("{file} is of a sensor of {own} pixels, but {sensor} was asked for")]
     TooLarge {
-        /// The file.
+        /// Path of the file.
         file: String,
-        /// The sensor asked for.
+        /// Requested sensor.
         sensor: Sensor,
-        /// What the file says.
+        /// Sensor stated in the file.
         own: Sensor,
     },
 }
 
-/// Where x and y are exchanged.
+/// Part of the input in which x and y are exchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exchanged {
-    /// In the size of the sensor that was asked for.
+    /// The requested sensor size.
     InTheSizeAskedFor,
-    /// In the size of the sensor that the file states.
+    /// The sensor size that the file states.
     InTheSizeOfTheFile,
-    /// In the order of the columns of a table, as far as it was recognised or asked for.
+    /// The order of the columns of a table, detected or requested.
     InTheColumns,
-    /// In the file: the program that wrote it exchanged them.
+    /// The file: the program that wrote it exchanged x and y.
     InTheFile,
 }
 
-/// Whether a sensor is higher than wide, which none is.
-fn stands(sensor: Sensor) -> bool {
+/// `true` if the sensor is higher than wide, which is not the case for real sensors.
+fn is_portrait(sensor: Sensor) -> bool {
     sensor.height > sensor.width
 }
 
@@ -103,14 +103,14 @@ fn turned(sensor: Sensor) -> Sensor {
     Sensor::new(sensor.height, sensor.width)
 }
 
-/// Whether the file says nothing against the sensor that was asked for. No event is read.
+/// Checks the requested sensor against the size stated in the file, without reading events.
 ///
 /// # Errors
 /// [`OtherSensor::TooLarge`].
 pub fn check_stated(recording: &Recording) -> Result<(), OtherSensor> {
     let Some(sensor) = recording.options().sensor else { return Ok(()) };
     match recording.own_sensor() {
-        Some(own) if stands(own) && sensor == turned(own) => Ok(()),
+        Some(own) if is_portrait(own) && sensor == turned(own) => Ok(()),
         Some(own) if sensor.width > own.width || sensor.height > own.height => {
             Err(OtherSensor::TooLarge { file: recording.path().display().to_string(), sensor, own })
         }
@@ -118,10 +118,10 @@ pub fn check_stated(recording: &Recording) -> Result<(), OtherSensor> {
     }
 }
 
-/// Whether the sensor has the pixels of the events, which were read with this `report`.
+/// Checks that the events, which were read with this `report`, fit the sensor.
 ///
 /// # Errors
-/// [`OtherSensor`], where many lie outside of it.
+/// [`OtherSensor`] if many lie outside it, or if pixels are counted from 1.
 pub fn check_outside(recording: &Recording, report: &ReadReport) -> Result<(), OtherSensor> {
     let outside = report.out_of_range;
     if outside > 0
@@ -140,8 +140,8 @@ pub fn check_outside(recording: &Recording, report: &ReadReport) -> Result<(), O
     match asked.or(own) {
         Some(sensor) if report.looks_exchanged() => {
             let exchanged = match asked {
-                Some(asked) if stands(asked) => Exchanged::InTheSizeAskedFor,
-                None if stands(sensor) => Exchanged::InTheSizeOfTheFile,
+                Some(asked) if is_portrait(asked) => Exchanged::InTheSizeAskedFor,
+                None if is_portrait(sensor) => Exchanged::InTheSizeOfTheFile,
                 _ if has_columns => Exchanged::InTheColumns,
                 _ => Exchanged::InTheFile,
             };
@@ -155,13 +155,13 @@ pub fn check_outside(recording: &Recording, report: &ReadReport) -> Result<(), O
     }
 }
 
-/// The sensor of a recording whose pixels are counted from 1, as MATLAB counts: column 0 and row 0 send nothing, and the last
-/// events lie one column and one row behind the sensor that was asked for, that of the file, or a usual one. Reads the
-/// recording up to the first event that tells otherwise.
+/// Returns the sensor of a recording whose pixels are counted from 1, as in MATLAB: there are no events in column 0 and
+/// row 0, and the last events lie one column and one row outside the sensor (the requested one, the file's own, or a
+/// usual one). `None` otherwise; reading then stops at the first event that contradicts it.
 pub fn counted_from_one(recording: &Recording) -> Option<Sensor> {
     let known = recording.options().sensor.or_else(|| recording.own_sensor());
     let larger = |sensor: Sensor| Sensor::new(sensor.width.saturating_add(1), sensor.height.saturating_add(1));
-    // With the sensor as it is known the events in question are left out.
+    // The reader would drop the events in question with the known sensor, so it gets a larger one.
     let options = RecordingOptions { sensor: known.map(larger), ..recording.options().clone() };
     let mut reader = recording.with_options(options).open().ok()?;
     let (mut column, mut row, mut events) = (0, 0, Vec::new());
@@ -180,7 +180,7 @@ pub fn counted_from_one(recording: &Recording) -> Option<Sensor> {
     known.map_or_else(|| is_usual(sensor), |known| known == sensor).then_some(sensor)
 }
 
-/// Whether it is the smallest usual sensor that has its last pixel.
+/// `true` if `sensor` is the smallest usual sensor that contains its own last pixel.
 fn is_usual(sensor: Sensor) -> bool {
     let (Some(x), Some(y)) = (sensor.width.checked_sub(1), sensor.height.checked_sub(1)) else { return false };
     let last = Event { t: 0, x, y, polarity: Polarity::On };
@@ -191,7 +191,7 @@ fn is_usual(sensor: Sensor) -> bool {
 mod tests {
     use super::*;
 
-    /// What is wrong with the sensor of these lines of text.
+    /// Returns the fault of the sensor for these lines of text.
     fn wrong(lines: &str, sensor: Option<Sensor>) -> Option<OtherSensor> {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("events.csv");
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn exchanged_and_negative_coordinates_are_told_from_a_wrong_size() {
+    fn exchanged_and_negative_coordinates_are_distinguished_from_a_wrong_size() {
         let davis = Some(Sensor::new(346, 260));
         let turned = "t_us,x,y,p\n1,259,345,1\n2,3,300,0\n";
         let upright = "t_us,x,y,p\n1,345,259,1\n2,300,3,0\n";
@@ -228,9 +228,9 @@ mod tests {
         assert!(matches!(negative, Some(OtherSensor::NoPixels { count: 1, total: 2, .. })), "{negative:?}");
     }
 
-    /// The size that the advice named was refused.
+    /// The size that the advice names must be accepted.
     #[test]
-    fn a_size_of_the_file_that_stands_may_be_turned() {
+    fn a_portrait_size_in_the_file_may_be_turned() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("events.csv");
         let fits = |lines: &str, sensor: Sensor| {
@@ -238,24 +238,24 @@ mod tests {
             let options = RecordingOptions { sensor: Some(sensor), ..RecordingOptions::default() };
             check_stated(&Recording::new(&path, options).unwrap()).is_ok()
         };
-        let standing = "260 346\n1 2 3 1\n";
-        assert!(fits(standing, Sensor::new(346, 260)) && fits(standing, Sensor::new(260, 346)));
-        assert!(!fits(standing, Sensor::new(640, 480)));
+        let portrait = "260 346\n1 2 3 1\n";
+        assert!(fits(portrait, Sensor::new(346, 260)) && fits(portrait, Sensor::new(260, 346)));
+        assert!(!fits(portrait, Sensor::new(640, 480)));
         assert!(!fits("346 260\n1 2 3 1\n", Sensor::new(260, 346)));
     }
 
-    /// MATLAB counts from 1: such recordings were calibrated as good, with cx and cy off by 1 px, for the last column and row are
-    /// less than a hundredth of the events.
+    /// MATLAB counts from 1. Without this check cx and cy would be off by 1 px and nothing would show it, because the
+    /// last column and row have less than a hundredth of the events.
     #[test]
-    fn pixels_counted_from_one_are_told() {
+    fn pixels_counted_from_one_are_detected() {
         let davis = Sensor::new(346, 260);
         let all = |range: std::ops::RangeInclusive<u16>| -> String {
             let lines = range.map(|at| format!("{at},{at},{},1\n", if at == 346 { 260 } else { at.min(259) }));
             format!("t_us,x,y,p\n{}", lines.collect::<String>())
         };
-        let told = wrong(&all(1..=346), Some(davis)).unwrap().to_string();
-        assert!(told.contains("in column 346 and row 260. Pixels are counted from 1"), "{told}");
-        // One event in column 0, or behind column 346, tells otherwise.
+        let message = wrong(&all(1..=346), Some(davis)).unwrap().to_string();
+        assert!(message.contains("in column 346 and row 260. Pixels are counted from 1"), "{message}");
+        // One event in column 0, or beyond column 346, refutes it.
         for lines in [all(0..=346), all(1..=347)] {
             assert_eq!(wrong(&lines, Some(davis)), None);
         }

@@ -1,15 +1,15 @@
-//! HDF5: events as columns, as rows of numbers, or as records, wherever in the file they are.
+//! HDF5: events as columns, as rows of numbers, or as records, anywhere in the file.
 //!
 //! | layout | events |
 //! |---|---|
-//! | DSEC, MPL | `events/{t, x, y, p}`, `t_offset` beside the group |
-//! | M3ED | `prophesee/left/{t, x, y, p}`, the sensor in `calib/resolution` |
+//! | DSEC, MPL | `events/{t, x, y, p}`, with `t_offset` next to the group |
+//! | M3ED | `prophesee/left/{t, x, y, p}`, with the sensor in `calib/resolution` |
 //! | e2calib | `t`, `x`, `y`, `p` at the root |
-//! | MVSEC | `davis/left/events`, rows x, y, t, p; `image_raw` and `imu` beside them |
+//! | MVSEC | `davis/left/events`, rows x, y, t, p; with `image_raw` and `imu` in the same group |
 //! | Metavision | `CD/events`, records x, y, p, t, compressed with ECF |
 //!
-//! Names, units of time and what is guessed are those of text files. The structure of the file is read by the crate
-//! `hdf5-reader`; its compressions that HDF5 itself does not bring are in [`filters`].
+//! Column names and time units are determined as for text files. The crate `hdf5-reader` reads the structure of the
+//! file; [`filters`] adds the compressions that HDF5 itself does not include.
 
 mod blosc;
 mod ecf;
@@ -55,10 +55,11 @@ pub const FORMAT: FileFormat = FileFormat {
 const SIGNATURE: &[u8] = b"\x89HDF\r\n\x1a\n";
 /// Class of the layout of a virtual dataset (HDF5 File Format Specification, section IV.A.2.i).
 const VIRTUAL: u8 = 3;
-/// Events of a batch.
+/// Number of events per batch.
 const BATCH: u64 = 32_768;
 
-/// Before the signature there may be a block of somebody else's, as in MATLAB's files; its size is 512 bytes, or twice as many, and so on.
+/// `true` if the signature is at byte 0, or after a user block (as in MATLAB's files) of 512 bytes or a larger power of
+/// two.
 fn recognise(head: &Head) -> bool {
     let begins = |start: usize| head.bytes.get(start..).is_some_and(|rest| rest.starts_with(SIGNATURE));
     begins(0) || (9..16).any(|power| begins(1 << power))
@@ -69,8 +70,8 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
     let Found { table, sensor, offset, frames, samples, .. } = found;
     let (table, GuessedUnit { unit, is_doubtful: is_unit_doubtful }) = arrange(path, table, options, &mut notes)?;
     let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
-    let beside = [(extras::FRAMES, frames), (extras::SAMPLES, samples)];
-    let other = beside.into_iter().filter_map(|(name, found)| Some((name.to_owned(), length(&found?.data)))).collect();
+    let others = [(extras::FRAMES, frames), (extras::SAMPLES, samples)];
+    let other = others.into_iter().filter_map(|(name, found)| Some((name.to_owned(), length(&found?.data)))).collect();
     let information = RecordingInformation { format: FORMAT.name, sensor, camera_name: None, began: None, notes };
     let path = path.to_owned();
     let (damage, counter) = (options.damage, TimeCounter::new(unit));
@@ -89,45 +90,47 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
     }))
 }
 
-/// Number of pictures or samples.
+/// Returns the number of frames or samples.
 fn length(data: &Dataset) -> u64 {
     data.shape().first().copied().unwrap_or(0)
 }
 
-/// The stream that is asked for, or the first one that has events, with room for its chunks, and what there is to tell of that.
+/// Selects the requested stream, or the first one with events, and reopens the file with limits for its chunks. Also
+/// returns notes about the choice.
 fn choose(path: &Path, options: &RecordingOptions) -> Result<(Found, Vec<String>), RecordingError> {
     let mut all = all(path, options)?;
     let list = all.iter().map(|found| found.name.clone()).collect::<Vec<_>>().join(", ");
-    let place = match &options.stream {
+    let index = match &options.stream {
         Some(wanted) => all.iter().position(|found| found.name == wanted.trim_matches('/')),
         None => Some(all.iter().position(|found| has_events(&found.table)).unwrap_or(0)),
     };
     let count = all.len();
-    let Some(place) = place.filter(|place| *place < count) else {
+    let Some(index) = index.filter(|index| *index < count) else {
         let kind = match &options.stream {
             Some(wanted) => RecordingErrorKind::NoSuchStream { wanted: wanted.clone(), available: list },
             None => RecordingErrorKind::NoEventStream("groups without arrays t, x, y and p".to_owned()),
         };
         return Err(RecordingError::new(path, kind));
     };
-    let found = all.swap_remove(place);
+    let found = all.swap_remove(index);
     let notes = match count {
         1 => Vec::new(),
         _ => {
-            let first = if place == 0 { "" } else { ", the first of those that have some" };
-            vec![format!("the events of {} are read{first}, of {list}", found.name)]
+            let first = if index == 0 { "" } else { ", the first ones in the file" };
+            vec![format!("the events of {} are read{first}; the file contains {list}", found.name)]
         }
     };
     Ok((with_room(path, found)?, notes))
 }
 
-/// What cannot be read is for the reader of the events to tell.
+/// `true` if the table has events, or cannot be read, which the reader of the events then reports.
 fn has_events(table: &Table) -> bool {
     table.cells(columns::SAMPLE as u64).map_or(true, |rows| !numbers::written_cells(rows).is_empty())
 }
 
-/// The streams of events, those first whose names say so. Of other arrays of four columns, such as attitudes, those whose values can be
-/// events; where nothing else is there all, for what is wrong with them to be told.
+/// Returns the streams of events, those named as events first. Other arrays of four columns may be something else, such
+/// as attitudes, so they are included only if their values can be events. If nothing remains, all arrays are returned,
+/// so that the fault can be reported.
 fn all(path: &Path, options: &RecordingOptions) -> Result<Vec<Found>, RecordingError> {
     let file = filters::open(path, filters::Limits::default()).map_err(|error| structure(path, &error))?;
     let Contents { streams, unread } = layout::find(&file).map_err(|error| structure(path, &error))?;
@@ -141,16 +144,20 @@ fn all(path: &Path, options: &RecordingOptions) -> Result<Vec<Found>, RecordingE
     Ok(if all.is_empty() { others } else { all })
 }
 
-/// The same, in a handle of the file that has room for its chunks.
+/// Finds the stream again in a new handle of the file, with limits for its chunks.
 fn with_room(path: &Path, found: Found) -> Result<Found, RecordingError> {
     let file = filters::open(path, found.table.limits()).map_err(|error| structure(path, &error))?;
     let again = layout::find(&file).map_err(|error| structure(path, &error))?.streams;
-    let gone =
-        || RecordingError::new(path, RecordingErrorKind::NoEventStream("something else than a moment ago".to_owned()));
+    let gone = || {
+        RecordingError::new(
+            path,
+            RecordingErrorKind::NoEventStream("content that changed while it was read".to_owned()),
+        )
+    };
     again.into_iter().find(|again| again.name == found.name).ok_or_else(gone)
 }
 
-/// The table with its columns in order, and its unit of time.
+/// Determines the order of the table's columns and the unit of its times.
 fn arrange(
     path: &Path,
     mut table: Table,
@@ -171,8 +178,8 @@ fn arrange(
     }
     let stated = options.time_unit.or_else(|| table.unit_of_name());
     let guess = || {
-        let place = table.place_of(Column::T);
-        let times: Vec<f64> = sample.iter().filter_map(|row| row.get(place?)?.value).collect();
+        let column = table.index_of(Column::T);
+        let times: Vec<f64> = sample.iter().filter_map(|row| row.get(column?)?.value).collect();
         columns::unit_from_values(&times, notes)
     };
     let unit = stated.map_or_else(guess, GuessedUnit::from);
@@ -188,9 +195,9 @@ fn streams(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummary>
             times_us: times(path, &found, options),
             ..StreamSummary::new(name)
         }];
-        for (name, beside) in [(extras::FRAMES, found.frames), (extras::SAMPLES, found.samples)] {
-            if let Some(TimedDataset { data, .. }) = beside {
-                let name = format!("{name} beside {}", found.name);
+        for (name, other) in [(extras::FRAMES, found.frames), (extras::SAMPLES, found.samples)] {
+            if let Some(TimedDataset { data, .. }) = other {
+                let name = format!("{name} of {}", found.name);
                 summaries.push(StreamSummary { packets: 1, elements: length(&data), ..StreamSummary::new(name) });
             }
         }
@@ -199,7 +206,8 @@ fn streams(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummary>
     Ok(all(path, options)?.into_iter().flat_map(summary).collect())
 }
 
-/// Times of the first and the last event in µs. What cannot be read is for the reader of the events to tell.
+/// Returns the times of the first and the last event in µs; `None` if they cannot be read, which the reader of the
+/// events reports.
 fn times(path: &Path, found: &Found, options: &RecordingOptions) -> Option<(i64, i64)> {
     let (table, GuessedUnit { unit, .. }) = arrange(path, found.table.clone(), options, &mut Vec::new()).ok()?;
     let offset = found.offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
@@ -211,7 +219,8 @@ fn times(path: &Path, found: &Found, options: &RecordingOptions) -> Option<(i64,
     Some((time(0)?, time(table.count().checked_sub(1)?)?))
 }
 
-/// HDF5 has no one place for a fault: its structure is spread over the file.
+/// Converts an error about the structure of the file. It has no useful byte, because the structure is spread over the
+/// file.
 fn structure(path: &Path, error: &Error) -> RecordingError {
     let kind = match (unsupported(error), filters::cut_off(path)) {
         _ if is_virtual(error) => RecordingErrorKind::Unsupported(ForeignFormat::VirtualHdf5),
@@ -219,7 +228,7 @@ fn structure(path: &Path, error: &Error) -> RecordingError {
         (None, Some((length, promised))) => RecordingErrorKind::Damaged {
             byte: length,
             what: format!(
-                "the file ends here, where it should have {promised} bytes, and does not tell where its events are"
+                "the file ends here instead of after {promised} bytes, and the position of its events is unknown"
             ),
             usable: Usable::Nothing,
         },
@@ -232,7 +241,7 @@ fn structure(path: &Path, error: &Error) -> RecordingError {
     RecordingError::new(path, kind)
 }
 
-/// The compression that is not read, if `error` tells of one.
+/// Returns the unsupported compression that `error` is about, if it is about one.
 fn unsupported(error: &Error) -> Option<&str> {
     match error {
         Error::UnsupportedFilter(filter) => Some(filter),
@@ -241,7 +250,7 @@ fn unsupported(error: &Error) -> Option<&str> {
     }
 }
 
-/// Whether `error` tells of an array that has no numbers of its own.
+/// `true` if `error` is about a virtual dataset, which has no data of its own.
 fn is_virtual(error: &Error) -> bool {
     match error {
         Error::UnsupportedLayoutClass(VIRTUAL) => true,
@@ -257,14 +266,14 @@ struct Decoder {
     unit: TimeUnit,
     is_unit_doubtful: bool,
     counter: TimeCounter,
-    /// Added to all times, in microseconds.
+    /// Offset in µs of all times.
     offset: i64,
     damage: Damage,
-    /// How much there is of what lies beside the events.
+    /// Numbers of frames and inertial samples, by name.
     other: Vec<(String, u64)>,
-    /// Events read.
+    /// Number of events read.
     next: u64,
-    /// How many are read at once: fewer before damage.
+    /// Number of events that are read at once; reduced before damage.
     batch: u64,
 }
 
@@ -273,7 +282,7 @@ impl Decoder {
         RecordingError::new(&self.path, kind)
     }
 
-    /// The next event cannot be read: whether there are more behind it that may be.
+    /// Handles an event that cannot be read. Returns `true` if more events may follow.
     fn pass_over(&mut self, error: &Error, report: &mut ReadReport) -> Result<bool, RecordingError> {
         if let Some(filter) = unsupported(error) {
             return Err(self.error(RecordingErrorKind::Filter(filter.to_owned())));
@@ -310,11 +319,12 @@ impl Decode for Decoder {
             Ok(rows) => rows,
             Err(error) => return self.pass_over(&error, report),
         };
-        // Fewer than asked for: damage is near, and would be met again and again.
+        // If fewer rows than requested were readable, damage follows; smaller batches avoid decoding up to it
+        // repeatedly.
         self.batch = self.batch.min((rows.len() as u64).max(1));
         let (written, unwritten) = rows.split_at(numbers::written(rows.iter(), is_filling));
         if written.is_empty() && !unwritten.is_empty() {
-            // Perhaps of very many, of which the file has none.
+            // All remaining rows are taken as unwritten. There may be very many of them, without any data in the file.
             report.unwritten += self.table.count() - self.next;
             self.next = self.table.count();
             return Ok(false);

@@ -1,4 +1,4 @@
-//! Pictures on the disk: PNG of any kind, JPEG for reading.
+//! Image files: PNG of any kind; JPEG for reading only.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Cursor, Read, Seek, Write};
@@ -11,67 +11,67 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 use evcal_files::FileError;
 
-/// A picture.
+/// An image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImageFile {
     /// Width and height in pixels.
     pub size: (u32, u32),
-    /// Samples for each pixel: 1 grey, 2 with alpha, 3 red-green-blue, 4 with alpha.
+    /// Number of samples per pixel: 1 grey, 2 grey and alpha, 3 red-green-blue, 4 with alpha.
     pub channels: usize,
-    /// Channels of pixels, row by row.
+    /// Samples of all pixels, row by row.
     pub samples: Samples,
 }
 
-/// Samples of a picture.
+/// Samples of an image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Samples {
-    /// Of 8 bits.
+    /// Samples of 8 bits.
     Eight(Vec<u8>),
-    /// Of 16 bits.
+    /// Samples of 16 bits.
     Sixteen(Vec<u16>),
 }
 
-/// A picture cannot be read.
+/// Error while reading an image.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ImageFileError {
-    /// The system says so.
+    /// The operating system reported an error.
     #[error("{0}")]
     Io(#[from] io::Error),
-    /// It is damaged.
-    #[error("not a whole PNG: {0}")]
+    /// The PNG is damaged.
+    #[error("not a valid PNG: {0}")]
     Png(#[from] png::DecodingError),
-    /// It is damaged.
-    #[error("not a whole JPEG: {0}")]
+    /// The JPEG is damaged.
+    #[error("not a valid JPEG: {0}")]
     Jpeg(String),
-    /// It says that it is larger than a file of its length can be.
-    #[error("not a whole picture: it says that it has {} x {} pixels, too many for a file of {length} bytes", size.0, size.1)]
+    /// The stated size is larger than a file of this length can contain.
+    #[error("not a valid image: it states a size of {} x {} pixels, too many for a file of {length} bytes", size.0, size.1)]
     TooLarge {
-        /// The width and height that it states.
+        /// Stated width and height in pixels.
         size: (u32, u32),
-        /// Bytes of the file.
+        /// Length of the file in bytes.
         length: u64,
     },
-    /// It needs more memory than is given to one.
-    #[error("a picture of {} x {} pixels, more than are read: make it smaller first", size.0, size.1)]
+    /// The image needs too much memory.
+    #[error("an image of {} x {} pixels, which is too large: reduce its size first", size.0, size.1)]
     Memory {
-        /// The width and height that it states.
+        /// Stated width and height in pixels.
         size: (u32, u32),
     },
-    /// It is something else.
+    /// The content is neither PNG nor JPEG.
     #[error("neither PNG nor JPEG: convert it to PNG first")]
     Unknown,
 }
 
-/// No picture takes more bytes: 11 000 x 8000 pixels in colour.
+/// Memory limit of an image in bytes (11 000 x 8000 pixels in colour).
 const MOST_BYTES: usize = 1 << 28;
-/// Deflate makes data at most so many times as short.
+/// Highest compression ratio of Deflate.
 const DEFLATE: u64 = 1032;
-/// Pixels that a byte of a JPEG holds at most: no block of 64 takes less than a bit.
+/// Largest number of pixels per byte of a JPEG: a block of 64 pixels needs at least one bit.
 const JPEG_PIXELS: u64 = 512;
 
-/// Whether a file of `length` bytes, each of which holds at most so many `pixels`, can hold a picture of `width` × `height` pixels.
-/// Memory is taken for the size that a file states.
+/// Checks that a file of `length` bytes with at most `pixels` pixels per byte can contain an image of `width` ×
+/// `height` pixels. The check precedes the allocation of memory for the stated size.
 fn check_size(width: u32, height: u32, pixels: u64, length: u64) -> Result<(), ImageFileError> {
     if u64::from(width).saturating_mul(height.into()) > length.saturating_mul(pixels) {
         return Err(ImageFileError::TooLarge { size: (width, height), length });
@@ -79,7 +79,8 @@ fn check_size(width: u32, height: u32, pixels: u64, length: u64) -> Result<(), I
     Ok(())
 }
 
-/// Reads the PNG or JPEG at `path`, told apart by its content. Palettes and few bits become 8 bits.
+/// Reads the PNG or JPEG at `path`; the content decides which. Palettes, and samples of less than 8 bits, are expanded
+/// to 8 bits.
 ///
 /// # Errors
 /// [`ImageFileError`].
@@ -89,7 +90,7 @@ pub fn read(path: &Path) -> Result<ImageFile, ImageFileError> {
     read_from(BufReader::new(file), length)
 }
 
-/// Reads a PNG or JPEG that is in memory.
+/// Reads a PNG or JPEG from memory.
 ///
 /// # Errors
 /// [`ImageFileError`].
@@ -115,7 +116,7 @@ fn read_png(file: impl BufRead + Seek, file_length: u64) -> Result<ImageFile, Im
     decoder.set_transformations(Transformations::EXPAND);
     let mut reader = decoder.read_info()?;
     let header = reader.info();
-    // Samples of less than a byte become bytes.
+    // Samples of less than a byte are expanded to bytes.
     let pixels = DEFLATE * 8 / header.bits_per_pixel().max(1) as u64;
     check_size(header.width, header.height, pixels, file_length)?;
     let (size, is_interlaced) = (header.size(), header.interlaced);
@@ -128,7 +129,7 @@ fn read_png(file: impl BufRead + Seek, file_length: u64) -> Result<ImageFile, Im
         bytes.resize(length, 0);
         reader.next_frame(&mut bytes)?;
     } else {
-        // Row by row, for what a file says of its size may be untrue.
+        // Reads row by row, because the stated size may be wrong.
         while let Some(row) = reader.next_row()? {
             bytes.extend_from_slice(row.data());
         }
@@ -160,10 +161,10 @@ fn read_jpeg(file: impl BufRead + Seek, length: u64) -> Result<ImageFile, ImageF
 }
 
 impl ImageFile {
-    /// Writes the picture as PNG.
+    /// Writes the image as PNG.
     ///
     /// # Errors
-    /// [`FileError`] when it cannot be written.
+    /// [`FileError`] if it cannot be written.
     pub fn write_png(&self, path: &Path) -> Result<(), FileError> {
         evcal_files::write_with(path, |file| self.encode_png(file))
     }
@@ -199,21 +200,22 @@ impl ImageFile {
 mod tests {
     use super::*;
 
-    /// A flat picture is as small as a file can be; one byte of its size makes it larger than its file.
+    /// A flat image has the smallest possible file. Changing one byte of its size makes it too large for that file.
     #[test]
-    fn a_picture_larger_than_its_file_can_hold_is_refused() {
+    fn an_image_too_large_for_its_file_is_rejected() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("picture.png");
         let samples = Samples::Eight(vec![0; 1000 * 1000]);
         ImageFile { size: (1000, 1000), channels: 1, samples }.write_png(&path).unwrap();
         assert_eq!(read(&path).unwrap().size, (1000, 1000));
         let mut png = std::fs::read(&path).unwrap();
-        // Width and height stand behind the mark, and the length and name of the first chunk; its checksum follows 13 bytes.
+        // Width and height follow the magic and the length and name of the first chunk; its checksum follows 13 bytes
+        // later.
         png[16..24].copy_from_slice(&[0, 0, 0xFF, 0xFF, 0, 0, 0xFF, 0xFF]);
         let mut checksum = flate2::Crc::new();
         checksum.update(&png[12..29]);
         png[29..33].copy_from_slice(&checksum.sum().to_be_bytes());
-        // Of a grey JPEG the beginning.
+        // The beginning of a grey JPEG.
         let jpeg = [
             &[0xFF, 0xD8, 0xFF, 0xC0, 0, 11, 8, 0x3F, 0xFF, 0x3F, 0xFF, 1, 1, 0x11, 0][..],
             &[0xFF, 0xDA, 0, 8, 1, 1, 0, 0, 63, 0, 0x5F, 0xFF, 0xD9],
@@ -227,9 +229,9 @@ mod tests {
         }
     }
 
-    /// A megabyte of such a file took a gigabyte at once.
+    /// A file of a megabyte must not be able to request a gigabyte.
     #[test]
-    fn a_picture_that_needs_more_memory_than_is_given_to_one_is_refused() {
+    fn an_image_that_needs_too_much_memory_is_rejected() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("picture.png");
         let samples = Samples::Eight(vec![0; 16]);
@@ -242,7 +244,7 @@ mod tests {
         png.resize(8 << 20, 0);
         std::fs::write(&path, &png).unwrap();
         assert!(matches!(read(&path), Err(ImageFileError::Memory { size: (0xFFFF, 0xFFFF) })));
-        // What it states fits, but the rows are not there: memory is taken as they come.
+        // The stated size is allowed, but the rows are missing: memory is allocated as they are read.
         png[16..24].copy_from_slice(&[0, 0, 0x3F, 0xFF, 0, 0, 0x3F, 0xFF]);
         let mut checksum = flate2::Crc::new();
         checksum.update(&png[12..29]);
@@ -251,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn every_kind_of_png_comes_back() {
+    fn every_kind_of_png_is_read_back() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("picture.png");
         for channels in 1..=4 {

@@ -1,7 +1,9 @@
-//! A folder of images with time stamps, as EuRoC data sets have it: `data.csv`, and the images in `data` beside it.
+//! A folder of images with timestamps, as in EuRoC data sets: `data.csv`, and a folder `data` with the images next to
+//! it.
 //!
-//! `data.csv` has a line `#timestamp [ns],filename` of names, then a line an image. A third column, `exposure [ns]` (or us, ms, s),
-//! tells how long each was exposed. Images are PNG or JPEG, all of one size. They are read one at a time.
+//! `data.csv` has a header line `#timestamp [ns],filename`, then one line per image. An optional third column,
+//! `exposure [ns]` (or us, ms, s), contains the exposure time of each image. Images are PNG or JPEG, all of one size,
+//! and are read one at a time.
 
 use std::fs;
 use std::io;
@@ -17,10 +19,10 @@ use super::pictures::{GreyImage, TimedImage, brightness, highest_bits};
 pub const TABLE: &str = "data.csv";
 /// Name of the folder of its images.
 pub const IMAGES: &str = "data";
-/// The line of names.
+/// Header line of the table.
 pub const HEADER: &str = "#timestamp [ns],filename";
 
-/// What the time stamp of an image stands for.
+/// Moment of the exposure that an image's timestamp refers to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Stamps {
@@ -34,10 +36,10 @@ pub enum Stamps {
 }
 
 impl Stamps {
-    /// All of them.
+    /// All variants.
     pub const ALL: &[Self] = &[Self::Start, Self::Middle, Self::End];
 
-    /// Its name.
+    /// Name of the variant.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Start => "start",
@@ -46,7 +48,7 @@ impl Stamps {
         }
     }
 
-    /// What it means, in a few words.
+    /// Meaning of the variant, as a short sentence.
     pub const fn description(self) -> &'static str {
         match self {
             Self::Start => "A time stamp is the start of the exposure",
@@ -55,7 +57,7 @@ impl Stamps {
         }
     }
 
-    /// Start and end of an exposure of this length with a `stamp` (all in ns).
+    /// Returns start and end of an exposure of this length with this `stamp` (all in ns).
     const fn exposure(self, stamp: i64, length: i64) -> (i64, i64) {
         let before = match self {
             Self::Start => 0,
@@ -67,89 +69,89 @@ impl Stamps {
     }
 }
 
-/// Why a folder of images cannot be read.
+/// Error while reading a folder of images.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ImageFolderError {
-    /// The system says so.
+    /// The operating system reported an error.
     #[error("{}: cannot be read: {error}", path.display())]
     Io {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Cause.
         error: io::Error,
     },
-    /// There is no table.
-    #[error("{} holds no data.csv: name a folder with data.csv (timestamp [ns], filename) and its images in data beside it", .0.display())]
+    /// The table is missing.
+    #[error("{} holds no data.csv: name a folder with data.csv (timestamp [ns], filename) and a folder data with its images", .0.display())]
     NoTable(PathBuf),
-    /// There are several folders of images.
+    /// The folder contains the images of several cameras.
     #[error("{} holds the images of several cameras ({names}): name the folder of one", path.display())]
     SeveralCameras {
-        /// The folder.
+        /// Path of the folder.
         path: PathBuf,
-        /// Their folders.
+        /// Names of the cameras' folders.
         names: String,
     },
-    /// A line of the table is wrong.
+    /// A line of the table is invalid.
     #[error("{}: line {line}: {what}", path.display())]
     Line {
-        /// The table.
+        /// Path of the table.
         path: PathBuf,
         /// Number of the line, from 1.
         line: usize,
-        /// What is wrong with it, and what to do.
+        /// Fault of the line, with advice.
         what: LineError,
     },
-    /// There is no image in the table.
-    #[error("{} names no image: one line each is needed, TIMESTAMP_NS,FILENAME", .0.display())]
+    /// The table names no image.
+    #[error("{} names no image: one line TIMESTAMP_NS,FILENAME per image is needed", .0.display())]
     NoImages(PathBuf),
     /// An image cannot be read.
     #[error("{}: {error}: copy it again, or take its line out of data.csv", path.display())]
     Image {
-        /// The image.
+        /// Path of the image.
         path: PathBuf,
-        /// Why.
+        /// Cause.
         error: ImageFileError,
     },
-    /// An image has another size than those before it.
+    /// The size of the images changes.
     #[error(
         "{} has {} x {} pixels, the images before it {} x {}: give the images of one camera, in one size",
         path.display(), size.0, size.1, before.width, before.height
     )]
     Size {
-        /// The image.
+        /// Path of the image.
         path: PathBuf,
-        /// Its width and height.
+        /// Width and height of the image in pixels.
         size: (u32, u32),
-        /// That of the first image.
+        /// Width and height of the first image.
         before: Sensor,
     },
 }
 
-/// What is wrong with a line of the table.
+/// Fault of a line of the table.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LineError {
-    /// It has too few columns.
-    #[error("{0:?} is not a time stamp in ns, comma, name of a file")]
+    /// The line has too few columns.
+    #[error("{0:?} is not a line TIMESTAMP_NS,FILENAME")]
     Columns(String),
-    /// The time is no whole number.
+    /// The time is not a whole number.
     #[error("{0:?} is not a whole number of nanoseconds")]
     Time(String),
-    /// The exposure is no number.
+    /// The exposure is not a valid number.
     #[error("{0:?} is not an exposure time, which is a number from 0 on")]
     Exposure(String),
-    /// Time stands still or goes back.
+    /// The time does not increase.
     #[error(
-        "{time} ns is not after {before} ns, the time stamp before it: sort the lines by time, and leave out doubles"
+        "{time} ns is not after {before} ns, the timestamp before it: sort the lines by time, and remove duplicates"
     )]
     Back {
-        /// Its time.
+        /// Time of the line in ns.
         time: i64,
-        /// That of the line before.
+        /// Time of the previous line in ns.
         before: i64,
     },
-    /// The image is not there.
+    /// The image file does not exist.
     #[error("there is no file {}: copy it there, or take out the line", .0.display())]
     Missing(PathBuf),
 }
@@ -157,9 +159,9 @@ pub enum LineError {
 /// A line of the table.
 #[derive(Clone, Debug, PartialEq)]
 struct Entry {
-    /// Its time stamp (ns).
+    /// Timestamp in ns.
     stamp: i64,
-    /// How long it was exposed (ns), where the table tells it.
+    /// Exposure time in ns, if the table contains it.
     exposure: Option<i64>,
     path: PathBuf,
 }
@@ -174,11 +176,12 @@ pub struct ImageFolder {
 }
 
 impl ImageFolder {
-    /// Reads the table in the folder at `path`, and the size of the first image. The folder of a data set with one camera,
-    /// `mav0/cam0` in it, will do too. The time stamps are those of `stamps` of the exposures.
+    /// Opens the folder at `path`: reads its table and the size of its first image. The folder of a data set may be
+    /// given if it contains a single camera, for example `mav0/cam0`. `stamps` is the moment of the exposure that the
+    /// timestamps refer to.
     ///
     /// # Errors
-    /// [`ImageFolderError`] names the line or the file that is wrong.
+    /// [`ImageFolderError`] names the invalid line or file.
     pub fn open(path: &Path, stamps: Stamps) -> Result<Self, ImageFolderError> {
         let folder = camera_folder(path)?;
         let table = folder.join(TABLE);
@@ -197,27 +200,27 @@ impl ImageFolder {
         Ok(Self { path: path.to_owned(), entries, sensor, stamps })
     }
 
-    /// The folder as it was named.
+    /// Path of the folder, as given.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Width and height of the images.
+    /// Width and height of the images in pixels.
     pub fn sensor(&self) -> Sensor {
         self.sensor
     }
 
-    /// What the time stamps stand for.
+    /// Moment of the exposure that the timestamps refer to.
     pub fn stamps(&self) -> Stamps {
         self.stamps
     }
 
-    /// Whether the table tells how long the images were exposed.
+    /// `true` if the table contains exposure times.
     pub fn exposure_known(&self) -> bool {
         self.entries.iter().all(|entry| entry.exposure.is_some())
     }
 
-    /// Hands the images to `visit`, in the order of time, times in µs.
+    /// Passes the images to `visit`, in order of time, with times in µs.
     ///
     /// # Errors
     /// [`ImageFolderError`] names the image that cannot be read or has another size.
@@ -241,7 +244,7 @@ impl ImageFolder {
     }
 }
 
-/// The folder with the table: `path`, or the only camera in it.
+/// Returns the folder with the table: `path` itself, or the only camera in it.
 fn camera_folder(path: &Path) -> Result<PathBuf, ImageFolderError> {
     if path.join(TABLE).is_file() {
         return Ok(path.to_owned());
@@ -264,17 +267,17 @@ fn camera_folder(path: &Path) -> Result<PathBuf, ImageFolderError> {
     }
 }
 
-/// Nanoseconds of a unit.
+/// Returns the unit in brackets at the end of `name`, in nanoseconds.
 fn unit(name: &str) -> Option<f64> {
     [("[ns]", 1.0), ("[us]", 1e3), ("[µs]", 1e3), ("[ms]", 1e6), ("[s]", 1e9)]
         .into_iter()
         .find_map(|(unit, factor)| name.ends_with(unit).then_some(factor))
 }
 
-/// The lines of a table with images in the folder `images`, or which one is wrong and why.
+/// Parses the lines of a table with images in the folder `images`. An error contains the number of the line.
 fn entries(text: &str, images: &Path) -> Result<Vec<Entry>, (usize, LineError)> {
     let mut entries: Vec<Entry> = Vec::new();
-    // Place and unit of the exposure.
+    // Index and unit of the exposure column.
     let mut exposure = None;
     for (number, line) in (1..).zip(text.trim_start_matches('\u{feff}').lines()) {
         let line = line.trim();
@@ -284,7 +287,7 @@ fn entries(text: &str, images: &Path) -> Result<Vec<Entry>, (usize, LineError)> 
         if let Some(names) = line.strip_prefix('#') {
             let mut names = names.split(',').map(str::trim).enumerate();
             exposure = exposure.or_else(|| {
-                names.find_map(|(place, name)| Some((place, unit(name)?)).filter(|_| name.starts_with("exposure")))
+                names.find_map(|(index, name)| Some((index, unit(name)?)).filter(|_| name.starts_with("exposure")))
             });
             continue;
         }
@@ -298,8 +301,8 @@ fn entries(text: &str, images: &Path) -> Result<Vec<Entry>, (usize, LineError)> 
         if let Some(Entry { stamp: before, .. }) = entries.last().filter(|before| before.stamp >= stamp) {
             return Err(wrong(LineError::Back { time: stamp, before: *before }));
         }
-        let exposure = exposure.map(|(place, unit)| {
-            let text = columns.get(place).copied().unwrap_or_default();
+        let exposure = exposure.map(|(index, unit)| {
+            let text = columns.get(index).copied().unwrap_or_default();
             let length = text.parse::<f64>().ok().filter(|length| (0.0..1e18).contains(&(length * unit)));
             length
                 .map(|length| (length * unit).round() as i64)
@@ -323,7 +326,7 @@ fn sensor_of(image: &ImageFile) -> Option<Sensor> {
     Some(Sensor::new(side(image.size.0)?, side(image.size.1)?))
 }
 
-/// The image in 256 grey levels. Of 16 bits the highest 8 that are used in it count.
+/// Converts the image to 8-bit grey. Of 16 bits, the highest 8 bits in use are kept.
 fn grey(image: ImageFile) -> Option<GreyImage> {
     let (width, height) = (usize::try_from(image.size.0).ok()?, usize::try_from(image.size.1).ok()?);
     let bytes = match image.samples {

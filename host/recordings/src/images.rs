@@ -1,4 +1,4 @@
-//! The images of a camera that sends no events, of one size and in the order of time.
+//! Images of a frame camera, which sends no events: all of one size, in order of time.
 
 use std::path::Path;
 
@@ -11,12 +11,12 @@ use crate::error::RecordingError;
 use crate::formats::folder_format;
 use crate::options::Damage;
 
-/// Where images are.
+/// Location of the images.
 #[derive(Clone, Debug)]
 enum Source {
-    /// In a folder.
+    /// A folder.
     Folder(ImageFolder),
-    /// In a topic of a bag.
+    /// A topic of a bag.
     Topic(ImageTopic),
 }
 
@@ -27,22 +27,24 @@ pub struct Images {
     stamps: Stamps,
 }
 
-/// Why images cannot be read.
+/// Error while reading images.
 #[derive(Debug, thiserror::Error)]
 pub enum ImagesError {
-    /// Those of a folder.
+    /// The folder cannot be read.
     #[error("{0}")]
     Folder(#[from] ImageFolderError),
-    /// Those of a bag.
+    /// The bag cannot be read.
     #[error("{0}")]
     Topic(#[from] RecordingError),
 }
 
 impl Images {
-    /// Opens the folder of images at `path`, or its `topic` where it is a bag, or the only topic of images of a bag without events. Time stamps are those of `stamps` of the exposures. `None` where `path` holds events instead.
+    /// Opens the images at `path`: a folder of images, the `topic` of a bag, or the only image topic of a bag without
+    /// events. `stamps` is the moment of the exposure that the timestamps refer to. `None` if `path` contains events
+    /// instead.
     ///
     /// # Errors
-    /// [`ImagesError`] names the file and what is wrong with it.
+    /// [`ImagesError`] names the file and the fault.
     pub fn open(path: &Path, topic: Option<&str>, damage: Damage, stamps: Stamps) -> Result<Option<Self>, ImagesError> {
         let source = if path.is_dir() && folder_format(path).is_none() {
             Some(Source::Folder(ImageFolder::open(path, stamps)?))
@@ -52,7 +54,7 @@ impl Images {
         Ok(source.map(|source| Self { source, stamps }))
     }
 
-    /// The folder, or the bag and its topic.
+    /// Name for messages: the path of the folder, or the bag and its topic.
     pub fn name(&self) -> String {
         match &self.source {
             Source::Folder(folder) => folder.path().display().to_string(),
@@ -60,7 +62,7 @@ impl Images {
         }
     }
 
-    /// The folder, or the bag.
+    /// Path of the folder or bag.
     pub fn path(&self) -> &Path {
         match &self.source {
             Source::Folder(folder) => folder.path(),
@@ -68,7 +70,7 @@ impl Images {
         }
     }
 
-    /// Width and height of the images.
+    /// Width and height of the images in pixels.
     pub fn sensor(&self) -> Sensor {
         match &self.source {
             Source::Folder(folder) => folder.sensor(),
@@ -76,21 +78,21 @@ impl Images {
         }
     }
 
-    /// What the time stamps stand for.
+    /// Moment of the exposure that the timestamps refer to.
     pub fn stamps(&self) -> Stamps {
         self.stamps
     }
 
-    /// Whether it is known how long the images were exposed.
+    /// `true` if the exposure times are known.
     pub fn exposure_known(&self) -> bool {
         match &self.source {
             Source::Folder(folder) => folder.exposure_known(),
-            // An image of ROS has one time.
+            // An image message of ROS has a single timestamp.
             Source::Topic(_) => false,
         }
     }
 
-    /// Hands the images to `visit`, in the order of time, times in µs. What was lost is returned in a sentence.
+    /// Passes the images to `visit`, in order of time, with times in µs. Returns a sentence if something was lost.
     ///
     /// # Errors
     /// [`ImagesError`] names the image that cannot be used.

@@ -1,8 +1,8 @@
 #![doc = include_str!("../README.md")]
 //!
-//! A new format is one file with a [`FileFormat`] in it and one line in [`FORMATS`].
+//! To add a format, write a module with a [`FileFormat`] constant and add the constant to [`FORMATS`].
 
-// No input makes it panic; the program prints.
+// Untrusted input must not cause a panic, and only the program prints.
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 

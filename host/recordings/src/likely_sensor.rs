@@ -1,10 +1,10 @@
-//! Which sensor a recording that does not name one is likely of.
+//! Estimate of the sensor size of a recording that does not contain it.
 
 use evcal_core::sensor::Sensor;
 
 use crate::recording::Recording;
 
-/// Sensors of event cameras, for recordings that do not give theirs.
+/// Sizes of common event cameras, smallest first.
 const SENSORS: [Sensor; 7] = [
     Sensor::new(128, 128),
     Sensor::new(240, 180),
@@ -15,7 +15,7 @@ const SENSORS: [Sensor; 7] = [
     Sensor::new(1280, 720),
 ];
 
-/// The smallest usual sensor that has all pixels of a recording; `None` where there is none, or no events.
+/// Returns the smallest common sensor that contains all pixels of a recording; `None` if there is none, or no events.
 pub fn likely_sensor_of(recording: &Recording) -> Option<Sensor> {
     let mut reader = recording.open().ok()?;
     let (mut largest, mut events) = (None, Vec::new());
@@ -29,12 +29,12 @@ pub fn likely_sensor_of(recording: &Recording) -> Option<Sensor> {
     likely_sensor(column, row)
 }
 
-/// What the size of the sensor of a recording likely is, as words to append to a sentence that says that it is not known.
+/// Returns the likely sensor as text that can be appended to a sentence about an unknown size.
 pub fn likely_words(likely: Option<Sensor>) -> String {
     likely.map_or_else(String::new, |sensor| format!("; all events fit in {sensor}"))
 }
 
-/// The smallest usual sensor that has this column and row.
+/// Returns the smallest common sensor that has this column and row.
 pub fn likely_sensor(column: u16, row: u16) -> Option<Sensor> {
     SENSORS.into_iter().find(|sensor| sensor.contains(column, row))
 }

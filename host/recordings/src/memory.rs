@@ -1,4 +1,4 @@
-//! Events that are in memory, such as those of another program's array: a recording without a file.
+//! A recording without a file: events in memory, for example from an array of another program.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -12,17 +12,18 @@ use crate::error::{RecordingError, RecordingErrorKind};
 use crate::read_report::ReadReport;
 use crate::reader::{Decode, RecordingInformation};
 
-/// Events handed out at a time.
+/// Number of events per batch.
 const BATCH: usize = 1 << 16;
 
-/// No file has it: [`Recording::open`](super::Recording::open) goes to the events themselves.
+/// Format of events in memory. It matches no file: [`Recording::open`](super::Recording::open) uses [`MemoryDecoder`]
+/// instead.
 pub const FORMAT: FileFormat = FileFormat::of_events(
     "events in memory",
     |_| false,
     |path: &Path, _| Err(RecordingError::new(path, RecordingErrorKind::NotAFile)),
 );
 
-/// Hands out events that are in memory.
+/// Decoder of events in memory.
 pub struct MemoryDecoder {
     information: RecordingInformation,
     events: Arc<Vec<Event>>,
@@ -30,7 +31,7 @@ pub struct MemoryDecoder {
 }
 
 impl MemoryDecoder {
-    /// From the first of `events` on, which are of this `sensor`, if it is known.
+    /// Starts at the first of `events`. `sensor` is their sensor, if known.
     pub fn new(events: Arc<Vec<Event>>, sensor: Option<Sensor>) -> Self {
         let information =
             RecordingInformation { format: FORMAT.name, sensor, camera_name: None, began: None, notes: Vec::new() };
@@ -68,9 +69,9 @@ mod tests {
     }
 
     #[test]
-    fn they_are_read_as_often_as_needed_and_checked_like_those_of_a_file() {
+    fn events_in_memory_can_be_read_again_and_pass_the_same_checks() {
         let mut events: Vec<Event> = (0..BATCH as i64 + 10).map(|index| event(100 + index, 3)).collect();
-        // A step back, and a pixel beside the sensor.
+        // A step back, and a pixel outside the sensor.
         events[5].t -= 3;
         events[7].x = 20;
         let sensor = Some(Sensor::new(20, 10));
@@ -94,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn no_events_are_no_error() {
+    fn an_empty_list_is_not_an_error() {
         let recording = Recording::from_events("array", Vec::new(), RecordingOptions::default());
         assert!(!recording.open().unwrap().next_batch(&mut Vec::new()).unwrap());
     }

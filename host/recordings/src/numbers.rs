@@ -1,4 +1,4 @@
-//! Numbers as arrays hold them, and what they say of an event.
+//! Numbers in arrays, and their conversion to events.
 
 use evcal_core::event::{Event, Polarity};
 
@@ -6,23 +6,23 @@ use super::columns::Cell;
 use crate::error::RecordingErrorKind;
 use crate::options::{Column, TimeUnit};
 
-/// How a number is put into bytes.
+/// Binary representation of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NumberType {
-    /// What kind of number.
+    /// Kind of the number.
     pub kind: NumberKind,
-    /// Bytes: 1, 2, 4 or 8.
+    /// Size in bytes: 1, 2, 4 or 8.
     pub size: usize,
-    /// Whether its highest byte comes first.
+    /// `true` if the highest byte comes first.
     pub big_endian: bool,
 }
 
-/// What kind of number.
+/// Kind of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NumberKind {
-    /// Two's complement.
+    /// Signed integer in two's complement.
     Signed,
-    /// Not negative.
+    /// Unsigned integer.
     Unsigned,
     /// IEEE 754 of 4 or 8 bytes.
     Float,
@@ -31,14 +31,14 @@ pub enum NumberKind {
 /// A number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Number {
-    /// Of an array of integers.
+    /// An integer.
     Whole(i64),
-    /// Of an array of floating-point numbers.
+    /// A floating-point number.
     Real(f64),
 }
 
 impl NumberType {
-    /// A type that is read here; `None` for others, such as floating-point numbers of 2 bytes.
+    /// Creates a supported type; `None` for others, such as floating-point numbers of 2 bytes.
     pub fn new(kind: NumberKind, size: usize, big_endian: bool) -> Option<Self> {
         let known = match kind {
             NumberKind::Signed | NumberKind::Unsigned => matches!(size, 1 | 2 | 4 | 8),
@@ -47,8 +47,8 @@ impl NumberType {
         known.then_some(Self { kind, size, big_endian })
     }
 
-    /// The number at the front of `bytes`, if it is whole. An unsigned number whose bits are all ones is -1, as programs
-    /// write it that put -1 for OFF into one.
+    /// Reads the number at the front of `bytes`; `None` if there are too few bytes. An unsigned number of all ones is
+    /// read as -1, because some programs store the -1 of OFF in an unsigned array.
     pub fn read(self, bytes: &[u8]) -> Option<Number> {
         let mut little = [0; 8];
         let (slots, bytes) = (little.get_mut(..self.size)?, bytes.get(..self.size)?);
@@ -73,7 +73,7 @@ impl NumberType {
 }
 
 impl Number {
-    /// Its value, as accurately as f64 allows.
+    /// Value of the number, as accurately as f64 allows.
     pub fn value(self) -> f64 {
         match self {
             Self::Whole(value) => value as f64,
@@ -81,12 +81,12 @@ impl Number {
         }
     }
 
-    /// As a field of a table whose columns are not known.
+    /// Describes the number for the detection of columns.
     pub fn cell(self) -> Cell {
         Cell { value: Some(self.value()), is_polarity: self.polarity().is_some() }
     }
 
-    /// As a time, rounded to µs.
+    /// Converts to a time, rounded to µs.
     pub fn microseconds(self, unit: TimeUnit) -> Option<i64> {
         let exponent = unit.decimal_exponent();
         match self {
@@ -95,7 +95,7 @@ impl Number {
                 if exponent >= 0 {
                     return value.checked_mul(scale);
                 }
-                // Half a unit away from zero.
+                // Rounds half away from zero.
                 Some(value.checked_add(scale / 2 * value.signum())? / scale)
             }
             Self::Real(value) => {
@@ -105,7 +105,8 @@ impl Number {
         }
     }
 
-    /// As a pixel; what does not fit gives the largest u16, which no sensor has. `None` if it is not whole.
+    /// Converts to a pixel coordinate. Values out of range become the largest u16, which no sensor has. `None` if it is
+    /// not a whole number.
     pub fn pixel(self) -> Option<u16> {
         match self {
             Self::Whole(value) => Some(u16::try_from(value).unwrap_or(u16::MAX)),
@@ -114,7 +115,7 @@ impl Number {
         }
     }
 
-    /// As a polarity: 1 is ON, 0 and -1 are OFF.
+    /// Converts to a polarity: 1 is ON, 0 and -1 are OFF.
     pub fn polarity(self) -> Option<Polarity> {
         match self.value() {
             1.0 => Some(Polarity::On),
@@ -124,7 +125,7 @@ impl Number {
     }
 }
 
-/// Puts the number of a column into its place in `event`, the one with this number (from 1).
+/// Stores the number of a column in `event`. `index` is the number of the event, from 1.
 pub fn put(
     event: &mut Event,
     index: u64,
@@ -146,7 +147,7 @@ pub fn put(
         Column::X => event.x = pixel("x")?,
         Column::Y => event.y = pixel("y")?,
         Column::P => {
-            let what = || format!("its polarity is {value}, not 1, 0 or -1; is the column another one?");
+            let what = || format!("its polarity is {value}, not 1, 0 or -1; is this the polarity column?");
             event.polarity = number.polarity().ok_or_else(|| wrong(what()))?;
         }
         Column::Ignored => {}
@@ -154,14 +155,14 @@ pub fn put(
     Ok(())
 }
 
-/// Whether a row of these values is one that nobody wrote: all are 0, or all -1.
+/// `true` if a row with these values looks like reserved space that was never written: all values are 0, or all are -1.
 pub fn is_filling(mut values: impl Iterator<Item = Option<f64>>) -> bool {
     let Some(first) = values.next() else { return false };
     [Some(0.0), Some(-1.0)].contains(&first) && values.all(|value| value == first)
 }
 
-/// How many of `rows` stand before those at their end that nobody wrote. One row that `is_filling` may be meant; two at one time, which
-/// a pixel does not send, are not.
+/// Returns the number of `rows` without the unwritten ones at the end. A single last row that `is_filling` is kept,
+/// because it may be an event; two or more are not, because one pixel does not send two events at the same time.
 pub fn written<R: ExactSizeIterator + DoubleEndedIterator>(rows: R, is_filling: impl Fn(R::Item) -> bool) -> usize {
     let count = rows.len();
     match rows.rev().map(is_filling).take_while(|filling| *filling).count() {
@@ -170,7 +171,7 @@ pub fn written<R: ExactSizeIterator + DoubleEndedIterator>(rows: R, is_filling: 
     }
 }
 
-/// Those of `rows` that were [`written`].
+/// Returns `rows` without the unwritten ones at the end (see [`written`]).
 pub fn written_cells(mut rows: Vec<Vec<Cell>>) -> Vec<Vec<Cell>> {
     rows.truncate(written(rows.iter(), |row| is_filling(row.iter().map(|cell| cell.value))));
     rows
@@ -185,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_those_that_rust_writes() {
+    fn numbers_are_read_as_written_by_rust() {
         use NumberKind::{Float, Signed, Unsigned};
         assert_eq!(number(Signed, 2, false, &(-7_i16).to_le_bytes()), Some(Number::Whole(-7)));
         assert_eq!(number(Signed, 8, true, &(-7_i64).to_be_bytes()), Some(Number::Whole(-7)));
@@ -215,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_that_nobody_wrote_are_known() {
+    fn unwritten_rows_are_recognised() {
         for (row, filling) in [
             (&[0.0, 0.0, 0.0, 0.0][..], true),
             (&[-1.0; 4], true),
@@ -229,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_event_is_told() {
+    fn values_that_are_not_an_event_are_reported() {
         for (column, value, part) in [
             (Column::T, f64::INFINITY, "not a time"),
             (Column::X, 1.5, "its x, 1.5"),

@@ -1,14 +1,14 @@
-//! NumPy's arrays: npy, one array, and npz, a ZIP archive of arrays by name.
+//! NumPy arrays: npy (a single array) and npz (a ZIP archive of named arrays).
 //!
-//! | what | is read as |
+//! | content | is read as |
 //! |---|---|
 //! | structured array | events, by the names of its fields |
 //! | array of N × 4 or 4 × N numbers | events, by columns as in a text file |
-//! | npy of one number an event, or two of `xy`, with the other columns in files beside it | the same, by the names of the files |
-//! | folder of such npy files | the same, if one of them has times |
+//! | npy with one number per event, or two of `xy`, and other columns in files next to it | events, by the names of the files |
+//! | folder of such npy files | events, if one of the files has times |
 //! | npz with arrays `t`, `x`, `y`, `p` of one length, or `t`, `xy`, `p` | events, by the names of the arrays |
 //!
-//! Names, units of time and what is guessed are those of text files.
+//! Column names and time units are determined as for text files.
 
 mod archive;
 mod header;
@@ -43,13 +43,13 @@ pub const ARRAY_FORMAT: FileFormat = FileFormat {
     ..FileFormat::of_events("NumPy array", |head| head.bytes.starts_with(header::MAGIC), open_array)
 };
 
-/// A folder of npy files that hold a column each. It is told by what is in it, not by how it begins.
+/// A folder of npy files with one column each. It is recognised by the files in it.
 pub const FOLDER_FORMAT: FileFormat = FileFormat {
     uses: Uses { columns: true, ..Uses::NONE },
     ..FileFormat::of_events("NumPy arrays", |_| false, open_folder)
 };
 
-/// Whether `path` is such a folder, of one recording.
+/// `true` if `path` is a folder of npy files of one recording.
 pub fn is_folder(path: &Path) -> bool {
     table::times_in(path).is_some()
 }
@@ -61,9 +61,9 @@ pub const ARCHIVE_FORMAT: FileFormat = FileFormat {
     ..FileFormat::of_events("NumPy archive", |head| head.bytes.starts_with(archive::MAGIC), open_archive)
 };
 
-/// Events of a batch, at most.
+/// Largest number of events per batch.
 const BATCH: u64 = 16_384;
-/// Bytes of a batch, unless one record is longer: records may have 64 KiB.
+/// Largest size of a batch in bytes, unless a single record is larger: records may have 64 KiB.
 const BATCH_BYTES: u64 = 1 << 22;
 
 fn open_array(path: &Path, options: &RecordingOptions) -> Opened {
@@ -81,11 +81,12 @@ fn open_archive(path: &Path, options: &RecordingOptions) -> Opened {
     let members = archive::members(path)?;
     let found = table::of_archive(path, &members, options.stream.as_deref())?;
     let (table, name) = likeliest(path, found, options)?;
-    let notes = name.map(|name| format!("events of the array {name} are read")).into_iter().collect();
+    let notes = name.map(|name| format!("the events of the array {name} are read")).into_iter().collect();
     open(ARCHIVE_FORMAT.name, path, table, table::sensor(path, &members), notes, options)
 }
 
-/// The first of these tables that can be events; where none can, the first, for what is wrong with it to be told.
+/// Returns the first table that can contain events. If there is none, returns the first table, so that its fault is
+/// reported.
 fn likeliest(path: &Path, found: Vec<Named>, options: &RecordingOptions) -> Result<Named, RecordingError> {
     let can_be = |(table, _): &Named| {
         let sample = sample(path, table)?;
@@ -118,7 +119,7 @@ fn open(
     let unread = fields.into_iter().find(|(column, _, number)| *column != Column::Ignored && number.is_none());
     if let Some((column, ..)) = unread {
         let array = format!("{column:?}").to_lowercase();
-        let what = "floating-point numbers of 16 bits, or elements that are no numbers";
+        let what = "floating-point numbers of 16 bits, or elements that are not numbers";
         return Err(RecordingError::new(path, RecordingErrorKind::Elements { array, what }));
     }
     let information = RecordingInformation { format, sensor, camera_name: None, began: None, notes };
@@ -127,7 +128,7 @@ fn open(
     Ok(Box::new(Decoder { path, information, sources, unit, is_unit_doubtful, counter, events: 0, left: count, count }))
 }
 
-/// The columns, and the unit of the time.
+/// Determines the columns and the unit of the times.
 fn layout(
     table: &Table,
     sample: &[Vec<columns::Cell>],
@@ -140,7 +141,7 @@ fn layout(
     });
     let unit_of_name = named.as_ref().and_then(|((_, unit), _)| *unit);
     let columns = match (&options.columns, named) {
-        // Arrays by their names have no order.
+        // Named arrays have no order that could be given.
         (Some(_), Some(_)) if table.parts.len() > 1 => return Err(columns::LayoutError::Named),
         (Some(columns), _) if columns.as_slice().len() == table.width() => columns.clone(),
         (Some(_), _) => return Err(columns::LayoutError::FieldCount(table.width())),
@@ -157,12 +158,12 @@ fn layout(
     Ok((columns, unit))
 }
 
-/// The first rows.
+/// Reads the first rows.
 fn sample(path: &Path, table: &Table) -> Result<Vec<Vec<columns::Cell>>, RecordingError> {
     let all = vec![Column::Ignored; table.width()];
     let mut sources = sources(path, table, &all)?;
     let wanted = table.count.min(columns::SAMPLE as u64).min(rows_at_once(&sources));
-    // Damage is for the pass that follows to report.
+    // The pass that follows reports damage.
     sources.iter_mut().for_each(|source| drop(source.fill(wanted)));
     let count = sources.iter().map(Source::records).min().unwrap_or(0);
     let nothing = columns::Cell { value: None, is_polarity: false };
@@ -177,24 +178,24 @@ fn sample(path: &Path, table: &Table) -> Result<Vec<Vec<columns::Cell>>, Recordi
     Ok(numbers::written_cells((0..count).map(row).collect()))
 }
 
-/// Opens the parts of `table`, whose fields are `columns`.
+/// Opens the parts of `table`, whose fields are assigned to `columns`.
 fn sources(path: &Path, table: &Table, columns: &[Column]) -> Result<Vec<Source>, RecordingError> {
     let mut columns = columns.iter().copied();
     table.parts.iter().map(|part| Source::open(path, part, &mut columns)).collect()
 }
 
-/// How many rows of these parts are read at once.
+/// Returns the number of rows that are read at once from these parts.
 fn rows_at_once(sources: &[Source]) -> u64 {
     let row: u64 = sources.iter().map(|source| source.record as u64).sum();
     (BATCH_BYTES / row.max(1)).clamp(1, BATCH)
 }
 
-/// Numbers from one place of a file.
+/// Reader of one part of a table.
 struct Source {
     input: Box<dyn Read + Send>,
-    /// Where its next record is in the file, or the whole of it where it is packed.
+    /// Offset of the next record in the file; of the whole part if it is compressed.
     byte: u64,
-    packed: bool,
+    compressed: bool,
     record: usize,
     fields: Vec<(Column, usize, Option<NumberType>)>,
     bytes: Vec<u8>,
@@ -202,18 +203,18 @@ struct Source {
 
 impl Source {
     fn open(path: &Path, part: &Part, columns: &mut impl Iterator<Item = Column>) -> Result<Self, RecordingError> {
-        let mut input = part.place.open(path)?;
-        // At the end of what there is nothing follows.
+        let mut input = part.location.open(path)?;
+        // If the file ends before that, the following reads return nothing.
         let _ = std::io::copy(&mut input.by_ref().take(part.skip), &mut std::io::sink());
         let fields = part.fields.iter().zip(columns).map(|(&(offset, number), column)| (column, offset, number));
-        let byte = part.place.start + if part.place.packed() { 0 } else { part.skip };
-        let (packed, fields) = (part.place.packed(), fields.collect());
-        Ok(Self { input, byte, packed, record: part.record, fields, bytes: Vec::new() })
+        let byte = part.location.start + if part.location.is_compressed() { 0 } else { part.skip };
+        let (compressed, fields) = (part.location.is_compressed(), fields.collect());
+        Ok(Self { input, byte, compressed, record: part.record, fields, bytes: Vec::new() })
     }
 
-    /// Reads the next `count` records; what is wrong with the file where there are fewer.
+    /// Reads the next `count` records. Returns the fault of the file if there are fewer.
     fn fill(&mut self, count: u64) -> Result<(), Fault> {
-        if !self.packed {
+        if !self.compressed {
             self.byte += self.bytes.len() as u64;
         }
         self.bytes.clear();
@@ -223,17 +224,20 @@ impl Source {
             Ok(read) if read as u64 == length => Ok(()),
             Ok(_) => {
                 let rest = self.bytes.len() % self.record;
-                let byte = self.byte + if self.packed { 0 } else { (self.bytes.len() - rest) as u64 };
-                Err(Fault::Short(Truncation { byte, lost: "the array has fewer elements than it says".to_owned() }))
+                let byte = self.byte + if self.compressed { 0 } else { (self.bytes.len() - rest) as u64 };
+                Err(Fault::Short(Truncation {
+                    byte,
+                    lost: "the array has fewer elements than its header states".to_owned(),
+                }))
             }
-            Err(error) if error.kind() == std::io::ErrorKind::InvalidData || self.packed => {
+            Err(error) if error.kind() == std::io::ErrorKind::InvalidData || self.compressed => {
                 Err(Fault::Damaged { byte: self.byte, what: format!("the array is damaged: {error}") })
             }
             Err(error) => Err(Fault::Io(error)),
         }
     }
 
-    /// Whole records that were read.
+    /// Number of whole records that were read.
     fn records(&self) -> usize {
         self.bytes.len() / self.record
     }
@@ -243,7 +247,7 @@ impl Source {
     }
 }
 
-/// Why there are no more records.
+/// Reason why a part has no more records.
 enum Fault {
     Short(Truncation),
     Damaged { byte: u64, what: String },
@@ -257,7 +261,7 @@ struct Decoder {
     unit: TimeUnit,
     is_unit_doubtful: bool,
     counter: TimeCounter,
-    /// Events read, and those to come.
+    /// Number of events read, and number of rows left.
     events: u64,
     left: u64,
     count: u64,

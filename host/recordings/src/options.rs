@@ -1,4 +1,4 @@
-//! What a user can say about a recording that does not say it itself.
+//! Options for reading a recording: properties that its file may lack or state wrongly.
 
 use evcal_core::sensor::Sensor;
 use std::fmt;
@@ -6,34 +6,34 @@ use std::str::FromStr;
 
 use usb_davis::capture::DeviceAddress;
 
-/// What to take for granted when a recording is read. The default takes everything from the file.
+/// Options for reading a recording. By default everything is taken from the file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RecordingOptions {
-    /// Name or number of the event stream to read; the first one if not given.
+    /// Name or number of the event stream to read; the first stream if not given.
     pub stream: Option<String>,
-    /// Width and height of the sensor in pixels, instead of what the file says.
+    /// Width and height of the sensor in pixels; overrides the file.
     pub sensor: Option<Sensor>,
-    /// Columns of a table of events: a text file, or an array without names.
+    /// Columns of a table of events (a text file, or an array without names).
     pub columns: Option<Columns>,
     /// Unit of the times in such a table.
     pub time_unit: Option<TimeUnit>,
-    /// Which device of a USB capture is the camera, if several may be.
+    /// Address of the camera in a USB capture, if there are several candidates.
     pub device: Option<DeviceAddress>,
-    /// What to do about a damaged packet.
+    /// Treatment of damaged packets.
     pub damage: Damage,
 }
 
-/// What to do about a part of a recording that cannot be decoded.
+/// Treatment of a part of a recording that cannot be decoded.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Damage {
-    /// Stop there with an error.
+    /// Stop with an error.
     #[default]
     Refuse,
-    /// Leave it out, count it, and go on.
+    /// Skip it, count it, and continue.
     Skip,
 }
 
-/// One of the [`RecordingOptions`] that mean something to some formats only.
+/// One of the [`RecordingOptions`] that apply only to some formats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FormatOption {
     /// [`RecordingOptions::stream`].
@@ -57,9 +57,9 @@ impl fmt::Display for FormatOption {
     }
 }
 
-/// An option that could not be understood.
+/// An option value that could not be parsed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{text:?} is no {wanted}")]
+#[error("{text:?} is not a valid {wanted}")]
 pub struct OptionError {
     text: String,
     wanted: &'static str,
@@ -79,7 +79,7 @@ pub enum TimeUnit {
 }
 
 impl TimeUnit {
-    /// n, where the unit is 10ⁿ µs.
+    /// Returns n such that the unit is 10ⁿ µs.
     pub const fn decimal_exponent(self) -> i32 {
         match self {
             Self::Seconds => 6,
@@ -115,7 +115,7 @@ impl FromStr for TimeUnit {
     }
 }
 
-/// What a column of a text file holds.
+/// Content of a column of a text file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Column {
     /// Time.
@@ -126,16 +126,16 @@ pub enum Column {
     Y,
     /// Polarity.
     P,
-    /// Something else.
+    /// Any other content.
     Ignored,
 }
 
-/// The columns of a text file from left to right: t, x, y and p once each.
+/// Columns of a text file from left to right: t, x, y and p once each.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Columns(Vec<Column>);
 
 impl Columns {
-    /// `columns` as they stand, if t, x, y and p occur once each.
+    /// Checks that t, x, y and p occur once each in `columns`; `None` otherwise.
     pub fn new(columns: Vec<Column>) -> Option<Self> {
         let once = |wanted| columns.iter().filter(|&&column| column == wanted).count() == 1;
         (once(Column::T) && once(Column::X) && once(Column::Y) && once(Column::P)).then_some(Self(columns))

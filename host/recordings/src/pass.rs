@@ -1,4 +1,4 @@
-//! One pass through a recording.
+//! One pass through a recording on a thread of its own, with a report.
 
 use std::ops::ControlFlow;
 use std::sync::mpsc::{SyncSender, sync_channel};
@@ -12,50 +12,50 @@ use crate::read_report::ReadReport;
 use crate::reader::RecordingInformation;
 use crate::recording::Recording;
 
-/// What was read of a recording.
+/// Report of reading one recording, as it is stored with a calibration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RecordingReport {
     /// Events or circles read.
     pub count: u64,
     /// Duration in seconds.
     pub duration: f64,
-    /// Model and serial number of the camera, if the recording tells them.
+    /// Model and serial number of the camera, if the recording contains them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera_name: Option<String>,
-    /// When it was recorded, if it tells that.
+    /// Date of the recording, if it contains one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub began: Option<String>,
-    /// What was assumed, repaired or lost, in sentences.
+    /// Assumptions, corrections and losses, in sentences.
     pub notes: Vec<String>,
 }
 
-/// What one pass through a recording met.
+/// Result of one pass through a recording.
 pub struct Pass {
-    /// Events handed out.
+    /// Events passed to the visitor.
     pub count: u64,
     /// Time of the first event in the file (µs).
     pub first: i64,
     /// Time of the last event in the file (µs).
     pub last: i64,
-    /// Model and serial number of the camera, if the recording tells them.
+    /// Model and serial number of the camera, if the recording contains them.
     pub camera_name: Option<String>,
-    /// When it was recorded, if it tells that.
+    /// Date of the recording, if it contains one.
     pub began: Option<String>,
-    /// What the reader assumed.
+    /// Assumptions of the reader, in sentences.
     pub assumptions: Vec<String>,
-    /// What the reader met.
+    /// Counts and corrections of the reader.
     pub report: ReadReport,
-    /// What ended the pass before the end of the recording.
+    /// Error that ended the pass before the end of the recording.
     pub damage: Option<RecordingError>,
 }
 
 impl Pass {
-    /// The pass as a report.
+    /// Summarises the pass as a report.
     pub fn to_report(&self) -> RecordingReport {
         let mut notes = self.assumptions.clone();
         notes.extend(self.report.warnings());
         if let Some(error) = &self.damage {
-            notes.push(format!("read up to its damage only: {error}"));
+            notes.push(format!("read only up to the damage: {error}"));
         }
         RecordingReport {
             count: self.count,
@@ -67,14 +67,14 @@ impl Pass {
     }
 }
 
-/// Batches that are read while earlier ones are worked on.
+/// Number of batches that are read in advance.
 const READ_AHEAD: usize = 4;
 
-/// Hands all events of a recording to `visit`, with times from its first event; of a damaged recording
-/// those before the damage. A thread of its own reads ahead.
+/// Passes all events of a recording to `visit`, with times relative to the first event. If the recording is damaged,
+/// passes the events before the damage. A separate thread reads ahead.
 ///
 /// # Errors
-/// [`RecordingError`] when not one event can be read.
+/// [`RecordingError`] if no event can be read.
 pub fn read_recording(recording: &Recording, visit: &mut dyn FnMut(&[Event])) -> Result<Pass, RecordingError> {
     read_while(recording, &mut |batch| {
         visit(batch.events);
@@ -82,19 +82,19 @@ pub fn read_recording(recording: &Recording, visit: &mut dyn FnMut(&[Event])) ->
     })
 }
 
-/// Events that follow each other in a recording.
+/// Consecutive events of a recording.
 #[derive(Clone, Copy, Debug)]
 pub struct Batch<'a> {
-    /// The events, with times from the first one of the recording.
+    /// The events, with times relative to the first event of the recording.
     pub events: &'a [Event],
-    /// Which part of the recording was read with them, 0 to 1; `None` where that is not known.
+    /// Fraction of the recording read after this batch, 0 to 1; `None` if unknown.
     pub done: Option<f64>,
 }
 
-/// As [`read_recording`], until `visit` breaks it off; the pass is then that of what was read.
+/// Reads like [`read_recording`] until `visit` returns `Break`. The result then covers the events read so far.
 ///
 /// # Errors
-/// As there.
+/// As for [`read_recording`].
 pub fn read_while(
     recording: &Recording,
     visit: &mut dyn FnMut(Batch) -> ControlFlow<()>,
@@ -102,7 +102,7 @@ pub fn read_while(
     std::thread::scope(|scope| {
         let (sender, batches) = sync_channel(READ_AHEAD);
         let reader = scope.spawn(move || read_ahead(recording, &sender));
-        // The batches are dropped with the iterator, and the reader notices.
+        // Dropping the iterator closes the channel, which ends the reader.
         let _ = batches.into_iter().try_for_each(|(events, done)| visit(Batch { events: &events, done }));
         reader.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })
@@ -116,7 +116,7 @@ fn read_ahead(recording: &Recording, sender: &SyncSender<(Vec<Event>, Option<f64
         match reader.next_batch(&mut events) {
             Ok(true) => {}
             Ok(false) => break None,
-            // What was read before the damage counts.
+            // The events before the damage are kept.
             Err(error) if count > 0 => break Some(error),
             Err(error) => return Err(error),
         }
@@ -127,7 +127,7 @@ fn read_ahead(recording: &Recording, sender: &SyncSender<(Vec<Event>, Option<f64
             event.t -= start;
         }
         if sender.send((events, reader.done())).is_err() {
-            // Nobody listens any more.
+            // The visitor has stopped.
             break None;
         }
     };

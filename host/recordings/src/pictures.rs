@@ -1,17 +1,17 @@
-//! Grey pictures of a recording, with the times of their exposure.
+//! Grey images of a recording, with their exposure times.
 
 use crate::extras::{Frame, UnreadFrame};
 
-/// A grey picture.
+/// A grey image of 8 bits per pixel.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GreyImage {
     width: usize,
-    /// Values row by row, 0 dark to 255.
+    /// Values row by row, from 0 (dark) to 255.
     pub pixels: Vec<u8>,
 }
 
 impl GreyImage {
-    /// A picture of `width` × `height` pixels; `None` if there are not as many, or none.
+    /// Creates an image of `width` × `height` pixels; `None` if `pixels` has another length or is empty.
     pub fn new(width: usize, height: usize, pixels: Vec<u8>) -> Option<Self> {
         (!pixels.is_empty() && Some(pixels.len()) == width.checked_mul(height)).then_some(Self { width, pixels })
     }
@@ -26,49 +26,49 @@ impl GreyImage {
         self.pixels.len() / self.width
     }
 
-    /// The value of a pixel of the image.
+    /// Value of a pixel; `None` outside the image.
     pub fn get(&self, x: usize, y: usize) -> Option<u8> {
         if x < self.width { self.pixels.get(y.saturating_mul(self.width).saturating_add(x)).copied() } else { None }
     }
 }
 
-/// The highest 8 bits that are used in samples of 16: many cameras use 10 or 12 of them.
+/// Reduces 16-bit samples to 8 bits: the highest 8 bits in use, because many cameras use only 10 or 12.
 pub fn highest_bits(samples: &[u16]) -> Vec<u8> {
     let highest = samples.iter().copied().max().unwrap_or(0);
     let unused = (16 - highest.leading_zeros()).saturating_sub(8);
     samples.iter().map(|sample| (sample >> unused) as u8).collect()
 }
 
-/// Of a coloured pixel, as ITU-R BT.601 weighs.
+/// Luma of a coloured pixel, with the weights of ITU-R BT.601.
 pub fn brightness(red: u8, green: u8, blue: u8) -> u8 {
     let sum = 299 * u32::from(red) + 587 * u32::from(green) + 114 * u32::from(blue);
     ((sum + 500) / 1000).min(255) as u8
 }
 
-/// A picture of a recording.
+/// An image of a recording, with its exposure.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TimedImage {
-    /// Start and end of the exposure in µs on the clock of the recording's events; where the recording
-    /// does not give them, both are the time of the picture.
+    /// Start and end of the exposure in µs on the clock of the recording's events. If the recording does not contain
+    /// them, both are the timestamp of the image.
     pub exposure: (i64, i64),
-    /// Whether the recording gave the exposure.
+    /// `true` if the recording contains the exposure.
     pub exposure_known: bool,
-    /// Column and row of the sensor at which the picture begins.
+    /// Column and row of the sensor at the image's top-left pixel.
     pub position: (u16, u16),
-    /// The picture, or why it cannot be used.
+    /// The image, or the reason why it cannot be used.
     pub image: Result<GreyImage, NoImage>,
 }
 
-/// Why a picture cannot be used.
+/// Reason why an image cannot be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoImage {
-    /// Its rows were exposed one after the other.
+    /// Its rows were exposed at different times.
     RollingShutter,
-    /// Columns were lost on the way.
+    /// Columns were lost in transmission.
     LostColumns,
     /// It is neither grey nor coloured.
     NotGrey,
-    /// Its pixels are stored in a way that is not read.
+    /// Its pixel encoding is not supported.
     UnreadEncoding,
 }
 
@@ -116,7 +116,7 @@ mod tests {
     use crate::{Recording, RecordingOptions};
 
     #[test]
-    fn frames_of_a_camera_are_those_that_it_sent_and_a_rolling_shutter_is_told() {
+    fn frames_are_read_as_sent_and_a_rolling_shutter_is_reported() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("recording.dvraw");
         let header = davis346_header("test", &Configuration::calibration());
@@ -138,7 +138,7 @@ mod tests {
         encoder.advance(100_000).unwrap();
         encoder.finish().unwrap();
         let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
-        // Whoever reads the events knows at their end how many there are.
+        // The number of frames is known at the end of the events.
         let (mut reader, mut batch) = (recording.open().unwrap(), Vec::new());
         assert_eq!(reader.report().frames, None);
         while reader.next_batch(&mut batch).unwrap() {}
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn colours_become_grey_and_what_is_no_picture_is_refused() {
+    fn colours_become_grey_and_an_image_of_other_channels_is_rejected() {
         let frame = |channels, pixels| Frame {
             t: 7,
             exposure: None,

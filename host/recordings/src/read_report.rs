@@ -1,16 +1,16 @@
-//! What was met in one pass through a recording, in figures and in sentences.
+//! Report of one pass through a recording, as numbers and as sentences.
 
 use std::collections::BTreeMap;
 use std::fmt;
 
 use super::counted::counted;
 
-/// Where a file ends although more should follow.
+/// End of a file that should contain more.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Truncation {
     /// Offset of the first byte that could not be used.
     pub byte: u64,
-    /// What was cut off.
+    /// Description of the lost part.
     pub lost: String,
 }
 
@@ -20,12 +20,12 @@ impl fmt::Display for Truncation {
     }
 }
 
-/// A counter of 32 bits that began anew behind its highest count.
+/// Wraps of a 32-bit time counter: after its highest value it restarted at zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct CounterWraps {
-    /// How often.
+    /// Number of wraps.
     pub count: u64,
-    /// The first event behind the first of them, counted from 1.
+    /// Number of the first event after the first wrap, from 1.
     pub first_event: u64,
 }
 
@@ -33,75 +33,76 @@ impl fmt::Display for CounterWraps {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (times, first) = (counted(self.count, "time", "times"), if self.count == 1 { "" } else { "first " });
         let event = self.first_event;
-        write!(f, "the counter of the times wrapped {times}, {first}at event {event}: times go on as if it had not")
+        write!(f, "the time counter wrapped {times}, {first}at event {event}: times continue as if it had not")
     }
 }
 
-/// What was met in one pass through a recording.
+/// Report of one pass through a recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct ReadReport {
-    /// Events handed out.
+    /// Events returned.
     pub events: u64,
-    /// Events dropped because they lie outside the sensor (or, when its size is not known, beyond
-    /// column or row 32766).
+    /// Events dropped because they lie outside the sensor (or, when its size is not known, beyond column or row 32766).
     pub out_of_range: u64,
-    /// Of those, events with a column or row below 0 or beyond 32766.
+    /// Events among `out_of_range` with a column or row below 0 or beyond 32766.
     pub no_pixel: u64,
-    /// Of those outside the sensor, events that would lie in it with x and y exchanged; 0 where others would not then.
+    /// Events among `out_of_range` that would be inside the sensor with x and y exchanged. 0 if any event inside
+    /// would then be outside.
     pub exchanged: u64,
-    /// Events earlier than one before them by at most 0.1 s: handed out with the time of the latest.
+    /// Events up to 0.1 s earlier than the latest one before them. They get its time.
     pub steps_back: u64,
-    /// The largest of these steps, in microseconds.
+    /// Largest of these steps, in microseconds.
     pub largest_step_back: i64,
-    /// Steps back by more than 0.1 s: the clock was reset. Times go on 1 s after the latest event.
+    /// Steps back by more than 0.1 s, which mean that the clock was reset. Times continue 1 s after the latest
+    /// event.
     pub clock_resets: u64,
-    /// Set when the counter of a table's times wrapped. Times go on as if it had not.
+    /// Wraps of the time counter of a table, if any. Times continue as if it had not wrapped.
     pub counter_wraps: Option<CounterWraps>,
-    /// Events left out because they are more than 0.1 s earlier than those before and behind them, as a
-    /// DAVIS346 sends them now and then; at the beginning also those that are more than 0.1 s from all others.
+    /// Events dropped because they are more than 0.1 s earlier than the events before and after them (a DAVIS346 sends
+    /// such events now and then), or at the beginning and more than 0.1 s away from all that follow.
     pub strays: u64,
-    /// Places for events in the file that were never written.
+    /// Space in the file that was reserved for events but never written, in events.
     pub unwritten: u64,
     /// Packets left out because they could not be decoded.
     pub damaged_packets: u64,
-    /// What was wrong with a camera's stream; nothing in formats that hold no such stream.
+    /// Faults in a camera's USB stream; empty for formats that do not store such a stream.
     pub stream: StreamFaults,
-    /// Packets of other streams that were passed over, by stream.
+    /// Packets of other streams that were passed over, by name of the stream.
     pub other_packets: BTreeMap<String, u64>,
-    /// Pictures of the whole recording, where the reader of the events meets them on its way to its end.
+    /// Number of frames in the whole recording. Known only at the end, and only if frames and events are read together.
     #[serde(skip)]
     pub frames: Option<u64>,
-    /// Set when the file ends too early.
+    /// The point at which the file ends, if it ends too early.
     pub truncated: Option<Truncation>,
 }
 
 impl ReadReport {
-    /// Whether all events outside the sensor would lie in it with x and y exchanged, and those in it too.
+    /// `true` if with x and y exchanged all events would be inside the sensor.
     pub fn looks_exchanged(&self) -> bool {
         self.exchanged > 0 && self.exchanged == self.out_of_range
     }
 
-    /// What there is to tell, in sentences.
+    /// Describes everything that a user should know, as sentences.
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
         if self.steps_back > 0 {
             let (events, largest) = (counted(self.steps_back, "event is", "events are"), self.largest_step_back);
-            warnings.push(format!("{events} up to {largest} µs earlier than one before, and got its time"));
+            warnings.push(format!("{events} up to {largest} µs earlier than a previous event, and given its time"));
         }
         if self.clock_resets > 0 {
             let times = counted(self.clock_resets, "time", "times");
             warnings.push(format!(
-                "the clock of the recording was reset {times}: times after that are shifted, to go on 1 s later"
+                "the clock of the recording was reset {times}: later times are shifted, to continue 1 s after the latest event"
             ));
         }
         warnings.extend(self.counter_wraps.as_ref().map(CounterWraps::to_string));
         if self.strays > 0 {
             let strays = counted(self.strays, "stray event is", "stray events are");
-            warnings.push(format!("{strays} left out: more than 0.1 s away from the events around"));
+            warnings.push(format!("{strays} left out: more than 0.1 s away from neighbouring events"));
         }
         if self.out_of_range > 0 {
             let reason = if self.looks_exchanged() {
-                "; with x and y exchanged all events would lie in it".to_owned()
+                "; with x and y exchanged all events would be inside".to_owned()
             } else if self.no_pixel > 0 {
                 let have = counted(self.no_pixel, "of them has", "of them have");
                 format!("; {have} a column or row below 0 or beyond 32766")
@@ -118,7 +119,7 @@ impl ReadReport {
         if self.unwritten > 0 {
             let events =
                 counted(self.unwritten, "more event that was never written", "more events that were never written");
-            warnings.push(format!("the file has room for {events}: was the recording ended early?"));
+            warnings.push(format!("the file has space for {events}: was the recording stopped early?"));
         }
         if self.damaged_packets > 0 {
             let packets = counted(self.damaged_packets, "damaged packet is", "damaged packets are");
@@ -130,44 +131,43 @@ impl ReadReport {
     }
 }
 
-/// What was wrong with a stream as a camera sends it.
+/// Faults in the stream that a camera sends.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct StreamFaults {
     /// Places where bytes were lost.
     pub gaps: u64,
-    /// Those after which the time was put right by the computer's clock, because words that count time
-    /// had been lost.
+    /// Gaps after which the time was corrected by the computer's clock, because words that count time were lost.
     pub repaired_gaps: u64,
-    /// By how much that was in all, in microseconds.
+    /// Sum of these corrections, in microseconds.
     pub restored_us: u64,
-    /// Which times those are, in order.
+    /// The corrections, in order.
     pub repaired_times: Vec<RepairedTimes>,
-    /// Time that had been added without need and was taken back at a later gap, in microseconds.
+    /// Corrections that were too large and were undone at a later gap, in microseconds.
     pub taken_back_us: u64,
-    /// How often the camera's clock was reset after it had told a time. Times go on 1 s after the latest.
+    /// Number of resets of the camera's clock, after its first time. Times continue 1 s after the latest.
     pub clock_resets: u64,
-    /// Events that the camera dropped because the computer read too slowly, if it was asked.
+    /// Events that the camera dropped because the computer read too slowly, if the camera reported it.
     pub dropped: u64,
-    /// Words that no healthy camera sends, by what is wrong with them.
+    /// Counts of words that a healthy camera does not send, by kind of fault.
     pub faults: BTreeMap<&'static str, u64>,
 }
 
-/// Times of a camera's stream that were put right because words that count time had been lost.
+/// A correction of the times of a camera's stream after words that count time were lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct RepairedTimes {
-    /// The first of them in microseconds.
+    /// First corrected time in microseconds.
     pub from_us: i64,
-    /// By how much it and all later ones were put later, in microseconds.
+    /// Amount added to this time and all later ones, in microseconds.
     pub restored_us: u64,
-    /// How much of that was too much, in microseconds: times are late by it up to a later gap.
+    /// Part of that amount that was too much, in microseconds. Times are late by it until a later gap.
     pub excess_us: u64,
 }
 
-/// How many repairs are named.
+/// Largest number of corrections that are listed one by one.
 const REPAIRS_NAMED: usize = 10;
 
 impl StreamFaults {
-    /// What there is to tell, in sentences.
+    /// Describes the faults as sentences.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         if self.gaps > 0 {
@@ -175,7 +175,7 @@ impl StreamFaults {
         }
         if self.repaired_gaps > 0 {
             notes.push(format!(
-                "in {} of them words that count the camera's time were lost too, {:.3} s in all; the computer's clock shows how much",
+                                "in {} of them words that count the camera's time were lost too, {:.3} s in all, as measured by the computer's clock",
                 self.repaired_gaps,
                 self.restored_us as f64 / 1e6
             ));
@@ -192,11 +192,12 @@ impl StreamFaults {
                 more => format!(", and in {}", counted(more as u64, "more place", "more places")),
             };
             let named = named.collect::<Vec<_>>().join(", ");
-            notes.push(format!("later times were moved to make up for it: {named}{more}"));
+            notes.push(format!("later times were corrected: {named}{more}"));
         }
         if self.taken_back_us > 0 {
             let taken_back = self.taken_back_us as f64 / 1e3;
-            notes.push(format!("{taken_back:.3} ms too much was added, and taken back at a later gap"));
+            notes
+                .push(format!("{taken_back:.3} ms of these corrections were too much, and were undone at a later gap"));
         }
         if self.dropped > 0 {
             let events = counted(self.dropped, "event", "events");
@@ -215,9 +216,9 @@ impl StreamFaults {
 mod tests {
     use super::*;
 
-    /// "1 stray events … are left out", "reset 1 times".
+    /// Guards against "1 stray events" and "reset 1 times".
     #[test]
-    fn what_was_met_once_is_told_in_the_singular() {
+    fn a_count_of_one_is_written_in_the_singular() {
         let stream = StreamFaults { gaps: 1, dropped: 1, clock_resets: 1, ..StreamFaults::default() };
         let report = |count| ReadReport {
             steps_back: count,
@@ -235,12 +236,12 @@ mod tests {
         assert_eq!(
             once.warnings(),
             [
-                "1 event is up to 7 µs earlier than one before, and got its time",
-                "the clock of the recording was reset 1 time: times after that are shifted, to go on 1 s later",
-                "the counter of the times wrapped 1 time, at event 7: times go on as if it had not",
-                "1 stray event is left out: more than 0.1 s away from the events around",
+                "1 event is up to 7 µs earlier than a previous event, and given its time",
+                "the clock of the recording was reset 1 time: later times are shifted, to continue 1 s after the latest event",
+                "the time counter wrapped 1 time, at event 7: times continue as if it had not",
+                "1 stray event is left out: more than 0.1 s away from neighbouring events",
                 "1 event lies outside the sensor and is left out; 1 of them has a column or row below 0 or beyond 32766",
-                "the file has room for 1 more event that was never written: was the recording ended early?",
+                "the file has space for 1 more event that was never written: was the recording stopped early?",
                 "1 damaged packet is left out",
                 "bytes of the stream were lost in 1 place",
                 "the camera dropped 1 event because the computer read too slowly",
@@ -248,11 +249,8 @@ mod tests {
             ]
         );
         let twice = report(2).warnings();
-        assert_eq!(
-            twice[2],
-            "the counter of the times wrapped 2 times, first at event 7: times go on as if it had not"
-        );
-        assert_eq!(twice[3], "2 stray events are left out: more than 0.1 s away from the events around");
+        assert_eq!(twice[2], "the time counter wrapped 2 times, first at event 7: times continue as if it had not");
+        assert_eq!(twice[3], "2 stray events are left out: more than 0.1 s away from neighbouring events");
         assert_eq!(
             twice[4],
             "2 events lie outside the sensor and are left out; 2 of them have a column or row below 0 or beyond 32766"

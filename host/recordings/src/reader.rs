@@ -1,4 +1,4 @@
-//! One pass through a recording, whatever its format: the checks that every event must pass.
+//! One pass through a recording of any format, with the checks that all events must pass.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -11,56 +11,57 @@ use crate::options::RecordingOptions;
 use crate::read_report::ReadReport;
 use evcal_core::sensor::Sensor;
 
-/// A step back of at most this many microseconds is jitter; a larger one is a clock that was reset.
+/// Largest step back, in microseconds, that counts as jitter. A larger step back means that the clock was reset.
 const LARGEST_JITTER: i64 = 100_000;
-/// After a reset, time goes on this many microseconds after the latest event.
+/// After a clock reset, times continue this many microseconds after the latest event.
 pub(super) const PAUSE_AFTER_RESET: i64 = 1_000_000;
-/// More resets than this mean that the events are not in the order of time.
+/// Number of clock resets above which a file counts as unsorted.
 const MAX_RESETS: u64 = 16;
-/// So many events in a row that are more than 0.1 s early can still be strays; one more is a clock that was reset.
+/// Largest number of consecutive events more than 0.1 s early that count as strays. More of them mean a clock reset.
 const MOST_STRAYS: usize = 8;
-/// Of so many events one may be a stray, beyond the first [`MAX_RESETS`]: more mean that the events are not in order.
+/// One stray is allowed per this many events, in addition to [`MAX_RESETS`]. More strays mean that the file is
+/// unsorted.
 const EVENTS_PER_STRAY: u64 = 100;
-/// So many events at the beginning are looked at together, for strays among the first of them.
+/// Number of events at the beginning that are examined together to find strays among the first ones.
 const BEGINNING: usize = 64;
-/// Times beyond ±2⁵⁵ µs (1100 years) are no times; with at most [`MAX_RESETS`] shifts of twice that,
-/// no time handed out exceeds 2⁶¹ µs.
+/// Times beyond ±2⁵⁵ µs (1100 years) are rejected. With at most [`MAX_RESETS`] shifts of twice that, no returned time
+/// exceeds 2⁶¹ µs.
 const MAX_TIME: i64 = 1 << 55;
 
 /// The largest sensor width or height that can be read.
 pub const MAX_SENSOR_SIZE: u16 = Sensor::MOST_PIXELS_A_SIDE;
 
-/// What is known of a recording before its first event is read.
+/// Properties of a recording that are known before its first event is read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordingInformation {
     /// Name of the format.
     pub format: &'static str,
-    /// Width and height of the sensor in pixels: from [`RecordingOptions::sensor`], else from the file.
+    /// Width and height of the sensor in pixels: [`RecordingOptions::sensor`] if given, else the size in the file.
     pub sensor: Option<Sensor>,
-    /// Model and serial number of the camera, as the file gives it.
+    /// Model and serial number of the camera, as in the file.
     pub camera_name: Option<String>,
-    /// When it was recorded, as the header of the file gives it.
+    /// Date of the recording, as in the header of the file.
     pub began: Option<String>,
-    /// What the reader took for granted or noticed, in sentences for the user.
+    /// Assumptions and observations of the reader, as sentences for the user.
     pub notes: Vec<String>,
 }
 
-/// Turns the bytes of one format into events, in the order of the file.
+/// Decoder of one format: turns bytes into events, in file order.
 pub trait Decode: Send {
-    /// What the header of the file says.
+    /// Properties from the header of the file.
     fn information(&self) -> &RecordingInformation;
 
-    /// Appends the next events to `batch`, which is empty, and counts in `report` whatever was not
-    /// an event. Returns false when the file has ended.
+    /// Appends the next events to `batch`, which is empty, and counts everything else in `report`. Returns `false`
+    /// at the end of the file.
     ///
     /// # Errors
-    /// Events that were decoded before an error are in `batch` and count.
+    /// Events that were decoded before the error are in `batch` and are valid.
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError>;
 
-    /// Which part of the file was read, 0 to 1, for somebody who waits; `None` where that is not known.
+    /// Fraction of the file that has been read, 0 to 1, for a progress display; `None` if unknown.
     fn done(&self) -> Option<f64>;
 
-    /// `true` if times that were taken for nanoseconds may as well be microseconds.
+    /// `true` if times that were taken for nanoseconds could also be microseconds.
     fn is_unit_doubtful(&self) -> bool {
         false
     }
@@ -73,13 +74,13 @@ pub struct EventReader {
     information: RecordingInformation,
     report: ReadReport,
     clock: Option<Clock>,
-    /// The first events, as long as there are too few to tell strays among them.
+    /// The first events, until there are enough to find strays among them.
     beginning: Option<Vec<Event>>,
-    /// Whether an event in the sensor would lie outside it with x and y exchanged.
+    /// `true` once an event inside the sensor would be outside with x and y exchanged.
     is_upright: bool,
-    /// As the decoder gave them.
+    /// Buffer for the decoder's events.
     batch: Vec<Event>,
-    /// Events that are too early, of which it is not yet known whether the clock was reset.
+    /// Events that are too early: either strays or the first events after a clock reset.
     early: Vec<Event>,
     decoded: u64,
     ended: bool,
@@ -87,10 +88,10 @@ pub struct EventReader {
     span: Option<Range<i64>>,
 }
 
-/// The state that makes times non-decreasing.
+/// State that keeps times from decreasing.
 struct Clock {
     latest: i64,
-    /// Added to the times of the file since the latest reset.
+    /// Offset in µs added to the file's times since the latest clock reset.
     shift: i64,
 }
 
@@ -105,7 +106,7 @@ impl EventReader {
         if let Some(sensor) = options.sensor {
             if let Some(Sensor { width, height }) = information.sensor.filter(|&own| own != sensor) {
                 information.notes.push(format!(
-                    "the file says that the sensor has {width} x {height} pixels; {} x {} was asked for and is used",
+                    "the file states a sensor of {width} x {height} pixels; the requested size, {} x {}, is used",
                     sensor.width, sensor.height
                 ));
             }
@@ -134,39 +135,42 @@ impl EventReader {
         })
     }
 
-    /// The same, but only events from the first of these times up to the second are handed out.
+    /// Limits the pass to events with times in `span`.
     pub(super) fn within(self, span: Option<Range<i64>>) -> Self {
         Self { span, ..self }
     }
 
-    /// What is known of the recording.
+    /// Properties of the recording.
     pub fn information(&self) -> &RecordingInformation {
         &self.information
     }
 
-    /// Which part of the recording was read, 0 to 1, for somebody who waits; `None` where that is not known.
+    /// Fraction of the recording that has been read, 0 to 1, for a progress display; `None` if unknown.
     pub fn done(&self) -> Option<f64> {
-        // Of a section it is not known where in the file it ends.
+        // The position of the end of a section in the file is unknown.
         if self.span.is_some() { None } else { self.decoder.done() }
     }
 
-    /// What was met so far; complete once [`Self::next_batch`] has returned `Ok(false)`.
+    /// Counts and corrections of this pass so far; complete once [`Self::next_batch`] has returned `Ok(false)`.
     pub fn report(&self) -> &ReadReport {
         &self.report
     }
 
-    /// Replaces the content of `events` by the next events, at least one; false at the end, and
-    /// then `events` is empty.
+    /// Replaces the content of `events` with the next events, at least one. At the end, returns `false` and leaves
+    /// `events` empty.
     ///
-    /// Times are in microseconds as in the file, and never decrease within a pass: an event that is
-    /// up to 0.1 s earlier than one before it gets the time of that one. A larger step back is taken
-    /// for a clock that was reset: from there on all times are shifted so that they go on 1 s after
-    /// the latest event; but where events go on behind it as if nothing had happened, or the recording ends there, the few early ones
-    /// are dropped. So are a few at the beginning that are more than 0.1 s away from all that follow. Events outside the sensor are
-    /// dropped. All of this is counted in [`Self::report`].
+    /// Times are in microseconds of the file's clock and never decrease within a pass:
+    /// - An event up to 0.1 s earlier than the latest one gets the time of the latest one.
+    /// - A larger step back means that the clock was reset: all later times are shifted so that they continue 1 s
+    ///   after the latest event.
+    /// - Up to 8 such early events are strays, and dropped, if the events after them continue as before, or if the
+    ///   recording ends with them. Strays among the first 64 events, more than 0.1 s away from all that follow, are
+    ///   dropped too.
+    ///
+    /// Events outside the sensor are dropped. [`Self::report`] counts all of this.
     ///
     /// # Errors
-    /// After an error, the events before it have been handed out, and no more follow.
+    /// The events before an error are returned first. After the error, the pass has ended.
     pub fn next_batch(&mut self, events: &mut Vec<Event>) -> Result<bool, RecordingError> {
         events.clear();
         while events.is_empty() {
@@ -196,7 +200,7 @@ impl EventReader {
         Ok(true)
     }
 
-    /// Takes away what is not in the span asked for; behind it nothing more is read.
+    /// Removes the events outside the requested span. After its end, nothing more is read.
     fn cut(&mut self, events: &mut Vec<Event>) {
         let Some(Range { start, end }) = self.span else { return };
         if events.last().is_some_and(|event| event.t >= end) {
@@ -208,8 +212,8 @@ impl EventReader {
         self.report.events -= (before - events.len()) as u64;
     }
 
-    /// Appends to `events` those of `batch`, their times put in order, without what is out of range; on an error, those
-    /// before it.
+    /// Appends the valid events of `batch` to `events`, with non-decreasing times. After an error, `events` has
+    /// those before it.
     fn check(&mut self, batch: &[Event], events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         let Sensor { width, height } = self.information.sensor.unwrap_or(Sensor::new(MAX_SENSOR_SIZE, MAX_SENSOR_SIZE));
         let (mut exchanged, mut is_upright) = (0, self.is_upright);
@@ -233,11 +237,11 @@ impl EventReader {
         admitted.and(begun).and(rest)
     }
 
-    /// Takes `event` for one of the beginning, or hands it on.
+    /// Keeps `event` among the first events, or admits it.
     fn begin_or_admit(&mut self, event: Event, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         if !(-MAX_TIME..=MAX_TIME).contains(&event.t) {
             let what = format!(
-                "its time, {} µs, cannot be right: the file is damaged here, or its times are in another unit",
+                "its time, {} µs, is out of range: the file is damaged here, or its times are in another unit",
                 event.t
             );
             return Err(RecordingErrorKind::Event { event: self.decoded, what });
@@ -254,7 +258,7 @@ impl EventReader {
         }
     }
 
-    /// Hands out the beginning, without the strays at its front.
+    /// Admits the first events, without the strays before them.
     fn begin(&mut self, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         let Some(beginning) = self.beginning.take() else { return Ok(()) };
         let strays = if beginning.len() < BEGINNING { 0 } else { strays_in_front(&beginning) };
@@ -262,7 +266,8 @@ impl EventReader {
         beginning.into_iter().skip(strays).try_for_each(|event| self.admit(event, events))
     }
 
-    /// Hands out `event`, or keeps it until it is clear what its time means.
+    /// Returns `event` to the caller, or keeps it until it is known to be a stray or the first event after a clock
+    /// reset.
     fn admit(&mut self, event: Event, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         let clock = self.clock.get_or_insert(Clock { latest: event.t, shift: 0 });
         let step = clock.latest - (event.t + clock.shift);
@@ -274,7 +279,8 @@ impl EventReader {
             return Ok(());
         }
         if self.early.last().is_some_and(|last| event.t < last.t - LARGEST_JITTER) {
-            // Not even those that were too early go on: there was a reset before them, and this is another event.
+            // The early events did not continue either: the clock was reset before them, and this event is
+            // another early one.
             self.reset(events)?;
             return self.admit(event, events);
         }
@@ -294,7 +300,7 @@ impl EventReader {
         events.push(Event { t: clock.latest, ..event });
     }
 
-    /// The events that were too early are strays, `waiting` events before them being in no report yet.
+    /// Drops the early events as strays. `waiting` is the number of events that `report` does not count yet.
     fn drop_early(&mut self, waiting: usize) -> Result<(), RecordingErrorKind> {
         self.report.strays += self.early.len() as u64;
         self.early.clear();
@@ -304,7 +310,7 @@ impl EventReader {
         Ok(())
     }
 
-    /// At the end, a few events that are too early after many others are strays.
+    /// Handles early events at the end of the recording: a few of them after many other events are strays.
     fn end(&mut self, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         let before = self.report.events + events.len() as u64;
         if !self.early.is_empty() && before >= EVENTS_PER_STRAY * self.early.len() as u64 {
@@ -313,7 +319,8 @@ impl EventReader {
         self.reset(events)
     }
 
-    /// The clock was reset before the events that were too early, if there are any: times go on from there.
+    /// Treats the early events, if any, as the first ones after a clock reset, and shifts their times and all later
+    /// ones.
     fn reset(&mut self, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         let early = std::mem::take(&mut self.early);
         let (Some(first), Some(clock)) = (early.first(), &mut self.clock) else { return Ok(()) };
@@ -329,17 +336,17 @@ impl EventReader {
 
     fn out_of_order(&self, times: u64) -> RecordingErrorKind {
         let what = format!(
-            "time went back by more than 0.1 s {times} times up to here: the events are not in order, and have to be sorted by \
-             time first"
+            "time went back by more than 0.1 s {times} times up to here: the events are not in order and must be sorted by time first"
         );
         RecordingErrorKind::Event { event: self.decoded, what }
     }
 }
 
-/// How many events at the front are strays: the few before a step in time, back or forth, where no other step follows.
+/// Returns the number of strays at the front: the few events before a step in time, forward or back, after which no
+/// other step follows.
 fn strays_in_front(events: &[Event]) -> usize {
     let is_step = |pair: &[Event]| pair[1].t.abs_diff(pair[0].t) > LARGEST_JITTER.unsigned_abs();
-    let last = events.windows(2).rposition(is_step).map_or(0, |place| place + 1);
+    let last = events.windows(2).rposition(is_step).map_or(0, |index| index + 1);
     if last <= MOST_STRAYS { last } else { 0 }
 }
 
@@ -349,7 +356,7 @@ mod tests {
 
     use super::*;
 
-    /// Hands out the events two by two.
+    /// Decoder that returns the given events two at a time.
     struct Given(Vec<Event>, RecordingInformation);
 
     impl Decode for Given {
@@ -379,7 +386,7 @@ mod tests {
         Event { t, x: 1, y: 2, polarity: Polarity::On }
     }
 
-    /// The times handed out, the report, and the error at the end.
+    /// Returns the times of all events read, the report, and the error at the end.
     fn times(events: Vec<Event>) -> (Vec<i64>, ReadReport, Option<RecordingError>) {
         let mut reader = reader(events, None, None);
         let (mut all, mut batch) = (Vec::new(), Vec::new());
@@ -403,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_reset_of_the_clock_times_go_on_one_second_later() {
+    fn after_a_clock_reset_times_continue_one_second_later() {
         let (times, report, error) = times([7_000_000, 7_000_100, 0, 50, 60, 55].map(at).to_vec());
         assert_eq!(times, [7_000_000, 7_000_100, 8_000_100, 8_000_150, 8_000_160, 8_000_160]);
         assert_eq!((report.steps_back, report.clock_resets), (1, 1));
@@ -411,23 +418,22 @@ mod tests {
     }
 
     #[test]
-    fn a_few_events_that_are_too_early_are_left_out() {
+    fn a_few_early_events_are_dropped() {
         let (times, report, error) =
             times([2_000_000, 1_000_010, 2_000_020, 1_000_030, 1_000_031, 2_000_030].map(at).to_vec());
         assert_eq!(times, [2_000_000, 2_000_020, 2_000_030]);
         assert_eq!((report.events, report.strays, report.clock_resets), (3, 3, 0));
         assert!(error.is_none());
-        // Too many for that.
+        // Too many to be strays.
         let many = (0..60).map(|index| at(if index % 2 == 0 { 2_000_000 + index } else { index }));
         let (times, report, error) = self::times(many.collect());
         assert!(error.unwrap().to_string().contains("sort"));
         assert_eq!((times.len() as u64, report.strays), (report.events, 17));
     }
 
-    /// A camera's first events, or the last one of a recording, may have a time of its own as any other; they were taken for a
-    /// clock that was reset.
+    /// The first or last events of a camera may have wrong times. That is not a clock reset.
     #[test]
-    fn strays_at_the_beginning_and_the_end_are_left_out() {
+    fn strays_at_the_beginning_and_the_end_are_dropped() {
         let usual = |count: i64| (0..count).map(|index| 5_000_000 + 100 * index);
         for (front, end) in [
             (vec![4_001_000], vec![]),
@@ -443,14 +449,14 @@ mod tests {
             assert_eq!((report.strays, report.clock_resets, report.steps_back), (strays, 0, 0));
             assert!(error.is_none());
         }
-        // Of a few events none can be told from the others.
+        // Among a few events, strays cannot be identified.
         let (times, report, _) = times(vec![at(9_000_000), at(0), at(100), at(1_000_000)]);
         assert_eq!((times.len(), report.strays, report.clock_resets), (4, 0, 1));
     }
 
-    /// More early events at the beginning than strays are a part of the recording.
+    /// If there are more early events at the beginning than can be strays, they belong to the recording.
     #[test]
-    fn a_rest_after_the_beginning_is_no_reason_to_leave_it_out() {
+    fn a_pause_after_the_beginning_does_not_drop_the_beginning() {
         for first in [9, 63, 100] {
             let (times, report, _) = times((0..first).chain(7_000_000..7_000_200).map(at).collect());
             assert_eq!((times.len() as i64, report.strays), (first + 200, 0));
@@ -458,11 +464,11 @@ mod tests {
     }
 
     #[test]
-    fn coordinates_that_are_exchanged_are_told() {
+    fn exchanged_coordinates_are_reported() {
         let (sensor, turned) = (Some(Sensor::new(346, 260)), |x, y| Event { x, y, ..at(0) });
         for (events, exchanged, no_pixel) in [
             (vec![turned(3, 4), turned(259, 345), turned(100, 300)], 2, 0),
-            // A column that a turned sensor does not have.
+            // x = 300 is outside a sensor with exchanged sides.
             (vec![turned(3, 4), turned(259, 345), turned(300, 3)], 0, 0),
             (vec![turned(3, 4), turned(u16::MAX, 7)], 0, 1),
         ] {
@@ -478,7 +484,7 @@ mod tests {
     }
 
     #[test]
-    fn a_recording_that_is_not_sorted_is_refused() {
+    fn an_unsorted_recording_is_rejected() {
         let events = (0..100).map(|index| at((index * 7 % 10) * 1_000_000)).collect();
         let (times, report, error) = times(events);
         assert!(error.unwrap().to_string().contains("sort"));
@@ -486,7 +492,7 @@ mod tests {
     }
 
     #[test]
-    fn a_time_that_is_none_ends_the_recording_after_the_events_before_it() {
+    fn an_impossible_time_ends_the_recording_after_the_events_before_it() {
         for t in [i64::MIN, i64::MAX, 1 << 56] {
             let (times, report, error) = times(vec![at(1), at(2), at(3), at(t), at(5)]);
             assert_eq!((times, report.events), (vec![1, 2, 3], 3));
@@ -515,7 +521,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_that_no_camera_has_is_refused() {
+    fn an_impossible_sensor_size_is_rejected() {
         for sensor in [Sensor::new(0, 260), Sensor::new(346, 0), Sensor::new(32_768, 260)] {
             let information = RecordingInformation {
                 format: "given",

@@ -1,4 +1,4 @@
-//! Events that can be read as often as needed.
+//! [`Recording`]: a source of events that can be read several times.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ use crate::options::{RecordingOptions, TimeUnit};
 use crate::pictures::TimedImage;
 use crate::reader::{Decode, EventReader};
 
-/// Events, of a file or in memory, that can be read as often as needed.
+/// A recording, in a file or in memory. Its events can be read as often as needed.
 #[derive(Clone)]
 pub struct Recording {
     path: PathBuf,
@@ -29,24 +29,25 @@ pub struct Recording {
     span: Option<Range<i64>>,
 }
 
-/// Where the events of a recording are.
+/// Storage of a recording's events.
 #[derive(Clone)]
 enum Source {
-    /// In its file.
+    /// A file of this format.
     File(&'static FileFormat),
-    /// Here, in the order in which they came.
+    /// Memory, in the order in which the events were given.
     Memory(Arc<Vec<Event>>),
-    /// In a dump that is being written, or was.
+    /// A `.dvraw` dump that may still be written.
     Growing(Growth),
-    /// In its file, of this format, and in others that continue it.
+    /// A file of this format, followed by the files that continue it.
     Chain(&'static FileFormat, Arc<Vec<Recording>>),
 }
 
 impl Recording {
-    /// Finds the format of the file at `path`.
+    /// Opens the file or folder at `path` and detects its format from its content.
     ///
     /// # Errors
-    /// When the file cannot be read, is empty, holds no events or is of no known format, or when one of the options means nothing to that.
+    /// When the file cannot be read, is empty, is of an unknown format, or when an option does not apply to its
+    /// format.
     pub fn new(path: impl Into<PathBuf>, options: RecordingOptions) -> Result<Self, RecordingError> {
         let path = path.into();
         let format = format_of(&path)?;
@@ -57,21 +58,23 @@ impl Recording {
         Ok(Self { path, options, source: Source::File(format), span: None })
     }
 
-    /// A recording of events that are in memory, times in microseconds. They are checked as those of a file are:
-    /// see [`EventReader::next_batch`]. `name` stands for them in reports and messages; of `options` the sensor counts.
+    /// Creates a recording from events in memory, with times in microseconds. They pass the same checks as the events
+    /// of a file (see [`EventReader::next_batch`]). Reports and messages call the recording `name`; of `options` only
+    /// the sensor is used.
     pub fn from_events(name: impl Into<PathBuf>, events: Vec<Event>, options: RecordingOptions) -> Self {
         Self { path: name.into(), options, source: Source::Memory(Arc::new(events)), span: None }
     }
 
-    /// A recording of a camera that goes on: the first pass through it waits for what is still to come, until `growth` says that
-    /// it ended. Waits for its beginning; `None` if it ended without one.
+    /// Creates a recording of a camera that is still recording into the dump at `path`. The first pass waits for more
+    /// data until `growth` reports the end. This function waits for the first bytes; it returns `None` if the recording
+    /// ended without any.
     pub fn growing(path: impl Into<PathBuf>, options: RecordingOptions, growth: Growth) -> Option<Self> {
         growth.wait_beyond(0)?;
         Some(Self { path: path.into(), options, source: Source::Growing(growth), span: None })
     }
 
-    /// One recording of `files` that continue each other, in the order of time (see [`chains`](crate::continued::chains)); `None`
-    /// without any.
+    /// Joins `files`, which continue each other and are in order of time (see [`chains`](crate::continued::chains)),
+    /// into one recording. `None` if `files` is empty.
     pub fn chain(files: Vec<Self>) -> Option<Self> {
         let mut files = files.into_iter();
         let first = files.next()?;
@@ -79,7 +82,7 @@ impl Recording {
         Some(Self { source, ..first })
     }
 
-    /// The files that it is read from, in the order of time.
+    /// Returns the paths of all files of this recording, in order of time.
     pub fn files(&self) -> Vec<&Path> {
         let others = match &self.source {
             Source::Chain(_, others) => others.as_slice(),
@@ -88,17 +91,17 @@ impl Recording {
         std::iter::once(self.path()).chain(others.iter().map(Self::path)).collect()
     }
 
-    /// The part of the recording in this span of time, in microseconds as in the file.
+    /// Returns the section of the recording within `span`, in microseconds of the file's clock.
     pub fn section(&self, span: Range<i64>) -> Self {
         Self { span: Some(span), ..self.clone() }
     }
 
-    /// Where the recording is; the name of one in memory.
+    /// Path of the recording, or the name of a recording in memory.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Its format.
+    /// Format of the recording.
     pub fn format(&self) -> &'static FileFormat {
         match &self.source {
             Source::File(format) | Source::Chain(format, _) => format,
@@ -107,12 +110,12 @@ impl Recording {
         }
     }
 
-    /// Whether it may hold frames: its format does.
+    /// `true` if the format can contain frames.
     pub fn may_hold_frames(&self) -> bool {
         self.format().frames.is_some()
     }
 
-    /// The same with other options.
+    /// Returns the same recording with other options.
     pub(crate) fn with_options(&self, options: RecordingOptions) -> Self {
         let mut source = self.source.clone();
         if let Source::Chain(_, others) = &mut source {
@@ -121,7 +124,7 @@ impl Recording {
         Self { options, source, ..self.clone() }
     }
 
-    /// Its first file alone.
+    /// Returns the first file of a chain as a recording of its own.
     fn first(&self) -> Self {
         match &self.source {
             Source::Chain(format, _) => Self { source: Source::File(format), ..self.clone() },
@@ -129,12 +132,12 @@ impl Recording {
         }
     }
 
-    /// What a user said about it.
+    /// Options with which the recording is read.
     pub fn options(&self) -> &RecordingOptions {
         &self.options
     }
 
-    /// What the file itself says of the sensor's size.
+    /// Returns the sensor size that the file itself contains; `None` if it has none or cannot be opened.
     pub fn own_sensor(&self) -> Option<Sensor> {
         let options = RecordingOptions { sensor: None, ..self.options.clone() };
         self.with_options(options).open().ok()?.information().sensor
@@ -143,7 +146,7 @@ impl Recording {
     /// Starts a pass through the recording, from its first event.
     ///
     /// # Errors
-    /// When the file cannot be opened or its header cannot be understood.
+    /// When the file cannot be opened or its header is invalid.
     pub fn open(&self) -> Result<EventReader, RecordingError> {
         Ok(EventReader::new(&self.path, self.decoder()?, &self.options)?.within(self.span.clone()))
     }
@@ -163,7 +166,8 @@ impl Recording {
         })
     }
 
-    /// The decoder of its file, in the unit of time that the rate of its events makes likely.
+    /// Opens the decoder of a file. If the unit of its times is doubtful, chooses the unit that gives a plausible
+    /// event rate.
     fn file_decoder(&self, format: &FileFormat) -> Result<Box<dyn Decode>, RecordingError> {
         let open = |options: &RecordingOptions| (format.events)(&self.path, options);
         let mut decoder = open(&self.options)?;
@@ -179,7 +183,7 @@ impl Recording {
         }
     }
 
-    /// Counts what the streams of the recording hold; empty where there is but one stream of events.
+    /// Counts the packets and elements of each stream. Empty for formats with a single event stream.
     ///
     /// # Errors
     /// When the file cannot be read.
@@ -193,7 +197,7 @@ impl Recording {
         Ok(streams)
     }
 
-    /// Its frames and inertial samples, in order of time.
+    /// Opens the frames and inertial samples, which are returned in order of time.
     ///
     /// # Errors
     /// When the file cannot be read.
@@ -209,8 +213,8 @@ impl Recording {
         }
     }
 
-    /// Hands its frames to `visit`, in their order. What could not be read is returned in a sentence; it ends the frames, and is
-    /// no error.
+    /// Passes the frames to `visit`, in file order. Damage ends the frames without an error; the returned sentence then
+    /// names what could not be read.
     ///
     /// # Errors
     /// When the file cannot be opened.
@@ -224,11 +228,12 @@ impl Recording {
         }
         Ok(end.err().map(|error| match error.kind {
             RecordingErrorKind::FrameEncoding { .. } => error.to_string(),
-            _ => format!("frames were read up to their damage only: {error}"),
+            _ => format!("frames could be read only up to the damage: {error}"),
         }))
     }
 
-    /// Its picture whose exposure began at `start` (µs on its clock, to 1 µs); `None` where there is none that can be read.
+    /// Returns the frame whose exposure began within 1 µs of `start` (µs on the recording's clock); `None` if no
+    /// readable frame matches.
     pub fn image_at(&self, start: i64) -> Option<TimedImage> {
         let mut found = None;
         let seen = self.visit_frames(|image| {
@@ -255,7 +260,7 @@ mod tests {
     const OUTPUTS: [OutputFormat; 5] =
         [aedat4::OUTPUT_UNCOMPRESSED, aedat4::OUTPUT_LZ4, aedat4::OUTPUT, text::OUTPUT, event_calib::OUTPUT];
 
-    /// Events 5 ms apart, so that AEDAT4 puts two into a packet.
+    /// Returns events 5 ms apart, so that AEDAT4 writes two events per packet.
     fn events(count: i64) -> Vec<Event> {
         (0..count)
             .map(|index| Event {
@@ -275,7 +280,7 @@ mod tests {
         writer.finish().unwrap();
     }
 
-    /// The events, what the reader met, and the error that ended it.
+    /// Reads all events. Returns them with the report and the error that ended the pass, if any.
     fn read(path: &Path, options: &RecordingOptions) -> (Vec<Event>, ReadReport, Option<RecordingError>) {
         let opened = Recording::new(path, options.clone()).and_then(|recording| recording.open());
         let mut reader = match opened {
@@ -314,9 +319,9 @@ mod tests {
         }
     }
 
-    /// Every format that is written is read again, by its content, to the same events.
+    /// Every writable format is detected by content and read back to the same events.
     #[test]
-    fn one_recording_goes_through_every_writer() {
+    fn every_written_format_is_read_back() {
         let start = 1_000_003;
         let events: Vec<Event> = events(3000)
             .iter()
@@ -340,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn options_that_mean_nothing_to_a_format_are_refused() {
+    fn options_that_do_not_apply_to_a_format_are_rejected() {
         let options = RecordingOptions {
             stream: Some("events".to_owned()),
             columns: Some("t,x,y,p".parse().unwrap()),
@@ -372,7 +377,7 @@ mod tests {
                     Err(error) => panic!("{error}"),
                 }
             }
-            // Of what was said of another recording that is left which means something.
+            // `Uses::of` keeps only the options that apply.
             let left = options_for(&path, &options);
             assert!(Recording::new(&path, left.clone()).is_ok());
             assert_eq!(left.stream.is_some(), used.contains(&FormatOption::Stream));
@@ -380,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn names_alone_are_a_recording_without_events() {
+    fn a_header_without_rows_is_a_recording_without_events() {
         for content in [&b"t_us,x,y,p\n"[..], b"x y p t\n", b"# t x y p\n"] {
             let (_directory, path) = file(content);
             let (read, report, error) = read(&path, &RecordingOptions::default());
@@ -409,9 +414,9 @@ mod tests {
             (b"\x89HDF\r\n\x1a\n", "HDF5"),
             (b"#!AER-DAT1.0\r\n", "AEDAT 1"),
             (b"% evt 5.0\n% end\n", "Prophesee"),
-            (b"\x00\x01\x02\x03 and so on", "no format known"),
-            (&[0; 1000], "no format known"),
-            (b"Dear reader,\n", "no format known"),
+            (b"\x00\x01\x02\x03 and so on", "unknown format"),
+            (&[0; 1000], "unknown format"),
+            (b"Dear reader,\n", "unknown format"),
         ] {
             let (_directory, path) = file(content);
             let (_, _, error) = read(&path, &RecordingOptions::default());
@@ -424,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_cut_at_any_byte_gives_its_whole_events_and_tells_of_the_loss() {
+    fn a_file_cut_at_any_byte_returns_its_whole_events_and_reports_the_loss() {
         let events = events(12);
         for output in OUTPUTS {
             let (_directory, path) = file(b"");
@@ -442,12 +447,12 @@ mod tests {
                     let limit = match output.name {
                         "csv" => 27,
                         "bin" => 25,
-                        // A packet of two events, or at the very end the table.
+                        // The loss is a packet of two events or, at the very end, the table.
                         _ => 8 + 64 + 30,
                     };
                     match &report.truncated {
                         Some(truncation) => assert!(truncation.byte <= cut && cut - truncation.byte <= limit),
-                        // A cut between two events of a format without structure cannot be noticed.
+                        // A cut between two events cannot be detected in a format without structure.
                         None if output == event_calib::OUTPUT => assert_eq!(cut % 25, 0),
                         None if output == text::OUTPUT => assert!(report.events <= 12),
                         None => assert_eq!(read.len(), events.len()),
@@ -498,7 +503,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(64))]
 
         #[test]
-        fn every_format_gives_back_what_was_written(events in any_events()) {
+                fn every_format_returns_what_was_written(events in any_events()) {
             for output in OUTPUTS {
                 let (_directory, path) = file(b"");
                 write(&path, output, &events);

@@ -1,6 +1,6 @@
-//! Recordings of ROS: bags of ROS 1, and bags of ROS 2 as MCAP or SQLite, by themselves or in their folder.
+//! Recordings of ROS: bags of ROS 1, and bags of ROS 2 as MCAP or SQLite, either single files or their folder.
 //!
-//! | message | what is read |
+//! | message | content that is read |
 //! |---|---|
 //! | `dvs_msgs/EventArray`, `prophesee_event_msgs/EventArray` | events |
 //! | `event_camera_msgs/EventPacket` | events, encodings `evt3`, `libcaer`, `libcaer_cmp`, `mono` |
@@ -8,8 +8,8 @@
 //! | `sensor_msgs/CompressedImage` | images of a second camera: JPEG and PNG |
 //! | `sensor_msgs/Imu` | inertial samples |
 //!
-//! Times are those in the messages, which a sensor gave. Messages are read in the order in which they stand in the file; when they were
-//! recorded is not looked at.
+//! Times come from the sensor and are stored in the messages. Messages are read in file order; their times of recording
+//! are not used.
 
 mod bag;
 mod bayer;

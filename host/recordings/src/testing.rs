@@ -1,4 +1,4 @@
-//! What the tests of every format do.
+//! Helpers for the tests of all formats.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use tempfile::TempDir;
 
 use super::{Damage, ReadReport, Recording, RecordingInformation, RecordingOptions};
 
-/// What a pass through a recording gave.
+/// Result of a pass through a recording.
 pub struct Outcome {
     pub events: Vec<Event>,
     /// `None` if the file could not be opened.
@@ -21,13 +21,13 @@ pub fn read(content: &[u8]) -> Outcome {
     read_with(content, RecordingOptions::default())
 }
 
-/// A folder for thousands of files that are there for a moment each: in memory where the system allows that, for disks may
-/// take a millisecond to forget one.
+/// Creates a folder for thousands of short-lived files, in memory if possible, because removing a file from a disk may
+/// take a millisecond.
 fn short_lived() -> TempDir {
     tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
 }
 
-/// Reads a file with this content, and what it holds beside events.
+/// Reads a file with this content, including frames and inertial samples.
 pub fn read_with(content: &[u8], options: RecordingOptions) -> Outcome {
     let directory = short_lived();
     let path = directory.path().join("recording");
@@ -35,7 +35,7 @@ pub fn read_with(content: &[u8], options: RecordingOptions) -> Outcome {
     read_file(&path, options)
 }
 
-/// Reads the file at `path`, and what it holds beside events.
+/// Reads the file at `path`, including frames and inertial samples.
 pub fn read_file(path: &Path, options: RecordingOptions) -> Outcome {
     let mut outcome = Outcome { events: Vec::new(), information: None, report: ReadReport::default(), error: None };
     let opened = Recording::new(path, options).and_then(|recording| Ok((recording.open()?, recording)));
@@ -43,7 +43,7 @@ pub fn read_file(path: &Path, options: RecordingOptions) -> Outcome {
         Ok(opened) => opened,
         Err(error) => return Outcome { error: Some(error.to_string()), ..outcome },
     };
-    // None of it may panic.
+    // None of this may panic.
     let _ = (recording.streams(), recording.visit_frames(|_| {}));
     if let Ok(mut extras) = recording.open_extras() {
         while extras.next_until(i64::MAX, &mut Vec::new()).is_some() {}
@@ -64,11 +64,11 @@ pub fn read_file(path: &Path, options: RecordingOptions) -> Outcome {
     outcome
 }
 
-/// What counters of 32 bits keep of a count: all of them, with a sign, and without the bit of the sign.
+/// Truncations of a count by 32-bit counters: unsigned, signed, and unsigned with 31 bits.
 pub const KEPT: [fn(i64) -> i64; 3] =
     [|count| (count as u32).into(), |count| (count as i32).into(), |count| count & 0x7fff_ffff];
 
-/// Events around this time, 150 µs apart, up to 3 ms earlier than some before them.
+/// Returns events around this time, 150 µs apart; some are up to 3 ms earlier than those before them.
 pub fn events_around(time: i64) -> Vec<Event> {
     let event = |index: i64| Event {
         t: time - 1 + 150 * (index - 500) - if index % 13 == 0 { 3000 } else { 0 },
@@ -79,29 +79,29 @@ pub fn events_around(time: i64) -> Vec<Event> {
     (0..1000).map(event).collect()
 }
 
-/// A file with the times of a counter that wraps gives the same events as one with times of 64 bits.
+/// Checks that a file with the times of a counter that wraps gives the same events as one with times of 64 bits.
 pub fn check_wrap(wrapped: &[u8], whole: &[u8]) {
     let [mut wrapped, whole] = [wrapped, whole].map(read);
     assert_eq!((whole.report.counter_wraps, whole.report.clock_resets, whole.events.len()), (None, 0, 1000));
     assert!(wrapped.report.steps_back > 70);
     let wraps = wrapped.report.counter_wraps.take();
-    // The one before it has the highest count, which of unsigned numbers is read as -1.
+    // The event before it has the highest count, which is read as -1 if unsigned.
     assert!(wraps.is_some_and(|wraps| wraps.count == 1 && (501..=502).contains(&wraps.first_event)), "{wraps:?}");
     assert_eq!((wrapped.error, wrapped.events, wrapped.report), (None, whole.events, whole.report));
 }
 
-/// A file cut at any byte gives the beginning of its events and tells of the loss or of the damage; a file with any
-/// byte changed panics nowhere and gives events in order.
+/// Checks damaged versions of a file. A file cut at any byte gives the first of its events and reports the loss or the
+/// damage. A file with any byte changed causes no panic and gives events in order of time.
 pub fn check_damage(content: &[u8]) {
     let whole = read(content);
     assert!(whole.error.is_none() && !whole.events.is_empty(), "{:?}", whole.error);
     for cut in 0..content.len() {
         let part = read(&content[..cut]);
         assert!(whole.events.starts_with(&part.events), "cut at {cut}");
-        let told = part.error.is_some() || part.report.truncated.is_some();
-        // At the end of a record nothing can be noticed.
+        let is_reported = part.error.is_some() || part.report.truncated.is_some();
+        // A cut at the end of a record cannot be detected.
         let few = content.len() - cut;
-        assert!(told || part.events.len() < whole.events.len() || few < 64, "cut at {cut}");
+        assert!(is_reported || part.events.len() < whole.events.len() || few < 64, "cut at {cut}");
         if let Some(truncated) = part.report.truncated {
             assert!(truncated.byte <= cut as u64, "cut at {cut}: {}", truncated.byte);
         }

@@ -1,14 +1,16 @@
 //! Text and CSV: one event per line.
 //!
-//! Fields are separated by spaces, tabs, commas or semicolons. Lines that begin with `#` or `%` are
-//! comments. What the columns are is taken from, in this order: [`RecordingOptions::columns`], a line of
-//! names at the top (also inside the last comment), the values of the first lines. The unit of time
-//! comes from [`RecordingOptions::time_unit`], the name of the column (`t_us`, `time [s]`…), or the
-//! values: with decimals, seconds; whole numbers, microseconds unless they are beyond 10¹⁷ or all
-//! multiples of 1000 below 10¹⁵, then nanoseconds, unless no camera sends as many events. Whatever was guessed is in [`RecordingInformation::notes`].
+//! Fields are separated by spaces, tabs, commas or semicolons. Lines that begin with `#` or `%` are comments.
 //!
-//! Polarity is 1 (ON) and 0 or −1 (OFF), or `true` and `false`. Before the first event a line with
-//! two whole numbers may give the width and height of the sensor.
+//! The columns are determined by the first of these that is available: [`RecordingOptions::columns`], a header line
+//! (which may be the last comment), the values of the first lines. The unit of the times is determined by
+//! [`RecordingOptions::time_unit`], the name of the column (`t_us`, `time [s]`…), or the values. Values with decimals
+//! are seconds. Whole numbers are microseconds, or nanoseconds if they exceed 10¹⁷, or if all are multiples of 1000
+//! below 10¹⁵ and the resulting event rate is possible. [`RecordingInformation::notes`] contains everything that was
+//! guessed.
+//!
+//! Polarity is 1 (ON) and 0 or −1 (OFF), or `true` and `false`. A line with two whole numbers before the first event is
+//! taken as width and height of the sensor.
 
 pub(crate) mod error;
 mod layout;
@@ -42,7 +44,7 @@ pub const FORMAT: FileFormat = FileFormat {
     ..FileFormat::of_events("text", recognise, Decoder::open)
 };
 
-/// Text with a line of names, `t_us,x,y,p`.
+/// Text with the header line `t_us,x,y,p`.
 pub const OUTPUT: OutputFormat = OutputFormat {
     name: "csv",
     title: None,
@@ -61,7 +63,7 @@ fn recognise(head: &Head) -> bool {
 }
 
 const BATCH: usize = 32_768;
-/// Stands in front of the text where an editor of Windows wrote it.
+/// Mark that editors on Windows write at the beginning of a text file.
 const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
 
 struct Decoder {
@@ -71,17 +73,17 @@ struct Decoder {
     counter: TimeCounter,
     information: RecordingInformation,
     line: Vec<u8>,
-    /// Number of the line that was read last, from 1.
+    /// Number of the latest line, from 1.
     number: u64,
     /// Offset of the next line.
     byte: u64,
-    /// Length of the file.
+    /// Length of the file in bytes.
     length: u64,
-    /// Length of the last field of the line before.
+    /// Length of the last field of the previous line.
     last_field: usize,
 }
 
-/// What a line turned out to be.
+/// Result of reading a line.
 enum Line {
     End,
     Nothing,
@@ -114,7 +116,7 @@ impl Decoder {
         Ok(Box::new(Self { path, file, layout, counter, information, line, number: 0, byte, length, last_field: 0 }))
     }
 
-    /// The event of the next line, if that is in the buffer as a whole and plain.
+    /// Reads the event of the next line if the line is plain and completely in the buffer.
     fn next_plain_line(&mut self) -> Option<Event> {
         if self.number < self.layout.first_line {
             return None;
@@ -150,14 +152,14 @@ impl Decoder {
         }
         let last_field = line.iter().rev().take_while(|byte| !is_separator(byte)).count();
         let event = event(line, &self.layout);
-        // Without its end, a line may have lost digits of its last field; that of a polarity has none to lose.
+        // A line without its end may have lost digits of its last field, unless that is a polarity, which has only one.
         let ends_in_polarity = self.layout.columns.as_slice().last() == Some(&Column::P);
         let shorter = !ends_in_polarity && last_field < self.last_field;
         self.last_field = last_field;
         match event {
             Ok(event) if whole || !shorter => Ok(Line::Event(event)),
             Ok(_) | Err(_) if !whole => {
-                let lost = format!("line {} is not whole ({length} bytes)", self.number);
+                let lost = format!("line {} is incomplete ({length} bytes)", self.number);
                 report.truncated = Some(Truncation { byte: start, lost });
                 Ok(Line::End)
             }
@@ -208,10 +210,10 @@ fn is_separator(byte: &u8) -> bool {
     matches!(byte, b' ' | b'\t' | b',' | b';')
 }
 
-/// The fields of a line from left to right. Spaces and tabs separate; so does one comma or semicolon, with or without spaces
-/// around it.
+/// Iterator over the fields of a line, from left to right. Fields are separated by spaces and tabs, or by one comma or
+/// semicolon with optional spaces around it.
 struct Fields<'a> {
-    /// What follows the fields that were handed out; `None` behind the last one.
+    /// The rest of the line after the fields returned so far; `None` after the last one.
     rest: Option<&'a [u8]>,
 }
 
@@ -231,7 +233,7 @@ impl<'a> Iterator for Fields<'a> {
         let spaces = after.iter().take_while(|byte| matches!(byte, b' ' | b'\t')).count();
         let after = after.get(spaces..).unwrap_or_default();
         self.rest = match after.split_first() {
-            // Behind a separator at the end of the line there is one more, empty field.
+            // A separator at the end of the line is followed by an empty field.
             Some((b',' | b';', after)) => Some(after.trim_ascii_start()),
             Some(_) => Some(after),
             None => None,
@@ -240,7 +242,7 @@ impl<'a> Iterator for Fields<'a> {
     }
 }
 
-/// The event of a line.
+/// Parses the event of a line.
 fn event(line: &[u8], layout: &Layout) -> Result<Event, LineError> {
     let columns = layout.columns.as_slice();
     let mut event = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
@@ -257,7 +259,7 @@ fn event(line: &[u8], layout: &Layout) -> Result<Event, LineError> {
     wrong.map_or(Ok(event), Err)
 }
 
-/// Puts the field of a column into its place in `event`.
+/// Stores the field of a column in `event`.
 fn put(event: &mut Event, column: Column, field: &[u8], unit: TimeUnit) -> Result<(), LineError> {
     let shown = || String::from_utf8_lossy(field).into_owned();
     let pixel = |axis| number::pixel(field).ok_or_else(|| LineError::Pixel { field: shown(), axis });
@@ -273,7 +275,7 @@ fn put(event: &mut Event, column: Column, field: &[u8], unit: TimeUnit) -> Resul
     Ok(())
 }
 
-/// Writes a line of names and one line `t x y p` per event, times in microseconds.
+/// Encoder of text: a header line and one line `t x y p` per event, times in microseconds.
 struct Encoder<W> {
     output: W,
     line: String,
@@ -336,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn the_usual_forms_give_the_same_events() {
+    fn usual_notations_give_the_same_events() {
         let expected =
             [event(3811, 96, 133, Polarity::Off), event(3820, 5, 7, Polarity::On), event(4001, 345, 259, Polarity::On)];
         for text in [
@@ -355,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_guessed_is_told_and_what_was_said_is_not() {
+    fn guesses_are_noted_and_options_are_not() {
         let (_, information, _) = default("0.1 5 7 1\n0.2 6 8 0\n");
         assert!(information.notes.iter().any(|note| note.contains("t,x,y,p")), "{:?}", information.notes);
         assert!(information.notes.iter().any(|note| note.contains("seconds")), "{:?}", information.notes);
@@ -372,7 +374,7 @@ mod tests {
     }
 
     #[test]
-    fn options_have_the_last_word() {
+    fn options_take_precedence() {
         let options = RecordingOptions {
             columns: Some("-,y,x,p,t".parse().unwrap()),
             time_unit: Some(TimeUnit::Milliseconds),
@@ -383,7 +385,7 @@ mod tests {
         assert_eq!(information.notes, [""; 0]);
     }
 
-    /// Fields beyond the sixteenth were counted but not kept: every event was one of time 0 at pixel (0, 0).
+    /// Columns beyond the sixteenth must be kept.
     #[test]
     fn columns_far_to_the_right_are_read() {
         let others = |field: &str| [field; 16].join(",");
@@ -400,9 +402,9 @@ mod tests {
         assert!(failure(&lines).contains("it has 20 fields in a row"));
     }
 
-    /// The first event was taken for names, for an empty field is no number.
+    /// An empty field is not a number, but the line is still an event.
     #[test]
-    fn empty_fields_do_not_make_a_first_event_names() {
+    fn a_first_event_with_empty_fields_is_not_a_header() {
         let expected = [event(1, 5, 7, Polarity::On), event(2, 6, 8, Polarity::Off)];
         for (lines, columns) in [
             ("1,5,7,1,\n2,6,8,0,\n", "t,x,y,p,-"),
@@ -415,16 +417,16 @@ mod tests {
         assert!(failure("1,5,7,1,\n2,6,8,0,\n").contains("it has 5 fields in a row"));
     }
 
-    /// The first line was read with the mark, which is no part of a time.
+    /// The mark is not part of the first time.
     #[test]
-    fn a_byte_order_mark_is_left_out_without_names_too() {
+    fn a_byte_order_mark_is_skipped_without_header_too() {
         let (events, _, report) = default("\u{feff}0.001 5 6 1\n0.002 7 8 0\n0.0");
         assert_eq!(events, [event(1000, 5, 6, Polarity::On), event(2000, 7, 8, Polarity::Off)]);
         assert_eq!(report.truncated.unwrap().byte, 27);
     }
 
     #[test]
-    fn times_go_on_where_their_counter_wraps() {
+    fn times_continue_after_a_counter_wrap() {
         let text = |wrap: i64, time: &dyn Fn(i64) -> String| {
             let events = testing::events_around(wrap);
             let line =
@@ -438,9 +440,9 @@ mod tests {
         testing::check_wrap(&text(1 << 32, &|t| seconds(testing::KEPT[0](t))), &text(1 << 32, &seconds));
     }
 
-    /// A minute before the end of the counter's range.
+    /// The reset is a minute before the end of the counter's range.
     #[test]
-    fn a_reset_of_the_clock_is_no_wrap_of_its_counter() {
+    fn a_clock_reset_is_not_a_counter_wrap() {
         let line = |t: i64| format!("{t} 5 7 1\n");
         let (before, after) = ((4_235_000_000..).step_by(100).take(200), (0..).step_by(100).take(200));
         let (events, _, report) = default(&before.clone().chain(after.clone()).map(line).collect::<String>());
@@ -482,7 +484,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_header_or_unclear_columns_are_told() {
+    fn a_wrong_header_or_unclear_columns_are_reported() {
         for text in [
             "a,b,c,d\n1,2,3,1\n",
             "t,x,y\n1,2,3\n",
@@ -492,13 +494,13 @@ mod tests {
             "t,x,y,p,p\n1,2,3,1,1\n",
         ] {
             let message = failure(text);
-            let parts = ["where t, x, y and p were expected", "not clear which columns are time, x, y and polarity"];
+            let parts = ["t, x, y and p were expected", "not clear which columns are time, x, y and polarity"];
             assert!(parts.iter().any(|part| message.contains(part)), "{text}: {message}");
         }
     }
 
     #[test]
-    fn a_last_line_that_lost_digits_is_left_out() {
+    fn a_last_line_that_lost_digits_is_dropped() {
         // x y p t: the time of the last line was 4001.
         let (events, _, report) = default("96,133,0,3811\n5,7,1,3820\n345,259,1,40");
         assert_eq!(events.len(), 2);

@@ -1,4 +1,4 @@
-//! Writing recordings.
+//! Writer of recordings with one event stream, and the list of output formats.
 
 use std::fmt;
 use std::fs::File;
@@ -13,20 +13,20 @@ use super::encode::{Description, Encode, WriteError};
 use super::extras::OtherStreams;
 use crate::formats::FORMATS;
 
-/// The formats that can be written.
+/// Returns the formats that can be written.
 pub fn output_formats() -> impl Iterator<Item = OutputFormat> {
     FORMATS.iter().filter_map(|format| format.output).copied()
 }
 
 impl OutputFormat {
-    /// The format that the extension of `path` stands for, if any does.
+    /// Returns the output format for the extension of `path`, if there is one.
     pub fn from_extension(path: &Path) -> Option<Self> {
         let extension = path.extension()?.to_string_lossy().to_lowercase();
         output_formats().find(|format| format.extensions.contains(&extension.as_str()))
     }
 }
 
-/// The text names no format that can be written.
+/// The text is not the name of an output format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub struct NoOutputFormat;
 
@@ -40,7 +40,7 @@ impl fmt::Display for NoOutputFormat {
     }
 }
 
-/// Formats by their names on the command line.
+/// Parses the name of a format as on the command line.
 impl FromStr for OutputFormat {
     type Err = NoOutputFormat;
 
@@ -49,12 +49,12 @@ impl FromStr for OutputFormat {
     }
 }
 
-/// The extensions of all formats that can be written, for a sentence.
+/// Returns the extensions of all output formats as text for a sentence: ".a, .b or .c".
 pub fn output_extensions() -> String {
     listed(output_formats().flat_map(|format| format.extensions).map(|extension| format!(".{extension}")))
 }
 
-/// The words with commas between them and "or" before the last.
+/// Joins words with commas, and "or" before the last.
 fn listed(words: impl Iterator<Item = String>) -> String {
     let words: Vec<String> = words.collect();
     match words.split_last() {
@@ -64,32 +64,32 @@ fn listed(words: impl Iterator<Item = String>) -> String {
     }
 }
 
-/// Writes a recording of one event stream.
+/// Writer of a recording with one event stream.
 pub struct EventWriter(Box<dyn Encode>);
 
 impl EventWriter {
-    /// Creates the file at `path` for events of a sensor of `sensor` (width, height) pixels.
-    /// `camera_name` (model and serial number) is kept where the format has a place for it.
+    /// Creates the file at `path` for events of a sensor of `sensor` (width, height) pixels. `camera_name` (model and
+    /// serial number) is stored if the format supports it.
     ///
     /// # Errors
-    /// When the file cannot be created, or the format is for another sensor.
+    /// When the file cannot be created, or the format does not support this sensor.
     pub fn create(path: &Path, format: OutputFormat, sensor: Sensor, camera_name: &str) -> Result<Self, WriteError> {
         let description = Description { sensor, camera_name, others: OtherStreams::default(), zero: 0 };
         Ok(Self((format.create)(&mut || File::create(path), &description)?))
     }
 
-    /// Writes `events`, whose times must not be earlier than those written before.
+    /// Writes `events`. Their times must not be earlier than times written before.
     ///
     /// # Errors
-    /// When the output refuses.
+    /// When the output cannot be written.
     pub fn write(&mut self, events: &[Event]) -> Result<(), WriteError> {
         self.0.write(events)
     }
 
-    /// Closes the file. Without it the file is as if the program had been killed.
+    /// Completes the file. Without this call it is incomplete, as if the program had been killed.
     ///
     /// # Errors
-    /// When the output refuses.
+    /// When the output cannot be written.
     pub fn finish(mut self) -> Result<(), WriteError> {
         self.0.finish()
     }

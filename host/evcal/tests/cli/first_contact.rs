@@ -267,7 +267,7 @@ fn a_new_simulation_that_does_not_come_to_its_end_leaves_the_old_one() {
     // What is in the way is told before the work.
     fs::write(folder.join("second"), "mine").unwrap();
     let errors = fail(1, &[&longer[..], &["--second-camera", "--second-frames"]].concat());
-    assert!(errors.contains("second is no folder") && errors.contains("move it away"), "{errors}");
+    assert!(errors.contains("second is not a folder") && errors.contains("move it away"), "{errors}");
     fs::remove_file(folder.join("second")).unwrap();
     fs::create_dir(folder.join("imu.csv")).unwrap();
     let errors = fail(1, &longer);

@@ -200,7 +200,7 @@ const FILES: &[Mistake] = &[
     mistake("calibrate DIR/empty.csv --board BOARD -o DIR/out", 1, "empty.csv", "empty"),
     mistake("calibrate DIR/picture.png --board BOARD -o DIR/out", 1, "picture.png", "PNG"),
     mistake("calibrate DIR/recording.h5 --board BOARD -o DIR/out", 1, "structure of the HDF5 file", "copy it again"),
-    mistake("calibrate DIR/words.txt --board BOARD -o DIR/out", 1, "in no format known here", "known: AEDAT4"),
+    mistake("calibrate DIR/words.txt --board BOARD -o DIR/out", 1, "has an unknown format", "known: AEDAT4"),
     mistake("calibrate DIR/camera/calibration.json --board BOARD -o DIR/out", 1, "is a JSON file", "evcal export"),
     mistake(
         "calibrate DIR/sizeless.csv --board BOARD -o DIR/out",

@@ -2,11 +2,12 @@
 //!
 //! | word | bits |
 //! |---|---|
-//! | level of a pixel | 31 set; 22–30 row, from below; 12–21 column, from the left, unlike that of events; 10–11: 0 after the reset, 1 after the exposure; 0–9 level |
+//! | level of a pixel | 31 set; 22–30 row, from below; 12–21 column, from the left (unlike in events); 10–11: 0 after the reset, 1 after the exposure; 0–9 level |
 //! | part of an inertial sample | 31, 11 and 10 set; 28–30: 0 to 2 acceleration x, y, z, 3 temperature, 4 to 6 rate about x, y, z; 12–27 value |
 //!
-//! A pixel is as bright as its level fell during the exposure (jAER: `DavisChip`, `DavisBaseCamera`, `IMUSample`). The axes of the
-//! samples are those of the inertial unit: how it is turned against the sensor, jAER does not say without contradiction.
+//! The brightness of a pixel is the decrease of its level during the exposure (jAER: `DavisChip`, `DavisBaseCamera`,
+//! `IMUSample`). Samples are in the axes of the IMU, because jAER's sources contradict each other about its orientation
+//! to the sensor.
 
 use std::path::Path;
 
@@ -20,49 +21,50 @@ use crate::options::RecordingOptions;
 use crate::pictures::{NoImage, TimedImage};
 use crate::read_report::ReadReport;
 
-/// Names of what a pass through the events leaves out.
+/// Names of the words that a pass through the events passes over.
 pub const LEVELS: &str = "words of frames";
 pub const SAMPLES: &str = "words of inertial samples";
-/// Bytes that are read at a time: whole records.
+/// Number of bytes that are read at a time; a multiple of [`RECORD`].
 const BLOCK: u64 = 1 << 15;
-/// Words of a sample.
+/// Number of words per sample.
 const PARTS: usize = 7;
-/// Units from zero to the end of a range.
+/// Value of a word at the end of the range.
 const UNITS: f32 = 32_768.0;
 const DEGREES_PER_UNIT: f32 = 1.0 / 340.0;
 const ZERO_DEGREES: f32 = 35.0;
 
-/// Levels of one kind of the pixels of a frame.
+/// Levels of the pixels of a frame, either after the reset or after the exposure.
 struct Levels {
-    /// Row by row.
+    /// Level of each pixel of the sensor, row by row.
     levels: Vec<Option<u16>>,
-    /// The pixels that have one. Frames may be of few pixels, and there may be very many such frames: none looks at the whole sensor.
-    places: Vec<usize>,
-    /// When the first and the last were read.
+    /// Indices of the pixels that have a level. They make small frames cheap: a file may contain very many frames
+    /// of few pixels.
+    indices: Vec<usize>,
+    /// Times of the first and the last level.
     times: Option<(i64, i64)>,
 }
 
 impl Levels {
     fn new(sensor: Sensor) -> Self {
-        Self { levels: vec![None; sensor.pixel_count()], places: Vec::new(), times: None }
+        Self { levels: vec![None; sensor.pixel_count()], indices: Vec::new(), times: None }
     }
 
-    fn get(&self, place: usize) -> Option<u16> {
-        self.levels.get(place).copied().flatten()
+    fn get(&self, index: usize) -> Option<u16> {
+        self.levels.get(index).copied().flatten()
     }
 
-    fn set(&mut self, place: usize, level: u16, t: i64) {
+    fn set(&mut self, index: usize, level: u16, t: i64) {
         self.times = Some((self.times.map_or(t, |times| times.0), t));
-        if let Some(known) = self.levels.get_mut(place)
+        if let Some(known) = self.levels.get_mut(index)
             && known.replace(level).is_none()
         {
-            self.places.push(place);
+            self.indices.push(index);
         }
     }
 
     fn clear(&mut self) {
-        for place in self.places.drain(..) {
-            if let Some(level) = self.levels.get_mut(place) {
+        for index in self.indices.drain(..) {
+            if let Some(level) = self.levels.get_mut(index) {
                 *level = None;
             }
         }
@@ -70,7 +72,7 @@ impl Levels {
     }
 }
 
-/// A frame that grows level by level.
+/// A frame of which levels are still being read.
 struct Growing {
     sensor: Sensor,
     reset: Levels,
@@ -82,31 +84,32 @@ impl Growing {
         Self { sensor, reset: Levels::new(sensor), exposed: Levels::new(sensor) }
     }
 
-    /// Takes a level; the frame before it if it is the first of another one, and the frame that it makes complete.
+    /// Adds a level. Returns up to two frames: the previous one, if this level begins another, and this one, if the
+    /// level completes it.
     fn push(&mut self, word: u32, t: i64) -> [Option<Frame>; 2] {
         let (width, height) = (usize::from(self.sensor.width), usize::from(self.sensor.height));
         let (column, row) = ((word >> 12 & 0x3ff) as usize, (word >> 22 & 0x1ff) as usize);
         let Some(row) = height.checked_sub(1 + row).filter(|_| column < width) else { return [None, None] };
-        let (place, level) = (row * width + column, (word & 0x3ff) as u16);
+        let (index, level) = (row * width + column, (word & 0x3ff) as u16);
         match word >> 10 & 3 {
             0 => {
-                // Where the shutter rolls, rows are reset while others are read.
-                let again = self.reset.get(place).is_some() && self.exposed.times.is_some();
+                // With a rolling shutter, rows are reset while others are read.
+                let again = self.reset.get(index).is_some() && self.exposed.times.is_some();
                 let before = if again { self.take() } else { None };
-                self.reset.set(place, level, t);
+                self.reset.set(index, level, t);
                 [before, None]
             }
             1 => {
-                self.exposed.set(place, level, t);
-                let complete = if self.exposed.places.len() == width * height { self.take() } else { None };
+                self.exposed.set(index, level, t);
+                let complete = if self.exposed.indices.len() == width * height { self.take() } else { None };
                 [None, complete]
             }
-            // A third level, which no camera sends any more.
+            // A third read, which current cameras do not send.
             _ => [None, None],
         }
     }
 
-    /// The frame of the levels so far, if they fill a rectangle; then another begins.
+    /// Returns the frame if its levels so far fill a rectangle, and begins another one.
     fn take(&mut self) -> Option<Frame> {
         let frame = self.frame();
         self.reset.clear();
@@ -117,18 +120,19 @@ impl Growing {
     fn frame(&self) -> Option<Frame> {
         let (reset, exposed) = (self.reset.times?, self.exposed.times?);
         let width = usize::from(self.sensor.width).max(1);
-        let columns = || self.exposed.places.iter().map(|place| place % width);
-        let rows = || self.exposed.places.iter().map(|place| place / width);
+        let columns = || self.exposed.indices.iter().map(|index| index % width);
+        let rows = || self.exposed.indices.iter().map(|index| index / width);
         let (left, right) = (columns().min()?, columns().max()?);
         let (top, bottom) = (rows().min()?, rows().max()?);
-        let value = |place: usize| {
-            let fallen = self.reset.get(place)?.saturating_sub(self.exposed.get(place)?);
-            // The upper 8 of 10 bits.
+        let value = |index: usize| {
+            let fallen = self.reset.get(index)?.saturating_sub(self.exposed.get(index)?);
+            // Keeps the upper 8 of 10 bits.
             Some((fallen >> 2) as u8)
         };
-        let places = (top..=bottom).flat_map(|row| (left..=right).map(move |column| row * width + column));
-        let pixels = places.map(value).collect::<Option<Vec<u8>>>()?;
-        // Where the shutter rolls, resets go on while the first rows are read, and no exposure is that of all rows.
+        let indices = (top..=bottom).flat_map(|row| (left..=right).map(move |column| row * width + column));
+        let pixels = indices.map(value).collect::<Option<Vec<u8>>>()?;
+        // With a rolling shutter, resets continue while the first rows are read, so there is no common
+        // exposure of all rows.
         let exposure = (reset.1 <= exposed.0).then_some((reset.1, exposed.0));
         let (begin, end) = exposure.unwrap_or((reset.0, exposed.1));
         Some(Frame {
@@ -143,7 +147,7 @@ impl Growing {
     }
 }
 
-/// The parts of a sample, in their order.
+/// An inertial sample of which parts are still being read, in their order.
 #[derive(Default)]
 struct Sample {
     ranges: Ranges,
@@ -152,14 +156,14 @@ struct Sample {
 }
 
 impl Sample {
-    /// Takes a part; the sample that it makes complete.
+    /// Adds a part. Returns the sample if the part completes it.
     fn push(&mut self, word: u32, t: i64) -> Option<InertialSample> {
         let part = (word >> 28 & 7) as usize;
         if part == 0 {
             (self.t, self.parts) = (t, Vec::new());
         }
         if part != self.parts.len() {
-            // One was lost: the next whole sample counts again.
+            // A part was lost, so this sample is discarded.
             self.parts.clear();
             return None;
         }
@@ -175,20 +179,20 @@ impl Sample {
     }
 }
 
-/// The words of a file, of which frames and samples are made.
+/// Reader of the words of a file, which builds frames and samples from them.
 struct Words {
     file: ByteReader,
     clock: Clock,
     frame: Growing,
     sample: Sample,
     block: Vec<u8>,
-    /// Frames and samples that are complete, in their order.
+    /// Complete frames and samples that have not been returned yet, in order.
     waiting: std::collections::VecDeque<Extra>,
     ended: bool,
 }
 
 impl Words {
-    /// `None` where there can be none: only a DAVIS has them.
+    /// Opens the file; `None` if its camera is not a DAVIS, and thus has neither frames nor samples.
     fn open(path: &Path, options: &RecordingOptions) -> Result<Option<Self>, RecordingError> {
         let start = start(path, options)?;
         let Layout::Davis(sensor) = start.layout else { return Ok(None) };
@@ -205,7 +209,7 @@ impl Words {
 
     fn next(&mut self) -> Result<Option<Extra>, RecordingError> {
         while self.waiting.is_empty() && !self.ended {
-            // A record that is cut off is reported by the reader of events.
+            // The reader of the events reports a record that is cut off.
             self.ended = !self.file.read_records::<RECORD>(&mut self.block, BLOCK, &mut ReadReport::default())?;
             for &[a, b, c, d, time @ ..] in self.block.as_chunks::<RECORD>().0 {
                 let (word, t) = (u32::from_be_bytes([a, b, c, d]), self.clock.time(u32::from_be_bytes(time)));
@@ -222,7 +226,7 @@ impl Words {
         Ok(self.waiting.pop_front())
     }
 
-    /// What there is in the file.
+    /// Returns the kinds of streams in the file.
     fn held(mut self) -> Result<OtherStreams, RecordingError> {
         let mut held = OtherStreams::default();
         while !(held.frames && held.imu) {
@@ -242,7 +246,7 @@ struct WordExtras {
     held: OtherStreams,
 }
 
-/// Opens those of the file at `path`.
+/// Opens the frames and inertial samples of the file at `path`.
 pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
     let held = Words::open(path, options)?.map_or(Ok(OtherStreams::default()), Words::held)?;
     let mut words = Words::open(path, options)?;
@@ -268,7 +272,7 @@ impl ReadExtras for WordExtras {
     }
 }
 
-/// Hands the frames of the file at `path` to `visit`. The inner error ended them early.
+/// Passes the frames of the file at `path` to `visit`. An inner error ended them early.
 pub fn visit_frames(
     path: &Path,
     options: &RecordingOptions,
@@ -298,7 +302,7 @@ mod tests {
     const RESET: u32 = 0;
     const EXPOSED: u32 = 1 << 10;
 
-    /// The level of a pixel whose column counts from the left and whose row counts from above.
+    /// Returns the word of a level; x counts from the left and y from above.
     fn level(x: u32, y: u32, cycle: u32, level: u32) -> u32 {
         0x8000_0000 | (179 - y) << 22 | x << 12 | cycle | level
     }
@@ -308,13 +312,13 @@ mod tests {
         (0..).zip(values).map(|part| [word(part), t]).collect()
     }
 
-    /// A frame of 3 x 2 pixels, whose levels are read column by column.
+    /// Returns the words of a frame of 3 x 2 pixels, whose levels are read column by column.
     fn frame(t: u32) -> Vec<[u32; 2]> {
-        let places = || (0..3).flat_map(|x| (0..2).map(move |y| (x, y)));
-        let reset = places().zip(t..).map(|((x, y), t)| [level(10 + x, 20 + y, RESET, 900), t]);
+        let pixels = || (0..3).flat_map(|x| (0..2).map(move |y| (x, y)));
+        let reset = pixels().zip(t..).map(|((x, y), t)| [level(10 + x, 20 + y, RESET, 900), t]);
         let fallen = |x: u32, y: u32| 4 * (1 + x + 3 * y);
         let exposed =
-            places().zip(t + 1000..).map(|((x, y), t)| [level(10 + x, 20 + y, EXPOSED, 900 - fallen(x, y)), t]);
+            pixels().zip(t + 1000..).map(|((x, y), t)| [level(10 + x, 20 + y, EXPOSED, 900 - fallen(x, y)), t]);
         reset.chain(exposed).collect()
     }
 
@@ -336,14 +340,14 @@ mod tests {
     }
 
     #[test]
-    fn frames_and_samples_made_by_hand() {
-        // The clock passes the end of its 32 bits.
+    fn frames_and_samples_are_decoded() {
+        // The clock overflows its 32 bits.
         let t = 0x7fff_ff00;
         let records = [
             vec![event(t)],
             frame(t + 10),
             sample(t + 3000, [4096, -4096, 2048, 340, 4096, -4096, 2048]),
-            // Two parts are missing: no sample.
+            // Two parts are missing, so this is not a sample.
             sample(t + 4000, [1; PARTS])[..5].to_vec(),
             sample(t + 5000, [0; PARTS]),
             frame(t + 6000),
@@ -388,7 +392,7 @@ mod tests {
         let mut count = 0;
         assert_eq!(recording.visit_frames(|_| count += 1).unwrap(), None);
         assert_eq!(count, 2);
-        // The events are read as ever.
+        // The events are unaffected.
         let events = testing::read(&file(&records.concat())).events;
         assert_eq!(
             events.iter().map(|event| (event.t - t, event.x, event.y)).collect::<Vec<_>>(),
@@ -397,7 +401,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_with_missing_pixels_is_left_out() {
+    fn a_frame_with_missing_pixels_is_dropped() {
         let mut records = frame(100);
         records.remove(8);
         let records = [records, frame(5000), vec![event(9000)]].concat();
@@ -407,28 +411,28 @@ mod tests {
         assert_eq!(times, [(5005, 6000)]);
     }
 
-    /// Each frame looked at all pixels of the sensor, and took memory for them anew.
+    /// The cost of a frame must depend on its own pixels, not on the size of the sensor.
     #[test]
-    fn frames_of_one_pixel_take_no_more_than_that() {
+    fn frames_of_one_pixel_are_cheap() {
         let mut frame = Growing::new(SENSOR);
         let memory = (frame.reset.levels.as_ptr(), frame.exposed.levels.as_ptr());
         let pair = |index: u32| [level(10, 7, RESET, 40 + 4 * (index % 200)), level(10, 7, EXPOSED, 40)];
         let words = (0..100_000).flat_map(pair).zip(0..);
         let frames: Vec<Frame> = words.flat_map(|(word, t)| frame.push(word, t)).flatten().collect();
-        // The last one may still grow.
+        // The last frame may still be incomplete.
         assert_eq!(frames.len(), 99_999);
         for (frame, index) in frames.iter().zip(0..) {
             assert_eq!((frame.size, frame.position, frame.pixels[0]), ((1, 1), (10, 7), (index % 200) as u8));
             assert_eq!(frame.exposure, Some((2 * index, 2 * index + 1)));
         }
         assert_eq!(memory, (frame.reset.levels.as_ptr(), frame.exposed.levels.as_ptr()));
-        assert_eq!((frame.reset.places.len(), frame.exposed.places.len()), (1, 1));
+        assert_eq!((frame.reset.indices.len(), frame.exposed.indices.len()), (1, 1));
     }
 
     #[test]
-    fn a_whole_sensor_is_a_frame() {
-        let places = || (0..180).flat_map(|y| (0..240).map(move |x| (x, y)));
-        let words = |cycle, value: u32, t| places().map(move |(x, y)| [level(x, y, cycle, value), t]);
+    fn a_frame_may_fill_the_sensor() {
+        let pixels = || (0..180).flat_map(|y| (0..240).map(move |x| (x, y)));
+        let words = |cycle, value: u32, t| pixels().map(move |(x, y)| [level(x, y, cycle, value), t]);
         let records: Vec<[u32; 2]> = words(RESET, 800, 10).chain(words(EXPOSED, 400, 30)).chain([event(40)]).collect();
         let (_directory, recording) = recording(&records);
         let mut sizes = Vec::new();
@@ -452,7 +456,7 @@ mod tests {
     }
 
     #[test]
-    fn damage_panics_nowhere() {
+    fn damage_does_not_panic() {
         let records = [frame(100), sample(3000, [1, -2, 3, -4, 5, -6, 7]), (0..20).map(event).collect()].concat();
         let content = file(&records);
         for cut in 0..content.len() {

@@ -1,6 +1,6 @@
 //! Frames and inertial samples of AEDAT 3. In 3.0 rows count from below.
 //!
-//! | packet | an event is |
+//! | packet | layout of an event |
 //! |---|---|
 //! | 2, frames | u32 (bit 0 valid, 1–3 channels), i32 times in µs: start and end of the frame, start and end of the exposure; i32 width, height, column, row; u16 values, red before blue |
 //! | 3, inertial samples | u32 (bit 0 valid), i32 time in µs; f32 accelerations x, y, z in g, rates x, y, z in °/s, °C |
@@ -11,28 +11,28 @@ use super::packets::{Header, PacketHead, header, name, next_head, sensor, time};
 use super::{chosen, other_name};
 use crate::bytes::ByteReader;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::extras::{BOTH, Extra, Frame, InertialSample, OtherStreams, ReadExtras, take_until, told};
+use crate::extras::{BOTH, Extra, Frame, InertialSample, OtherStreams, ReadExtras, read_or_report, take_until};
 use crate::format::Head;
 use crate::options::RecordingOptions;
 use crate::pictures::TimedImage;
 
 const FRAMES: i16 = 2;
 const SAMPLES: i16 = 3;
-/// Bytes of a frame before its pixels.
+/// Number of bytes of a frame before its pixels.
 const FRAME_HEAD: usize = 36;
 const SAMPLE: usize = 36;
-/// A frame or sample that is said to be larger (64 MiB) is damaged.
+/// Size limit of a frame or sample in bytes (64 MiB); a larger one is treated as damage.
 const LARGEST: u64 = 1 << 26;
 
-/// The packets of one camera in a file, of which frames and samples are decoded.
+/// Reader of the packets of one camera, which decodes frames and samples.
 struct Packets {
     file: ByteReader,
-    /// `None` if there is none that is read here, which the reader of events tells.
+    /// `None` if the header is invalid, which the reader of the events reports.
     header: Option<Header>,
     source: Option<i16>,
-    /// Height of the sensor, where rows count from below.
+    /// Height of the sensor, if rows count from below.
     from_below: Option<u16>,
-    /// What is left of a packet of which a part was read.
+    /// Head of the rest of a packet that has been read in part.
     begun: Option<PacketHead>,
     bytes: Vec<u8>,
 }
@@ -51,7 +51,7 @@ impl Packets {
         Ok(Self { file, header, source, from_below, begun: None, bytes: Vec::new() })
     }
 
-    /// The head of the next packet of frames or samples that is whole.
+    /// Returns the head of the next complete packet of frames or samples.
     fn next_packet(&mut self) -> Result<Option<PacketHead>, RecordingError> {
         while let Some(head) = next_head(&mut self.file, &mut None)?.filter(|head| head.length == head.wanted) {
             let is_of = |header: &Header| header.is_of(self.source, head.source);
@@ -75,7 +75,8 @@ impl Packets {
             if head.size == 0 || head.size > head.length || head.size > LARGEST {
                 self.file.seek(self.file.position() + head.length)?;
                 if head.size > LARGEST && head.length > 0 {
-                    let what = format!("a packet of {} says that one has {} bytes", name(head.kind), head.size);
+                    let what =
+                        format!("a packet of {} states a size of {} bytes per element", name(head.kind), head.size);
                     return Err(self.file.damaged(head.byte, what));
                 }
                 continue;
@@ -104,7 +105,7 @@ fn frame(head: &PacketHead, event: &[u8]) -> Option<Frame> {
     let (size, position) = ((side(width)?, side(height)?), (side(x)?, side(y)?));
     let channels = usize::from(info[0] >> 1 & 7);
     let values = usize::from(size.0) * usize::from(size.1) * channels;
-    // The upper 8 of 16 bits.
+    // Keeps the upper 8 of 16 bits.
     let upper = || pixels.as_chunks::<2>().0.get(..values).map(|values| values.iter().map(|[_, upper]| *upper));
     let pixels = match channels {
         1 => upper()?.collect(),
@@ -120,7 +121,7 @@ fn frame(head: &PacketHead, event: &[u8]) -> Option<Frame> {
     Some(Frame { t, exposure: Some(exposure), readout: Some((start, end)), size, position, channels, pixels })
 }
 
-/// The frame with its first row above, whose rows count from below where the height of the sensor is given.
+/// Flips a frame whose rows count from below. `from_below` is the height of the sensor if they do.
 fn upright(mut frame: Frame, from_below: Option<u16>) -> Frame {
     let Some(height) = from_below else { return frame };
     let row = usize::from(frame.size.0) * frame.channels;
@@ -146,11 +147,11 @@ struct PacketExtras {
     packets: Packets,
     next: Option<Extra>,
     held: OtherStreams,
-    /// Why the first could not be read.
+    /// Description of an error in the first element.
     lost: Vec<String>,
 }
 
-/// Opens those of the file at `path`.
+/// Opens the frames and inertial samples of the file at `path`.
 pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
     let mut heads = Packets::open(path, options)?;
     let mut held = OtherStreams::default();
@@ -161,14 +162,14 @@ pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtra
                 held.imu |= head.kind == SAMPLES;
                 heads.file.seek(heads.file.position() + head.length)?;
             }
-            // Damage is reported when its turn comes.
+            // Damage is reported when the packet is read.
             Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
             Err(error) => return Err(error),
         }
     }
     let mut packets = Packets::open(path, options)?;
     let mut lost = Vec::new();
-    let next = told(packets.next(), BOTH, &mut lost);
+    let next = read_or_report(packets.next(), BOTH, &mut lost);
     Ok(Box::new(PacketExtras { packets, next, held, lost }))
 }
 
@@ -194,7 +195,7 @@ impl ReadExtras for PacketExtras {
     }
 }
 
-/// Hands the frames of the file at `path` to `visit`. The inner error ended them early.
+/// Passes the frames of the file at `path` to `visit`. An inner error ended them early.
 pub fn visit_frames(
     path: &Path,
     options: &RecordingOptions,
@@ -264,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_and_samples_made_by_hand() {
+    fn frames_and_samples_are_decoded() {
         let (_directory, recording) = recording(&file());
         let mut extras = recording.open_extras().unwrap();
         assert_eq!(extras.held(), OtherStreams { frames: true, imu: true });
@@ -297,9 +298,9 @@ mod tests {
         assert_eq!(count, 2);
     }
 
-    /// In 3.0 the first row is the lowest one, and there is no mark at the end of the header.
+    /// In 3.0 the first row is the lowest one, and the header has no end mark.
     #[test]
-    fn frames_of_3_0_are_turned_upright() {
+    fn frames_of_3_0_are_flipped() {
         let content = file();
         let packets = content.windows(2).position(|bytes| bytes == b"\n\x01").unwrap() + 1;
         let lines = b"#!AER-DAT3.0\r\n#Format: RAW\r\n#Source 1: DAVIS346\r\n";
@@ -313,9 +314,9 @@ mod tests {
         assert_eq!(found.len(), 4);
     }
 
-    /// All frames of a packet were in memory before the first was handed over, and a packet may be as large as its file.
+    /// A packet may be as large as its file, so its frames must not be read at once.
     #[test]
-    fn frames_of_a_packet_come_one_by_one() {
+    fn frames_of_a_packet_are_read_one_by_one() {
         let good = frame_event(1, 1, &[0x0100, 0x0200, 0x0300, 0x0400, 0x0500, 0x0600]);
         let mut bad = good.clone();
         bad[20] = 4;
@@ -330,9 +331,9 @@ mod tests {
         assert_eq!(packets.bytes.len(), good.len());
     }
 
-    /// It was taken for the end of the file, without a word.
+    /// Damage must not look like the end of the file.
     #[test]
-    fn a_damaged_first_frame_is_told() {
+    fn a_damaged_first_frame_is_reported() {
         let mut bad = frame_event(1, 1, &[0x0100, 0x0200, 0x0300, 0x0400, 0x0500, 0x0600]);
         bad[20] = 4;
         let lines = b"#!AER-DAT3.1\r\n#Format: RAW\r\n#Source 1: DAVIS346\r\n#!END-HEADER\r\n";
@@ -342,7 +343,7 @@ mod tests {
         assert!(lost.len() == 1 && lost[0].contains(&format!("byte {}", lines.len())), "{lost:?}");
     }
 
-    /// As many bytes as the head of a packet told were read.
+    /// The reader must not allocate whatever size the head of a packet states.
     #[test]
     fn frames_that_are_too_large_are_damage() {
         let (directory, _) = recording(&file());
@@ -360,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_larger_than_its_place_is_damage() {
+    fn a_frame_larger_than_its_event_is_damage() {
         let mut content = file();
         let width = content.windows(8).rposition(|bytes| bytes == [3, 0, 0, 0, 2, 0, 0, 0]).unwrap();
         content[width] = 4;
@@ -370,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn damage_panics_nowhere() {
+    fn damage_does_not_panic() {
         testing::check_damage(&file());
     }
 }

@@ -1,4 +1,4 @@
-//! The lines at the top, and the heads of packets.
+//! The header lines and the heads of packets.
 
 use evcal_core::sensor::Sensor;
 
@@ -6,22 +6,22 @@ use crate::bytes::ByteReader;
 use crate::error::RecordingError;
 use crate::read_report::Truncation;
 
-/// How a file begins.
+/// First bytes of a file.
 pub const MAGIC: &[u8] = b"#!AER-DAT3.";
 const LAST_LINE: &str = "#!END-HEADER";
-/// No line of the header is longer.
+/// Length limit of a header line in bytes.
 const LONGEST_LINE: usize = 4096;
-/// Size of a packet's head.
+/// Size of a packet's head in bytes.
 const HEAD: usize = 28;
-/// Kind of packets of events.
+/// Kind number of packets with polarity events.
 pub const POLARITY: i16 = 1;
-/// Size of a polarity event.
+/// Size of a polarity event in bytes.
 pub const EVENT: usize = 8;
-/// Names of what packets hold, by kind.
+/// Names of the content of packets, indexed by kind.
 const KINDS: [&str; 5] = ["special events", "events", "frames", "inertial samples", "inertial samples with compass"];
-/// Kinds below this number are counted one by one: cAER has fewer.
+/// Kinds below this number are counted separately. cAER uses fewer.
 const KNOWN_KINDS: i16 = 32;
-/// What in the line of the source tells its sensor.
+/// Parts of source names, with the sensor of the camera.
 const SOURCES: &[(&str, Sensor)] = &[
     ("DAVIS346", Sensor::new(346, 260)),
     ("DAVIS240", Sensor::new(240, 180)),
@@ -29,22 +29,23 @@ const SOURCES: &[(&str, Sensor)] = &[
     ("DVS128", Sensor::new(128, 128)),
 ];
 
-/// What the lines at the top say.
+/// Content of the header lines.
 pub struct Header {
-    /// Version 3.0, where y counts from below.
+    /// `true` for version 3.0, in which y counts from below.
     pub from_below: bool,
     /// Number and name of each camera.
     pub sources: Vec<(i16, String)>,
-    /// When it was recorded.
+    /// Date of the recording.
     pub began: Option<String>,
-    /// How packets are put into bytes, `RAW` unless they are compressed.
+    /// Encoding of the packets: `RAW`, or the name of a compression.
     pub encoding: Option<String>,
     /// Number of bytes before the first packet.
     pub length: u64,
 }
 
 impl Header {
-    /// The camera that is asked for by its number or name, else the first one; `None` if there is none such.
+    /// Returns the camera with the `wanted` number or name, or the first one if `wanted` is `None`; `None` if there is
+    /// none.
     pub fn source(&self, wanted: Option<&str>) -> Option<&(i16, String)> {
         match wanted {
             Some(wanted) => self.sources.iter().find(|(number, name)| number.to_string() == wanted || name == wanted),
@@ -52,17 +53,18 @@ impl Header {
         }
     }
 
-    /// Whether packets of the source `number` are those of `chosen`. Where the header names but one source, all are.
+    /// `true` if packets of the source `number` belong to the camera `chosen`. If the header names only one source, all
+    /// packets do.
     pub fn is_of(&self, chosen: Option<i16>, number: i16) -> bool {
         self.sources.len() < 2 || chosen == Some(number)
     }
 
-    /// Whether the header names the source `number`.
+    /// `true` if the header names the source `number`.
     pub fn names(&self, number: i16) -> bool {
         self.sources.iter().any(|(known, _)| *known == number)
     }
 
-    /// What packets of this kind and source are called.
+    /// Returns the name of packets of this kind and source.
     pub fn name_of(&self, kind: i16, source: i16) -> String {
         match self.sources.iter().find(|(number, _)| *number == source) {
             Some((_, camera)) if self.sources.len() > 1 => format!("{} of {source} {camera}", name(kind)),
@@ -70,20 +72,20 @@ impl Header {
         }
     }
 
-    /// The sources by numbers and names.
+    /// Lists the numbers and names of the sources.
     pub fn list(&self) -> String {
         let all: Vec<String> = self.sources.iter().map(|(number, name)| format!("{number} {name}")).collect();
         if all.is_empty() { "none is named".to_owned() } else { all.join(", ") }
     }
 }
 
-/// The sensor of a camera of this name.
+/// Returns the sensor of a camera with this name, if it is known.
 pub fn sensor(camera: &str) -> Option<Sensor> {
     let camera = camera.to_uppercase();
     SOURCES.iter().find(|(name, _)| camera.contains(name)).map(|&(_, sensor)| sensor)
 }
 
-/// `None` if the end of the header is not in `bytes`.
+/// Parses the header; `None` if its end is not in `bytes`.
 pub fn header(bytes: &[u8]) -> Option<Header> {
     let mut header = Header {
         from_below: bytes.starts_with(b"#!AER-DAT3.0"),
@@ -115,36 +117,36 @@ pub fn header(bytes: &[u8]) -> Option<Header> {
     Some(header)
 }
 
-/// Head of a packet.
+/// Head of a packet, or of the rest of one.
 #[derive(Clone, Copy)]
 pub struct PacketHead {
-    /// Its offset in the file.
+    /// Offset of the head in the file.
     pub byte: u64,
-    /// What the packet holds.
+    /// Kind of the packet.
     pub kind: i16,
-    /// Which camera it is of.
+    /// Number of the camera.
     pub source: i16,
-    /// Bytes of one event.
+    /// Size of one event in bytes.
     pub size: u64,
-    /// Bytes of all events that are there.
+    /// Size of all events in the file, in bytes.
     pub length: u64,
-    /// Bytes that there should be.
+    /// Size that all events should have, in bytes; larger than `length` if the file is cut off.
     pub wanted: u64,
-    /// Added to the times in µs.
+    /// Offset in µs that is added to times.
     pub turns: i64,
     /// Number of events.
     pub count: u64,
 }
 
 impl PacketHead {
-    /// The head of what of the packet is left when its first `bytes` were read.
+    /// Returns a head for the rest of the packet after its first `bytes`.
     pub fn without(self, bytes: u64) -> Self {
         let [length, wanted] = [self.length, self.wanted].map(|length| length.saturating_sub(bytes));
         Self { length, wanted, ..self }
     }
 }
 
-/// The next head; `None` at the end of the file, or where it is cut off.
+/// Reads the next head; `None` at the end of the file, or if the head is cut off.
 pub fn next_head(
     file: &mut ByteReader,
     truncated: &mut Option<Truncation>,
@@ -167,9 +169,9 @@ pub fn next_head(
     };
     let (kind, source) = (i16::from_le_bytes([kind0, kind1]), i16::from_le_bytes([source0, source1]));
     if kind == POLARITY && size != EVENT as u64 {
-        return Err(file.damaged(byte, format!("a packet of events says that an event has {size} bytes, not {EVENT}")));
+        return Err(file.damaged(byte, format!("a packet of events states {size} bytes per event instead of {EVENT}")));
     }
-    // Two numbers of 31 bits.
+    // Both factors have 31 bits, so the product cannot overflow.
     let wanted = size * count;
     let length = wanted.min(file.left());
     if length < wanted {
@@ -178,17 +180,17 @@ pub fn next_head(
     Ok(Some(PacketHead { byte, kind, source, size, length, wanted, turns: i64::from(turns) << 31, count }))
 }
 
-/// A time of an event in µs, of the packet with this head.
+/// Returns the time of an event in µs, from its bytes and the head of its packet.
 pub fn time(head: &PacketHead, bytes: [u8; 4]) -> i64 {
     head.turns + i64::from(i32::from_le_bytes(bytes))
 }
 
-/// Whether cAER may have packets of this kind.
+/// `true` if cAER may write packets of this kind.
 pub fn is_known(kind: i16) -> bool {
     (0..KNOWN_KINDS).contains(&kind)
 }
 
-/// What packets of this kind hold.
+/// Returns the name of the content of packets of this kind.
 pub fn name(kind: i16) -> &'static str {
     usize::try_from(kind).ok().and_then(|kind| KINDS.get(kind)).copied().unwrap_or("other packets")
 }

@@ -1,33 +1,33 @@
-//! Frames and inertial samples in order of time.
+//! Frames and inertial samples of AEDAT4, in order of time.
 
 use std::path::Path;
 
 use super::other_streams::{FrameReader, InertialReader};
 use crate::error::RecordingError;
-use crate::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras, frame_start, told};
+use crate::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras, frame_start, read_or_report};
 use crate::options::RecordingOptions;
 
-/// Those of an AEDAT4 file.
+/// Reader of the frames and inertial samples of a file.
 pub struct Aedat4Extras {
     frames: FrameReader,
     samples: InertialReader,
-    /// The next of each, which have been read.
+    /// The next frame and sample, already read.
     frame: Option<Frame>,
     sample: Option<InertialSample>,
     held: OtherStreams,
-    /// What could not be read of the first of each.
+    /// Descriptions of errors in the first frame and sample.
     lost: Vec<String>,
-    /// The streams of both, as [`super::describe`] names them.
+    /// The streams that are read, as [`super::describe`] names them.
     streams: Vec<String>,
 }
 
 impl Aedat4Extras {
-    /// Those of the file at `path`, of the camera whose events are read.
+    /// Opens the file at `path`, for the camera whose events are read.
     pub fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
         let (mut frames, mut samples) = (FrameReader::open(path, options)?, InertialReader::open(path, options)?);
         let mut lost = Vec::new();
-        let frame = told(frames.next_frame(), "frames", &mut lost);
-        let sample = told(samples.next_sample(), "inertial samples", &mut lost);
+        let frame = read_or_report(frames.next_frame(), "frames", &mut lost);
+        let sample = read_or_report(samples.next_sample(), "inertial samples", &mut lost);
         let held = OtherStreams { frames: frame.is_some(), imu: sample.is_some() };
         let streams = frames.stream().filter(|_| held.frames || frames.has_unread()).into_iter();
         let streams = streams.chain(samples.stream().filter(|_| held.imu)).collect();
@@ -48,19 +48,19 @@ impl ReadExtras for Aedat4Extras {
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
         lost.append(&mut self.lost);
         if self.frame.is_none() {
-            self.frames.tell_skipped(lost);
+            self.frames.report_skipped(lost);
         }
         if self.sample.is_none() {
-            self.samples.tell_skipped(lost);
+            self.samples.report_skipped(lost);
         }
         let frame = self.frame.as_ref().map(frame_start).filter(|start| *start <= end);
         let sample = self.sample.map(|sample| sample.t).filter(|t| *t <= end);
         if sample.is_some() && frame.is_none_or(|start| sample < Some(start)) {
-            let after = told(self.samples.next_sample(), "inertial samples", lost);
+            let after = read_or_report(self.samples.next_sample(), "inertial samples", lost);
             return std::mem::replace(&mut self.sample, after).map(Extra::Inertial);
         }
         frame?;
-        let after = told(self.frames.next_frame(), "frames", lost);
+        let after = read_or_report(self.frames.next_frame(), "frames", lost);
         std::mem::replace(&mut self.frame, after).map(Extra::Frame)
     }
 
@@ -81,13 +81,13 @@ mod tests {
     use crate::aedat4::write::Encoder;
     use crate::encode::Encode;
 
-    /// All samples of a file were read at once, and none of a file with a damaged packet.
+    /// Samples must not be read all at once, and a damaged packet must not lose the others.
     #[test]
     fn samples_are_read_packet_by_packet() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("recording.aedat4");
         let sample = |t| InertialSample { t, temperature: 1.0, acceleration: [2.0; 3], angular_velocity: [3.0; 3] };
-        // Packets of 10 ms.
+        // Packets cover 10 ms.
         let samples: Vec<InertialSample> = (0..30).map(|index| sample(1000 * index)).collect();
         let (sensor, others) = (Sensor::new(346, 260), OtherStreams { frames: false, imu: true });
         let file = File::create(&path).unwrap();

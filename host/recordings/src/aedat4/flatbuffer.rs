@@ -1,15 +1,15 @@
 //! Bounds-checked access to the few FlatBuffers tables that AEDAT4 uses.
 //!
 //! A FlatBuffer starts with the position of its root table and a four-character identifier. A table
-//! starts with the distance back to its vtable; the vtable holds its own length, the length of the
-//! table and, for each field, the offset within the table (0: absent, the default applies). Strings
-//! and vectors are behind one more relative offset and start with their length. All little-endian.
-//! Every access checks its bounds: any bytes give a value or [`Malformed`].
+//! starts with the distance back to its vtable. The vtable contains its own length, the length of the
+//! table and, for each field, the offset within the table (0 means absent: the default applies). Strings
+//! and vectors are located by another relative offset and start with their length. All numbers are little-endian.
+//! Every access checks its bounds: any input gives a value or [`Malformed`].
 
-/// Bytes of a table that tells a time: its place in the vector, the distance to its vtable, and an i64.
+/// Smallest size in bytes of a table with a time: its offset in the vector, the distance to its vtable, and an i64.
 const LEAST_TABLE: usize = 16;
 
-/// The bytes are not the FlatBuffer that they should be.
+/// The bytes are not a valid FlatBuffer of the expected type. Contains a description.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Malformed(pub &'static str);
 
@@ -25,7 +25,7 @@ pub struct Table<'a> {
 /// A vector inside a buffer.
 #[derive(Clone, Copy)]
 pub struct Vector<'a> {
-    /// How many elements it says it has.
+    /// Number of elements according to the vector, which may exceed the buffer.
     pub length: usize,
     bytes: &'a [u8],
     start: usize,
@@ -39,15 +39,15 @@ fn unsigned(bytes: &[u8], position: usize) -> Option<usize> {
     usize::try_from(u32::from_le_bytes(array(bytes, position)?)).ok()
 }
 
-/// The root table of a FlatBuffer without size prefix, whose identifier must be `identifier`.
+/// Returns the root table of a FlatBuffer without size prefix, and checks its `identifier`.
 pub fn root<'a>(bytes: &'a [u8], identifier: &[u8; 4]) -> Result<Table<'a>, Malformed> {
     if array::<4>(bytes, 4).as_ref() != Some(identifier) {
-        return Err(Malformed("its identifier is not that of its stream"));
+        return Err(Malformed("its identifier does not match its stream"));
     }
     table(bytes, 0).ok_or(Malformed("its root table is out of bounds"))
 }
 
-/// The table behind the relative offset at `position`.
+/// Returns the table at the end of the relative offset at `position`.
 fn table(bytes: &[u8], position: usize) -> Option<Table<'_>> {
     let position = position.checked_add(unsigned(bytes, position)?)?;
     let distance = i64::from(i32::from_le_bytes(array(bytes, position)?));
@@ -57,7 +57,7 @@ fn table(bytes: &[u8], position: usize) -> Option<Table<'_>> {
 }
 
 impl<'a> Table<'a> {
-    /// Position of field number `index`; `None` when the field is absent.
+    /// Position of field number `index`; `None` if the field is absent.
     fn field(&self, index: usize) -> Result<Option<usize>, Malformed> {
         let entry = 4 + 2 * index;
         if entry + 2 > self.vtable_length {
@@ -101,7 +101,7 @@ impl<'a> Table<'a> {
         Ok(self.scalar(index)?.map_or(default, i64::from_le_bytes))
     }
 
-    /// The vector behind field `index`; empty when absent.
+    /// The vector of field `index`; empty if absent.
     pub fn vector(&self, index: usize) -> Result<Vector<'a>, Malformed> {
         let Some(field) = self.field(index)? else {
             return Ok(Vector { length: 0, bytes: self.bytes, start: 0 });
@@ -113,7 +113,7 @@ impl<'a> Table<'a> {
         vector().ok_or(Malformed("a vector is out of bounds"))
     }
 
-    /// The string behind field `index`; empty when absent.
+    /// The string of field `index`; empty if absent.
     pub fn string(&self, index: usize) -> Result<&'a str, Malformed> {
         let bytes = self.vector(index)?.elements::<1>()?.as_flattened();
         std::str::from_utf8(bytes).map_err(|_| Malformed("a string is not UTF-8"))
@@ -126,14 +126,14 @@ impl<'a> Vector<'a> {
         self.first_elements().get(..self.length).ok_or(Malformed("a vector is longer than its packet"))
     }
 
-    /// The elements that the buffer really holds, if it was cut off: at most `length`.
+    /// The elements that the buffer contains, at most `length`. There are fewer if the packet was cut off.
     pub fn first_elements<const N: usize>(&self) -> &'a [[u8; N]] {
         let (elements, _) = self.bytes.get(self.start..).unwrap_or_default().as_chunks();
         elements.get(..self.length).unwrap_or(elements)
     }
 
-    /// Itself, if the buffer can hold as many tables with times: any bytes would do as tables without fields, and tables may lie on
-    /// each other.
+    /// Checks that the buffer is large enough for `length` tables with times. The check is needed because any bytes are
+    /// valid as tables without fields, and tables may overlap.
     pub fn of_tables(self) -> Result<Self, Malformed> {
         if self.length > self.bytes.len() / LEAST_TABLE {
             return Err(Malformed("a vector has more tables than its packet can hold"));
@@ -160,7 +160,7 @@ mod tests {
     proptest! {
         #[test]
         fn no_bytes_panic(mut bytes in prop::collection::vec(any::<u8>(), 0..200), position in 0u32..60) {
-            // A likely root position and the right identifier, so that more than the first check runs.
+            // A plausible root position and the right identifier, so that more than the first check runs.
             if bytes.len() >= 8 {
                 bytes[..4].copy_from_slice(&position.to_le_bytes());
                 bytes[4..8].copy_from_slice(b"TEST");

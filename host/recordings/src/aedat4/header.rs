@@ -1,23 +1,23 @@
-//! The header of an AEDAT4 file: compression, streams, and where its table of packets is.
+//! The header of an AEDAT4 file: compression, streams, and the position of the table of packets.
 //!
 //! ```text
 //! "#!AER-DAT4.0\r\n"
 //! u32 size, FlatBuffer "IOHE" { compression: i32, dataTablePosition: i64 = -1, infoNode: string }
 //! ```
-//! `infoNode` is XML: below the node `outInfo` one node per stream, named by its number, with the
-//! attributes `typeIdentifier` (EVTS, FRME, IMUS, TRIG), `originalOutputName` and `originalModuleName`
-//! (the module or program that recorded it), and a node `info` with `sizeX`, `sizeY` and `source` (the camera).
+//! `infoNode` is XML: below the node `outInfo` one node per stream, named by its number, with the attributes
+//! `typeIdentifier` (EVTS, FRME, IMUS, TRIG), `originalOutputName` and `originalModuleName` (the module or program that
+//! recorded it), and a node `info` with `sizeX`, `sizeY` and `source` (the camera).
 
 use super::flatbuffer::{self, Malformed};
 
-/// The first bytes of every AEDAT4 file.
+/// First bytes of every AEDAT4 file.
 pub const MAGIC: &[u8; 14] = b"#!AER-DAT4.0\r\n";
 
-/// How packets are compressed.
+/// Compression of packets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Compression {
-    /// Not at all.
+    /// No compression.
     None,
     /// Each packet is an LZ4 frame.
     Lz4,
@@ -28,45 +28,46 @@ pub enum Compression {
 /// One stream of packets.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stream {
-    /// Number that its packets carry.
+    /// Number of the stream in its packets.
     pub id: i32,
-    /// Name of the output that was recorded, for example `events`.
+    /// Name of the recorded output, for example `events`.
     pub name: String,
-    /// What its packets hold: EVTS events, FRME frames, IMUS inertial samples, TRIG triggers.
+    /// Content of its packets: EVTS events, FRME frames, IMUS inertial samples, TRIG triggers.
     pub type_identifier: String,
-    /// Width and height in pixels, where the stream has them.
+    /// Width and height in pixels, if given.
     pub size: Option<(i64, i64)>,
     /// Model and serial number of the camera.
     pub source: Option<String>,
-    /// `true` if its rows count from below: jAER recorded it (`Aedat4FileOutputStream` of jAER 3 writes its own coordinates).
+    /// `true` if rows count from below, because jAER recorded the stream (`Aedat4FileOutputStream` of jAER 3 writes its
+    /// own coordinates).
     pub rows_from_below: bool,
 }
 
 /// The header.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Header {
-    /// How packets are compressed.
+    /// Compression of packets.
     pub compression: Compression,
-    /// Offset of the table of packets that closes the file; `None` when the recording was not closed.
+    /// Offset of the table of packets at the end of the file; `None` if the recording was not closed.
     pub table_position: Option<u64>,
-    /// The streams, by number.
+    /// The streams, sorted by number.
     pub streams: Vec<Stream>,
 }
 
-/// Why a header cannot be understood.
+/// Error while parsing a header.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum HeaderError {
-    /// Its FlatBuffer breaks the format.
+    /// The FlatBuffer is invalid.
     #[error("the header cannot be read: {0}")]
     Malformed(&'static str),
-    /// A way of compression that dv-processing does not have.
-    #[error("the header names compression {0}; 0 to 4 are known")]
+    /// The number of the compression is unknown.
+    #[error("the header states compression {0}; 0 to 4 are known")]
     Compression(i32),
-    /// The description of the streams is damaged.
-    #[error("the header's description of the streams is no XML: {0}")]
+    /// The description of the streams is not valid XML.
+    #[error("the header's description of the streams is not valid XML: {0}")]
     Xml(#[from] roxmltree::Error),
-    /// There is no description of streams.
+    /// The description of the streams is missing.
     #[error("the header describes no streams (no node outInfo)")]
     NoStreams,
 }
@@ -123,7 +124,7 @@ fn is_jaer(module: &str) -> bool {
     module.get(..4).is_some_and(|start| start.eq_ignore_ascii_case("jaer"))
 }
 
-/// The text of the child `<attr key="KEY">`.
+/// Returns the text of the child `<attr key="KEY">`.
 fn attribute<'a>(node: roxmltree::Node<'a, '_>, key: &str) -> Option<&'a str> {
     node.children()
         .find(|child| child.has_tag_name("attr") && child.attribute("key") == Some(key))

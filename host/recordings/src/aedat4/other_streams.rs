@@ -1,4 +1,4 @@
-//! What an AEDAT4 file holds beside events: frames, inertial samples, triggers.
+//! Streams of an AEDAT4 file other than events: frames, inertial samples, triggers.
 //!
 //! | identifier | root table | elements |
 //! |---|---|---|
@@ -23,7 +23,7 @@ use crate::pictures::{TimedImage, highest_bits};
 const FRAMES: &str = "FRME";
 const INERTIAL: &str = "IMUS";
 
-/// The packets of the first stream of one kind that is of the camera whose events are read.
+/// Packets of one stream: the first one of its kind from the camera whose events are read.
 struct StreamPackets {
     packets: PacketReader,
     stream: Option<Stream>,
@@ -36,17 +36,17 @@ impl StreamPackets {
         let header = packets.header();
         let events = choose_stream(header, options.stream.as_deref(), &mut Vec::new()).ok();
         let camera = events.and_then(|events| events.source.as_ref());
-        let is_beside = |stream: &&Stream| match (&stream.source, camera) {
+        let is_of_camera = |stream: &&Stream| match (&stream.source, camera) {
             (Some(source), Some(camera)) => source == camera,
             _ => true,
         };
-        let mut streams = header.streams.iter().filter(is_beside);
+        let mut streams = header.streams.iter().filter(is_of_camera);
         let stream = streams.find(|stream| stream.type_identifier == type_identifier).cloned();
         Ok(Self { packets, stream, skipped: Skipped::new(options.damage) })
     }
 
-    /// What `parse` makes of the next packet that is whole; `None` at the end. Damaged ones are passed over where they are to be
-    /// skipped; where the next packet begins must be known.
+    /// Parses the next complete packet; `None` at the end. Damaged packets are skipped if the options say so, and if
+    /// the position of the next packet is known.
     fn next<T>(&mut self, parse: impl Fn(&[u8]) -> Result<T, Malformed>) -> Result<Option<T>, RecordingError> {
         let Some(stream) = &self.stream else { return Ok(None) };
         while let Some(head) = self.packets.next_packet()? {
@@ -64,10 +64,10 @@ impl StreamPackets {
     }
 }
 
-/// Reads the pictures of the first frame stream of a camera.
+/// Reader of the frames of a camera's first frame stream.
 pub struct FrameReader {
     packets: StreamPackets,
-    /// Rows of the sensor, where the file or the user gives them.
+    /// Height of the sensor in pixels, if the file or the options contain it.
     rows: Option<u16>,
     unread: UnreadFrames,
 }
@@ -84,26 +84,26 @@ impl FrameReader {
         Ok(Self { packets, rows, unread: UnreadFrames::default() })
     }
 
-    /// The stream that is read, as [`describe`] names it.
+    /// Description of the stream that is read, by [`describe`].
     pub(super) fn stream(&self) -> Option<String> {
         self.packets.stream.as_ref().map(describe)
     }
 
-    /// `true` if [`Self::next_frame`] passed over a frame whose pixels are stored in a way that is not read.
+    /// `true` if [`Self::next_frame`] passed over a frame with an unsupported encoding.
     pub(super) fn has_unread(&self) -> bool {
         !self.unread.is_empty()
     }
 
-    /// Adds to `lost`, once, the damaged packets and the unread frames that were passed over.
-    pub(super) fn tell_skipped(&mut self, lost: &mut Vec<String>) {
-        self.packets.skipped.tell(lost);
-        self.unread.tell(lost);
+    /// Adds to `lost`, once, the numbers of damaged packets and unsupported frames that were passed over.
+    pub(super) fn report_skipped(&mut self, lost: &mut Vec<String>) {
+        self.packets.skipped.report(lost);
+        self.unread.report(lost);
     }
 
-    /// The next picture that can be read; `None` at the end, also at that of a file that was cut off.
+    /// Reads the next frame with a supported encoding; `None` at the end of the file, also if it was cut off.
     ///
     /// # Errors
-    /// When the file cannot be read or a packet is damaged; the pictures after that one can still be read.
+    /// If the file cannot be read or a packet is damaged. The frames after it can still be read.
     pub fn next_frame(&mut self) -> Result<Option<Frame>, RecordingError> {
         while let Some(frame) = self.next_or_unread()? {
             match frame {
@@ -114,17 +114,17 @@ impl FrameReader {
         Ok(None)
     }
 
-    /// As [`Self::next_frame`], with the frames that are not read.
+    /// Reads the next frame, also if its encoding is not supported.
     fn next_or_unread(&mut self) -> Result<Option<Result<Frame, UnreadFrame>>, RecordingError> {
         let read = self.packets.next(|content| flatbuffer::root(content, b"FRME").and_then(|table| frame(&table)))?;
         let from_below = self.packets.stream.as_ref().is_some_and(|stream| stream.rows_from_below);
-        Ok(read.map(|frame| frame.map(|frame| if from_below { turned(frame, self.rows) } else { frame })))
+        Ok(read.map(|frame| frame.map(|frame| if from_below { flipped(frame, self.rows) } else { frame })))
     }
 }
 
-/// A frame whose rows count from below, as one whose rows count from above. Without the `rows` of the sensor it is taken to
-/// begin at the lowest one.
-fn turned(frame: Frame, rows: Option<u16>) -> Frame {
+/// Flips a frame whose rows count from below. `rows` is the height of the sensor; without it the frame is assumed to
+/// begin at the lowest row.
+fn flipped(frame: Frame, rows: Option<u16>) -> Frame {
     let (column, row) = frame.position;
     let above = row.saturating_add(frame.size.1);
     let row = rows.unwrap_or(above).saturating_sub(above);
@@ -133,10 +133,10 @@ fn turned(frame: Frame, rows: Option<u16>) -> Frame {
     Frame { position: (column, row), pixels, ..frame }
 }
 
-/// Reads the samples of the first inertial stream of a file, packet by packet.
+/// Reader of the samples of a camera's first inertial stream, packet by packet.
 pub struct InertialReader {
     packets: StreamPackets,
-    /// Those of the present packet.
+    /// The remaining samples of the current packet.
     samples: IntoIter<InertialSample>,
 }
 
@@ -149,20 +149,20 @@ impl InertialReader {
         Ok(Self { packets: StreamPackets::open(path, options, INERTIAL)?, samples: Vec::new().into_iter() })
     }
 
-    /// The stream that is read, as [`describe`] names it.
+    /// Description of the stream that is read, by [`describe`].
     pub(super) fn stream(&self) -> Option<String> {
         self.packets.stream.as_ref().map(describe)
     }
 
-    /// Tells `lost`, once, of the damaged packets that were passed over.
-    pub(super) fn tell_skipped(&mut self, lost: &mut Vec<String>) {
-        self.packets.skipped.tell(lost);
+    /// Adds to `lost`, once, the number of damaged packets that were passed over.
+    pub(super) fn report_skipped(&mut self, lost: &mut Vec<String>) {
+        self.packets.skipped.report(lost);
     }
 
-    /// The next sample; `None` at the end, also at that of a file that was cut off.
+    /// Reads the next sample; `None` at the end of the file, also if it was cut off.
     ///
     /// # Errors
-    /// When the file cannot be read or a packet is damaged; the samples after that one can still be read.
+    /// If the file cannot be read or a packet is damaged. The samples after it can still be read.
     pub fn next_sample(&mut self) -> Result<Option<InertialSample>, RecordingError> {
         loop {
             if let Some(sample) = self.samples.next() {
@@ -176,7 +176,7 @@ impl InertialReader {
     }
 }
 
-/// Hands the frames of the file at `path` to `visit`. The inner error ended them early.
+/// Passes the frames of the file at `path` to `visit`. An inner error ended them early.
 pub(super) fn visit_frames(
     path: &Path,
     options: &RecordingOptions,
@@ -197,18 +197,18 @@ pub(super) fn visit_frames(
     })
 }
 
-/// How the samples of a frame are stored.
+/// Storage of a frame's pixels.
 struct PixelFormat {
     channels: usize,
-    /// Bytes of a sample: 1 or 2, unsigned.
+    /// Bytes per value: 1 or 2, unsigned.
     bytes: usize,
 }
 
 impl PixelFormat {
-    /// From OpenCV's type number: the depth in bits 0 to 2, the number of channels less 1 above them.
+    /// Decodes OpenCV's type number: bits 0 to 2 are the depth, the bits above are the number of channels minus 1.
     ///
     /// # Errors
-    /// OpenCV's name of a format that is not read.
+    /// OpenCV's name of an unsupported format.
     fn of_type(number: i8) -> Result<Self, String> {
         const DEPTHS: [&str; 8] = ["8U", "8S", "16U", "16S", "32S", "32F", "64F", "16F"];
         let number = usize::from(number.cast_unsigned());
@@ -223,7 +223,7 @@ impl PixelFormat {
     }
 }
 
-/// The times of exposure are fields 3 and 4; −1 stands for unknown.
+/// Parses a frame. Fields 3 and 4 are the exposure times; −1 means unknown.
 fn frame(table: &Table) -> Result<Result<Frame, UnreadFrame>, Malformed> {
     let side = |index| {
         let value = table.i16(index, 0)?;
@@ -237,7 +237,7 @@ fn frame(table: &Table) -> Result<Result<Frame, UnreadFrame>, Malformed> {
     };
     let samples = table.vector(10)?.elements::<1>()?.as_flattened();
     if samples.len() != usize::from(width) * usize::from(height) * channels * bytes {
-        return Err(Malformed("a frame does not have as many pixels as its size says"));
+        return Err(Malformed("a frame has a number of pixels that does not match its size"));
     }
     let pixels = match bytes {
         1 => samples.to_vec(),
@@ -276,27 +276,27 @@ fn inertial_packet(content: &[u8]) -> Result<Vec<InertialSample>, Malformed> {
     (0..vector.length).map(sample).collect()
 }
 
-/// Counts what the streams of the file at `path` hold. Packets that are damaged or cut off count as
-/// packets only.
+/// Counts the content of the streams in the file at `path`. Packets that are damaged or cut off are counted, but not
+/// their elements.
 ///
 /// # Errors
 /// When the file cannot be read or its header is damaged.
 pub fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
     let mut packets = PacketReader::open(path)?;
     let streams = packets.header().streams.clone();
-    // Where two streams have one number, the first.
-    let places: BTreeMap<i32, usize> =
-        streams.iter().enumerate().rev().map(|(place, stream)| (stream.id, place)).collect();
+    // If two streams have the same number, the first one is used.
+    let indices: BTreeMap<i32, usize> =
+        streams.iter().enumerate().rev().map(|(index, stream)| (stream.id, index)).collect();
     let mut summaries: Vec<StreamSummary> = streams.iter().map(|stream| StreamSummary::new(describe(stream))).collect();
     loop {
         let head = match packets.next_packet() {
             Ok(Some(head)) => head,
-            // Damage is for the reader of events to report.
+            // The reader of the events reports damage.
             Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => return Ok(summaries),
             Err(error) => return Err(error),
         };
-        let place = places.get(&head.stream);
-        let Some((stream, summary)) = place.and_then(|&index| Some((streams.get(index)?, summaries.get_mut(index)?)))
+        let index = indices.get(&head.stream);
+        let Some((stream, summary)) = index.and_then(|&index| Some((streams.get(index)?, summaries.get_mut(index)?)))
         else {
             continue;
         };
@@ -313,13 +313,13 @@ pub fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
     }
 }
 
-/// Contents of a packet.
+/// Content of a packet, as numbers.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Elements {
     count: u64,
     /// Times of the first and the last element in µs.
     times_us: Option<(i64, i64)>,
-    /// The encoding, if it is not read.
+    /// Encoding of the frames, if it is not supported.
     unread: Option<String>,
 }
 
@@ -354,7 +354,7 @@ fn tables(content: &[u8], identifier: &[u8; 4]) -> Result<Elements, Malformed> {
 pub(super) mod tests {
     use super::*;
 
-    /// A FlatBuffer with one table of i64 fields 0 to 4, a format byte, four i16 and a vector of bytes.
+    /// Builds a FlatBuffer with one table of i64 fields 0 to 4, a format byte, four i16 and a vector of bytes.
     pub fn frame_bytes(format: u8, [width, height, x, y]: [i16; 4], pixels: &[u8]) -> Vec<u8> {
         let mut bytes = 40u32.to_le_bytes().to_vec();
         bytes.extend_from_slice(b"FRME");
@@ -401,7 +401,7 @@ pub(super) mod tests {
         assert_eq!(parse(&frame_bytes(16, [1, 1, 0, 0], &[1, 2, 3])).unwrap().channels, 3);
     }
 
-    /// Frames of jAER have 16 bits, of which 10 are used; they were called damaged.
+    /// Frames of jAER have 16 bits, of which 10 are used.
     #[test]
     fn frames_of_sixteen_bits_are_read_and_others_are_named() {
         let ten: Vec<u8> = [1000_u16, 500, 4, 0].into_iter().flat_map(u16::to_le_bytes).collect();
@@ -416,7 +416,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_frame_that_contradicts_itself_is_refused() {
+    fn a_frame_that_contradicts_itself_is_rejected() {
         for (format, size, pixels) in
             [(0, [3, 2, 0, 0], 5), (0, [-3, 2, 0, 0], 6), (2, [3, 2, 0, 0], 6), (16, [3, 2, 0, 0], 6)]
         {
@@ -428,11 +428,11 @@ pub(super) mod tests {
         }
     }
 
-    /// Each zero of such a vector was a sample: 16 million of them in a packet of some kilobytes.
+    /// Otherwise a packet of some kilobytes could give 16 million samples, one for each zero in such a vector.
     #[test]
-    fn more_tables_than_a_packet_can_hold_are_refused() {
+    fn more_tables_than_a_packet_can_hold_are_rejected() {
         let packet = |identifier: &[u8; 4], count: usize| {
-            // The vtable at 8, the root table at 16, the vector at 24.
+            // The vtable is at 8, the root table at 16, the vector at 24.
             let mut bytes = [&16u32.to_le_bytes()[..], identifier].concat();
             bytes.extend([6u16, 8, 4, 0].into_iter().flat_map(u16::to_le_bytes));
             bytes.extend([8, 4, count as u32].into_iter().flat_map(u32::to_le_bytes));

@@ -1,8 +1,8 @@
-//! The packets of an AEDAT4 file, in the order of the file.
+//! Reader of the packets of an AEDAT4 file, in file order.
 //!
-//! After the header, packet follows packet: i32 stream number, i32 size, and `size` bytes, which are
-//! a whole LZ4 or Zstandard frame (or plain bytes) of a FlatBuffer with a u32 size prefix. The table
-//! that may close the file is not needed to read it; only its position is, to know where packets end.
+//! Packets follow the header. Each has an i32 stream number, an i32 size, and `size` bytes: a whole LZ4 or Zstandard
+//! frame (or plain bytes) of a FlatBuffer with a u32 size prefix. The table at the end of the file is not needed for
+//! reading; only its position is, which marks the end of the packets.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek};
@@ -15,19 +15,20 @@ use crate::bytes::share;
 use crate::error::{RecordingError, RecordingErrorKind, Usable};
 use crate::read_report::Truncation;
 
-/// A packet that unpacks to more (64 MiB, 4 million events) is damaged: a camera would need seconds to fill it, and programs write many a second.
+/// Size limit of a decompressed packet (64 MiB, 4 million events). A larger one is damaged, because a camera would need
+/// seconds to fill it, and programs write many per second.
 pub(super) const MAX_UNPACKED: usize = 1 << 26;
-/// What cannot be compressed grows by less when it is packed.
+/// Size limit of a compressed packet. Data that cannot be compressed grow by less than the difference.
 const MAX_PACKED: u64 = MAX_UNPACKED as u64 + (1 << 20);
 
-/// Reads a file packet by packet.
+/// Reader of a file, packet by packet.
 pub struct PacketReader {
     path: PathBuf,
     file: BufReader<File>,
     header: Header,
     /// Offset of the next packet.
     position: u64,
-    /// Where packets end.
+    /// Offset at which the packets end.
     end: u64,
     truncated: Option<Truncation>,
     packed: Vec<u8>,
@@ -35,16 +36,16 @@ pub struct PacketReader {
     zstd: Decoder<'static>,
 }
 
-/// One packet, still packed.
+/// Head of a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PacketHead {
-    /// Its stream.
+    /// Number of the stream.
     pub stream: i32,
-    /// Offset of its content in the file.
+    /// Offset of the content in the file.
     pub byte: u64,
-    /// Length of its content in the file.
+    /// Length of the content in the file.
     pub length: u64,
-    /// Whether the file ends within the packet: `length` is what there is of it.
+    /// `true` if the file ends within the packet; `length` is then the length of the rest.
     pub cut_off: bool,
 }
 
@@ -67,7 +68,7 @@ impl PacketReader {
         let size = u64::from(u32::from_le_bytes([a, b, c, d]));
         let position = start.len() as u64 + size;
         if position > file_length {
-            let what = format!("the header has {size} bytes, and the file ends after {file_length}");
+            let what = format!("the header has {size} bytes, but the file ends after {file_length}");
             return Err(damaged(MAGIC.len() as u64, what));
         }
         let mut bytes = Vec::new();
@@ -77,12 +78,12 @@ impl PacketReader {
         let end = match header.table_position {
             Some(table) if (position..=file_length).contains(&table) => table,
             Some(table) if table > file_length => {
-                let lost = format!("at least {} bytes are missing, and the closing table", table - file_length);
+                let lost = format!("at least {} bytes and the closing table are missing", table - file_length);
                 truncated = Some(Truncation { byte: file_length, lost });
                 file_length
             }
             Some(table) => {
-                let what = format!("the header puts the closing table at byte {table}, inside the header");
+                let what = format!("the header states that the closing table is at byte {table}, inside the header");
                 return Err(damaged(start.len() as u64, what));
             }
             None => file_length,
@@ -92,28 +93,28 @@ impl PacketReader {
         Ok(Self { path, file, header, position, end, truncated, packed: Vec::new(), unpacked: Vec::new(), zstd })
     }
 
-    /// The header of the file.
+    /// Header of the file.
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// Which part of the packets was read, 0 to 1.
+    /// Fraction of the packets that has been read, 0 to 1.
     pub fn done(&self) -> f64 {
         share(self.position, self.end)
     }
 
-    /// Set when the file ends too early; complete once [`Self::next_packet`] has returned `None`.
+    /// End of the file, if it comes too early; complete once [`Self::next_packet`] has returned `None`.
     pub fn truncated(&self) -> Option<&Truncation> {
         self.truncated.as_ref()
     }
 
-    /// An error about the packet `head`.
+    /// Creates an error about the packet `head`.
     pub fn damaged(&self, head: &PacketHead, what: &str) -> RecordingError {
         let what = format!("a packet of stream {} is damaged: {what}", head.stream);
         RecordingError::new(&self.path, RecordingErrorKind::Damaged { byte: head.byte, what, usable: Usable::Around })
     }
 
-    /// Bytes that its packets take.
+    /// Number of bytes allocated for packets.
     #[cfg(test)]
     pub(super) fn memory(&self) -> usize {
         self.packed.capacity() + self.unpacked.capacity()
@@ -123,10 +124,10 @@ impl PacketReader {
         self.damaged(head, &format!("it unpacks to more than {} MiB", MAX_UNPACKED >> 20))
     }
 
-    /// The next packet, or `None` at the end. Its content may be read once with [`Self::content`].
+    /// Reads the head of the next packet; `None` at the end. [`Self::content`] may then be called once for its content.
     pub fn next_packet(&mut self) -> Result<Option<PacketHead>, RecordingError> {
         let io = |error| RecordingError::io(&self.path, error);
-        // The content of the packet before may have been left unread: seek within the buffer if possible.
+        // The content of the previous packet may not have been read; seeks within the buffer if possible.
         let here = self.file.stream_position().map_err(io)?;
         let distance = i64::try_from(self.position).unwrap_or(i64::MAX) - i64::try_from(here).unwrap_or(i64::MAX);
         self.file.seek_relative(distance).map_err(io)?;
@@ -145,7 +146,7 @@ impl PacketReader {
         let stream = i32::from_le_bytes([a, b, c, d]);
         let size = i32::from_le_bytes([e, f, g, h]);
         let Ok(length) = u64::try_from(size) else {
-            let what = format!("a packet of stream {stream} says that it has {size} bytes");
+            let what = format!("a packet of stream {stream} states a size of {size} bytes");
             let kind = RecordingErrorKind::Damaged { byte: start, what, usable: Usable::Before };
             return Err(RecordingError::new(&self.path, kind));
         };
@@ -160,7 +161,8 @@ impl PacketReader {
         Ok(Some(PacketHead { stream, byte, length, cut_off: false }))
     }
 
-    /// Notes that the file ends within a packet; an error if it does not end there.
+    /// Records that the file ends within a packet. Returns an error if the closing table follows, so that the end is
+    /// damage.
     fn cut_off(&mut self, byte: u64, rest: String) -> Result<(), RecordingError> {
         if self.header.table_position == Some(self.end) {
             let what = format!("{rest} are left before the closing table: the sizes of packets do not add up");
@@ -176,8 +178,8 @@ impl PacketReader {
         Ok(())
     }
 
-    /// The content of the packet `head` that [`Self::next_packet`] has just returned, unpacked and
-    /// without size prefix. Of a packet that is cut off, what can be had: of a compressed one, nothing.
+    /// Returns the content of the packet `head` that [`Self::next_packet`] has just returned, decompressed and without
+    /// its size prefix. If the packet is cut off, returns the available part, which is empty for a compressed packet.
     pub fn content(&mut self, head: &PacketHead) -> Result<&[u8], RecordingError> {
         self.packed.clear();
         if head.length > MAX_PACKED {
@@ -211,7 +213,7 @@ impl PacketReader {
                 match content.get(..size) {
                     Some(content) => Ok(content),
                     None if head.cut_off => Ok(content),
-                    None => Err(self.damaged(head, &format!("{} of {size} bytes are there", content.len()))),
+                    None => Err(self.damaged(head, &format!("only {} of {size} bytes are present", content.len()))),
                 }
             }
             None if head.cut_off => Ok(&[]),
@@ -220,8 +222,8 @@ impl PacketReader {
     }
 }
 
-/// Unpacks one Zstandard frame into `unpacked`, which grows as needed and keeps its length; returns
-/// how many bytes of it are the content.
+/// Decompresses one Zstandard frame into `unpacked`, which grows as needed and keeps its length. Returns the number of
+/// bytes of the content.
 fn unpack_zstd(decoder: &mut Decoder<'static>, packed: &[u8], unpacked: &mut Vec<u8>) -> io::Result<usize> {
     decoder.reinit()?;
     let mut source = InBuffer::around(packed);

@@ -1,5 +1,5 @@
-//! Writing AEDAT4: a stream of events, and if wanted one of frames and one of inertial samples,
-//! closed by the table of packets that dv-processing expects.
+//! Writer of AEDAT4: a stream of events, optionally one of frames and one of inertial samples, and the closing table of
+//! packets that dv-processing expects.
 
 mod packet;
 
@@ -46,19 +46,19 @@ fn create(
     Ok(Box::new(Encoder::with_streams(file, compression, sensor, camera_name, others)?))
 }
 
-/// A packet spans at most this many microseconds, as with dv-processing...
+/// Longest time span of a packet in microseconds, as in dv-processing.
 const PACKET_DURATION: i64 = 10_000;
-/// ... and this many events.
+/// Largest number of events per packet.
 const PACKET_EVENTS: usize = 32_768;
-/// Zstandard's own default.
+/// Zstandard's default level.
 const ZSTD_LEVEL: i32 = 3;
-/// Offset in the file of the field that says where the closing table is.
+/// Offset in the file of the field with the position of the closing table.
 const TABLE_POSITION_FIELD: u64 = MAGIC.len() as u64 + 32;
 
 /// One row of the closing table.
 struct TableRow {
     stream: i32,
-    /// Offset of the content of the packet, behind its head.
+    /// Offset of the packet's content, after its head.
     byte: u64,
     size: i32,
     elements: i64,
@@ -71,24 +71,24 @@ const EVENTS: i32 = 0;
 const FRAMES: i32 = 1;
 const IMU: i32 = 2;
 
-/// Writes AEDAT4.
+/// Encoder of AEDAT4.
 pub struct Encoder<W> {
     output: W,
     compression: Compression,
     position: u64,
     packet: Vec<Event>,
-    /// Inertial samples of the next packets.
+    /// Inertial samples that have not been written yet.
     samples: Vec<InertialSample>,
     table: Vec<TableRow>,
 }
 
 impl<W: Write + Seek> Encoder<W> {
-    /// Writes the header of a file of events.
+    /// Writes the header of a file with events only.
     pub fn new(output: W, compression: Compression, sensor: Sensor, camera_name: &str) -> Result<Self, WriteError> {
         Self::with_streams(output, compression, sensor, camera_name, OtherStreams::default())
     }
 
-    /// Writes the header of a file of events and of `others`.
+    /// Writes the header of a file with events and the streams in `others`.
     pub fn with_streams(
         mut output: W,
         compression: Compression,
@@ -103,12 +103,12 @@ impl<W: Write + Seek> Encoder<W> {
         Ok(Self { output, compression, position, packet: Vec::new(), samples: Vec::new(), table: Vec::new() })
     }
 
-    /// Writes a frame, which is a packet of its own.
+    /// Writes a frame as a packet.
     pub fn frame(&mut self, frame: &Frame) -> Result<(), WriteError> {
         self.write_packet(FRAMES, &frame_packet(frame)?, 1, frame.t, frame.t)
     }
 
-    /// Writes inertial samples, which come after those written before.
+    /// Writes inertial samples, which must follow those written before.
     pub fn imu(&mut self, samples: &[InertialSample]) -> Result<(), WriteError> {
         let packet = |sample: &InertialSample| sample.t.div_euclid(PACKET_DURATION);
         for samples in samples.chunk_by(|a, b| packet(a) == packet(b)) {
@@ -199,7 +199,7 @@ pub(super) fn pack(compression: Compression, bytes: &[u8]) -> Result<Vec<u8>, Wr
     })
 }
 
-/// The XML that describes the streams.
+/// Returns the XML that describes the streams.
 fn description(
     compression: Compression,
     Sensor { width, height }: Sensor,

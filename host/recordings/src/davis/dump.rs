@@ -1,8 +1,7 @@
-//! Writing `.dvraw` dumps: what a DAVIS346 would have sent over USB to say this.
+//! Writer of `.dvraw` dumps from events, frames and inertial samples, as a DAVIS346 would have sent them over USB.
 //!
-//! Events, frames and inertial samples go in order of time through the camera's multiplexer (an
-//! inertial sample before events, events before parts of a frame). The USB side hands over what is
-//! there when a transfer is full or the early-packet delay has passed.
+//! Items go through the camera's multiplexer in order of time. Among items of the same time, inertial samples precede events, and
+//! events precede parts of a frame. A transfer ends when it is full or when the early-packet delay has passed.
 
 use std::io::Write;
 use std::rc::Rc;
@@ -16,14 +15,14 @@ use usb_davis::{PRODUCT_ID, VENDOR_ID};
 
 use crate::encode::{WriteError, check_leap};
 
-/// Bytes of a transfer, as `usb_davis::device` queues them.
+/// Size of a transfer in bytes, as `usb_davis::device` requests it.
 const TRANSFER_BYTES: usize = 128 * 1024;
-/// Files that are written at leisure are compressed. A live recording is not.
+/// Compression of dumps that are not written live.
 pub const COMPRESSION: Compression = Compression::Zstd(9);
-/// Time from the camera's decision to send to the host's notice, in microseconds.
+/// Time in microseconds from the end of a transfer in the camera to its arrival at the host.
 const LATENCY: u64 = 150;
 
-/// The header of a dump of a DAVIS346 with this serial number, set up as `configuration` says.
+/// Returns the header of a dump of a DAVIS346 with this serial number and configuration.
 pub fn davis346_header(serial: &str, configuration: &Configuration) -> DumpHeader {
     let mut registers = default_registers();
     let clocks = registers.clocks();
@@ -34,7 +33,7 @@ pub fn davis346_header(serial: &str, configuration: &Configuration) -> DumpHeade
     DumpHeader { identity: Some(identity), registers, ..DumpHeader::default() }
 }
 
-/// One thing for the multiplexer.
+/// Input of the multiplexer.
 enum Item {
     Imu(ImuSample),
     Event(PolarityEvent),
@@ -42,7 +41,7 @@ enum Item {
 }
 
 impl Item {
-    /// Which of two items of the same time goes first.
+    /// Order of items with the same time: lower numbers first.
     fn priority(&self) -> u8 {
         match self {
             Self::Imu(_) => 0,
@@ -52,17 +51,17 @@ impl Item {
     }
 }
 
-/// A frame on its way.
+/// A frame that has not been sent completely.
 struct OwnedFrame {
-    /// Without its pixels.
+    /// The frame without its pixels.
     head: Frame<'static>,
     pixels: Vec<u16>,
 }
 
-/// Writes a dump.
+/// Encoder of a dump.
 ///
-/// Each kind of item comes in order of time, in microseconds since the camera's clock started;
-/// [`DumpEncoder::advance`] says up to when all kinds are complete.
+/// Each kind of item must be given in order of time, in microseconds since the start of the camera's clock.
+/// [`DumpEncoder::advance`] declares all kinds complete up to a time.
 pub struct DumpEncoder<W: Write> {
     dump: DumpWriter<W>,
     encoder: Encoder,
@@ -71,7 +70,7 @@ pub struct DumpEncoder<W: Write> {
     waiting: Vec<(u64, Item)>,
     /// Words of the next transfer.
     words: Vec<u8>,
-    /// When the latest transfer was handed over, or the first word after a rest came.
+    /// End of the latest transfer in µs, or the time of the first word after a pause.
     since: u64,
 }
 
@@ -79,7 +78,7 @@ impl<W: Write> DumpEncoder<W> {
     /// Writes the header of a dump to `output`.
     ///
     /// # Errors
-    /// When `output` cannot be written.
+    /// When writing to `output` fails.
     pub fn new(output: W, header: DumpHeader, compression: Compression) -> Result<Self, WriteError> {
         let dump = DumpWriter::new(output, &header, compression)?;
         let encoder = Encoder::new(header.registers.layout());
@@ -87,7 +86,7 @@ impl<W: Write> DumpEncoder<W> {
         Ok(Self { dump, encoder, header, early_packet_delay, waiting: Vec::new(), words: Vec::new(), since: 0 })
     }
 
-    /// Takes events.
+    /// Adds events.
     pub fn events(&mut self, events: &[Event]) {
         self.waiting.extend(events.iter().map(|event| {
             let time = u64::try_from(event.t).unwrap_or(0);
@@ -99,23 +98,22 @@ impl<W: Write> DumpEncoder<W> {
         }));
     }
 
-    /// Takes a frame.
+    /// Adds a frame.
     pub fn frame(&mut self, frame: &Frame<'_>) {
         let owned = Rc::new(OwnedFrame { head: Frame { pixels: &[], ..*frame }, pixels: frame.pixels.to_vec() });
         let steps = frame_steps(&self.header.registers.layout(), frame);
         self.waiting.extend(steps.map(|(time, step)| (time, Item::Frame(Rc::clone(&owned), step))));
     }
 
-    /// Takes an inertial sample.
+    /// Adds an inertial sample.
     pub fn imu(&mut self, sample: &ImuSample) {
         self.waiting.push((sample.time, Item::Imu(*sample)));
     }
 
-    /// Sends everything before `end`: nothing earlier than that will come any more.
+    /// Sends everything before `end` (µs). Nothing earlier may be added afterwards.
     ///
     /// # Errors
-    /// When an item is earlier than one already sent, more than a day later or not on the sensor, or the output cannot be
-    /// written.
+    /// When an item is earlier than one already sent, more than a day later, or outside the sensor, or writing fails.
     pub fn advance(&mut self, end: u64) -> Result<(), WriteError> {
         self.waiting.sort_by_key(|(time, item)| (*time, item.priority()));
         let later = self.waiting.split_off(self.waiting.partition_point(|(time, _)| *time < end));
@@ -151,7 +149,7 @@ impl<W: Write> DumpEncoder<W> {
         Ok(())
     }
 
-    /// Ends a transfer of `length` bytes at `time`.
+    /// Ends a transfer of `length` bytes at `time` (µs).
     fn hand_over(&mut self, time: u64, length: usize) -> Result<(), WriteError> {
         let rest = self.words.split_off(length.min(self.words.len()));
         let transfer = Transfer {
@@ -165,7 +163,7 @@ impl<W: Write> DumpEncoder<W> {
         Ok(())
     }
 
-    /// Sends what is left and closes the dump.
+    /// Sends all remaining items and completes the dump.
     ///
     /// # Errors
     /// As [`DumpEncoder::advance`].
@@ -178,7 +176,7 @@ impl<W: Write> DumpEncoder<W> {
     }
 }
 
-/// When the host notices a transfer that the camera sent at `time` (µs), in nanoseconds.
+/// Returns the arrival time at the host, in nanoseconds, of a transfer that the camera sent at `time` (µs).
 fn noticed(time: u64) -> u64 {
     time.saturating_add(LATENCY).saturating_mul(1000)
 }
@@ -194,15 +192,15 @@ mod tests {
         encoder.finish()
     }
 
-    /// The words of such a leap were gigabytes, and were copied once for each transfer.
+    /// The camera's stream would need gigabytes of words to count such a time.
     #[test]
-    fn a_leap_of_years_is_refused() {
+    fn a_jump_of_years_is_rejected() {
         let error = written(&[0, 1_700_000_000_000_000]).unwrap_err().to_string();
         assert!(error.contains("1700000000000000 us") && error.contains("more than a day"), "{error}");
         assert!(written(&[0, 86_400_000_000, 172_800_000_000]).is_ok());
     }
 
-    /// Times up to 2⁵⁵ µs are read, which are more nanoseconds than 64 bits hold.
+    /// Times up to 2⁵⁵ µs can be read, whose nanoseconds exceed 64 bits.
     #[test]
     fn the_latest_times_do_not_overflow() {
         assert_eq!((noticed(7), noticed(1 << 55), noticed(u64::MAX)), (157_000, u64::MAX, u64::MAX));

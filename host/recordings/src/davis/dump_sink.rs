@@ -1,4 +1,4 @@
-//! A recording in the words of a DAVIS346, as `.dvraw`.
+//! Writer of a recording as the stream of a DAVIS346, in `.dvraw`.
 
 use std::fs::File;
 use std::io;
@@ -26,21 +26,21 @@ pub const OUTPUT: OutputFormat = OutputFormat {
 
 /// Size of the sensor of a DAVIS346.
 const DAVIS346_SENSOR: Sensor = Sensor::new(346, 260);
-/// What the model of a camera's name is.
+/// Prefix of the camera name, before the serial number.
 const DAVIS346_NAME: &str = "DAVIS346_";
-/// A frame that takes longer has damaged times (µs).
+/// Duration in µs above which the times of a frame are damaged.
 const LONGEST_FRAME: i64 = 60_000_000;
 
-/// A dump and what is needed to say things in the camera's words.
+/// Encoder of a dump, with the conversion to the camera's units.
 struct DumpSink {
-    /// Until the file is closed.
+    /// `None` once the file is complete.
     encoder: Option<DumpEncoder<File>>,
     exposure_cycles_per_us: f64,
-    /// Time that counts as the camera's zero (µs).
+    /// Time in µs that is the zero of the camera's clock.
     origin: i64,
-    /// Up to when everything is on the wire.
+    /// Time in µs before which everything has been sent.
     sent: i64,
-    /// End of the latest frame and time of the latest inertial sample.
+    /// End of the latest frame and time of the latest inertial sample, in µs.
     frame_end: i64,
     inertial_time: i64,
     frames_overlap: u64,
@@ -83,12 +83,12 @@ impl DumpSink {
         })
     }
 
-    /// A time on the camera's clock.
+    /// Converts a time in µs to the camera's clock.
     fn time(&self, t: i64) -> u64 {
         u64::try_from(t.saturating_sub(self.origin)).unwrap_or(0)
     }
 
-    /// An error of the encoder, its times as in the recording.
+    /// Converts the times in an error of the encoder back to those of the recording.
     fn recorded(&self, error: WriteError) -> WriteError {
         match error {
             WriteError::Leap { before, time } => {
@@ -102,7 +102,7 @@ impl DumpSink {
         self.encoder.as_mut().ok_or_else(|| io::Error::other("the file is closed").into())
     }
 
-    /// False if the camera could not have sent it.
+    /// Adds a frame. Returns `false` if the camera could not have sent it.
     fn frame(&mut self, frame: &Frame) -> Result<bool, WriteError> {
         let ((width, height), (x, y)) = (frame.size, frame.position);
         let inside = |start: u16, size: u16, all: u16| size > 0 && u32::from(start) + u32::from(size) <= u32::from(all);
@@ -115,7 +115,7 @@ impl DumpSink {
         let readout = (exposure_start.saturating_sub(READOUT), exposure_end.saturating_add(READOUT));
         let (start, end) = frame.readout.unwrap_or(readout);
         let (start, end) = (start.min(exposure_start), end.max(exposure_end));
-        // Frames follow each other on the wire; the beginning can wait until the exposure.
+        // Frames on the wire must not overlap. The read-out of this one may start late, up to the exposure.
         let start = start.max(self.frame_end).max(self.sent);
         if start > exposure_start || end.saturating_sub(start) > LONGEST_FRAME {
             self.frames_overlap += 1;
@@ -123,7 +123,8 @@ impl DumpSink {
         }
         self.frame_end = end;
         let cycles = (exposure_end - exposure_start) as f64 * self.exposure_cycles_per_us;
-        // The upper bits come back as the lower ones: 8 bits are restored exactly, white stays white.
+        // 8 bits become 10: the upper 2 bits are repeated, so that the 8 bits are restored exactly and white stays
+        // white.
         let pixels: Vec<u16> =
             frame.pixels.iter().map(|&pixel| u16::from(pixel) << 2 | u16::from(pixel >> 6)).collect();
         let [start, end, exposure_start, exposure_end] =
@@ -193,15 +194,15 @@ impl Encode for DumpSink {
     }
 
     fn lost(&self) -> Vec<String> {
-        let tell = |count: u64, what: &str| (count > 0).then(|| format!("{count} {what}"));
+        let counted = |count: u64, what: &str| (count > 0).then(|| format!("{count} {what}"));
         let origin = (self.origin != 0).then(|| {
             let back = if self.origin > 0 { " (it is in the header)" } else { "" };
             format!("times count from {} us{back}", self.origin)
         });
         [
-            tell(self.frames_overlap, "frames whose times overlap, are out of order or cannot be"),
-            tell(self.frames_without_place, "frames in colour or beyond the sensor"),
-            tell(self.samples_back, "inertial samples earlier than the one before them"),
+            counted(self.frames_overlap, "frames whose timestamps overlap, are out of order or are impossible"),
+            counted(self.frames_without_place, "frames in colour or beyond the sensor"),
+            counted(self.samples_back, "inertial samples earlier than the one before them"),
             origin,
         ]
         .into_iter()
@@ -210,8 +211,8 @@ impl Encode for DumpSink {
     }
 }
 
-/// Three values in 16-bit units of the smallest full scale `first` · 2ⁿ from n = 1, the camera's
-/// default, to 3 that holds them, and n.
+/// Converts three values to 16-bit integers. Returns them with n, the exponent of their full scale `first` · 2ⁿ: the
+/// smallest of 1 (the camera's default) to 3 that can represent them.
 fn in_units(values: [f32; 3], first: f32) -> ([i16; 3], u8) {
     let largest = values.iter().fold(0.0_f32, |largest, value| largest.max(value.abs()));
     let full_scale = |scale: u8| first * f32::from(1u8 << scale);

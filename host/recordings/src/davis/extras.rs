@@ -1,4 +1,4 @@
-//! Frames and inertial samples of a camera's stream.
+//! Frames and inertial samples of a DAVIS346's stream.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -11,18 +11,18 @@ use crate::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras};
 use crate::options::RecordingOptions;
 use crate::pictures::{GreyImage, NoImage, TimedImage};
 
-/// What a camera sent beside events.
+/// Reader of the frames and inertial samples of a recording.
 pub struct CameraExtras {
     messages: Messages,
-    /// What it said before its time came.
+    /// Elements that were read but not returned yet.
     waiting: VecDeque<Extra>,
-    /// Whether it may say more.
+    /// `true` until the stream ends.
     more: bool,
     held: OtherStreams,
 }
 
 impl CameraExtras {
-    /// Those of the recording at `path`.
+    /// Opens the recording at `path`.
     pub fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
         let held = held(path, options)?;
         Ok(Self { messages: Messages::open(path, options.device)?, waiting: VecDeque::new(), more: true, held })
@@ -69,7 +69,7 @@ fn held(path: &Path, options: &RecordingOptions) -> Result<OtherStreams, Recordi
     Ok(held)
 }
 
-/// A message of the camera as AEDAT4 has it.
+/// Converts a message of the camera, with times `shift` µs later. Frames are reduced to 8 bits.
 fn extra(message: &Message<'_>, shift: i64) -> Option<Extra> {
     let time = |time: u64| i64::try_from(time).unwrap_or(i64::MAX).saturating_add(shift);
     match message {
@@ -99,7 +99,7 @@ fn inertial_sample(sample: &ImuSample, t: i64) -> InertialSample {
     }
 }
 
-/// Hands the frames of the recording at `path` to `visit`. The inner error ended them early.
+/// Passes the frames of the recording at `path` to `visit`. An inner error ended them early.
 pub fn visit_frames(
     path: &Path,
     options: &RecordingOptions,
@@ -120,16 +120,16 @@ pub fn visit_frames(
     })
 }
 
-/// A frame as a camera sends it, times `shift` µs later.
+/// Converts a frame of the camera, with times `shift` µs later.
 fn camera_frame(frame: &usb_davis::protocol::Frame<'_>, shift: i64) -> TimedImage {
     let time = |time: u64| i64::try_from(time).unwrap_or(i64::MAX).saturating_add(shift);
     let exposure = frame.exposure_start.zip(frame.exposure_end).map(|(start, end)| (time(start), time(end)));
     let image = match frame.shutter {
-        // Every column has a time of its own; a calibration that gives a frame one pose would be wrong.
+        // Each column has its own exposure, so a calibration with one pose per frame would be wrong.
         Shutter::Rolling => Err(NoImage::RollingShutter),
         Shutter::Global if frame.damaged_columns > 0 => Err(NoImage::LostColumns),
         Shutter::Global => {
-            // 8 of the 10 bits, as AEDAT4 keeps them: what is lost is below the noise.
+            // Keeps 8 of the 10 bits, as in AEDAT4: the lost ones are below the noise.
             let pixels = frame.pixels.iter().map(|pixel| (pixel >> 2).min(255) as u8).collect();
             let (width, height) = (usize::from(frame.region.width), usize::from(frame.region.height));
             GreyImage::new(width, height, pixels).ok_or(NoImage::NotGrey)

@@ -1,4 +1,4 @@
-//! What the camera said, with times that go on over gaps and restarts of its clock.
+//! Reader of the messages of a DAVIS346, with times that continue over gaps and clock resets.
 
 use std::fs::File;
 use std::io::{BufReader, Seek};
@@ -17,10 +17,10 @@ use crate::error::{RecordingError, RecordingErrorKind};
 use crate::read_report::{ReadReport, RepairedTimes, StreamFaults, Truncation};
 use crate::reader::PAUSE_AFTER_RESET;
 
-/// Bytes read at a time.
+/// Size of the read buffer in bytes.
 const BUFFER: usize = 1 << 18;
 
-/// An event of the wire as an event of a recording, `shift` µs later.
+/// Converts an event of the camera's stream, with its time `shift` µs later.
 pub fn event(event: &PolarityEvent, shift: i64) -> Event {
     Event {
         t: i64::try_from(event.time).unwrap_or(i64::MAX).saturating_add(shift),
@@ -33,8 +33,8 @@ pub fn event(event: &PolarityEvent, shift: i64) -> Event {
     }
 }
 
-/// Makes one time of the camera's, which begins at zero whenever its clock is reset: it goes on 1 s
-/// after the latest time before.
+/// Clock that makes the camera's times continuous. They restart at zero when the camera's clock is reset; this clock
+/// then continues 1 s after the latest time.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CameraClock {
     shift: i64,
@@ -43,7 +43,7 @@ pub struct CameraClock {
 }
 
 impl CameraClock {
-    /// Takes note of a message; gives what to add to its times, in µs.
+    /// Processes a message. Returns the offset in µs that must be added to its times.
     pub fn shift(&mut self, message: &Message<'_>) -> i64 {
         let time = match message {
             Message::Events(events) => events.last().map(|event| event.time),
@@ -65,10 +65,10 @@ impl CameraClock {
     }
 }
 
-/// The messages of a recording of transfers.
+/// Reader of the messages in a recording of USB transfers.
 pub struct Messages {
     path: PathBuf,
-    /// The same open file as that of the capture: both are at the same place.
+    /// Second handle of the capture's file, which shares its position.
     watched: File,
     /// Length of the file; `None` while it is being written.
     length: Option<u64>,
@@ -76,19 +76,19 @@ pub struct Messages {
     decoder: Decoder<Vec<u16>>,
     clock: CameraClock,
     other: [u64; 3],
-    /// What to add to the times of each repair.
+    /// Offset in µs of the times of each repair.
     repair_shifts: Vec<i64>,
     ended: bool,
 }
 
 impl Messages {
-    /// Opens a dump, a capture or a bare stream; `device` chooses among the devices of a capture.
+    /// Opens a dump, a capture or a bare stream. `device` selects one of the devices in a capture.
     pub fn open(path: &Path, device: Option<DeviceAddress>) -> Result<Self, RecordingError> {
         let length = std::fs::metadata(path).map_err(|error| RecordingError::io(path, error))?.len();
         Self::new(path, Some(length), |file| Capture::new(file, device))
     }
 
-    /// Opens a dump that is being written; [`Messages::next`] waits for what is still to come.
+    /// Opens a dump that is still being written. At its current end, [`Messages::next`] waits for more.
     pub fn follow(path: &Path, growth: &Growth) -> Result<Self, RecordingError> {
         Self::new(path, None, |file| Capture::follow(file, growth.clone()))
     }
@@ -108,18 +108,18 @@ impl Messages {
         Ok(Self { path: path.to_owned(), watched, length, capture, decoder, clock, other, repair_shifts, ended: false })
     }
 
-    /// What the recording says of its camera.
+    /// Header of the recording, with identity and registers of the camera.
     pub fn header(&self) -> &DumpHeader {
         self.capture.header()
     }
 
-    /// Hands over the messages of the next transfer, each with what to add to its times in µs; false
-    /// at the end.
+    /// Passes the messages of the next transfer to `sink`, each with the offset in µs of its times. Returns `false` at
+    /// the end.
     ///
     /// # Errors
-    /// [`RecordingErrorKind::Damaged`] after all messages before the damage.
+    /// [`RecordingErrorKind::Damaged`], after all messages before the damage.
     pub fn next(&mut self, mut sink: impl FnMut(Message<'_>, i64)) -> Result<bool, RecordingError> {
-        // A gap comes before everything else of its transfer.
+        // A gap precedes everything else in its transfer.
         let shift = self.clock.shift;
         let (clock, [frames, samples, signals]) = (&mut self.clock, &mut self.other);
         let take = |message: Message<'_>| {
@@ -138,13 +138,14 @@ impl Messages {
         Ok(more)
     }
 
-    /// Which part of the file was read, 0 to 1, as far as it is known.
+    /// Fraction of the file that has been read, 0 to 1; `None` if unknown.
     pub fn done(&self) -> Option<f64> {
         let position = (&self.watched).stream_position().ok()?;
         self.length.map(|length| share(position, length))
     }
 
-    /// As [`Messages::next`], but damage is an end: the reader of the events meets it too, and reports it.
+    /// Reads like [`Messages::next`], but treats damage as the end. The reader of the events finds the same damage and
+    /// reports it.
     pub fn next_whole(&mut self, sink: impl FnMut(Message<'_>, i64)) -> Result<bool, RecordingError> {
         match self.next(sink) {
             Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => Ok(false),
@@ -152,7 +153,7 @@ impl Messages {
         }
     }
 
-    /// Says in `report` what was met so far.
+    /// Stores the faults so far in `report`.
     pub fn report(&self, report: &mut ReadReport) {
         let repairs = self.capture.repair_counts();
         let repaired_times =

@@ -1,4 +1,4 @@
-//! A camera's stream from one file to another, transfer by transfer, without decoding it.
+//! Copying of a camera's stream, transfer by transfer, without decoding it.
 
 use std::fs::File;
 
@@ -23,7 +23,7 @@ pub fn copy(capture: &mut Capture, file: File) -> Result<CopiedTransfers, WriteE
         }
         copied.transfers += 1;
     }
-    // Registers that were read or written while recording, such as the counters of drops.
+    // Includes registers that were read or written during the recording, such as the counters of dropped events.
     let before = capture.header().registers.clone();
     let changed = capture.registers().iter().filter(|&(register, value)| before.get(register) != Some(value));
     let changed: Vec<_> = changed.collect();
@@ -34,7 +34,7 @@ pub fn copy(capture: &mut Capture, file: File) -> Result<CopiedTransfers, WriteE
     let damage = capture.damage();
     if damage.places > 0 || damage.unfinished > 0 {
         copied.lost = Some(format!(
-            "{} damaged places and an unfinished end of {} bytes in the recording: they are gaps in the output",
+            "{} damaged places and an incomplete end of {} bytes in the recording: they are gaps in the output",
             damage.places, damage.unfinished
         ));
     }

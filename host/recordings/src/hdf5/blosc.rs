@@ -1,35 +1,36 @@
-//! Blosc 1, as h5py's plugins write it, and the blocks of the LZ4 filter.
+//! Blosc 1, as h5py's plugins write it, and the block format of the LZ4 filter.
 //!
 //! ```text
-//! u8 version, u8 version of the codec, u8 flags, u8 size of an element, u32 bytes unpacked, u32 bytes of a block, u32 bytes packed
-//! u32 place of each block
-//! block: u32 packed bytes, packed bytes, for the whole block or for each byte of an element
+//! u8 version, u8 version of the codec, u8 flags, u8 size of an element, u32 uncompressed size, u32 size of a block,
+//! u32 compressed size
+//! u32 offset of each block
+//! block: u32 compressed size and compressed bytes, either of the whole block or of each byte of an element
 //! ```
 //!
-//! Flags: bit 0 bytes are shuffled, bit 1 stored as they are, bit 2 bits are shuffled, bit 4 blocks are not split, bits 5 to 7 the
-//! codec (0 BloscLZ, 1 LZ4, 3 zlib, 4 Zstandard).
+//! Flags: bit 0 bytes are shuffled, bit 1 not compressed, bit 2 bits are shuffled, bit 4 blocks are not split, bits 5
+//! to 7 the codec (0 BloscLZ, 1 LZ4, 3 zlib, 4 Zstandard).
 
 use std::io::Read;
 
-/// What is wrong with a chunk.
+/// Fault of a chunk.
 #[derive(Debug, thiserror::Error)]
 pub enum BloscError {
-    /// It ends too early.
+    /// The chunk ends too early.
     #[error("the chunk ends too early")]
     End,
-    /// It says that it is larger than its place.
-    #[error("the chunk says that it has {0} bytes, more than fit")]
+    /// The stated size exceeds the space for the chunk.
+    #[error("the chunk states a size of {0} bytes, which is too much")]
     Size(usize),
-    /// Snappy, or what was not known when this was written.
+    /// The codec is Snappy or unknown.
     #[error("Blosc with {}", if *.0 == 2 { "Snappy".to_owned() } else { format!("codec {}", .0) })]
     Codec(u8),
-    /// What is packed does not unpack.
+    /// Compressed data are invalid.
     #[error("a block is damaged")]
     Block,
 }
 
 const HEAD: usize = 16;
-/// Elements above this many bytes, and blocks with fewer elements than `LEAST_ELEMENTS`, are not split.
+/// Blocks are not split if elements exceed this many bytes, or if there are fewer elements than `LEAST_ELEMENTS`.
 const LARGEST_SPLIT: usize = 16;
 const LEAST_ELEMENTS: usize = 128;
 
@@ -38,7 +39,7 @@ fn u32_at(data: &[u8], at: usize) -> Result<usize, BloscError> {
     Ok(u32::from_le_bytes(*bytes) as usize)
 }
 
-/// The bytes of a chunk, which are at most `most`.
+/// Decompresses a chunk to at most `most` bytes.
 pub fn decompress(data: &[u8], most: usize) -> Result<Vec<u8>, BloscError> {
     let &[_, _, flags, size, ..] = data else { return Err(BloscError::End) };
     let (total, block) = (u32_at(data, 4)?, u32_at(data, 8)?);
@@ -79,7 +80,7 @@ pub fn decompress(data: &[u8], most: usize) -> Result<Vec<u8>, BloscError> {
     Ok(output)
 }
 
-/// Appends the `length` bytes that are packed in `bytes`.
+/// Appends the `length` bytes that `bytes` decompress to.
 fn unpack(codec: u8, bytes: &[u8], length: usize, output: &mut Vec<u8>) -> Result<(), BloscError> {
     let start = output.len();
     if bytes.len() == length {
@@ -90,8 +91,8 @@ fn unpack(codec: u8, bytes: &[u8], length: usize, output: &mut Vec<u8>) -> Resul
         0 => blosclz(bytes, start + length, output)?,
         1 => {
             output.resize(start + length, 0);
-            let place = output.get_mut(start..).ok_or(BloscError::Block)?;
-            lz4_flex::block::decompress_into(bytes, place).map_err(|_| BloscError::Block)?;
+            let target = output.get_mut(start..).ok_or(BloscError::Block)?;
+            lz4_flex::block::decompress_into(bytes, target).map_err(|_| BloscError::Block)?;
         }
         3 => {
             let read = flate2::read::ZlibDecoder::new(bytes).take(length as u64).read_to_end(output);
@@ -106,9 +107,9 @@ fn unpack(codec: u8, bytes: &[u8], length: usize, output: &mut Vec<u8>) -> Resul
     if output.len() == start + length { Ok(()) } else { Err(BloscError::Block) }
 }
 
-/// BloscLZ: literals and matches, as in FastLZ of level 2.
+/// Decompresses BloscLZ: literals and matches, as in FastLZ level 2.
 fn blosclz(bytes: &[u8], end: usize, output: &mut Vec<u8>) -> Result<(), BloscError> {
-    /// Distances of more than 13 bits have two bytes more.
+    /// Longer distances than 13 bits can express have two additional bytes.
     const FARTHEST_SHORT: usize = 8191;
     let begin = output.len();
     let mut input = bytes.iter().copied();
@@ -157,19 +158,19 @@ fn blosclz(bytes: &[u8], end: usize, output: &mut Vec<u8>) -> Result<(), BloscEr
     }
 }
 
-/// Appends elements whose first bytes stand together, then their second ones, and so on.
+/// Appends elements that are stored as planes: the first bytes of all elements, then the second bytes, and so on.
 fn unshuffle(bytes: &[u8], size: usize, output: &mut Vec<u8>) {
     let elements = bytes.len() / size;
     let start = output.len();
     output.extend_from_slice(bytes);
-    let Some(place) = output.get_mut(start..) else { return };
+    let Some(target) = output.get_mut(start..) else { return };
     for (lane, plane) in bytes.chunks_exact(elements.max(1)).take(size).enumerate() {
-        place.iter_mut().skip(lane).step_by(size).zip(plane).for_each(|(slot, byte)| *slot = *byte);
+        target.iter_mut().skip(lane).step_by(size).zip(plane).for_each(|(slot, byte)| *slot = *byte);
     }
 }
 
-/// Appends elements whose lowest bits stand together, then their second ones, and so on. Where the number of elements is no
-/// multiple of eight they are as they are.
+/// Appends elements that are stored as bit planes: the lowest bits of all elements, then the second bits, and so on. If
+/// the number of elements is not a multiple of eight, they are stored unchanged.
 fn unshuffle_bits(bytes: &[u8], size: usize, output: &mut Vec<u8>) {
     let elements = bytes.len() / size;
     let start = output.len();
@@ -177,20 +178,20 @@ fn unshuffle_bits(bytes: &[u8], size: usize, output: &mut Vec<u8>) {
     if !elements.is_multiple_of(8) {
         return;
     }
-    let (Some(place), row) = (output.get_mut(start..start + elements * size), elements / 8) else { return };
-    place.fill(0);
+    let (Some(target), row) = (output.get_mut(start..start + elements * size), elements / 8) else { return };
+    target.fill(0);
     for (bit, plane) in bytes.chunks_exact(row.max(1)).take(8 * size).enumerate() {
         for element in 0..elements {
             let value = plane.get(element / 8).map_or(0, |byte| byte >> (element % 8) & 1);
-            if let Some(slot) = place.get_mut(element * size + bit / 8) {
+            if let Some(slot) = target.get_mut(element * size + bit / 8) {
                 *slot |= value << (bit % 8);
             }
         }
     }
 }
 
-/// The filter LZ4 of HDF5: u64 bytes unpacked, u32 bytes of a block, then u32 packed bytes and packed bytes of each block; all
-/// numbers have their highest byte first.
+/// Decompresses HDF5's LZ4 filter: u64 uncompressed size, u32 size of a block, then for each block u32 compressed size
+/// and compressed bytes; all numbers are big-endian.
 pub fn lz4_blocks(data: &[u8], most: usize) -> Result<Vec<u8>, BloscError> {
     let (total, rest) = data.split_first_chunk().ok_or(BloscError::End)?;
     let (block, mut rest) = rest.split_first_chunk().ok_or(BloscError::End)?;
@@ -202,10 +203,10 @@ pub fn lz4_blocks(data: &[u8], most: usize) -> Result<Vec<u8>, BloscError> {
     let mut output = Vec::with_capacity(total);
     while output.len() < total {
         let length = block.min(total - output.len());
-        let (packed, behind) = rest.split_first_chunk().ok_or(BloscError::End)?;
-        let (packed, behind) = behind.split_at_checked(u32::from_be_bytes(*packed) as usize).ok_or(BloscError::End)?;
+        let (packed, after) = rest.split_first_chunk().ok_or(BloscError::End)?;
+        let (packed, after) = after.split_at_checked(u32::from_be_bytes(*packed) as usize).ok_or(BloscError::End)?;
         unpack(1, packed, length, &mut output)?;
-        rest = behind;
+        rest = after;
     }
     Ok(output)
 }

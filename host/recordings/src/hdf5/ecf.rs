@@ -1,35 +1,36 @@
 //! ECF, the compression of events in Prophesee's HDF5 files.
 //!
 //! ```text
-//! u32 count << 2 | all << 1 | pairs   how x, y and polarity are packed
+//! u32 count << 2 | all << 1 | pairs   packing of x, y and polarity
 //! u64 time of the first event
 //! times    u8 step << 4 | events at the new time; 15 events: u16 with their number follows;
-//!          15 steps: the other four bits are of a longer step, lowest first, in one such byte after the other
+//!          15 steps: the other four bits are part of a longer step, lowest first, one byte after the other
 //! all:     4 events in three u32: 24 bits each, y << 12 | x << 1 | polarity
-//! else:    rows      u16 y << 5 | events there; 31 events: u16 follows
+//! else:    rows      u16 y << 5 | number of events; 31 events: u16 follows
 //!   pairs: 4 events in three u16: 12 bits each, x << 1 | polarity
-//!   else:  columns   u16 x << 5 | which of x + 1 to x + 5 too, the nearest in the highest bit
-//!          polarity  u8 p << 7 | events with it; 127 events: u16 follows
+//!   else:  columns   u16 x << 5 | one bit for each of x + 1 to x + 5, the nearest in the highest bit
+//!          polarity  u8 p << 7 | number of events; 127 events: u16 follows
 //! ```
 //!
-//! The first of 4 events is in the highest bits of the first word, the last one in the lowest of the last word; of the other two
-//! the lower bits are at the end of a word and the higher ones at the beginning of the next.
+//! Of 4 events, the first is in the highest bits of the first word, and the last in the lowest bits of the last word.
+//! The other two are split: their lower bits are at the end of a word and their higher bits at the beginning of the
+//! next.
 
-/// Size of a record in Prophesee's files: u16 x, u16 y, i16 polarity, two bytes of nothing, i64 time.
+/// Size of a record in Prophesee's files: u16 x, u16 y, i16 polarity, two unused bytes, i64 time.
 const RECORD: usize = 16;
-/// More events than this are in no chunk.
+/// Largest number of events in a chunk.
 const MOST_EVENTS: usize = 65_535;
 
-/// What is wrong with a chunk.
+/// Fault of a chunk.
 #[derive(Debug, thiserror::Error)]
 pub enum EcfError {
-    /// It ends before its last event.
+    /// The chunk ends before its last event.
     #[error("the chunk ends too early")]
     End,
-    /// Its head is none.
-    #[error("the chunk says that it has {0} events, where 65535 are the most")]
+    /// The head states too many events.
+    #[error("the chunk states {0} events, more than the limit of 65535")]
     Count(usize),
-    /// Runs that are longer than all events.
+    /// A run is longer than the chunk.
     #[error("a run of events is longer than the chunk")]
     Run,
 }
@@ -52,7 +53,7 @@ impl Bytes<'_> {
     }
 }
 
-/// The records of a chunk.
+/// Decompresses a chunk into records.
 pub fn decompress(data: &[u8]) -> Result<Vec<u8>, EcfError> {
     let mut bytes = Bytes(data);
     let head = u32::from_le_bytes(bytes.take()?);
@@ -79,7 +80,7 @@ pub fn decompress(data: &[u8]) -> Result<Vec<u8>, EcfError> {
     Ok(records)
 }
 
-/// Appends `run` times `value`, up to `count` in all.
+/// Appends `value` `run` times. The total must not exceed `count`.
 fn repeat<T: Copy>(values: &mut Vec<T>, value: T, run: usize, count: usize) -> Result<(), EcfError> {
     if run > count - values.len() {
         return Err(EcfError::Run);
@@ -91,7 +92,7 @@ fn repeat<T: Copy>(values: &mut Vec<T>, value: T, run: usize, count: usize) -> R
 fn times(bytes: &mut Bytes, count: usize) -> Result<Vec<u64>, EcfError> {
     let mut time = u64::from_le_bytes(bytes.take()?);
     let mut times = Vec::with_capacity(count);
-    // A longer step, and how many bits of it are known.
+    // The longer step being read, and the number of its bits read so far.
     let (mut step, mut known) = (0u64, 0u32);
     while times.len() < count {
         let byte = bytes.u8()?;

@@ -1,5 +1,6 @@
-//! Frames and inertial samples beside the events, as MVSEC's files have them: pictures of 8 bits in `image_raw`, and in `imu` three
-//! accelerations in m/s² and three rates in rad/s, as ROS gives them. Their times are in `image_raw_ts` and `imu_ts`.
+//! Frames and inertial samples in HDF5, in the layout of MVSEC's files. `image_raw` contains images of 8 bits, and
+//! `imu` three accelerations in m/s² and three angular rates in rad/s, as in ROS. Their times are in `image_raw_ts` and
+//! `imu_ts`.
 
 use std::path::{Path, PathBuf};
 
@@ -11,23 +12,25 @@ use super::{arrange, choose, structure, table};
 use crate::columns::GuessedUnit;
 use crate::error::Usable;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::extras::{BOTH, Extra, Frame, InertialSample, OtherStreams, READOUT, ReadExtras, Skipped, take_until, told};
+use crate::extras::{
+    BOTH, Extra, Frame, InertialSample, OtherStreams, READOUT, ReadExtras, Skipped, read_or_report, take_until,
+};
 use crate::numbers::{Number, written};
 use crate::options::{RecordingOptions, TimeUnit};
 use crate::pictures::TimedImage;
 use crate::ros::GRAVITY;
 
-/// What they are called in reports.
+/// Names in reports.
 pub const FRAMES: &str = "frames";
 pub const SAMPLES: &str = "inertial samples";
 
-/// More times than this, an hour at 1 kHz, are not held in memory.
+/// Largest number of times that are kept in memory (an hour at 1 kHz).
 const MOST_TIMES: u64 = 4_000_000;
 
-/// Pictures of more pixels are none of a sensor's.
+/// Largest number of pixels of an image.
 const MOST_PIXELS: u64 = 1 << 24;
 
-/// Pictures or samples, in their order.
+/// Frames or samples, in file order.
 struct Timed {
     data: Dataset,
     /// Times in µs.
@@ -49,7 +52,8 @@ impl Timed {
         self.times.get(self.next).copied()
     }
 
-    /// Goes on behind what cannot be read. Of a chunk nothing can be had, nor of an array in one piece that ends with the file.
+    /// Skips an element that cannot be read, together with the rest of its chunk. An array without chunks is
+    /// unreadable only if the file is cut off, so the rest of it is skipped.
     fn pass_over(&mut self) {
         let side = self.data.chunks().and_then(|sides| usize::try_from(*sides.first()?).ok());
         self.next = side.map_or(self.times.len(), |side| (self.next / side.max(1) + 1).saturating_mul(side.max(1)));
@@ -58,7 +62,7 @@ impl Timed {
     fn frame(&self, t: i64) -> Result<Frame, Error> {
         let side = |axis: usize| self.data.shape().get(axis).copied().unwrap_or(0);
         let (height, width) = (side(1), side(2));
-        let too_large = || Error::InvalidData("pictures larger than any sensor".to_owned());
+        let too_large = || Error::InvalidData("images larger than any sensor".to_owned());
         if height.checked_mul(width).is_none_or(|pixels| pixels > MOST_PIXELS) {
             return Err(too_large());
         }
@@ -73,7 +77,7 @@ impl Timed {
     fn sample(&self, t: i64) -> Result<InertialSample, Error> {
         let numbers = table::row(&self.data, self.next as u64)?;
         let &[ax, ay, az, gx, gy, gz] = numbers.as_slice() else {
-            return Err(Error::InvalidData("inertial samples of other than six numbers".to_owned()));
+            return Err(Error::InvalidData("inertial samples that do not have six numbers".to_owned()));
         };
         let three = |numbers: [Number; 3], scale: f64| numbers.map(|number| (number.value() * scale) as f32);
         Ok(InertialSample {
@@ -85,15 +89,15 @@ impl Timed {
     }
 }
 
-/// Those beside the events that are read.
-struct Beside {
+/// Reader of the frames and samples that belong to the events being read.
+struct Reader {
     path: PathBuf,
     frames: Option<Timed>,
     samples: Option<Timed>,
     skipped: Skipped,
 }
 
-impl Beside {
+impl Reader {
     fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
         let Found { table, offset, frames, samples, .. } = choose(path, options)?.0;
         let (_, GuessedUnit { unit, .. }) = arrange(path, table, options, &mut Vec::new())?;
@@ -103,7 +107,7 @@ impl Beside {
         Ok(Self { path: path.to_owned(), frames: open(frames), samples: open(samples), skipped })
     }
 
-    /// The next one that begins and can be read.
+    /// Returns the next frame or sample that can be read, in order of time.
     fn next(&mut self) -> Result<Option<Extra>, RecordingError> {
         loop {
             let frame = self.frames.as_ref().and_then(Timed::time);
@@ -136,23 +140,23 @@ impl Beside {
 }
 
 struct Hdf5Extras {
-    beside: Beside,
+    reader: Reader,
     next: Option<Extra>,
     held: OtherStreams,
-    /// Why the first could not be read.
+    /// Description of an error in the first element.
     lost: Vec<String>,
 }
 
-/// Opens those of the file at `path`.
+/// Opens the frames and inertial samples of the file at `path`.
 pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
-    let mut beside = Beside::open(path, options)?;
-    let held = OtherStreams { frames: beside.frames.is_some(), imu: beside.samples.is_some() };
+    let mut reader = Reader::open(path, options)?;
+    let held = OtherStreams { frames: reader.frames.is_some(), imu: reader.samples.is_some() };
     let mut lost = Vec::new();
-    let next = told(beside.next(), BOTH, &mut lost);
-    Ok(Box::new(Hdf5Extras { beside, next, held, lost }))
+    let next = read_or_report(reader.next(), BOTH, &mut lost);
+    Ok(Box::new(Hdf5Extras { reader, next, held, lost }))
 }
 
-/// What cannot be read beside the events.
+/// Converts an error about frames or samples.
 fn damaged(path: &Path, error: &Error) -> RecordingError {
     match structure(path, error) {
         RecordingError { kind: RecordingErrorKind::Damaged { byte, .. }, path } => {
@@ -175,9 +179,9 @@ impl ReadExtras for Hdf5Extras {
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
         lost.append(&mut self.lost);
         if self.next.is_none() {
-            self.beside.skipped.tell(lost);
+            self.reader.skipped.report(lost);
         }
-        take_until(&mut self.next, end, lost, || self.beside.next())
+        take_until(&mut self.next, end, lost, || self.reader.next())
     }
 
     fn reads(&self, stream: &str) -> bool {
@@ -185,13 +189,13 @@ impl ReadExtras for Hdf5Extras {
     }
 }
 
-/// Hands the frames of the file at `path` to `visit`. The inner error ended them early.
+/// Passes the frames of the file at `path` to `visit`. An inner error ended them early.
 pub fn visit_frames(
     path: &Path,
     options: &RecordingOptions,
     visit: &mut dyn FnMut(TimedImage),
 ) -> Result<Result<(), RecordingError>, RecordingError> {
-    let mut frames = Beside { samples: None, ..Beside::open(path, options)? };
+    let mut frames = Reader { samples: None, ..Reader::open(path, options)? };
     Ok(loop {
         match frames.next() {
             Ok(Some(Extra::Frame(frame))) => visit(frame.into()),
@@ -208,7 +212,7 @@ mod tests {
     use crate::extras::Extra;
     use crate::{Damage, Recording, RecordingOptions};
 
-    /// Four events and two samples, and two pictures which stand where the file has nothing.
+    /// Builds a file with four events, two samples, and two images whose data are missing.
     fn without_pictures() -> Vec<u8> {
         const NUMBER: Integer = Integer { size: 8, is_signed: true };
         let arrays: [(&str, &[u64], Vec<i64>); 7] = [
@@ -253,16 +257,16 @@ mod tests {
         (samples.collect(), lost)
     }
 
-    /// It was taken for the end of the file, without a word.
+    /// Damage must not look like the end of the file.
     #[test]
-    fn a_damaged_first_frame_is_told() {
+    fn a_damaged_first_frame_is_reported() {
         let (samples, lost) = read(Damage::Refuse);
         assert!(samples.is_empty() && lost.len() == 1 && lost[0].contains("cannot be read"), "{samples:?} {lost:?}");
     }
 
     #[test]
-    fn samples_are_read_where_damaged_frames_are_skipped() {
-        let told = "1 damaged packet of frames and inertial samples".to_owned();
-        assert_eq!(read(Damage::Skip), (vec![160, 260], vec![told]));
+    fn samples_are_read_if_damaged_frames_are_skipped() {
+        let lost = "1 damaged packet of frames and inertial samples".to_owned();
+        assert_eq!(read(Damage::Skip), (vec![160, 260], vec![lost]));
     }
 }

@@ -1,4 +1,4 @@
-//! Compressions of HDF5 that its library gets from plugins.
+//! Compressions that HDF5 supports only by plugins.
 
 use std::path::Path;
 
@@ -10,14 +10,14 @@ use hdf5_reader::{FilterRegistry, Hdf5File, OpenOptions, Storage};
 use super::blosc::{self, BloscError};
 use super::ecf;
 
-/// Numbers of the filters, as registered with the HDF Group; the one of ECF is Prophesee's own.
+/// Numbers of the filters, as registered with the HDF Group; Prophesee chose that of ECF.
 const LZF: u16 = 32000;
 const BLOSC: u16 = 32001;
 const LZ4: u16 = 32004;
 const ZSTD: u16 = 32015;
 const ECF: u16 = 0x8ECF;
 
-/// Those that are not read, by their numbers.
+/// Numbers and names of filters that are not supported.
 const NOT_READ: [(u16, &str); 8] = [
     (305, "LZO"),
     (307, "bzip2"),
@@ -29,27 +29,27 @@ const NOT_READ: [(u16, &str); 8] = [
     (32026, "Blosc 2"),
 ];
 
-/// Chunks above this many bytes are refused.
+/// Size limit of a chunk in bytes.
 const LARGEST_CHUNK: usize = 64 << 20;
 
-/// What the chunks of a stream need.
+/// Sizes of a stream's chunks, which limit decompression and the cache.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Limits {
-    /// Bytes of its largest chunk, unpacked.
+    /// Size of the largest chunk, uncompressed, in bytes.
     largest: usize,
-    /// Bytes of one chunk of each of its columns, unpacked.
+    /// Sum of the chunk sizes of all columns, uncompressed, in bytes.
     together: usize,
 }
 
 impl Limits {
-    /// Makes room for another column with chunks of `bytes`.
+    /// Adds a column with chunks of `bytes`.
     pub fn hold(&mut self, bytes: usize) {
         self.largest = self.largest.max(bytes);
         self.together = self.together.saturating_add(bytes);
     }
 }
 
-/// Opens the file at `path` to read chunks of the stream that `limits` are for.
+/// Opens the file at `path` to read chunks of the stream with these `limits`.
 pub fn open(path: &Path, limits: Limits) -> Result<Hdf5File, Error> {
     let most = if limits.largest == 0 { LARGEST_CHUNK } else { limits.largest.min(LARGEST_CHUNK) };
     let damaged = |name: &str, what: String| Error::InvalidData(format!("{name}: {what}"));
@@ -84,7 +84,7 @@ pub fn open(path: &Path, limits: Limits) -> Result<Hdf5File, Error> {
         ECF,
         Box::new(move |_, data, _| {
             let mut records = ecf::decompress(data).map_err(|error| damaged("ECF", error.to_string()))?;
-            // The last chunk is stored short, and HDF5 wants it whole.
+            // The last chunk is stored short, but HDF5 requires its full size.
             if limits.largest > 0 {
                 records.resize(limits.largest, 0);
             }
@@ -105,7 +105,7 @@ pub fn open(path: &Path, limits: Limits) -> Result<Hdf5File, Error> {
     Hdf5File::from_storage_with_options(std::sync::Arc::new(storage), options)
 }
 
-/// How many bytes the file at `path` has, and how many it should have, where these are more.
+/// Returns the length of the file at `path` and the length that its superblock states, if it is cut off.
 pub fn cut_off(path: &Path) -> Option<(u64, u64)> {
     let storage = hdf5_reader::FileStorage::open(path).ok()?;
     let length = storage.len();

@@ -1,4 +1,4 @@
-//! Where in a file events are.
+//! Search for streams of events in a file.
 
 use evcal_core::sensor::Sensor;
 use hdf5_reader::error::Error;
@@ -9,56 +9,58 @@ use crate::columns;
 use crate::numbers::Number;
 use crate::options::Column;
 
-/// Groups deeper than this are not looked into.
+/// Depth to which groups are searched.
 const DEEPEST: usize = 6;
-/// More groups than this are not looked into.
+/// Largest number of groups that are searched.
 const MOST_GROUPS: usize = 512;
 
-/// Poses and projections, which lie beside events, have four columns, too.
+/// Number of rows up to which an array of four columns is taken for a matrix, such as a pose or projection stored with
+/// the events.
 const MOST_ROWS_OF_A_MATRIX: u64 = 4;
 
-/// What a file holds.
+/// Content of a file.
 pub struct Contents {
-    /// Streams of events, in the order of the file; those of a group before those of the groups in it.
+    /// Streams of events in file order, those of a group before those of its subgroups.
     pub streams: Vec<Found>,
-    /// An array that would be a column of a stream if its elements could be read, and what they are.
+    /// Name of an array that would be a column of a stream if its elements were supported, with a description of the
+    /// elements.
     pub unread: Option<(String, &'static str)>,
 }
 
 /// A stream of events.
 pub struct Found {
-    /// Path of the dataset, or of the group of columns; the file's root has no name.
+    /// Path of the dataset, or of the group of columns; `events` for columns at the root.
     pub name: String,
-    /// Whether names say that it holds events. Of other arrays of four columns only their values can.
+    /// `true` if the names show that it contains events. For other arrays of four columns, only the values can.
     pub is_named: bool,
-    /// Its events.
+    /// The events.
     pub table: Table,
-    /// Size of the sensor, where something beside them tells it.
+    /// Size of the sensor, if the file contains it near the events.
     pub sensor: Option<Sensor>,
-    /// What has to be added to all times, in their unit.
+    /// Offset of all times, in their unit.
     pub offset: Option<Number>,
-    /// Pictures beside them, and their times.
+    /// Frames in the same group, with their times.
     pub frames: Option<TimedDataset>,
-    /// Inertial samples beside them, and their times.
+    /// Inertial samples in the same group, with their times.
     pub samples: Option<TimedDataset>,
 }
 
-/// A group with its path, and that of the group above it.
-struct Place {
+/// A group with its path, and the index of its parent in the list of groups.
+struct Node {
     path: String,
     group: hdf5_reader::group::Group,
     above: Option<usize>,
 }
 
-/// What the file holds.
+/// Searches the file for streams of events.
 pub fn find(file: &Hdf5File) -> Result<Contents, Error> {
-    let mut places = vec![Place { path: String::new(), group: file.root_group()?, above: None }];
+    let mut nodes = vec![Node { path: String::new(), group: file.root_group()?, above: None }];
     let mut contents = Contents { streams: Vec::new(), unread: None };
     let mut next = 0;
-    while let Some(Place { path, group, above }) = places.get(next) {
+    while let Some(Node { path, group, above }) = nodes.get(next) {
         let (path, group, above) = (path.clone(), group.clone(), *above);
         let (groups, datasets) = group.members()?;
-        let upper = above.and_then(|above| places.get(above)).map(|place| &place.group);
+        let upper = above.and_then(|above| nodes.get(above)).map(|node| &node.group);
         let (tables, unread) = tables(&path, &datasets);
         contents.unread = contents.unread.or(unread);
         for (name, table) in tables {
@@ -67,37 +69,37 @@ pub fn find(file: &Hdf5File) -> Result<Contents, Error> {
                 continue;
             }
             let sensor = sensor(&group, &datasets).or_else(|| upper.and_then(geometry));
-            let sensor = sensor.or_else(|| places.first().and_then(|root| geometry(&root.group)));
-            let beside = group.dataset(OFFSET).or_else(|error| upper.map_or(Err(error), |upper| upper.dataset(OFFSET)));
-            let offset = beside.ok().as_ref().and_then(table::single);
+            let sensor = sensor.or_else(|| nodes.first().and_then(|root| geometry(&root.group)));
+            let start = group.dataset(OFFSET).or_else(|error| upper.map_or(Err(error), |upper| upper.dataset(OFFSET)));
+            let offset = start.ok().as_ref().and_then(table::single);
             let [frames, samples] = [(FRAMES, 3), (SAMPLES, 2)].map(|(name, sides)| timed(&datasets, name, sides));
             contents.streams.push(Found { name, is_named, table, sensor, offset, frames, samples });
         }
         if path.matches('/').count() + 1 < DEEPEST {
-            let below = groups.into_iter().take(MOST_GROUPS.saturating_sub(places.len()));
-            let below: Vec<Place> =
-                below.map(|group| Place { path: join(&path, group.name()), group, above: Some(next) }).collect();
-            places.extend(below);
+            let below = groups.into_iter().take(MOST_GROUPS.saturating_sub(nodes.len()));
+            let below: Vec<Node> =
+                below.map(|group| Node { path: join(&path, group.name()), group, above: Some(next) }).collect();
+            nodes.extend(below);
         }
         next += 1;
     }
     Ok(contents)
 }
 
-/// Time of the first event in DSEC's files, beside the group of events.
+/// Dataset in DSEC's files with the time of the first event, next to the group of events.
 const OFFSET: &str = "t_offset";
-/// Pictures and inertial samples beside the events, as in MVSEC's files. Their times have the same name with `_ts` behind it.
+/// Datasets with frames and inertial samples in MVSEC's files. The datasets with their times have the suffix `_ts`.
 const FRAMES: &str = "image_raw";
 const SAMPLES: &str = "imu";
 
-/// A dataset and that of its times.
+/// A dataset with the dataset of its times.
 #[derive(Clone)]
 pub struct TimedDataset {
     pub data: Dataset,
     pub times: Dataset,
 }
 
-/// The dataset of this name that has so many sides, and that of its times.
+/// Returns the dataset with this name and number of axes, and the dataset of its times.
 fn timed(datasets: &[Dataset], name: &str, sides: usize) -> Option<TimedDataset> {
     let named = |name: &str| datasets.iter().find(|dataset| last(dataset) == name);
     let (data, times) = (named(name)?, named(&format!("{name}_ts"))?);
@@ -114,14 +116,14 @@ fn name_of(path: &str) -> &str {
     path.rsplit('/').next().unwrap_or(path)
 }
 
-/// Tables by their names, and an array that would belong to one but cannot be read, with what it holds.
+/// Tables by name; and an array that would belong to one but is not supported, with a description of its elements.
 type Tables = (Vec<(String, Table)>, Option<(String, &'static str)>);
 
-/// The tables of one group.
+/// Returns the tables of one group.
 fn tables(path: &str, datasets: &[Dataset]) -> Tables {
     let columns = [Column::T, Column::X, Column::Y, Column::P].map(|column| {
         let named = datasets.iter().filter(|dataset| columns::of_name(last(dataset)).0 == column);
-        // `t` rather than `t_offset`, and what can be read rather than what cannot.
+        // Prefers supported elements to unsupported ones, and `t` to `t_offset`.
         let rank = |dataset: &&Dataset| (table::unread(dataset).is_some(), last(dataset).len());
         Some((column, named.filter(|dataset| table::is_list(dataset)).min_by_key(rank)?.clone()))
     });
@@ -143,7 +145,7 @@ fn last(dataset: &Dataset) -> &str {
     name_of(dataset.name())
 }
 
-/// The size of the sensor, as datasets or attributes of a group give it.
+/// Returns the size of the sensor from datasets or attributes of a group.
 fn sensor(group: &hdf5_reader::group::Group, datasets: &[Dataset]) -> Option<Sensor> {
     let side = |name: &str| table::single(datasets.iter().find(|dataset| last(dataset) == name)?)?.pixel();
     let by_datasets = || Some(Sensor::new(side("width")?, side("height")?));
@@ -161,7 +163,8 @@ fn sensor(group: &hdf5_reader::group::Group, datasets: &[Dataset]) -> Option<Sen
     by_datasets().or_else(by_calibration).or_else(by_pictures).or_else(|| geometry(group))
 }
 
-/// The size of the sensor, as attributes of a group give it: `geometry`, `width` and `height`, or one of both numbers.
+/// Returns the size of the sensor from attributes of a group: `geometry`, `width` and `height`, or an attribute with
+/// both numbers.
 fn geometry(group: &hdf5_reader::group::Group) -> Option<Sensor> {
     let sides = |text: String| {
         let (width, height) = text.split_once('x')?;
@@ -172,7 +175,7 @@ fn geometry(group: &hdf5_reader::group::Group) -> Option<Sensor> {
         [side] => side.pixel().filter(|side| *side > 0),
         _ => None,
     };
-    // Some write the height first, others the width: no sensor is higher than wide.
+    // Some programs write the height first. The larger number is the width, because no sensor is higher than wide.
     let both = |name: &str| match numbers(name)?.as_slice() {
         [a, b] => {
             let (a, b) = (a.pixel()?, b.pixel()?);

@@ -1,15 +1,15 @@
-//! The structure of an HDF5 file, as far as arrays in groups need it.
+//! Writer of the structure of an HDF5 file, as far as arrays in groups require it.
 //!
-//! Superblock of version 2, object headers of version 2 with compact links, contiguous data: sections II to IV of the HDF5
-//! File Format Specification, version 3.0. All numbers are little endian.
+//! Superblock of version 2, object headers of version 2 with compact links, contiguous data: sections II to IV of the
+//! HDF5 File Format Specification, version 3.0. All numbers are little-endian.
 
 use hdf5_core::jenkins_lookup3;
 
-/// Where nothing is.
-const NOWHERE: u64 = u64::MAX;
-/// Length of the superblock.
+/// Address that means "undefined".
+const UNDEFINED: u64 = u64::MAX;
+/// Length of the superblock in bytes.
 pub const SUPERBLOCK: u64 = 48;
-/// Messages of object headers.
+/// Types of object header messages.
 const DATASPACE: u8 = 0x01;
 const LINK_INFO: u8 = 0x02;
 const DATATYPE: u8 = 0x03;
@@ -19,12 +19,12 @@ const DATA_LAYOUT: u8 = 0x08;
 const GROUP_INFO: u8 = 0x0a;
 const ATTRIBUTE: u8 = 0x0c;
 
-/// A type of whole numbers.
+/// An integer type.
 #[derive(Clone, Copy, Debug)]
 pub struct Integer {
-    /// Its bytes.
+    /// Size in bytes.
     pub size: u8,
-    /// Whether there are numbers below zero.
+    /// `true` if numbers may be negative.
     pub is_signed: bool,
 }
 
@@ -32,13 +32,13 @@ impl Integer {
     fn message(self) -> Vec<u8> {
         let signed = if self.is_signed { 0x08 } else { 0 };
         let bits = u16::from(self.size) * 8;
-        // Version 1 and class 0; three bytes of properties; size; offset and number of bits.
+        // Version 1 and class 0; three bytes of properties; size; bit offset and number of bits.
         let head = [0x10, signed, 0, 0, self.size, 0, 0, 0, 0, 0];
         [&head[..], &bits.to_le_bytes()].concat()
     }
 }
 
-/// One number, or so many in a row.
+/// Returns the dataspace of a single number, or of an array of `count` numbers.
 fn dataspace(count: Option<u64>) -> Vec<u8> {
     match count {
         None => vec![2, 0, 0, 0],
@@ -46,13 +46,13 @@ fn dataspace(count: Option<u64>) -> Vec<u8> {
     }
 }
 
-/// A message of an object header; none is longer than a few hundred bytes.
+/// Returns a message of an object header. Its content must be short, as all messages here are.
 fn message(kind: u8, content: &[u8]) -> Vec<u8> {
     let length = (content.len() as u16).to_le_bytes();
     [&[kind, length[0], length[1], 0], content].concat()
 }
 
-/// With its checksum behind it.
+/// Appends the checksum.
 fn checked(mut bytes: Vec<u8>) -> Vec<u8> {
     let checksum = jenkins_lookup3(&bytes);
     bytes.extend(checksum.to_le_bytes());
@@ -61,26 +61,28 @@ fn checked(mut bytes: Vec<u8>) -> Vec<u8> {
 
 fn object_header(messages: &[Vec<u8>]) -> Vec<u8> {
     let messages = messages.concat();
-    // The size of the messages has four bytes.
+    // The flags state that the size of the messages has four bytes.
     let head = [&b"OHDR\x02\x02"[..], &(messages.len() as u32).to_le_bytes()].concat();
     checked([head, messages].concat())
 }
 
-/// An array: its numbers are at `address`. Without a count it is one number.
+/// Returns the header of a one-dimensional array whose numbers are at `address`; of a single number if there is no
+/// count.
 pub fn dataset(numbers: Integer, count: Option<u64>, address: u64) -> Vec<u8> {
     let length = count.unwrap_or(1).saturating_mul(numbers.size.into());
-    let address = if length == 0 { NOWHERE } else { address };
+    let address = if length == 0 { UNDEFINED } else { address };
     let layout = [&[3, 1][..], &address.to_le_bytes(), &length.to_le_bytes()].concat();
     object_header(&[
         message(DATASPACE, &dataspace(count)),
         message(DATATYPE, &numbers.message()),
-        // Allocated late, never filled where the user gives nothing.
+        // Allocated late, without a fill value.
         message(FILL_VALUE, &[3, 0x0a]),
         message(DATA_LAYOUT, &layout),
     ])
 }
 
-/// An array of one axis whose chunks, of `side` numbers each, are in a tree at `address`; `filters` is the message of their compressions.
+/// Returns the header of a one-dimensional array with chunks of `side` numbers each, which are in a tree at `address`.
+/// `filters` is the message with their compressions.
 #[cfg(test)]
 pub fn chunked(numbers: Integer, count: u64, side: u32, address: u64, filters: &[u8]) -> Vec<u8> {
     let sides = [side, numbers.size.into()].map(u32::to_le_bytes);
@@ -94,7 +96,7 @@ pub fn chunked(numbers: Integer, count: u64, side: u32, address: u64, filters: &
     ])
 }
 
-/// An array of several axes: its numbers are at `address`.
+/// Returns the header of a multidimensional array whose numbers are at `address`.
 #[cfg(test)]
 pub fn shaped(numbers: Integer, sides: &[u64], address: u64) -> Vec<u8> {
     let length = sides.iter().product::<u64>() * u64::from(numbers.size);
@@ -108,10 +110,10 @@ pub fn shaped(numbers: Integer, sides: &[u64], address: u64) -> Vec<u8> {
     ])
 }
 
-/// A virtual array, whose sources stand nowhere.
+/// Returns the header of a virtual array without sources.
 #[cfg(test)]
 pub fn virtual_array(numbers: Integer, count: u64) -> Vec<u8> {
-    let layout = [&[4, 3][..], &NOWHERE.to_le_bytes(), &[0; 4]].concat();
+    let layout = [&[4, 3][..], &UNDEFINED.to_le_bytes(), &[0; 4]].concat();
     object_header(&[
         message(DATASPACE, &dataspace(Some(count))),
         message(DATATYPE, &numbers.message()),
@@ -120,11 +122,12 @@ pub fn virtual_array(numbers: Integer, count: u64) -> Vec<u8> {
     ])
 }
 
-/// A group of objects by their names and addresses, and one number for each attribute.
+/// Returns the header of a group, with the names and addresses of its objects, and the name and number of each
+/// attribute.
 pub fn group(objects: &[(&str, u64)], attributes: &[(&str, u16)]) -> Vec<u8> {
-    let nowhere = NOWHERE.to_le_bytes();
+    let undefined = UNDEFINED.to_le_bytes();
     let mut messages =
-        vec![message(LINK_INFO, &[&[0, 0][..], &nowhere, &nowhere].concat()), message(GROUP_INFO, &[0, 0])];
+        vec![message(LINK_INFO, &[&[0, 0][..], &undefined, &undefined].concat()), message(GROUP_INFO, &[0, 0])];
     for (name, address) in objects {
         let content = [&[1, 0, name.len() as u8][..], name.as_bytes(), &address.to_le_bytes()].concat();
         messages.push(message(LINK, &content));
@@ -140,8 +143,8 @@ pub fn group(objects: &[(&str, u64)], attributes: &[(&str, u16)]) -> Vec<u8> {
     object_header(&messages)
 }
 
-/// What a file of `length` bytes begins with, whose root group is at `root`.
+/// Returns the superblock of a file of `length` bytes, with the root group at `root`.
 pub fn superblock(root: u64, length: u64) -> Vec<u8> {
-    let addresses = [0, NOWHERE, length, root].map(u64::to_le_bytes);
+    let addresses = [0, UNDEFINED, length, root].map(u64::to_le_bytes);
     checked([&b"\x89HDF\r\n\x1a\n\x02\x08\x08\x00"[..], addresses.as_flattened()].concat())
 }

@@ -1,4 +1,4 @@
-//! Events in datasets, and the numbers of a part of them.
+//! Tables of events in datasets, and reading of their numbers.
 
 use hdf5_reader::error::Error;
 use hdf5_reader::{Attribute, ByteOrder, CompoundField, Dataset, Datatype, H5Type, SliceInfo, SliceInfoElem};
@@ -8,35 +8,35 @@ use crate::columns;
 use crate::numbers::{Number, NumberKind, NumberType};
 use crate::options::{Column, Columns, TimeUnit};
 
-/// One event: what its numbers are, and the numbers.
+/// The numbers of one event, each with its column.
 pub type Row = [(Column, Number); 4];
 
-/// Events, one a row.
+/// A table with one event per row.
 #[derive(Clone)]
 pub enum Table {
-    /// One dataset a column.
+    /// One dataset per column.
     Columns(Vec<(Column, Dataset)>),
-    /// One dataset of N x 4, or of 4 x N, as MATLAB writes what it shows as N x 4.
+    /// One dataset of N x 4, or of 4 x N (MATLAB writes an N x 4 array like that).
     Rows(Dataset, Columns),
-    /// One dataset of records with fields t, x, y and p.
+    /// One dataset of records with the fields t, x, y and p.
     Records(Dataset),
 }
 
-/// Whether a dataset is a list, of N, N x 1 or 1 x N elements.
+/// `true` if a dataset is a list: N, N x 1 or 1 x N elements.
 pub fn is_list(dataset: &Dataset) -> bool {
     matches!(dataset.shape(), [_] | [_, 1] | [1, _])
 }
 
-/// Why the elements of a dataset are not read, if they are not.
+/// Describes the elements of a dataset if they are not supported.
 pub fn unread(dataset: &Dataset) -> Option<&'static str> {
     match dataset.dtype() {
         dtype if number_type(dtype).is_some() => None,
         Datatype::FloatingPoint { size: 2, .. } => Some("floating-point numbers of 16 bits"),
-        _ => Some("elements that are no numbers"),
+        _ => Some("elements that are not numbers"),
     }
 }
 
-/// The axis along which the rows of a dataset follow each other.
+/// Returns the index of the axis along the rows of a dataset.
 fn axis(dataset: &Dataset) -> usize {
     match dataset.shape() {
         [1, columns] if *columns != 1 => 1,
@@ -46,7 +46,7 @@ fn axis(dataset: &Dataset) -> usize {
 }
 
 impl Table {
-    /// The table of one dataset, if it is one of events.
+    /// Returns the table of one dataset, if it can contain events.
     pub fn of(dataset: &Dataset) -> Option<Self> {
         let unknown = || Columns::new(vec![Column::T, Column::X, Column::Y, Column::P]);
         match (dataset.dtype(), dataset.shape()) {
@@ -69,7 +69,7 @@ impl Table {
         self.datasets().into_iter().map(count).min().unwrap_or(0)
     }
 
-    /// What its chunks need.
+    /// Returns the sizes of its chunks.
     pub fn limits(&self) -> Limits {
         let mut limits = Limits::default();
         for dataset in self.datasets() {
@@ -80,7 +80,7 @@ impl Table {
         limits
     }
 
-    /// The first row behind `row` with which a chunk of one of its datasets begins; behind all rows, where none does.
+    /// Returns the first row after `row` at which a chunk of any dataset begins; the number of rows if there is none.
     pub fn next_chunk(&self, row: u64) -> u64 {
         let next = |dataset: &Dataset| {
             let side = u64::from(*dataset.chunks()?.get(axis(dataset))?).max(1);
@@ -89,7 +89,7 @@ impl Table {
         self.datasets().into_iter().filter_map(next).min().map_or(self.count(), |next| next.min(self.count()))
     }
 
-    /// The order of the columns, where only the values can tell it, to be put right.
+    /// Returns the order of the columns for correction, if it must be determined from the values.
     pub fn order_to_find(&mut self) -> Option<&mut Columns> {
         match self {
             Self::Rows(_, order) => Some(order),
@@ -97,7 +97,7 @@ impl Table {
         }
     }
 
-    /// The unit that the name of the times gives.
+    /// Returns the unit that the name of the times contains, if any.
     pub fn unit_of_name(&self) -> Option<TimeUnit> {
         let name = match self {
             Self::Columns(columns) => columns.iter().find(|(column, _)| *column == Column::T)?.1.name(),
@@ -107,8 +107,8 @@ impl Table {
         columns::of_name(name.rsplit('/').next()?).1
     }
 
-    /// Where in a row of [`Self::cells`] a column is.
-    pub fn place_of(&self, column: Column) -> Option<usize> {
+    /// Returns the index of a column in a row of [`Self::cells`].
+    pub fn index_of(&self, column: Column) -> Option<usize> {
         match self {
             Self::Columns(columns) => columns.iter().position(|(other, _)| *other == column),
             Self::Rows(_, order) => order.as_slice().iter().position(|other| *other == column),
@@ -116,16 +116,16 @@ impl Table {
         }
     }
 
-    /// The first rows as they are, at most `most`; fewer where those behind them cannot be read.
+    /// Returns the first rows, at most `most`. There are fewer if later ones cannot be read.
     pub fn cells(&self, most: u64) -> Result<Vec<Vec<columns::Cell>>, Error> {
         let rows = self.readable(0, most)?;
         Ok(rows.iter().map(|row| row.iter().map(|(_, number)| number.cell()).collect()).collect())
     }
 
-    /// The rows from `start` on, at most `most`; where those further on cannot be read, some of those before them.
+    /// Reads up to `most` rows from `start` on. If that fails, reads fewer, down to one.
     ///
     /// # Errors
-    /// Where not even the first of them can be read.
+    /// If the row `start` cannot be read.
     pub fn readable(&self, start: u64, most: u64) -> Result<Vec<Row>, Error> {
         let mut count = most.min(self.count().saturating_sub(start));
         loop {
@@ -136,7 +136,7 @@ impl Table {
         }
     }
 
-    /// The rows from `start` up to, but without, `end`.
+    /// Reads the rows from `start` to `end`, exclusive.
     pub fn rows(&self, start: u64, end: u64) -> Result<Vec<Row>, Error> {
         let count = end.saturating_sub(start) as usize;
         let mut found = vec![[(Column::Ignored, Number::Whole(0)); 4]; count];
@@ -153,10 +153,10 @@ impl Table {
         };
         match self {
             Self::Columns(columns) => {
-                for (place, (column, dataset)) in columns.iter().enumerate() {
+                for (index, (column, dataset)) in columns.iter().enumerate() {
                     let numbers = dataset.read_slice::<Cell>(&selection(dataset, SliceInfoElem::Index(0)))?;
                     for (row, Cell(number)) in found.iter_mut().zip(&numbers) {
-                        if let Some(slot) = row.get_mut(place) {
+                        if let Some(slot) = row.get_mut(index) {
                             *slot = (*column, *number);
                         }
                     }
@@ -166,8 +166,8 @@ impl Table {
                 let all = SliceInfoElem::Slice { start: 0, end: 4, step: 1 };
                 let numbers = dataset.read_slice::<Cell>(&selection(dataset, all))?;
                 let by_column = axis(dataset) == 1;
-                for (place, Cell(number)) in numbers.iter().enumerate() {
-                    let (row, column) = if by_column { (place % count, place / count) } else { (place / 4, place % 4) };
+                for (index, Cell(number)) in numbers.iter().enumerate() {
+                    let (row, column) = if by_column { (index % count, index / count) } else { (index / 4, index % 4) };
                     let slot = found.get_mut(row).and_then(|row| row.get_mut(column));
                     if let (Some(slot), Some(column)) = (slot, order.as_slice().get(column)) {
                         *slot = (*column, *number);
@@ -187,21 +187,21 @@ impl Table {
     }
 }
 
-/// The number of a dataset of one element.
+/// Reads the number of a dataset with a single element.
 pub fn single(dataset: &Dataset) -> Option<Number> {
     let one = dataset.num_elements().ok()? == 1 && number_type(dataset.dtype()).is_some();
     let numbers = one.then(|| dataset.read_array::<Cell>().ok())??;
     numbers.iter().next().map(|Cell(number)| *number)
 }
 
-/// The numbers of a short dataset.
+/// Reads the numbers of a dataset with at most `most` elements.
 pub fn numbers(dataset: &Dataset, most: u64) -> Option<Vec<Number>> {
     let few = dataset.num_elements().ok()? <= most && number_type(dataset.dtype()).is_some();
     let numbers = few.then(|| dataset.read_array::<Cell>().ok())??;
     Some(numbers.iter().map(|Cell(number)| *number).collect())
 }
 
-/// The numbers of row `row` of a dataset of rows.
+/// Reads the numbers of row `row` of a dataset of rows.
 pub fn row(dataset: &Dataset, row: u64) -> Result<Vec<Number>, Error> {
     let mut selections: Vec<_> =
         dataset.shape().iter().map(|side| SliceInfoElem::Slice { start: 0, end: *side, step: 1 }).collect();
@@ -212,12 +212,12 @@ pub fn row(dataset: &Dataset, row: u64) -> Result<Vec<Number>, Error> {
     Ok(numbers.iter().map(|Cell(number)| *number).collect())
 }
 
-/// The numbers of an attribute.
+/// Reads the numbers of an attribute.
 pub fn of_attribute(attribute: &Attribute) -> Option<Vec<Number>> {
     Some(attribute.read_1d::<Cell>().ok()?.into_iter().map(|Cell(number)| number).collect())
 }
 
-/// How a number of a dataset is put into bytes; `None` for what is no number that is read.
+/// Returns the number type of a datatype; `None` if it is not a supported number.
 fn number_type(dtype: &Datatype) -> Option<NumberType> {
     let big = |order| order == ByteOrder::BigEndian;
     match *dtype {
@@ -228,17 +228,17 @@ fn number_type(dtype: &Datatype) -> Option<NumberType> {
         Datatype::FloatingPoint { size, byte_order } => {
             NumberType::new(NumberKind::Float, size.into(), big(byte_order))
         }
-        // Truth values, as h5py writes them.
+        // Booleans, as h5py writes them.
         Datatype::Enum { ref base, .. } => number_type(base),
         _ => None,
     }
 }
 
 fn no_number() -> Error {
-    Error::InvalidData("a number of a kind that is not read".to_owned())
+    Error::InvalidData("a number of an unsupported type".to_owned())
 }
 
-/// Any number.
+/// A number of any supported type.
 #[derive(Clone)]
 struct Cell(Number);
 
@@ -262,28 +262,28 @@ impl H5Type for Cell {
     }
 }
 
-/// The columns of a [`Record`].
+/// Order of the numbers in a [`Record`].
 const RECORD: [Column; 4] = [Column::T, Column::X, Column::Y, Column::P];
 
-/// Any record with fields t, x, y and p, which stand here in this order.
+/// The numbers of a record with the fields t, x, y and p.
 #[derive(Clone)]
 struct Record([Number; 4]);
 
-/// The field of a record with this column.
+/// Returns the field of a record for this column.
 fn field(dtype: &Datatype, column: Column) -> Option<&CompoundField> {
     let Datatype::Compound { fields, .. } = dtype else { return None };
     let named = fields.iter().filter(|field| columns::of_name(&field.name).0 == column);
     named.min_by_key(|field| field.name.len())
 }
 
-/// Where the fields of a record are.
+/// Returns offsets and types of the fields of a record.
 fn record_fields(dtype: &Datatype) -> Option<[(usize, NumberType); 4]> {
-    let mut places = [None; 4];
-    for (slot, column) in places.iter_mut().zip(RECORD) {
+    let mut found = [None; 4];
+    for (slot, column) in found.iter_mut().zip(RECORD) {
         let field = field(dtype, column)?;
         *slot = Some((usize::try_from(field.byte_offset).ok()?, number_type(&field.datatype)?));
     }
-    let [t, x, y, p] = places;
+    let [t, x, y, p] = found;
     Some([t?, x?, y?, p?])
 }
 

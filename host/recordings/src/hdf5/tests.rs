@@ -1,4 +1,4 @@
-//! Files with chunks, put together byte by byte, and their damage.
+//! Tests with chunked files, built byte by byte, and with damage.
 
 use std::io::Write;
 
@@ -11,9 +11,10 @@ use crate::testing::{self, Outcome};
 use crate::write::EventWriter;
 use crate::{Damage, Recording, RecordingOptions};
 
-/// Numbers of a chunk.
+/// Numbers per chunk.
 const SIDE: usize = 100;
-/// Of the message of compressions: version, number, then number of the compression, flags, and how many values follow.
+/// Message of the filter pipeline: version, number of filters; then for the filter its number, flags, and number of
+/// values.
 const DEFLATE: [u8; 8] = [2, 1, 1, 0, 0, 0, 0, 0];
 
 fn events(count: i64) -> Vec<Event> {
@@ -27,25 +28,25 @@ fn events(count: i64) -> Vec<Event> {
     (0..count).map(event).collect()
 }
 
-/// A tree of chunks (version 1, all in one node): their lengths and addresses.
+/// Returns a tree of chunks (version 1, a single node) from their lengths and addresses.
 fn tree(chunks: &[(usize, u64)]) -> Vec<u8> {
     let nowhere = u64::MAX.to_le_bytes();
     let mut bytes = [&b"TREE\x01\x00"[..], &(chunks.len() as u16).to_le_bytes(), &nowhere, &nowhere].concat();
     let key = |length: usize, index: usize| {
-        let place = ((index * SIDE) as u64).to_le_bytes();
-        [&(length as u32).to_le_bytes()[..], &[0; 4], &place, &[0; 8]].concat()
+        let offset = ((index * SIDE) as u64).to_le_bytes();
+        [&(length as u32).to_le_bytes()[..], &[0; 4], &offset, &[0; 8]].concat()
     };
     for (index, (length, address)) in chunks.iter().enumerate() {
         bytes.extend(key(*length, index));
         bytes.extend(address.to_le_bytes());
     }
     bytes.extend(key(0, chunks.len()));
-    // The rest of the room that a node has for children is not read.
+    // The rest of the node is not read.
     bytes
 }
 
-/// The columns t, x, y and p of `events` in chunks, which are the last part of the file: first all of t, then those of x, and so
-/// on. The second value is where they begin.
+/// Builds a file with the columns t, x, y and p of `events` in chunks, which are the last part of the file: first all
+/// of t, then all of x, and so on. The second value is the offsets of the chunks.
 fn file(events: &[Event], filters: &[u8]) -> (Vec<u8>, Vec<Vec<usize>>) {
     let columns: [(&str, u8, Vec<Vec<u8>>); 4] = [
         ("t", 8, events.iter().map(|event| event.t.to_le_bytes().to_vec()).collect()),
@@ -64,7 +65,7 @@ fn file(events: &[Event], filters: &[u8]) -> (Vec<u8>, Vec<Vec<usize>>) {
         columns.iter().map(|(_, size, numbers)| numbers.chunks(SIDE).map(|part| pack(part, *size)).collect()).collect();
     let build = |start: usize| {
         let mut bytes = vec![0; 48];
-        let (mut objects, mut places, mut end) = (Vec::new(), Vec::new(), start);
+        let (mut objects, mut offsets, mut end) = (Vec::new(), Vec::new(), start);
         for ((name, size, _), chunks) in columns.iter().zip(&packed) {
             let starts: Vec<usize> = chunks
                 .iter()
@@ -81,22 +82,22 @@ fn file(events: &[Event], filters: &[u8]) -> (Vec<u8>, Vec<Vec<usize>>) {
             objects.push((*name, bytes.len() as u64));
             let numbers = Integer { size: *size, is_signed: *name == "t" };
             bytes.extend(chunked(numbers, events.len() as u64, SIDE as u32, address, filters));
-            places.push(starts);
+            offsets.push(starts);
         }
         let columns = bytes.len() as u64;
         bytes.extend(group(&objects, &[]));
         let root = bytes.len() as u64;
         bytes.extend(group(&[("events", columns)], &[("width", 346), ("height", 260)]));
         bytes.splice(..48, superblock(root, end as u64));
-        (bytes, places)
+        (bytes, offsets)
     };
     let start = build(0).0.len();
-    let (head, places) = build(start);
-    ([head, packed.concat().concat()].concat(), places)
+    let (head, offsets) = build(start);
+    ([head, packed.concat().concat()].concat(), offsets)
 }
 
 #[test]
-fn times_go_on_where_their_counter_wraps() {
+fn times_continue_after_a_counter_wrap() {
     for (kept, wrap) in testing::KEPT.into_iter().zip([1 << 32, 1 << 31, 1 << 31]) {
         let events = testing::events_around(wrap);
         let wrapped: Vec<Event> = events.iter().map(|event| Event { t: kept(event.t), ..*event }).collect();
@@ -105,15 +106,15 @@ fn times_go_on_where_their_counter_wraps() {
 }
 
 #[test]
-fn events_before_and_behind_a_damaged_chunk_are_kept() {
+fn events_before_and_after_a_damaged_chunk_are_kept() {
     let events = events(1050);
-    let (content, places) = file(&events, &DEFLATE);
+    let (content, offsets) = file(&events, &DEFLATE);
     let Outcome { events: whole, error, information, .. } = testing::read(&content);
     assert_eq!((whole.as_slice(), error), (events.as_slice(), None));
     assert_eq!(information.unwrap().sensor, Some(Sensor::new(346, 260)));
     for (column, chunk) in [(0, 0), (0, 3), (2, 3), (3, 10)] {
         let mut damaged = content.clone();
-        damaged[places[column][chunk]..][..6].fill(0x5a);
+        damaged[offsets[column][chunk]..][..6].fill(0x5a);
         let outcome = testing::read(&damaged);
         let (before, behind) = (chunk * SIDE, (chunk + 1) * SIDE);
         if before > 0 {
@@ -131,9 +132,9 @@ fn events_before_and_behind_a_damaged_chunk_are_kept() {
     }
 }
 
-/// As a program leaves it that makes room first and is ended before all of it is filled.
+/// A program that reserves space first and is ended early leaves such a file.
 #[test]
-fn room_that_was_never_filled_is_no_events() {
+fn reserved_space_is_not_read_as_events() {
     let all = events(1050);
     let nothing = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
     for room in [2, 50, 40_000] {
@@ -144,16 +145,16 @@ fn room_that_was_never_filled_is_no_events() {
     }
 }
 
-/// A few bytes can promise more events than anyone can wait for.
+/// A few bytes can announce a practically endless number of events.
 #[test]
-fn arrays_without_any_bytes_end_at_once() {
+fn arrays_without_any_bytes_end_immediately() {
     const MANY: u64 = 1 << 44;
     let numbers = Integer { size: 8, is_signed: true };
     let mut bytes = vec![0; 48];
     let objects = ["t", "x", "y", "p"].map(|name| {
-        let place = bytes.len() as u64;
+        let offset = bytes.len() as u64;
         bytes.extend(dataset(numbers, Some(MANY), u64::MAX));
-        (name, place)
+        (name, offset)
     });
     let root = bytes.len() as u64;
     bytes.extend(group(&objects, &[]));
@@ -164,11 +165,11 @@ fn arrays_without_any_bytes_end_at_once() {
 }
 
 #[test]
-fn of_a_file_that_is_cut_the_events_before_the_end_are_read() {
+fn a_cut_file_is_read_up_to_its_end() {
     let events = events(1050);
-    let (content, places) = file(&events, &DEFLATE);
+    let (content, offsets) = file(&events, &DEFLATE);
     // Within the fourth chunk of the last column.
-    let cut = places[3][3] + 1;
+    let cut = offsets[3][3] + 1;
     let Outcome { events: read, report, error, .. } = testing::read(&content[..cut]);
     assert_eq!((read.as_slice(), error), (&events[..3 * SIDE], None));
     let truncated = report.truncated.unwrap();
@@ -177,27 +178,27 @@ fn of_a_file_that_is_cut_the_events_before_the_end_are_read() {
         truncated.lost.contains("750 events") && truncated.lost.contains(&content.len().to_string()),
         "{truncated}"
     );
-    // Before the places of the chunks.
+    // Before the tree of chunks.
     let error = testing::read(&content[..500]).error.unwrap();
     assert!(error.contains("byte 500") && error.contains("nothing can be read without it"), "{error}");
 }
 
 #[test]
-fn a_compression_that_is_not_read_is_named() {
+fn an_unsupported_compression_is_named() {
     for (number, name) in
         [(32026_u16, "Blosc 2 (filter 32026)"), (32008, "Bitshuffle (filter 32008)"), (40000, "filter id 40000")]
     {
         let [low, high] = number.to_le_bytes();
-        // Of those registered by others the length of a name comes behind the number.
+        // Registered filters have the length of a name after their number.
         let (content, _) = file(&events(50), &[2, 1, low, high, 0, 0, 0, 0, 0, 0]);
         let error = testing::read(&content).error.unwrap();
-        assert!(error.contains(name) && error.contains("is not read"), "{error}");
+        assert!(error.contains(name) && error.contains("is not supported"), "{error}");
     }
 }
 
-/// MATLAB's files begin with 512 bytes of their own.
+/// MATLAB's files begin with a user block of 512 bytes.
 #[test]
-fn a_block_before_the_file_is_passed_over() {
+fn a_user_block_is_skipped() {
     let (content, _) = file(&events(250), &DEFLATE);
     for power in 9..16 {
         let mut block = b"MATLAB 7.3 MAT-file".to_vec();
@@ -208,7 +209,7 @@ fn a_block_before_the_file_is_passed_over() {
 }
 
 #[test]
-fn damage_loses_no_more_than_it_must() {
+fn damage_loses_as_little_as_possible() {
     testing::check_damage(&file(&events(120), &DEFLATE).0);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("events.h5");
@@ -219,7 +220,7 @@ fn damage_loses_no_more_than_it_must() {
 }
 
 #[test]
-fn what_lies_beside_events_is_not_taken_for_them() {
+fn other_arrays_are_not_taken_for_events() {
     let whole = Integer { size: 8, is_signed: true };
     let content = |names: &[&str]| {
         let mut bytes = vec![0; 48];
@@ -228,9 +229,9 @@ fn what_lies_beside_events_is_not_taken_for_them() {
             .map(|name| {
                 let address = bytes.len() as u64;
                 bytes.extend([7_i64, 9].map(i64::to_le_bytes).as_flattened());
-                let place = bytes.len() as u64;
+                let offset = bytes.len() as u64;
                 bytes.extend(dataset(whole, Some(2), address));
-                (*name, place)
+                (*name, offset)
             })
             .collect();
         let root = bytes.len() as u64;
@@ -249,15 +250,15 @@ fn what_lies_beside_events_is_not_taken_for_them() {
     assert!(error.contains("polarity is 7"), "{error}");
 }
 
-/// An array by its name, its sides and its numbers.
+/// An array: its name, its shape and its numbers.
 type Array<'a> = (&'a str, &'a [u64], Vec<i64>);
 
 const WHOLE: Integer = Integer { size: 8, is_signed: true };
 
-/// A file of groups of arrays.
+/// Builds a file of groups of arrays.
 fn groups(groups: &[(&str, &[Array])]) -> Vec<u8> {
     let mut bytes = vec![0; 48];
-    let mut places = Vec::new();
+    let mut offsets = Vec::new();
     for (name, arrays) in groups {
         let mut objects = Vec::new();
         for (name, sides, numbers) in *arrays {
@@ -270,17 +271,17 @@ fn groups(groups: &[(&str, &[Array])]) -> Vec<u8> {
                 (sides, false) => shaped(WHOLE, sides, address),
             });
         }
-        places.push((*name, bytes.len() as u64));
+        offsets.push((*name, bytes.len() as u64));
         bytes.extend(group(&objects, &[]));
     }
     let root = bytes.len() as u64;
-    bytes.extend(group(&places, &[]));
+    bytes.extend(group(&offsets, &[]));
     let length = bytes.len() as u64;
     bytes.splice(..48, superblock(root, length));
     bytes
 }
 
-/// Arrays of the times of `events` times `scale`, named `t`, and of their x, y and p.
+/// Returns the arrays of the times of `events`, multiplied by `scale` and named `t`, and of their x, y and p.
 fn four<'a>(t: &'a str, scale: i64, events: &[Event], sides: &'a [u64]) -> [Array<'a>; 4] {
     let numbers = |number: fn(&Event) -> i64| events.iter().map(number).collect::<Vec<_>>();
     let times = events.iter().map(|event| event.t * scale).collect();
@@ -292,7 +293,7 @@ fn four<'a>(t: &'a str, scale: i64, events: &[Event], sides: &'a [u64]) -> [Arra
     ]
 }
 
-/// They were taken for microseconds.
+/// Nanoseconds must not be taken for microseconds.
 #[test]
 fn the_name_of_the_times_gives_their_unit() {
     let events = events(50);
@@ -304,7 +305,7 @@ fn the_name_of_the_times_gives_their_unit() {
     }
 }
 
-/// The first group was read, and there were no events.
+/// A first group without events is skipped.
 #[test]
 fn the_first_group_with_events_is_read() {
     let (events, nothing) = (events(50), Event { t: 0, x: 0, y: 0, polarity: Polarity::Off });
@@ -321,7 +322,7 @@ fn the_first_group_with_events_is_read() {
 }
 
 #[test]
-fn room_filled_with_another_number_is_no_events() {
+fn reserved_space_with_another_fill_value_is_not_read_as_events() {
     let events = events(50);
     let mut arrays = four("t", 1, &events, &[53]);
     arrays.iter_mut().for_each(|(_, _, numbers)| numbers.extend([-1; 3]));
@@ -330,10 +331,10 @@ fn room_filled_with_another_number_is_no_events() {
     assert_eq!((outcome.report.unwritten, outcome.report.out_of_range), (3, 0));
 }
 
-/// A pose has four columns, of which one may be a time and one a polarity.
+/// A pose has four columns, one of which could be a time and one a polarity.
 #[test]
-fn matrices_are_no_streams() {
-    let identity: Vec<i64> = (0..16).map(|place| i64::from(place % 5 == 0)).collect();
+fn matrices_are_not_streams() {
+    let identity: Vec<i64> = (0..16).map(|index| i64::from(index % 5 == 0)).collect();
     let (rows, events) = (events(50), events(50));
     let rows = rows.iter().flat_map(|event| [event.t, event.x.into(), event.y.into(), event.polarity.index() as i64]);
     let pose: &[Array] = &[("pose", &[4, 4], identity.clone()), ("projection", &[3, 4], identity[..12].to_vec())];
@@ -347,9 +348,9 @@ fn matrices_are_no_streams() {
     assert!(testing::read(&groups(&[("calib", pose)])).error.unwrap().contains("holds no events"));
 }
 
-/// The advice was to copy the file again.
+/// The file is intact, so the message must not suggest damage.
 #[test]
-fn virtual_arrays_are_told() {
+fn virtual_arrays_are_reported() {
     let arrays = ["t", "x", "y", "p"].map(|name| (name, &[][..], Vec::new()));
     let error = testing::read(&groups(&[("events", &arrays)])).error.unwrap();
     assert!(error.contains("is a virtual HDF5 file"), "{error}");

@@ -1,7 +1,7 @@
-//! Writing HDF5 as DSEC has it: `events/{t, x, y, p}`, `t_offset` and `ms_to_idx`, and the sensor as attributes `width` and
-//! `height`, which DSEC does not have.
+//! Writer of HDF5 in the layout of DSEC: `events/{t, x, y, p}`, `t_offset` and `ms_to_idx`. The size of the sensor is
+//! added as attributes `width` and `height`, which DSEC does not have.
 //!
-//! An array stands in one piece, so each waits in a temporary file until the recording ends.
+//! Each array is contiguous in the file, so it is kept in a temporary file until the recording ends.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
@@ -23,7 +23,8 @@ pub const OUTPUT: OutputFormat = OutputFormat {
     copy_transfers: None,
 };
 
-/// Recordings of more milliseconds, which is a day, have no index: a time that is wrong would fill the disk with it.
+/// Length in milliseconds above which a recording gets no index (one day). A damaged time would otherwise fill the
+/// disk.
 const LONGEST_INDEX: u64 = 86_400_000;
 
 const TIME: usize = 0;
@@ -32,17 +33,17 @@ const INDEX: usize = 4;
 struct Encoder {
     file: File,
     sensor: Sensor,
-    /// t (relative to the first event, µs), x, y, p, and the place of the first event of each millisecond.
+    /// t (relative to the first event, µs), x, y, p, and the index of the first event of each millisecond.
     columns: [Column; 5],
     count: u64,
     first: Option<i64>,
-    /// The latest time, relative to the first.
+    /// Latest time, relative to the first event, in µs.
     latest: u64,
-    /// Milliseconds in the index; more than [`LONGEST_INDEX`] if it was given up.
+    /// Number of milliseconds in the index; more than [`LONGEST_INDEX`] if the index was abandoned.
     milliseconds: u64,
 }
 
-/// An array that grows.
+/// An array under construction.
 struct Column {
     name: &'static str,
     numbers: Integer,
@@ -55,7 +56,7 @@ impl Column {
         Ok(Self { name, numbers, file: BufWriter::new(evcal_files::nameless()?) })
     }
 
-    /// From its beginning.
+    /// Returns the temporary file, at its beginning.
     fn read(&mut self) -> io::Result<&mut File> {
         self.file.flush()?;
         let file = self.file.get_mut();
@@ -72,13 +73,13 @@ impl Encoder {
         Ok(Self { file, sensor, columns, count: 0, first: None, latest: 0, milliseconds: 0 })
     }
 
-    /// Milliseconds up to that of `t` begin with the next event.
+    /// Extends the index up to the millisecond of `t` (µs): those milliseconds begin with the next event.
     fn index(&mut self, t: u64) -> io::Result<()> {
         let wanted = t / 1000 + 1;
         if wanted > LONGEST_INDEX {
             self.milliseconds = u64::MAX;
         }
-        // The first event of a millisecond is at its beginning or later.
+        // The index of a millisecond is that of the first event at its beginning or later.
         while self.milliseconds < wanted {
             self.columns[INDEX].file.write_all(&self.count.to_le_bytes())?;
             self.milliseconds += 1;
@@ -90,7 +91,7 @@ impl Encoder {
         self.milliseconds <= LONGEST_INDEX
     }
 
-    /// Writes the times in four bytes each, as DSEC has them, where they fit.
+    /// Converts the times to four bytes each, as in DSEC, if they fit.
     fn narrow_times(&mut self) -> io::Result<()> {
         if self.latest > u32::MAX.into() {
             return Ok(());
@@ -129,7 +130,7 @@ impl Encode for Encoder {
         self.narrow_times()?;
         let (count, has_index, milliseconds) = (self.count, self.has_index(), self.milliseconds);
         let mut output = BufWriter::with_capacity(1 << 18, &self.file);
-        // In place of the superblock, which tells the length of all.
+        // Reserves the space of the superblock, which contains the length of the file.
         output.write_all(&[0; SUPERBLOCK as usize])?;
         let mut position = SUPERBLOCK;
         let mut put = |output: &mut BufWriter<&File>, bytes: &[u8]| -> io::Result<u64> {
@@ -183,7 +184,7 @@ mod tests {
     use crate::write::EventWriter;
     use crate::{Recording, RecordingOptions, TimeUnit};
 
-    /// What is read back, and the file.
+    /// Writes and reads back events at these times. Returns the times and the file.
     fn round_trip(times: &[i64]) -> (Vec<i64>, Hdf5File, tempfile::TempDir) {
         let event = |(index, &t): (usize, &i64)| {
             let polarity = if index % 3 == 0 { Polarity::On } else { Polarity::Off };
@@ -195,7 +196,7 @@ mod tests {
         let mut writer = EventWriter::create(&path, OUTPUT, Sensor::new(1280, 720), "").unwrap();
         events.chunks(7).for_each(|part| writer.write(part).unwrap());
         writer.finish().unwrap();
-        // A handful of times tells nothing of their unit.
+        // A few times do not determine their unit.
         let options = RecordingOptions { time_unit: Some(TimeUnit::Microseconds), ..RecordingOptions::default() };
         let recording = Recording::new(&path, options).unwrap();
         let mut reader = recording.open().unwrap();
@@ -209,13 +210,13 @@ mod tests {
     }
 
     #[test]
-    fn events_are_read_back_whenever_they_begin_and_however_long_they_last() {
+    fn events_at_any_time_and_of_any_duration_are_read_back() {
         for times in
             [vec![0], vec![-5, -5, 7, 900_000], (0..1000).map(|index| 1_789_000_000_000_000 + 37 * index).collect()]
         {
             assert_eq!(round_trip(&times).0, times);
         }
-        // Longer than 32 bits of microseconds, and than a day.
+        // Longer than 32 bits of microseconds, and longer than a day.
         let (times, file, _folder) = round_trip(&[3, 3 + (1 << 33)]);
         assert_eq!(times.len(), 2);
         assert_eq!(file.dataset("ms_to_idx").unwrap().shape(), [(1 << 33) / 1000 + 1]);
@@ -224,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn the_index_leads_to_the_first_event_of_each_millisecond() {
+    fn the_index_contains_the_first_event_of_each_millisecond() {
         let (times, file, _folder) = round_trip(&[10, 1009, 1010, 1010, 1500, 4009, 4010, 4500]);
         let read = file.dataset("ms_to_idx").unwrap().read_array::<u64>().unwrap();
         let index: Vec<usize> = read.iter().map(|place| *place as usize).collect();

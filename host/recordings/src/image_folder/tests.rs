@@ -1,8 +1,8 @@
-//! Folders of images, whole and with every mistake.
+//! Tests with valid folders of images and with every kind of mistake.
 
 use super::*;
 
-/// A folder with this table, and images of 4 × 3 pixels at these names.
+/// Creates a folder with this table, and images of 4 × 3 pixels with these names.
 fn folder(table: &str, names: &[&str]) -> tempfile::TempDir {
     let directory = tempfile::tempdir().unwrap();
     fs::create_dir(directory.path().join(IMAGES)).unwrap();
@@ -34,12 +34,12 @@ fn refused(path: &Path) -> String {
 const TWO: &str = "#timestamp [ns],filename\r\n1403636579763555584,a.png\r\n1403636579796888000, b.png\r\n\r\n";
 
 #[test]
-fn images_come_in_their_order_with_their_times() {
+fn images_are_read_in_order_with_their_times() {
     let directory = folder(TWO, &["a.png", "b.png"]);
     let folder = ImageFolder::open(directory.path(), Stamps::Start).unwrap();
     assert_eq!((folder.sensor(), folder.exposure_known()), (Sensor::new(4, 3), false));
     let [first, second] = images(directory.path(), Stamps::Start).try_into().unwrap();
-    // To the nearest microsecond.
+    // Rounded to the nearest microsecond.
     assert_eq!(first.exposure, (1_403_636_579_763_556, 1_403_636_579_763_556));
     assert_eq!((second.exposure.0, second.exposure_known), (1_403_636_579_796_888, false));
     assert_eq!(first.image, GreyImage::new(4, 3, vec![0; 12]).ok_or(super::super::pictures::NoImage::NotGrey));
@@ -47,7 +47,7 @@ fn images_come_in_their_order_with_their_times() {
 }
 
 #[test]
-fn the_exposure_is_on_the_side_of_the_stamp_that_is_asked_for() {
+fn the_exposure_is_placed_relative_to_the_timestamp_as_requested() {
     let table = "#timestamp [ns],filename,exposure [ms]\n10000000,a.png,4\n20000000,b.png,2.5\n";
     let directory = folder(table, &["a.png", "b.png"]);
     let times = |stamps| images(directory.path(), stamps).iter().map(|image| image.exposure).collect::<Vec<_>>();
@@ -58,7 +58,7 @@ fn the_exposure_is_on_the_side_of_the_stamp_that_is_asked_for() {
 }
 
 #[test]
-fn the_folder_of_a_data_set_will_do_where_it_has_one_camera() {
+fn the_folder_of_a_data_set_is_accepted_if_it_has_one_camera() {
     let whole = tempfile::tempdir().unwrap();
     assert!(refused(whole.path()).contains("holds no data.csv"));
     for name in ["cam0", "cam1"] {
@@ -85,8 +85,8 @@ fn mistakes_name_the_line_or_the_file() {
     wrong("5,a.png\n5,b.png\n", &["line 2", "5 ns is not after 5 ns"]);
     wrong("5,a.png\n-3,b.png\n", &["line 2", "-3 ns is not after 5 ns"]);
     wrong("5,a.png\n1.5e9,b.png\n", &["line 2", "\"1.5e9\" is not a whole number of nanoseconds"]);
-    wrong("5,a.png\n\n7\n", &["line 3", "\"7\" is not a time stamp"]);
-    wrong("5,a.png\n7,\n", &["line 2", "is not a time stamp"]);
+    wrong("5,a.png\n\n7\n", &["line 3", "\"7\" is not a line TIMESTAMP_NS"]);
+    wrong("5,a.png\n7,\n", &["line 2", "is not a line TIMESTAMP_NS"]);
     wrong("#timestamp [ns],filename,exposure [us]\n5,a.png,fast\n", &["line 2", "\"fast\" is not an exposure"]);
     wrong("#timestamp [ns],filename,exposure [us]\n5,a.png\n", &["line 2", "\"\" is not an exposure"]);
     wrong("#timestamp [ns],filename\n", &["data.csv names no image"]);
@@ -99,7 +99,7 @@ fn images_that_cannot_be_read_or_have_another_size_are_named() {
     picture((5, 3), 1, 7).write_png(&second).unwrap();
     let message = refused(directory.path());
     assert!(message.contains("b.png has 5 x 3 pixels, the images before it 4 x 3"), "{message}");
-    for (content, word) in [(&b"\x89PNG\r\n\x1a\nrubbish"[..], "not a whole PNG"), (b"BM", "neither PNG nor JPEG")] {
+    for (content, word) in [(&b"\x89PNG\r\n\x1a\nrubbish"[..], "not a valid PNG"), (b"BM", "neither PNG nor JPEG")] {
         fs::write(&second, content).unwrap();
         let message = refused(directory.path());
         assert!(message.contains("b.png: ") && message.contains(word), "{message}");

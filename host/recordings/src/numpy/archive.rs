@@ -1,4 +1,4 @@
-//! The arrays of an npz file, which is a ZIP archive.
+//! Reader of the arrays in an npz file, which is a ZIP archive.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
@@ -12,32 +12,32 @@ use crate::error::Usable;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::foreign::ForeignFormat;
 
-/// How an archive begins.
+/// First bytes of an archive.
 pub const MAGIC: &[u8] = b"PK\x03\x04";
-/// What ends the names of arrays in it.
+/// Extension of the names of arrays in it.
 pub const EXTENSION: &str = ".npy";
-/// More arrays are not looked at.
+/// Largest number of arrays that are examined.
 const MOST_MEMBERS: usize = 1000;
 const BUFFER: usize = 1 << 17;
 
 /// An array of an archive.
 pub struct Member {
-    /// Its name, without `.npy`.
+    /// Name of the array, without `.npy`.
     pub name: String,
-    /// Where it is.
-    pub place: Place,
+    /// Location of the array.
+    pub location: Location,
 }
 
-/// Where an array is in a file.
+/// Location of an array in a file.
 #[derive(Clone, Debug)]
-pub struct Place {
-    /// The file, where it is not the recording's own.
+pub struct Location {
+    /// Path of the file, if it is not the recording's own.
     file: Option<PathBuf>,
-    /// Its first byte.
+    /// Offset of the first byte.
     pub start: u64,
-    /// Bytes in the file.
+    /// Number of bytes in the file.
     length: u64,
-    /// Size and checksum of the unpacked array where it is part of an archive.
+    /// Size and checksum of the decompressed array, if it is part of an archive.
     packed: Option<Packed>,
 }
 
@@ -48,30 +48,30 @@ struct Packed {
     checksum: u32,
 }
 
-impl Place {
-    /// All of the file at `path`.
+impl Location {
+    /// Returns the location of the whole file at `path`.
     pub fn whole(path: &Path) -> Result<Self, RecordingError> {
         let metadata = std::fs::metadata(path).map_err(|error| RecordingError::io(path, error))?;
         Ok(Self { file: None, start: 0, length: metadata.len(), packed: None })
     }
 
-    /// All of the file at `path`, which lies beside that of the recording.
-    pub fn beside(path: PathBuf) -> Result<Self, RecordingError> {
+    /// Returns the location of the whole file at `path`, which is next to that of the recording.
+    pub fn sibling(path: PathBuf) -> Result<Self, RecordingError> {
         let whole = Self::whole(&path)?;
         Ok(Self { file: Some(path), ..whole })
     }
 
-    /// The file that it is in, where the recording is at `path`.
+    /// Path of the file that contains the array, if the recording is at `path`.
     pub fn file<'a>(&'a self, path: &'a Path) -> &'a Path {
         self.file.as_deref().unwrap_or(path)
     }
 
-    /// Whether its bytes are packed, so that places in it are none in the file.
-    pub fn packed(&self) -> bool {
+    /// `true` if the array is compressed, so that positions in it are not offsets in the file.
+    pub fn is_compressed(&self) -> bool {
         self.packed.is_some_and(|packed| packed.deflated)
     }
 
-    /// Opens it at its beginning. Damage is an error of kind `InvalidData` or `InvalidInput`.
+    /// Opens the array at its beginning. Damage is an error of kind `InvalidData` or `InvalidInput`.
     pub fn open(&self, path: &Path) -> Result<Box<dyn Read + Send>, RecordingError> {
         let path = self.file(path);
         let io = |error| RecordingError::io(path, error);
@@ -92,8 +92,8 @@ impl Place {
 
 type Bytes = Ending<BufReader<io::Take<File>>>;
 
-/// A reader that stays at its end once it was there. A file that grows while it is read would not, and flate2 then waits for what
-/// it has been told is over.
+/// Reader that stays at its end once it has reached it. If a file grew while it is read, `input` would return more
+/// bytes after its end, which makes flate2 loop endlessly.
 struct Ending<R> {
     input: R,
     has_ended: bool,
@@ -142,7 +142,7 @@ impl Read for Input {
     }
 }
 
-/// An array of an archive, compared with its checksum at its end.
+/// Reader of an array in an archive, which verifies the checksum at the end.
 struct Checked {
     input: CrcReader<Input>,
     left: u64,
@@ -155,24 +155,24 @@ impl Read for Checked {
         let most = usize::try_from(self.left).unwrap_or(usize::MAX).min(buffer.len());
         let read = self.input.read(buffer.get_mut(..most).unwrap_or_default())?;
         if read == 0 && most > 0 {
-            return Err(damaged("it unpacks to fewer bytes than it says"));
+            return Err(damaged("it decompresses to fewer bytes than stated"));
         }
         self.left -= read as u64;
         let sum = |crc: &Crc| crc.sum();
         if self.left == 0 && read > 0 && sum(self.input.crc()) != self.checksum {
-            return Err(damaged("its checksum is another one"));
+            return Err(damaged("its checksum does not match"));
         }
         Ok(read)
     }
 }
 
-/// The arrays of the archive at `path`.
+/// Returns the arrays of the archive at `path`.
 pub fn members(path: &Path) -> Result<Vec<Member>, RecordingError> {
     let file = File::open(path).map_err(|error| RecordingError::io(path, error))?;
     let length = file.metadata().map_err(|error| RecordingError::io(path, error))?.len();
     let damaged = |error: rawzip::Error| {
         let what = format!(
-            "the list of the archive's files at its end cannot be read ({error}): the file is cut off or damaged"
+            "the archive's list of files, at its end, cannot be read ({error}): the file is cut off or damaged"
         );
         let kind = RecordingErrorKind::Damaged { byte: length, what, usable: Usable::Nothing };
         RecordingError::new(path, kind)
@@ -194,7 +194,7 @@ pub fn members(path: &Path) -> Result<Vec<Member>, RecordingError> {
         let packed = Packed { deflated, size: entry.uncompressed_size_hint(), checksum: entry.crc32() };
         let (start, end) = archive.get_entry(entry.wayfinder()).map_err(damaged)?.compressed_data_range();
         let length = end.saturating_sub(start);
-        members.push(Member { name, place: Place { file: None, start, length, packed: Some(packed) } });
+        members.push(Member { name, location: Location { file: None, start, length, packed: Some(packed) } });
         if members.len() == MOST_MEMBERS {
             break;
         }
@@ -216,7 +216,7 @@ fn unsupported(path: &Path, format: ForeignFormat) -> RecordingError {
 mod tests {
     use super::*;
 
-    /// Gives bytes again after it was at its end, as a file that grows.
+    /// Reader that returns bytes again after its end, like a file that grows.
     struct Growing(Vec<&'static [u8]>);
 
     impl Read for Growing {
@@ -227,9 +227,9 @@ mod tests {
         }
     }
 
-    /// flate2 took an end for a pause, and asked again without end.
+    /// flate2 would take an end for a pause, and read again endlessly.
     #[test]
-    fn what_was_at_its_end_stays_there() {
+    fn a_reader_stays_at_its_end() {
         let mut input = Ending { input: BufReader::new(Growing(vec![b"ab", b"", b"cd"])), has_ended: false };
         let mut read = Vec::new();
         input.read_to_end(&mut read).unwrap();

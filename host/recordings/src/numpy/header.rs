@@ -1,55 +1,55 @@
-//! The head of an npy array: a magic number, a version, a length, and a Python dictionary with `descr`, `fortran_order` and
-//! `shape`.
+//! The header of an npy array: a magic number, a version, a length, and a Python dictionary with `descr`,
+//! `fortran_order` and `shape`.
 
 use super::literal::{self, Literal};
 use crate::columns;
 use crate::numbers::{NumberKind, NumberType};
 use crate::options::Column;
 
-/// How an npy array begins.
+/// First bytes of an npy array.
 pub const MAGIC: &[u8] = b"\x93NUMPY";
-/// A longer dictionary is damaged.
+/// Length limit of the dictionary in bytes.
 const LONGEST: usize = 65_536;
 
-/// What an array consists of.
+/// Layout of an array.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Header {
-    /// Bytes before the first element.
+    /// Number of bytes before the first element.
     pub length: u64,
-    /// Its elements.
+    /// Type of the elements.
     pub element: Element,
-    /// Whether the first index runs fastest.
+    /// `true` if the first index varies fastest.
     pub fortran_order: bool,
     /// Number of elements along each index.
     pub shape: Vec<u64>,
 }
 
-/// An element of an array.
+/// Type of an element.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Element {
     /// A number.
     Number(NumberType),
-    /// Named fields, one after the other; its size in bytes.
+    /// Consecutive named fields; and the size of the record in bytes.
     Record(Vec<Field>, usize),
 }
 
 /// A field of a structured array.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Field {
-    /// Its name; empty for padding.
+    /// Name of the field; empty for padding.
     pub name: String,
-    /// Bytes of the record before it.
+    /// Offset of the field in the record, in bytes.
     pub offset: usize,
-    /// `None` where it is no number that can be read.
+    /// Type of the field; `None` if it is not a supported number.
     pub number: Option<NumberType>,
 }
 
-/// Why an array cannot be read.
+/// Reason why an array cannot be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HeadError {
-    /// Its head is no head.
+    /// The header is invalid.
     Damaged(&'static str),
-    /// What its elements are, which are not read.
+    /// The elements, described here, are not supported.
     Elements(&'static str),
 }
 
@@ -59,15 +59,15 @@ impl From<&'static str> for HeadError {
     }
 }
 
-/// How many bytes an array has at most before its elements.
+/// Largest number of bytes before the elements of an array.
 pub const fn longest() -> u64 {
     LONGEST as u64 + 12
 }
 
 impl Header {
-    /// The head of an array that begins with `bytes`, or what is wrong with it.
+    /// Parses the header of an array that begins with `bytes`.
     pub fn parse(bytes: &[u8]) -> Result<Self, HeadError> {
-        const CUT: &str = "the head of the array is not whole";
+        const CUT: &str = "the header of the array is incomplete";
         let rest = bytes.strip_prefix(MAGIC).ok_or("there is no NumPy array")?;
         let (&[major, _], rest) = rest.split_first_chunk().ok_or(CUT)?;
         let (size, rest) = if major == 1 {
@@ -77,38 +77,38 @@ impl Header {
             (u32::from_le_bytes(*size) as usize, rest)
         };
         if size > LONGEST {
-            return Err("the head of the array is longer than any".into());
+            return Err("the header of the array is too long".into());
         }
         let text = rest.get(..size).ok_or(CUT)?;
         let length = (bytes.len() - rest.len() + size) as u64;
         let dictionary = std::str::from_utf8(text).ok().and_then(literal::parse);
-        let dictionary = dictionary.ok_or("the head of the array is not understood")?;
-        let key = |name: &str| dictionary.key(name).ok_or("the head of the array names no type, order or shape");
+        let dictionary = dictionary.ok_or("the header of the array is invalid")?;
+        let key = |name: &str| dictionary.key(name).ok_or("the header of the array states no type, order or shape");
         let descr = key("descr")?;
         let element = element(descr).ok_or(HeadError::Elements(match descr {
             Literal::Text(text) if text.trim_start_matches(['<', '>', '=']) == "f2" => HALF,
-            _ => "elements that are no numbers",
+            _ => "elements that are not numbers",
         }))?;
         let fortran_order = matches!(key("fortran_order")?, Literal::Word("True"));
         let shape =
             key("shape")?.items().and_then(|items| items.iter().map(Literal::whole).collect::<Option<Vec<_>>>());
-        let shape = shape.ok_or("the shape of the array is not understood")?;
+        let shape = shape.ok_or("the shape of the array is invalid")?;
         let size = match &element {
             Element::Number(number) => number.size,
             Element::Record(_, size) => *size,
         };
         let bytes = shape.iter().try_fold(size as u64, |product, side| product.checked_mul(*side));
-        bytes.filter(|bytes| *bytes < 1 << 62).ok_or("the shape of the array is larger than any")?;
+        bytes.filter(|bytes| *bytes < 1 << 62).ok_or("the shape of the array is too large")?;
         Ok(Self { length, element, fortran_order, shape })
     }
 
-    /// Number of all elements.
+    /// Number of elements.
     pub fn count(&self) -> u64 {
         self.shape.iter().product()
     }
 }
 
-/// What has too few digits for a time, and is seldom met.
+/// Description of a rarely used type with too few digits for a time.
 const HALF: &str = "floating-point numbers of 16 bits";
 
 fn element(descr: &Literal) -> Option<Element> {
@@ -119,7 +119,7 @@ fn element(descr: &Literal) -> Option<Element> {
     let mut fields = Vec::new();
     for field in descr.items()? {
         let parts = field.items()?;
-        // A field may have a title in front of its name; either may be the one that tells.
+        // A field may have a title before its name. Either of them may name the column.
         let names: Vec<&str> = match parts.first()? {
             Literal::Text(name) => vec![name],
             titled => titled.items()?.iter().filter_map(Literal::text).collect(),
@@ -145,7 +145,7 @@ fn element(descr: &Literal) -> Option<Element> {
     (offset > 0).then_some(Element::Record(fields, offset))
 }
 
-/// The number that a text such as `<i8` stands for, if it is one, and its size.
+/// Parses a type such as `<i8`. Returns its size, and its number type if it is a supported number.
 fn number_type(text: &str) -> Option<(Option<NumberType>, usize)> {
     let (order, rest) = text.split_at_checked(1)?;
     let (kind, size) = match order {
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn fields_have_the_places_that_numpy_gives_them() {
+    fn fields_have_the_offsets_of_numpy() {
         use NumberKind::{Signed, Unsigned};
         let descr = "[('timestamp', '<i8'), ('x', '<i2'), ('y', '<i2'), (('on', 'p'), '|b1'), ('', '|V3')]";
         let content = array(&format!("{{'descr': {descr}, 'fortran_order': False, 'shape': (5,), }} \n"));
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn fields_that_are_no_numbers_are_passed_over() {
+    fn fields_that_are_not_numbers_are_skipped() {
         let descr = "[('a', '<f8', (2, 3)), ('b', [('c', '<u4'), ('d', '>f8')]), ('e', '<U4'), ('t', '>f4')]";
         let header = Header::parse(&array(&format!("{{'descr': {descr}, 'fortran_order': False, 'shape': ()}}")));
         let Element::Record(fields, size) = header.unwrap().element else { panic!("a record") };
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn heads_that_cannot_be_are_refused() {
+    fn invalid_headers_are_rejected() {
         for dictionary in [
             "",
             "{'descr': '<i8', 'shape': (1,)}",

@@ -1,23 +1,23 @@
-//! Python literals: texts, whole numbers, words, tuples, lists and dictionaries.
+//! Parser of Python literals: strings, whole numbers, words, tuples, lists and dictionaries.
 
-/// A value deeper than this is no head of an array.
+/// Nesting limit; the header of an array is never nested deeper.
 const DEEPEST: usize = 16;
 
-/// A value as Python writes it.
+/// A Python literal.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Literal<'a> {
-    /// In single or double quotes.
+    /// A string in single or double quotes.
     Text(&'a str),
-    /// A number that is not negative.
+    /// A non-negative integer.
     Whole(u64),
     /// `True`, `False` or `None`.
     Word(&'a str),
-    /// A tuple, a list, or the keys and values of a dictionary one after the other.
+    /// A tuple, a list, or alternating keys and values of a dictionary.
     Items(Vec<Literal<'a>>),
 }
 
 impl<'a> Literal<'a> {
-    /// The items of a tuple or list.
+    /// The items, if it is a tuple or list.
     pub fn items(&self) -> Option<&[Literal<'a>]> {
         match self {
             Self::Items(items) => Some(items),
@@ -25,7 +25,7 @@ impl<'a> Literal<'a> {
         }
     }
 
-    /// A text.
+    /// The text, if it is a string.
     pub fn text(&self) -> Option<&'a str> {
         match self {
             Self::Text(text) => Some(text),
@@ -33,7 +33,7 @@ impl<'a> Literal<'a> {
         }
     }
 
-    /// A whole number.
+    /// The value, if it is an integer.
     pub fn whole(&self) -> Option<u64> {
         match self {
             Self::Whole(value) => Some(*value),
@@ -41,14 +41,14 @@ impl<'a> Literal<'a> {
         }
     }
 
-    /// The value of a key of a dictionary.
+    /// The value of a key, if it is a dictionary with that key.
     pub fn key(&self, name: &str) -> Option<&Literal<'a>> {
         let (pairs, _) = self.items()?.as_chunks();
         pairs.iter().find(|[key, _]| key.text() == Some(name)).map(|[_, value]| value)
     }
 }
 
-/// The literal that `text` consists of, with spaces around it.
+/// Parses `text` as a single literal, possibly with spaces around it.
 pub fn parse(text: &str) -> Option<Literal<'_>> {
     let (value, rest) = value(text, 0)?;
     rest.trim().is_empty().then_some(value)
@@ -68,7 +68,7 @@ fn value(text: &str, depth: usize) -> Option<(Literal<'_>, &str)> {
         '{' => items(inside, '}', depth),
         '0'..='9' => {
             let (digits, rest) = leading(text, |character| character.is_ascii_digit())?;
-            // Python 2 ends some numbers with an L.
+            // Python 2 writes an L after some numbers.
             Some((Literal::Whole(digits.parse().ok()?), rest.strip_prefix('L').unwrap_or(rest)))
         }
         _ => {
@@ -82,7 +82,7 @@ fn leading(text: &str, of: impl Fn(char) -> bool) -> Option<(&str, &str)> {
     text.split_at_checked(text.find(|character| !of(character)).unwrap_or(text.len()))
 }
 
-/// Values up to `end`, with a comma or a colon behind each but the last, which may have one.
+/// Parses values up to `end`, separated by commas or colons. The last one may be followed by a separator too.
 fn items(mut text: &str, end: char, depth: usize) -> Option<(Literal<'_>, &str)> {
     let mut items = Vec::new();
     loop {

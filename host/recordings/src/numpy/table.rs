@@ -1,11 +1,11 @@
-//! Which arrays of a file are its events, and where their numbers are.
+//! Selection of the arrays in a file that contain its events, and their location.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use evcal_core::sensor::Sensor;
 
-use super::archive::{EXTENSION, Member, Place};
+use super::archive::{EXTENSION, Location, Member};
 use super::header::{self, Element, HeadError, Header};
 use crate::columns;
 use crate::error::Usable;
@@ -13,28 +13,28 @@ use crate::error::{RecordingError, RecordingErrorKind};
 use crate::numbers::NumberType;
 use crate::options::Column;
 
-/// More columns than this are none of events.
+/// Largest number of columns in a table of events.
 const MOST_COLUMNS: u64 = 16;
 
-/// Rows of numbers.
+/// A table of numbers.
 pub struct Table {
-    /// Where the fields of a row are, from left to right.
+    /// Parts of a row, from left to right.
     pub parts: Vec<Part>,
-    /// The names of the fields, if they have any.
+    /// Names of the fields, if they have any.
     pub names: Option<Vec<String>>,
     /// Number of rows.
     pub count: u64,
 }
 
-/// Records of fields.
+/// Consecutive records of fields.
 pub struct Part {
-    /// Where they are.
-    pub place: Place,
-    /// Bytes there before the first one.
+    /// Location of the array that contains them.
+    pub location: Location,
+    /// Number of bytes in the array before the first record.
     pub skip: u64,
     /// Size of a record in bytes.
     pub record: usize,
-    /// Offset and type of each field; no type where it is no number that is read.
+    /// Offset and type of each field. The type is `None` if it is not a supported number.
     pub fields: Vec<(usize, Option<NumberType>)>,
 }
 
@@ -45,27 +45,27 @@ impl Table {
     }
 }
 
-fn damaged(path: &Path, place: &Place, what: &str) -> RecordingError {
-    let kind = RecordingErrorKind::Damaged { byte: place.start, what: what.to_owned(), usable: Usable::Before };
-    RecordingError::new(place.file(path), kind)
+fn damaged(path: &Path, location: &Location, what: &str) -> RecordingError {
+    let kind = RecordingErrorKind::Damaged { byte: location.start, what: what.to_owned(), usable: Usable::Before };
+    RecordingError::new(location.file(path), kind)
 }
 
-/// The head of the array `name` at `place`.
-fn header(path: &Path, name: &str, place: &Place) -> Result<Header, RecordingError> {
+/// Reads the header of the array `name` at `location`.
+fn header(path: &Path, name: &str, location: &Location) -> Result<Header, RecordingError> {
     let mut bytes = Vec::new();
-    let read = place.open(path)?.take(header::longest()).read_to_end(&mut bytes);
-    read.map_err(|error| damaged(path, place, &format!("the array is damaged: {error}")))?;
+    let read = location.open(path)?.take(header::longest()).read_to_end(&mut bytes);
+    read.map_err(|error| damaged(path, location, &format!("the array is damaged: {error}")))?;
     Header::parse(&bytes).map_err(|error| match error {
-        HeadError::Damaged(what) => damaged(path, place, what),
+        HeadError::Damaged(what) => damaged(path, location, what),
         HeadError::Elements(what) => {
-            RecordingError::new(place.file(path), RecordingErrorKind::Elements { array: name.to_owned(), what })
+            RecordingError::new(location.file(path), RecordingErrorKind::Elements { array: name.to_owned(), what })
         }
     })
 }
 
-/// The table of an array that has rows of several fields.
-fn table(header: &Header, place: &Place) -> Option<Table> {
-    let part = |skip, record, fields| Part { place: place.clone(), skip: header.length + skip, record, fields };
+/// Returns the table of an array, if its rows have several fields.
+fn table(header: &Header, location: &Location) -> Option<Table> {
+    let part = |skip, record, fields| Part { location: location.clone(), skip: header.length + skip, record, fields };
     match (&header.element, header.shape.as_slice()) {
         (Element::Record(fields, size), _) => {
             let named = || fields.iter().filter(|field| !field.name.is_empty());
@@ -80,7 +80,7 @@ fn table(header: &Header, place: &Place) -> Option<Table> {
                 return None;
             }
             let parts = if as_rows == header.fortran_order {
-                // One column after the other.
+                // Columns are contiguous.
                 let column = |column| part(column * rows * number.size as u64, number.size, vec![(0, Some(*number))]);
                 (0..width).map(column).collect()
             } else {
@@ -93,22 +93,22 @@ fn table(header: &Header, place: &Place) -> Option<Table> {
     }
 }
 
-/// The events of the array at `path`, or of the arrays beside it, where it is but one column of them.
+/// Returns the events of the array at `path`; also of the arrays in files next to it, if it is only one column.
 pub fn of_array(path: &Path) -> Result<Table, RecordingError> {
-    let (name, place) = (path.file_stem().unwrap_or_default().to_string_lossy(), Place::whole(path)?);
-    let header = header(path, &name, &place)?;
+    let (name, location) = (path.file_stem().unwrap_or_default().to_string_lossy(), Location::whole(path)?);
+    let header = header(path, &name, &location)?;
     let is_column = single(&header).is_some() || header.shape.get(1) == Some(&2);
     if is_column && let Some(table) = of_files(path, &name)? {
         return Ok(table);
     }
-    table(&header, &place).ok_or_else(|| {
+    table(&header, &location).ok_or_else(|| {
         let kind =
             RecordingErrorKind::NoEventStream(format!("an array of shape {:?} without named fields", header.shape));
         RecordingError::new(path, kind)
     })
 }
 
-/// The only file in `folder` whose name says that it holds the times of events.
+/// Returns the file in `folder` whose name means times of events, if there is exactly one.
 pub fn times_in(folder: &Path) -> Option<PathBuf> {
     let names = std::fs::read_dir(folder).ok()?.flatten().map(|entry| entry.file_name());
     let is_time = |name: &str| name.strip_suffix(EXTENSION).and_then(event_column) == Some(Column::T);
@@ -119,7 +119,8 @@ pub fn times_in(folder: &Path) -> Option<PathBuf> {
     }
 }
 
-/// The events of the file `name` at `path` and those beside it that hold the other columns, with the same words in front.
+/// Returns the events of the file `name` at `path` and of the files next to it with the other columns and the same
+/// prefix.
 fn of_files(path: &Path, name: &str) -> Result<Option<Table>, RecordingError> {
     let Some(front) = event_column(name).and_then(|_| name.strip_suffix(columns::event_name(name))) else {
         return Ok(None);
@@ -131,16 +132,16 @@ fn of_files(path: &Path, name: &str) -> Result<Option<Table>, RecordingError> {
     names.retain(|name| name.strip_suffix(columns::event_name(name)) == Some(front) && event_column(name).is_some());
     names.sort();
     let member = |name: String| {
-        let place = Place::beside(folder.join(format!("{name}{EXTENSION}")))?;
-        Ok(Member { name, place })
+        let location = Location::sibling(folder.join(format!("{name}{EXTENSION}")))?;
+        Ok(Member { name, location })
     };
     let members = names.into_iter().map(member).collect::<Result<Vec<_>, RecordingError>>()?;
-    let head = |member: &Member| header(path, &member.name, &member.place);
+    let head = |member: &Member| header(path, &member.name, &member.location);
     let heads = members.iter().map(head).collect::<Result<Vec<_>, _>>()?;
     of_columns(path, &members.iter().zip(&heads).collect::<Vec<_>>())
 }
 
-/// An array of one number an event.
+/// Returns the number type of an array with one number per event.
 fn single(header: &Header) -> Option<NumberType> {
     match (&header.element, header.shape.as_slice()) {
         (Element::Number(number), [_] | [_, 1] | [1, _]) => Some(*number),
@@ -148,17 +149,18 @@ fn single(header: &Header) -> Option<NumberType> {
     }
 }
 
-/// A table of an archive, and the name of its array, if it is one.
+/// A table of an archive, with the name of its array if it is a single one.
 pub type Named = (Table, Option<String>);
 
-/// What can be the events of an archive, the likeliest first: the array `wanted`; else those named t, x, y and p, then arrays with
-/// such fields, then those whose names begin with `event`, then all others that have rows.
+/// Returns the tables of an archive that can be its events, the most likely first. If an array is `wanted`, only that
+/// one. Otherwise the arrays named t, x, y and p, then arrays with such fields, then arrays whose names begin with
+/// `event`, then all others that have rows.
 ///
 /// # Errors
-/// Where there is nothing.
+/// If there is no such table.
 pub fn of_archive(path: &Path, members: &[Member], wanted: Option<&str>) -> Result<Vec<Named>, RecordingError> {
-    // Arrays of objects and the like may lie beside the events.
-    let head = |member: &Member| match header(path, &member.name, &member.place) {
+    // Arrays of Python objects, for example, may be stored with the events.
+    let head = |member: &Member| match header(path, &member.name, &member.location) {
         Err(error) if !matches!(error.kind, RecordingErrorKind::Elements { .. }) => Err(error),
         head => Ok(head),
     };
@@ -171,7 +173,7 @@ pub fn of_archive(path: &Path, members: &[Member], wanted: Option<&str>) -> Resu
         found.extend(of_columns(path, &arrays)?.map(|table| (0, (table, None))));
     }
     for (member, header) in arrays.iter().filter(|(member, _)| wanted.is_none_or(|wanted| wanted == member.name)) {
-        let Some(table) = table(header, &member.place) else { continue };
+        let Some(table) = table(header, &member.location) else { continue };
         let has_names = table.names.as_ref().is_some_and(|names| {
             columns::from_names(&names.iter().map(String::as_str).collect::<Vec<_>>()).0.is_some()
         });
@@ -186,7 +188,7 @@ pub fn of_archive(path: &Path, members: &[Member], wanted: Option<&str>) -> Resu
     if !found.is_empty() {
         return Ok(found.into_iter().map(|(_, named)| named).collect());
     }
-    // What would be of use if it could be read tells more than a list.
+    // The error about a relevant array that is not supported is more useful than a list.
     let of_use = |member: &Member| match wanted {
         Some(wanted) => wanted == member.name,
         None => event_column(&member.name).is_some(),
@@ -201,10 +203,10 @@ pub fn of_archive(path: &Path, members: &[Member], wanted: Option<&str>) -> Resu
     }))
 }
 
-/// An array of an archive, and its head.
+/// An array of an archive, with its header.
 type Array<'a> = (&'a Member, &'a Header);
 
-/// What column of events the array of this name holds, if it is one; of `xy`, which has two, the first.
+/// Returns the column of events that an array of this name contains. For `xy`, which contains two, returns the first.
 fn event_column(name: &str) -> Option<Column> {
     match columns::of_name(name).0 {
         Column::Ignored => (columns::event_name(name) == "xy").then_some(Column::X),
@@ -212,7 +214,7 @@ fn event_column(name: &str) -> Option<Column> {
     }
 }
 
-/// The table of arrays t, x, y and p, or t, xy and p, if they are there.
+/// Returns the table of the arrays t, x, y and p, or t, xy and p, if they are present.
 fn of_columns(path: &Path, arrays: &[Array]) -> Result<Option<Table>, RecordingError> {
     let mut parts: Vec<Part> = Vec::new();
     let mut names = Vec::new();
@@ -226,23 +228,28 @@ fn of_columns(path: &Path, arrays: &[Array]) -> Result<Option<Table>, RecordingE
     for column in [Column::T, Column::X, Column::Y, Column::P] {
         let named = arrays.iter().filter(|(member, _)| columns::of_name(&member.name).0 == column);
         let usable = named.filter_map(|(member, header)| Some((member, header, single(header)?)));
-        // `t` rather than `t_offset`.
+        // Prefers `t` to `t_offset`.
         match (usable.min_by_key(|(member, ..)| member.name.len()), column, xy) {
             (Some((member, header, number)), ..) => {
                 let fields = vec![(0, Some(number))];
-                parts.push(Part { place: member.place.clone(), skip: header.length, record: number.size, fields });
+                parts.push(Part {
+                    location: member.location.clone(),
+                    skip: header.length,
+                    record: number.size,
+                    fields,
+                });
                 names.push(columns::event_name(&member.name).to_owned());
                 counts.push(header.count());
             }
             (None, Column::X | Column::Y, Some((member, header, number, count))) => {
                 let second = usize::from(column == Column::Y);
-                let (size, place) = (number.size, member.place.clone());
+                let (size, location) = (number.size, member.location.clone());
                 let (skip, record, offset) = if header.fortran_order {
                     (second as u64 * count * size as u64, size, 0)
                 } else {
                     (0, 2 * size, second * size)
                 };
-                parts.push(Part { place, skip: header.length + skip, record, fields: vec![(offset, Some(number))] });
+                parts.push(Part { location, skip: header.length + skip, record, fields: vec![(offset, Some(number))] });
                 names.push(if column == Column::X { "x" } else { "y" }.to_owned());
                 counts.push(count);
             }
@@ -252,21 +259,21 @@ fn of_columns(path: &Path, arrays: &[Array]) -> Result<Option<Table>, RecordingE
     let count = counts.first().copied().unwrap_or(0);
     match (parts.iter().zip(&counts).zip(&names)).find(|((_, other), _)| **other != count) {
         Some(((part, other), name)) => {
-            let what = format!("the array {name} has {other} elements, {} has {count}", names.join(", "));
-            Err(damaged(path, &part.place, &what))
+            let what = format!("the array {name} has {other} elements; {} has {count}", names.join(", "));
+            Err(damaged(path, &part.location, &what))
         }
         None => Ok(Some(Table { parts, names: Some(names), count })),
     }
 }
 
-/// The size of the sensor, where arrays `width` and `height` of one element give it.
+/// Returns the size of the sensor, if arrays `width` and `height` of one element contain it.
 pub fn sensor(path: &Path, members: &[Member]) -> Option<Sensor> {
     let side = |name: &str| {
         let member = members.iter().find(|member| member.name == name)?;
-        let header = header(path, name, &member.place).ok()?;
+        let header = header(path, name, &member.location).ok()?;
         let Element::Number(number) = header.element else { return None };
         let mut bytes = Vec::new();
-        member.place.open(path).ok()?.take(header.length + 8).read_to_end(&mut bytes).ok()?;
+        member.location.open(path).ok()?.take(header.length + 8).read_to_end(&mut bytes).ok()?;
         number.read(bytes.get(usize::try_from(header.length).ok()?..)?)?.pixel().filter(|_| header.count() == 1)
     };
     Some(Sensor::new(side("width")?, side("height")?))

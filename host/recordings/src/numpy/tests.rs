@@ -1,4 +1,4 @@
-//! Arrays as NumPy writes them, put together byte by byte.
+//! Tests with arrays as NumPy writes them, built byte by byte.
 
 use std::io::Write as _;
 
@@ -71,7 +71,7 @@ fn structured_arrays_of_every_program_are_read_by_their_names() {
     assert_events(outcome, &events);
 }
 
-/// Columns of numbers, row by row or column by column.
+/// Returns columns of numbers, row by row or column by column.
 fn columns(events: &[Event], by_rows: bool) -> Vec<u8> {
     let row = |event: &Event| [event.x.into(), event.y.into(), f64::from(bit(event)) * 2.0 - 1.0, event.t as f64 / 1e6];
     let rows: Vec<[f64; 4]> = events.iter().map(row).collect();
@@ -82,7 +82,7 @@ fn columns(events: &[Event], by_rows: bool) -> Vec<u8> {
 }
 
 #[test]
-fn tables_of_numbers_are_read_in_every_order_of_memory() {
+fn tables_of_numbers_are_read_in_every_memory_order() {
     let events = events(50);
     for (shape, fortran, by_rows) in
         [("(50, 4)", false, true), ("(50, 4)", true, false), ("(4, 50)", false, false), ("(4, 50)", true, true)]
@@ -97,7 +97,7 @@ fn tables_of_numbers_are_read_in_every_order_of_memory() {
 }
 
 #[test]
-fn times_go_on_where_their_counter_wraps() {
+fn times_continue_after_a_counter_wrap() {
     let records = |events: &[Event], time: &str, bytes: &dyn Fn(i64) -> Vec<u8>| {
         let descr = format!("[('t', '{time}'), ('x', '<u2'), ('y', '<u2'), ('p', '|u1')]");
         let record = |event: &Event| {
@@ -118,7 +118,7 @@ fn times_go_on_where_their_counter_wraps() {
 }
 
 #[test]
-fn options_have_the_last_word() {
+fn options_take_precedence() {
     let options = RecordingOptions {
         columns: Some("-,t,p,x,y".parse().unwrap()),
         time_unit: Some(TimeUnit::Milliseconds),
@@ -134,13 +134,13 @@ fn options_have_the_last_word() {
 }
 
 #[test]
-fn what_is_no_table_of_events_is_told() {
+fn arrays_that_are_not_events_are_reported() {
     for (content, part) in [
         (array("'<f8'", false, "(3,)", &[0; 24]), "shape [3]"),
-        (array("'|O'", false, "(3, 4)", &[0; 24]), "holds elements that are no numbers"),
+        (array("'|O'", false, "(3, 4)", &[0; 24]), "holds elements that are not numbers"),
         (
             array("'<f2'", false, "(3, 4)", &[0; 24]),
-            "holds floating-point numbers of 16 bits, which are not read: write it",
+            "holds floating-point numbers of 16 bits, which are not supported: write it",
         ),
         (array("[('t', '<i8'), ('x', '<i2'), ('z', '<i2')]", false, "(1,)", &[0; 12]), "t, x, z"),
         (
@@ -148,7 +148,7 @@ fn what_is_no_table_of_events_is_told() {
             "its array t holds",
         ),
         (array("'<f8'", false, "(1, 4)", &[0xff; 32]), "not clear"),
-        (MAGIC.to_vec(), "not whole"),
+        (MAGIC.to_vec(), "is incomplete"),
     ] {
         let error = testing::read(&content).error.unwrap();
         assert!(error.contains(part), "{error}");
@@ -156,7 +156,7 @@ fn what_is_no_table_of_events_is_told() {
 }
 
 #[test]
-fn an_array_that_says_more_than_it_has_is_cut_off() {
+fn an_array_shorter_than_stated_is_cut_off() {
     let events = events(5);
     let table = columns(&events, true);
     for shape in ["(6, 4)", "(1152921504606846, 4)"] {
@@ -167,7 +167,7 @@ fn an_array_that_says_more_than_it_has_is_cut_off() {
     }
 }
 
-/// A batch of the longest records took 1 GiB.
+/// A batch must not need more memory if its records are long.
 #[test]
 fn batches_of_long_records_are_short() {
     let events = events(150);
@@ -187,7 +187,7 @@ fn batches_of_long_records_are_short() {
 }
 
 #[test]
-fn room_that_was_not_filled_is_no_events() {
+fn reserved_space_is_not_read_as_events() {
     let events = events(5);
     let mut table = columns(&events, true);
     table.extend([0; 3 * 32]);
@@ -199,7 +199,7 @@ fn room_that_was_not_filled_is_no_events() {
     assert_eq!((outcome.events, outcome.error, outcome.report.unwritten), (events, None, 2));
 }
 
-/// An archive of these arrays.
+/// Returns an archive of these arrays.
 fn archive(compress: bool, members: &[(&str, Vec<u8>)]) -> Vec<u8> {
     let mut archive = ZipArchiveWriter::new(Vec::new());
     for (name, content) in members {
@@ -222,7 +222,7 @@ fn archive(compress: bool, members: &[(&str, Vec<u8>)]) -> Vec<u8> {
     archive.finish().unwrap()
 }
 
-/// Arrays t, x, y and p, and others beside them.
+/// Returns the arrays t, x, y and p, among others.
 fn four(events: &[Event]) -> Vec<(&'static str, Vec<u8>)> {
     let shape = format!("({},)", events.len());
     let of = |descr: &str, bytes: Vec<u8>| array(descr, false, &shape, &bytes);
@@ -254,7 +254,7 @@ fn archives_are_read_by_the_names_of_their_arrays() {
     }
 }
 
-/// EVIMO's: x and y in one array, times in seconds, a dictionary of Python beside them, and matrices of four columns.
+/// EVIMO's archives: x and y in one array, times in seconds, and also a Python dictionary and matrices of four columns.
 #[test]
 fn archives_of_evimo_are_read() {
     let events = events(40);
@@ -267,7 +267,7 @@ fn archives_of_evimo_are_read() {
             events.iter().map(x).chain(events.iter().map(y)).flatten().collect()
         }
     };
-    let beside =
+    let others =
         || [("K.npy", array("'<f8'", false, "(3, 3)", &[0; 72])), ("meta.npy", array("'|O'", false, "()", &[0; 9]))];
     for (prefix, fortran) in [("dataset_events_", false), ("events_", true)] {
         let named = |name: &str| format!("{prefix}{name}.npy");
@@ -278,28 +278,28 @@ fn archives_of_evimo_are_read() {
             (p.as_str(), array("'|u1'", false, &count, &events.iter().map(bit).collect::<Vec<_>>())),
             (t.as_str(), array("'<f8'", false, &count, &times)),
         ];
-        let content = archive(true, &[&beside()[..], &members].concat());
+        let content = archive(true, &[&others()[..], &members].concat());
         let outcome = testing::read(&content);
         assert!(outcome.information.as_ref().unwrap().notes.iter().any(|note| note.contains("seconds")));
         assert_events(outcome, &events);
     }
-    // One array of four columns.
+    // An array of four columns.
     let attitude = array("'<f8'", false, "(9, 4)", &[0.5_f64.to_le_bytes(); 36].concat());
     let one =
         [("attitude.npy", attitude.clone()), ("events.npy", array("'<f8'", false, "(40, 4)", &columns(&events, true)))];
-    assert_events(testing::read(&archive(false, &[&beside()[..], &one].concat())), &events);
-    // The same without a name that tells.
+    assert_events(testing::read(&archive(false, &[&others()[..], &one].concat())), &events);
+    // The same with a name that does not help.
     let one = [("attitude.npy", attitude), ("stream.npy", array("'<f8'", false, "(40, 4)", &columns(&events, true)))];
-    assert_events(testing::read(&archive(false, &[&beside()[..], &one].concat())), &events);
+    assert_events(testing::read(&archive(false, &[&others()[..], &one].concat())), &events);
     let mut half = four(&events);
     half[4].1 = array("'<f2'", false, "(40,)", &[0; 80]);
     let error = testing::read(&archive(false, &half)).error.unwrap();
     assert!(error.contains("array p holds floating-point numbers of 16 bits"), "{error}");
 }
 
-/// EVIMO's second version: a file for each array, of which the folder was told as one without a recording.
+/// EVIMO's second version has a file for each array.
 #[test]
-fn arrays_in_files_of_their_own_are_read_together() {
+fn arrays_in_separate_files_are_read_together() {
     let events = events(40);
     let column = |number: fn(&Event) -> u16| -> Vec<u8> {
         array("'<u2'", false, "(40,)", &events.iter().flat_map(|event| number(event).to_le_bytes()).collect::<Vec<_>>())
@@ -316,14 +316,14 @@ fn arrays_in_files_of_their_own_are_read_together() {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(format!("{front}{name}.npy"));
         files.iter().for_each(|(name, content)| std::fs::write(path(name), content).unwrap());
-        // Of another recording, and of none.
+        // A file of another recording, and one that is not part of a recording.
         std::fs::write(folder.path().join("other_t.npy"), b"t").unwrap();
         std::fs::write(folder.path().join("dataset_info.npz"), b"PK").unwrap();
         for (name, _) in &files {
             assert_events(testing::read_file(&path(name), RecordingOptions::default()), &events);
         }
         assert_events(testing::read_file(folder.path(), RecordingOptions::default()), &events);
-        // As a second camera it was taken for a folder of images.
+        // The folder is not taken for a folder of images.
         assert!(Images::open(folder.path(), None, Damage::Refuse, Stamps::default()).unwrap().is_none());
         std::fs::write(path("p"), &files[0].1[..40]).unwrap();
         let error = testing::read_file(&path("t"), RecordingOptions::default()).error.unwrap();
@@ -335,7 +335,7 @@ fn arrays_in_files_of_their_own_are_read_together() {
 }
 
 #[test]
-fn an_array_without_rows_is_told_as_one() {
+fn an_array_without_rows_is_reported() {
     for (shape, data) in [("(0, 4)", &[][..]), ("(5, 4)", &[0; 160])] {
         let error = testing::read(&array("'<f8'", false, shape, data)).error.unwrap();
         assert!(error.contains("its array has no rows"), "{error}");
@@ -343,7 +343,7 @@ fn an_array_without_rows_is_told_as_one() {
 }
 
 #[test]
-fn archives_without_events_say_what_they_hold() {
+fn archives_without_events_list_their_content() {
     let mut unequal = four(&events(3));
     unequal[1].1 = array("'<u2'", false, "(2,)", &[0; 4]);
     for (members, part) in [
@@ -361,14 +361,14 @@ fn archives_without_events_say_what_they_hold() {
 fn a_changed_number_in_an_archive_is_found_by_its_checksum() {
     let mut content = archive(false, &four(&events(40)));
     let needle = 1_000_001_i64.to_le_bytes();
-    let place = content.windows(8).position(|window| window == needle).unwrap();
-    content[place] ^= 1;
+    let position = content.windows(8).position(|window| window == needle).unwrap();
+    content[position] ^= 1;
     let error = testing::read(&content).error.unwrap();
     assert!(error.contains("checksum"), "{error}");
 }
 
 #[test]
-fn what_was_written_is_read_with_its_sensor() {
+fn written_files_are_read_with_their_sensor() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("events.npz");
     for count in [0, 1, 40_000] {
@@ -389,7 +389,7 @@ fn what_was_written_is_read_with_its_sensor() {
 }
 
 #[test]
-fn damage_loses_no_more_than_it_must() {
+fn damage_loses_as_little_as_possible() {
     let events = events(12);
     testing::check_damage(&array("'<f8'", false, "(12, 4)", &columns(&events, true)));
     testing::check_damage(&array("'<f8'", true, "(12, 4)", &columns(&events, false)));

@@ -1,6 +1,6 @@
-//! Writing an npz file: arrays `t` (µs), `x`, `y`, `p`, and `width` and `height` of the sensor.
+//! Writer of npz files: the arrays `t` (µs), `x`, `y`, `p`, and `width` and `height` of the sensor.
 //!
-//! An array begins with its length, so each waits in a temporary file until the recording ends.
+//! An array begins with its length, so each array is kept in a temporary file until the recording ends.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
@@ -25,7 +25,7 @@ pub const OUTPUT: OutputFormat = OutputFormat {
     copy_transfers: None,
 };
 
-/// The head of an array is a multiple of this long.
+/// The header of an array is padded to a multiple of this number of bytes.
 const ALIGNMENT: usize = 64;
 
 struct Encoder {
@@ -35,7 +35,7 @@ struct Encoder {
     count: u64,
 }
 
-/// An array that grows.
+/// An array under construction.
 struct Column {
     name: &'static str,
     descr: &'static str,
@@ -57,7 +57,7 @@ impl Encoder {
     }
 }
 
-/// What stands before the numbers of an array of this type and shape.
+/// Returns the bytes before the numbers of an array of this type and shape.
 fn head(descr: &str, shape: &str) -> Vec<u8> {
     let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}");
     let before = MAGIC.len() + 4;
@@ -65,7 +65,7 @@ fn head(descr: &str, shape: &str) -> Vec<u8> {
         text.push(' ');
     }
     text.push('\n');
-    // Far less than 64 KiB.
+    // The text is far shorter than 64 KiB.
     let length = (text.len() as u16).to_le_bytes();
     [MAGIC, &[1, 0], &length, text.as_bytes()].concat()
 }

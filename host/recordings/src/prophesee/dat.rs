@@ -1,16 +1,15 @@
 //! DAT: decoded events, 8 bytes each.
 //!
-//! Behind the header a byte with the kind of the records (0 or 12: events) and one with their size, 8. A record is u32
-//! time in µs and u32 data, little-endian:
-//!
-//! Version 2 calls its events kind 12, version 1 leaves bits 18–31 empty; a header without a version is judged by that.
+//! The header is followed by a byte with the kind of the records (0 or 12: events) and a byte with their size, 8. A
+//! record is u32 time in µs and u32 data, little-endian:
 //!
 //! | version | column | row | polarity |
 //! |---|---|---|---|
 //! | 1 | bits 0–8 | 9–16 | 17 |
 //! | 2 | bits 0–13 | 14–27 | 28–31 |
 //!
-//! Time wraps after 71.6 min.
+//! If the header states no version, kind 12 or an event with a bit set among 18–31 means version 2. Time wraps after
+//! 71.6 min.
 
 use std::path::Path;
 
@@ -27,21 +26,21 @@ use crate::reader::{Decode, RecordingInformation};
 /// Prophesee DAT.
 pub const FORMAT: FileFormat = FileFormat::of_events("Prophesee DAT", |head| layout(head).is_some(), open);
 
-/// Bytes of an event.
+/// Size of an event in bytes.
 const RECORD: usize = 8;
-/// Bytes that are decoded at a time: whole records.
+/// Number of bytes that are decoded at a time; a multiple of [`RECORD`].
 const BLOCK: u64 = 1 << 18;
 /// Kinds of records that are events.
 const EVENT_KINDS: [u8; 2] = [0, 12];
 
-/// The kind that events have in version 2.
+/// Kind of events in version 2.
 const KIND_OF_VERSION_2: u8 = 12;
-/// Bits of an event that version 1 has.
+/// Number of bits that an event of version 1 uses.
 const BITS_OF_VERSION_1: u32 = 18;
-/// Half of the range of the times (µs).
+/// Half of the range of times (µs).
 const HALF_TURN: i64 = 1 << 31;
 
-/// The header, if it is followed by records that are events.
+/// Returns the header, if records of events follow it.
 fn layout(head: &Head) -> Option<Header> {
     let header = Header::parse(&head.bytes)?;
     let &[kind, size] = head.bytes.get(header.length..)?.first_chunk()?;
@@ -49,7 +48,7 @@ fn layout(head: &Head) -> Option<Header> {
     (EVENT_KINDS.contains(&kind) && size == 8 && !of_camera).then_some(header)
 }
 
-/// Whether the events behind a header of `length` bytes can only be of version 2.
+/// `true` if the events after a header of `length` bytes must be of version 2.
 fn is_version_2(head: &Head, length: usize) -> bool {
     let Some(([kind, _], records)) = head.bytes.get(length..).and_then(<[u8]>::split_first_chunk) else { return false };
     let data = |&[.., a, b, c, d]: &[u8; RECORD]| u32::from_le_bytes([a, b, c, d]);
@@ -61,7 +60,7 @@ struct Decoder {
     information: RecordingInformation,
     version_1: bool,
     block: Vec<u8>,
-    /// Latest time as it stands in the file, and what to add to it.
+    /// Latest time as in the file, and the offset of the wraps so far (µs).
     latest: u32,
     turns: i64,
 }
@@ -77,7 +76,7 @@ fn open(path: &Path, _: &RecordingOptions) -> Opened {
         version.map_or_else(|| !is_version_2(&head, header.length), |version| version.split('.').next() == Some("1"));
     if version.is_none() {
         let version = if version_1 { 1 } else { 2 };
-        notes.push(format!("the header gives no version: by its events it is taken for version {version}"));
+        notes.push(format!("the header states no version: assumed version {version} because of its events"));
     }
     let (sensor, camera_name) = (header.sensor(), header.camera_name());
     let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, began: header.date(), notes };
@@ -143,8 +142,8 @@ mod tests {
     }
 
     #[test]
-    fn records_made_by_hand() {
-        // (303, 239) ON; (5, 1) OFF; 71.6 min later in all.
+    fn records_are_decoded() {
+        // (303, 239) ON; (5, 1) OFF; in all 71.6 min later.
         let records = [[0xffff_fff0, 0x103b_c12f], [0xffff_ffff, 0x0000_4005], [4, 0x1000_0000]];
         let outcome = testing::read(&file(HEADER, &records));
         let event = |t, x, y, polarity| Event { t, x, y, polarity };
@@ -158,19 +157,19 @@ mod tests {
         assert_eq!((information.format, information.sensor), ("Prophesee DAT", Some(Sensor::new(304, 240))));
     }
 
-    /// Such an event threw the clock by 71.6 min.
+    /// A late event must not shift all later times by 71.6 min.
     #[test]
     fn events_from_before_the_wrap_may_follow_it() {
         let records = [0xffff_fff0, 4, 0xffff_ffff, 5].map(|t| [t, 0]);
         let times: Vec<i64> = testing::read(&file(HEADER, &records)).events.iter().map(|event| event.t).collect();
         let wrap = 1 << 32;
-        // One that is late gets the time of the one before it.
+        // A late event gets the time of the one before it.
         assert_eq!(times, [wrap - 16, wrap + 4, wrap + 4, wrap + 5]);
     }
 
     #[test]
-    fn version_1_has_fewer_bits() {
-        // 9 bits of 303, 8 of 239, ON.
+    fn version_1_uses_fewer_bits() {
+        // The 9 bits of 303, the 8 bits of 239, ON.
         let records = [[7, (1 << 17) + (239 << 9) + 303]];
         for (kind, header) in [(0, b"% Version 1\n".as_slice()), (12, b"% Version 1\n"), (0, b"% Date 2015\n")] {
             let outcome = testing::read(&file_of_kind(kind, header, &records));
@@ -178,10 +177,10 @@ mod tests {
         }
     }
 
-    /// Such files were read as version 1, with half of their events at wrong pixels.
+    /// Read as version 1, half of the events of such a file would be at wrong pixels.
     #[test]
-    fn version_2_is_told_from_the_events() {
-        // (303, 239) ON, then (5, 1) OFF, of which version 1 has all bits.
+    fn version_2_is_recognised_from_the_events() {
+        // (303, 239) ON, then (5, 1) OFF, whose bits would all be valid in version 1.
         let records = [[7, 0x103b_c12f], [8, 0x0000_4005]];
         let event = |t, x, y, polarity| Event { t, x, y, polarity };
         let expected = [event(7, 303, 239, Polarity::On), event(8, 5, 1, Polarity::Off)];
@@ -193,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn damage_loses_no_more_than_it_must() {
+    fn damage_loses_as_little_as_possible() {
         let records: Vec<[u32; 2]> = (0..20).map(|index| [index * 1000, index * 0x4001]).collect();
         testing::check_damage(&file(HEADER, &records));
     }

@@ -1,18 +1,18 @@
-//! The lines at the top.
+//! The header lines.
 
 use evcal_core::sensor::Sensor;
 
-/// No line is longer.
+/// Length limit of a line in bytes.
 const LONGEST_LINE: usize = 1024;
 
-/// Sensors of cameras by their number in the header, for files that do not give the size.
+/// Sensors by the system numbers of cameras, for files that do not contain the size.
 const SYSTEMS: &[(&[u32], Sensor)] = &[
     (&[0x15, 0x1c, 0x21, 0x22, 0x23, 0x28, 0x29], Sensor::new(640, 480)),
     (&[0x1e, 0x1f, 0x20, 0x27, 0x2e, 0x30, 0x31, 0x32, 0x35, 0x3a, 0x42], Sensor::new(1280, 720)),
     (&[0x3b, 0x40], Sensor::new(320, 320)),
 ];
 
-/// Keys and values.
+/// Keys and values of the header.
 pub struct Header {
     fields: Vec<(String, String)>,
     /// Number of bytes before the data.
@@ -20,7 +20,7 @@ pub struct Header {
 }
 
 impl Header {
-    /// The header of a file that begins with `bytes`; `None` if that is none or its end is not among them.
+    /// Parses the header of a file that begins with `bytes`; `None` if there is none or its end is not in `bytes`.
     pub fn parse(bytes: &[u8]) -> Option<Self> {
         let mut fields = Vec::new();
         let mut length = 0;
@@ -38,18 +38,18 @@ impl Header {
         (!fields.is_empty()).then_some(Self { fields, length })
     }
 
-    /// The value of the first line with this key.
+    /// Returns the value of the first line with this key.
     pub fn get(&self, key: &str) -> Option<&str> {
         self.fields.iter().find(|(name, _)| name == key).map(|(_, value)| value.as_str())
     }
 
-    /// An option of the format: `% format EVT3;height=720;width=1280`.
+    /// Returns an option of the format, as in `% format EVT3;height=720;width=1280`.
     pub fn format_option(&self, key: &str) -> Option<&str> {
         let options = self.get("format")?.split(';').skip(1);
         options.filter_map(|option| option.split_once('=')).find(|(name, _)| *name == key).map(|(_, value)| value)
     }
 
-    /// Width and height in pixels, where they are given or follow from the camera.
+    /// Returns width and height in pixels, if the header contains them or the camera is known.
     pub fn sensor(&self) -> Option<Sensor> {
         let number = |text: &str| text.trim().parse::<u16>().ok();
         let pair = |width: Option<&str>, height: Option<&str>| Some(Sensor::new(number(width?)?, number(height?)?));
@@ -63,12 +63,12 @@ impl Header {
             })
     }
 
-    /// When the recording began, as it stands there.
+    /// Returns the date of the recording, as in the header.
     pub fn date(&self) -> Option<String> {
         self.get("date").or_else(|| self.get("Date")).map(str::to_owned)
     }
 
-    /// Maker and serial number of the camera.
+    /// Returns manufacturer and serial number of the camera.
     pub fn camera_name(&self) -> Option<String> {
         let maker = self.get("camera_integrator_name").or_else(|| self.get("integrator_name"));
         let words: Vec<&str> = maker.into_iter().chain(self.get("serial_number")).collect();
@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_and_names_are_found_wherever_they_stand() {
+    fn sizes_and_names_are_found_in_every_form() {
         for (text, sensor, name, data) in [
             ("% evt 3.0\n% geometry 1280x720\n% serial_number 7\nX", Some((1280, 720)), Some("7"), 'X'),
             (

@@ -1,4 +1,4 @@
-//! RAW: what a camera sends, as it is.
+//! RAW: the words of the camera, unchanged.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use evcal_core::event::Event;
 
 use super::header::Header;
 use super::write::OUTPUT;
-use super::{TRIGGERS, tell};
+use super::{TRIGGERS, store_counts};
 use crate::bytes::ByteReader;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::foreign::ForeignFormat;
@@ -26,16 +26,16 @@ pub const FORMAT: FileFormat = FileFormat {
     )
 };
 
-/// Bytes that are decoded at a time: whole words of every encoding.
+/// Number of bytes that are decoded at a time; a multiple of the word size of every encoding.
 const BLOCK: u64 = 1 << 15;
 
-/// Name of the encoding. Early files of sensors of generation 3 do not name it; these send no other than EVT 2.0.
+/// Returns the name of the encoding. Early files of third-generation sensors do not contain it; they are in EVT 2.0.
 fn encoding(header: &Header) -> Option<&str> {
     let early = || header.get("plugin_name").filter(|name| name.contains("gen3")).map(|_| "2.0");
     header.get("evt").or_else(|| header.get("format")?.split(';').next()).or_else(early)
 }
 
-/// Whether the words of EVT 2.1 in `bytes` have their halves the other way round: which half has times that go on?
+/// `true` if the halves of the EVT 2.1 words in `bytes` are exchanged: the half whose times increase is the upper one.
 fn halves_are_swapped(bytes: &[u8]) -> bool {
     let (words, _) = bytes.as_chunks::<8>();
     let steps = |shift: u32| {
@@ -46,10 +46,10 @@ fn halves_are_swapped(bytes: &[u8]) -> bool {
     steps(0) > steps(32)
 }
 
-/// One time high of EVT 2.1 is further on than the last by no more than this, in 64 µs (0.1 s).
+/// Largest step between consecutive time highs of EVT 2.1 that counts as increasing, in units of 64 µs (0.1 s).
 const MOST_STEP: u32 = 1600;
 
-/// The decoders of the encodings.
+/// Decoder of the words, by encoding.
 enum Words {
     Evt2(Evt2Decoder),
     Evt21 { decoder: Evt21Decoder, halves_swapped: bool },
@@ -57,7 +57,8 @@ enum Words {
 }
 
 impl Words {
-    /// For what follows `header`; `beginning` of it says what the header may not.
+    /// Creates the decoder for the data after `header`. `beginning` contains the first of them, for properties that the
+    /// header lacks.
     fn new(header: &Header, beginning: &[u8]) -> Option<Self> {
         Some(match encoding(header)? {
             "2.0" | "EVT2" => Self::Evt2(Evt2Decoder::new()),
@@ -72,7 +73,7 @@ impl Words {
         })
     }
 
-    /// Hands the records of the whole words in `bytes` to `take`; gives the number of bytes left over.
+    /// Decodes the whole words in `bytes` and passes the records to `take`. Returns the number of bytes left over.
     fn decode(&mut self, bytes: &[u8], take: &mut impl FnMut(EvtRecord)) -> usize {
         match self {
             Self::Evt2(decoder) => {
@@ -142,7 +143,7 @@ impl Decode for Decoder {
             EvtRecord::Event(event) => batch.push(event),
             EvtRecord::Trigger(_) => *triggers += 1,
         });
-        tell(self.words.counts(), report);
+        store_counts(self.words.counts(), report);
         if self.triggers > 0 {
             report.other_packets.insert(TRIGGERS.to_owned(), self.triggers);
         }
@@ -166,7 +167,7 @@ mod tests {
     use super::*;
     use crate::testing::{self, Outcome};
 
-    /// Events of two neighbouring pixels every 20 µs, for `count` pairs; across a row of time highs.
+    /// Returns `count` pairs of events, every 20 µs at two neighbouring pixels. They span several time highs.
     fn events(count: i64) -> Vec<Event> {
         (0..count)
             .flat_map(|index| {
@@ -178,7 +179,7 @@ mod tests {
             .collect()
     }
 
-    /// The bits of EVT 2.0 put together one after the other.
+    /// Encodes events in EVT 2.0.
     fn evt2(events: &[Event]) -> Vec<u32> {
         let mut words = vec![0xa000_0101];
         let mut high = 0;
@@ -209,10 +210,10 @@ mod tests {
         bytes
     }
 
-    /// Files of all encodings with the same events.
+    /// Returns files of all encodings with the same events.
     fn files(events: &[Event]) -> Vec<Vec<u8>> {
         let words = evt2(events);
-        // Two events of a pair are one word of EVT 2.1; a word of its own for each time high.
+        // The two events of a pair share a word of EVT 2.1; each time high has its own word.
         let mut wide: Vec<u64> = Vec::new();
         for &word in &words {
             match wide.last_mut() {
@@ -227,11 +228,11 @@ mod tests {
                 "% format EVT21;endianness=legacy;height=260;width=346\n% end\n",
                 wide.iter().map(|word| word.rotate_left(32).to_le_bytes()),
             ),
-            // Neither says which way round the halves are.
+            // Neither header states the order of the halves.
             file("% evt 2.1\n% geometry 346x260\n% end\n", wide.iter().map(|word| word.to_le_bytes())),
             file("% evt 2.1\n% geometry 346x260\n% end\n", wide.iter().map(|word| word.rotate_left(32).to_le_bytes())),
             file("% format EVT3;height=260;width=346\n% end\n", evt3(events).iter().map(|word| word.to_le_bytes())),
-            // As the first cameras of generation 3 were recorded.
+            // A file of the first third-generation cameras.
             file(
                 "% plugin_name hal_plugin_gen31_fx3\n% geometry 346x260\n",
                 words.iter().map(|word| word.to_le_bytes()),
@@ -240,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn every_encoding_gives_the_events_that_were_encoded() {
+    fn every_encoding_is_decoded_to_the_encoded_events() {
         let events = events(20_000);
         for content in files(&events) {
             let Outcome { events: read, information, report, error } = testing::read(&content);
@@ -254,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn triggers_and_what_cannot_be_used_are_counted() {
+    fn triggers_and_unusable_words_are_counted() {
         let words = [0x0000_0000_u32, 0x8000_0010, 0xa000_0101, 0x1140_1807, 0x3000_0000];
         let content = file("% evt 2.0\n% geometry 346x260\n", words.map(u32::to_le_bytes));
         let outcome = testing::read(&content);
@@ -264,14 +265,14 @@ mod tests {
     }
 
     #[test]
-    fn damage_loses_no_more_than_it_must() {
+    fn damage_loses_as_little_as_possible() {
         for content in files(&events(12)) {
             testing::check_damage(&content);
         }
     }
 
     #[test]
-    fn another_encoding_is_refused_with_a_reason() {
+    fn another_encoding_is_rejected_with_a_reason() {
         let error = testing::read(&file("% evt 4.0\n", [[0; 8]])).error.unwrap();
         assert!(error.contains("EVT 2.0, 2.1 or 3.0"), "{error}");
     }

@@ -1,5 +1,5 @@
-//! Writing RAW in EVT 3.0: a word for each time, row and event that is another one than before, without groups, and a time
-//! high every 4096 µs, as a camera sends it.
+//! Writer of RAW in EVT 3.0. Each time, row and event that differs from the previous one has its own word, without
+//! vectors of events. There is a time high every 4096 µs, as from a camera.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -20,12 +20,12 @@ pub const OUTPUT: OutputFormat = OutputFormat {
     copy_transfers: None,
 };
 
-/// Letters of the name of a camera that are written: lines of the header have a longest length.
+/// Largest number of characters of the camera name, because readers limit the length of header lines.
 const LONGEST_NAME: usize = 200;
 
 /// Columns and rows have 11 bits.
 const SIDE: u16 = 1 << 11;
-/// Time high has 12 bits, of 4096 µs each.
+/// Time high has 12 bits, in units of 4096 µs.
 const HIGH_SHIFT: u32 = 12;
 const MASK: i64 = 0xfff;
 const ROW: u16 = 0;
@@ -35,9 +35,9 @@ const TIME_HIGH: u16 = 0x8000;
 
 struct Encoder {
     output: BufWriter<File>,
-    /// Time in µs that the words count from.
+    /// Time in µs that is zero in the words.
     zero: i64,
-    /// Of the latest words; `None` where the next event needs one.
+    /// Values of the latest words; `None` if the next event needs a new one.
     high: Option<i64>,
     low: Option<i64>,
     row: Option<u16>,
@@ -67,13 +67,14 @@ impl Encoder {
         Ok(self.output.write_all(&word.to_le_bytes())?)
     }
 
-    /// Writes the words that bring the time to `t` µs after the zero.
+    /// Writes the words that set the time to `t` µs after the zero.
     fn time(&mut self, t: i64) -> Result<(), WriteError> {
         let (high, low) = (t >> HIGH_SHIFT, t & MASK);
         if self.high != Some(high) {
             let before = self.high.unwrap_or(0) << HIGH_SHIFT;
             check_leap(before.saturating_add(self.zero), t.saturating_add(self.zero))?;
-            // All between, as a camera sends them: some readers follow a turn of the clock from its last time high only.
+            // Writes all time highs in between, as a camera does: some readers detect a wrap of the clock only from the
+            // last one before it.
             for step in self.high.map_or(0, |latest| latest + 1)..=high {
                 self.word(TIME_HIGH | (step & MASK) as u16)?;
             }
@@ -132,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn words_are_those_of_the_format() {
+    fn words_follow_the_format() {
         let events = [
             event(4097, 3, 2, Polarity::On),
             event(4097, 4, 2, Polarity::Off),
@@ -149,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn times_are_kept_over_pauses_longer_than_a_turn_of_the_clock() {
+    fn times_are_kept_over_pauses_longer_than_the_range_of_the_clock() {
         let times = [3_599_000_000_i64, 3_599_000_001, 3_599_999_999, 3_620_000_000, 3_700_123_456, 7_300_000_000];
         let events: Vec<Event> = times.into_iter().map(|t| event(t, 2047, 2047, Polarity::On)).collect();
         let outcome = testing::read(&written(&events, Sensor::new(2048, 2048), 0).unwrap());
@@ -161,9 +162,9 @@ mod tests {
         assert!(shifted.events.iter().zip(&events).all(|(found, event)| found.t == event.t - times[0]));
     }
 
-    /// A word for each 4096 µs between was 830 GB for this.
+    /// With a word for every 4096 µs, such a file would have 830 GB.
     #[test]
-    fn a_leap_of_years_is_refused() {
+    fn a_jump_of_years_is_rejected() {
         let at = |t| event(t, 3, 2, Polarity::On);
         let error = written(&[at(0), at(1_700_000_000_000_000)], Sensor::new(1280, 720), 0).unwrap_err().to_string();
         assert!(error.contains("1700000000000000 us") && error.contains("more than a day"), "{error}");
@@ -174,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_too_large_for_its_words_is_refused() {
+    fn a_sensor_too_large_for_the_words_is_rejected() {
         let error = written(&[], Sensor::new(2049, 10), 0).unwrap_err().to_string();
         assert!(error.contains("2048") && error.contains("2049"), "{error}");
     }

@@ -1,8 +1,9 @@
 //! Bags of ROS 1, version 2.0.
 //!
-//! A line `#ROSBAG V2.0`, then records: u32 length and header, u32 length and data. A header is a sequence of fields, u32
-//! length and `name=value`. `op` says what the record is: 5 a chunk (records, perhaps packed as bz2 or LZ4), 7 a
-//! connection (a topic and its type), 2 a message; the others are an index, which is not needed.
+//! The file has a line `#ROSBAG V2.0`, then records: u32 length and header, u32 length and data. A header is a sequence
+//! of fields, u32 length and `name=value`. The field `op` is the kind of the record: 5 a chunk (records, possibly
+//! compressed with bz2 or LZ4), 7 a connection (a topic and its type), 2 a message. The other kinds are an index, which
+//! is not needed.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -37,14 +38,14 @@ pub const FORMAT: FileFormat = FileFormat {
 const CHUNK: u8 = 5;
 const CONNECTION: u8 = 7;
 const MESSAGE: u8 = 2;
-/// No header of a record is longer, nor shorter: it has `op`.
+/// Length limits of a record header in bytes. It contains at least `op`.
 const LONGEST_RECORD_HEADER: u64 = 1 << 16;
 const SHORTEST_RECORD_HEADER: u64 = 8;
-/// No header of a file is longer, nor are the connections in an index.
+/// Length limits in bytes of the file header and of the connections in the index.
 const LONGEST_HEADER: u64 = 1 << 13;
 const LONGEST_INDEX: u64 = 1 << 22;
 
-/// Opens such a file of messages.
+/// Opens the bag at `path`.
 pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
     let mut file = ByteReader::open(path)?;
     file.seek(MAGIC.len() as u64)?;
@@ -55,7 +56,7 @@ pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
         packed: Vec::new(),
         topics: Vec::new(),
         connections: BTreeMap::new(),
-        places: BTreeMap::new(),
+        indices: BTreeMap::new(),
         message: (0, 0),
         truncated: None,
         ended: false,
@@ -68,26 +69,26 @@ struct Bag {
     header: Vec<u8>,
     packed: Vec<u8>,
     topics: Vec<Topic>,
-    /// Numbers of connections and the places of their topics.
+    /// Indices of topics, by the number of the connection.
     connections: BTreeMap<u32, usize>,
-    /// Names and types of topics and their places.
-    places: BTreeMap<(String, String), usize>,
-    /// Where the message is in the chunk.
+    /// Indices of topics, by name and type.
+    indices: BTreeMap<(String, String), usize>,
+    /// Range of the current message in the chunk.
     message: (usize, usize),
     truncated: Option<Truncation>,
     ended: bool,
 }
 
-/// A chunk, unpacked. A message outside of chunks is treated as a chunk of its own.
+/// A decompressed chunk. A message outside of chunks is treated as a chunk.
 #[derive(Default)]
 struct Chunk {
     bytes: Vec<u8>,
     position: usize,
-    /// Where it is in the file.
+    /// Offset of the chunk in the file.
     byte: u64,
 }
 
-/// Header and data of a record, and the number of bytes of all.
+/// A record: its header, its data, and its total length in bytes.
 struct Record<'a> {
     header: &'a [u8],
     data: &'a [u8],
@@ -105,7 +106,7 @@ fn record(bytes: &[u8], from: usize) -> Option<Record<'_>> {
     Some(Record { header, data, length: 8 + header.len() + data.len() })
 }
 
-/// The value of a field of a header.
+/// Returns the value of a field in a header.
 fn field<'a>(header: &'a [u8], name: &[u8]) -> Option<&'a [u8]> {
     let mut position = 0;
     while let Some(field) = part(header, position) {
@@ -126,7 +127,7 @@ fn operation(header: &[u8]) -> Option<u8> {
     field(header, b"op")?.first().copied()
 }
 
-/// How a chunk with this header is packed.
+/// Returns the compression of a chunk with this header.
 fn packing(header: &[u8]) -> Result<Packing, ChunkError> {
     match field(header, b"compression").unwrap_or_default() {
         b"none" => Ok(Packing::Plain),
@@ -136,7 +137,7 @@ fn packing(header: &[u8]) -> Result<Packing, ChunkError> {
     }
 }
 
-/// The topic that a record of a connection names.
+/// Returns the topic in the record of a connection.
 fn topic(record: &Record) -> Option<Topic> {
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     let name = text(field(record.header, b"topic")?);
@@ -145,17 +146,17 @@ fn topic(record: &Record) -> Option<Topic> {
 }
 
 impl Bag {
-    /// The topics that the index lists, which stands behind all chunks.
+    /// Reads the topics from the index, which follows all chunks.
     fn index(&mut self) -> Result<Option<Vec<Topic>>, RecordingError> {
         let mut bytes = Vec::new();
         self.file.seek(MAGIC.len() as u64)?;
         self.file.read(&mut bytes, LONGEST_HEADER)?;
-        let place = record(&bytes, 0)
+        let start = record(&bytes, 0)
             .and_then(|record| Some(u64::from_le_bytes(*field(record.header, b"index_pos")?.first_chunk()?)));
-        let Some(place) = place.filter(|place| *place > MAGIC.len() as u64 && *place < self.file.length()) else {
+        let Some(start) = start.filter(|start| *start > MAGIC.len() as u64 && *start < self.file.length()) else {
             return Ok(None);
         };
-        self.file.seek(place)?;
+        self.file.seek(start)?;
         self.file.read(&mut bytes, LONGEST_INDEX)?;
         let (mut topics, mut position) = (Vec::new(), 0);
         while let Some(record) = record(&bytes, position).filter(|record| operation(record.header) == Some(CONNECTION))
@@ -166,7 +167,7 @@ impl Bag {
         Ok((!topics.is_empty()).then_some(topics))
     }
 
-    /// Takes the next record of the file as chunk; false at the end.
+    /// Reads the next record with content as the current chunk. Returns `false` at the end.
     fn next_chunk(&mut self) -> Result<bool, RecordingError> {
         loop {
             let start = self.file.position();
@@ -175,8 +176,8 @@ impl Bag {
             }
             let Some(header_length) = self.length(start)? else { return Ok(false) };
             if !(SHORTEST_RECORD_HEADER..=LONGEST_RECORD_HEADER).contains(&header_length) {
-                // Nothing else tells where the next record begins.
-                let what = format!("the header of a record is said to have {header_length} bytes");
+                // Without this length, the next record cannot be found.
+                let what = format!("the header of a record states a length of {header_length} bytes");
                 let lost = format!("records cannot be found: {what}");
                 self.truncated = Some(Truncation { byte: start, lost });
                 self.ended = true;
@@ -187,7 +188,7 @@ impl Bag {
                 if let Some(length) = self.length(start)? {
                     self.file.seek(self.file.position() + length)?;
                 }
-                return Err(self.file.damaged(start, "a record has no header that can be understood"));
+                return Err(self.file.damaged(start, "a record has an invalid header"));
             };
             let Some(length) = self.length(start)? else {
                 return if operation == CHUNK { self.take_beginning(start) } else { Ok(false) };
@@ -214,21 +215,21 @@ impl Bag {
         }
     }
 
-    /// The length of the part of a record that comes next; `None` if the file ends before its end.
+    /// Reads the length of the next part of a record. Returns `None` if the file ends before the end of that part.
     fn length(&mut self, record: u64) -> Result<Option<u64>, RecordingError> {
         let length = self.file.array()?.map(|bytes| u64::from(u32::from_le_bytes(bytes)));
         if let Some(length) = length.filter(|length| *length <= self.file.left()) {
             return Ok(Some(length));
         }
-        let lost = format!("a record is not whole: {} bytes of it are left", self.file.left());
+        let lost = format!("a record is incomplete: {} bytes of it are left", self.file.left());
         self.truncated = Some(Truncation { byte: record, lost });
         self.ended = true;
         Ok(None)
     }
 
-    /// Takes what there is of a chunk whose end is missing; false if it is nothing.
+    /// Decompresses the available part of a chunk that is cut off. Returns `false` if it is empty.
     fn take_beginning(&mut self, start: u64) -> Result<bool, RecordingError> {
-        // A false length would have the rest of the file in memory.
+        // With a wrong length, this could be the whole rest of the file.
         self.file.read(&mut self.packed, self.file.left().min(MOST_UNPACKED))?;
         match packing(&self.header) {
             Ok(packing) => packing.unpack_beginning(&self.packed, &mut self.chunk.bytes),
@@ -253,9 +254,9 @@ impl Bag {
         let connection = number(record.header, b"conn")?;
         if let Entry::Vacant(vacant) = self.connections.entry(connection) {
             let topic = topic(&record)?;
-            let place = self.places.entry((topic.name.clone(), topic.type_name.clone())).or_insert(self.topics.len());
-            vacant.insert(*place);
-            if *place == self.topics.len() {
+            let index = self.indices.entry((topic.name.clone(), topic.type_name.clone())).or_insert(self.topics.len());
+            vacant.insert(*index);
+            if *index == self.topics.len() {
                 self.topics.push(topic);
             }
         }
@@ -289,9 +290,7 @@ impl Container for Bag {
                     .ok_or_else(|| self.file.damaged(self.chunk.byte, "a connection names no topic or no type"))?,
                 Some(MESSAGE) => {
                     let Some(&topic) = connection.and_then(|connection| self.connections.get(&connection)) else {
-                        return Err(self
-                            .file
-                            .damaged(self.chunk.byte, "a message is of a connection that is not known"));
+                        return Err(self.file.damaged(self.chunk.byte, "a message belongs to an unknown connection"));
                     };
                     self.message = (position + length - data, position + length);
                     return Ok(Some(MessageHead { topic, byte: self.chunk.byte }));

@@ -1,13 +1,14 @@
-//! Grey pictures from sensors with a colour filter before each pixel, in squares of two by two: one red, two green, one blue.
+//! Grey images from sensors with a Bayer filter: squares of two by two pixels, of which one is red, two are green and
+//! one is blue.
 //!
-//! Each pixel becomes the mean over itself and its eight neighbours, in which its own value counts four times, those beside, above and
-//! below it twice, those at the corners once. Wherever it stands in the square, red has a quarter in it, green a half, and blue a quarter: nothing
-//! of the filters is left, whichever order they have. The weights are the same to all sides, so that nothing is shifted: a mean
-//! over the square itself would move the picture by half a pixel.
+//! Each pixel becomes a weighted mean of itself (weight 4), its four direct neighbours (2 each) and its four diagonal
+//! neighbours (1 each). With these weights red contributes a quarter, green a half and blue a quarter at every pixel,
+//! whatever the order of the filters. The weights are symmetric, so the image is not shifted, whereas the mean over a
+//! two-by-two square would shift it by half a pixel.
 
 /// A sample of 8 or 16 bits.
 pub trait Sample: Copy + Into<u32> {
-    /// From a number that is not larger than the largest sample.
+    /// Converts a number that does not exceed the largest sample.
     fn from_sum(sum: u32) -> Self;
 }
 
@@ -23,11 +24,11 @@ impl Sample for u16 {
     }
 }
 
-/// The grey picture of `samples`, rows of `width` each.
+/// Converts `samples`, in rows of `width`, to a grey image.
 pub fn grey<T: Sample>(samples: &[T], width: usize) -> Vec<T> {
     let rows: Vec<&[T]> = samples.chunks_exact(width.max(1)).collect();
     let mut pixels = Vec::with_capacity(samples.len());
-    // Sums down the three rows around one.
+    // Weighted sums over three rows.
     let mut sums = vec![0_u32; width];
     for (y, row) in rows.iter().enumerate() {
         let [above, below] = around(y, rows.len()).map(|y| rows.get(y).copied().unwrap_or(row));
@@ -35,30 +36,31 @@ pub fn grey<T: Sample>(samples: &[T], width: usize) -> Vec<T> {
             *sum = 2 * (*here).into() + (*up).into() + (*down).into();
         }
         pixels.extend(sums.iter().enumerate().map(|(x, sum)| {
-            let beside: u32 = around(x, width).iter().map(|x| sums.get(*x).copied().unwrap_or(*sum)).sum();
-            T::from_sum((2 * sum + beside + 8) / 16)
+            let sides: u32 = around(x, width).iter().map(|x| sums.get(*x).copied().unwrap_or(*sum)).sum();
+            T::from_sum((2 * sum + sides + 8) / 16)
         }));
     }
     pixels
 }
 
-/// The neighbours of a place among `count`; at an end the one that is there counts twice, for beyond it the filters go on like this.
-fn around(place: usize, count: usize) -> [usize; 2] {
-    let before = place.checked_sub(1);
-    let after = Some(place + 1).filter(|after| *after < count);
-    [before.or(after).unwrap_or(place), after.or(before).unwrap_or(place)]
+/// Returns the two neighbours of `index` among `count`. At the ends the only neighbour is returned twice, because the
+/// filter pattern continues symmetrically beyond the border.
+fn around(index: usize, count: usize) -> [usize; 2] {
+    let before = index.checked_sub(1);
+    let after = Some(index + 1).filter(|after| *after < count);
+    [before.or(after).unwrap_or(index), after.or(before).unwrap_or(index)]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Factors of red, green and blue.
+    /// Sensitivity to red, green and blue.
     const COLOURS: [f64; 3] = [0.4, 1.0, 0.7];
-    /// Which colour is before the pixels of a square, row by row.
+    /// Colours of the pixels of a square, row by row.
     const ORDERS: [[usize; 4]; 4] = [[0, 1, 1, 2], [2, 1, 1, 0], [1, 2, 0, 1], [1, 0, 2, 1]];
 
-    /// Of a picture, pixel by pixel, what a sensor with this order of filters gives.
+    /// Returns the samples of a sensor with this order of filters for an image of these values.
     fn mosaic(order: [usize; 4], width: usize, height: usize, value: impl Fn(usize, usize) -> f64) -> Vec<u8> {
         let at = |index: usize| {
             let (x, y) = (index % width, index / width);
@@ -68,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn an_even_picture_shows_nothing_of_the_filters() {
+    fn a_uniform_image_shows_no_filter_pattern() {
         for order in ORDERS {
             for (width, height) in [(7, 5), (2, 2), (8, 3)] {
                 let pixels = grey(&mosaic(order, width, height, |_, _| 200.0), width);
@@ -83,7 +85,7 @@ mod tests {
         assert_eq!(grey(&[9_u8], 1), [9]);
     }
 
-    /// The middle of a dark dot on bright paper, by the darkness of the pixels.
+    /// Returns the centre of a dark dot on bright paper, weighted by darkness.
     fn middle(pixels: &[u8], width: usize) -> [f64; 2] {
         let paper = f64::from(pixels[0]);
         let mut sums = [0.0; 3];
@@ -96,15 +98,15 @@ mod tests {
     }
 
     #[test]
-    fn the_middle_of_a_dot_stays_where_it_is() {
+    fn the_centre_of_a_dot_is_not_shifted() {
         const SUBPIXELS: u32 = 8;
         let (width, height) = (40, 36);
         for (order, center) in ORDERS.iter().zip([[18.3, 17.6], [19.9, 16.2], [20.5, 18.5], [17.71, 19.13]]) {
             let radius = 8.2;
             let value = |x: usize, y: usize| {
                 let inside = |index: u32| {
-                    let offset = |place: usize, step: u32, axis: usize| {
-                        place as f64 - 0.5 + (f64::from(step) + 0.5) / f64::from(SUBPIXELS) - center[axis]
+                    let offset = |index: usize, step: u32, axis: usize| {
+                        index as f64 - 0.5 + (f64::from(step) + 0.5) / f64::from(SUBPIXELS) - center[axis]
                     };
                     offset(x, index % SUBPIXELS, 0).hypot(offset(y, index / SUBPIXELS, 1)) < radius
                 };

@@ -1,4 +1,4 @@
-//! Files of messages.
+//! The interface of a file of messages, and the compression of its chunks.
 
 use std::io::{self, Read};
 use std::path::Path;
@@ -10,80 +10,81 @@ use crate::error::{RecordingError, RecordingErrorKind};
 use crate::options::Damage;
 use crate::read_report::Truncation;
 
-/// A chunk that says it unpacks to more is damaged: writers begin a new one after some megabytes.
+/// Size limit of a decompressed chunk in bytes. Larger ones are damaged, because writers begin a new chunk after some
+/// megabytes.
 pub const MOST_UNPACKED: u64 = 1 << 26;
-/// A record that is said to be longer is damaged: what cannot be packed grows by less, and its head is shorter.
+/// Length limit of a record in bytes. Data that cannot be compressed grow by less than the difference, and the header
+/// is shorter.
 pub const LONGEST_RECORD: u64 = MOST_UNPACKED + (1 << 20);
 
-/// Messages of one name.
+/// A topic: messages with a common name.
 #[derive(Clone, Debug)]
 pub struct Topic {
-    /// Its name, such as `/dvs/events`.
+    /// Name of the topic, such as `/dvs/events`.
     pub name: String,
-    /// The type of its messages.
+    /// Type of the messages.
     pub type_name: String,
-    /// What they hold.
+    /// Content of the messages.
     pub kind: Kind,
-    /// How they are put into bytes.
+    /// Serialization of the messages.
     pub wire: Wire,
 }
 
 impl Topic {
-    /// Name and type.
+    /// Returns name and type as text.
     pub fn description(&self) -> String {
         format!("{} ({})", self.name, self.type_name)
     }
 }
 
-/// Where a message is.
+/// Location of a message.
 #[derive(Clone, Debug)]
 pub struct MessageHead {
-    /// Its topic, a place in [`Container::topics`].
+    /// Index of the topic in [`Container::topics`].
     pub topic: usize,
-    /// Offset in the file of the message, or of the chunk it is in.
+    /// Offset in the file of the message, or of its chunk.
     pub byte: u64,
 }
 
 /// A file of messages, read from its beginning.
 pub trait Container: Send {
-    /// The next message; `None` at the end, also of a file that was cut off.
+    /// Reads the next message; `None` at the end, also if the file is cut off.
     ///
     /// # Errors
-    /// After an error about a part of the file, the messages behind it can still be read. Where they cannot be found, no more
-    /// come, and [`Self::truncated`] tells from where on.
+    /// After an error about a part of the file, the messages after that part can still be read. If they cannot be
+    /// found, reading ends, and [`Self::truncated`] contains the position.
     fn next(&mut self) -> Result<Option<MessageHead>, RecordingError>;
 
-    /// The message that was read last.
+    /// Content of the message that was read last.
     fn message(&self) -> &[u8];
 
-    /// The topics met so far.
+    /// Topics found so far.
     fn topics(&self) -> &[Topic];
 
-    /// Which part of the file was read, 0 to 1.
+    /// Fraction of the file that has been read, 0 to 1.
     fn done(&self) -> f64;
 
-    /// Set when the file ends too early, or cannot be read on.
+    /// End of the readable part, if it comes too early.
     fn truncated(&self) -> Option<&Truncation>;
 
-    /// The topics of the whole file, where a list of them stands in it, apart from its messages.
+    /// Returns the topics of the whole file, if it contains a list of them.
     fn listed(&mut self) -> Option<Vec<Topic>>;
 
-    /// An error about the message at `byte`.
+    /// Creates an error about the message at `byte`.
     fn damaged(&self, byte: u64, what: String) -> RecordingError;
 }
 
-/// Whether reading goes on behind this error.
+/// `true` if reading continues after this error.
 pub fn is_skipped(error: &RecordingError, damage: Damage) -> bool {
     damage == Damage::Skip && matches!(error.kind, RecordingErrorKind::Damaged { .. })
 }
 
-/// Reads the next `length` bytes of `file` into `buffer`, of the record at `byte`. They are passed over where they are more than any
-/// record has, which is an error.
+/// Reads the next `length` bytes of `file`, which belong to the record at `byte`, into `buffer`. If they exceed
+/// [`LONGEST_RECORD`], skips them and returns an error.
 pub fn read_record(file: &mut ByteReader, byte: u64, length: u64, buffer: &mut Vec<u8>) -> Result<(), RecordingError> {
     if length > LONGEST_RECORD {
         file.seek(file.position().saturating_add(length))?;
-        let what =
-            format!("a record is said to have {length} bytes, where {LONGEST_RECORD} are the most that are read");
+        let what = format!("a record states a length of {length} bytes, more than the limit of {LONGEST_RECORD}");
         return Err(file.damaged(byte, what));
     }
     file.read(buffer, length)
@@ -92,44 +93,44 @@ pub fn read_record(file: &mut ByteReader, byte: u64, length: u64, buffer: &mut V
 /// Opens a file of messages.
 pub type OpenContainer = fn(&Path) -> Result<Box<dyn Container>, RecordingError>;
 
-/// Why a chunk cannot be unpacked.
+/// Reason why a chunk cannot be decompressed.
 #[derive(Debug, thiserror::Error)]
 pub enum ChunkError {
-    /// Its head.
+    /// The head is invalid.
     #[error("{0}")]
     Head(#[from] MessageError),
-    /// It has fewer bytes than its head says.
-    #[error("it ends within its records")]
+    /// The chunk is shorter than its head states.
+    #[error("it is shorter than stated")]
     Short,
-    /// It is packed in a way that the format does not have.
-    #[error("its compression is none of {known}")]
+    /// The format does not define this compression.
+    #[error("its compression is not one of {known}")]
     Compression {
-        /// Those that there are.
+        /// Names of the known compressions.
         known: &'static str,
     },
-    /// What is packed is damaged.
+    /// The compressed data are damaged.
     #[error("{0}")]
     Packed(#[from] io::Error),
-    /// It says that it holds more than any writer puts into one.
-    #[error("it is said to unpack to {size} bytes, where {MOST_UNPACKED} are the most that are read")]
+    /// The stated size is larger than any writer's chunks.
+    #[error("its stated size of {size} bytes exceeds the limit of {MOST_UNPACKED}")]
     Large {
-        /// What it says.
+        /// Stated size in bytes.
         size: u64,
     },
-    /// It holds more or less than it should.
-    #[error("it unpacks to other than {size} bytes")]
+    /// The decompressed size differs from the stated size.
+    #[error("its decompressed size is not {size} bytes")]
     Size {
-        /// What it should hold.
+        /// Stated size in bytes.
         size: u64,
     },
 }
 
-/// How chunks are packed.
+/// Compression of a chunk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Packing {
-    /// Not at all.
+    /// No compression.
     Plain,
-    /// A frame of LZ4.
+    /// An LZ4 frame.
     Lz4,
     /// bzip2.
     Bzip2,
@@ -147,10 +148,10 @@ impl Packing {
         })
     }
 
-    /// Unpacks a chunk of `size` bytes into `unpacked`.
+    /// Decompresses a chunk of `size` bytes into `unpacked`.
     pub fn unpack(self, packed: &[u8], size: u64, unpacked: &mut Vec<u8>) -> Result<(), ChunkError> {
         unpacked.clear();
-        // One that is not packed is no larger than its record.
+        // The size of an uncompressed chunk is limited by its record.
         if size > MOST_UNPACKED && self != Self::Plain {
             return Err(ChunkError::Large { size });
         }
@@ -158,21 +159,21 @@ impl Packing {
         if read as u64 == size { Ok(()) } else { Err(ChunkError::Size { size }) }
     }
 
-    /// Unpacks what there is of a chunk whose end is missing into `unpacked`.
+    /// Decompresses the available part of a chunk that is cut off into `unpacked`.
     pub fn unpack_beginning(self, packed: &[u8], unpacked: &mut Vec<u8>) {
         unpacked.clear();
         if let Ok(input) = self.open(packed) {
-            // That it ends with an error is known.
+            // The error at the end is expected.
             let _ = input.take(MOST_UNPACKED).read_to_end(unpacked);
         }
     }
 }
 
-/// How a frame of Zstandard begins; a message of ROS 2 begins otherwise.
+/// First bytes of a Zstandard frame. A message of ROS 2 cannot begin with them.
 const ZSTANDARD: &[u8] = b"\x28\xb5\x2f\xfd";
 
-/// Puts a message that was packed by itself, as `ros2 bag record --compression-mode message` does, into `unpacked`, which stays
-/// empty for others.
+/// Decompresses a message that was compressed individually (by `ros2 bag record --compression-mode message`) into
+/// `unpacked`. For other messages `unpacked` stays empty.
 pub fn unpack_message(message: &[u8], unpacked: &mut Vec<u8>) -> io::Result<()> {
     unpacked.clear();
     if message.starts_with(ZSTANDARD) {

@@ -1,4 +1,4 @@
-//! Bags of ROS 2 in SQLite: a table `topics` and a table `messages`, in the order in which they were recorded.
+//! Bags of ROS 2 in SQLite: a table `topics` and a table `messages`, in order of recording.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -28,17 +28,17 @@ pub const FORMAT: FileFormat = FileFormat {
 struct Bag {
     pages: Pages,
     messages: Table,
-    /// Which columns of a message are its topic and its bytes.
+    /// Indices of the columns with the topic and the content of a message.
     columns: [usize; 2],
     topics: Vec<Topic>,
-    /// The numbers of the topics and their places.
-    places: BTreeMap<i64, usize>,
+    /// Indices of topics, by their number.
+    indices: BTreeMap<i64, usize>,
     row: Vec<u8>,
-    /// The message, where it was packed by itself.
+    /// Content of the message, if it was compressed individually.
     unpacked: Vec<u8>,
 }
 
-/// Opens such a file of messages.
+/// Opens the bag at `path`.
 pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
     let mut pages = Pages::open(path)?;
     let tables = pages.tables()?;
@@ -56,20 +56,20 @@ pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
         let what = format!("tables that are not those of a ROS 2 bag: {}", names.join(", "));
         return Err(RecordingError::new(path, RecordingErrorKind::NoEventStream(what)));
     };
-    let (places, topics) = read_topics(&mut pages, topics, &topic_columns)?;
+    let (indices, topics) = read_topics(&mut pages, topics, &topic_columns)?;
     let columns = columns.try_into().unwrap_or_default();
     let messages = messages.open();
-    Ok(Box::new(Bag { pages, messages, columns, topics, places, row: Vec::new(), unpacked: Vec::new() }))
+    Ok(Box::new(Bag { pages, messages, columns, topics, indices, row: Vec::new(), unpacked: Vec::new() }))
 }
 
-/// The topics, and their places by their numbers.
+/// Reads the topics, and returns them with their indices by number.
 fn read_topics(
     pages: &mut Pages,
     table: &Description,
     columns: &[usize],
 ) -> Result<(BTreeMap<i64, usize>, Vec<Topic>), RecordingError> {
     let (mut rows, mut row) = (table.open(), Vec::new());
-    let (mut places, mut topics) = (BTreeMap::new(), Vec::new());
+    let (mut indices, mut topics) = (BTreeMap::new(), Vec::new());
     while let Some((number, byte)) = pages.next(&mut rows, &mut row)? {
         let values = sqlite::values(&row).ok_or_else(|| pages.damaged(byte, "a topic cannot be read"))?;
         let text = |column: &usize| match values.get(*column) {
@@ -79,10 +79,10 @@ fn read_topics(
         let texts: Vec<String> = columns.iter().map(text).collect();
         let [name, type_name, format] = texts.as_slice() else { continue };
         let kind = if format == "cdr" { Kind::of_type(type_name) } else { Kind::Other };
-        places.entry(number).or_insert(topics.len());
+        indices.entry(number).or_insert(topics.len());
         topics.push(Topic { name: name.clone(), type_name: type_name.clone(), kind, wire: Wire::Cdr });
     }
-    Ok((places, topics))
+    Ok((indices, topics))
 }
 
 impl Container for Bag {
@@ -96,8 +96,8 @@ impl Container for Bag {
         let (Some(Value::Whole(topic)), Some(Value::Bytes(message))) = (values.get(topic), values.get(data)) else {
             return Err(self.pages.damaged(byte, "a message cannot be read"));
         };
-        let Some(&topic) = self.places.get(topic) else {
-            return Err(self.pages.damaged(byte, "a message is of a topic that is not known"));
+        let Some(&topic) = self.indices.get(topic) else {
+            return Err(self.pages.damaged(byte, "a message belongs to an unknown topic"));
         };
         unpack_message(message, &mut self.unpacked)
             .map_err(|error| self.pages.damaged(byte, format!("a message is damaged: {error}")))?;

@@ -1,4 +1,4 @@
-//! The events of one topic.
+//! Decoder of the events of one topic.
 
 use std::path::Path;
 
@@ -12,11 +12,11 @@ use super::picture;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::format::{Opened, StreamSummary};
 use crate::options::{Damage, RecordingOptions};
-use crate::prophesee::{TRIGGERS, tell};
+use crate::prophesee::{TRIGGERS, store_counts};
 use crate::read_report::{ReadReport, Truncation};
 use crate::reader::{Decode, RecordingInformation};
 
-/// A batch is handed out as soon as it has this many events.
+/// Number of events from which a batch is returned.
 const BATCH: usize = 16_384;
 
 struct Decoder {
@@ -27,22 +27,22 @@ struct Decoder {
     packets: PacketDecoder,
 }
 
-/// Starts reading the events of the topic that is asked for, or of the first one that has any.
+/// Opens the events of the requested topic, or of the first topic that has any.
 pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &RecordingOptions) -> Opened {
     let mut container = open(path)?;
     let wanted = options.stream.as_deref();
     let Some(First { topic, description }) = first_of(path, &mut *container, wanted, options.damage)? else {
         return Err(match container.truncated() {
-            Some(Truncation { byte, lost }) => container.damaged(*byte, format!("{lost}; no events stand before it")),
+            Some(Truncation { byte, lost }) => container.damaged(*byte, format!("{lost}; no events precede it")),
             None => RecordingError::new(path, no_topic(container.topics(), wanted)),
         });
     };
     let Description { sensor, encoding, .. } = description;
-    let mut notes = vec![format!("events of the topic {topic} are read")];
+    let mut notes = vec![format!("the events of the topic {topic} are read")];
     if let Some(encoding) = encoding {
         notes.push(format!("they are encoded as {encoding}"));
         if encoding == "evt3" {
-            notes.push("their times are those of the sensor's clock, not of other topics".to_owned());
+            notes.push("their times are from the sensor's clock, not from that of other topics".to_owned());
         }
     }
     let information = RecordingInformation { format, sensor, camera_name: None, began: None, notes };
@@ -51,14 +51,15 @@ pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &Re
     Ok(Box::new(Decoder { container, topic, damage: options.damage, information, packets }))
 }
 
-/// A topic with events, and what its first message with events says of them.
+/// A topic with events, and the description in its first message with events.
 struct First {
     topic: String,
     description: Description,
 }
 
-/// The first message with events of the topic `wanted`, or of any; where there is none, the first message that could have some. Messages
-/// in an encoding that is not read are passed over while others may follow: some drivers send triggers as such.
+/// Finds the first message with events of the topic `wanted`, or of any topic if it is `None`. If there is none,
+/// returns the first message that could contain events. Messages in an unsupported encoding are an error only if no
+/// other follows, because some drivers send triggers in such messages.
 fn first_of(
     path: &Path,
     container: &mut dyn Container,
@@ -113,7 +114,7 @@ fn damaged(container: &dyn Container, head: &MessageHead, topic: &Topic, what: &
 }
 
 impl Decoder {
-    /// Appends the events of the next message, or counts it if it is of another topic; false at the end.
+    /// Appends the events of the next message, or counts a message of another topic. Returns `false` at the end.
     fn next_message(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let Some(head) = self.container.next()? else { return Ok(false) };
         let Some(topic) = self.container.topics().get(head.topic) else { return Ok(true) };
@@ -139,13 +140,13 @@ impl Decode for Decoder {
             let was_whole = self.container.truncated().is_none();
             match self.next_message(batch, report) {
                 Ok(there_is) => more = there_is,
-                // It took all behind it along, which is told as the end of the file.
+                // The rest of the file cannot be read, which is reported as truncation.
                 Err(error) if is_skipped(&error, self.damage) && was_whole && self.container.truncated().is_some() => {}
                 Err(error) if is_skipped(&error, self.damage) => report.damaged_packets += 1,
                 Err(error) => return Err(error),
             }
         }
-        tell(self.packets.counts(), report);
+        store_counts(self.packets.counts(), report);
         if self.packets.triggers > 0 {
             report.other_packets.insert(TRIGGERS.to_owned(), self.packets.triggers);
         }
@@ -158,7 +159,7 @@ impl Decode for Decoder {
     }
 }
 
-/// Counts what the topics of the file at `path` hold. Messages that are damaged count as messages only.
+/// Counts the content of the topics of the file at `path`. Damaged messages are counted, but not their elements.
 pub fn summarise(
     open: OpenContainer,
     path: &Path,
@@ -172,7 +173,7 @@ pub fn summarise(
         let head = match container.next() {
             Ok(Some(head)) => head,
             Err(error) if is_skipped(&error, options.damage) => continue,
-            // Damage is for the reader of events to report.
+            // The reader of the events reports damage.
             Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
             Err(error) => return Err(error),
         };
@@ -180,14 +181,14 @@ pub fn summarise(
             summaries.push(StreamSummary::new(topic.description()));
             decoders.push(PacketDecoder::default());
         }
-        let places = (summaries.get_mut(head.topic), decoders.get_mut(head.topic), container.topics().get(head.topic));
-        let (Some(summary), Some(decoder), Some(topic)) = places else { continue };
+        let found = (summaries.get_mut(head.topic), decoders.get_mut(head.topic), container.topics().get(head.topic));
+        let (Some(summary), Some(decoder), Some(topic)) = found else { continue };
         summary.packets += 1;
         let (wire, message) = (topic.wire, container.message());
         events.clear();
         let (count, times) = match topic.kind {
             Kind::EventArray | Kind::EventPacket => {
-                // What comes before damage counts.
+                // Events before damage are counted.
                 let _ = message::events(topic.kind, wire, message, decoder, &mut events);
                 (events.len() as u64, events.first().zip(events.last()).map(|(first, last)| (first.t, last.t)))
             }

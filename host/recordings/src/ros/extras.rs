@@ -1,9 +1,10 @@
-//! Pictures and inertial samples of the camera whose events are read.
+//! Images and inertial samples of the camera whose events are read.
 //!
-//! A bag may hold several cameras and units. The topics that go with the events are those whose names share most of their
-//! beginning with that of the events: `/davis/left/image_raw` and `/davis/left/imu` go with `/davis/left/events`. A picture is of another
-//! camera if it is larger than the sensor, or smaller and its name shares nothing with that of the events, or if it is one of distances,
-//! or if its coordinate frame or topic names another side of a rig (left, right, 0, 1) than those of the events.
+//! A bag may contain several cameras and IMUs. The topics that belong to the events are those whose names share the
+//! most leading parts with that of the events: `/davis/left/image_raw` and `/davis/left/imu` belong to
+//! `/davis/left/events`. Images are from another camera if they are larger than the sensor, if they are smaller and
+//! their topic shares no part with that of the events, if they may be depth images, or if their coordinate frame or
+//! topic names another side of a rig (left, right, 0, 1) than those of the events.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
@@ -16,49 +17,52 @@ use super::fields::MessageError;
 use super::message::{self, Kind};
 use super::picture;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::extras::{BOTH, Extra, OtherStreams, ReadExtras, Skipped, UnreadFrame, UnreadFrames, take_until, told};
+use crate::extras::{
+    BOTH, Extra, OtherStreams, ReadExtras, Skipped, UnreadFrame, UnreadFrames, read_or_report, take_until,
+};
 use crate::options::{Damage, RecordingOptions};
 use crate::pictures::TimedImage;
 
-/// So many messages are looked at for topics where the file does not list them, more if there is none of a kind among them.
-const LOOKED_AT: usize = 4096;
-/// No more bytes of messages than this are looked at: a list may name topics that have no message.
-const MOST_LOOKED_AT: u64 = 1 << 28;
-/// A message counts as so many bytes at least: there may be very many without any.
+/// Number of messages that are examined to find topics if the file does not list them. More are examined until there is
+/// a topic of each kind.
+const EXAMINED: usize = 4096;
+/// Size limit in bytes of the messages that are examined, because a list may name topics without messages.
+const MOST_BYTES: u64 = 1 << 28;
+/// Smallest size in bytes with which a message is counted, because there may be very many empty ones.
 const LEAST_OF_A_MESSAGE: u64 = 64;
 
-/// The topics that are read, by their places in [`Container::topics`].
+/// The topics that are read, as indices in [`Container::topics`].
 #[derive(Clone, Copy, Debug, Default)]
 struct Topics {
     pictures: Option<usize>,
     samples: Option<usize>,
-    /// Pictures that would be taken if they were not of another side of the rig.
+    /// Topic of images that would be chosen if it did not belong to another side of the rig.
     foreign: Option<usize>,
 }
 
-/// What is read of a topic.
+/// A message that was read.
 enum Read {
     Extra(Extra),
     Unread(UnreadFrame),
 }
 
-/// Those of a file of messages.
+/// Reader of the images and samples in a file of messages.
 struct MessageExtras {
     container: Box<dyn Container>,
     next: Option<Extra>,
     topics: Topics,
-    /// As [`super::container::Topic::description`] has them, of pictures and of samples.
+    /// Descriptions of the topics of images and of samples, by [`super::container::Topic::description`].
     names: [Option<String>; 2],
-    /// The same of pictures that are of another camera.
+    /// Description of the topic of images from another side of the rig.
     foreign: Option<String>,
-    /// Why the first could not be read.
+    /// Description of an error in the first element.
     lost: Vec<String>,
     damage: Damage,
     skipped: Skipped,
     unread: UnreadFrames,
 }
 
-/// The next picture or sample of `topics` that can be read; pictures whose encoding is not read go to `unread`.
+/// Reads the next image or sample of `topics`. Images in an unsupported encoding are counted in `unread`.
 fn next(
     container: &mut dyn Container,
     topics: Topics,
@@ -75,8 +79,8 @@ fn next(
     Ok(None)
 }
 
-/// As [`next`], with the pictures that are not read. What is passed over where no message can be found in it, the reader of
-/// the events counts.
+/// Reads the next image or sample like [`next`], but also returns images in an unsupported encoding. Damage without a
+/// recognisable message is skipped silently, because the reader of the events counts it.
 fn next_or_unread(
     container: &mut dyn Container,
     topics: Topics,
@@ -118,22 +122,22 @@ fn read_picture(topic: &Topic, message: &[u8]) -> Result<Read, MessageError> {
     Ok(Read::Unread(UnreadFrame { t, encoding }))
 }
 
-/// The topics that go with the events of the topic `wanted`, or of the first one that has any.
+/// Chooses the topics that belong to the events of the topic `wanted`, or of the first topic that has any.
 fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -> Result<Topics, RecordingError> {
     let mut events: Option<Events> = None;
-    // Topics with the size of a picture of each, where it may be of the camera of the events.
+    // Topics of images, each with its first image; `None` if they cannot be from the camera of the events.
     let mut pictures: BTreeMap<usize, Option<Pictures>> = BTreeMap::new();
     let mut samples: BTreeSet<usize> = BTreeSet::new();
     let listed = container.listed();
     let listed = |kind: Kind| Some(listed.as_ref()?.iter().filter(|topic| topic.kind == kind).count());
     let (listed_pictures, listed_samples) = (listed(Kind::Image), listed(Kind::Imu));
     let (mut count, mut bytes) = (0, 0);
-    // Whether topics are to come: as many as the file lists, or, where it has no list, perhaps some.
+    // `true` if more topics may follow: as many as the file lists, or possibly some if it has no list.
     let awaited = |listed: Option<usize>, found: usize, count: usize| match listed {
         Some(listed) => found < listed,
-        None => found == 0 || count < LOOKED_AT,
+        None => found == 0 || count < EXAMINED,
     };
-    while bytes < MOST_LOOKED_AT
+    while bytes < MOST_BYTES
         && (events.is_none()
             || awaited(listed_pictures, pictures.len(), count)
             || awaited(listed_samples, samples.len(), count))
@@ -141,7 +145,7 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
         let head = match container.next() {
             Ok(Some(head)) => head,
             Err(error) if is_skipped(&error, damage) => continue,
-            // Damage is reported when its turn comes.
+            // Damage is reported when it is reached.
             Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
             Err(error) => return Err(error),
         };
@@ -162,7 +166,7 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
                 });
             }
             Kind::Image if !pictures.contains_key(&head.topic) => {
-                // A damaged one tells nothing of its topic.
+                // A damaged image says nothing about its topic.
                 let Ok(frame) = picture::frame(topic.kind, topic.wire, message) else { continue };
                 let described = picture::description(topic.kind, topic.wire, message).ok();
                 let described = described.filter(|described| !picture::may_be_distances(&described.encoding));
@@ -177,28 +181,28 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
     }
     let topics = container.topics();
     let name = |index: usize| topics.get(index).map_or("", |topic| topic.name.as_str());
-    let beside = events.as_ref().map_or("", |events| name(events.topic));
-    // The first of those that fit equally well.
-    let fit = |index: usize| (shared(beside, name(index)), name(index).contains("image_raw"));
+    let of_events = events.as_ref().map_or("", |events| name(events.topic));
+    // Measures how well a topic matches that of the events.
+    let fit = |index: usize| (shared(of_events, name(index)), name(index).contains("image_raw"));
     let sensor = events.as_ref().and_then(|events| events.sensor);
     let fits = |(index, pictures): &(usize, Pictures)| {
         let (width, height) = pictures.size;
         let sides = sensor.map(|sensor| (u32::from(sensor.width), u32::from(sensor.height)));
         let is_whole = sides == Some((width, height));
         let fits = sides.is_none_or(|sides| width <= sides.0 && height <= sides.1);
-        let is_beside = events.is_none() || shared(beside, name(*index)) > 0;
-        is_whole || fits && is_beside
+        let is_related = events.is_none() || shared(of_events, name(*index)) > 0;
+        is_whole || fits && is_related
     };
     let is_of_other_side = |index: usize, pictures: &Pictures| {
         events.as_ref().is_some_and(|events| {
-            let of_events = side_of_rig(&events.frame).or_else(|| side_of_rig(beside));
-            let of_pictures = side_of_rig(&pictures.frame).or_else(|| side_of_rig(name(index)));
-            of_events.is_some() && of_pictures.is_some() && of_events != of_pictures
+            let side_of_events = side_of_rig(&events.frame).or_else(|| side_of_rig(of_events));
+            let side_of_pictures = side_of_rig(&pictures.frame).or_else(|| side_of_rig(name(index)));
+            side_of_events.is_some() && side_of_pictures.is_some() && side_of_events != side_of_pictures
         })
     };
     let pictures = pictures.into_iter().filter_map(|(index, pictures)| Some((index, pictures?))).filter(fits);
     let (foreign, own): (Vec<_>, Vec<_>) = pictures.partition(|(index, pictures)| is_of_other_side(*index, pictures));
-    // Of those that fit equally well, one that is read.
+    // Among topics that share equally many parts, prefers one with a supported encoding.
     let best = |pictures: Vec<(usize, Pictures)>| {
         let best = pictures.into_iter().max_by_key(|(index, pictures)| {
             let (shared, is_raw) = fit(*index);
@@ -212,25 +216,26 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
     Ok(Topics { pictures, samples, foreign })
 }
 
-/// The topic whose events are read.
+/// The topic of the events.
 struct Events {
     topic: usize,
     sensor: Option<Sensor>,
-    /// Name of its coordinate frame.
+    /// Name of the events' coordinate frame.
     frame: String,
 }
 
-/// What the first picture of a topic shows of all.
+/// Properties of a topic of images, from its first image.
 struct Pictures {
     /// Width and height in pixels.
     size: (u32, u32),
-    /// Whether their encoding is read.
+    /// `true` if their encoding is supported.
     is_read: bool,
-    /// Name of their coordinate frame.
+    /// Name of the images' coordinate frame.
     frame: String,
 }
 
-/// The side of a rig that the name of a topic or coordinate frame contains: the last of its words that is one, or a number of one digit.
+/// Returns the side of a rig in the name of a topic or coordinate frame: the last word that names a side or ends in a
+/// single digit.
 fn side_of_rig(name: &str) -> Option<&str> {
     const SIDES: [&str; 12] =
         ["left", "right", "front", "rear", "back", "top", "bottom", "upper", "lower", "center", "master", "slave"];
@@ -245,13 +250,13 @@ fn side_of_rig(name: &str) -> Option<&str> {
     words.filter_map(|word| side(word).and_then(|(from, to)| word.get(from..to))).next_back()
 }
 
-/// How many parts at their beginnings two names share.
+/// Returns the number of leading parts that two names share.
 fn shared(first: &str, second: &str) -> usize {
     let parts = |name| str::split(name, '/').filter(|part| !part.is_empty());
     parts(first).zip(parts(second)).take_while(|(first, second)| first == second).count()
 }
 
-/// Opens those of the file at `path`.
+/// Opens the images and samples of the file at `path`.
 pub fn open(
     open: OpenContainer,
     path: &Path,
@@ -265,7 +270,7 @@ pub fn open(
     let mut container = open(path)?;
     let mut lost = Vec::new();
     let (damage, mut skipped, mut unread) = (options.damage, Skipped::new(options.damage), UnreadFrames::default());
-    let first = told(next(&mut *container, topics, damage, &mut skipped, &mut unread), BOTH, &mut lost);
+    let first = read_or_report(next(&mut *container, topics, damage, &mut skipped, &mut unread), BOTH, &mut lost);
     Ok(Box::new(MessageExtras { container, next: first, topics, names, foreign, lost, damage, skipped, unread }))
 }
 
@@ -281,8 +286,8 @@ impl ReadExtras for MessageExtras {
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
         lost.append(&mut self.lost);
         if self.next.is_none() {
-            self.skipped.tell(lost);
-            self.unread.tell(lost);
+            self.skipped.report(lost);
+            self.unread.report(lost);
         }
         let Self { container, topics, damage, skipped, unread, .. } = self;
         take_until(&mut self.next, end, lost, || next(&mut **container, *topics, *damage, skipped, unread))
@@ -293,14 +298,14 @@ impl ReadExtras for MessageExtras {
     }
 
     fn chosen(&self) -> Vec<String> {
-        let sentence = |(what, name): (&str, &Option<String>)| Some(format!("{what} are those of {}", name.as_ref()?));
-        let other = |name: &String| format!("{name} is not read: by its name it is of another camera than the events");
+        let sentence = |(what, name): (&str, &Option<String>)| Some(format!("{what} are read from {}", name.as_ref()?));
+        let other = |name: &String| format!("{name} is not read: its name belongs to another camera than the events");
         let chosen = ["frames", "inertial samples"].into_iter().zip(&self.names).filter_map(sentence);
         chosen.chain(self.foreign.iter().map(other)).collect()
     }
 }
 
-/// Hands the pictures of the file at `path` to `visit`. The inner error ended them early.
+/// Passes the images of the file at `path` to `visit`. An inner error ended them early.
 pub fn visit_frames(
     open: OpenContainer,
     path: &Path,

@@ -1,47 +1,47 @@
-//! The fields of a message, one after the other.
+//! Reader of the fields of a message, one after the other.
 
-/// How messages are put into bytes.
+/// Serialization of messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wire {
-    /// ROS 1: nothing between the fields.
+    /// ROS 1: fields without padding.
     Ros1,
-    /// ROS 2: CDR. Four bytes of encapsulation; then numbers stand at multiples of their size, counted from behind it.
+    /// ROS 2: CDR. After four bytes of encapsulation, numbers are aligned to multiples of their size.
     Cdr,
 }
 
-/// A message ends within a field, or a field contradicts its type.
+/// Fault of a message.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MessageError {
-    /// There are fewer bytes than the fields need.
+    /// The message is shorter than its fields require.
     #[error("the message ends within {0}")]
     TooShort(&'static str),
-    /// Not little-endian CDR.
+    /// The message is not in little-endian CDR.
     #[error("the message is not in little-endian CDR")]
     Encapsulation,
-    /// A picture whose rows are longer than it says.
-    #[error("the picture has fewer bytes in a row than pixels")]
+    /// The rows of an image are shorter than its width.
+    #[error("the rows of the picture are too short for its width")]
     Rows,
-    /// A picture whose JPEG or PNG cannot be read.
+    /// The JPEG or PNG of an image cannot be read.
     #[error("the picture is {0}")]
     Picture(String),
-    /// An encoding of events that is not known.
-    #[error("its events are encoded in a way that is not known here (known: evt3, libcaer, libcaer_cmp, mono)")]
+    /// The encoding of events is unknown.
+    #[error("its events have an unknown encoding (known: evt3, libcaer, libcaer_cmp, mono)")]
     Encoding,
-    /// Big-endian events.
+    /// The events are big-endian.
     #[error("the events are big-endian")]
     BigEndian,
 }
 
-/// Reads fields from the front of a message.
+/// Reader of fields from the front of a message.
 pub struct Fields<'a> {
     rest: &'a [u8],
-    /// Bytes read so far, where they count for the alignment.
+    /// Number of bytes read so far, for the alignment.
     position: usize,
     wire: Wire,
 }
 
 impl<'a> Fields<'a> {
-    /// At the beginning of a message.
+    /// Starts at the beginning of a message.
     pub fn new(wire: Wire, message: &'a [u8]) -> Result<Self, MessageError> {
         let rest = match (wire, message) {
             (Wire::Ros1, message) => message,
@@ -85,13 +85,13 @@ impl<'a> Fields<'a> {
         self.number(what).map(f64::from_le_bytes)
     }
 
-    /// A sequence of bytes with its length in front.
+    /// Reads a sequence of bytes, preceded by its length.
     pub fn bytes(&mut self, what: &'static str) -> Result<&'a [u8], MessageError> {
         let length = self.u32(what)?;
         self.take(usize::try_from(length).unwrap_or(usize::MAX), what)
     }
 
-    /// A text with its length in front; in CDR a zero byte ends it.
+    /// Reads text, preceded by its length. In CDR it ends with a zero byte, which is removed.
     pub fn text(&mut self, what: &'static str) -> Result<&'a [u8], MessageError> {
         let text = self.bytes(what)?;
         Ok(match self.wire {
@@ -100,7 +100,7 @@ impl<'a> Fields<'a> {
         })
     }
 
-    /// A point in time as seconds and nanoseconds, in µs.
+    /// Reads a time of seconds and nanoseconds. Returns it in µs.
     pub fn time(&mut self, what: &'static str) -> Result<i64, MessageError> {
         let seconds = self.u32(what)?;
         let seconds = match self.wire {
@@ -110,12 +110,12 @@ impl<'a> Fields<'a> {
         Ok(seconds * 1_000_000 + i64::from(self.u32(what)? / 1000))
     }
 
-    /// The header of most messages; its time in µs.
+    /// Reads a message header. Returns its time in µs.
     pub fn header(&mut self) -> Result<i64, MessageError> {
         self.header_with_frame().map(|(time, _)| time)
     }
 
-    /// The header of most messages: its time in µs, and the name of the coordinate frame.
+    /// Reads a message header. Returns its time in µs and the name of the coordinate frame.
     pub fn header_with_frame(&mut self) -> Result<(i64, &'a [u8]), MessageError> {
         if self.wire == Wire::Ros1 {
             self.u32("the header")?;
@@ -123,7 +123,7 @@ impl<'a> Fields<'a> {
         Ok((self.time("the header")?, self.text("the header")?))
     }
 
-    /// What has not been read.
+    /// The part that has not been read.
     pub fn rest(&self) -> &'a [u8] {
         self.rest
     }

@@ -1,5 +1,5 @@
-//! Folders that `ros2 bag record` writes: `metadata.yaml`, and the messages in one file or, where it was told to split them, in several,
-//! which follow each other.
+//! Folders written by `ros2 bag record`: `metadata.yaml`, and the messages in one file or, if the recording was split,
+//! in several consecutive files.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
@@ -16,7 +16,7 @@ use crate::format::{FileFormat, Head, Uses};
 use crate::read_report::Truncation;
 use evcal_files::yaml;
 
-/// Folder of a ROS 2 bag. It is told by what is in it, not by how it begins.
+/// Folder of a ROS 2 bag. It is recognised by the files in it.
 pub const FORMAT: FileFormat = FileFormat {
     streams: |path, options| events::summarise(open, path, options),
     frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
@@ -26,15 +26,15 @@ pub const FORMAT: FileFormat = FileFormat {
 };
 
 const METADATA: &str = "metadata.yaml";
-/// Bytes of the longest metadata that are read: the settings of a topic and the times of a file take some hundred each.
+/// Size limit of the metadata in bytes. Each topic and each file needs some hundred bytes.
 const LONGEST_METADATA: usize = 1 << 20;
 
-/// Whether `path` is such a folder.
+/// `true` if `path` is the folder of a bag.
 pub fn is_bag(path: &Path) -> bool {
     path.join(METADATA).is_file()
 }
 
-/// How messages are read from what is at `path`, a file or a folder of them; `None` for files and folders of another kind.
+/// Returns the function that opens the messages at `path`, a file or folder; `None` if it is of another kind.
 ///
 /// # Errors
 /// When it cannot be read.
@@ -52,23 +52,23 @@ fn file_opener(path: &Path) -> Result<Option<OpenContainer>, RecordingError> {
     Ok(FILES.into_iter().find(|(format, _)| (format.recognise)(&head)).map(|(_, open)| open))
 }
 
-/// Opens the files of such a folder one after the other.
+/// Opens the files of the folder, one after the other.
 fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
     let mut files: VecDeque<PathBuf> = files(path)?.into();
     let count = files.len();
     let first = files.pop_front().unwrap_or_default();
     let now = open_file(&first)?;
-    let (topics, known, places) = (Vec::new(), BTreeMap::new(), Vec::new());
-    Ok(Box::new(Folder { files, count, path: first, now, topics, known, places, truncated: None }))
+    let (topics, known, indices) = (Vec::new(), BTreeMap::new(), Vec::new());
+    Ok(Box::new(Folder { files, count, path: first, now, topics, known, indices, truncated: None }))
 }
 
-/// Opens a file of the folder, which may be no folder itself: it could name itself.
+/// Opens a file of the folder. A folder is not accepted here, because it could contain itself.
 fn open_file(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
     match file_opener(path)? {
         Some(open) => open(path),
         None => {
             let another =
-                || RecordingErrorKind::NoEventStream("content of another format than those of bags".to_owned());
+                || RecordingErrorKind::NoEventStream("content in a format other than those of bags".to_owned());
             let kind =
                 foreign::recognise(&Head::read(path)?.bytes).map_or_else(another, RecordingErrorKind::Unsupported);
             Err(RecordingError::new(path, kind))
@@ -76,7 +76,7 @@ fn open_file(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
     }
 }
 
-/// The files that the metadata of the folder name, in their order; one at least.
+/// Returns the files that the folder's metadata names, in their order; at least one.
 fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     let path = folder.join(METADATA);
     let damaged = |what| RecordingError::new(&path, RecordingErrorKind::BagMetadata(what));
@@ -87,16 +87,16 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
         yaml::load(&String::from_utf8_lossy(&text), LONGEST_METADATA).map_err(|error| damaged(error.to_string()))?;
     let names = documents.first().map(|all| &all["rosbag2_bagfile_information"]["relative_file_paths"]);
     let names = names.and_then(Yaml::as_vec).into_iter().flatten().filter_map(Yaml::as_str);
-    let place = |name: &str| {
-        let place = folder.join(name);
-        // Some versions put the name of the folder in front.
+    let locate = |name: &str| {
+        let path = folder.join(name);
+        // Some versions prepend the name of the folder.
         let inside = Path::new(name).file_name().map(|name| folder.join(name));
-        let place = inside.filter(|inside| !place.exists() && inside.exists()).unwrap_or(place);
-        // Files that were compressed as a whole, and have been unpacked.
-        let unpacked = place.to_str().and_then(|place| place.strip_suffix(".zstd")).map(PathBuf::from);
-        unpacked.filter(|unpacked| unpacked.exists()).unwrap_or(place)
+        let path = inside.filter(|inside| !path.exists() && inside.exists()).unwrap_or(path);
+        // A file that was compressed as a whole may have been decompressed.
+        let unpacked = path.to_str().and_then(|path| path.strip_suffix(".zstd")).map(PathBuf::from);
+        unpacked.filter(|unpacked| unpacked.exists()).unwrap_or(path)
     };
-    let files: Vec<PathBuf> = names.map(place).collect();
+    let files: Vec<PathBuf> = names.map(locate).collect();
     if files.is_empty() {
         return Err(damaged("it lists no files under relative_file_paths".to_owned()));
     }
@@ -104,32 +104,32 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
 }
 
 struct Folder {
-    /// Those that follow, and how many there are in all.
+    /// The files that follow, and the number of all files.
     files: VecDeque<PathBuf>,
     count: usize,
-    /// The file that is read.
+    /// Path of the current file.
     path: PathBuf,
     now: Box<dyn Container>,
-    /// The topics of all files met so far, their places by name and type, and where those of the present file are among them.
+    /// Topics of all files so far, their indices by name and type, and the indices of the current file's topics.
     topics: Vec<Topic>,
     known: BTreeMap<(String, String), usize>,
-    places: Vec<usize>,
-    /// Of the first file that ends too early.
+    indices: Vec<usize>,
+    /// End of the first file that ends too early.
     truncated: Option<Truncation>,
 }
 
 impl Folder {
-    /// Where the topic of the present file is among those of all.
-    fn place(&mut self, topic: usize) -> usize {
-        for topic in self.now.topics().get(self.places.len()..).unwrap_or_default() {
+    /// Converts the index of a topic in the current file to its index among all topics.
+    fn index_of(&mut self, topic: usize) -> usize {
+        for topic in self.now.topics().get(self.indices.len()..).unwrap_or_default() {
             let name = (topic.name.clone(), topic.type_name.clone());
-            let place = *self.known.entry(name).or_insert(self.topics.len());
-            if place == self.topics.len() {
+            let index = *self.known.entry(name).or_insert(self.topics.len());
+            if index == self.topics.len() {
                 self.topics.push(topic.clone());
             }
-            self.places.push(place);
+            self.indices.push(index);
         }
-        self.places.get(topic).copied().unwrap_or(usize::MAX)
+        self.indices.get(topic).copied().unwrap_or(usize::MAX)
     }
 
     fn note_end(&mut self) {
@@ -145,7 +145,7 @@ impl Container for Folder {
         loop {
             match self.now.next() {
                 Ok(Some(MessageHead { topic, byte })) => {
-                    return Ok(Some(MessageHead { topic: self.place(topic), byte }));
+                    return Ok(Some(MessageHead { topic: self.index_of(topic), byte }));
                 }
                 Ok(None) => self.note_end(),
                 Err(error) => {
@@ -156,7 +156,7 @@ impl Container for Folder {
             let Some(path) = self.files.pop_front() else { return Ok(None) };
             self.now = open_file(&path)?;
             self.path = path;
-            self.places.clear();
+            self.indices.clear();
         }
     }
 
@@ -169,7 +169,7 @@ impl Container for Folder {
     }
 
     fn listed(&mut self) -> Option<Vec<Topic>> {
-        // Those of the first file: what comes later is found where it comes.
+        // The list of the first file. Topics of later files are found when they occur.
         self.now.listed()
     }
 
@@ -191,7 +191,7 @@ impl Container for Folder {
 mod tests {
     use super::*;
 
-    /// The files that metadata of this text name.
+    /// Returns the files named in metadata of this text.
     fn named(text: &str) -> Result<Vec<PathBuf>, String> {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join(METADATA), text).unwrap();
@@ -199,9 +199,9 @@ mod tests {
         Ok(files.iter().map(|file| file.strip_prefix(folder.path()).unwrap().to_owned()).collect())
     }
 
-    /// A kilobyte of aliases took all memory.
+    /// A kilobyte of aliases could fill the memory.
     #[test]
-    fn metadata_that_repeat_or_nest_without_end_are_refused() {
+    fn metadata_with_repetition_or_deep_nesting_are_rejected() {
         let line = |level: usize| format!("a{level}: &a{level} [{}]\n", format!("*a{},", level - 1).repeat(9));
         let bomb: String = (1..20).map(line).collect();
         for (text, part) in [
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_was_unpacked_is_read_in_place_of_the_packed_one() {
+    fn a_decompressed_file_is_preferred_to_the_compressed_one() {
         let folder = tempfile::tempdir().unwrap();
         let text = "rosbag2_bagfile_information:\n  relative_file_paths: [a_0.db3.zstd, a_1.db3.zstd]\n";
         for (name, content) in [(METADATA, text), ("a_0.db3.zstd", ""), ("a_0.db3", ""), ("a_1.db3.zstd", "")] {

@@ -1,4 +1,4 @@
-//! The images of one topic, where they are those of a camera that sends no events.
+//! The images of one topic, from a camera that sends no events.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use crate::extras::Frame;
 use crate::options::Damage;
 use crate::pictures::TimedImage;
 
-/// Images of one topic, all of one size.
+/// The images of one topic, all of one size.
 #[derive(Clone, Debug)]
 pub struct ImageTopic {
     path: PathBuf,
@@ -24,11 +24,12 @@ pub struct ImageTopic {
 }
 
 impl ImageTopic {
-    /// The topic `wanted` of the file at `path`, or its only one of images where it holds no events. `None` where the file is none
-    /// of messages, or its events are meant.
+    /// Opens the images of the topic `wanted` of the file at `path`, or of the only image topic if the file has no
+    /// events. `None` if the file does not contain messages, or if its events are meant.
     ///
     /// # Errors
-    /// When the file cannot be read, does not have the topic, has several of images, or its first image cannot be read.
+    /// When the file cannot be read, does not have the topic, has several image topics, or its first image cannot be
+    /// read.
     pub fn open(path: &Path, wanted: Option<&str>, damage: Damage) -> Result<Option<Self>, RecordingError> {
         let Some(open) = folder::opener(path)? else { return Ok(None) };
         let refuse = |kind| Err(RecordingError::new(path, kind));
@@ -67,25 +68,26 @@ impl ImageTopic {
         Ok(Some(images))
     }
 
-    /// The file and the topic.
+    /// Path of the file and name of the topic.
     pub fn name(&self) -> String {
         format!("{}, {}", self.path.display(), self.topic)
     }
 
-    /// The file.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Width and height of the images.
+    /// Width and height of the images in pixels.
     pub fn sensor(&self) -> Sensor {
         self.sensor
     }
 
-    /// Hands the images to `visit`, in the order of time, times in µs. Where the file was cut off, a sentence says so.
+    /// Passes the images to `visit`, in order of time, with times in µs. Returns a sentence if the file is cut off.
     ///
     /// # Errors
-    /// When a message is damaged, or an image has another size or another encoding, or is not later than the one before it.
+    /// When a message is damaged, or an image has another size or an unsupported encoding, or is not later than the
+    /// previous one.
     pub fn visit(&self, mut visit: impl FnMut(TimedImage)) -> Result<Option<String>, RecordingError> {
         let refuse = |kind| Err(RecordingError::new(&self.path, kind));
         let (mut count, mut before, mut wrong) = (0_u64, None, None);
@@ -107,7 +109,7 @@ impl ImageTopic {
         wrong.map_or(Ok(note), refuse)
     }
 
-    /// Hands the images to `visit` as long as that wants more.
+    /// Passes the images to `visit` until it returns `false`.
     fn read(&self, visit: &mut dyn FnMut(Frame) -> bool) -> Result<Option<String>, RecordingError> {
         let mut container = (self.open)(&self.path)?;
         loop {
@@ -138,8 +140,8 @@ impl ImageTopic {
                 }
             }
         }
-        let told = |cut: &crate::Truncation| format!("{}: {}", self.name(), cut.lost);
-        Ok(container.truncated().map(told))
+        let cut_off = |cut: &crate::Truncation| format!("{}: {}", self.name(), cut.lost);
+        Ok(container.truncated().map(cut_off))
     }
 }
 
@@ -147,8 +149,8 @@ fn is_images(topic: &Topic, name: &str) -> bool {
     topic.kind.holds_images() && topic.name == name
 }
 
-/// The topics of a file that have a message; without any more as soon as the `wanted` one is among them, or one of events where none
-/// is wanted.
+/// Returns the topics of a file that have messages. Stops as soon as the `wanted` topic is found, or a topic of events
+/// if none is wanted.
 fn topics(
     open: OpenContainer,
     path: &Path,
@@ -156,7 +158,7 @@ fn topics(
     damage: Damage,
 ) -> Result<Vec<Topic>, RecordingError> {
     let mut container = open(path)?;
-    // In the order of their first messages.
+    // Indices in order of the first messages.
     let (mut seen, mut known) = (Vec::new(), BTreeSet::new());
     loop {
         let head = match container.next() {

@@ -1,8 +1,8 @@
 //! MCAP, the usual container of ROS 2.
 //!
-//! Records of u8 kind, u64 length and content: 3 a schema (the type of messages), 4 a channel (a topic), 5 a message, 6 a
-//! chunk of such records (perhaps packed as LZ4 or Zstandard), 15 the end of the data. What follows is an index, which is
-//! not needed.
+//! The file consists of records of u8 kind, u64 length and content. Kinds are 3 a schema (the type of messages), 4 a
+//! channel (a topic), 5 a message, 6 a chunk of such records (possibly compressed with LZ4 or Zstandard), 15 the end of
+//! the data. An index follows, which is not needed.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -41,15 +41,15 @@ const CHANNEL: u8 = 4;
 const MESSAGE: u8 = 5;
 const CHUNK: u8 = 6;
 const DATA_END: u8 = 15;
-/// Kind and length of a record.
+/// Size of a record's kind and length in bytes.
 const RECORD_HEAD: usize = 9;
 const FOOTER_RECORD: u8 = 2;
-/// The footer, which tells where the summary is, and the mark at the end of the file.
+/// Size in bytes of the footer, which contains the position of the summary, and of the mark at the end of the file.
 const FOOTER: u64 = 9 + 20 + 8;
-/// No list of topics is longer.
+/// Size limit of the summary in bytes.
 const LONGEST_SUMMARY: u64 = 1 << 24;
 
-/// Opens such a file of messages.
+/// Opens the MCAP file at `path`.
 pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
     let mut file = ByteReader::open(path)?;
     file.seek(MAGIC.len() as u64)?;
@@ -69,16 +69,16 @@ pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
 
 struct Mcap {
     file: ByteReader,
-    /// The records of a chunk, or one outside of chunks.
+    /// The records of a chunk, or a single record outside of chunks.
     records: Vec<u8>,
     position: usize,
-    /// Where they are in the file.
+    /// Offset of the records in the file.
     byte: u64,
     packed: Vec<u8>,
     described: Described,
-    /// Where the message is in the records.
+    /// Range of the current message in the records.
     message: (usize, usize),
-    /// The message, where it was packed by itself.
+    /// Content of the message, if it was compressed individually.
     unpacked: Vec<u8>,
     truncated: Option<Truncation>,
     ended: bool,
@@ -88,7 +88,7 @@ fn text(fields: &mut Fields) -> Result<String, MessageError> {
     Ok(String::from_utf8_lossy(fields.text("a name")?).into_owned())
 }
 
-/// How a chunk is packed whose head names this compression.
+/// Returns the compression with this name.
 fn packing(compression: &[u8]) -> Result<Packing, ChunkError> {
     match compression {
         b"" => Ok(Packing::Plain),
@@ -98,12 +98,12 @@ fn packing(compression: &[u8]) -> Result<Packing, ChunkError> {
     }
 }
 
-/// The content of a chunk.
+/// Head of a chunk, with its content.
 struct ChunkHead<'a> {
-    /// Bytes that it unpacks to.
+    /// Decompressed size in bytes.
     size: u64,
     compression: &'a [u8],
-    /// Bytes that it has packed.
+    /// Compressed size in bytes.
     length: u64,
     packed: &'a [u8],
 }
@@ -122,7 +122,7 @@ impl<'a> ChunkHead<'a> {
 }
 
 impl Mcap {
-    /// Takes the next record of the file, or the records of the next chunk; false at the end.
+    /// Reads the next record of the file, or the records of the next chunk. Returns `false` at the end.
     fn next_records(&mut self) -> Result<bool, RecordingError> {
         loop {
             let start = self.file.position();
@@ -169,9 +169,9 @@ impl Mcap {
         Ok(false)
     }
 
-    /// Takes what there is of a chunk whose end is missing; false if it is nothing.
+    /// Decompresses the available part of a chunk that is cut off. Returns `false` if it is empty.
     fn take_beginning(&mut self, start: u64) -> Result<bool, RecordingError> {
-        // A false length would have the rest of the file in memory.
+        // With a wrong length, this could be the whole rest of the file.
         self.file.read(&mut self.packed, self.file.left().min(MOST_UNPACKED))?;
         (self.position, self.byte) = (0, start);
         self.records.clear();
@@ -188,7 +188,7 @@ impl Mcap {
         packing(compression)?.unpack(packed.ok_or(ChunkError::Short)?, size, &mut self.records)
     }
 
-    /// The topics that the summary lists, which stands behind all messages.
+    /// Reads the topics from the summary, which follows all messages.
     fn summary(&mut self) -> Result<Option<Vec<Topic>>, RecordingError> {
         let end = self.file.length().saturating_sub(FOOTER);
         self.file.seek(end)?;
@@ -203,30 +203,30 @@ impl Mcap {
         let mut bytes = Vec::new();
         self.file.read(&mut bytes, LONGEST_SUMMARY.min(end - start))?;
         let (mut described, mut rest) = (Described::default(), bytes.as_slice());
-        while let Some((&[kind, ref length @ ..], behind)) = rest.split_first_chunk::<RECORD_HEAD>() {
+        while let Some((&[kind, ref length @ ..], after)) = rest.split_first_chunk::<RECORD_HEAD>() {
             let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
-            let Some((content, behind)) = behind.split_at_checked(length) else { break };
+            let Some((content, after)) = after.split_at_checked(length) else { break };
             if matches!(kind, SCHEMA | CHANNEL) && described.add(kind, content).is_err() {
                 return Ok(None);
             }
-            rest = behind;
+            rest = after;
         }
         Ok(Some(described.topics).filter(|topics| !topics.is_empty()))
     }
 }
 
-/// The schemas and channels met so far.
+/// Schemas and channels found so far.
 #[derive(Default)]
 struct Described {
-    /// Numbers and names of schemas.
+    /// Names of schemas, by number.
     schemas: BTreeMap<u16, String>,
-    /// Numbers of channels and the places of their topics.
+    /// Indices of topics, by number of the channel.
     channels: BTreeMap<u16, usize>,
     topics: Vec<Topic>,
 }
 
 impl Described {
-    /// Takes note of a schema or channel.
+    /// Adds a schema or channel.
     fn add(&mut self, kind: u8, content: &[u8]) -> Result<(), MessageError> {
         let mut fields = Fields::new(Wire::Ros1, content)?;
         let id = fields.u16("its number")?;
@@ -283,7 +283,7 @@ impl Container for Mcap {
                     let channel = self.records.get(start..end).and_then(|content| content.first_chunk());
                     let channel = channel.map(|bytes| u16::from_le_bytes(*bytes));
                     let Some(&topic) = channel.and_then(|channel| self.described.channels.get(&channel)) else {
-                        return Err(self.file.damaged(self.byte, "a message is of a channel that is not known"));
+                        return Err(self.file.damaged(self.byte, "a message belongs to an unknown channel"));
                     };
                     self.message = ((start + 22).min(end), end);
                     self.unpacked.clear();

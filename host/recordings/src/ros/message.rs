@@ -1,4 +1,4 @@
-//! The messages that are understood.
+//! The supported messages.
 
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
@@ -10,16 +10,16 @@ use crate::extras::InertialSample;
 /// Standard gravity in m/s².
 pub const GRAVITY: f64 = 9.806_65;
 
-/// What a message holds.
+/// Content of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// An array of events.
     EventArray,
     /// Encoded events.
     EventPacket,
-    /// A picture.
+    /// An image.
     Image,
-    /// A picture in a file's bytes.
+    /// An image as the bytes of a JPEG or PNG file.
     CompressedImage,
     /// An inertial sample.
     Imu,
@@ -28,11 +28,11 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// The kind of a type such as `dvs_msgs/EventArray` or `dvs_msgs/msg/EventArray`.
+    /// Returns the kind of a type such as `dvs_msgs/EventArray` or `dvs_msgs/msg/EventArray`.
     pub fn of_type(name: &str) -> Self {
         let (package, message) = (name.split('/').next(), name.rsplit('/').next());
         match (package, message) {
-            // All have the layout of the first.
+            // All of these have the layout of the first.
             (Some("dvs_msgs" | "prophesee_event_msgs" | "dv_ros_msgs" | "samsung_event_msgs"), Some("EventArray")) => {
                 Self::EventArray
             }
@@ -44,51 +44,51 @@ impl Kind {
         }
     }
 
-    /// Whether it holds events.
+    /// `true` for messages with events.
     pub fn holds_events(self) -> bool {
         matches!(self, Self::EventArray | Self::EventPacket)
     }
 
-    /// Whether it holds a picture.
+    /// `true` for messages with an image.
     pub fn holds_images(self) -> bool {
         matches!(self, Self::Image | Self::CompressedImage)
     }
 }
 
 fn side(size: u32) -> u16 {
-    // What is larger than any sensor is refused later.
+    // A value larger than any sensor is rejected later.
     u16::try_from(size).unwrap_or(u16::MAX)
 }
 
-/// What a message with events says of them.
+/// Properties of a message with events.
 pub struct Description {
-    /// Size of the sensor, where it is stated.
+    /// Size of the sensor, if the message contains it.
     pub sensor: Option<Sensor>,
-    /// The encoding, where there is one.
+    /// Encoding of the events, if the message names one.
     pub encoding: Option<String>,
-    /// Whether there are any.
+    /// `true` if the message contains at least one event.
     pub has_events: bool,
 }
 
 impl Description {
-    /// The encoding, if events in it are not read.
+    /// Returns the encoding if it is not supported.
     pub fn unread_encoding(&self) -> Option<&str> {
         self.encoding.as_deref().filter(|encoding| !packet::ENCODINGS.contains(encoding))
     }
 }
 
-/// Name of the coordinate frame in the header of a message; empty if there is none.
+/// Returns the name of the coordinate frame in the header of a message; empty if there is none.
 pub fn frame_name(wire: Wire, message: &[u8]) -> String {
     let header = Fields::new(wire, message).and_then(|mut fields| fields.header_with_frame());
     header.map(|(_, frame)| String::from_utf8_lossy(frame).into_owned()).unwrap_or_default()
 }
 
-/// What a message with events says of them.
+/// Reads the properties of a message with events.
 pub fn description(kind: Kind, wire: Wire, message: &[u8]) -> Result<Description, MessageError> {
     let mut fields = Fields::new(wire, message)?;
     fields.header()?;
     let (height, width) = (fields.u32("its size")?, fields.u32("its size")?);
-    // Some drivers leave it out of all messages, others of those without events.
+    // Some drivers omit the size from all messages, others from those without events.
     let sensor = (width > 0 && height > 0).then(|| Sensor::new(side(width), side(height)));
     if kind != Kind::EventPacket {
         return Ok(Description { sensor, encoding: None, has_events: fields.u32("the number of events")? > 0 });
@@ -100,7 +100,7 @@ pub fn description(kind: Kind, wire: Wire, message: &[u8]) -> Result<Description
     Ok(Description { sensor, encoding, has_events: fields.u32("the events")? > 0 })
 }
 
-/// Appends the events of a message of `kind`. Events before an error count.
+/// Appends the events of a message of this `kind`. Events before an error are kept.
 pub fn events(
     kind: Kind,
     wire: Wire,
@@ -137,12 +137,12 @@ pub fn events(
     }
 }
 
-/// The sample of an `Imu`.
+/// Decodes an `Imu` message.
 pub fn inertial_sample(wire: Wire, message: &[u8]) -> Result<InertialSample, MessageError> {
     let mut fields = Fields::new(wire, message)?;
     let t = fields.header()?;
     let mut numbers = |count: usize| (0..count).map(|_| fields.f64("its numbers")).collect::<Result<Vec<_>, _>>();
-    // Orientation and its covariance, which such a sensor does not know.
+    // Skips the orientation and its covariance, which an IMU does not measure.
     numbers(4 + 9)?;
     let angular_velocity = numbers(3)?;
     numbers(9)?;

@@ -1,23 +1,23 @@
-//! The events of an `event_camera_msgs/EventPacket`, by encoding.
+//! Decoder of the events in an `event_camera_msgs/EventPacket`, by encoding.
 
 use evcal_core::decode::{Evt3Decoder, EvtCounts, EvtRecord};
 use evcal_core::event::{Event, Polarity};
 
 use super::fields::MessageError;
 
-/// The encodings that are read.
+/// Names of the supported encodings.
 pub const ENCODINGS: [&str; 4] = ["evt3", "libcaer", "libcaer_cmp", "mono"];
 
-/// Decodes the packets of one topic. What one packet says may hold for the next.
+/// Decoder of the packets of one topic. Its state continues from one packet to the next.
 #[derive(Default)]
 pub struct PacketDecoder {
     evt3: Evt3Decoder,
-    /// Edges at trigger inputs so far.
+    /// Number of edges at trigger inputs so far.
     pub triggers: u64,
 }
 
 impl PacketDecoder {
-    /// Appends the events of `payload`; `time_base` is in ns.
+    /// Decodes `payload` and appends its events. `time_base` is in ns.
     pub fn decode(
         &mut self,
         encoding: &[u8],
@@ -46,15 +46,15 @@ impl PacketDecoder {
         Ok(())
     }
 
-    /// What was met so far where the encoding is `evt3`.
+    /// Counts of the `evt3` decoder.
     pub fn counts(&self) -> &EvtCounts {
         self.evt3.counts()
     }
 }
 
-/// A time in ns as one in µs.
+/// Converts a time from ns to µs.
 fn microseconds(nanoseconds: u64) -> i64 {
-    // The largest u64 over 1000 fits.
+    // The largest u64 divided by 1000 fits in an i64.
     (nanoseconds / 1000) as i64
 }
 
@@ -62,7 +62,8 @@ fn polarity(on: bool) -> Polarity {
     if on { Polarity::On } else { Polarity::Off }
 }
 
-/// A word of 64 bits an event: from the lowest, 32 of time in ns after the base, 16 of x, 15 of y, 1 of polarity.
+/// Decodes an event of the encoding `mono`, a word of 64 bits. From the lowest bit: 32 bits of time in ns after the
+/// base, 16 of x, 15 of y, 1 of polarity.
 fn mono(time_base: u64, word: u64) -> Event {
     Event {
         t: microseconds(time_base.saturating_add(word & 0xffff_ffff)),
@@ -72,8 +73,8 @@ fn mono(time_base: u64, word: u64) -> Event {
     }
 }
 
-/// Polarity events of AEDAT 3.1: u32 with bit 0 valid, 1 polarity, 2–16 y, 17–31 x; i32 time in µs after the base,
-/// which may pass its end within a packet.
+/// Decodes polarity events of AEDAT 3.1: u32 with bit 0 valid, 1 polarity, 2–16 y, 17–31 x; i32 time in µs after the
+/// base, which may overflow within a packet.
 fn libcaer(time_base: u64, payload: &[u8], events: &mut Vec<Event>) {
     let mut latest = 0_u32;
     let mut turn = 0_u64;
@@ -94,8 +95,9 @@ fn libcaer(time_base: u64, payload: &[u8], events: &mut Vec<Event>) {
     }
 }
 
-/// Words of 16 bits, bits 15–12 their type: 0 time high, 1 time low (12 bits each, µs after the base), 2 column, 3 row
-/// and polarity (bit 11) of an event, 4 first row and polarity of a group, 5 the rows of the group with an event.
+/// Decodes words of 16 bits, with their type in bits 15–12: 0 time high, 1 time low (12 bits each, µs after the base),
+/// 2 column, 3 row and polarity (bit 11) of an event, 4 first row and polarity of a group, 5 one bit for each row of
+/// the group, set if it has an event.
 fn libcaer_compressed(time_base: u64, payload: &[u8]) -> impl Iterator<Item = Event> {
     let (mut high, mut low, mut x, mut first_row, mut on) = (0_u64, 0_u64, 0_u16, 0_u16, false);
     payload.as_chunks().0.iter().flat_map(move |word| {
@@ -138,10 +140,10 @@ mod tests {
     }
 
     #[test]
-    fn compressed_words_made_by_hand() {
+    fn compressed_words_are_decoded() {
         let words = [0x0001_u16, 0x1002, 0x2003, 0x3804, 0x3005, 0x400b, 0x5081, 0x5002, 0x6fff, 0x1003, 0x3801];
         let payload: Vec<u8> = words.into_iter().flat_map(u16::to_le_bytes).collect();
-        // 2 000 000 µs and 0x1002 µs.
+        // Times 2 000 000 µs and 0x1002 µs.
         let t = 2_004_098;
         let expected = [
             event(t, 3, 4, Polarity::On),
@@ -155,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn libcaer_words_made_by_hand() {
+    fn libcaer_words_are_decoded() {
         let records: [[u32; 2]; 3] =
             [[3 << 17 | 4 << 2 | 3, 0x7fff_ffff], [5 << 17 | 6 << 2, 7], [5 << 17 | 6 << 2 | 1, 0]];
         let payload: Vec<u8> = records.iter().flatten().flat_map(|word| word.to_le_bytes()).collect();
@@ -164,13 +166,13 @@ mod tests {
     }
 
     #[test]
-    fn mono_words_made_by_hand() {
+    fn mono_words_are_decoded() {
         let word: u64 = 1 << 63 | 259 << 48 | 345 << 32 | 5999;
         assert_eq!(decode("mono", 1001, &word.to_le_bytes()), [event(7, 345, 259, Polarity::On)]);
     }
 
     #[test]
-    fn the_state_of_evt3_goes_on_from_packet_to_packet() {
+    fn the_state_of_evt3_continues_between_packets() {
         let mut decoder = PacketDecoder::default();
         let mut events = Vec::new();
         for words in [[0x8001_u16, 0x6002, 0x0007], [0x2003, 0xa001, 0x2804]] {

@@ -1,4 +1,4 @@
-//! The picture of a message: pixels one by one, those behind the colour filters of a sensor, or a file of JPEG or PNG.
+//! Decoder of the image in a message: plain pixels, pixels of a Bayer pattern, or a JPEG or PNG file.
 
 use super::bayer;
 use super::fields::{Fields, MessageError, Wire};
@@ -7,24 +7,24 @@ use crate::extras::Frame;
 use crate::image_file::{self, ImageFile, ImageFileError, Samples};
 use crate::pictures::highest_bits;
 
-/// How the pixels of an `Image` are to be read: all encodings of `sensor_msgs` that are pictures.
+/// Format of the pixels of an `Image`. All encodings of `sensor_msgs` that are images are supported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Pixels {
     layout: Layout,
-    /// Bytes of a sample: 1 or 2.
+    /// Size of a sample in bytes: 1 or 2.
     bytes: usize,
 }
 
-/// Samples of a pixel.
+/// Layout of the samples of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Layout {
-    /// One. Where colours follow the picture in a plane of their own (NV21, NV24), they are left out.
+    /// One grey sample. A separate plane with colours (NV21, NV24) is ignored.
     Grey,
-    /// One, behind a colour filter.
+    /// One sample of a Bayer pattern.
     Mosaic,
-    /// Brightness at this one of two; the other is a colour, for two pixels in turn.
+    /// Two samples: the brightness at this index, and a colour that two pixels share.
     Yuv422 { brightness: usize },
-    /// Three or four: blue, green, red (or the other way round), and how opaque.
+    /// Three or four samples: blue, green, red (or red, green, blue), and alpha.
     Colours { samples: usize, red_first: bool },
 }
 
@@ -52,7 +52,7 @@ impl Pixels {
         Some(Self { layout, bytes })
     }
 
-    /// Samples of a pixel.
+    /// Number of samples per pixel.
     fn samples(self) -> usize {
         match self.layout {
             Layout::Grey | Layout::Mosaic => 1,
@@ -66,23 +66,23 @@ impl Pixels {
     }
 }
 
-/// `true` if a picture of this encoding may be one of distances: those of depth cameras are in millimetres or metres.
+/// `true` if images of this encoding may be depth images, which contain distances in millimetres or metres.
 pub fn may_be_distances(encoding: &str) -> bool {
     ["16UC1", "32FC", "64FC"].iter().any(|of_distances| encoding.starts_with(of_distances))
 }
 
-/// What a message says of its picture.
+/// Properties of an image message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Description {
-    /// Its time in µs.
+    /// Time of the image in µs.
     pub t: i64,
-    /// Width and height of an `Image` in pixels.
+    /// Width and height of an `Image` in pixels; `None` for a `CompressedImage`.
     pub size: Option<(u32, u32)>,
-    /// The encoding, or the format of a picture in a file's bytes.
+    /// Encoding of an `Image`, or format of a `CompressedImage`.
     pub encoding: String,
 }
 
-/// Reads all of a message but its picture.
+/// Reads the properties of an image message, without its pixels.
 pub fn description(kind: Kind, wire: Wire, message: &[u8]) -> Result<Description, MessageError> {
     let mut fields = Fields::new(wire, message)?;
     let t = fields.header()?;
@@ -97,16 +97,16 @@ pub fn description(kind: Kind, wire: Wire, message: &[u8]) -> Result<Description
     Ok(Description { t, size, encoding })
 }
 
-/// The encoding of an `Image`, if pictures in it are not read as those of the camera that sent events.
+/// Returns the encoding of an `Image` if it is not supported for images of an event camera.
 pub fn unread_encoding(wire: Wire, message: &[u8]) -> Option<String> {
     let encoding = description(Kind::Image, wire, message).ok()?.encoding;
     if Pixels::of_encoding(encoding.as_bytes()).is_none() {
         return Some(encoding);
     }
-    may_be_distances(&encoding).then(|| format!("{encoding} (perhaps of distances)"))
+    may_be_distances(&encoding).then(|| format!("{encoding} (possibly distances)"))
 }
 
-/// The picture of a message of this `kind`; `None` if it is neither grey nor in colour, such as a depth.
+/// Decodes the image of a message of this `kind`; `None` if it is neither grey nor coloured, for example a depth image.
 pub fn frame(kind: Kind, wire: Wire, message: &[u8]) -> Result<Option<Frame>, MessageError> {
     match kind {
         Kind::Image => plain(wire, message),
@@ -115,7 +115,7 @@ pub fn frame(kind: Kind, wire: Wire, message: &[u8]) -> Result<Option<Frame>, Me
     }
 }
 
-/// The picture of an `Image`.
+/// Decodes an `Image`.
 fn plain(wire: Wire, message: &[u8]) -> Result<Option<Frame>, MessageError> {
     let mut fields = Fields::new(wire, message)?;
     let t = fields.header()?;
@@ -146,7 +146,7 @@ fn plain(wire: Wire, message: &[u8]) -> Result<Option<Frame>, MessageError> {
     Ok(Some(Frame { t, exposure: None, readout: None, size: (columns, rows), position: (0, 0), channels, pixels }))
 }
 
-/// The samples as a frame has them, rows of `columns` pixels, and how many a pixel has.
+/// Converts samples in rows of `columns` pixels to those of a frame. Returns the number of channels with them.
 fn arranged<T: bayer::Sample>(samples: Vec<T>, layout: Layout, columns: usize) -> (usize, Vec<T>) {
     match layout {
         Layout::Grey => (1, samples),
@@ -160,8 +160,8 @@ fn arranged<T: bayer::Sample>(samples: Vec<T>, layout: Layout, columns: usize) -
     }
 }
 
-/// The picture of a `CompressedImage`. Its format names the encoding before it was compressed, a semicolon, `jpeg` or `png`, and what
-/// was compressed (`bayer_rggb8; png compressed`), or the last but one of these alone (`jpeg`).
+/// Decodes a `CompressedImage`. Its format consists of the encoding before compression, a semicolon, and `jpeg` or
+/// `png` with the encoding that was compressed (`bayer_rggb8; png compressed`); or only of `jpeg` or `png`.
 fn compressed(wire: Wire, message: &[u8]) -> Result<Option<Frame>, MessageError> {
     let mut fields = Fields::new(wire, message)?;
     let t = fields.header()?;
@@ -172,7 +172,7 @@ fn compressed(wire: Wire, message: &[u8]) -> Result<Option<Frame>, MessageError>
         Err(error) => return Err(MessageError::Picture(error.to_string())),
     };
     let (before, after) = format.split_once(';').unwrap_or_default();
-    // Depths are in PNG as well, behind some bytes or not.
+    // Depth images may also be stored as PNG, with or without a preceding header.
     let (true, Ok(columns), Ok(rows)) =
         (!format.contains("compressedDepth"), u16::try_from(size.0), u16::try_from(size.1))
     else {

@@ -1,8 +1,8 @@
-//! Tables of an SQLite file, read row by row (<https://www.sqlite.org/fileformat2.html>).
+//! Reader of the tables in an SQLite file, row by row (<https://www.sqlite.org/fileformat2.html>).
 //!
-//! A file consists of pages of one size, the first of which begins with a header of 100 bytes. A table is a tree of pages:
-//! those within it (kind 5) list others, those at its ends (kind 13) hold rows. What of a row does not fit goes on in a list
-//! of overflow pages. Numbers are big-endian.
+//! A file consists of pages of one size, the first of which begins with a header of 100 bytes. A table is a tree of
+//! pages: inner pages (kind 5) list others, leaves (kind 13) contain rows. The part of a row that does not fit in its
+//! page is in a list of overflow pages. Numbers are big-endian.
 
 use std::path::Path;
 
@@ -10,33 +10,34 @@ use crate::bytes::{ByteReader, share};
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::read_report::Truncation;
 
-/// How a file begins.
+/// First bytes of a file.
 pub const MAGIC: &[u8] = b"SQLite format 3\0";
 const HEADER: usize = 100;
 const INNER: u8 = 5;
 const LEAF: u8 = 13;
-/// A deeper tree goes round in circles: with two branches a page it would have more pages than any file.
+/// Depth limit of a tree. A deeper one is cyclic, because with two branches per page it would have more pages than any
+/// file.
 const DEEPEST: usize = 64;
 
-/// The pages of a file.
+/// Reader of the pages of a file.
 pub struct Pages {
     file: ByteReader,
     size: usize,
-    /// Bytes of a page that hold something.
+    /// Number of usable bytes per page.
     usable: usize,
-    /// Pages that are whole, and how many there should be.
+    /// Number of whole pages, and number of pages according to the header.
     count: u64,
     promised: u64,
-    /// Pages read for the present table.
+    /// Number of pages read for the current table.
     read: u64,
     truncated: Option<Truncation>,
 }
 
-/// A table that is being read.
+/// Position in a table that is being read.
 pub struct Table {
-    /// The pages from the root to the present one.
+    /// Pages from the root to the current one.
     path: Vec<Page>,
-    /// The page that comes next, if it is not read yet.
+    /// Number of the next page, if it has not been read.
     next: Option<u32>,
 }
 
@@ -44,11 +45,11 @@ pub struct Table {
 struct Page {
     number: u32,
     bytes: Vec<u8>,
-    /// Its offset in the file.
+    /// Offset of the page in the file.
     byte: u64,
-    /// Where its own header begins.
+    /// Offset of the page's own header in `bytes`.
     start: usize,
-    /// Cells, and which is next.
+    /// Number of cells, and index of the next cell.
     cells: usize,
     cell: usize,
 }
@@ -56,30 +57,30 @@ struct Page {
 /// A value of a row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Value<'a> {
-    /// Nothing, or a number that is not whole.
+    /// NULL, or a number that is not an integer.
     Other,
-    /// A whole number.
+    /// An integer.
     Whole(i64),
-    /// A text or bytes.
+    /// Text or bytes.
     Bytes(&'a [u8]),
 }
 
-/// A table by its name.
+/// Description of a table.
 pub struct Description {
-    /// Its name.
+    /// Name of the table.
     pub name: String,
-    /// The names of its columns.
+    /// Names of its columns.
     pub columns: Vec<String>,
     root: u32,
 }
 
 impl Description {
-    /// The rows of the table, from the first.
+    /// Starts reading the table at its first row.
     pub fn open(&self) -> Table {
         Table { path: Vec::new(), next: Some(self.root) }
     }
 
-    /// Which column has this name.
+    /// Returns the index of the column with this name.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.columns.iter().position(|column| column == name)
     }
@@ -89,7 +90,7 @@ impl Pages {
     /// Opens the file at `path`.
     ///
     /// # Errors
-    /// Where its header is damaged, or changes to it wait in another file.
+    /// If its header is damaged, or if a write-ahead log contains changes to it.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let mut log = path.as_os_str().to_owned();
         log.push("-wal");
@@ -100,29 +101,29 @@ impl Pages {
         let mut file = ByteReader::open(path)?;
         let length = file.left();
         let Some(header) = file.array::<HEADER>()? else {
-            return Err(file.damaged(0, "the header is not whole"));
+            return Err(file.damaged(0, "the header is incomplete"));
         };
         let [a, b] = [header[16], header[17]];
-        // 1 stands for 65536.
+        // 1 means 65536.
         let size = if [a, b] == [0, 1] { 65_536 } else { usize::from(u16::from_be_bytes([a, b])) };
         let usable = size.saturating_sub(header[20].into());
         if !size.is_power_of_two() || size < 512 || usable < 480 {
-            return Err(file.damaged(16, "the size of its pages cannot be"));
+            return Err(file.damaged(16, "the page size is invalid"));
         }
         if number(&header, 56) != Some(1) {
-            return Err(file.damaged(56, "its texts are not in UTF-8"));
+            return Err(file.damaged(56, "its text is not in UTF-8"));
         }
-        // The number of pages counts where the same change wrote it and the header.
+        // The number of pages is valid only if it was written together with the header.
         let valid = number(&header, 24) == number(&header, 92);
         let count = length / size as u64;
         let promised = number(&header, 28).filter(|_| valid).map_or(0, u64::from).max(length.div_ceil(size as u64));
         Ok(Self { file, size, usable, count, promised, read: 0, truncated: None })
     }
 
-    /// The tables of the file. It may be cut off before all of them.
+    /// Returns the tables of the file. If the file is cut off, some may be missing.
     ///
     /// # Errors
-    /// Where the file is damaged.
+    /// If the file is damaged.
     pub fn tables(&mut self) -> Result<Vec<Description>, RecordingError> {
         let mut schema = Table { path: Vec::new(), next: Some(1) };
         let (mut row, mut tables) = (Vec::new(), Vec::new());
@@ -138,19 +139,19 @@ impl Pages {
         Ok(tables)
     }
 
-    /// Puts the next row of `table` into `row`; its number and the byte of its page. `None` at the end, also of a file that
-    /// was cut off.
+    /// Reads the next row of `table` into `row`. Returns its number and the offset of its page; `None` at the end, also
+    /// if the file is cut off.
     ///
     /// # Errors
-    /// Where the file is damaged. The rows behind the damaged row or page follow; where they cannot be found, none does, and
-    /// [`Self::truncated`] says so.
+    /// If the file is damaged. The rows after the damaged row or page can still be read. If they cannot be found,
+    /// reading ends, and [`Self::truncated`] contains the position.
     pub fn next(&mut self, table: &mut Table, row: &mut Vec<u8>) -> Result<Option<(i64, u64)>, RecordingError> {
         let next = self.next_row(table, row);
         match &next {
             Ok(Some(_)) => {}
             Ok(None) => self.end(table),
             Err(error) => {
-                // A page is read twice where the tree is none: it could go on without end.
+                // If more pages were read than exist, the tree is cyclic, and reading would never end.
                 if table.path.is_empty() || self.read > self.count {
                     if let RecordingErrorKind::Damaged { byte, what, .. } = &error.kind {
                         let lost = format!("rows of a table cannot be found: {what}");
@@ -173,7 +174,7 @@ impl Pages {
             if let Some(number) = table.next.take() {
                 let parent = table.path.last().map_or(0, |page| page.byte);
                 if table.path.len() == DEEPEST || table.path.iter().any(|page| page.number == number) {
-                    return Err(self.file.damaged(parent, "its pages go round in circles"));
+                    return Err(self.file.damaged(parent, "its pages form a cycle"));
                 }
                 let Some(page) = self.page(number, parent)? else { return Ok(None) };
                 table.path.push(page);
@@ -195,7 +196,7 @@ impl Pages {
             let Begun { id, length, overflow } = match begun {
                 Ok(begun) => begun,
                 Err(what) => {
-                    // Its other cells are not to be trusted; its parent leads on.
+                    // The other cells of the page may be damaged too, so reading continues in its parent.
                     table.path.pop();
                     return Err(self.file.damaged(byte, what));
                 }
@@ -205,7 +206,7 @@ impl Pages {
         }
     }
 
-    /// Puts what the page has of the row at `start` into `row`.
+    /// Reads the part of the row at `start` that is in its page into `row`.
     fn begin_row(&self, page: &Page, start: usize, row: &mut Vec<u8>) -> Result<Begun, &'static str> {
         let head = page.bytes.get(start..).and_then(|cell| {
             let (length, cell) = varint(cell)?;
@@ -220,7 +221,7 @@ impl Pages {
         Ok(Begun { id, length, overflow: overflow.ok_or("a row is longer than its page")? })
     }
 
-    /// Bytes of a row of this length that are in its page.
+    /// Returns the number of bytes in its page, for a row of this length.
     fn local(&self, length: usize) -> usize {
         let most = self.usable - 35;
         let least = (self.usable - 12) * 32 / 255 - 23;
@@ -231,7 +232,7 @@ impl Pages {
         if filled <= most { filled } else { least }
     }
 
-    /// Appends the rest of a row of this length; false if the file is cut off before its end.
+    /// Appends the rest of a row of this length. Returns `false` if the file is cut off before its end.
     fn overflow(&mut self, mut next: u32, length: usize, byte: u64, row: &mut Vec<u8>) -> Result<bool, RecordingError> {
         let mut bytes = Vec::new();
         while row.len() < length {
@@ -246,7 +247,8 @@ impl Pages {
         Ok(true)
     }
 
-    /// A page of a table, which the one at `parent` asks for; `None` if the file is cut off before its end.
+    /// Reads a page of a table, to which the page at `parent` refers. Returns `None` if the file is cut off before its
+    /// end.
     fn page(&mut self, number: u32, parent: u64) -> Result<Option<Page>, RecordingError> {
         let mut bytes = Vec::new();
         if !self.read(number, parent, &mut bytes)? {
@@ -260,16 +262,14 @@ impl Pages {
                 let cells = u16::from_be_bytes(*count).into();
                 Ok(Some(Page { number, bytes, byte, start, cells, cell: 0 }))
             }
-            _ => Err(self.file.damaged(byte, "a page of a table is of another kind")),
+            _ => Err(self.file.damaged(byte, "a page of a table has the wrong kind")),
         }
     }
 
-    /// Reads a page, which the one at `parent` asks for; false if the file is cut off before its end.
+    /// Reads a page, to which the page at `parent` refers. Returns `false` if the file is cut off before its end.
     fn read(&mut self, number: u32, parent: u64, bytes: &mut Vec<u8>) -> Result<bool, RecordingError> {
         let Some(index) = number.checked_sub(1).map(u64::from).filter(|index| *index < self.promised) else {
-            return Err(self
-                .file
-                .damaged(parent, format!("page {number}, which the file does not have, is asked for")));
+            return Err(self.file.damaged(parent, format!("it refers to page {number}, which does not exist")));
         };
         if index >= self.count {
             self.cut_off();
@@ -277,7 +277,7 @@ impl Pages {
         }
         self.read += 1;
         if self.read > self.count {
-            return Err(self.file.damaged(parent, "its pages go round in circles"));
+            return Err(self.file.damaged(parent, "its pages form a cycle"));
         }
         self.file.seek(index * self.size as u64)?;
         self.file.read(bytes, self.size as u64)?;
@@ -289,43 +289,43 @@ impl Pages {
         self.truncated = Some(Truncation { byte: self.count * self.size as u64, lost });
     }
 
-    /// Which part of the pages was read for the present table, 0 to 1.
+    /// Fraction of the pages that has been read for the current table, 0 to 1.
     pub fn done(&self) -> f64 {
         share(self.read, self.count)
     }
 
-    /// Set when the file ends before its last page.
+    /// End of the file, if it comes before its last page.
     pub fn truncated(&self) -> Option<&Truncation> {
         self.truncated.as_ref()
     }
 
-    /// Looks at the end of the file, also where nothing has been asked for that is missing.
+    /// Checks whether pages at the end of the file are missing, even if none of them was needed.
     pub fn finish(&mut self) {
         if self.count < self.promised {
             self.cut_off();
         }
     }
 
-    /// An error about the page at `byte`.
+    /// Creates an error about the page at `byte`.
     pub fn damaged(&self, byte: u64, what: impl Into<String>) -> RecordingError {
         self.file.damaged(byte, what)
     }
 }
 
-/// What is next in a page.
+/// Next element of a page.
 enum Cell {
-    /// Another page.
+    /// The number of another page.
     Child(u32),
-    /// A row, and where it begins.
+    /// The offset of a row.
     Row(usize),
     End,
 }
 
-/// A row of which the part in its page was read.
+/// A row whose part in its page has been read.
 struct Begun {
     id: i64,
     length: usize,
-    /// The page in which it goes on.
+    /// Number of the page with the rest of the row.
     overflow: u32,
 }
 
@@ -338,12 +338,12 @@ impl Page {
             return Ok(Cell::End);
         }
         let start = if index == self.cells {
-            // The page behind all cells of an inner page.
+            // The last child of an inner page, after all cells.
             self.start + 8
         } else {
             let pointers = self.start + if inner { 12 } else { 8 };
-            let place = self.bytes.get(pointers + 2 * index..).and_then(|rest| rest.first_chunk());
-            u16::from_be_bytes(*place.ok_or("a page is not as long as its list of rows")?).into()
+            let offset = self.bytes.get(pointers + 2 * index..).and_then(|rest| rest.first_chunk());
+            u16::from_be_bytes(*offset.ok_or("a page is shorter than its list of rows")?).into()
         };
         if !inner {
             return Ok(Cell::Row(start));
@@ -356,7 +356,7 @@ fn number(bytes: &[u8], from: usize) -> Option<u32> {
     Some(u32::from_be_bytes(*bytes.get(from..)?.first_chunk()?))
 }
 
-/// A number of 1 to 9 bytes, and what follows it: 7 bits a byte, the ninth has 8.
+/// Reads a number of 1 to 9 bytes: 7 bits per byte, 8 in the ninth. Returns it with the bytes that follow.
 fn varint(bytes: &[u8]) -> Option<(i64, &[u8])> {
     let mut value = 0_u64;
     for (index, byte) in bytes.iter().enumerate().take(9) {
@@ -371,7 +371,7 @@ fn varint(bytes: &[u8]) -> Option<(i64, &[u8])> {
     None
 }
 
-/// The values of a row.
+/// Returns the values of a row.
 pub fn values(row: &[u8]) -> Option<Vec<Value<'_>>> {
     let (length, rest) = varint(row)?;
     let mut types = row.get(row.len() - rest.len()..usize::try_from(length).ok()?)?;
@@ -403,7 +403,7 @@ pub fn values(row: &[u8]) -> Option<Vec<Value<'_>>> {
     Some(values)
 }
 
-/// The names of the columns in a text `CREATE TABLE name (column type, ...)`.
+/// Returns the names of the columns in a text `CREATE TABLE name (column type, ...)`.
 fn columns(sql: &str) -> Vec<String> {
     let inside = sql.split_once('(').map_or("", |(_, inside)| inside);
     let mut depth = 0_i32;
@@ -425,7 +425,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_have_as_many_bytes_as_they_need() {
+    fn numbers_use_as_few_bytes_as_needed() {
         for (bytes, value) in [
             (vec![5], 5),
             (vec![0x81, 0], 128),
@@ -458,7 +458,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_are_found_in_their_definition() {
+    fn columns_are_found_in_the_table_definition() {
         let sql =
             "CREATE TABLE messages(id INTEGER PRIMARY KEY,topic_id INTEGER NOT NULL, \"data\" BLOB DEFAULT (f(1, 2)))";
         assert_eq!(columns(sql), ["id", "topic_id", "data"]);

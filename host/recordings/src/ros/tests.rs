@@ -1,4 +1,4 @@
-//! Files of every container, from messages to events, frames and samples.
+//! Tests with files of every container: events, frames and samples of their messages.
 
 mod damage;
 mod database;
@@ -24,7 +24,7 @@ use crate::pictures::NoImage;
 use crate::testing::{self, Outcome};
 use crate::{Damage, Recording, RecordingOptions};
 
-/// Two messages of events, a picture and a sample between them, and something else.
+/// Returns two messages of events, an image and a sample between them, and another message.
 fn messages(wire: Wire) -> Messages {
     let slash = |ros1, ros2| if wire == Wire::Ros1 { ros1 } else { ros2 };
     let array = slash("dvs_msgs/EventArray", "dvs_msgs/msg/EventArray");
@@ -84,7 +84,7 @@ fn every_container_gives_events_frames_and_samples() {
     }
 }
 
-/// Packets of two encodings under two names.
+/// Returns packets of events in two encodings, in two topics.
 fn packets(wire: Wire) -> Messages {
     let name = "event_camera_msgs/msg/EventPacket";
     let compressed = [0x0000_u16, 0x1001, 0x2003, 0x3804, 0x3005];
@@ -113,9 +113,9 @@ fn a_topic_is_chosen_by_name() {
     }
 }
 
-/// Some drivers send triggers as packets of events.
+/// Some drivers send triggers as event packets.
 #[test]
-fn packets_in_an_encoding_that_is_not_read_are_passed_over() {
+fn packets_in_an_unsupported_encoding_are_skipped() {
     let name = "event_camera_msgs/msg/EventPacket";
     let with = |second: &'static str| {
         move |wire: Wire| -> Messages {
@@ -131,11 +131,11 @@ fn packets_in_an_encoding_that_is_not_read_are_passed_over() {
     }
     for content in files(with("secret")) {
         let error = testing::read(&content).error.unwrap();
-        assert!(error.contains("/trigger") && error.contains("\"trigger\", which is not read"), "{error}");
+        assert!(error.contains("/trigger") && error.contains("\"trigger\", which is not supported"), "{error}");
     }
 }
 
-/// A PNG of two rows of three pixels, which are numbered.
+/// Returns a PNG of two rows of three pixels with consecutive values.
 fn png() -> Vec<u8> {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("picture.png");
@@ -148,10 +148,10 @@ fn compressed_image(wire: Wire, t: i64, format: &str, bytes: &[u8]) -> Vec<u8> {
     Message::new(wire, t).text(format).bytes(bytes).finish()
 }
 
-/// A topic, and what it holds: events, or images of an encoding.
+/// A topic and its content: events, or the encoding of images.
 type Held = (&'static str, &'static str);
 
-/// Messages of these topics; images have two rows of three pixels each.
+/// Returns messages of these topics. Images have two rows of three pixels.
 fn images_of(topics: &[Held], wire: Wire) -> Messages {
     let message = |(index, (topic, encoding)): (usize, &Held)| match *encoding {
         "events" => (*topic, "dvs_msgs/msg/EventArray", event_array(wire, &events(0, 3))),
@@ -169,7 +169,7 @@ fn images_of(topics: &[Held], wire: Wire) -> Messages {
 }
 
 #[test]
-fn a_topic_of_images_is_the_one_that_is_named_or_the_only_one() {
+fn the_named_topic_of_images_is_read_or_the_only_one() {
     let (one, two) = (("/left", "mono8"), ("/right", "mono16"));
     let (with_events, packed) = (("/dvs", "events"), ("/left/compressed", "png"));
     type Expected = Result<Option<&'static str>, &'static str>;
@@ -184,7 +184,7 @@ fn a_topic_of_images_is_the_one_that_is_named_or_the_only_one() {
         (&[one, with_events], Some("/left"), Ok(Some("/left"))),
         (&[one, with_events], Some("/dvs"), Ok(None)),
         (&[one, with_events], Some("/up"), Err("no topic \"/up\" with events or images; it has /dvs")),
-        (&[("/depth", "32FC1")], None, Err("\"32FC1\"; mono, bgr, rgb")),
+        (&[("/depth", "32FC1")], None, Err("\"32FC1\", which is not supported; convert them to mono, bgr, rgb")),
     ];
     for (topics, wanted, expected) in cases {
         for content in files(|wire| images_of(topics, wire)) {
@@ -209,7 +209,7 @@ fn a_topic_of_images_is_the_one_that_is_named_or_the_only_one() {
 }
 
 #[test]
-fn images_that_stand_still_in_time_are_refused() {
+fn images_without_increasing_timestamps_are_rejected() {
     let still = |wire| {
         let message = || ("/left", "sensor_msgs/msg/Image", image(wire, START, "mono8", 3, &[1, 2, 3, 4, 5, 6]));
         vec![message(), message()]
@@ -225,7 +225,7 @@ fn images_that_stand_still_in_time_are_refused() {
 }
 
 #[test]
-fn a_damaged_message_is_named_or_left_out() {
+fn a_damaged_message_is_named_or_skipped() {
     for wire in [Wire::Ros1, Wire::Cdr] {
         let array = "dvs_msgs/msg/EventArray";
         let mut bad = event_array(wire, &events(2, 2));
@@ -234,7 +234,7 @@ fn a_damaged_message_is_named_or_left_out() {
         let messages: Messages = parts.into_iter().map(|message| ("/events", array, message)).collect();
         let content = if wire == Wire::Ros1 { bag("none", &messages) } else { mcap("zstd", &messages) };
         let outcome = testing::read(&content);
-        // Of the damaged message the events before the damage.
+        // Events of the damaged message before the damage are read.
         assert_eq!(outcome.events, events(0, 3));
         let error = outcome.error.unwrap();
         assert!(error.contains("byte") && error.contains("/events") && error.contains("an event"), "{error}");
@@ -245,14 +245,15 @@ fn a_damaged_message_is_named_or_left_out() {
     }
 }
 
-/// Cameras and units of several makers in one bag: those beside the events are theirs, whichever comes first.
+/// A bag contains cameras and IMUs of several makers. Those related to the events by name are read, whichever comes
+/// first.
 #[test]
-fn frames_and_samples_are_of_the_camera_whose_events_are_read() {
+fn frames_and_samples_are_from_the_camera_whose_events_are_read() {
     let of_rig = |wire: Wire| -> Messages {
         let grey = |t: i64, value: u8| image(wire, t, "mono8", 3, &[value; 6]);
         let array = "dvs_msgs/msg/EventArray";
         vec![
-            // Distances, and another camera, of which nothing but the size would fit.
+            // A depth image, and an image of another camera, of which only the size matches.
             ("/rig/left/depth/image_raw", "sensor_msgs/msg/Image", image(wire, START, "16UC1", 6, &[9; 12])),
             ("/camera/color/image_raw", "sensor_msgs/msg/Image", image(wire, START, "rgb8", 9, &[9; 18])),
             ("/body/imu", "sensor_msgs/msg/Imu", imu(wire, START + 1)),
@@ -281,17 +282,17 @@ fn frames_and_samples_are_of_the_camera_whose_events_are_read() {
             assert_eq!(found, times, "{stream:?}");
             let side = if times == [2, 8] { "left" } else { "right" };
             let chosen = [
-                format!("frames are those of /rig/{side}/image_raw"),
-                format!("inertial samples are those of /rig/{side}/imu"),
+                format!("frames are read from /rig/{side}/image_raw"),
+                format!("inertial samples are read from /rig/{side}/imu"),
             ];
-            assert!(reader.chosen().iter().zip(&chosen).all(|(told, part)| told.starts_with(part.as_str())));
+            assert!(reader.chosen().iter().zip(&chosen).all(|(note, part)| note.starts_with(part.as_str())));
         }
     }
 }
 
-/// The left camera's frames were taken for those of the right one, whose events are in the same bag.
+/// A bag may contain the events of the right camera but only the frames of the left one.
 #[test]
-fn frames_of_the_other_side_of_a_rig_are_not_those_of_the_camera() {
+fn frames_of_the_other_side_of_a_rig_are_not_read() {
     const PAIRS: [[&str; 3]; 4] = [
         ["/rig/left/events", "/rig/left/image_raw", "/rig/right/image_raw"],
         ["/rig/cam0/events", "/rig/cam0/image_raw", "/rig/cam1/image_raw"],
@@ -316,7 +317,7 @@ fn frames_of_the_other_side_of_a_rig_are_not_those_of_the_camera() {
         };
         for content in with(other) {
             let (frames, named) = chosen(&content);
-            assert!(!frames && named.iter().any(|one| one.contains("of another camera")), "{other}: {named:?}");
+            assert!(!frames && named.iter().any(|one| one.contains("to another camera")), "{other}: {named:?}");
         }
         for content in with(own) {
             assert!(chosen(&content).0, "{own}");
@@ -324,9 +325,9 @@ fn frames_of_the_other_side_of_a_rig_are_not_those_of_the_camera() {
     }
 }
 
-/// Frames in an encoding that is not read were dropped without a word.
+/// Frames must not be dropped silently.
 #[test]
-fn frames_that_are_not_read_are_named_with_their_encoding() {
+fn frames_in_an_unsupported_encoding_are_reported() {
     let of_camera = |wire: Wire| -> Messages {
         vec![
             ("/dvs/events", "dvs_msgs/msg/EventArray", event_array(wire, &events(0, 2))),
@@ -343,7 +344,7 @@ fn frames_that_are_not_read_are_named_with_their_encoding() {
         assert_eq!(named, [None, Some("16SC1".to_owned())]);
         let mut images = Vec::new();
         let note = recording.visit_frames(|image| images.push(image.image)).unwrap().unwrap();
-        assert!(note.contains("1 frame is in an encoding that is not read (16SC1)"), "{note}");
+        assert!(note.contains("1 frame is in an unsupported encoding (16SC1)"), "{note}");
         assert_eq!((images.len(), &images[0]), (2, &Err(NoImage::UnreadEncoding)));
         let (mut reader, mut lost) = (recording.open_extras().unwrap(), Vec::new());
         assert_eq!(std::iter::from_fn(|| reader.next_until(i64::MAX, &mut lost)).count(), 1);
@@ -351,9 +352,9 @@ fn frames_that_are_not_read_are_named_with_their_encoding() {
     }
 }
 
-/// What stands before the end of a file that was cut within a chunk; it was told to hold no stream at all.
+/// A file may be cut within a chunk, even within its first one.
 #[test]
-fn of_a_chunk_that_is_cut_the_messages_before_the_end_are_read() {
+fn messages_of_a_cut_chunk_are_read_up_to_the_cut() {
     let parts = |wire: Wire| -> Messages {
         (0..2).map(|part| ("/e", "dvs_msgs/msg/EventArray", event_array(wire, &events(100 * part, 100)))).collect()
     };
@@ -361,9 +362,9 @@ fn of_a_chunk_that_is_cut_the_messages_before_the_end_are_read() {
         let outcome = testing::read(&content[..content.len() * 7 / 10]);
         assert!(outcome.events == events(0, 100), "{} events", outcome.events.len());
         assert!(outcome.report.truncated.is_some());
-        // Cut within its first message.
+        // Cut within the first message.
         let error = testing::read(&content[..content.len() / 4]).error.unwrap();
-        assert!(error.contains("no events stand before it"), "{error}");
+        assert!(error.contains("no events precede it"), "{error}");
     }
 }
 
@@ -376,7 +377,7 @@ fn arrays_of_other_drivers_are_read() {
 }
 
 #[test]
-fn messages_that_are_packed_one_by_one_are_read() {
+fn individually_compressed_messages_are_read() {
     let messages = || packed_one_by_one(messages(Wire::Cdr));
     for content in [database::bag(&messages()), mcap("", &messages()), mcap("lz4", &messages())] {
         let outcome = testing::read(&content);
@@ -396,10 +397,10 @@ fn messages_that_are_packed_one_by_one_are_read() {
     }
 }
 
-/// Drivers that start send messages without events, and leave the size of the sensor out of them; a camera that is not connected
-/// goes on with it.
+/// Starting drivers send messages without events and without the size of the sensor. If no camera is connected, they
+/// send only those.
 #[test]
-fn messages_without_events_tell_nothing_of_the_sensor() {
+fn messages_without_events_do_not_determine_the_sensor() {
     let of = |wire: Wire| -> Messages {
         let array = "dvs_msgs/msg/EventArray";
         let mut empty = Message::new(wire, 99);
@@ -423,7 +424,7 @@ fn messages_without_events_tell_nothing_of_the_sensor() {
     }
 }
 
-/// A folder of a bag with files of these names, in its metadata in this order.
+/// Creates the folder of a bag with these files, listed in its metadata in this order.
 fn folder(files: &[(&str, Vec<u8>)], prefix: &str) -> tempfile::TempDir {
     let directory = tempfile::tempdir().unwrap();
     let mut metadata = "rosbag2_bagfile_information:\n  version: 5\n  relative_file_paths:\n".to_owned();
@@ -435,7 +436,7 @@ fn folder(files: &[(&str, Vec<u8>)], prefix: &str) -> tempfile::TempDir {
     directory
 }
 
-/// The events and the report of the folder, and what is wrong with it.
+/// Reads the folder. Returns its events, the report, and the error.
 fn read_folder(path: &std::path::Path) -> (Vec<Event>, crate::ReadReport, Option<String>) {
     let mut reader = match Recording::new(path, RecordingOptions::default()).and_then(|recording| recording.open()) {
         Ok(reader) => reader,
@@ -453,7 +454,7 @@ fn read_folder(path: &std::path::Path) -> (Vec<Event>, crate::ReadReport, Option
 }
 
 #[test]
-fn a_bag_that_was_split_is_one_recording() {
+fn a_split_bag_is_one_recording() {
     let array = "dvs_msgs/msg/EventArray";
     let second: Messages = vec![
         ("/other", "std_msgs/msg/String", vec![1]),
@@ -462,7 +463,7 @@ fn a_bag_that_was_split_is_one_recording() {
     ];
     let first = messages(Wire::Cdr);
     for prefix in ["", "bag/"] {
-        // The order is that of the list, not of the names.
+        // The list determines the order, not the names.
         let parts = [("b_1.mcap", mcap("zstd", &first)), ("b_0.mcap", mcap("", &second))];
         let directory = folder(&parts, prefix);
         let (read, report, error) = read_folder(directory.path());
@@ -486,7 +487,7 @@ fn a_bag_that_was_split_is_one_recording() {
 }
 
 #[test]
-fn what_is_missing_in_the_folder_of_a_bag_is_named() {
+fn missing_files_in_the_folder_of_a_bag_are_named() {
     let first = database::bag(&messages(Wire::Cdr));
     let directory = folder(&[("a.db3", first.clone()), ("b.db3", first.clone())], "");
     std::fs::remove_file(directory.path().join("b.db3")).unwrap();
@@ -495,7 +496,7 @@ fn what_is_missing_in_the_folder_of_a_bag_is_named() {
     assert!(error.unwrap().contains("b.db3"));
     let (_, _, error) = read_folder(folder(&[], "").path());
     assert!(error.unwrap().contains("relative_file_paths"));
-    // A folder that names itself.
+    // A folder that contains itself.
     let directory = folder(&[], "");
     std::fs::write(directory.path().join("metadata.yaml"), "rosbag2_bagfile_information: {relative_file_paths: [.]}")
         .unwrap();
@@ -504,12 +505,12 @@ fn what_is_missing_in_the_folder_of_a_bag_is_named() {
     let (_, _, error) = read_folder(folder(&[("a.db3.zstd", packed)], "").path());
     assert!(error.unwrap().contains("is a Zstandard file"));
     let (_, _, error) = read_folder(folder(&[("a.csv", b"t,x,y,p\n1,2,3,1\n".to_vec())], "").path());
-    assert!(error.unwrap().contains("of another format than those of bags"));
+    assert!(error.unwrap().contains("in a format other than those of bags"));
 }
 
-/// Written files list their topics: of a recording without frames nothing is read to find that out.
+/// Written files list their topics, so the absence of frames is known without reading all messages.
 #[test]
-fn the_list_of_topics_is_that_of_the_messages() {
+fn the_list_of_topics_matches_the_messages() {
     let extras = [Extra::Inertial(InertialSample {
         t: START + 10,
         temperature: 0.0,
@@ -525,20 +526,20 @@ fn the_list_of_topics_is_that_of_the_messages() {
         std::fs::write(&path, &content).unwrap();
         let mut container = open(&path).unwrap();
         let listed: Vec<String> = container.listed().unwrap().into_iter().map(|topic| topic.name).collect();
-        // What was read before does not change.
+        // Listing does not change the position of reading.
         let mut met = Vec::new();
         while let Some(head) = container.next().unwrap() {
             met.push(container.topics()[head.topic].name.clone());
         }
         assert!(met.len() == 2 && met.iter().all(|name| listed.contains(name)), "{met:?} {listed:?}");
-        // Without its end there is no list.
+        // A file without its end has no list.
         std::fs::write(&path, &content[..content.len() / 2]).unwrap();
         assert!(open(&path).unwrap().listed().is_none());
     }
 }
 
 #[test]
-fn files_without_events_say_what_they_hold() {
+fn files_without_events_list_their_content() {
     let only = |wire| messages(wire).into_iter().filter(|(name, ..)| *name == "/info").collect();
     for content in files(only) {
         let error = testing::read(&content).error.unwrap();
@@ -547,7 +548,7 @@ fn files_without_events_say_what_they_hold() {
 }
 
 #[test]
-fn a_database_with_changes_beside_it_is_refused_with_advice() {
+fn a_database_with_a_write_ahead_log_is_rejected_with_advice() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("bag.db3");
     std::fs::write(&path, database::bag(&messages(Wire::Cdr))).unwrap();
@@ -558,13 +559,13 @@ fn a_database_with_changes_beside_it_is_refused_with_advice() {
 }
 
 #[test]
-fn long_messages_of_a_database_go_on_in_other_pages() {
+fn long_messages_of_a_database_continue_in_other_pages() {
     let long = |wire| vec![("/e", "dvs_msgs/msg/EventArray", event_array(wire, &events(0, 200)))];
     let content = database::bag(&long(Wire::Cdr));
     assert_eq!(testing::read(&content).events, events(0, 200));
 }
 
-/// Written with frames and samples among the events.
+/// Writes events with frames and samples in between. Returns the content of the file.
 fn written(output: &OutputFormat, events: &[Event], extras: &[Extra]) -> Result<Vec<u8>, WriteError> {
     let file = tempfile::NamedTempFile::new().unwrap();
     let others = OtherStreams { frames: true, imu: true };
@@ -580,7 +581,7 @@ fn written(output: &OutputFormat, events: &[Event], extras: &[Extra]) -> Result<
 }
 
 #[test]
-fn what_was_written_is_read_again() {
+fn written_files_are_read_back() {
     let frame = Frame {
         t: START + 7,
         exposure: None,
@@ -626,9 +627,9 @@ fn what_was_written_is_read_again() {
     }
 }
 
-/// Two bytes a pixel were written as if they were three.
+/// Pixels with two values (grey and alpha) must not be written as three.
 #[test]
-fn frames_are_written_without_how_opaque_they_are() {
+fn frames_are_written_without_alpha() {
     for (channels, written_channels, left_out) in [(2, 1, 1), (4, 3, 3)] {
         let bytes: Vec<u8> = (0..6 * channels as u8).collect();
         let kept = bytes.iter().copied().filter(|byte| usize::from(*byte) % channels != left_out).collect();
@@ -648,7 +649,7 @@ fn frames_are_written_without_how_opaque_they_are() {
 }
 
 #[test]
-fn times_that_ros_does_not_have_are_refused() {
+fn times_outside_the_range_of_ros_are_rejected() {
     let event = |t| [Event { t, x: 0, y: 0, polarity: Polarity::On }];
     for (output, t) in [(&BAG_OUTPUT, -1), (&MCAP_OUTPUT, -1), (&BAG_OUTPUT, 1 << 53), (&MCAP_OUTPUT, 1 << 51)] {
         let error = written(output, &event(t), &[]).unwrap_err().to_string();
@@ -657,7 +658,7 @@ fn times_that_ros_does_not_have_are_refused() {
 }
 
 #[test]
-fn damage_loses_no_more_than_it_must() {
+fn damage_loses_as_little_as_possible() {
     let few = |wire: Wire| {
         let array = "dvs_msgs/msg/EventArray";
         (0..3).map(|index| ("/e", array, event_array(wire, &events(3 * index, 3)))).collect()
@@ -665,7 +666,7 @@ fn damage_loses_no_more_than_it_must() {
     for content in files(few) {
         testing::check_damage(&content);
     }
-    // Frames and samples in it as well.
+    // The same for files with frames and samples.
     for content in [bag("none", &messages(Wire::Ros1)), mcap("", &messages(Wire::Cdr))] {
         let mut changed = content.clone();
         for position in 0..changed.len() {

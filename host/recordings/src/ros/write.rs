@@ -1,9 +1,9 @@
-//! Writing bags of ROS 1 and MCAP files of ROS 2.
+//! Writer of bags of ROS 1 and MCAP files of ROS 2.
 //!
 //! | file | events | frames, inertial samples |
 //! |---|---|---|
 //! | bag | `dvs_msgs/EventArray` | `sensor_msgs/Image`, `sensor_msgs/Imu` |
-//! | MCAP | `event_camera_msgs/EventPacket`, encoding `libcaer_cmp` | the same |
+//! | MCAP | `event_camera_msgs/EventPacket`, encoding `libcaer_cmp` | as for a bag |
 
 mod bag;
 mod definitions;
@@ -53,15 +53,15 @@ pub const MCAP_OUTPUT: OutputFormat = OutputFormat {
 
 /// Columns and rows of `libcaer_cmp` have 11 bits.
 const SIDE: u16 = 1 << 11;
-/// A message of events ends after this time in µs or with so many events.
+/// Limits of a message of events: duration in µs, and number of events.
 const MESSAGE_TIME: i64 = 10_000;
 const MESSAGE_EVENTS: usize = 1 << 16;
-/// Places in the list of topics.
+/// Indices in the list of topics.
 const EVENTS: usize = 0;
 const FRAMES: usize = 1;
 const SAMPLES: usize = 2;
 
-/// Puts events into a message: how it is put into bytes, its number, and the sensor.
+/// Serializes events into a message, given the serialization, the number of the message, and the sensor.
 type EventMessage = fn(Wire, u32, Sensor, &[Event]) -> Result<Vec<u8>, WriteError>;
 
 struct Encoder<S> {
@@ -69,9 +69,9 @@ struct Encoder<S> {
     wire: Wire,
     event_message: EventMessage,
     sensor: Sensor,
-    /// Those of the message to come.
+    /// Events of the next message.
     events: Vec<Event>,
-    /// Messages of each topic.
+    /// Number of messages of each topic.
     counts: [u32; 3],
     exposures: u64,
 }
@@ -134,7 +134,7 @@ impl<S: Sink> Encode for Encoder<S> {
         let lost = [
             (
                 u64::from(self.counts[FRAMES]).min(self.exposures),
-                "start and end of the exposures: an image of ROS has one time",
+                "start and end of the exposures: an image of ROS has a single timestamp",
             ),
             (self.counts[SAMPLES].into(), "temperatures of inertial samples"),
         ];

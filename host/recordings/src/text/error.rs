@@ -1,43 +1,43 @@
-//! What can be wrong with a line of a text file.
+//! Faults of a line in a text file.
 
 use crate::counted::counted;
 use crate::options::{Columns, TimeUnit};
 
-/// No line with an event is longer (bytes).
+/// Length limit of a line in bytes.
 pub(crate) const MAX_LINE: u64 = 4096;
 
-/// Why a line is no event.
+/// Reason why a line is not an event.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LineError {
-    /// Longer than any line of an event.
+    /// The line is too long.
     #[error("is longer than {MAX_LINE} characters; is this a text file?")]
     TooLong,
-    /// More or fewer fields than columns.
+    /// The number of fields differs from the number of columns.
     #[error("has {}, not {} ({columns})", counted(*count as u64, "field", "fields"), columns.as_slice().len())]
     FieldCount {
-        /// Fields of the line.
+        /// Number of fields in the line.
         count: usize,
-        /// The columns expected.
+        /// Expected columns.
         columns: Columns,
     },
-    /// A time that is no number.
+    /// The time is not a number.
     #[error("{field:?} is not a time in {unit}")]
     Time {
-        /// What stands there.
+        /// Text of the field.
         field: String,
-        /// The unit expected.
+        /// Expected unit.
         unit: TimeUnit,
     },
-    /// A coordinate that is no whole number.
+    /// A coordinate is not a whole number.
     #[error("{field:?} is not a whole pixel in {axis}; raw events are needed, not undistorted ones")]
     Pixel {
-        /// What stands there.
+        /// Text of the field.
         field: String,
-        /// x or y.
+        /// `x` or `y`.
         axis: &'static str,
     },
-    /// A polarity that is none.
+    /// The polarity is invalid.
     #[error("{0:?} is not a polarity (1 for ON, 0 or -1 for OFF)")]
     Polarity(String),
 }

@@ -1,4 +1,4 @@
-//! What the columns of a text file are: from the options, its line of names, or its values.
+//! Detection of the columns of a text file: from the options, its header line, or its values.
 
 use super::{Fields, is_comment, number};
 use crate::columns::{self, Cell, GuessedUnit, LayoutError, SAMPLE};
@@ -6,36 +6,36 @@ use crate::options::{Column, Columns, RecordingOptions, TimeUnit};
 use crate::reader::MAX_SENSOR_SIZE;
 use evcal_core::sensor::Sensor;
 
-/// How the lines of a file are to be read.
+/// Layout of the lines of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
     /// The columns from left to right.
     pub columns: Columns,
-    /// Unit of the time.
+    /// Unit of the times.
     pub time_unit: TimeUnit,
-    /// `true` if it was taken for nanoseconds and may as well be microseconds.
+    /// `true` if nanoseconds were guessed and could also be microseconds.
     pub is_unit_doubtful: bool,
     /// Number of lines before the first event.
     pub first_line: u64,
-    /// Width and height, if the file gives them.
+    /// Width and height of the sensor, if the file contains them.
     pub sensor: Option<Sensor>,
-    /// What was guessed, in sentences.
+    /// Guesses, in sentences.
     pub notes: Vec<String>,
 }
 
-/// The parts of a file's beginning.
+/// Parts of the beginning of a file.
 struct Parts<'a> {
-    /// Lines before the first line of numbers.
+    /// Number of lines before the first line of numbers.
     first_line: u64,
     names: Option<Vec<&'a str>>,
     sensor: Option<Sensor>,
     rows: Vec<Vec<&'a [u8]>>,
 }
 
-/// Finds the layout of a file that begins with `text`.
+/// Determines the layout of a file that begins with `text`.
 ///
 /// # Errors
-/// [`LayoutError`], which says what is unclear and what to do.
+/// [`LayoutError`] if the columns are unclear.
 pub fn find(text: &str, options: &RecordingOptions) -> Result<Layout, LayoutError> {
     let parts = parts(text)?;
     let mut notes = Vec::new();
@@ -57,7 +57,7 @@ pub fn find(text: &str, options: &RecordingOptions) -> Result<Layout, LayoutErro
     Ok(Layout { columns, time_unit, is_unit_doubtful: is_doubtful, first_line, sensor, notes })
 }
 
-/// Whether a line of `text` names the columns of events.
+/// `true` if a line of `text` names the columns of events.
 pub fn is_named(text: &str) -> bool {
     text.lines().any(|line| columns::from_names(&name_list(line)).0.is_some())
 }
@@ -75,7 +75,7 @@ fn parts(text: &str) -> Result<Parts<'_>, LayoutError> {
         if !is_comment(line.as_bytes()) {
             let fields: Vec<&[u8]> = Fields::of(line.as_bytes()).collect();
             if is_row(&fields) {
-                // Two numbers at the very beginning are the size of the sensor.
+                // Two numbers before the first event are the size of the sensor.
                 match (&fields[..], rows.is_empty(), sensor) {
                     ([width, height], true, None) => {
                         let size = sensor_size(width, height);
@@ -89,7 +89,7 @@ fn parts(text: &str) -> Result<Parts<'_>, LayoutError> {
             } else if rows.is_empty() && names.is_none() {
                 names = Some(name_list(line));
             } else {
-                // A bad line among the events: the reader will name it.
+                // An invalid line among the events, which the reader reports.
                 break;
             }
         } else if rows.is_empty() {
@@ -107,13 +107,14 @@ fn parts(text: &str) -> Result<Parts<'_>, LayoutError> {
         }
     }
     if !text.ends_with('\n') && rows.len() > 1 {
-        // It may have lost digits.
+        // The last line is incomplete and may have lost digits.
         rows.pop();
     }
     Ok(Parts { first_line, names, sensor, rows })
 }
 
-/// Whether these fields are an event, not names. Columns that are not read may be empty; only names begin with nothing, above the numbers of rows.
+/// `true` if these fields are an event and not a header. Fields of unused columns may be empty, except the first one:
+/// an empty first field means a header above numbered rows.
 fn is_row(fields: &[&[u8]]) -> bool {
     let is_number = |field: &[u8]| number::is_number(field) || number::polarity(field).is_some();
     fields.first().is_none_or(|first| is_number(first))
@@ -125,13 +126,13 @@ fn sensor_size(width: &[u8], height: &[u8]) -> Option<Sensor> {
     Some(Sensor::new(side(width)?, side(height)?))
 }
 
-/// The size in a comment `sensor WIDTH x HEIGHT`.
+/// Parses the size in a comment `sensor WIDTH x HEIGHT`.
 fn sensor_comment(comment: &str) -> Option<Sensor> {
     let (width, height) = comment.strip_prefix("sensor ")?.split_once('x')?;
     sensor_size(width.trim().as_bytes(), height.trim().as_bytes())
 }
 
-/// The names in a line: with commas or semicolons if there are any, else with spaces.
+/// Splits a line into names, at commas, semicolons and tabs if there are any, else at spaces.
 fn name_list(line: &str) -> Vec<&str> {
     let names: Vec<&str> = if line.contains([',', ';', '\t']) {
         line.split([',', ';', '\t']).collect()
@@ -146,7 +147,7 @@ fn cells(rows: &[Vec<&[u8]>]) -> Vec<Vec<Cell>> {
     rows.iter().map(|row| row.iter().map(cell).collect()).collect()
 }
 
-/// The times of the sample as they stand.
+/// Returns the times of the sample, in the unit of the file.
 fn times(rows: &[Vec<&[u8]>], columns: &Columns) -> Vec<f64> {
     let Some(index) = columns.as_slice().iter().position(|&column| column == Column::T) else {
         return Vec::new();

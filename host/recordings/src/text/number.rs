@@ -1,17 +1,17 @@
-//! Numbers in text, read exactly: a time in seconds with six decimals loses no microsecond.
+//! Exact parsing of numbers: a time in seconds with six decimals loses no microsecond.
 
 use evcal_core::event::Polarity;
 
 use crate::options::TimeUnit;
 
-/// A plain decimal number: sign, whole digits, digits after the point.
+/// A decimal number without exponent: sign, digits before the point, digits after it.
 struct Decimal<'a> {
     negative: bool,
     whole: &'a [u8],
     fraction: &'a [u8],
 }
 
-/// The parts of `field`, if it is a decimal number without exponent.
+/// Splits `field` into its parts, if it is a decimal number without exponent.
 fn decimal(field: &[u8]) -> Option<Decimal<'_>> {
     let (negative, digits) = match field.split_first()? {
         (b'-', rest) => (true, rest),
@@ -27,23 +27,23 @@ fn decimal(field: &[u8]) -> Option<Decimal<'_>> {
     (all_digits && !(whole.is_empty() && fraction.is_empty())).then_some(Decimal { negative, whole, fraction })
 }
 
-/// A number with exponent, as numpy writes them. Not NaN and not infinite.
+/// Parses a number that may have an exponent, as written by NumPy. `None` for NaN and infinity.
 fn floating(field: &[u8]) -> Option<f64> {
     let value: f64 = std::str::from_utf8(field).ok()?.parse().ok()?;
     value.is_finite().then_some(value)
 }
 
-/// Whether `field` is a number at all (also NaN or infinite, whose place is in an error message).
+/// `true` if `field` is a number, including NaN and infinity, which the reader then reports.
 pub fn is_number(field: &[u8]) -> bool {
     std::str::from_utf8(field).is_ok_and(|field| field.parse::<f64>().is_ok())
 }
 
-/// The number in `field` as accurately as f64 allows.
+/// Returns the number in `field` as accurately as f64 allows.
 pub fn value(field: &[u8]) -> Option<f64> {
     floating(field)
 }
 
-/// The time in `field`, rounded to microseconds.
+/// Returns the time in `field`, rounded to microseconds.
 pub fn microseconds(field: &[u8], unit: TimeUnit) -> Option<i64> {
     let exponent = unit.decimal_exponent();
     let Some(Decimal { negative, whole, fraction }) = decimal(field) else {
@@ -67,7 +67,7 @@ pub fn microseconds(field: &[u8], unit: TimeUnit) -> Option<i64> {
     Some(if negative { -magnitude } else { magnitude })
 }
 
-/// The whole pixel in `field`; what does not fit in u16 gives its largest value, which no sensor has.
+/// Returns the whole pixel in `field`. Values out of range become the largest u16, which no sensor has.
 pub fn pixel(field: &[u8]) -> Option<u16> {
     if let [b'0'..=b'9', ..] = field
         && field.len() <= 4
@@ -82,7 +82,7 @@ pub fn pixel(field: &[u8]) -> Option<u16> {
     Some(if value < 0.0 { u16::MAX } else { value as u16 })
 }
 
-/// The polarity in `field`.
+/// Returns the polarity in `field`.
 pub fn polarity(field: &[u8]) -> Option<Polarity> {
     match field {
         b"1" | b"+1" => return Some(Polarity::On),

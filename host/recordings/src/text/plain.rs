@@ -1,23 +1,22 @@
-//! A fast way through the lines that almost every file consists of: digits, at most one point in the
-//! time, and one separator between fields. What it does not understand is left to the general way,
-//! with which it agrees on everything that it does understand.
+//! Fast parser of the usual lines: digits, at most one point in the time, and one separator between fields. Other lines
+//! return `None` and go to the general parser. Where this parser returns an event, the general one returns the same.
 
 use evcal_core::event::{Event, Polarity};
 
 use super::layout::Layout;
 use crate::options::Column;
 
-/// An event, with what was read for it.
+/// An event parsed from a plain line.
 pub struct PlainLine {
     /// The event.
     pub event: Event,
-    /// Length of the line with its end.
+    /// Length of the line, including its end.
     pub length: usize,
-    /// Length of the last field.
+    /// Length of the last field in bytes.
     pub last_field: usize,
 }
 
-/// The event of the first line of `bytes`, if that is whole and plain.
+/// Parses the first line of `bytes`, if it is plain and complete.
 pub fn event(bytes: &[u8], layout: &Layout) -> Option<PlainLine> {
     let places = usize::try_from(layout.time_unit.decimal_exponent()).ok()?;
     let mut event = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
@@ -50,14 +49,14 @@ pub fn event(bytes: &[u8], layout: &Layout) -> Option<PlainLine> {
     Some(PlainLine { event, length: bytes.len() - rest.len(), last_field })
 }
 
-/// Takes 1 to `most` digits from the front.
+/// Parses 1 to `most` digits at the front, and removes them.
 fn digits(rest: &mut &[u8], most: usize) -> Option<i64> {
     let (value, count) = leading(rest, most);
     *rest = rest.get(count..)?;
     (count > 0 && !rest.first().is_some_and(u8::is_ascii_digit)).then_some(value)
 }
 
-/// The number that up to `most` digits at the front make, and how many they are.
+/// Parses up to `most` digits at the front. Returns the number and the count of digits.
 fn leading(bytes: &[u8], most: usize) -> (i64, usize) {
     let mut value = 0;
     let mut count = 0;
@@ -70,10 +69,10 @@ fn leading(bytes: &[u8], most: usize) -> (i64, usize) {
     (value, count)
 }
 
-/// Takes a time from the front: at most 12 digits, then for units longer than 1 µs a fraction, of
-/// which `places` digits are microseconds and one more rounds.
+/// Parses a time at the front, and removes it: at most 12 digits, then for units longer than 1 µs a fraction, whose
+/// first `places` digits are microseconds and whose next digit rounds.
 fn time(rest: &mut &[u8], places: usize) -> Option<i64> {
-    // 10¹² s in microseconds fits in an i64; so do 10¹⁸ µs.
+    // 10¹² s in microseconds fit in an i64, and so do 10¹⁸ µs.
     let mut value = digits(rest, if places == 0 { 18 } else { 12 })?;
     let mut missing = places;
     let mut up = false;
@@ -106,7 +105,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn agrees_with_the_general_way(
+        fn agrees_with_the_general_parser(
             line in prop_oneof![
                 "[0-9]{1,13}(\\.[0-9]{0,9})? [0-9]{1,5},[0-9]{1,4};[01](\r)?",
                 "[0-9]{1,3},[0-9]{1,3}\t[01] [0-9]{1,13}(\\.[0-9]{0,9})?",
@@ -127,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn plain_lines_are_understood() {
+    fn plain_lines_are_parsed() {
         for (line, columns, unit) in [
             ("0.003811000 96 133 0", "t,x,y,p", TimeUnit::Seconds),
             ("1468939993.067416 96 133 1", "t,x,y,p", TimeUnit::Seconds),
@@ -140,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_without_end_is_left_to_the_general_way() {
+    fn a_line_without_end_is_left_to_the_general_parser() {
         let layout = Layout {
             is_unit_doubtful: false,
             columns: "t,x,y,p".parse().unwrap(),

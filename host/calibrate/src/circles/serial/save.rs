@@ -16,7 +16,7 @@ pub enum SaveError {
     #[error("{} is no folder: make it, or choose another place for save=", .0.display())]
     NoFolder(PathBuf),
     /// The file cannot be made.
-    #[error("{}: {error}; name a place where you may write, with save=", path.display())]
+    #[error("{}: {error}; choose a folder where you may write, with save=", path.display())]
     Failed {
         /// The file.
         path: PathBuf,

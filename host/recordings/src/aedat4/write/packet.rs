@@ -1,5 +1,5 @@
-//! The FlatBuffers of an AEDAT4 file, laid out by hand. Every offset is from the start of the size
-//! prefix, to which their alignment refers too.
+//! The FlatBuffers of an AEDAT4 file, laid out by hand. All offsets and alignments count from the start of the size
+//! prefix.
 
 use evcal_core::event::{Event, Polarity};
 
@@ -8,11 +8,11 @@ use crate::aedat4::header::Compression;
 use crate::encode::WriteError;
 use crate::extras::{Frame, InertialSample};
 
-/// A FlatBuffer that grows from its size prefix on.
+/// A FlatBuffer under construction, beginning with its size prefix.
 struct Buffer(Vec<u8>);
 
 impl Buffer {
-    /// Room for the size prefix and the position of the root table, then the identifier.
+    /// Begins with space for the size prefix and the position of the root table, then the identifier.
     fn new(identifier: &[u8; 4]) -> Self {
         let mut bytes = vec![0; 8];
         bytes.extend_from_slice(identifier);
@@ -35,7 +35,7 @@ impl Buffer {
         self.0.extend_from_slice(&value.to_le_bytes());
     }
 
-    /// A length, or an offset to something further on.
+    /// Appends a length or a forward offset.
     fn size(&mut self, value: usize) -> Result<(), WriteError> {
         let value = u32::try_from(value).map_err(|_| WriteError::TooLarge)?;
         self.0.extend_from_slice(&value.to_le_bytes());
@@ -50,10 +50,10 @@ impl Buffer {
     }
 }
 
-/// `IOHE { compression @28, dataTablePosition @32 (not known yet), infoNode @40 → @44 }`
+/// `IOHE { compression @28, dataTablePosition @32 (unknown at first), infoNode @40 → @44 }`
 pub(in crate::aedat4) fn header(compression: Compression, description: &str) -> Result<Vec<u8>, WriteError> {
     let mut buffer = Buffer::new(b"IOHE");
-    // @12: vtable of 10 bytes, table of 20 bytes, its three fields; filled up to @24.
+    // @12: vtable of 10 bytes, table of 20 bytes, its three fields; padded up to @24.
     buffer.u16s(&[10, 20, 4, 8, 16, 0]);
     buffer.i32(24 - 12);
     buffer.i32(match compression {
@@ -65,7 +65,7 @@ pub(in crate::aedat4) fn header(compression: Compression, description: &str) -> 
     buffer.size(44 - 40)?;
     buffer.size(description.len())?;
     buffer.0.extend_from_slice(description.as_bytes());
-    // Strings end with a zero; whole words keep the packets after it aligned.
+    // Strings end with a zero. Padding to whole words keeps the packets after it aligned.
     let padding = 8 - buffer.0.len() % 8;
     buffer.0.extend(std::iter::repeat_n(0, padding));
     buffer.finish(24)
@@ -75,7 +75,7 @@ pub(in crate::aedat4) fn header(compression: Compression, description: &str) -> 
 pub(in crate::aedat4) fn event_packet(events: &[Event]) -> Result<Vec<u8>, WriteError> {
     let mut buffer = Buffer::new(b"EVTS");
     buffer.0.reserve(20 + 16 * events.len());
-    // @12: vtable of 6 bytes, table of 8 bytes, its only field; filled up to @20.
+    // @12: vtable of 6 bytes, table of 8 bytes, its only field; padded up to @20.
     buffer.u16s(&[6, 8, 4, 0]);
     buffer.i32(20 - 12);
     buffer.size(28 - 24)?;
@@ -92,7 +92,7 @@ pub(in crate::aedat4) fn event_packet(events: &[Event]) -> Result<Vec<u8>, Write
 /// x @100, y @102, format @104, pixels @108 → @112 }`
 pub(super) fn frame_packet(frame: &Frame) -> Result<Vec<u8>, WriteError> {
     let mut buffer = Buffer::new(b"FRME");
-    // @12: vtable of 28 bytes, filled up to @44; table of 68 bytes.
+    // @12: vtable of 28 bytes, padded up to @44; table of 68 bytes.
     buffer.u16s(&[28, 68, 4, 12, 20, 28, 36, 60, 52, 54, 56, 58, 64, 44, 0, 0]);
     buffer.i32(44 - 12);
     buffer.i64(frame.t);
@@ -102,7 +102,7 @@ pub(super) fn frame_packet(frame: &Frame) -> Result<Vec<u8>, WriteError> {
         buffer.i64(time);
     }
     buffer.u16s(&[frame.size.0, frame.size.1, frame.position.0, frame.position.1]);
-    // OpenCV's type number of this many channels of 8 bits, then unused bytes.
+    // OpenCV's type number for this number of 8-bit channels, then unused bytes.
     let channels = u8::try_from(frame.channels).ok().filter(|channels| (1..=4).contains(channels));
     buffer.0.extend_from_slice(&[(channels.ok_or(WriteError::TooLarge)? - 1) << 3, 0, 0, 0]);
     buffer.size(112 - 108)?;
@@ -147,7 +147,7 @@ pub(super) fn packet_table(rows: &[TableRow]) -> Result<Vec<u8>, WriteError> {
     buffer.i32(20 - 12);
     buffer.size(28 - 24)?;
     buffer.size(rows.len())?;
-    // Tables begin 4 bytes after a multiple of 8, so that their i64 fields lie on one.
+    // Tables begin 4 bytes after a multiple of 8, so that their i64 fields are aligned.
     let vtable = 32 + 4 * rows.len();
     let first_table = (vtable + 14).next_multiple_of(8) + 4;
     let table = |index: usize| first_table + 48 * index;

@@ -1,4 +1,4 @@
-//! What is read behind damage, and what is said of it.
+//! Tests of reading after damage, and of the messages about it.
 
 use std::ops::Range;
 
@@ -11,13 +11,14 @@ fn skip() -> RecordingOptions {
     RecordingOptions { damage: Damage::Skip, ..RecordingOptions::default() }
 }
 
-/// Messages of so many events each.
+/// Returns messages with `each` events, `count` messages in all.
 fn arrays(wire: Wire, count: i64, each: i64) -> Messages {
     (0..count).map(|index| ("/e", ARRAY, event_array(wire, &events(each * index, each)))).collect()
 }
 
-/// Of `all` events in a file that is damaged at `byte` those before the `lost` ones are read, and those behind them where damage is
-/// skipped. It is counted as so many packets; where it is none, the rest of the file is told to be missing.
+/// Checks a file with `all` events that is damaged at `byte`. Without skipping, the events before the `lost` ones are
+/// read; with skipping, those after them too. The damage counts as `packets` damaged packets; if that is 0, the rest of
+/// the file is reported missing instead.
 fn check(content: &[u8], byte: usize, lost: Range<i64>, all: i64, packets: u64) {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("recording");
@@ -39,27 +40,27 @@ fn check(content: &[u8], byte: usize, lost: Range<i64>, all: i64, packets: u64) 
     assert_eq!(elements(skip()), outcome.events.len() as u64);
 }
 
-/// Where the pages of a database begin that hold its messages.
+/// Returns the offsets of the database pages that contain its messages.
 fn leaves(database: &[u8]) -> Vec<usize> {
     let pages = database.chunks(PAGE).enumerate().skip(3);
     pages.filter(|(_, page)| page[0] == 13).map(|(number, _)| number * PAGE).collect()
 }
 
-/// All messages behind such a page were lost and counted as one packet.
+/// Damage must not cost more than the messages of one page.
 #[test]
-fn a_damaged_page_of_a_database_costs_its_own_messages() {
+fn a_damaged_page_of_a_database_loses_only_its_own_messages() {
     let content = database::bag(&arrays(Wire::Cdr, 10, 3));
     let leaf = leaves(&content)[4];
     let mut damaged = content.clone();
     damaged[leaf] = 99;
     check(&damaged, leaf, 12..15, 30, 1);
 
-    // A row that begins behind its page.
+    // A row that begins after the end of its page.
     let mut damaged = content.clone();
     damaged[leaf + 8..leaf + 10].fill(0xff);
     check(&damaged, leaf, 12..15, 30, 1);
 
-    // The page that lists the others asks for itself, or for one that the file does not have.
+    // The page that lists the others refers to itself, or to a page that does not exist.
     let root = 2 * PAGE;
     let pointer = root + 12 + 2 * 4;
     let cell = root + usize::from(u16::from_be_bytes([content[pointer], content[pointer + 1]]));
@@ -69,23 +70,23 @@ fn a_damaged_page_of_a_database_costs_its_own_messages() {
         check(&damaged, root, 12..15, 30, 1);
     }
 
-    // Nothing else leads to what it does not list.
+    // Without this list, the other pages cannot be found.
     let mut damaged = content;
     damaged[pointer..pointer + 2].fill(0xff);
     check(&damaged, root, 12..30, 30, 0);
 }
 
 #[test]
-fn a_message_that_goes_on_nowhere_is_lost_alone() {
+fn only_a_message_without_its_rest_is_lost() {
     let mut content = database::bag(&arrays(Wire::Cdr, 3, 40));
     let leaf = leaves(&content)[1];
-    // Where the rest of its message is.
+    // The number of the page with the rest of the message.
     content[leaf + PAGE - 4..leaf + PAGE].fill(0xff);
     check(&content, leaf, 40..80, 120, 1);
 }
 
 #[test]
-fn a_record_of_a_bag_without_an_operation_is_stepped_over() {
+fn a_bag_record_without_an_operation_is_skipped() {
     let content = bag("none", &arrays(Wire::Ros1, 20, 3));
     let mut chunks = content.windows(4).enumerate().filter(|(_, bytes)| bytes == b"op=\x05");
     let operation = chunks.nth(2).unwrap().0;
@@ -94,7 +95,7 @@ fn a_record_of_a_bag_without_an_operation_is_stepped_over() {
     damaged[operation..operation + 2].fill(b'x');
     check(&damaged, record, 12..18, 60, 1);
 
-    // Where the next record begins is not known.
+    // The beginning of the next record is unknown.
     for length in [0_u32, 5] {
         let mut damaged = content.clone();
         damaged[record..record + 4].copy_from_slice(&length.to_le_bytes());
@@ -103,7 +104,7 @@ fn a_record_of_a_bag_without_an_operation_is_stepped_over() {
 }
 
 #[test]
-fn of_a_bag_that_was_split_the_file_that_cannot_be_read_on_is_named() {
+fn an_unreadable_file_of_a_split_bag_is_named() {
     let (mut first, second) = (database::bag(&arrays(Wire::Cdr, 4, 3)), arrays(Wire::Cdr, 8, 3).split_off(4));
     let pointer = 2 * PAGE + 12 + 2 * 2;
     first[pointer..pointer + 2].fill(0xff);
@@ -115,11 +116,11 @@ fn of_a_bag_that_was_split_the_file_that_cannot_be_read_on_is_named() {
     assert_eq!(outcome.report.damaged_packets, 0);
 }
 
-/// Frames whose first is no whole picture, a sample, and events.
+/// Returns frames, the first of which is invalid, a sample, and events.
 fn with_bad_frame(wire: Wire) -> Messages {
     let grey = |t, step| ("/dvs/image_raw", "sensor_msgs/msg/Image", image(wire, t, "mono8", step, &[1; 6]));
     vec![
-        // Its rows would be shorter than three pixels.
+        // The rows would be shorter than three pixels.
         grey(START, 2),
         grey(START + 1, 3),
         ("/dvs/imu", "sensor_msgs/msg/Imu", imu(wire, START + 2)),
@@ -127,7 +128,7 @@ fn with_bad_frame(wire: Wire) -> Messages {
     ]
 }
 
-/// The times after [`START`] of frames and samples, what is told of those that are lost, and how many pictures there are.
+/// Returns the times of frames and samples after [`START`], the messages about losses, and the number of images.
 fn extras(content: &[u8], options: RecordingOptions) -> (Vec<i64>, Vec<String>, usize) {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("recording");
@@ -144,20 +145,20 @@ fn extras(content: &[u8], options: RecordingOptions) -> (Vec<i64>, Vec<String>, 
     (times, lost, pictures)
 }
 
-/// It was taken for the end of the file, without a word.
+/// Damage must not look like the end of the file.
 #[test]
-fn a_damaged_first_frame_is_told_or_passed_over() {
+fn a_damaged_first_frame_is_reported_or_skipped() {
     for content in files(with_bad_frame) {
         let (times, lost, pictures) = extras(&content, RecordingOptions::default());
         assert_eq!((times, pictures), (Vec::new(), 0));
         assert!(lost.len() == 1 && lost[0].contains("/dvs/image_raw is damaged"), "{lost:?}");
-        let told = "1 damaged packet of frames and inertial samples".to_owned();
-        assert_eq!(extras(&content, skip()), (vec![1, 2], vec![told], 1));
+        let skipped = "1 damaged packet of frames and inertial samples".to_owned();
+        assert_eq!(extras(&content, skip()), (vec![1, 2], vec![skipped], 1));
     }
 }
 
 #[test]
-fn frames_behind_a_damaged_chunk_or_page_are_read() {
+fn frames_after_a_damaged_chunk_or_page_are_read() {
     let frames = |wire: Wire| -> Messages {
         let frame = |t| ("/dvs/image_raw", "sensor_msgs/msg/Image", image(wire, START + t, "mono8", 3, &[1; 6]));
         let mut messages = vec![("/dvs/events", ARRAY, event_array(wire, &events(0, 7)))];

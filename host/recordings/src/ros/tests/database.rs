@@ -1,10 +1,10 @@
-//! SQLite files of ROS 2, put together page by page.
+//! SQLite files of ROS 2, built page by page.
 
 use super::Messages;
 
 const PAGE: usize = 512;
 
-/// A number of 1 to 3 bytes.
+/// Encodes a number in 1 to 3 bytes.
 fn varint(value: usize) -> Vec<u8> {
     let seven = |shift: usize| (value >> shift & 0x7f) as u8;
     match value {
@@ -38,7 +38,7 @@ fn row(fields: &[Field]) -> Vec<u8> {
     [&varint(types.len() + 1)[..], &types, &content].concat()
 }
 
-/// A leaf (kind 13) or an inner page (5) with these cells and, in an inner one, the page behind them.
+/// Builds a leaf (kind 13) or an inner page (5) with these cells. An inner page also has `last`, its last child.
 fn page(kind: u8, cells: &[Vec<u8>], last: Option<u32>, header: &[u8]) -> Vec<u8> {
     let mut page = header.to_vec();
     page.extend([&[kind, 0, 0][..], &(cells.len() as u16).to_be_bytes(), &[0, 0, 0]].concat());
@@ -54,7 +54,7 @@ fn page(kind: u8, cells: &[Vec<u8>], last: Option<u32>, header: &[u8]) -> Vec<u8
     page
 }
 
-/// The cell of a row; what is too long for it goes to pages behind `pages`.
+/// Builds the cell of a row. The part that is too long for it goes to overflow pages, which are appended to `pages`.
 fn cell(id: usize, row: &[u8], pages: &mut Vec<Vec<u8>>) -> Vec<u8> {
     let head = [varint(row.len()), varint(id)].concat();
     if row.len() <= PAGE - 35 {
@@ -74,10 +74,10 @@ fn cell(id: usize, row: &[u8], pages: &mut Vec<Vec<u8>>) -> Vec<u8> {
     cell
 }
 
-/// A bag whose messages are two in a page.
+/// Builds a bag with two messages per page.
 pub fn bag(messages: &Messages) -> Vec<u8> {
     let mut topics: Vec<(&str, &str)> = Vec::new();
-    // Pages 1 to 3: the tables of the file, the topics, the root of the messages.
+    // Page 1 contains the schema, page 2 the topics, page 3 the root of the messages.
     let mut pages = vec![Vec::new(); 3];
     let mut children: Vec<(u32, usize)> = Vec::new();
     for (index, part) in messages.chunks(2).enumerate() {
@@ -91,7 +91,7 @@ pub fn bag(messages: &Messages) -> Vec<u8> {
             let fields = [Field::Null, Field::Number(topic), Field::Time(-1), Field::Bytes(message)];
             cells.push(cell(2 * index + offset + 1, &row(&fields), &mut pages));
         }
-        // Two long rows do not fit in one page.
+        // Two long rows do not fit in a page.
         for (offset, cell) in cells.iter().enumerate() {
             pages.push(page(13, std::slice::from_ref(cell), None, &[]));
             children.push((pages.len() as u32, 2 * index + offset + 1));

@@ -1,4 +1,4 @@
-//! Bags and MCAP files put together byte by byte.
+//! Bags and MCAP files, built byte by byte.
 
 use std::io::{Cursor, Write};
 
@@ -6,11 +6,11 @@ use evcal_core::event::{Event, Polarity};
 
 use super::super::fields::Wire;
 
-/// A message that grows field by field.
+/// A message under construction.
 pub struct Message(Wire, Vec<u8>);
 
 impl Message {
-    /// With a header of this time in µs.
+    /// Begins with a header with this time in µs.
     pub fn new(wire: Wire, t: i64) -> Self {
         let mut message = Self(wire, Vec::new());
         if wire == Wire::Ros1 {
@@ -90,13 +90,13 @@ pub fn imu(wire: Wire, t: i64) -> Vec<u8> {
     message.finish()
 }
 
-/// What `ros2 bag record --compression-mode message` makes of messages.
+/// Compresses messages individually, like `ros2 bag record --compression-mode message`.
 pub fn packed_one_by_one(messages: Messages) -> Messages {
     let pack = |(name, type_name, message): (_, _, Vec<u8>)| (name, type_name, packed("zstd", &message));
     messages.into_iter().map(pack).collect()
 }
 
-/// The bytes of a chunk with this compression.
+/// Compresses the bytes of a chunk.
 fn packed(compression: &str, bytes: &[u8]) -> Vec<u8> {
     match compression {
         "lz4" => {
@@ -114,7 +114,7 @@ fn packed(compression: &str, bytes: &[u8]) -> Vec<u8> {
     }
 }
 
-/// A recording: name, type and bytes of each message.
+/// Messages of a recording: name of the topic, type, and content of each.
 pub type Messages = Vec<(&'static str, &'static str, Vec<u8>)>;
 
 pub fn bag_record(fields: &[(&str, &[u8])], data: &[u8]) -> Vec<u8> {
@@ -124,7 +124,7 @@ pub fn bag_record(fields: &[(&str, &[u8])], data: &[u8]) -> Vec<u8> {
     [&lengths[0], header.as_slice(), &lengths[1], data].concat()
 }
 
-/// A bag with chunks of two messages.
+/// Builds a bag with chunks of two messages.
 pub fn bag(compression: &str, messages: &Messages) -> Vec<u8> {
     let mut bytes = b"#ROSBAG V2.0\n".to_vec();
     bytes.extend(bag_record(&[("op", &[3]), ("index_pos", &[0; 8])], &[b' '; 20]));
@@ -159,7 +159,7 @@ pub fn mcap_text(text: &str) -> Vec<u8> {
     [&(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat()
 }
 
-/// An MCAP file with chunks of two messages; without chunks if the compression is `-`.
+/// Builds an MCAP file with chunks of two messages, or without chunks if the compression is `-`.
 pub fn mcap(compression: &str, messages: &Messages) -> Vec<u8> {
     let mut bytes = b"\x89MCAP0\r\n".to_vec();
     bytes.extend(mcap_record(1, &[mcap_text("ros2"), mcap_text("test")].concat()));

@@ -1,4 +1,4 @@
-//! What a file claims neither fills the memory nor stops the reading of what is good in it.
+//! Tests of sizes that a file states wrongly: they must neither fill the memory nor prevent reading the valid content.
 
 use std::fs::{File, OpenOptions};
 use std::path::PathBuf;
@@ -8,9 +8,9 @@ use super::super::{bag as bags, folder as folders, mcap as mcaps};
 use super::files::{bag_record, mcap_record, mcap_text};
 use super::*;
 
-/// A few bytes that say that they unpack to 4 GB took as much memory.
+/// A few bytes that state a decompressed size of 4 GB must not allocate as much.
 #[test]
-fn a_chunk_that_says_to_be_larger_than_any_is_refused() {
+fn a_chunk_with_too_large_a_stated_size_is_rejected() {
     let mut content = bag("bz2", &messages(Wire::Ros1));
     let size = content.windows(5).position(|bytes| bytes == b"size=").unwrap() + 5;
     content[size..size + 4].copy_from_slice(&u32::MAX.to_le_bytes());
@@ -18,7 +18,7 @@ fn a_chunk_that_says_to_be_larger_than_any_is_refused() {
     assert!(error.contains("4294967295 bytes"), "{error}");
 }
 
-/// A file with this content and so many zeros behind it, which take no room.
+/// Creates a sparse file with this content, followed by zeros that use no disk space.
 fn sparse(content: &[u8], zeros: u64) -> (tempfile::TempDir, PathBuf) {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("recording");
@@ -28,15 +28,15 @@ fn sparse(content: &[u8], zeros: u64) -> (tempfile::TempDir, PathBuf) {
     (directory, path)
 }
 
-/// A bag and an MCAP file without their ends, each with seven events.
+/// Returns a bag and an MCAP file without their ends, each with seven events.
 fn beginnings() -> [Vec<u8>; 2] {
     let mut mcap = mcap("zstd", &messages(Wire::Cdr));
-    // The end of the data, the footer, the mark.
+    // Removes the end of the data, the footer and the mark.
     mcap.truncate(mcap.len() - (9 + 4) - (9 + 20) - 8);
     [bag("lz4", &messages(Wire::Ros1)), mcap]
 }
 
-/// As much was read as the head of a record says.
+/// The reader must not allocate whatever length the head of a record states.
 #[test]
 fn records_that_are_too_long_are_named_and_not_read() {
     let claimed = LONGEST_RECORD + 1;
@@ -56,7 +56,7 @@ fn records_that_are_too_long_are_named_and_not_read() {
         let error = outcome.error.unwrap();
         let expected = [format!("byte {}", beginning.len()), format!("{claimed} bytes")];
         assert!(expected.iter().all(|part| error.contains(part)), "{error}");
-        // What stands behind it can be read.
+        // The content after it can be read.
         let skip = RecordingOptions { damage: Damage::Skip, ..RecordingOptions::default() };
         let outcome = testing::read_file(&path, skip);
         assert_eq!((outcome.events, outcome.error, outcome.report.damaged_packets), (events(0, 7), None, 1));
@@ -64,16 +64,16 @@ fn records_that_are_too_long_are_named_and_not_read() {
     let (_directory, path) = sparse(&[&bag[..], &(claimed as u32).to_le_bytes()].concat(), claimed);
     let error = testing::read_file(&path, RecordingOptions::default()).error.unwrap();
     assert!(error.contains(&format!("byte {}", bag.len())) && error.contains("the header of a record"), "{error}");
-    // What stands behind it cannot be found.
+    // The content after it cannot be found.
     let skip = RecordingOptions { damage: Damage::Skip, ..RecordingOptions::default() };
     let outcome = testing::read_file(&path, skip);
     assert_eq!((outcome.events, outcome.error, outcome.report.damaged_packets), (events(0, 7), None, 0));
     assert_eq!(outcome.report.truncated.map(|truncated| truncated.byte), Some(bag.len() as u64));
 }
 
-/// What nobody reads may be as long as it likes.
+/// Unused records may have any length.
 #[test]
-fn long_records_that_are_not_needed_are_passed_over() {
+fn long_records_that_are_not_needed_are_skipped() {
     let length = LONGEST_RECORD + 1;
     let [bag, mcap] = beginnings();
     let mut index = bag_record(&[("op", &[4])], &[]);
@@ -87,26 +87,26 @@ fn long_records_that_are_not_needed_are_passed_over() {
     }
 }
 
-/// One more than the largest number was asked for.
+/// The stated size plus one must not overflow.
 #[test]
 fn a_chunk_of_the_largest_size_is_damaged() {
     let [_, beginning] = beginnings();
     let chunk = [&[0; 16][..], &u64::MAX.to_le_bytes(), &[0; 4], &mcap_text(""), &0_u64.to_le_bytes()].concat();
     let outcome = testing::read(&[beginning, mcap_record(6, &chunk)].concat());
     assert_eq!(outcome.events, events(0, 7));
-    assert!(outcome.error.unwrap().contains("unpacks to other than 18446744073709551615 bytes"));
+    assert!(outcome.error.unwrap().contains("its decompressed size is not 18446744073709551615 bytes"));
 }
 
-/// All connections were looked through for each connection and each message.
+/// The time per connection and per message must not grow with the number of connections.
 #[test]
-fn each_of_many_connections_leads_to_its_topic() {
+fn many_connections_are_found_quickly() {
     const COUNT: u32 = 60_000;
     let topic = |number: u32| format!("/t{}", number % 20_000);
     let mut bag = b"#ROSBAG V2.0\n".to_vec();
     let mut mcap =
         [b"\x89MCAP0\r\n".to_vec(), mcap_record(3, &[&[1, 0][..], &mcap_text("a/B"), &[0; 8]].concat())].concat();
     for number in 0..COUNT {
-        // Neither in their order nor without gaps.
+        // Numbers are neither in order nor without gaps.
         let id = number.wrapping_mul(0x9E37_79B1);
         let name = topic(number);
         let data = bag_record(&[("type", b"a/B")], &[]);
@@ -121,7 +121,7 @@ fn each_of_many_connections_leads_to_its_topic() {
         mcap.extend(mcap_record(5, &[&(number as u16).to_le_bytes()[..], &[0; 20]].concat()));
     }
     mcap.extend(mcap_record(15, &[0; 4]));
-    // A bag puts connections of one name into one topic, MCAP does not.
+    // A bag merges connections of the same name into one topic; MCAP does not.
     for (content, open, topics) in [(bag, bags::open as OpenContainer, 20_000), (mcap, mcaps::open, COUNT)] {
         let (_directory, path) = sparse(&content, 0);
         let mut container = open(&path).unwrap();
@@ -135,7 +135,7 @@ fn each_of_many_connections_leads_to_its_topic() {
     }
 }
 
-/// The channels of an MCAP file, numbered from 0, of this type and these names, and a message without any bytes of each.
+/// Builds an MCAP file with channels of this type and these names, numbered from 0, and an empty message in each.
 fn channels(type_name: &str, names: impl Iterator<Item = String>) -> Vec<u8> {
     let schema = [&[1, 0][..], &mcap_text(type_name), &[0; 8]].concat();
     let mut bytes = mcap_record(3, &schema);
@@ -147,15 +147,15 @@ fn channels(type_name: &str, names: impl Iterator<Item = String>) -> Vec<u8> {
     bytes
 }
 
-/// For each topic of a file all topics of the folder were looked through.
+/// The time per topic must not grow with the number of topics in the folder.
 #[test]
-fn many_topics_of_a_folder_are_one_for_each_name() {
+fn many_topics_of_a_folder_are_merged_by_name() {
     const COUNT: usize = 60_000;
     let file = |step: usize| {
         let names = (0..COUNT).map(|number| format!("/t{}", number * step % COUNT));
         [&b"\x89MCAP0\r\n"[..], &channels("a/B", names), &mcap_record(15, &[0; 4])].concat()
     };
-    // 7 and 60 000 share no factor: the same names in another order.
+    // 7 and 60 000 have no common factor, so the second file has the same names in another order.
     let directory = folder(&[("a.mcap", file(1)), ("b.mcap", file(7))], "");
     let mut container = folders::opener(directory.path()).unwrap().unwrap()(directory.path()).unwrap();
     for number in (0..COUNT).chain((0..COUNT).map(|number| number * 7 % COUNT)) {
@@ -165,9 +165,9 @@ fn many_topics_of_a_folder_are_one_for_each_name() {
     assert_eq!(container.topics().len(), COUNT);
 }
 
-/// For each message all topics met so far were looked through.
+/// The time per message must not grow with the number of topics.
 #[test]
-fn of_many_units_the_one_beside_the_events_is_found() {
+fn the_related_imu_is_found_among_many() {
     const COUNT: u16 = 60_000;
     let units = channels("sensor_msgs/msg/Imu", (0..COUNT).map(|number| format!("/t{number}/imu")));
     let schema = [&[2, 0][..], &mcap_text("dvs_msgs/msg/EventArray"), &[0; 8]].concat();

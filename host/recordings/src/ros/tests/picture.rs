@@ -1,30 +1,30 @@
-//! Messages with pictures.
+//! Tests of image messages.
 
 use super::super::fields::MessageError;
 use super::super::message::Kind;
 use super::super::picture::{description, frame, unread_encoding};
 use super::*;
 
-/// 24 x 16 pixels that become brighter from left to right, by OpenCV (`cv2.imencode`, quality 95), grey and in colours of which red is
-/// the brightest.
+/// 24 x 16 pixels that become brighter from left to right, written by OpenCV (`cv2.imencode`, quality 95): grey, and in
+/// colours of which red is the brightest.
 const GREY_JPEG: &[u8] = include_bytes!("grey.jpg");
 const RED_JPEG: &[u8] = include_bytes!("red.jpg");
 
 #[test]
-fn pictures_of_other_encodings_become_eight_bits() {
+fn images_of_other_encodings_are_converted_to_eight_bits() {
     for (encoding, step, bytes, pixels, channels) in [
         ("mono16", 6, [[9, 1], [9, 2], [9, 3], [9, 4], [9, 5], [9, 255]].concat(), vec![1, 2, 3, 4, 5, 255], 1),
-        // 12 of the 16 bits are used.
+        // 12 of the 16 bits are in use.
         ("mono16", 6, [[16, 0], [32, 0], [0, 1], [255, 15], [15, 0], [0, 0]].concat(), vec![1, 2, 16, 255, 0, 0], 1),
         ("rgb8", 9, (0..18).collect(), vec![2, 1, 0, 5, 4, 3, 8, 7, 6, 11, 10, 9, 14, 13, 12, 17, 16, 15], 3),
         ("BGR8", 9, (0..18).collect(), (0..18).collect(), 3),
         ("8UC3", 9, (0..18).collect(), (0..18).collect(), 3),
-        // Brightness and a colour in turn.
+        // Brightness and colour alternate.
         ("uyvy", 6, (0..12).collect(), vec![1, 3, 5, 7, 9, 11], 1),
         ("yuv422", 6, (0..12).collect(), vec![1, 3, 5, 7, 9, 11], 1),
         ("yuyv", 6, (0..12).collect(), vec![0, 2, 4, 6, 8, 10], 1),
         ("yuv422_yuy2", 6, (0..12).collect(), vec![0, 2, 4, 6, 8, 10], 1),
-        // Colours behind the picture.
+        // A plane with colours follows the image.
         ("nv21", 3, (0..9).collect(), (0..6).collect(), 1),
         ("nv24", 3, (0..18).collect(), (0..6).collect(), 1),
     ] {
@@ -33,7 +33,7 @@ fn pictures_of_other_encodings_become_eight_bits() {
         assert_eq!((frame.pixels, frame.channels), (pixels, channels), "{encoding}");
         assert_eq!(unread_encoding(Wire::Cdr, &message), None);
     }
-    // The driver of iniVation's cameras writes grey frames like this.
+    // The driver of iniVation's cameras writes grey frames in this form.
     for (encoding, samples, in_order) in [
         ("rgb16", 3, [2, 1, 0]),
         ("bgr16", 3, [0, 1, 2]),
@@ -53,15 +53,15 @@ fn pictures_of_other_encodings_become_eight_bits() {
     let named = unread_encoding(Wire::Ros1, &image(Wire::Ros1, 5, "16SC1", 6, &[0; 12]));
     assert_eq!(named.as_deref(), Some("16SC1"));
     let named = unread_encoding(Wire::Ros1, &image(Wire::Ros1, 5, "16UC1", 6, &[0; 12]));
-    assert_eq!(named.as_deref(), Some("16UC1 (perhaps of distances)"));
+    assert_eq!(named.as_deref(), Some("16UC1 (possibly distances)"));
     assert_eq!(frame(Kind::Image, Wire::Ros1, &image(Wire::Ros1, 5, "32FC1", 12, &[0; 24])), Ok(None));
     assert!(frame(Kind::Image, Wire::Ros1, &image(Wire::Ros1, 5, "mono8", 2, &[0; 4])).is_err());
     assert!(frame(Kind::Image, Wire::Ros1, &image(Wire::Ros1, 5, "mono8", u32::MAX, &[0; 4])).is_err());
 }
 
 #[test]
-fn pixels_behind_colour_filters_become_grey() {
-    // Red 40, green 100, blue 60 before the pixels: a quarter, a half, a quarter.
+fn bayer_patterns_become_grey() {
+    // Red 40, green 100, blue 60, weighted by a quarter, a half and a quarter.
     for (order, bytes) in [
         ("rggb", [40, 100, 40, 100, 60, 100]),
         ("bggr", [60, 100, 60, 100, 40, 100]),
@@ -74,7 +74,7 @@ fn pixels_behind_colour_filters_become_grey() {
             found.pixels
         };
         assert_eq!(read(&format!("bayer_{order}8"), 3, &bytes), [75; 6], "{order}");
-        // 12 of 16 bits are used.
+        // 12 of 16 bits are in use.
         let twelve: Vec<u8> = bytes.iter().flat_map(|byte| (u16::from(*byte) * 32).to_le_bytes()).collect();
         assert_eq!(read(&format!("bayer_{order}16"), 6, &twelve), [150; 6], "{order}");
         let mosaic = mosaic_png(&bytes);
@@ -94,7 +94,7 @@ fn mosaic_png(bytes: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn compressed_pictures_are_known_by_their_bytes() {
+fn compressed_images_are_recognised_by_their_bytes() {
     for wire in [Wire::Ros1, Wire::Cdr] {
         for format in ["png", "mono8; png compressed ", "jpeg", ""] {
             let found =
@@ -123,7 +123,7 @@ fn compressed_pictures_are_known_by_their_bytes() {
 }
 
 #[test]
-fn compressed_pictures_that_cannot_be_read_are_named() {
+fn compressed_images_that_cannot_be_read_are_reported() {
     let read = |format: &str, bytes: &[u8]| {
         frame(Kind::CompressedImage, Wire::Cdr, &compressed_image(Wire::Cdr, 5, format, bytes))
     };
@@ -133,9 +133,9 @@ fn compressed_pictures_that_cannot_be_read_are_named() {
     assert_eq!(description(Kind::CompressedImage, Wire::Ros1, &message).unwrap().encoding, "h264");
     for whole in [png(), GREY_JPEG.to_vec()] {
         let error = read("jpeg", &whole[..whole.len() / 2]).unwrap_err();
-        assert!(matches!(&error, MessageError::Picture(what) if what.starts_with("not a whole ")), "{error}");
+        assert!(matches!(&error, MessageError::Picture(what) if what.starts_with("not a valid ")), "{error}");
     }
-    // It asks for 4 GB; the checksum behind it makes it whole.
+    // The header requests 4 GB; its checksum is correct.
     let mut large = png();
     large[16..24].copy_from_slice(&[0, 0, 0xFF, 0xFF, 0, 0, 0xFF, 0xFF]);
     let mut checksum = flate2::Crc::new();

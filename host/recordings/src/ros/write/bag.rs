@@ -1,4 +1,4 @@
-//! Writing bags of ROS 1, version 2.0, uncompressed and with their index.
+//! Writer of bags of ROS 1, version 2.0, uncompressed and with an index.
 
 use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
@@ -10,18 +10,18 @@ const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 /// Size of the first record, which is written again at the end.
 const FIRST_RECORD: usize = 4096;
 
-/// A bag that is being written.
+/// A bag under construction.
 pub struct Bag {
     output: BufWriter<File>,
     topics: &'static [TopicDefinition],
-    /// Bytes written before the present chunk.
+    /// Number of bytes written before the current chunk.
     position: u64,
     chunk: Vec<u8>,
-    /// Of the messages in the chunk: topic, time, and offset.
+    /// Topic, time and offset of the messages in the chunk.
     messages: Vec<(u32, [u8; 8], u32)>,
-    /// Topics whose connection is in the file.
+    /// Topics whose connection has been written.
     connected: Vec<u32>,
-    /// The records about the chunks at the end of the file.
+    /// Records about the chunks, for the end of the file.
     chunk_records: Vec<u8>,
     chunks: u32,
 }
@@ -36,7 +36,7 @@ fn record(fields: &[(&str, &[u8])], data: &[u8]) -> Result<Vec<u8>, WriteError> 
     Ok([&length(header.len())?[..], &header, &length(data.len())?, data].concat())
 }
 
-/// Seconds and nanoseconds of a time in µs.
+/// Returns a time in µs as seconds and nanoseconds.
 fn time(t: i64) -> Result<[u8; 8], WriteError> {
     let seconds = u32::try_from(t.div_euclid(1_000_000)).map_err(|_| WriteError::Time(t))?;
     let nanoseconds = (t.rem_euclid(1_000_000) * 1000) as u64;
@@ -60,7 +60,7 @@ impl Bag {
         Ok(bag)
     }
 
-    /// Writes the beginning of the file; `index` is where the index stands, 0 while there is none.
+    /// Writes the beginning of the file. `index` is the offset of the index, 0 if there is none yet.
     fn first_record(&mut self, index: u64) -> Result<(), WriteError> {
         let (connections, chunks) = (self.connected.len() as u32, self.chunks);
         let (index, connections, chunks) = (index.to_le_bytes(), connections.to_le_bytes(), chunks.to_le_bytes());
@@ -75,7 +75,7 @@ impl Bag {
             return Ok(Vec::new());
         };
         let fields = [("topic", name), ("type", type_name), ("md5sum", md5), ("message_definition", definition)];
-        // The data of a connection are fields like those of a header.
+        // The data of a connection are fields in the format of a header.
         let fields = record(&fields.map(|(key, value)| (key, value.as_bytes())), &[])?;
         let data = fields.get(4..fields.len().saturating_sub(4)).unwrap_or_default();
         record(&[("op", &[7]), ("conn", &topic.to_le_bytes()), ("topic", name.as_bytes())], data)
@@ -87,7 +87,7 @@ impl Bag {
         Ok(())
     }
 
-    /// Writes the chunk, and what messages it has.
+    /// Writes the chunk and the index of its messages.
     fn end_chunk(&mut self) -> Result<(), WriteError> {
         let key =
             |time: &[u8; 8]| (u32::from_le_bytes([time[0], time[1], time[2], time[3]]), u64::from_le_bytes(*time));
@@ -96,7 +96,7 @@ impl Bag {
         else {
             return Ok(());
         };
-        let (start, end, place) = (*start, *end, self.position.to_le_bytes());
+        let (start, end, position) = (*start, *end, self.position.to_le_bytes());
         let chunk = std::mem::take(&mut self.chunk);
         let size = u32::try_from(chunk.len()).map_err(|_| WriteError::TooLarge)?.to_le_bytes();
         self.write(&record(&[("op", &[5]), ("compression", b"none"), ("size", &size)], &chunk)?)?;
@@ -104,9 +104,9 @@ impl Bag {
         let version = 1_u32.to_le_bytes();
         let mut counts = Vec::new();
         for connection in 0..self.topics.len() as u32 {
-            let of_it = messages.iter().filter(|(topic, ..)| *topic == connection);
+            let messages = messages.iter().filter(|(topic, ..)| *topic == connection);
             let index: Vec<u8> =
-                of_it.flat_map(|(_, time, offset)| [&time[..], &offset.to_le_bytes()].concat()).collect();
+                messages.flat_map(|(_, time, offset)| [&time[..], &offset.to_le_bytes()].concat()).collect();
             let count = (index.len() / 12) as u32;
             if count > 0 {
                 let (number, count) = (connection.to_le_bytes(), count.to_le_bytes());
@@ -119,7 +119,7 @@ impl Bag {
         let fields = [
             ("op", &[6][..]),
             ("ver", &version),
-            ("chunk_pos", &place),
+            ("chunk_pos", &position),
             ("start_time", &start),
             ("end_time", &end),
             ("count", &count),

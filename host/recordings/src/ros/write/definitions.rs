@@ -1,4 +1,4 @@
-//! The messages that are written, as ROS defines them.
+//! ROS definitions of the messages that are written.
 
 use super::sink::TopicDefinition;
 
@@ -47,7 +47,7 @@ macro_rules! imu {
     };
 }
 
-/// Events, frames and inertial samples of ROS 1, named as rpg_dvs_ros names them.
+/// Events, frames and inertial samples of ROS 1, with the topic names of rpg_dvs_ros.
 pub const ROS1: [TopicDefinition; 3] = [
     TopicDefinition {
         name: "/dvs/events",
@@ -74,7 +74,7 @@ pub const ROS1: [TopicDefinition; 3] = [
     },
 ];
 
-/// The same of ROS 2, named as libcaer_driver names them.
+/// Events, frames and inertial samples of ROS 2, with the topic names of libcaer_driver.
 pub const ROS2: [TopicDefinition; 3] = [
     TopicDefinition {
         name: "/event_camera/events",

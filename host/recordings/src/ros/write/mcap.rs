@@ -1,4 +1,4 @@
-//! Writing MCAP: chunks of Zstandard, an index, and a summary.
+//! Writer of MCAP: chunks compressed with Zstandard, an index, and a summary.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -11,19 +11,19 @@ const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 const COMPRESSION: &str = "zstd";
 const LEVEL: i32 = 1;
 
-/// An MCAP file that is being written.
+/// An MCAP file under construction.
 pub struct Mcap {
     output: BufWriter<File>,
-    /// Bytes written.
+    /// Number of bytes written.
     position: u64,
     /// Schemas and channels of all topics.
     descriptions: Vec<u8>,
     chunk: Vec<u8>,
-    /// Of the messages in the chunk, by channel: time in ns and offset.
+    /// Time in ns and offset of the messages in the chunk, by channel.
     index: BTreeMap<u16, Vec<(u64, u64)>>,
-    /// Messages of each channel.
+    /// Number of messages of each channel.
     counts: BTreeMap<u16, u64>,
-    /// Times in ns of the first and last message of all.
+    /// Earliest and latest time of all messages in ns.
     times: Option<(u64, u64)>,
     chunk_records: Vec<u8>,
     chunks: u32,
@@ -34,7 +34,7 @@ fn record(kind: u8, content: &[u8]) -> Vec<u8> {
     [&[kind][..], &(content.len() as u64).to_le_bytes(), content].concat()
 }
 
-/// A text or an array with its length in bytes in front.
+/// Returns a text or an array, preceded by its length in bytes.
 fn sized(bytes: &[u8]) -> Result<Vec<u8>, WriteError> {
     let length = u32::try_from(bytes.len()).map_err(|_| WriteError::TooLarge)?;
     Ok([&length.to_le_bytes(), bytes].concat())
@@ -44,7 +44,7 @@ fn texts(texts: &[&str]) -> Result<Vec<u8>, WriteError> {
     Ok(texts.iter().map(|text| sized(text.as_bytes())).collect::<Result<Vec<_>, _>>()?.concat())
 }
 
-/// Schemas and channels, numbered from 1.
+/// Returns the schemas and channels of the topics, numbered from 1.
 fn descriptions(topics: &[TopicDefinition]) -> Result<Vec<u8>, WriteError> {
     let mut bytes = Vec::new();
     for (number, topic) in (1_u16..).zip(topics) {
@@ -83,7 +83,7 @@ impl Mcap {
         Ok(())
     }
 
-    /// Writes the chunk, and where the messages are in it.
+    /// Writes the chunk and the index of its messages.
     fn end_chunk(&mut self) -> Result<(), WriteError> {
         let chunk = std::mem::take(&mut self.chunk);
         let index = std::mem::take(&mut self.index);
@@ -91,14 +91,14 @@ impl Mcap {
         let (start, end) = (times.clone().min().unwrap_or(0), times.max().unwrap_or(0));
         let packed = zstd::bulk::compress(&chunk, LEVEL)?;
         let (span, size) = ([start.to_le_bytes(), end.to_le_bytes()].concat(), chunk.len() as u64);
-        // The checksum 0 stands for none.
+        // The checksum 0 means that there is none.
         let head = [&span[..], &size.to_le_bytes(), &[0; 4], &sized(COMPRESSION.as_bytes())?].concat();
-        let place = self.position;
+        let position = self.position;
         self.write(&record(6, &[&head[..], &(packed.len() as u64).to_le_bytes(), &packed].concat()))?;
         let end_of_chunk = self.position;
-        let mut places = Vec::new();
+        let mut offsets = Vec::new();
         for (channel, messages) in &index {
-            places.extend([&channel.to_le_bytes()[..], &self.position.to_le_bytes()].concat());
+            offsets.extend([&channel.to_le_bytes()[..], &self.position.to_le_bytes()].concat());
             let entries: Vec<u8> = messages
                 .iter()
                 .flat_map(|(time, offset)| [time.to_le_bytes(), offset.to_le_bytes()].concat())
@@ -108,8 +108,8 @@ impl Mcap {
         let numbers = |numbers: &[u64]| numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>();
         let chunk_index = [
             span,
-            numbers(&[place, end_of_chunk - place]),
-            sized(&places)?,
+            numbers(&[position, end_of_chunk - position]),
+            sized(&offsets)?,
             numbers(&[self.position - end_of_chunk]),
             sized(COMPRESSION.as_bytes())?,
             numbers(&[packed.len() as u64, size]),

@@ -1,4 +1,4 @@
-//! Messages put into bytes.
+//! Serialization of messages.
 
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
@@ -10,17 +10,17 @@ use crate::extras::{Frame, InertialSample};
 
 /// Name of the coordinate frame of all messages.
 const FRAME_ID: &str = "camera";
-/// What an unknown covariance or orientation begins with.
+/// First value of an unknown covariance or orientation.
 const UNKNOWN: f64 = -1.0;
 
-/// A message that grows field by field.
+/// A message under construction.
 struct Message {
     wire: Wire,
     bytes: Vec<u8>,
 }
 
 impl Message {
-    /// With a header of this time in µs; `number` counts the messages of its topic.
+    /// Begins with a header with this time in µs. `number` counts the messages of its topic.
     fn new(wire: Wire, number: u32, t: i64) -> Result<Self, WriteError> {
         let mut message = Self { wire, bytes: Vec::new() };
         if wire == Wire::Ros1 {
@@ -39,7 +39,7 @@ impl Message {
         self
     }
 
-    /// Seconds and nanoseconds. ROS has no times before its zero, ROS 2 none from 2038 on.
+    /// Appends a time as seconds and nanoseconds. ROS has no negative times, and ROS 2 none from 2038 on.
     fn time(&mut self, t: i64) -> Result<(), WriteError> {
         let seconds = u32::try_from(t.div_euclid(1_000_000)).ok();
         let largest = if self.wire == Wire::Ros1 { u32::MAX } else { u32::MAX / 2 };
@@ -75,12 +75,12 @@ impl Message {
     }
 }
 
-/// When `events` end, in µs.
+/// Returns the time of the last event, in µs.
 fn end(events: &[Event]) -> i64 {
     events.last().map_or(0, |event| event.t)
 }
 
-/// `dvs_msgs/EventArray`.
+/// Serializes a `dvs_msgs/EventArray`.
 pub fn event_array(wire: Wire, number: u32, sensor: Sensor, events: &[Event]) -> Result<Vec<u8>, WriteError> {
     let mut message = Message::new(wire, number, end(events))?;
     let count = u32::try_from(events.len()).map_err(|_| WriteError::TooLarge)?;
@@ -93,8 +93,8 @@ pub fn event_array(wire: Wire, number: u32, sensor: Sensor, events: &[Event]) ->
     Ok(message.finish())
 }
 
-/// `event_camera_msgs/EventPacket` with the encoding `libcaer_cmp`, whose words have 11 bits for a column or row. From the
-/// first event to the last one pass less than 2²⁴ µs.
+/// Serializes an `event_camera_msgs/EventPacket` with the encoding `libcaer_cmp`, in which columns and rows have 11
+/// bits. The events must span less than 2²⁴ µs.
 pub fn event_packet(wire: Wire, number: u32, sensor: Sensor, events: &[Event]) -> Result<Vec<u8>, WriteError> {
     let base = events.first().map_or(0, |event| event.t);
     let base_ns = u64::try_from(base).ok().and_then(|base| base.checked_mul(1000)).ok_or(WriteError::Time(base))?;
@@ -104,7 +104,8 @@ pub fn event_packet(wire: Wire, number: u32, sensor: Sensor, events: &[Event]) -
     Ok(message.finish())
 }
 
-/// Words of 16 bits, bits 15–12 their type: 0 time high, 1 time low, 2 column, 3 row and polarity of an event.
+/// Encodes events in words of 16 bits, with their type in bits 15–12: 0 time high, 1 time low, 2 column, 3 row and
+/// polarity of an event.
 fn compressed(base: i64, events: &[Event]) -> Vec<u8> {
     let (mut high, mut low, mut column) = (0_u16, 0_u16, None);
     let mut bytes = Vec::with_capacity(6 * events.len());
@@ -129,7 +130,7 @@ fn compressed(base: i64, events: &[Event]) -> Vec<u8> {
     bytes
 }
 
-/// `sensor_msgs/Image`, grey or in colour.
+/// Serializes a `sensor_msgs/Image`, grey or in colour.
 pub fn image(wire: Wire, number: u32, frame: &Frame) -> Result<Vec<u8>, WriteError> {
     let mut message = Message::new(wire, number, frame.t)?;
     let (width, height) = frame.size;
@@ -151,7 +152,7 @@ pub fn image(wire: Wire, number: u32, frame: &Frame) -> Result<Vec<u8>, WriteErr
     Ok(message.finish())
 }
 
-/// `sensor_msgs/Imu`, without an orientation.
+/// Serializes a `sensor_msgs/Imu` without an orientation.
 pub fn imu(wire: Wire, number: u32, sample: &InertialSample) -> Result<Vec<u8>, WriteError> {
     let mut message = Message::new(wire, number, sample.t)?;
     let mut numbers = |values: &[f64]| {

@@ -1,4 +1,4 @@
-//! Places of files: what a path leads to, and the unfinished file next to it.
+//! Paths: the target of a path, and the unfinished file next to it.
 
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File};
@@ -6,24 +6,24 @@ use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Ends the name of a file that is not whole yet.
+/// Suffix of an unfinished file.
 pub(crate) const UNFINISHED: &str = ".part";
-/// Bytes that a name may have on most disks.
+/// Longest file name in bytes on most file systems.
 const LONGEST_NAME: usize = 255;
-/// Bytes of a longer name that are kept.
+/// Number of bytes of a longer name that are kept.
 const KEPT: usize = 200;
-/// Links that are followed at most.
+/// Largest number of links that are followed.
 const MOST_LINKS: usize = 40;
-/// How often an unfinished file is made again if another program removes it.
+/// Number of attempts to create an unfinished file that another program keeps removing.
 const TRIES: usize = 100;
 
-/// Returns `true` if `path` is a pipe, a device or one of the program's own streams such as `/dev/stdout`, whatever that is
-/// redirected to: something that is written once from its beginning to its end, and that nothing can replace.
+/// `true` if `path` is a pipe, a device or one of the program's own streams such as `/dev/stdout` (wherever it is
+/// redirected). Such a file is written once from beginning to end and cannot be replaced.
 pub fn is_stream(path: &Path) -> bool {
     own_stream(path).is_some() || fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir())
 }
 
-/// The open stream that `path` is a name of. Opening it by its name fails for sockets, and cuts off files.
+/// Returns the open stream that `path` names. Opening it by name would fail for sockets and truncate files.
 pub(crate) fn own_stream(path: &Path) -> Option<io::Result<File>> {
     #[cfg(unix)]
     {
@@ -47,30 +47,30 @@ pub(crate) fn own_stream(path: &Path) -> Option<io::Result<File>> {
     }
 }
 
-/// The file that `path` leads to, through links. It need not exist.
+/// Follows links from `path` to the file that they lead to, which need not exist.
 ///
 /// # Errors
-/// When links lead in a circle.
+/// If links form a cycle.
 pub(crate) fn target(path: &Path) -> io::Result<PathBuf> {
-    let mut place = path.to_owned();
+    let mut target = path.to_owned();
     for _ in 0..MOST_LINKS {
-        match fs::read_link(&place) {
-            Ok(link) => place = folder(&place).join(link),
-            Err(_) => return Ok(place),
+        match fs::read_link(&target) {
+            Ok(link) => target = folder(&target).join(link),
+            Err(_) => return Ok(target),
         }
     }
     Err(io::Error::other("is a link that leads back to itself"))
 }
 
-/// The folder that `place` is in.
-pub(crate) fn folder(place: &Path) -> &Path {
-    place.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+/// Returns the folder that contains `path`.
+pub(crate) fn folder(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Where `place` is written until it is whole: always the same name, so that two programs notice each other, and so that a
-/// file which a killed one left is found again.
-pub(crate) fn unfinished(place: &Path) -> PathBuf {
-    let name = place.file_name().unwrap_or_default();
+/// Returns the path at which `path` is written until complete. It is always the same, so that two programs notice each
+/// other and the remains of a killed program are found again.
+pub(crate) fn unfinished(path: &Path) -> PathBuf {
+    let name = path.file_name().unwrap_or_default();
     let mut unfinished = OsString::from(".");
     if name.len() + 1 + UNFINISHED.len() <= LONGEST_NAME {
         unfinished.push(name);
@@ -81,26 +81,26 @@ pub(crate) fn unfinished(place: &Path) -> PathBuf {
         unfinished.push(format!("~{:016x}", hasher.finish()));
     }
     unfinished.push(UNFINISHED);
-    folder(place).join(unfinished)
+    folder(path).join(unfinished)
 }
 
 fn beginning(name: &OsStr) -> String {
     let name = name.to_string_lossy();
     let end = (0..=KEPT.min(name.len())).rev().find(|end| name.is_char_boundary(*end));
-    // Letters that stand for bytes which are none may take more room.
+    // Invalid bytes become replacement characters, which may be longer.
     name.get(..end.unwrap_or(0)).unwrap_or_default().to_owned()
 }
 
-/// Makes the unfinished file at `path`, held by this program until it is closed. One that a killed program left is removed.
+/// Creates the unfinished file at `path` and locks it until it is closed. The file of a killed program is removed.
 ///
 /// # Errors
-/// [`io::ErrorKind::ResourceBusy`] when another program, or this one, is writing it.
+/// [`io::ErrorKind::ResourceBusy`] if this or another program is writing it.
 pub(crate) fn claim(path: &Path, new: &fs::OpenOptions) -> io::Result<File> {
     for _ in 0..TRIES {
         match new.open(path) {
             Ok(file) => {
                 let held = hold(&file)?;
-                // Another program may have taken it for one that was left.
+                // Another program may have removed it, taking it for the file of a killed one.
                 if held && is_same(&file, path) {
                     return Ok(file);
                 }
@@ -124,24 +124,25 @@ pub(crate) fn claim(path: &Path, new: &fs::OpenOptions) -> io::Result<File> {
             Err(error) => return Err(error),
         }
     }
-    Err(io::Error::new(io::ErrorKind::ResourceBusy, "another program removes it again and again"))
+    Err(io::Error::new(io::ErrorKind::ResourceBusy, "another program keeps removing it"))
 }
 
-/// How a file that was left is opened.
+/// Returns the options to open the unfinished file of a killed program.
 fn existing() -> fs::OpenOptions {
     let mut options = File::options();
     options.read(true).write(true);
     #[cfg(unix)]
     {
         use std::os::unix::fs::OpenOptionsExt as _;
-        // A link that somebody else put there is not followed, and a pipe does not make it wait.
+        // A link that somebody else created is not followed, and a pipe does not block.
         let flags = rustix::fs::OFlags::NOFOLLOW | rustix::fs::OFlags::NONBLOCK;
         options.custom_flags(flags.bits() as i32);
     }
     options
 }
 
-/// Holds a file or folder as long as it is open; `false` if another program holds it. Where a disk has no locks, nobody does.
+/// Locks a file or folder while it is open. Returns `false` if another program has locked it, `true` also if the file
+/// system has no locks.
 pub(crate) fn hold(file: &File) -> io::Result<bool> {
     match file.try_lock() {
         Ok(()) => Ok(true),
@@ -150,7 +151,7 @@ pub(crate) fn hold(file: &File) -> io::Result<bool> {
     }
 }
 
-/// Whether the open file is still the one at `path`.
+/// `true` if the open file is still the one at `path`.
 fn is_same(file: &File, path: &Path) -> bool {
     #[cfg(unix)]
     {
@@ -170,7 +171,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_longest_names_have_an_unfinished_file() {
+    fn the_longest_names_have_an_unfinished_path() {
         let folder = tempfile::tempdir().unwrap();
         let names = ["a.csv".to_owned(), "x".repeat(249), "x".repeat(250), "x".repeat(255), "ä".repeat(127)];
         let mut seen = Vec::new();
@@ -185,7 +186,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn links_are_followed_to_files_that_are_not_there_yet() {
+    fn links_are_followed_to_missing_files() {
         use std::os::unix::fs::symlink;
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name);
@@ -199,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_claimed_once_and_one_that_was_left_is_removed() {
+    fn a_file_is_claimed_once_and_remains_are_removed() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(".a.part");
         let mut new = File::options();
