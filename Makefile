@@ -20,8 +20,8 @@ test:
 test-workspace: setup readers
 	cargo test --workspace --release --locked
 
-# The same with a program without OpenCV: before a release, and after a change of what starts natively. The end-to-end tests run the
-# program that the tests before them left in its place. `make test` has such a build in the packages and in the Python package.
+# The same with a build without OpenCV: before a release, and after a change of the native start. The end-to-end tests run the program
+# that the tests before them built. `make test` has such a build in the packages and in the Python package.
 test-without-opencv: setup readers
 	cargo test -p evcal --release --locked --no-default-features --features cli
 	@! ldd "$${CARGO_TARGET_DIR:-target}/release/evcal" | grep opencv
@@ -31,26 +31,26 @@ test-without-opencv: setup readers
 test-report: programs
 	@sh tools/report/check.sh
 
-# Two at a time, for much of each uses one processor only. What a step prints follows when it is done.
+# Two at a time, because much of each step uses one processor only. The output of a step is printed when it is done.
 test-beside: programs
 	@$(MAKE) -j2 --output-sync=target test-embedded test-python test-packages test-usb-guest
 
-# The Python package: its wheel, built, installed and tested; installs what it needs below target.
+# The Python package: its wheel, built, installed and tested; installs its requirements below target.
 wheel: setup
 	@sh tools/python/wheel.sh
 
 test-python: wheel
 	@sh tools/python/test.sh
 
-# What people get who do not build evcal: a static program in a tarball, and a .deb; in target/packages.
+# Packages for users who do not build evcal: a static program in a tarball, and a .deb; in target/packages.
 packages: setup
 	@sh tools/package/build.sh
 
-# The same, installed in a bare Debian root and used there for a calibration; then the wheel, in another.
+# Installs the packages in a bare Debian root and calibrates there; then the wheel, in another root.
 test-packages: packages wheel
 	@sh tools/package/test.sh
 
-# The emulated camera on a real kernel, in a virtual machine; says so where there cannot be one.
+# The emulated camera on a real kernel, in a virtual machine; prints a message if there cannot be one.
 test-usb-guest: setup
 	@sh tools/usb/test-guest.sh
 
@@ -63,11 +63,11 @@ test-embedded: programs
 test-embedded-slow: setup
 	@sh tools/embedded/test-slow.sh
 
-# A third-party driver must accept the emulated camera. Apart, because it brings its own libusb.
+# A third-party driver must accept the emulated camera. Not a part of the workspace, because it brings its own libusb.
 compatibility: setup
 	cargo test --manifest-path usb-davis/compatibility/Cargo.toml --release --locked
 
-# Which crate and which room uses which, and import circles in all crates.
+# Dependencies between crates and between the modules of host/calibrate, and import cycles in all crates.
 rooms: setup
 	cargo test -p evcal-sources --test rooms --release --locked -- --nocapture
 
@@ -77,7 +77,7 @@ check-format: setup
 	@for part in . firmware fuzz python usb-davis/compatibility; do \
 	    cargo fmt --manifest-path $$part/Cargo.toml --all --check || exit 1; done
 
-# Without OpenCV only the program is another one; usb-davis gives the others the features that they have in the workspace.
+# Without OpenCV only the program differs; usb-davis gives the others the features that they have in the workspace.
 check-lints: setup
 	cargo clippy --workspace --all-targets --release --locked -- -D warnings
 	cargo clippy -p evcal -p usb-davis --all-targets --release --locked --no-default-features \
@@ -89,15 +89,15 @@ check-documentation: setup
 check-no-std: setup
 	@sh tools/check/no-std.sh
 
-# Licences, sources and known flaws of dependencies, where cargo-deny is installed.
+# Licences, sources and known vulnerabilities of dependencies, if cargo-deny is installed.
 check-dependencies: setup
 	@sh tools/check/dependencies.sh
 
-# The packages for crates.io: what is in them, and whether they can be published together.
+# The packages for crates.io: their content, and whether they can be published together.
 check-crates: setup
 	@sh tools/check/crates.sh
 
-# The oldest Rust that is promised, where it is installed.
+# The oldest supported Rust, if it is installed.
 check-oldest-rust: setup
 	@sh tools/check/oldest-rust.sh
 
@@ -107,15 +107,15 @@ OPENCV = 1
 build: setup
 	@OPENCV=$(OPENCV) sh tools/setup/program.sh
 
-# The programs as the tests have them: their dependencies have features that only tests ask for, and another build
-# would compile most of evcal a second time.
+# The programs as the tests build them: tests enable features of dependencies, and another build would compile most of evcal a second
+# time.
 programs: setup
 	cargo test --workspace --release --locked --no-run
 
 bench: setup
 	cargo bench --workspace
 
-# Everything that reads bytes of others, each for SECONDS; what is found stands below target/fuzz/findings. `make test` reads the
+# Fuzzes everything that reads untrusted input, each target for SECONDS; findings are below target/fuzz/findings. `make test` reads the
 # corpus in fuzz/corpus again.
 SECONDS = 60
 fuzz: setup
@@ -124,7 +124,6 @@ fuzz: setup
 setup:
 	@OPENCV=$(OPENCV) sh tools/setup/build.sh
 
-# The programs that tests read evcal's files with, or write recordings: OpenCV, mrcal, dv-processing, rosbags, mcap, faery,
-# renderers.
+# Programs with which tests read evcal's files or write recordings: OpenCV, mrcal, dv-processing, rosbags, mcap, faery, renderers.
 readers: setup
 	@sh tools/setup/readers.sh

@@ -403,7 +403,7 @@ def arrays(folder):
             file.attrs["width"], file.attrs["height"] = SIZE
             for key, values in zip("txyp", np.array(EVENTS).T):
                 values = values.astype("i8" if key == "t" else "u2")
-                # The lists of chunks of what may grow and of what may not are of different kinds.
+                # Chunk lists differ between data sets that may grow and those that may not.
                 file.create_dataset(key, data=values, maxshape=(None,) if key in "ty" else None, **storage)
         put("hdf5", name, path.read_bytes())
     # In all three ways of Metavision's compression, in chunks of a few events with long steps and long runs.

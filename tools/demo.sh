@@ -8,7 +8,7 @@ session=fixtures/board
 out=demo
 board=acircles:9x4:55mm:r17.5mm
 rm -rf "$out/calibration"
-echo "== 1. what the camera sent in 3 s before a hand-moved board"
+echo "== 1. the recording: 3 s of a hand-moved board"
 "$evcal" info "$session/events.dvraw"
 echo
 echo "== 2. calibration from the events"
@@ -16,7 +16,7 @@ start=$(date +%s)
 "$evcal" calibrate "$session/events.dvraw" --board "$board" -o "$out/calibration" --verbose
 echo "(the calibration took $(($(date +%s) - start)) s)"
 echo
-echo "== 3. against the truth"
+echo "== 3. comparison with the truth"
 "$evcal" evaluate "$out/calibration" --truth "$session"
 echo
 echo "The page that guides a person at a camera, on the same recording:"

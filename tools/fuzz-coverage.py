@@ -1,8 +1,8 @@
-"""Which lines of evcal no fuzzed input reached, by file. After `make fuzz`, on Linux with binutils:
+"""Lists the lines of evcal that no fuzzed input reached, by file. After `make fuzz`, on Linux with binutils:
 
-    python3 tools/fuzz-coverage.py [TARGET...]    these targets together, all of them if none is named
+    python3 tools/fuzz-coverage.py [TARGET...]    these targets together; all of them without arguments
 
-The corpus and what the fuzzer collected below target/fuzz/corpus are read once more. The code is optimised: a line may count as missed
+The corpus and the inputs that the fuzzer collected below target/fuzz/corpus are read once more. The code is optimised: a line may count as missed
 because the compiler merged it with another.
 """
 

@@ -1,20 +1,19 @@
 #!/bin/sh
-# Fuzzes everything that reads bytes of others (fuzz/src/targets.rs) with libFuzzer, on stable Rust; needs a C++ compiler.
+# Fuzzes everything that reads untrusted input (fuzz/src/targets.rs) with libFuzzer, on stable Rust; needs a C++ compiler.
 #
-#   SECONDS_EACH=60 sh tools/fuzz.sh [TARGET...]    each target for so long, all of them if none is named
-#
-# What is found stands below target/fuzz/findings; new inputs that reach new code are collected below target/fuzz/corpus.
+#   SECONDS_EACH=60 sh tools/fuzz.sh [TARGET...]    each target for this time; all of them without arguments
+# Findings are below target/fuzz/findings; new inputs that reach new code are collected below target/fuzz/corpus.
 set -eu
 cd "$(dirname "$0")/.."
 
 seconds="${SECONDS_EACH:-60}"
 target_folder="${CARGO_TARGET_DIR:-target}/fuzz"
 host="$(rustc -vV | sed -n 's/^host: //p')"
-# What cargo-fuzz passes, but for the sanitizer of addresses, which needs nightly Rust: all code is safe.
+# The flags of cargo-fuzz except the address sanitizer, which needs nightly Rust: all code is safe.
 flags="--cfg fuzzing -Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4"
 flags="$flags -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table"
 flags="$flags -Cllvm-args=-sanitizer-coverage-trace-compares -Ccodegen-units=1"
-# With --target, for build scripts are not to be instrumented.
+# With --target, so that build scripts are not instrumented.
 RUSTFLAGS="$flags" cargo build --quiet --release --manifest-path fuzz/Cargo.toml --target "$host" --target-dir "$target_folder"
 
 [ $# -gt 0 ] || set -- $(ls fuzz/corpus)

@@ -1,6 +1,6 @@
 #!/bin/sh
-# What can be told of a commit in seconds: white space, formatting, scripts that are none, and the lints of the crates that
-# it changes (some 20 s once they have been compiled). `make test` tells the rest.
+# Checks that take seconds: white space, formatting, the syntax of scripts, and the lints of the crates that a commit changes (some
+# 20 s once they have been compiled). `make test` checks the rest.
 #
 #   ln -s ../../tools/pre-commit.sh "$(git rev-parse --git-path hooks)/pre-commit"     runs it at each commit
 #   git commit --no-verify                                                             commits without it

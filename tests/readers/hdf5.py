@@ -63,7 +63,7 @@ def write_matlab(path, events, size):
 
 
 def write_across(path, events, size):
-    """Four rows of N numbers, as MATLAB stores what it shows as N x 4; attitudes, whose name comes first, beside them."""
+    """Four rows of N numbers, as MATLAB stores an N x 4 table, next to attitudes whose name sorts first."""
     with h5py.File(path, "w") as file:
         file["attitude"] = np.random.default_rng(1).normal(size=(500, 4))
         file.create_dataset("events", data=np.array(events).T, chunks=(4, 777), compression="lzf")
@@ -71,7 +71,7 @@ def write_across(path, events, size):
 
 
 def write_unnamed(path, events, size):
-    """A table whose name tells nothing, behind attitudes."""
+    """A table with a meaningless name, after attitudes."""
     with h5py.File(path, "w") as file:
         file["attitude"] = np.random.default_rng(1).normal(size=(500, 4))
         file["left"] = np.array(events)

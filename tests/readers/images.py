@@ -35,7 +35,7 @@ def picture():
 
 
 def mosaic(colours, order):
-    """What pixels behind the filters of this order, row by row in a square, see."""
+    """Values of the pixels behind a Bayer pattern with this order of filters, row by row in a square."""
     raw = np.empty((HEIGHT, WIDTH), np.uint8)
     for place, letter in enumerate(order):
         row, column = divmod(place, 2)

@@ -213,7 +213,7 @@ def read_npz(path):
 
 
 def read_h5(path):
-    """DSEC's layout, and what DSEC's own reader takes for granted of the index."""
+    """DSEC's layout, and the properties of the index that DSEC's own reader assumes."""
     import h5py
 
     with h5py.File(path, "r") as file:

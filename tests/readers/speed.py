@@ -1,4 +1,4 @@
-"""Writes recordings in formats that evcal does not write, for a measurement of reading: FOLDER holds source.npz and source.bag."""
+"""Writes recordings in formats that evcal does not write, to measure reading speed: FOLDER contains source.npz and source.bag."""
 
 import pathlib
 import sys

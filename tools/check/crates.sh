@@ -1,7 +1,6 @@
 #!/bin/sh
-# The packages for crates.io: every one holds its licences, its README and nothing that is large or of the tests, and cargo
-# would publish all of them together. They are not built here from what is in them: that takes as long as evcal itself; with
-# --build they are.
+# Checks the packages for crates.io: each contains its licences and its README, and no large or test files, and cargo would publish
+# all of them together. With --build it also builds them from their content, which takes as long as evcal itself.
 set -eu
 cd "$(dirname "$0")/../.."
 verify=--no-verify
@@ -14,7 +13,7 @@ for folder in core firmware/link host/* usb-davis; do
         echo "$files" | grep -qx "$file" || { echo "crates: $package has no $file" >&2; exit 1; }
     done
     if echo "$files" | grep -E '^(tests|benches|fixtures)/|\.(dvraw|aedat4)$' >&2; then
-        echo "crates: $package holds what only tests need" >&2
+        echo "crates: $package contains files that only tests need" >&2
         exit 1
     fi
 done

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Licences, sources and known flaws of all dependencies, as deny.toml allows them. Needs cargo-deny
-# (`cargo install cargo-deny --locked`); where it is not installed, says so. Known flaws are looked up in the database
+# Licences, sources and known vulnerabilities of all dependencies, as deny.toml allows them. Needs cargo-deny
+# (`cargo install cargo-deny --locked`); prints a message if it is not installed. Vulnerabilities are looked up in the database
 # that `cargo deny fetch` keeps on this machine; nothing is downloaded here.
 set -eu
 cd "$(dirname "$0")/../.."

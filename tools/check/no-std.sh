@@ -1,6 +1,6 @@
 #!/bin/sh
-# Builds what claims to need neither std nor an allocator against a sysroot that holds the core library
-# alone: any use of the others, also in a dependency, is an error (E0463). Needs no further target.
+# Builds the code that needs neither std nor an allocator against a sysroot with the core library alone: any use of the
+# others, also in a dependency, is an error (E0463). Needs no further target.
 set -eu
 cd "$(dirname "$0")/../.."
 
@@ -11,7 +11,7 @@ sysroot="$target/sysroot"
 rm -rf "$sysroot"
 mkdir -p "$sysroot/lib/rustlib/$host/lib"
 for library in core compiler_builtins; do
-    # Newer compilers keep the metadata beside the library.
+    # Newer compilers keep the metadata next to the library.
     cp "$libraries/lib$library-"* "$sysroot/lib/rustlib/$host/lib/"
 done
 

@@ -1,7 +1,7 @@
 #!/bin/sh
-# Compiles everything with the oldest Rust that Cargo.toml promises (rust-version), where rustup has it
-# (`rustup toolchain install VERSION --profile minimal`). Elsewhere clippy alone looks for what is newer
-# (incompatible_msrv, for the standard library; a part of `make check`), and this says so.
+# Compiles everything with the oldest Rust that Cargo.toml promises (rust-version), if rustup has it
+# (`rustup toolchain install VERSION --profile minimal`). Otherwise only clippy detects newer features (incompatible_msrv, for the
+# standard library; a part of `make check`), and this script prints a message.
 set -eu
 cd "$(dirname "$0")/../.."
 
@@ -12,5 +12,5 @@ if cargo "+$version" --version >/dev/null 2>&1; then
 elif cargo --version | grep -q "^cargo $version\."; then
     echo "oldest-rust: this is Rust $version"
 else
-    echo "oldest-rust: SKIPPED, Rust $version is not installed; only clippy looked for what is newer"
+    echo "oldest-rust: SKIPPED, Rust $version is not installed; only clippy checked for newer features"
 fi

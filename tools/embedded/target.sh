@@ -3,9 +3,9 @@
 #
 #   eval "$(tools/embedded/target.sh thumbv7em-none-eabihf riscv32imafc-unknown-none-elf)"
 #
-# Targets that the installed compiler has (`rustup target add ...`) are used as they are. Where one is
+# Targets that the installed compiler has (`rustup target add ...`) are used unchanged. If one is
 # missing, `core` is built once from Debian's Rust sources with Debian's compiler of the same version
-# and kept below ~/.cache; what is printed makes cargo use both. Only `core` is built: whatever
+# and kept below ~/.cache; the printed variables make cargo use both. Only `core` is built: code that
 # needs `alloc` or `std` does not compile.
 set -eu
 script=embedded-target

@@ -1,5 +1,5 @@
 #!/bin/sh
-# What takes long: the core's ordinary tests as 32-bit Arm programs under QEMU, where `usize` has 32 bits and
+# Slow tests: the core's ordinary tests as 32-bit Arm programs under QEMU, where `usize` has 32 bits and
 # the compiler is another; and the example for a real board, to the end.
 set -eu
 cd "$(dirname "$0")/../.."

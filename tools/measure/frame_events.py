@@ -67,7 +67,7 @@ def directions(model, lens):
         ay, by = distorted(model, lens, x, y + step)
         ax, bx, ay, by = (ax - a) / step, (bx - b) / step, (ay - a) / step, (by - b) / step
         a, b, determinant = a - u, b - v, ax * by - ay * bx
-        # Half of the way at most, where the lens bends much.
+        # At most half of the step, where distortion is strong.
         x, y = x - np.clip((by * a - ay * b) / determinant, -0.3, 0.3), y - np.clip((ax * b - bx * a) / determinant, -0.3, 0.3)
     a, b = distorted(model, lens, x, y)
     assert max(abs(a - u).max(), abs(b - v).max()) < 1e-6
@@ -85,7 +85,7 @@ def turn(axis, angle):
 
 
 class Motion:
-    """Where the board is before the camera: each of six waves is three sines."""
+    """Pose of the board in front of the camera: six waves of three sines each."""
 
     def __init__(self, generator, lens, speed):
         self.rates = generator.uniform(0.25, 0.8, (6, 3)) * speed
@@ -108,8 +108,8 @@ class Motion:
 
 
 def drawn(rays, inverse, size):
-    """Grey values of rays, shape (3, any), and whether an edge is less than two samples away."""
-    # Where a ray meets the plane z = 0 of the board.
+    """Grey values of rays, shape (3, any), and a mask of rays less than two samples from an edge."""
+    # Intersection of a ray with the plane z = 0 of the board.
     x, y, w = inverse @ rays
     # Those that do not are as far away as it gets.
     w = np.maximum(w, np.float32(1e-6))

@@ -1,8 +1,8 @@
-"""Figures of `evcal live` for docs/live.md. For a computer that does nothing else meanwhile.
+"""Figures of `evcal live` for docs/live.md. To be run on an otherwise idle computer.
 
-    python3 tools/measure/live.py checkpoints EVCAL FOLDER [SEEDS]    when it stops, stated and true error
-    python3 tools/measure/live.py about EVCAL FOLDER [SEEDS]          "about" against what is stated afterwards
-    python3 tools/measure/live.py page EVCAL FOLDER BROWSER           age of what is drawn, CPU and memory of the page
+    python3 tools/measure/live.py checkpoints EVCAL FOLDER [SEEDS]    when it stops, reported and true error
+    python3 tools/measure/live.py about EVCAL FOLDER [SEEDS]          "about" against the error reported afterwards
+    python3 tools/measure/live.py page EVCAL FOLDER BROWSER           age of drawn states, CPU and memory of the page
     python3 tools/measure/live.py long EVCAL FOLDER BROWSER           the same over ten minutes at 2 Mev/s (6 GB in FOLDER)
 
 Simulates the recordings in FOLDER first, unless they are there.
@@ -25,7 +25,7 @@ WATCHED = 15
 TICKS = 100
 # Twenty seconds at 1.32 Mev/s, so many times, played so many times as fast: ten minutes at 1.98 Mev/s.
 REPEATED, SPEED = 45, 1.5
-# Looked at so often during the ten minutes (s).
+# Interval of the samples during the ten minutes (s).
 LOOK = 60
 
 
@@ -64,7 +64,7 @@ def checkpoints(evcal, folder, seeds):
         *hints, result = whole_objects(run(*live(evcal, recording / "events.dvraw", out, "--speed", "max", "--no-page", "--json")))
         stop = hints[-1]
         ended = "no: " + ", ".join(stop["missing"])
-        # The last hint is of a whole second; what ended it came after.
+        # The last hint is of a whole second; the recording ended after it.
         if not stop["missing"] or stop["t"] < 24:
             ended = f"after {stop['t']:.0f} s"
         error = json.loads(run(evcal, "evaluate", str(out), "--truth", str(recording), "--json"))["projection_difference"]["rms_px"]
@@ -73,7 +73,7 @@ def checkpoints(evcal, folder, seeds):
 
 
 def about(evcal, folder, seeds):
-    """Checkpoints after 4, 8 and 16 s, and what was said for about these times beforehand."""
+    """Checkpoints after 4, 8 and 16 s, and the estimates for about these times before them."""
     settings = folder / "early.toml"
     settings.write_text("[live]\nshortest = 6.0\ntarget = 0.0001\n")
     print("| recording | at | about | stated | ratio |")
@@ -121,7 +121,7 @@ def usage(process):
 
 
 def measure(command, browser_program):
-    """CPU (shares of a core) and memory over some seconds; ages of what a page drew."""
+    """CPU (shares of a core) and memory over some seconds; ages of the states that a page drew."""
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     browser = tab = None
     try:
@@ -192,7 +192,7 @@ def repeated(evcal, folder):
 
 def long(evcal, folder, browser_program):
     once, recording = repeated(evcal, folder)
-    # What any recording costs that is searched for the board: reading and detection.
+    # The cost of any recording that is searched for the board: reading and detection.
     before = os.times()
     run(evcal, "detect", str(once), "--board", BOARD, "-o", str(folder / "once.csv"))
     after = os.times()

@@ -1,5 +1,5 @@
 #!/bin/sh
-# How fast each format is read on one core (docs/formats.md): a simulated recording of 5 million events in every format.
+# How fast each format is read on one core: a simulated recording of 5 million events in every format.
 #
 #   sh tools/measure/reading-speed.sh [FOLDER]
 set -eu

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Whether two builds of evcal calibrate recordings to the same bytes: camera, trajectory and circles.
+# Checks that two builds of evcal calibrate recordings to the same bytes: camera, trajectory and circles.
 #   sh tools/measure/same-results.sh OLD NEW [RECORDING MODEL]...
 # Without recordings it takes the one in fixtures. The board is that of all simulated recordings of the project.
 set -eu

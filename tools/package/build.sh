@@ -1,10 +1,9 @@
 #!/bin/sh
-# Makes what people get who do not build evcal themselves, in target/packages:
+# Makes the packages for users who do not build evcal, in target/packages:
 #   evcal-VERSION-x86_64-unknown-linux-gnu.tar.gz   the program, man pages, completions, udev rule, licences
 #   evcal_VERSION_amd64.deb                         the same for Debian and its relatives
-# The program is static: it needs no library of the system. It is built with glibc, for Debian has no Rust standard library
-# for musl, without OpenCV, and with the libusb that the crate libusb1-sys brings, which hears of cameras from the kernel
-# in place of udev.
+# The program is static: it needs no library of the system. It is built with glibc, because Debian has no Rust standard library for
+# musl, without OpenCV, and with the libusb of the crate libusb1-sys, which is notified of cameras by the kernel instead of udev.
 set -eu
 cd "$(dirname "$0")/../.."
 script=packages

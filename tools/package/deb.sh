@@ -1,5 +1,5 @@
 #!/bin/sh
-# Makes the .deb from the folder that build.sh filled. MAINTAINER="NAME <ADDRESS>" says whom people may write to.
+# Makes the .deb from the folder that build.sh filled. MAINTAINER="NAME <ADDRESS>" is the contact of the package.
 set -eu
 cd "$(dirname "$0")/../.."
 . tools/package/names.sh

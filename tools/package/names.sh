@@ -1,4 +1,4 @@
-# What the scripts beside share; read with `.` at the top of the workspace.
+# Shared by the scripts in this folder; read with `.` at the top of the workspace.
 target=x86_64-unknown-linux-gnu
 version=$(sed -n '/^\[workspace.package\]/,/^\[/s/^version = "\(.*\)"/\1/p' Cargo.toml)
 target_folder=${CARGO_TARGET_DIR:-target}

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Uses the Python package where nothing else is: in a bare Debian root with Debian's Python and NumPy, the wheel is installed
-# without a network and calibrates the fixture. The camera must be that of the program from the .deb, in CALIBRATION.
+# Tests the Python package in a bare Debian root with Debian's Python and NumPy: the wheel is installed without a network and
+# calibrates the fixture. The camera must be that of the program from the .deb, in CALIBRATION.
 #
 #   sh tools/package/test-wheel.sh CALIBRATION
 set -eu

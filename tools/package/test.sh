@@ -1,7 +1,6 @@
 #!/bin/sh
-# Uses the packages (build.sh) where nothing else is: in a bare Debian root, the .deb is installed and calibrates the fixture, and the
-# tarball's program is the same one; then the Python wheel (tools/python/wheel.sh), in a root of its own. Says so where it cannot
-# make a root.
+# Tests the packages (build.sh) in a bare Debian root: the .deb is installed and calibrates the fixture, and the tarball's program is
+# the same one; then the Python wheel (tools/python/wheel.sh), in a second root. Prints a message if it cannot make a root.
 set -eu
 cd "$(dirname "$0")/../.."
 script=packages
@@ -11,7 +10,7 @@ script=packages
 [ -f "$deb" ] || exit 0
 binary=$packages/$name/bin/evcal
 
-# Whole, and in need of nothing.
+# Complete, and without dependencies.
 ! readelf -d "$binary" | grep -q NEEDED || fail "the program needs shared libraries"
 for file in share/man/man1/evcal.1 share/man/man1/evcal-calibrate.1 share/bash-completion/completions/evcal \
     share/zsh/site-functions/_evcal share/fish/vendor_completions.d/evcal.fish share/udev/65-inivation.rules \
@@ -35,7 +34,7 @@ inside() {
 run_as_root rm -rf "$root/tmp/calibration"
 inside sh -c "evcal calibrate /tmp/events.dvraw --board $board -o /tmp/calibration" >/dev/null
 inside sh -c 'test -f /usr/lib/udev/rules.d/65-inivation.rules && test -f /usr/share/man/man1/evcal.1.gz'
-# Below a twentieth of a pixel from the truth, as with the demo.
+# Less than 0.05 px from the truth, as with the demo.
 inside evcal evaluate /tmp/calibration --truth /tmp/truth.json --json |
     /usr/bin/python3 -c 'import json, sys; rms = json.load(sys.stdin)["projection_difference"]["rms_px"]; print("rms", rms, "px"); sys.exit(rms > 0.05)' ||
     fail "the calibration in the bare root is not that of the camera"

@@ -5,7 +5,7 @@ import sys
 
 import evcal
 
-# The latter two may differ in the last digits of sines and cosines, for which each has another C library.
+# The latter two may differ in the last digits of sines and cosines, because their C libraries differ.
 LIMITS = {"/tmp/truth.json": 0.05, "/tmp/program.json": 0.001}
 
 result = evcal.calibrate("/tmp/events.dvraw", board=sys.argv[1])

@@ -13,7 +13,7 @@ LIBUDEV_NO_PKG_CONFIG=1 CARGO_TARGET_DIR="$target" cargo clippy --quiet --releas
 pip install --quiet --disable-pip-version-check --force-reinstall --no-deps "$target"/wheels/*.whl
 ls -l "$target"/wheels/*.whl | awk '{ print "test-python: " $9 ": " $5 " bytes" }'
 
-# Not beside the sources, which would be imported in place of what is installed.
+# Not next to the sources, which would be imported instead of the installed package.
 root=$PWD
 cd "$target"
 python -m mypy.stubtest evcal

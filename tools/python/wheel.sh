@@ -1,5 +1,5 @@
 #!/bin/sh
-# Builds the Python package's wheel, in target/python/wheels, with what it needs in an environment below the target folder.
+# Builds the Python package's wheel, in target/python/wheels, with its requirements in an environment below the target folder.
 set -eu
 cd "$(dirname "$0")/../.."
 

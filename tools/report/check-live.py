@@ -15,7 +15,7 @@ from browser import Browser, Tab
 
 RECORDING = "fixtures/board/events.dvraw"
 BOARD = "acircles:9x4:55mm:r17.5mm"
-# Seconds of the recording a second: slow enough that four pages are looked at while it plays.
+# Seconds of the recording per second: slow enough to check four pages while it plays.
 SPEED = "0.07"
 LEAST_CONTRAST = 4.5
 # Time (s) until a page that was loaded again shows states.
@@ -57,7 +57,7 @@ DRAWN = """(() => {
   return drawn / (data.length / 4);
 })()"""
 
-# The picture of the README: many boards, and the ghost apart from the board, both in sight but for what the edge takes.
+# The picture of the documents: many boards, and the ghost separate from the board, both mostly in view.
 WORTH_A_PICTURE = """(() => {
   const { ghost, board, sensor, coverage, sigma } = evcal.state;
   if (!ghost || !board || coverage.boards < 120 || sigma === null || ghost.distance < 1.5) return false;
@@ -81,7 +81,7 @@ def check_layout(tab, name):
 
 
 def watch(browser, url, pictures):
-    """The page while the board is looked at."""
+    """The page while the board is in view."""
     tabs = []
     for width, height, scheme in [(390, 844, "light"), (390, 844, "dark"), (1440, 900, "light"), (1440, 900, "dark")]:
         name = f"{width} px {scheme}"
@@ -97,7 +97,7 @@ def watch(browser, url, pictures):
 
 
 def check_keys(tab, other):
-    """Keys, clicks and what a page that is loaded again remembers; ends the recording."""
+    """Keys, clicks and the memory of a page that is loaded again; ends the recording."""
     pressed = "document.getElementById('%s').ariaPressed"
     tab.key(" ", 32)
     check(tab.script(pressed % "mirror") == "true", "Space does not mirror")

@@ -1,13 +1,11 @@
 #!/bin/sh
 # Opens a report in a headless browser as a phone, a desktop and a sheet of A4 would show it. Fails on anything in the
-# browser's console, on any request, on a page wider than the screen, on a table of which columns are cut on the phone or on
-# paper, and above 5 MB. Leaves pictures of the whole page.
+# browser's console, on any request, on a page wider than the screen, on a table with truncated columns on the phone or on paper, and above 5 MB. Leaves pictures of the whole page.
 #
 #   tools/report/check.sh [REPORT.html [FOLDER-FOR-PICTURES]]
 #
-# Without a report, calibrates the recording in fixtures/board first, and looks at the page of evcal live as well
-# (check-live.py). Installs Debian's chromium-headless-shell (99 MB)
-# where there is no such browser.
+# Without a report, calibrates the recording in fixtures/board first, and checks the page of evcal live as well (check-live.py). Installs Debian's
+# chromium-headless-shell (99 MB) if there is no such browser.
 set -eu
 cd "$(dirname "$0")/../.."
 script=test-report
@@ -60,8 +58,7 @@ bytes=$(wc -c <"$report")
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cp "$report" "$folder/report.html"
-# A copy that tells its own size, and which of its tables are wider than the place they have, with all that is folded opened; the
-# report itself allows no script.
+# A copy with everything unfolded that reports its own size and the tables that are too wide; the report itself allows no script.
 cat >"$folder/script" <<'END'
 <script>
 const root = document.documentElement;
@@ -76,7 +73,7 @@ sed -e 's|<meta http-equiv="Content-Security-Policy"[^>]*>||' -e "/<\/body>/r $f
 # The same as printed: A4 is 680 px wide between its margins.
 sed -e 's|@media print|@media all|' "$folder/measured.html" >"$folder/printed.html"
 
-# browse WIDTH HEIGHT FILE OPTION...: what the browser says goes to standard error.
+# browse WIDTH HEIGHT FILE OPTION...: messages of the browser go to standard error.
 browse() {
     width=$1 height=$2 file=$3
     shift 3

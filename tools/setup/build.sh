@@ -1,6 +1,6 @@
 #!/bin/sh
-# Installs what evcal needs to build on Debian and is not there yet: OpenCV and a C++ compiler for it, libusb,
-# umockdev (shows tests an emulated camera), and a Rust compiler where there is none that is new enough. OPENCV=0: without
+# Installs the missing requirements of a build on Debian: OpenCV and a C++ compiler for it, libusb,
+# umockdev (shows tests an emulated camera), and a Rust compiler if there is none that is new enough. OPENCV=0: without
 # OpenCV and the C++ compiler.
 set -eu
 

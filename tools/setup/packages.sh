@@ -16,14 +16,14 @@ run_as_root() {
     fi
 }
 
-# Scripts that run beside each other take turns (flock): apt-get does not wait while another one fetches its lists.
+# Scripts that run at the same time take turns (flock), because apt-get does not wait while another one fetches its lists.
 
-# update_package_lists: fetches what packages there are.
+# update_package_lists: fetches the lists of packages.
 update_package_lists() {
     run_as_root flock /var/lib/apt apt-get -o DPkg::Lock::Timeout=900 update -q >&2
 }
 
-# install_python_packages FOLDER REQUIREMENTS: an environment with what the file asks for, made anew when that changes.
+# install_python_packages FOLDER REQUIREMENTS: an environment with the requirements in the file, made again when they change.
 install_python_packages() {
     ! cmp -s "$2" "$1/installed.txt" || return 0
     echo "$script: installing the packages of $2 to $1" >&2

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Builds the program and says how long that took and how to call it. OPENCV=0: without OpenCV.
+# Builds the program and prints how long that took and how to call it. OPENCV=0: without OpenCV.
 set -eu
 cd "$(dirname "$0")/../.."
 start=$(date +%s)

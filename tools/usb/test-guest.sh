@@ -3,7 +3,7 @@
 # the emulated camera on the module vhci-hcd. Needs no KVM and does not touch the kernel of this machine.
 #
 # Installs QEMU and takes the kernel from Debian's package linux-image-amd64, unpacked below
-# the target directory. Where that cannot be had, it says so and exits with 0.
+# the target directory. If they are not available, it prints a message and exits with 0.
 set -eu
 cd "$(dirname "$0")/../.."
 script=test-usb-guest
@@ -14,7 +14,7 @@ time_limit=900
 machine=$(uname -m)
 
 skip() {
-    echo "test-usb-guest: SKIPPED, $1; what the emulated camera does on a real kernel was not tested" >&2
+    echo "test-usb-guest: SKIPPED, $1; the emulated camera on a real kernel was not tested" >&2
     exit 0
 }
 

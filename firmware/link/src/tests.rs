@@ -268,13 +268,13 @@ fn the_longest_messages_fit_a_frame() {
     assert_eq!(decode(&mut Decoder::new(), bytes), messages);
 }
 
-/// The example in `docs/formats.md`.
+/// The example in `docs/layouts.md`.
 #[test]
 fn the_documented_example_is_what_is_sent() {
     let circle =
         Circle { time_us: 1_000_000, x: 1.0, y: 2.0, radius: 3.0, on_pixels: 5, off_pixels: 6, ..Circle::default() };
     let documented =
-        include_str!("../../../docs/formats.md").lines().find(|line| line.starts_with("01 01 02")).unwrap();
+        include_str!("../../../docs/layouts.md").lines().find(|line| line.starts_with("01 01 02")).unwrap();
     let bytes: Vec<u8> = documented.split(' ').map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect();
     assert_eq!(Encoder::new().encode(&Message::Circle(circle)).as_slice(), bytes);
 }
