@@ -17,7 +17,7 @@ fn raster(text: &str) -> Raster {
     text.parse::<SquareBoard>().unwrap().raster()
 }
 
-/// A side of a cell between dark and light, as the shades at both its sides show.
+/// A side of a cell between dark and light, according to the shades on both its sides.
 struct Side1 {
     across: usize,
     position: f64,
@@ -62,7 +62,7 @@ struct Found {
     width: f64,
 }
 
-/// Goes through all sides of cells.
+/// Searches all sides of cells.
 fn search(sides: &[Side1], point: [f64; 2], clearance: f64) -> Option<Found> {
     let off = |side: &Side1| {
         let along = point[1 - side.across];
@@ -98,7 +98,7 @@ fn search(sides: &[Side1], point: [f64; 2], clearance: f64) -> Option<Found> {
 }
 
 #[test]
-fn the_nearest_edge_is_the_one_that_a_search_through_all_finds() {
+fn the_nearest_edge_equals_that_of_an_exhaustive_search() {
     let mut random = ChaCha8Rng::seed_from_u64(5);
     for text in BOARDS {
         let raster = raster(text);
@@ -133,7 +133,8 @@ fn the_nearest_edge_is_the_one_that_a_search_through_all_finds() {
 fn edges_of_a_checkerboard_are_the_sides_of_its_squares() {
     let edges = SquareEdges::new(&raster("checkerboard:2x2:20mm"));
     let near = |a: f64, b: f64| (a - b).abs() < 1e-12;
-    // Three rows of squares, dark at the corners: 4 lines with 3 sides, the outer ones of dark squares only.
+    // Three rows of squares, dark at the corners: 4 lines with 3 sides; on the outer lines only dark squares have
+    // sides.
     assert_eq!(edges.edges().len(), 2 * (2 + 3 + 3 + 2));
     for edge in edges.edges() {
         assert_eq!(edge.span, edge.line);
@@ -144,7 +145,7 @@ fn edges_of_a_checkerboard_are_the_sides_of_its_squares() {
 }
 
 #[test]
-fn an_edge_of_a_tag_has_the_widths_beside_it() {
+fn an_edge_of_a_tag_has_the_widths_on_both_sides() {
     // Tag 0 has a border of one module, then modules 110101 in its first row.
     let edges = SquareEdges::new(&raster("apriltags:1x1:80mm:0.25"));
     let at = |point: [f64; 2]| edges.edges()[edges.nearest(point, 0.001).unwrap()];
