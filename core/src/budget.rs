@@ -35,7 +35,7 @@ const EVENT: u64 = 1_000_000;
 /// use evcal_core::budget::{EventBudget, LoadShedder};
 /// use evcal_core::event::{Event, Polarity};
 ///
-/// One event per microsecond, of which a fifth can be processed.
+/// // One event per microsecond, of which a fifth can be processed.
 /// let mut shedder = LoadShedder::new(EventBudget { events_per_second: 200_000, burst: 1000 });
 /// let events = (0..100_000).map(|t| Event { t, x: 1, y: 2, polarity: Polarity::On });
 /// let admitted = events.filter(|event| shedder.admit(event)).count() as u32;
