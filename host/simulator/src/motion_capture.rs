@@ -41,7 +41,7 @@ pub struct MotionCaptureSettings {
 }
 
 impl Default for MotionCaptureSettings {
-    /// Returns a system of infrared cameras with a marker body a few centimetres above the camera.
+    /// A system of infrared cameras with a marker body a few centimetres above the camera.
     fn default() -> Self {
         Self {
             rate: 120.0,

@@ -46,7 +46,7 @@ pub struct SecondCameraSettings {
 }
 
 impl Default for SecondCameraSettings {
-    /// Returns a hand's breadth to the right, rotated slightly inwards.
+    /// A camera a hand's breadth to the right, rotated slightly inwards.
     fn default() -> Self {
         Self {
             position: [-0.1, 0.004, 0.007],

@@ -24,7 +24,7 @@ pub struct CapturePieces<R: Read + Seek> {
     capture: Capture<R>,
     decoder: Decoder<Vec<u16>>,
     payload: Vec<u8>,
-    /// Number of payload bytes already returned, and the times at which the transfer began and ended to arrive, in µs.
+    /// Number of payload bytes already returned, and start and end of the transfer's arrival, in µs.
     taken: usize,
     began: u64,
     arrived: u64,
