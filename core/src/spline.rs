@@ -56,8 +56,8 @@ pub enum SplineError {
     KnotsDecrease,
     /// The first or the last `degree + 1` knots are not equal.
     NotClamped,
-    /// An inner knot is repeated more than `degree` times (the curve would jump), or a knot at an end more than `degree
-    /// + 1` times.
+    /// An inner knot is repeated more than `degree` times (the curve would jump), or a knot at an end more than
+    /// `degree + 1` times.
     KnotMultiplicity,
     /// The parameter lies outside the knots, or is NaN.
     OutOfRange,

@@ -22,8 +22,8 @@
 //! ```text
 //! bearing = (S (√(1 - e²) + ξ C) u, S (√(1 - e²) + ξ C) v, C √(1 - e²) - ξ S² ρ²)
 //! ```
-//! Source: V. Usenko, N. Demmel and D. Cremers, "The double sphere camera model", 3DV 2018, section 3. The domain for ξ
-//! > 1 and this form of the bearing, which has no cancellation on the axis, are derived here.
+//! Source: V. Usenko, N. Demmel and D. Cremers, "The double sphere camera model", 3DV 2018, section 3. The domain for
+//! ξ > 1 and this form of the bearing, which has no cancellation on the axis, are derived here.
 
 use nalgebra::{RealField, Vector2, Vector3};
 

@@ -1,9 +1,9 @@
 //! Properties of a real IMU compared with a perfect one: position, rotation, filters, scale errors, misalignment,
 //! noise, random walks and lost samples.
 //!
-//! The axes of the accelerometer are those of the IMU, as in Kalibr's model with scale and misalignment: it reads M_a f
-//! + b_a, the gyroscope M_g C ω + b_g, with lower triangular M and a rotation C from the IMU's axes to the gyroscope's.
-//! Both readings, and their noise, pass a low-pass filter with two equal poles.
+//! The axes of the accelerometer are those of the IMU, as in Kalibr's model with scale and misalignment: it reads
+//! M_a f + b_a, the gyroscope M_g C ω + b_g, with lower triangular M and a rotation C from the IMU's axes to the
+//! gyroscope's. Both readings, and their noise, pass a low-pass filter with two equal poles.
 
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 use rand::SeedableRng;

@@ -261,8 +261,8 @@ mod tests {
         }
     }
 
-    /// To first order a rotation by `a` about y moves the pixel of the image point (x, y) of a pinhole camera by f a (1
-    /// + x², x y): this least-squares problem has a solution in closed form.
+    /// To first order a rotation by `a` about y moves the pixel of the image point (x, y) of a pinhole camera by
+    /// f a (1 + x², x y): this least-squares problem has a solution in closed form.
     #[test]
     fn a_shifted_principal_point_is_partly_a_rotation() {
         let (focal, shift) = (300.0, 0.1);
