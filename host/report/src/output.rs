@@ -1,4 +1,4 @@
-//! Where results go: the folder of a calibration, and what the terminal says of it.
+//! Output of results: the folder of a calibration, and its summary on the terminal.
 
 pub mod failure;
 pub mod folder;

@@ -1,7 +1,7 @@
-//! `report.html`: one file that says in words, numbers and pictures how good a calibration is.
+//! `report.html`: one file that describes the quality of a calibration in words, numbers and pictures.
 //!
-//! It needs nothing beside it: style, plots (SVG) and pictures (PNG) are part of it, and nothing is loaded. Each
-//! section is a function from the calibration to a piece of the page.
+//! It is self-contained: style, plots (SVG) and pictures (PNG) are part of it, and nothing is loaded. Each section is a
+//! function from the calibration to a part of the page.
 
 mod accumulation;
 mod board_places;
@@ -34,31 +34,31 @@ use self::page::Section;
 use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 
-/// Sections that are made at the same time.
+/// Number of sections that are computed at the same time.
 const TOGETHER: usize = 6;
 
-/// A file beside the report.
+/// A file next to the report.
 pub struct ResultFile {
-    /// Its path from the report's folder, with `/` between folders.
+    /// Its path relative to the report's folder, with `/` between folders.
     pub name: String,
     /// Its size in bytes.
     pub length: u64,
 }
 
-/// The report of `calibrated`, which came from `task`, as HTML, to be put beside `files`. `progress` is told which part of
-/// it is done, 0 to 1.
+/// Returns the report of `calibrated`, the result of `task`, as HTML, to be stored next to `files`. `progress` is
+/// called with the finished fraction, 0 to 1.
 pub fn report(calibrated: &Calibrated, task: &Task, files: &[ResultFile], progress: &mut dyn FnMut(f64)) -> String {
     sections(calibrated, task, progress).beside(files)
 }
 
-/// A report but for the list of the files beside it.
+/// A report without the list of the files next to it.
 pub struct Sections<'a> {
     calibrated: &'a Calibrated,
     task: &'a Task<'a>,
     made: Vec<Option<Section>>,
 }
 
-/// Makes what takes time of a report; see [`report`].
+/// Computes the time-consuming parts of a report; see [`report`].
 pub fn sections<'a>(calibrated: &'a Calibrated, task: &'a Task, progress: &mut dyn FnMut(f64)) -> Sections<'a> {
     let board = task.board;
     let sections: [&(dyn Fn() -> Option<Section> + Sync); 12] = [
@@ -84,7 +84,7 @@ pub fn sections<'a>(calibrated: &'a Calibrated, task: &'a Task, progress: &mut d
 }
 
 impl Sections<'_> {
-    /// The report beside these files.
+    /// Completes the report with the list of these files.
     pub fn beside(self, files: &[ResultFile]) -> String {
         let Self { calibrated, task, made } = self;
         let sections = made.into_iter().chain([provenance::section(calibrated, task, files)]).flatten().collect();

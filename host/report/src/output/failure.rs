@@ -1,4 +1,4 @@
-//! What a calibration that failed leaves: why, how far it came, what was seen, and a picture of it.
+//! Files of a failed calibration: the reason, the stages reached, the detections, and a picture.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -13,42 +13,42 @@ use evcal_calibrate::detection::DetectionReport;
 use evcal_calibrate::detection::search::{FoundCircles, SearchFor, search_events, sensor_of};
 use evcal_files::FileError;
 
-/// The text.
+/// File name of the text.
 pub const TEXT: &str = "failure.txt";
-/// The window with most circles.
+/// File name of the picture of the window with most circles.
 pub const PICTURE: &str = "failure.png";
 
 /// A calibration that failed.
 #[derive(Clone, Debug, Serialize)]
 pub struct Failure {
-    /// Why.
+    /// The error.
     pub error: String,
-    /// What was begun, in order; the last is where it failed.
+    /// The stages that were started, in order; the last one failed.
     pub stages: Vec<String>,
-    /// What was seen of the board, or of circles where there was none; `None` where nothing was looked for.
+    /// Detections of the board, or of circles if no board was found; `None` if the recording was not searched.
     pub seen: Option<Seen>,
-    /// Files that tell more.
+    /// Files with further information.
     pub files: Vec<PathBuf>,
 }
 
-/// What was seen in a recording.
+/// Detections in a recording.
 #[derive(Clone, Debug, Serialize)]
 pub struct Seen {
     /// The recording.
     pub file: String,
-    /// What became of its windows.
+    /// Number of windows by result.
     pub windows: DetectionReport,
     /// Circles in the window with most of them.
     pub most_circles: usize,
 }
 
-/// Whether a file of a folder, by its path in it, is one that [`write_failure`] writes.
+/// Returns `true` if a file of a folder, given by its path in it, is one that [`write_failure`] writes.
 pub fn is_failure(file: &Path) -> bool {
     [TEXT, PICTURE].iter().any(|name| Path::new(name) == file)
 }
 
-/// Tells of a failed calibration, and writes into `folder` what was seen, if anything was looked at. `why` is the error in the words of
-/// the program.
+/// Describes a failed calibration, and writes the detections, if there are any, into `folder`. `why` is the error in
+/// the words of the program.
 ///
 /// # Errors
 /// [`FileError`] names the file that could not be written.
@@ -67,7 +67,7 @@ pub fn write_failure(
     if let Some((file, found, picture)) = found {
         let most_circles = found.best_window().map_or(0, |window| window.circles.len());
         let windows = match error {
-            // Why there was no board, rather than that there were circles.
+            // The report of the search for the board contains the reason, not just the circles found.
             CalibrateError::NoPattern(nowhere) => nowhere.report().clone(),
             _ => found.report,
         };
@@ -84,14 +84,14 @@ pub fn write_failure(
     Ok(failure)
 }
 
-/// Looks for the board once more, or for circles where there was no board, and draws the window with most of them.
+/// Searches for the board again, or for circles if no board was found, and draws the window with most of them.
 fn look_again(input: &Input, task: &Task, error: &CalibrateError) -> Option<(String, FoundCircles, Option<Vec<u8>>)> {
     let Input::Events(recording) = input else { return None };
     let wanted = match error {
         CalibrateError::NoPattern(_) if task.board.circles().is_some() => SearchFor::Circles(1),
         _ => SearchFor::from(task.board),
     };
-    // What cannot be read any more is not looked at.
+    // A recording that can no longer be read is not searched.
     let sensor = sensor_of(recording).ok()?;
     let found = search_events(recording, sensor, wanted, &task.settings.detection).ok()?;
     let picture =

@@ -1,4 +1,4 @@
-//! The folder that a calibration writes.
+//! Writes the folder of a calibration.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -28,35 +28,35 @@ use evcal_geometry::board::Board;
 use evcal_geometry::timed_pose::TimedPose;
 use evcal_geometry::tum;
 
-/// Folder of files for other programs.
+/// Folder with files for other programs.
 const EXPORTS: &str = "exports";
-/// The folders of a result.
+/// All subfolders of a result.
 pub const FOLDERS: &[&str] = &[EXPORTS];
 
-/// Formats that every calibration is written in, and the folder of each; exports on demand write the others.
+/// Formats in which every calibration is written, with the folder of each; other formats are exported on demand.
 const FOR_OTHERS: &[(ExportFormat, &str)] = &[(opencv::YAML, ""), (ros::FORMAT, EXPORTS), (kalibr::FORMAT, EXPORTS)];
 
-/// Files of one name each.
+/// Files with a fixed name.
 const FILES: [&str; 6] =
     ["calibration.json", "settings.toml", "stages.txt", "report.html", "good-frame.png", "bad-frame.png"];
-/// Name and extension of the poses of a recording; those after the first have a number between.
+/// Name and extension of the file with the poses of a recording; files after the first have a number in between.
 const TRAJECTORY: (&str, &str) = ("trajectory", "txt");
-/// Name and extension of the same poses with their standard deviations.
+/// Name and extension of the file with the same poses and their standard deviations.
 const POSES: (&str, &str) = ("trajectory", "csv");
-/// Name and extension of its circles.
+/// Name and extension of the file with its circles.
 const CIRCLES: (&str, &str) = ("circles", "csv");
 
-/// What was written, for the terminal.
+/// Written texts, for the terminal.
 pub struct Written {
     /// The content of `calibration.json`, on one line.
     pub json: String,
     /// A few lines with the result.
     pub summary: String,
-    /// What every stage took in and gave out.
+    /// Input and output of every stage.
     pub stage_report: String,
 }
 
-/// Whether a file of a folder, by its path in it, is one that [`write_folder`] writes.
+/// Returns `true` if a file of a folder, given by its path in it, is one that [`write_folder`] writes.
 pub fn is_result(file: &Path) -> bool {
     let numbered = |name: &str, extension: &str| {
         let rest = file.to_str().and_then(|file| file.strip_prefix(name)?.strip_suffix(extension)?.strip_suffix('.'));
@@ -74,7 +74,7 @@ pub fn is_result(file: &Path) -> bool {
         || numbered(CIRCLES.0, CIRCLES.1)
 }
 
-/// Why a result was not written.
+/// Reason why a result was not written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WriteError {
@@ -86,10 +86,10 @@ pub enum WriteError {
     File(#[from] FileError),
 }
 
-/// Writes the result of `task` into a folder that holds none yet: all that [`write_folder`] does.
+/// Writes the result of `task` into a folder without a result, like [`write_folder`].
 ///
 /// # Errors
-/// [`WriteError`] when there is a result, or the folder or a file cannot be written.
+/// [`WriteError`] if there is already a result, or the folder or a file cannot be written.
 pub fn write_new_folder(folder: impl AsRef<Path>, calibrated: &Calibrated, task: &Task) -> Result<Written, WriteError> {
     let folder = OutputFolder::open_new(folder.as_ref(), is_result)?;
     folder.check_places(is_result, FOLDERS)?;
@@ -97,10 +97,10 @@ pub fn write_new_folder(folder: impl AsRef<Path>, calibrated: &Calibrated, task:
 }
 
 /// Writes `calibration.json`, `camera.yaml`, `exports` (ROS and Kalibr), `trajectory.txt`, `trajectory.csv`,
-/// `settings.toml`, `circles.csv`, `stages.txt`, `report.html` and pictures of a good and a bad reference frame into `folder`, from
-/// which earlier results and what earlier failures left are removed. Of several recordings, each has its own clock: those after the first have their own
-/// `trajectory-2.txt`, `circles-2.csv` and so on.
-/// `progress` is told how far the report is, which takes most of the time.
+/// `settings.toml`, `circles.csv`, `stages.txt`, `report.html` and pictures of a good and a bad reference frame into
+/// `folder`. Earlier results and files of earlier failures are removed from it. Each recording has its own clock, so
+/// the recordings after the first have their own `trajectory-2.txt`, `circles-2.csv` and so on. `progress` is called
+/// with the progress of the report, which takes most of the time.
 ///
 /// # Errors
 /// [`FileError`] names the file that could not be written.
@@ -132,14 +132,14 @@ pub fn write_folder(
     Ok(Written { json: on_one_line, summary, stage_report })
 }
 
-/// What is known of a result before its files are written.
+/// Data of a result that are prepared before its files are written.
 struct Texts<'a> {
     calibration: &'a CalibrationFile,
     json: &'a str,
     stage_report: &'a str,
 }
 
-/// Writes everything but the report. What the summary is to say of it, line by line, each begun with a new line.
+/// Writes everything except the report. Returns lines for the summary, each starting with a line break.
 fn write_files(
     folder: &Path,
     calibrated: &Calibrated,
@@ -184,7 +184,7 @@ fn write_files(
         })?;
     }
     if let Some((nearest, farthest)) = distances {
-        // A mistake in the unit of the board shows here.
+        // A mistake in the unit of the board is visible here.
         let _ = write!(
             summary,
             "\nboard: {nearest:.2} to {farthest:.2} m away from the camera; if it was not, its lengths are stated wrongly by the same \
@@ -236,7 +236,7 @@ fn write_files(
     Ok(summary)
 }
 
-/// The results in `folder`, in the order of their names.
+/// Returns the results in `folder`, sorted by name.
 pub fn results_in(folder: &Path) -> Vec<ResultFile> {
     let entries = [PathBuf::new(), EXPORTS.into()].into_iter().flat_map(|place| {
         let entries = std::fs::read_dir(folder.join(&place)).into_iter().flatten().flatten();
@@ -251,7 +251,7 @@ pub fn results_in(folder: &Path) -> Vec<ResultFile> {
     results
 }
 
-/// How far the camera is from the middle of the board, in metres.
+/// Returns the distance of the camera from the middle of the board, in metres.
 fn distance(pose: &TimedPose, board: &Board) -> f64 {
     (pose.pose.translation.vector - board.middle().push(0.0)).norm()
 }
@@ -261,7 +261,7 @@ fn nearest_and_farthest(known: Option<(f64, f64)>, distance: f64) -> Option<(f64
     Some((nearest.min(distance), farthest.max(distance)))
 }
 
-/// The reference frames with the smallest and the largest error of the initial model.
+/// Returns pictures of the reference frames with the smallest and the largest error of the initial model.
 fn window_examples(calibrated: &Calibrated, board: &Board) -> Vec<(&'static str, Picture)> {
     best_and_worst(calibrated.posed().filter(|(_, frame)| frame.is_shown()), |posed, frame| {
         let pose = calibrated.best_pose(posed, frame);
@@ -269,7 +269,7 @@ fn window_examples(calibrated: &Calibrated, board: &Board) -> Vec<(&'static str,
     })
 }
 
-/// The camera's own pictures with the smallest and the largest error, as far as they can be read again.
+/// Returns the camera's own pictures with the smallest and the largest error, if they can be read again.
 fn picture_examples(calibrated: &Calibrated, task: &Task) -> Vec<(&'static str, Picture)> {
     best_and_worst(calibrated.posed(), |posed, frame| {
         let Some(Input::Events(recording)) = task.inputs.get(frame.recording) else { return None };
@@ -295,7 +295,7 @@ fn best_and_worst<'a>(
         .collect()
 }
 
-/// All frames of one recording, in order of time.
+/// Returns all frames of one recording, in order of time.
 fn frames(calibrated: &Calibrated, recording: usize) -> impl Iterator<Item = Cow<'_, ReferenceFrame>> {
     let others = calibrated.events().map_or(&[][..], |events| &events.other_windows);
     let mut others = others.iter().filter(move |window| window.recording == recording).peekable();
@@ -306,8 +306,8 @@ fn frames(calibrated: &Calibrated, recording: usize) -> impl Iterator<Item = Cow
     })
 }
 
-/// The poses of one recording, which begins at `start` seconds of its own clock: along the trajectories, or those of
-/// the pictures.
+/// Returns the poses of one recording, which begins at `start` seconds of its own clock: along the trajectories, or the
+/// poses of the pictures.
 fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &PoseSettings) -> Vec<UncertainPose> {
     let mut poses = match &calibrated.evidence {
         Evidence::Events(events) => {
@@ -316,7 +316,7 @@ fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &PoseS
             let followed = events.followed.iter().filter(|stretch| stretch.recording == recording);
             poses.extend(followed.flat_map(|stretch| &stretch.poses).copied());
             poses.sort_by(|a, b| a.pose.t.total_cmp(&b.pose.t));
-            // A window on the border of two stretches is in both; what is in the joint solve comes first.
+            // A window on the border of two intervals is in both; the one in the joint solve comes first.
             poses.dedup_by(|later, earlier| later.pose.t == earlier.pose.t);
             poses
         }

@@ -1,4 +1,4 @@
-//! A calibration in a few lines, for the terminal.
+//! Summary of a calibration in a few lines, for the terminal.
 
 use std::fmt::Write as _;
 
@@ -8,7 +8,7 @@ use evcal_calibrate::result::calibration_file::{CalibrationFile, FramesResult};
 use evcal_calibrate::result::second_camera_result::SecondCameraResult;
 use event_recordings::pass::RecordingReport;
 
-/// The lens, the verdict and what stands behind it.
+/// Returns the lens, the verdict and the figures behind it.
 pub fn summary(calibration: &CalibrationFile) -> String {
     let mut text = String::new();
     let sensor = calibration.sensor;
@@ -21,7 +21,7 @@ pub fn summary(calibration: &CalibrationFile) -> String {
         calibration.camera.model, sensor.width, sensor.height
     );
     for (index, name) in parameter_names(&calibration.camera.model).iter().enumerate() {
-        // Focal lengths and principal point; the rest has no unit.
+        // Focal lengths and principal point are in pixels; the other parameters have no unit.
         let unit = if index < 4 { " px" } else { "" };
         let value = calibration.camera.parameters.get(name).unwrap_or(f64::NAN);
         let sigma = calibration.sigma.parameters.get(name).unwrap_or(f64::NAN);
@@ -91,7 +91,7 @@ pub fn summary(calibration: &CalibrationFile) -> String {
     text
 }
 
-/// What is to be noted of recordings, one line for all that have the same.
+/// Returns the notes on recordings, one line per note with all recordings that have it.
 fn notes(recordings: &[RecordingReport]) -> Vec<String> {
     let mut noted: Vec<(&str, Vec<usize>)> = Vec::new();
     for (number, recording) in (1..).zip(recordings) {
@@ -110,7 +110,7 @@ fn notes(recordings: &[RecordingReport]) -> Vec<String> {
     noted.into_iter().map(line).collect()
 }
 
-/// The parameters of a model in their order.
+/// Returns the parameter names of a model in their order.
 fn parameter_names(model: &str) -> &'static [&'static str] {
     ModelKind::from_name(model).map_or(&[], ModelKind::parameter_names)
 }

@@ -1,4 +1,4 @@
-//! All events together: as the sensor saw them, and carried to the board.
+//! Pictures of all events: as seen by the sensor, and projected onto the board.
 
 use maud::html;
 use nalgebra::Vector2;
@@ -21,14 +21,14 @@ use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::Board;
 
-/// Columns of the picture of the board, on which single events tell less than a pixel of the sensor.
+/// Columns of the picture of the board; a single event on it is less precise than a pixel of the sensor.
 const BOARD_COLUMNS: u16 = 800;
-/// Runs of events that a thread carries in a go.
+/// Number of runs of events that a thread projects at once.
 const PIECE: usize = 3;
-/// Time over which the camera's motion is taken to be even (s).
+/// Time over which the camera's motion is assumed uniform (s).
 const BIN: f64 = 0.5e-3;
 
-/// Events seen in each pixel of a picture.
+/// Number of events in each pixel of a picture.
 struct Accumulation {
     size: Sensor,
     off: Vec<u32>,
@@ -52,14 +52,14 @@ impl Accumulation {
         }
     }
 
-    /// Adds what was seen in another picture of this size.
+    /// Adds the counts of another picture of the same size.
     fn include(&mut self, other: &Self) {
         for (counts, more) in [(&mut self.on, &other.on), (&mut self.off, &other.off)] {
             counts.iter_mut().zip(more).for_each(|(count, more)| *count += more);
         }
     }
 
-    /// White without events; red where ON and blue where OFF events are.
+    /// Draws the picture: white without events, red for ON and blue for OFF events.
     fn picture(&self, scale: usize) -> Picture {
         let full = brightest(&self.on).max(brightest(&self.off)).max(1.0);
         let share = |counts: &[u32], index: usize| {
@@ -76,14 +76,14 @@ impl Accumulation {
     }
 }
 
-/// The count that one in two hundred of the pixels with events exceeds.
+/// Returns the count that one in two hundred of the pixels with events exceeds.
 fn brightest(counts: &[u32]) -> f64 {
     let mut counts: Vec<u32> = counts.iter().copied().filter(|&count| count > 0).collect();
     let place = counts.len().saturating_sub(1 + counts.len() / 200);
     if counts.is_empty() { 0.0 } else { f64::from(*counts.select_nth_unstable(place).1) }
 }
 
-/// Both pictures, where the input is events.
+/// Returns both pictures, if the input is events.
 pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     let events = calibrated.events()?;
     if events.measured == Measured::CircleCentres {
@@ -147,7 +147,7 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     Some(Section { id: "accumulation", title: "All events together", content })
 }
 
-/// Where points of the board lie in its picture.
+/// Coordinates of the picture of the board.
 pub struct BoardFrame {
     corner: Vector2<f64>,
     pixels_per_metre: f64,
@@ -156,7 +156,8 @@ pub struct BoardFrame {
 }
 
 impl BoardFrame {
-    /// A picture of all points of `board` with a margin, of so many `columns`, or fewer where it would be more than twice as high as wide.
+    /// Creates a picture of all points of `board` with a margin, with this number of `columns`, or fewer if it would be
+    /// more than twice as high as wide.
     pub fn new(board: &Board, columns: u16) -> Self {
         let (low, high) = board.extent();
         let margin = Vector2::repeat(0.6 * board.print_period());
@@ -168,23 +169,23 @@ impl BoardFrame {
         Self { corner, pixels_per_metre, size: Sensor::new(pixels(extent.x), pixels(extent.y)) }
     }
 
-    /// Where a point of the board (m) lies in the picture.
+    /// Returns the position in the picture of a point of the board (m).
     pub fn place(&self, point: Vector2<f64>) -> Vector2<f64> {
         (point - self.corner) * self.pixels_per_metre
     }
 
-    /// The point of the board (m) at a place in the picture.
+    /// Returns the point of the board (m) at a position in the picture.
     pub fn point(&self, place: Vector2<f64>) -> Vector2<f64> {
         place / self.pixels_per_metre + self.corner
     }
 }
 
-/// Where a ray is on the print, in front of the camera.
+/// Returns the intersection of a ray with the print, in front of the camera.
 fn place<S: BoardSurface>(ray: &BoardRay<S>) -> Option<Vector2<f64>> {
     is_in_front(ray.depth()).then(|| ray.point())
 }
 
-/// Carries the events of one recording to the board.
+/// Projects the events of one recording onto the board.
 struct Carrier<'a> {
     trajectories: Vec<&'a Trajectory>,
     bearings: &'a BearingTable,
@@ -201,7 +202,7 @@ impl<'a> Carrier<'a> {
         Self { trajectories, bearings, ground, bin: i64::MIN, pose: None }
     }
 
-    /// Where on the print (m) the event was, `None` while there is no trajectory.
+    /// Returns the position of the event on the print (m); `None` while there is no trajectory.
     fn carry(&mut self, event: &RankedEvent) -> Option<Vector2<f64>> {
         let t = event.t as f64 * 1e-6;
         let bin = (t / BIN).floor() as i64;

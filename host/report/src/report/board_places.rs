@@ -1,4 +1,4 @@
-//! Where the board was: how far, how tilted.
+//! Distances and tilts of the board.
 
 use maud::html;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -10,7 +10,7 @@ use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::trust::coverage::Coverage;
 use evcal_geometry::board::Board;
 
-/// The board in one reference frame, seen from the camera.
+/// Pose of the board in one reference frame, as seen from the camera.
 struct Place {
     /// Distance of its middle from the camera (m).
     distance: f64,
@@ -20,7 +20,7 @@ struct Place {
     lean: [f64; 2],
 }
 
-/// Distances and tilts.
+/// Returns the section with distances and tilts.
 pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     let places: Vec<Place> = poses(calibrated).map(|pose| place(board, &pose)).collect();
     let Coverage { distance, tilt, fill, .. } = &calibrated.trust.coverage;
@@ -44,7 +44,7 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     Some(Section { id: "board", title: "Where the board was", content })
 }
 
-/// `T_world_camera` of the reference frames in use.
+/// Returns `T_world_camera` of the reference frames in use.
 fn poses(calibrated: &Calibrated) -> impl Iterator<Item = Isometry3<f64>> {
     calibrated.posed().map(|(posed, frame)| calibrated.best_pose(posed, frame))
 }
@@ -52,7 +52,7 @@ fn poses(calibrated: &Calibrated) -> impl Iterator<Item = Isometry3<f64>> {
 fn place(board: &Board, pose: &Isometry3<f64>) -> Place {
     let middle = board.middle();
     let to_middle = pose.inverse_transform_point(&Point3::new(middle.x, middle.y, 0.0)).coords;
-    // The board's face looks towards −z of the world, where the camera is.
+    // The board's face points towards −z of the world, where the camera is.
     let normal = pose.inverse_transform_vector(&-Vector3::z());
     let sight = -to_middle;
     let lean = normal - sight * (normal.dot(&sight) / sight.norm_squared());
@@ -66,7 +66,7 @@ fn points(name: &str, points: Vec<(f64, f64)>) -> Vec<Series> {
     vec![Series { name: name.to_owned(), color: Color::Off, curves: Vec::new(), points: thinned(&points) }]
 }
 
-/// At most so many points as tell apart in a plot.
+/// Returns only as many points as can be distinguished in a plot.
 fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     const MOST: usize = 600;
     points.iter().step_by(points.len().div_ceil(MOST).max(1)).copied().collect()
@@ -117,8 +117,8 @@ mod tests {
     fn distance_and_tilt_are_those_of_the_board_from_the_camera() {
         let head_on = seen(UnitQuaternion::identity(), 0.7);
         assert!((head_on.distance - 0.7).abs() < 1e-12 && head_on.tilt < 1e-6);
-        // The camera moved to the board's left (−x) and turned to the right: the board's face looks to the right of the
-        // camera.
+        // The camera moved to the board's left (−x) and rotated to the right: the board's face points to the right of
+        // the camera.
         let from_left = seen(UnitQuaternion::from_euler_angles(0.0, 0.5, 0.0), 0.7);
         assert!((from_left.tilt - 0.5_f64.to_degrees()).abs() < 1e-9);
         assert!(from_left.lean[0].abs() > 28.0 && from_left.lean[1].abs() < 1e-9);

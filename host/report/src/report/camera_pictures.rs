@@ -1,4 +1,4 @@
-//! What the camera's own pictures say.
+//! Results from the camera's own pictures.
 
 use maud::{Markup, html};
 
@@ -13,7 +13,7 @@ use evcal_calibrate::calibrate::calibrated::{Calibrated, EventCalibration, Evide
 use evcal_calibrate::picture_calibration::calibration::{PictureReport, PictureSource};
 use evcal_calibrate::trust::witness::{Comparison, PictureWitness, WitnessOutcome};
 
-/// The witness and examples, where the recordings have pictures.
+/// Returns the cross-check with frames and examples, if the recordings contain pictures.
 pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     let report = calibrated.picture_report()?;
     if report.source == PictureSource::StillViews {

@@ -1,7 +1,7 @@
 //! Plots as inline SVG that follows the page's colours and width.
 //!
-//! The plotting library writes fixed colours; the page's style sheet gives those of [`Color`] their shade for
-//! light, dark and paper.
+//! The plotting library writes fixed colours; the page's style sheet defines the shades of each [`Color`] for light,
+//! dark and paper.
 
 use evcal_core::sensor::Sensor;
 use std::ops::Range;
@@ -19,7 +19,7 @@ const TEXT: u32 = 34;
 const LABEL_WIDTH: u32 = 150;
 const LABEL_HEIGHT: u32 = 84;
 const MARGIN: u32 = 16;
-/// Room for half of the last label.
+/// Space for half of the last label.
 const RIGHT_MARGIN: u32 = 32;
 const GRID: RGBColor = RGBColor(0xd0, 0xd0, 0xd0);
 const NOTHING: RGBColor = RGBColor(0xe4, 0xe7, 0xeb);
@@ -28,9 +28,9 @@ const INK: RGBColor = RGBColor(1, 2, 3);
 /// A colour of the style sheet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Color {
-    /// Red, that of ON events.
+    /// Red, the colour of ON events.
     On,
-    /// Blue, that of OFF events.
+    /// Blue, the colour of OFF events.
     Off,
     /// Green.
     Third,
@@ -39,7 +39,7 @@ pub enum Color {
 }
 
 impl Color {
-    /// All, in the order in which curves take them.
+    /// All colours, in the order in which curves use them.
     pub const ALL: [Self; 4] = [Self::Off, Self::On, Self::Third, Self::Fourth];
 
     fn rgb(self) -> RGBColor {
@@ -61,7 +61,7 @@ impl Color {
     }
 }
 
-/// Curves or points that belong together.
+/// A group of curves or points.
 pub struct Series {
     /// Name in the legend.
     pub name: String,
@@ -75,21 +75,21 @@ pub struct Series {
 
 /// A plot of curves and points.
 pub struct Chart<'a> {
-    /// What is to be seen, for who does not see it.
+    /// Alternative text for screen readers.
     pub description: String,
     /// Name and unit of x.
     pub x_label: &'a str,
     /// Name and unit of y.
     pub y_label: &'a str,
-    /// Shown part of x.
+    /// Visible range of x.
     pub x: Range<f64>,
-    /// Shown part of y.
+    /// Visible range of y.
     pub y: Range<f64>,
-    /// What is drawn.
+    /// Curves and points.
     pub series: Vec<Series>,
 }
 
-/// The smallest range that holds `values` with a margin, at least `narrowest` wide.
+/// Returns the smallest range that contains `values` with a margin, at least `narrowest` wide.
 pub fn range_of(values: impl Iterator<Item = f64>, narrowest: f64) -> Range<f64> {
     let (low, high) = values
         .filter(|value| value.is_finite())
@@ -120,7 +120,7 @@ fn figure(description: &str, height: u32, draw: impl FnOnce(&Drawing) -> Result<
 }
 
 impl Chart<'_> {
-    /// The plot with its legend.
+    /// Renders the plot with its legend.
     pub fn render(&self) -> Markup {
         let named = || self.series.iter().filter(|series| !series.name.is_empty());
         html! {
@@ -165,7 +165,7 @@ impl Chart<'_> {
     }
 }
 
-/// A value on an axis: no more digits than it has, a true minus sign.
+/// Formats a value on an axis: no unnecessary digits, a true minus sign.
 fn label(value: &f64) -> String {
     let text = format!("{value:.6}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
@@ -176,13 +176,13 @@ fn label(value: &f64) -> String {
     }
 }
 
-/// The largest of 1, 2 and 5 times a power of ten that is not above `value`.
+/// Returns the largest of 1, 2 and 5 times a power of ten that is not above `value`.
 pub fn round_down(value: f64) -> f64 {
     let power = 10_f64.powf(value.max(1e-9).log10().floor());
     [5.0, 2.0, 1.0].into_iter().map(|step| step * power).find(|step| *step <= value).unwrap_or(power)
 }
 
-/// The smallest of 1, 1.5, 2, 3, 5 and 7 times a power of ten that is not below `value`.
+/// Returns the smallest of 1, 1.5, 2, 3, 5 and 7 times a power of ten that is not below `value`.
 pub fn round_up(value: f64) -> f64 {
     let power = 10_f64.powf(value.max(1e-9).log10().floor());
     [1.0, 1.5, 2.0, 3.0, 5.0, 7.0]
@@ -192,7 +192,8 @@ pub fn round_up(value: f64) -> f64 {
         .unwrap_or(10.0 * power)
 }
 
-/// The cells of a map whose values stand at the points of a regular grid, row by row, up to the sensor's outermost pixels.
+/// Returns the cells of a map with values at the points of a regular grid, row by row, extended to the sensor's
+/// outermost pixels.
 pub fn cells_of_grid(points: &[([f64; 2], Option<f64>)], columns: usize, rows: usize) -> Vec<([f64; 4], Option<f64>)> {
     let (Some(first), Some(last)) = (points.first(), points.last()) else { return Vec::new() };
     let half = |axis: usize, count: usize| 0.5 * (last.0[axis] - first.0[axis]) / count.saturating_sub(1).max(1) as f64;
@@ -203,24 +204,24 @@ pub fn cells_of_grid(points: &[([f64; 2], Option<f64>)], columns: usize, rows: u
 
 /// A map of the sensor in cells.
 pub struct SensorMap {
-    /// What is to be seen, for who does not see it.
+    /// Alternative text for screen readers.
     pub description: String,
     /// Width and height of the sensor (px).
     pub sensor: Sensor,
-    /// Left, top, right and bottom of each cell (px) and its value, `None` where nothing is known.
+    /// Left, top, right and bottom of each cell (px) and its value; `None` if the value is unknown.
     pub cells: Vec<([f64; 4], Option<f64>)>,
-    /// Values of the palette's ends.
+    /// Values at the ends of the palette.
     pub range: Range<f64>,
     /// Colours.
     pub palette: Palette,
-    /// Unit behind the values at the ends of the scale.
+    /// Unit after the values at the ends of the scale.
     pub unit: &'static str,
-    /// Arrows from a place (px) along a vector (px, already enlarged).
+    /// Arrows: starting point (px) and vector (px, already enlarged).
     pub arrows: Vec<([f64; 2], [f64; 2])>,
 }
 
 impl SensorMap {
-    /// The map with its scale.
+    /// Renders the map with its scale.
     pub fn render(&self) -> Markup {
         let (width, height) = (f64::from(self.sensor.width.max(1)), f64::from(self.sensor.height.max(1)));
         let room = f64::from(WIDTH - LABEL_WIDTH - MARGIN - RIGHT_MARGIN);

@@ -1,4 +1,4 @@
-//! How the lens distorts, and how the circles scatter about it.
+//! Distortion of the lens, and scatter of the circles about the model.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
@@ -10,12 +10,12 @@ use super::number::{count, signed};
 use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
 use evcal_geometry::board::Board;
 
-/// Points of a curve.
+/// Number of points of a curve.
 const POINTS: usize = 200;
-/// Circles that are drawn; more would hide each other.
+/// Largest number of circles drawn; more would hide each other.
 const MOST_CIRCLES: usize = 1500;
 
-/// The distortion curve, and where circles were found against where the camera puts them.
+/// Returns the distortion curve, and the offsets of detected circles from their projections.
 pub fn pictures(calibrated: &Calibrated, board: &Board) -> Markup {
     let offsets = offsets(calibrated, board);
     html! {
@@ -32,7 +32,7 @@ pub fn pictures(calibrated: &Calibrated, board: &Board) -> Markup {
     }
 }
 
-/// Distance from the principal point (px) over the angle from the optical axis (°).
+/// Plots the distance from the principal point (px) against the angle from the optical axis (°).
 fn curve(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Chart<'static> {
     let parameters = camera.parameters();
     let at = |index: usize| parameters.get(index).copied().unwrap_or_default();
@@ -44,7 +44,7 @@ fn curve(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Chart<'stati
     let corner = Vector2::new(side(center.x, width), side(center.y, height));
     let farthest = camera.unproject(&(center + corner));
     let largest = farthest.map_or(0.0, |ray| ray.angle(&Vector3::z())).max(1e-3);
-    // Along one plane through the axis; a lens that is not centred bends it a little.
+    // Along one plane through the axis; a decentred lens bends it slightly.
     let plane = farthest.map_or(Vector2::x(), |ray| ray.xy()).try_normalize(0.0).unwrap_or(Vector2::x());
     let angles = || (0..=POINTS).map(|index| largest * index as f64 / POINTS as f64);
     let seen = angles().filter_map(|angle| {
@@ -53,7 +53,7 @@ fn curve(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Chart<'stati
     });
     let seen: Vec<(f64, f64)> = seen.collect();
     let top = round_up(1.3 * seen.iter().map(|point| point.1).fold(1.0, f64::max));
-    // Models that are not of the pinhole kind have another scale in their middle.
+    // Models other than pinhole models have a different scale in the middle.
     let scale = seen.get(1).filter(|point| point.0 > 0.0).map_or(focal, |point| point.1 / point.0.to_radians().tan());
     let straight = angles().map(|angle| (angle.to_degrees(), scale * angle.tan()));
     let straight: Vec<(f64, f64)> = straight.take_while(|point| (0.0..=top).contains(&point.1)).collect();
@@ -69,7 +69,7 @@ fn curve(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Chart<'stati
     }
 }
 
-/// From where the camera and pose of each frame put a circle to where it was found (px).
+/// Returns the offsets of the detected circles from their projections by camera and pose of each frame (px).
 fn offsets(calibrated: &Calibrated, board: &Board) -> Vec<Vector2<f64>> {
     let camera = match &calibrated.evidence {
         Evidence::Events(events) => &events.initial.camera,
@@ -124,7 +124,7 @@ mod tests {
         let corner = (195.0_f64 * 195.0 + 139.0 * 139.0).sqrt();
         let [lens, straight] = [0, 1].map(|index| chart.series[index].curves[0].clone());
         assert!((lens.last().unwrap().1 - corner).abs() < 1e-6);
-        // Barrel distortion: the lens stays below.
+        // Barrel distortion: the curve of the lens is below the ideal one.
         assert!(straight.last().unwrap().1 > lens[straight.len() - 1].1 + 5.0);
         assert!((straight[1].1 - 300.0 * straight[1].0.to_radians().tan()).abs() < 1e-3);
     }

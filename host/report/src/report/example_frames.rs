@@ -15,10 +15,10 @@ use evcal_calibrate::circles::reference_frame::{ReferenceFrame, SeenIn};
 use evcal_calibrate::initial::PosedFrame;
 use evcal_geometry::board::Board;
 
-/// Widest picture in its own pixels; more would only make the file larger.
+/// Largest width of a picture in its own pixels; more would only make the file larger.
 const WIDEST: u16 = 800;
 
-/// The frames with the smallest, the middle and the largest error.
+/// Returns the frames with the smallest, the median and the largest error.
 pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     let mut ranked: Vec<(&PosedFrame, &ReferenceFrame)> =
         calibrated.posed().filter(|(_, frame)| frame.is_shown()).collect();
@@ -51,7 +51,7 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     Some(Section { id: "frames", title: "Example frames", content })
 }
 
-/// Picture pixels for each sensor pixel.
+/// Returns the number of picture pixels per sensor pixel.
 pub fn scale(sensor: Sensor) -> usize {
     usize::from(WIDEST / sensor.width.max(1)).clamp(1, 4)
 }
@@ -79,7 +79,7 @@ fn pictures(
     }
 }
 
-/// A picture as a part of the page.
+/// Returns a picture as a part of the page.
 pub fn figure(picture: &Picture, description: &str, caption: &str) -> Markup {
     use base64::prelude::{BASE64_STANDARD, Engine};
     html! {

@@ -1,4 +1,4 @@
-//! Two halves of the recordings, calibrated apart.
+//! Comparison of two halves of the recordings that were calibrated separately.
 
 use maud::{Markup, html};
 
@@ -9,8 +9,8 @@ use super::palette::Palette;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::trust::split_half::SplitHalf;
 
-/// How the halves differ. Nothing for a calibration from pictures alone, each of which has a pose of its own: its
-/// uncertainty is found by leaving pictures out.
+/// Returns the section on the difference of the halves. Returns `None` for a calibration from pictures alone, in which
+/// each picture has its own pose: its uncertainty is determined by leaving pictures out.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let content = match &calibrated.events()?.trust.split_half {
         Some(halves) => compared(calibrated, halves),
@@ -47,14 +47,14 @@ fn compared(calibrated: &Calibrated, halves: &SplitHalf) -> Markup {
     }
 }
 
-/// Points of the grid between arrows.
+/// Number of grid points between arrows.
 const STEP: usize = 5;
 
-/// How much longer than the differences the arrows are.
+/// Returns the ratio of the arrows to the differences.
 fn enlargement(calibrated: &Calibrated, halves: &SplitHalf) -> f64 {
     let difference = &halves.difference;
     let room = STEP as f64 * f64::from(calibrated.sensor.width) / f64::from(difference.columns.max(1));
-    // The corners may have many times the rest.
+    // The differences in the corners may be many times larger than elsewhere.
     let longest = difference.max.min(3.0 * difference.rms);
     round_down(0.9 * room / longest.max(1e-9))
 }

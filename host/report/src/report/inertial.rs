@@ -1,4 +1,4 @@
-//! The inertial unit: what was found, and what is left of its readings.
+//! Results of the IMU: estimated parameters and residuals.
 
 use maud::{Markup, html};
 
@@ -13,11 +13,11 @@ use evcal_calibrate::inertial::noise::Line;
 use evcal_calibrate::result::inertial_result::InertialResult;
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 
-/// Points of a curve.
+/// Number of points of a curve.
 const POINTS: usize = 300;
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// Result in words, residuals of both sensors over time, and their spectra.
+/// Returns the result in words, the residuals of both sensors over time, and their spectra.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let inertial = calibrated.events()?.inertial.as_ref()?;
     let sentences = InertialResult::new(inertial).sentences();

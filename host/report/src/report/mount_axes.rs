@@ -1,4 +1,4 @@
-//! Where something on the mount of the camera is and its axes point, drawn beside the axes of the camera.
+//! Drawing of the position and the axes of an object on the camera's mount, next to the axes of the camera.
 
 use maud::{Markup, html};
 use nalgebra::{Isometry3, Vector2, Vector3};
@@ -8,22 +8,23 @@ const WIDTH: f64 = 640.0;
 const HEIGHT: f64 = 420.0;
 /// Length of an axis.
 const AXIS: f64 = 90.0;
-/// How far the thing is drawn from the camera, unless it is nearer than [`NEAR`].
+/// Distance of the object from the camera in the drawing, unless it is nearer than [`NEAR`].
 const APART: f64 = 170.0;
-/// Distance below which the drawing shrinks with it (m).
+/// Distance below which the distance in the drawing shrinks proportionally (m).
 const NEAR: f64 = 0.005;
-/// Where the line of sight, which leads away from the reader, is drawn: to the upper right, half as long.
+/// Direction of the line of sight, which points away from the reader, in the drawing: to the upper right, at half the
+/// length.
 const FORWARD: Vector2<f64> = Vector2::new(0.42, -0.3);
-/// Where a name stands: above its origin, or below where the other name is in the way.
+/// Position of a name: above its origin, or below if the other name is in the way.
 const ABOVE: f64 = -12.0;
 const BELOW: f64 = 28.0;
-/// Distance of the origins on paper below which names are in each other's way.
+/// Distance of the origins in the drawing below which the names overlap.
 const CROWDED: f64 = 60.0;
 /// Names of the axes, and their colours in the style sheet.
 const AXES: [(&str, &str); 3] = [("x", "var(--on)"), ("y", "var(--third)"), ("z", "var(--off)")];
 
-/// The axes of the camera and those of a thing, a noun, whose place is `thing_from_camera` (T_thing_camera); `names` are what is
-/// written beside both.
+/// Draws the axes of the camera and of an object called `thing`, a noun, whose pose is `thing_from_camera`
+/// (T_thing_camera); `names` are the labels of both.
 pub fn drawing(thing: &str, names: [&str; 2], thing_from_camera: &Isometry3<f64>) -> Markup {
     let camera_from_thing = thing_from_camera.inverse();
     let place = camera_from_thing.translation.vector;
@@ -40,12 +41,13 @@ pub fn drawing(thing: &str, names: [&str; 2], thing_from_camera: &Isometry3<f64>
     }
 }
 
-/// A direction of the camera frame on paper: x to the right, y down.
+/// Projects a direction of the camera frame onto the drawing: x to the right, y down.
 fn on_paper(direction: &Vector3<f64>) -> Vector2<f64> {
     direction.xy() + FORWARD * direction.z
 }
 
-/// Three axes, each turned to the camera frame by `turn`, and a name to the left of their origin, so far above or below it.
+/// Draws three axes, each rotated to the camera frame by `turn`, and a name to the left of their origin, at this height
+/// above or below it.
 fn frame(name: &str, height: f64, origin: Vector2<f64>, turn: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Markup {
     let tip = |index: usize| origin + on_paper(&turn(Vector3::ith(index, 1.0))) * AXIS;
     let axes = AXES.iter().enumerate().map(|(index, axis)| (axis, tip(index)));
@@ -76,7 +78,7 @@ fn round(value: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Places of the circles at the tips, in the order in which they are drawn.
+    /// Returns the positions of the circles at the tips, in the order in which they are drawn.
     fn tips(pose: &Isometry3<f64>) -> Vec<(f64, f64)> {
         let text = drawing("inertial unit", ["camera", "unit"], pose).into_string();
         let number = |part: &str, name: &str| {
@@ -86,7 +88,7 @@ mod tests {
         text.split("<circle ").skip(1).map(|part| (number(part, "cx"), number(part, "cy"))).collect()
     }
 
-    /// A unit half a turn about the line of sight away has x to the left and y up, at its place below the camera.
+    /// An IMU rotated by 180° about the line of sight has x to the left and y up, at its position below the camera.
     #[test]
     fn axes_point_where_the_unit_has_them() {
         let turn = Vector3::z() * std::f64::consts::PI;
@@ -100,7 +102,7 @@ mod tests {
         assert!(unit_x.0 < unit.0 - 80.0 && unit_y.1 < unit.1 - 80.0 && unit_z.0 > unit.0);
     }
 
-    /// The names of a camera and a unit in one place were drawn one over the other.
+    /// The names of a camera and an IMU at the same position must not be drawn over each other.
     #[test]
     fn names_of_what_is_in_one_place_do_not_overlap() {
         let text = drawing("inertial unit", ["camera", "unit"], &Isometry3::translation(1e-5, 0.0, 2e-5)).into_string();

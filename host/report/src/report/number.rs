@@ -1,6 +1,6 @@
-//! Numbers as a reader wants them.
+//! Formatting of numbers.
 
-/// A value and its standard deviation with the digits that the latter warrants: two of its own.
+/// Formats a value and its standard deviation with the digits that the latter justifies: two of its own.
 pub fn with_sigma(value: f64, sigma: f64) -> (String, String) {
     if !(sigma > 0.0 && sigma.is_finite()) {
         return (signed(value, 5), "held".to_owned());
@@ -9,12 +9,12 @@ pub fn with_sigma(value: f64, sigma: f64) -> (String, String) {
     (signed(value, decimals), format!("{sigma:.decimals$}"))
 }
 
-/// A value with a true minus sign.
+/// Formats a value with a true minus sign.
 pub fn signed(value: f64, decimals: usize) -> String {
     format!("{value:.decimals$}").replace('-', "−")
 }
 
-/// A count with thin spaces between thousands.
+/// Formats a count with thin spaces between thousands.
 pub fn count(value: u64) -> String {
     let digits = value.to_string();
     let mut text = String::new();
@@ -27,7 +27,7 @@ pub fn count(value: u64) -> String {
     text
 }
 
-/// A share from 0 to 1 in percent.
+/// Formats a fraction from 0 to 1 in percent.
 pub fn percent(share: f64) -> String {
     format!("{:.0} %", 100.0 * share)
 }

@@ -1,4 +1,4 @@
-//! The lens in numbers.
+//! The parameters of the lens.
 
 use evcal_core::camera::Camera;
 use maud::{Markup, html};
@@ -15,7 +15,7 @@ use evcal_core::sensor::Sensor;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::shape::PARAMETERS;
 
-/// The parameters with their standard deviations.
+/// Returns the parameters with their standard deviations.
 pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     let camera = calibrated.camera();
     let uncertainty = &calibrated.trust.uncertainty;
@@ -73,7 +73,7 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     Some(Section { id: "numbers", title: "The lens in numbers", content })
 }
 
-/// The board: what of it was estimated, and what the observations say with all of it free.
+/// Describes the board: the estimated parameters, and the estimates with all parameters free.
 fn printed_board(estimate: &BoardEstimate) -> Markup {
     const ROWS: [(&str, &str, f64); PARAMETERS] = [
         ("scale of the print along x over that along y", "", 1.0),
@@ -185,7 +185,7 @@ fn correlation(calibrated: &Calibrated) -> Markup {
     }
 }
 
-/// Angle of view in words.
+/// Describes the angle of view.
 fn view(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Markup {
     let (right, bottom) = (f64::from(width) - 0.5, f64::from(height) - 0.5);
     let (middle_x, middle_y) = (0.5 * (right - 0.5), 0.5 * (bottom - 0.5));

@@ -1,4 +1,4 @@
-//! What the page begins with: the verdict, its reasons, and the figures behind it.
+//! The beginning of the page: the verdict, its reasons, and the figures behind it.
 
 use maud::{Markup, html};
 
@@ -13,14 +13,14 @@ use evcal_calibrate::solve::residual_statistics::Measured;
 use evcal_calibrate::trust::verdict::{Finding, Grade, SMALLEST_COVERAGE, Severity, VerdictSettings};
 use evcal_core::sensor::Sensor;
 
-/// What a browser's window and a printed page are called.
+/// Returns the title of the browser window and of the printed page.
 pub fn title(calibrated: &Calibrated) -> String {
     let name = calibrated.camera_name().unwrap_or("Camera");
     let date = calibrated.recorded().map_or_else(String::new, |recorded| format!(", {recorded}"));
     format!("{name}{date}: {} calibration", calibrated.camera().kind().name())
 }
 
-/// The head of the page.
+/// Returns the head of the page.
 pub fn head(calibrated: &Calibrated, task: &Task) -> Markup {
     let Sensor { width, height } = calibrated.sensor;
     let verdict = &calibrated.verdict;
@@ -76,7 +76,7 @@ fn severity(severity: Severity) -> &'static str {
     }
 }
 
-/// The text with a capital letter in front, unless it begins with a name such as fx.
+/// Returns the text with a capital letter at the start, unless it begins with a name such as fx.
 pub fn capital(text: &str) -> String {
     let first = text.split([' ', ',']).next().unwrap_or_default();
     let name = first.len() == 2 && (first.starts_with('f') || first.ends_with(|last: char| last.is_ascii_digit()));
@@ -111,7 +111,7 @@ fn figures(calibrated: &Calibrated, settings: &VerdictSettings) -> Markup {
     }
 }
 
-/// What residuals usually are: those of the simulated sessions in docs/accuracy.md.
+/// Returns typical residuals, those of the simulated sessions in docs/accuracy.md.
 fn typical_residual(measured: Measured) -> &'static str {
     match measured {
         Measured::EventEdges => "over single events; 0.1 to 0.3 px is usual",
@@ -120,7 +120,7 @@ fn typical_residual(measured: Measured) -> &'static str {
     }
 }
 
-/// The pixel where the projection is known worst, of those that observations back, and its σ there.
+/// Returns the pixel with the most uncertain projection, of those with observations, and σ there.
 fn worst_place(calibrated: &Calibrated) -> Option<([f64; 2], f64)> {
     let grid = calibrated.trust.projection.grid.iter();
     let backed = grid.filter(|point| calibrated.trust.coverage.backs(point.pixel, calibrated.sensor));

@@ -1,4 +1,4 @@
-//! The page around the sections.
+//! The frame of the page around the sections.
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
@@ -14,7 +14,7 @@ pub struct Section {
     pub content: Markup,
 }
 
-/// The whole page.
+/// Returns the whole page.
 pub fn page(title: &str, head: &Markup, sections: Vec<Section>) -> String {
     let page = html! {
         (DOCTYPE)
@@ -22,11 +22,11 @@ pub fn page(title: &str, head: &Markup, sections: Vec<Section>) -> String {
             head {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
-                // Nothing is loaded, whatever the page holds.
+                // Nothing is loaded, whatever the page contains.
                 meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'";
                 meta name="generator" content=(concat!("evcal ", env!("CARGO_PKG_VERSION")));
                 title { (title) }
-                // Keeps browsers from asking for one.
+                // Keeps browsers from requesting an icon.
                 link rel="icon" href="data:,";
                 style { (PreEscaped(STYLE)) }
             }
@@ -52,12 +52,12 @@ pub fn page(title: &str, head: &Markup, sections: Vec<Section>) -> String {
     page.into_string()
 }
 
-/// A table that scrolls inside itself where the page is narrow.
+/// Returns a table that scrolls horizontally if the page is narrow.
 pub fn scrolling(label: &str, table: &Markup) -> Markup {
     html! { div.scroll role="region" aria-label=(label) tabindex="0" { (table) } }
 }
 
-/// One figure among others.
+/// Returns one figure of a list.
 pub fn figure(name: &str, value: &str, explanation: &str) -> Markup {
     html! { div { dt { (name) } dd { strong { (value) } span { (explanation) } } } }
 }

@@ -1,4 +1,4 @@
-//! Pictures of the camera: one before and after rectification, and many carried to the board.
+//! Pictures of the camera: one before and after rectification, and many projected onto the board.
 
 use maud::{Markup, html};
 use nalgebra::{Isometry3, Point3, Vector2};
@@ -16,11 +16,11 @@ use evcal_calibrate::circles::reference_frame::ReferenceFrame;
 use evcal_geometry::board::Board;
 use event_recordings::pictures::{GreyImage, TimedImage};
 
-/// Most pictures that are carried to the board.
+/// Largest number of pictures that are projected onto the board.
 const MOST_PICTURES: usize = 24;
-/// Columns of the picture of the board: about as many as the sensor has for it.
+/// Columns of the picture of the board, about as many as the board has on the sensor.
 const BOARD_COLUMNS: u16 = 400;
-/// A picture is that of a reference frame when their times differ by less (s).
+/// Largest difference between the times of a picture and its reference frame (s).
 const SAME_TIME: f64 = 1e-3;
 
 /// A picture with its pose.
@@ -31,7 +31,7 @@ struct Shown {
     pose: Isometry3<f64>,
 }
 
-/// Examples, where pictures show the board.
+/// Returns examples, if pictures show the board.
 pub fn pictures(calibrated: &Calibrated, task: &Task) -> Markup {
     let (shown, used) = pictures_with_pose(calibrated, task);
     let Some(example) = shown.get(shown.len() / 2) else { return html! {} };
@@ -54,7 +54,7 @@ pub fn pictures(calibrated: &Calibrated, task: &Task) -> Markup {
     }
 }
 
-/// At most [`MOST_PICTURES`] pictures with a pose, evenly chosen, and how many there are.
+/// Returns at most [`MOST_PICTURES`] pictures with a pose, evenly chosen, and the number of all such pictures.
 fn pictures_with_pose(calibrated: &Calibrated, task: &Task) -> (Vec<Shown>, usize) {
     let mut used = 0_usize;
     visit_with_pose(calibrated, task, |_, _| used += 1);
@@ -70,7 +70,8 @@ fn pictures_with_pose(calibrated: &Calibrated, task: &Task) -> (Vec<Shown>, usiz
     (shown, used)
 }
 
-/// Hands on the pictures of all recordings that can be used and have a pose. What cannot be read again is left out.
+/// Calls `visit` with the usable pictures of all recordings that have a pose. Pictures that cannot be read again are
+/// skipped.
 fn visit_with_pose(calibrated: &Calibrated, task: &Task, mut visit: impl FnMut(TimedImage, Isometry3<f64>)) {
     for (number, (input, &start)) in task.inputs.iter().zip(&calibrated.starts).enumerate() {
         let Input::Events(recording) = input else { continue };
@@ -86,7 +87,7 @@ fn visit_with_pose(calibrated: &Calibrated, task: &Task, mut visit: impl FnMut(T
     }
 }
 
-/// `T_world_camera` at `t` seconds from the start of a recording.
+/// Returns `T_world_camera` at `t` seconds from the start of a recording.
 fn pose_at(calibrated: &Calibrated, recording: usize, t: f64) -> Option<Isometry3<f64>> {
     match &calibrated.evidence {
         Evidence::Events(events) => {
@@ -101,13 +102,13 @@ fn pose_at(calibrated: &Calibrated, recording: usize, t: f64) -> Option<Isometry
 }
 
 impl Shown {
-    /// The grey value at a place on the sensor, interpolated.
+    /// Returns the grey value at a position on the sensor, interpolated.
     fn grey(&self, pixel: Vector2<f64>) -> Option<f64> {
         let place = pixel - self.position;
         if !(place.x >= 0.0 && place.y >= 0.0) {
             return None;
         }
-        // Cut off, which is rounding down, without the call that this takes on older processors.
+        // Truncation equals rounding down here, without the function call that rounding needs on older processors.
         let (column, row) = (place.x as usize, place.y as usize);
         let (right_share, lower_share) = (place.x - column as f64, place.y - row as f64);
         let value = |column: usize, row: usize| self.image.get(column, row).map(f64::from);
@@ -117,7 +118,7 @@ impl Shown {
     }
 }
 
-/// The mean of `shown` on the board.
+/// Returns the mean of `shown` on the board.
 fn carried(calibrated: &Calibrated, board: &Board, shown: &[Shown]) -> Picture {
     let frame = BoardFrame::new(board, BOARD_COLUMNS);
     let camera = calibrated.camera();

@@ -1,4 +1,4 @@
-//! Where the result comes from: recordings, board, command line, settings, version.
+//! Origin of the result: recordings, board, command line, settings, version.
 
 use maud::{Markup, html};
 use toml::{Table, Value};
@@ -11,7 +11,7 @@ use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::settings::Settings;
 
-/// Everything that is needed to get the same result again.
+/// Returns all information that is needed to reproduce the result.
 pub fn section(calibrated: &Calibrated, task: &Task, files: &[ResultFile]) -> Option<Section> {
     let changed = changed(task.settings);
     let content = html! {
@@ -67,7 +67,7 @@ fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
     }
 }
 
-/// What the files of a calibration are, by the beginnings of their names.
+/// Descriptions of the files of a calibration, by the beginning of their names.
 const MEANINGS: [(&str, &str); 21] = [
     ("calibration.json", "all results, for programs"),
     ("camera.yaml", "the camera for OpenCV"),
@@ -111,13 +111,13 @@ fn table_of(files: &[ResultFile]) -> Markup {
     }
 }
 
-/// Size of the file, where the input is one.
+/// Returns the size of the input, if it is a file.
 fn megabytes(input: &Input) -> Option<String> {
     let length = std::fs::metadata(input.name()).ok().filter(std::fs::Metadata::is_file)?.len();
     Some(format!("{:.1}", length as f64 / 1e6))
 }
 
-/// Settings that differ from their defaults: dotted name and value.
+/// Returns the settings that differ from their defaults, as dotted name and value.
 fn changed(settings: &Settings) -> Vec<(String, String)> {
     let mut found = Vec::new();
     compare(&settings.table(), &Settings::default().table(), "", &mut found);

@@ -1,4 +1,4 @@
-//! What the model does not explain.
+//! Residuals of the model.
 
 use maud::{Markup, html};
 
@@ -17,7 +17,7 @@ use evcal_core::event::Polarity;
 
 const RANKS: [&str; RANK_COUNT] = ["first", "second", "third", "later"];
 
-/// Residuals by class and by place.
+/// Returns the residuals by class and by position.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let content = match &calibrated.evidence {
         Evidence::Events(events) => of_events(calibrated, events),
@@ -142,12 +142,12 @@ fn pattern_in_words(pattern: &ResidualPattern) -> Markup {
 /// Width of a bin (px).
 const BIN: f64 = 2.0 * BOUND / BIN_COUNT as f64;
 
-/// Share of the events of a class in a bin, per px.
+/// Returns the fraction of the events of a class in a bin, per px.
 fn density(class: &ClassResiduals, bin: usize) -> f64 {
     class.bins.get(bin).map_or(0.0, |&count| count as f64 / class.count.max(1) as f64 / BIN)
 }
 
-/// One curve a rank, up to `highest`, so that both polarities have one scale.
+/// Plots one curve per rank, up to `highest`, so that both polarities have the same scale.
 fn histogram(ranks: &[ClassResiduals], polarity: &str, highest: f64) -> Chart<'static> {
     let series: Vec<Series> = ranks
         .iter()
@@ -207,7 +207,7 @@ fn class_table(calibration: &EventCalibration, classes: &[ClassResiduals; CLASS_
     }
 }
 
-/// What a class is called.
+/// Returns the name of a class.
 fn class_name(class: usize) -> String {
     let EventKind { polarity, place } = EventKind::of_class(class);
     let polarity = match polarity {

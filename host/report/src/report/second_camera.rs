@@ -1,4 +1,4 @@
-//! Other cameras on the mount: where they are, and how well their events fit the trajectory of the first.
+//! Other cameras on the mount: their poses, and the agreement of their events with the trajectory of the first camera.
 
 use maud::{Markup, html};
 
@@ -11,10 +11,10 @@ use evcal_calibrate::calibrate::mounted::SecondCamera;
 use evcal_calibrate::result::second_camera_result::SecondCameraResult;
 use evcal_calibrate::second_camera::joint::Misfit;
 
-/// Points of the curve.
+/// Number of points of the curve.
 const POINTS: usize = 300;
 
-/// Result in words, a drawing, and the residuals over time.
+/// Returns the result in words, a drawing, and the residuals over time.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let cameras = &calibrated.events()?.second_cameras;
     let title = if cameras.len() > 1 { "The other cameras" } else { "The second camera" };
@@ -48,7 +48,7 @@ fn one(second: &SecondCamera) -> Markup {
     }
 }
 
-/// Words for what the second camera saw.
+/// Terms for the observations of the second camera.
 struct Seen {
     name: &'static str,
     distance: &'static str,

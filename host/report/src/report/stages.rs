@@ -1,4 +1,4 @@
-//! What every stage took in and gave out.
+//! Input and output of every stage.
 
 use maud::{Markup, html};
 
@@ -7,7 +7,7 @@ use super::page::{Section, scrolling};
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::result::stage_lines::{Amount, StageLine, stage_lines};
 
-/// The stages as a table.
+/// Returns the stages as a table.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let content = html! {
         p { "How much of the data each stage keeps. If a calibration disappoints, look first at a stage that keeps little." }

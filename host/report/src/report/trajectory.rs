@@ -1,4 +1,4 @@
-//! How the camera moved.
+//! Motion of the camera.
 
 use std::ops::Range;
 
@@ -14,16 +14,16 @@ use evcal_calibrate::solve::pose_covariance::{PoseCovariance, PoseSigma};
 use evcal_calibrate::solve::refinement::Refined;
 use evcal_calibrate::trajectory::Trajectory;
 
-/// Angles about x, y and z of the board, turned in this order.
+/// Angles about x, y and z of the board, applied in this order.
 const ANGLES: [&str; 3] = ["roll (about x)", "pitch (about y)", "yaw (about z)"];
-/// Points of a curve over a whole recording.
+/// Number of points of a curve over a whole recording.
 const POINTS: f64 = 700.0;
-/// Recordings that are plotted.
+/// Largest number of recordings that are plotted.
 const PLOTTED: usize = 4;
-/// Segments that are listed.
+/// Largest number of segments that are listed.
 const LISTED: usize = 60;
 
-/// Position and rotation over time, and the segments.
+/// Returns position and rotation over time, and the segments.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let events = calibrated.events()?;
     let refined = &events.refined;
@@ -49,7 +49,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
     Some(Section { id: "trajectory", title: "How the camera moved", content })
 }
 
-/// Which seconds are in the joint solve, and what each brought.
+/// Describes the intervals in the joint solve, and the contribution of each.
 fn chosen(choice: &StretchChoice, recordings: usize) -> Markup {
     let of_recording = |recording: usize| {
         let seconds = choice.chosen.iter().filter(move |second| second.recording == recording);
@@ -101,7 +101,7 @@ struct PoseCurves {
 }
 
 impl PoseCurves {
-    /// Adds the curves of one segment, a point every `step` seconds.
+    /// Adds the curves of one segment, with a point every `step` seconds.
     fn add(&mut self, trajectory: &Trajectory, sigma: impl Fn(f64) -> Option<PoseSigma>, step: f64) {
         let length = trajectory.end() - trajectory.start();
         let count = (length / step).ceil().clamp(2.0, POINTS) as usize;
@@ -130,7 +130,7 @@ impl PoseCurves {
     }
 }
 
-/// The same angle (°) with as many whole turns as bring it near to `last`.
+/// Returns the angle (°) plus the multiple of 360° that brings it nearest to `last`.
 fn nearest_turn(angle: f64, last: f64) -> f64 {
     angle + 360.0 * ((last - angle) / 360.0).round()
 }
@@ -174,9 +174,9 @@ fn plots(
     })
 }
 
-/// The stretches that are left out, and why.
+/// Describes the intervals that are left out, and the reasons.
 fn left_out(stretches: &[LeftOut]) -> Markup {
-    /// Stretches that are named.
+    /// Largest number of intervals that are named.
     const NAMED: usize = 20;
     let of = |reason: Reason| stretches.iter().filter(move |stretch| stretch.reason == reason);
     let reasons = [

@@ -1,4 +1,4 @@
-//! Where on the sensor the result can be trusted.
+//! Uncertainty of the result over the sensor.
 
 use maud::{Markup, html};
 
@@ -9,7 +9,7 @@ use super::palette::Palette;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::trust::uncertainty::parts::ProjectionParts;
 
-/// Coverage and uncertainty of the projection.
+/// Returns the coverage and the uncertainty of the projection.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let projection = &calibrated.trust.projection;
     let coverage = &calibrated.trust.coverage;
@@ -36,7 +36,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
     Some(Section { id: "trust", title: "Where it can be trusted", content })
 }
 
-/// Where σ comes from.
+/// Describes the contributions to σ.
 fn parts(parts: &ProjectionParts) -> Markup {
     let ProjectionParts { noise, between_parts, event_model, focal_lengths, misfit } = *parts;
     html! {
