@@ -128,7 +128,7 @@ impl OutputFolder {
     ///
     /// # Errors
     /// [`FolderError::Blocked`].
-    pub fn check_places(&self, is_result: impl Fn(&Path) -> bool, folders: &[&str]) -> Result<(), FolderError> {
+    pub fn check_paths(&self, is_result: impl Fn(&Path) -> bool, folders: &[&str]) -> Result<(), FolderError> {
         folders.iter().try_for_each(|folder| check_is_folder(&self.path.join(folder)))?;
         match entries(&self.path).folders.into_iter().find(|folder| is_result(folder)) {
             Some(folder) => Err(Blocked::Folder(self.path.join(folder)).into()),
@@ -358,7 +358,7 @@ mod tests {
             fs::create_dir_all(folder.path().join(old).parent().unwrap()).unwrap();
             fs::write(folder.path().join(old), "old").unwrap();
             let open = OutputFolder::open(folder.path()).unwrap();
-            let error = open.check_places(is_result, &["exports"]).unwrap_err().to_string();
+            let error = open.check_paths(is_result, &["exports"]).unwrap_err().to_string();
             assert!(error.contains(path.to_str().unwrap()) && error.contains("move it away"), "{error}");
             let error = open.replace(is_result, |new| {
                 fs::create_dir(new.join("exports")).unwrap();
