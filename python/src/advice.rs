@@ -160,7 +160,7 @@ fn about_sensor(error: &OtherSensor) -> String {
     let next = match error {
         OtherSensor::TooSmall { own: Some(_), .. } | OtherSensor::TooLarge { .. } => "leave out sensor",
         OtherSensor::Exchanged {
-            exchanged: Exchanged::InTheSizeAskedFor | Exchanged::InTheSizeOfTheFile,
+            exchanged: Exchanged::RequestedSize | Exchanged::FileSize,
             sensor,
             ..
         } => return turned(sensor),

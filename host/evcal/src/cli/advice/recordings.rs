@@ -195,14 +195,14 @@ fn about_sensor(error: &OtherSensor) -> String {
     let turned = |sensor: &Sensor| format!("write --sensor {}x{}", sensor.height, sensor.width);
     let next = match error {
         OtherSensor::TooSmall { own: Some(_), .. } | OtherSensor::TooLarge { .. } => "leave out --sensor",
-        OtherSensor::Exchanged { exchanged: Exchanged::InTheSizeAskedFor, sensor, .. } => return turned(sensor),
-        OtherSensor::Exchanged { exchanged: Exchanged::InTheSizeOfTheFile, sensor, .. } => {
+        OtherSensor::Exchanged { exchanged: Exchanged::RequestedSize, sensor, .. } => return turned(sensor),
+        OtherSensor::Exchanged { exchanged: Exchanged::FileSize, sensor, .. } => {
             return format!("the file exchanged them in its size; {}", turned(sensor));
         }
-        OtherSensor::Exchanged { exchanged: Exchanged::InTheColumns, .. } => {
+        OtherSensor::Exchanged { exchanged: Exchanged::Columns, .. } => {
             "say where x and y are with --columns, such as t,y,x,p"
         }
-        OtherSensor::Exchanged { exchanged: Exchanged::InTheFile, .. } => {
+        OtherSensor::Exchanged { exchanged: Exchanged::File, .. } => {
             "the program that wrote the file exchanged them; write it anew"
         }
         OtherSensor::CountedFromOne { .. } => "subtract 1 from x and y",
