@@ -32,7 +32,7 @@ pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
     if let Some(CalibrateError::SensorUnknown { likely, .. }) = error.downcast_ref() {
         return Some(add_sensor(*likely));
     }
-    if let Some(WriteError::Leap { .. }) = error.downcast_ref() {
+    if let Some(WriteError::Jump { .. }) = error.downcast_ref() {
         let next = "is the unit of its times another one? name it with --time-unit; if not, cut the recording there";
         return Some(next.to_owned());
     }
