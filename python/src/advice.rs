@@ -40,7 +40,7 @@ fn of_one(error: &(dyn Error + 'static)) -> Option<String> {
     if let Some(CalibrateError::SensorUnknown { likely, .. }) = error.downcast_ref() {
         return Some(give_sensor(*likely));
     }
-    if let Some(FolderError::Taken(_)) = error.downcast_ref() {
+    if let Some(FolderError::Exists(_)) = error.downcast_ref() {
         return Some("name another folder, or give force=True".to_owned());
     }
     about_calibration(error)

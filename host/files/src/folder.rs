@@ -20,7 +20,7 @@ pub enum FolderError {
     Unusable(#[source] FileError),
     /// The folder already contains results.
     #[error("{} is there already", visible::path(.0))]
-    Taken(PathBuf),
+    Exists(PathBuf),
     /// Another run of the program is writing results into the folder.
     #[error("another run of this program is writing its results into {}", visible::path(.0))]
     Busy(PathBuf),
@@ -113,7 +113,7 @@ impl OutputFolder {
     /// [`FolderError`].
     pub fn open_new(path: &Path, is_result: impl Fn(&Path) -> bool) -> Result<Self, FolderError> {
         match files(path).into_iter().find(|file| is_result(file)) {
-            Some(file) => Err(FolderError::Taken(path.join(file))),
+            Some(file) => Err(FolderError::Exists(path.join(file))),
             None => Self::open(path),
         }
     }
@@ -311,8 +311,8 @@ mod tests {
         for name in ["a.json", "exports/b.yaml", "mine.txt"] {
             fs::write(folder.path().join(name), b"").unwrap();
         }
-        let taken = OutputFolder::open_new(folder.path(), is_result).unwrap_err().to_string();
-        assert!(taken.contains("a.json is there already"), "{taken}");
+        let existing = OutputFolder::open_new(folder.path(), is_result).unwrap_err().to_string();
+        assert!(existing.contains("a.json is there already"), "{existing}");
         let open = OutputFolder::open(folder.path()).unwrap();
         open.remove_results(is_result).unwrap();
         assert_eq!(files(folder.path()), [PathBuf::from("mine.txt")]);

@@ -225,8 +225,8 @@ fn about_conversion(error: &ConvertError) -> Option<String> {
 
 fn about_output(error: &(dyn Error + 'static)) -> Option<&'static str> {
     match (error.downcast_ref(), error.downcast_ref()) {
-        (Some(OutputError::Taken(_)), _) => Some("choose another name, or replace it with --force"),
-        (_, Some(FolderError::Taken(_))) => Some("choose another folder, or replace the results with --force"),
+        (Some(OutputError::Exists(_)), _) => Some("choose another name, or replace it with --force"),
+        (_, Some(FolderError::Exists(_))) => Some("choose another folder, or replace the results with --force"),
         (_, Some(FolderError::Busy(_))) => Some("wait for its end, or choose another folder with -o"),
         (_, Some(FolderError::Unusable(_) | FolderError::Blocked(_))) => Some("choose another folder with -o"),
         _ => None,
