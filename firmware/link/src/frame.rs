@@ -67,7 +67,7 @@ mod tests {
 
     use super::*;
 
-    /// Built by hand from the layout in `docs/formats.md`; the CRC is that of zlib.
+    /// Built by hand from the layout in `docs/layouts.md`; the CRC was computed by zlib.
     #[test]
     fn a_frame_is_what_the_description_says() {
         let content = [0x02, 0x01, 0x01, 0x00, 0x05];
