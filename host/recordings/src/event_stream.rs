@@ -19,6 +19,7 @@ use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
 use super::bytes::ByteReader;
+use crate::counted::counted;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::format::{FileFormat, Opened};
 use crate::options::RecordingOptions;
@@ -153,7 +154,7 @@ impl Decode for Decoder {
         }
         if !more && !self.rest.is_empty() {
             let byte = self.file.position() - self.rest.len() as u64;
-            let lost = format!("{} bytes of an event are left", self.rest.len());
+            let lost = counted(self.rest.len() as u64, "byte of an event is left", "bytes of an event are left");
             report.truncated = Some(Truncation { byte, lost });
         }
         Ok(more)
