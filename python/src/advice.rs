@@ -13,7 +13,7 @@ use evcal_files::folder::FolderError;
 use evcal_geometry::board::CircleBoard;
 use event_recordings::given_sensor::{Exchanged, OtherSensor};
 use event_recordings::text::LineError;
-use event_recordings::{ForeignFormat, FormatOption, LayoutError, RecordingError, RecordingErrorKind, TimeUnit};
+use event_recordings::{UnsupportedFormat, FormatOption, LayoutError, RecordingError, RecordingErrorKind, TimeUnit};
 
 /// The one thing to do next about `error`, if there is one to name: about the first error of its chain of causes that is known here.
 pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
@@ -40,7 +40,7 @@ fn of_one(error: &(dyn Error + 'static)) -> Option<String> {
     if let Some(CalibrateError::SensorUnknown { likely, .. }) = error.downcast_ref() {
         return Some(give_sensor(*likely));
     }
-    if let Some(FolderError::Taken(_)) = error.downcast_ref() {
+    if let Some(FolderError::Exists(_)) = error.downcast_ref() {
         return Some("name another folder, or give force=True".to_owned());
     }
     about_calibration(error)
@@ -134,23 +134,23 @@ fn about_recording(kind: &RecordingErrorKind) -> Option<&'static str> {
     })
 }
 
-fn about_format(format: ForeignFormat) -> Option<&'static str> {
+fn about_format(format: UnsupportedFormat) -> Option<&'static str> {
     Some(match format {
-        ForeignFormat::Gzip
-        | ForeignFormat::Xz
-        | ForeignFormat::Zstandard
-        | ForeignFormat::Bzip2
-        | ForeignFormat::Tar
-        | ForeignFormat::SevenZip
-        | ForeignFormat::Rar
-        | ForeignFormat::Zip => "unpack it first",
-        ForeignFormat::Calibration => "evcal.Camera.load reads it",
-        ForeignFormat::Parquet | ForeignFormat::Pickle | ForeignFormat::Spreadsheet | ForeignFormat::VirtualHdf5 => {
+        UnsupportedFormat::Gzip
+        | UnsupportedFormat::Xz
+        | UnsupportedFormat::Zstandard
+        | UnsupportedFormat::Bzip2
+        | UnsupportedFormat::Tar
+        | UnsupportedFormat::SevenZip
+        | UnsupportedFormat::Rar
+        | UnsupportedFormat::Zip => "unpack it first",
+        UnsupportedFormat::Calibration => "evcal.Camera.load reads it",
+        UnsupportedFormat::Parquet | UnsupportedFormat::Pickle | UnsupportedFormat::Spreadsheet | UnsupportedFormat::VirtualHdf5 => {
             "load it in Python and give its events as an array"
         }
-        ForeignFormat::Html => "a web page was saved in place of the recording: download it again",
-        ForeignFormat::GitLfsPointer => "the recording itself was not fetched: run git lfs pull",
-        ForeignFormat::Utf16 | ForeignFormat::Latin1 => "save it as UTF-8",
+        UnsupportedFormat::Html => "a web page was saved in place of the recording: download it again",
+        UnsupportedFormat::GitLfsPointer => "the recording itself was not fetched: run git lfs pull",
+        UnsupportedFormat::Utf16 | UnsupportedFormat::Latin1 => "save it as UTF-8",
         _ => return None,
     })
 }
@@ -160,7 +160,7 @@ fn about_sensor(error: &OtherSensor) -> String {
     let next = match error {
         OtherSensor::TooSmall { own: Some(_), .. } | OtherSensor::TooLarge { .. } => "leave out sensor",
         OtherSensor::Exchanged {
-            exchanged: Exchanged::InTheSizeAskedFor | Exchanged::InTheSizeOfTheFile,
+            exchanged: Exchanged::RequestedSize | Exchanged::FileSize,
             sensor,
             ..
         } => return turned(sensor),

@@ -68,7 +68,7 @@ mod tests {
 
     use super::*;
 
-    /// Built by hand from the layout in `docs/formats.md`; the CRC was computed by zlib.
+    /// Built by hand from the layout in `docs/layouts.md`; the CRC was computed by zlib.
     #[test]
     fn a_frame_has_the_documented_layout() {
         let content = [0x02, 0x01, 0x01, 0x00, 0x05];

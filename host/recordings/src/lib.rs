@@ -24,7 +24,6 @@ mod error;
 pub mod event_calib;
 mod event_stream;
 pub mod extras;
-mod foreign;
 mod format;
 mod formats;
 pub mod given_sensor;
@@ -48,14 +47,15 @@ pub mod ros;
 #[cfg(test)]
 mod testing;
 pub mod text;
+mod unsupported_format;
 pub mod write;
 
 pub use columns::LayoutError;
 pub use error::{RecordingError, RecordingErrorKind, Usable};
-pub use foreign::ForeignFormat;
 pub use format::{FileFormat, Head, OpenTransfers, Opened, StreamSummary, Uses};
 pub use formats::{FORMATS, format_of, options_for};
 pub use options::{Column, Columns, Damage, FormatOption, OptionError, RecordingOptions, TimeUnit};
 pub use read_report::{CounterWraps, ReadReport, RepairedTimes, StreamFaults, Truncation};
 pub use reader::{Decode, EventReader, MAX_SENSOR_SIZE, RecordingInformation};
 pub use recording::Recording;
+pub use unsupported_format::UnsupportedFormat;

@@ -1,6 +1,6 @@
 //! Circle streams: what a detector on a microcontroller sends, from a file or a serial port.
 //!
-//! The frames are those of `evcal-link` (`docs/formats.md` has them byte by byte). The circles of a window
+//! The frames are those of `evcal-link` (`docs/layouts.md` has them byte by byte). The circles of a window
 //! become a frame of a [`CircleTrack`] without places on the board, which the grid finder then gives them.
 //! Damaged, lost and unknown frames cost what they held; all of them are counted and told.
 

@@ -30,7 +30,7 @@ impl OutputArguments {
             true => OutputFolder::open(path),
             false => OutputFolder::open_new(path, &is_result),
         }?;
-        folder.check_places(is_result, folders)?;
+        folder.check_paths(is_result, folders)?;
         Ok(folder)
     }
 }

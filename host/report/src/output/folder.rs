@@ -92,7 +92,7 @@ pub enum WriteError {
 /// [`WriteError`] if there is already a result, or the folder or a file cannot be written.
 pub fn write_new_folder(folder: impl AsRef<Path>, calibrated: &Calibrated, task: &Task) -> Result<Written, WriteError> {
     let folder = OutputFolder::open_new(folder.as_ref(), is_result)?;
-    folder.check_places(is_result, FOLDERS)?;
+    folder.check_paths(is_result, FOLDERS)?;
     Ok(write_folder(&folder, calibrated, task, &mut |_| {})?)
 }
 

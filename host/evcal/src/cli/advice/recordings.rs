@@ -12,7 +12,7 @@ use event_recordings::convert::ConvertError;
 use event_recordings::encode::WriteError;
 use event_recordings::given_sensor::{Exchanged, OtherSensor};
 use event_recordings::text::LineError;
-use event_recordings::{ForeignFormat, FormatOption, LayoutError, RecordingError, RecordingErrorKind, Usable};
+use event_recordings::{FormatOption, LayoutError, RecordingError, RecordingErrorKind, UnsupportedFormat, Usable};
 use usb_davis::capture::CaptureError;
 
 /// What to do about `error`, where it is one of event-recordings, evcal-files or usb-davis, or about a sensor that is not known.
@@ -32,7 +32,7 @@ pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
     if let Some(CalibrateError::SensorUnknown { likely, .. }) = error.downcast_ref() {
         return Some(add_sensor(*likely));
     }
-    if let Some(WriteError::Leap { .. }) = error.downcast_ref() {
+    if let Some(WriteError::Jump { .. }) = error.downcast_ref() {
         let next = "is the unit of its times another one? name it with --time-unit; if not, cut the recording there";
         return Some(next.to_owned());
     }
@@ -117,46 +117,48 @@ fn where_else(path: &Path) -> &'static str {
     }
 }
 
-fn about_format(format: ForeignFormat) -> Option<&'static str> {
+fn about_format(format: UnsupportedFormat) -> Option<&'static str> {
     Some(match format {
-        ForeignFormat::Aedat1 => "open it in jAER and save it as AEDAT 2",
-        ForeignFormat::Aedat3Compressed => "convert it to AEDAT4 with DV",
-        ForeignFormat::Rosbag1 => "bring it to version 2 with rosbag fix",
-        ForeignFormat::Hdf5 => {
+        UnsupportedFormat::Aedat1 => "open it in jAER and save it as AEDAT 2",
+        UnsupportedFormat::Aedat3Compressed => "convert it to AEDAT4 with DV",
+        UnsupportedFormat::Rosbag1 => "bring it to version 2 with rosbag fix",
+        UnsupportedFormat::Hdf5 => {
             "build evcal with --features hdf5, or save its arrays t, x, y and p with h5py and numpy.savez"
         }
-        ForeignFormat::VirtualHdf5 => {
+        UnsupportedFormat::VirtualHdf5 => {
             "an array in it is a view of other arrays (a virtual dataset): copy the numbers into arrays of their own, with h5py or \
              h5repack -l CONTI IN OUT"
         }
-        ForeignFormat::PropheseeEncoding => "convert it with metavision_file_to_csv",
-        ForeignFormat::EventStreamVersion => "convert it with the program that wrote it",
-        ForeignFormat::EventStreamKind => "name the events of a DVS or an ATIS, not colours or generic bytes",
-        ForeignFormat::Gzip => "unpack it with gunzip first",
-        ForeignFormat::Xz => "unpack it with unxz first",
-        ForeignFormat::Zstandard => "unpack it with unzstd first",
-        ForeignFormat::Bzip2 => "unpack it with bunzip2 first",
-        ForeignFormat::Tar => "unpack it with tar -xf first",
-        ForeignFormat::SevenZip | ForeignFormat::Rar | ForeignFormat::Zip => "unpack it first",
-        ForeignFormat::ZipCompression => "pack it again with numpy.savez_compressed",
-        ForeignFormat::Spreadsheet => "save its events as CSV",
-        ForeignFormat::Calibration => {
+        UnsupportedFormat::PropheseeEncoding => "convert it with metavision_file_to_csv",
+        UnsupportedFormat::EventStreamVersion => "convert it with the program that wrote it",
+        UnsupportedFormat::EventStreamKind => "name the events of a DVS or an ATIS, not colours or generic bytes",
+        UnsupportedFormat::Gzip => "unpack it with gunzip first",
+        UnsupportedFormat::Xz => "unpack it with unxz first",
+        UnsupportedFormat::Zstandard => "unpack it with unzstd first",
+        UnsupportedFormat::Bzip2 => "unpack it with bunzip2 first",
+        UnsupportedFormat::Tar => "unpack it with tar -xf first",
+        UnsupportedFormat::SevenZip | UnsupportedFormat::Rar | UnsupportedFormat::Zip => "unpack it first",
+        UnsupportedFormat::ZipCompression => "pack it again with numpy.savez_compressed",
+        UnsupportedFormat::Spreadsheet => "save its events as CSV",
+        UnsupportedFormat::Calibration => {
             "evcal export, evaluate, compare and undistort -c read it; name the recording here"
         }
-        ForeignFormat::CalibrationReport => "browsers show it; name the recording here",
-        ForeignFormat::Json => "a calibration is read by evcal export, evaluate, compare and undistort -c",
-        ForeignFormat::Yaml => {
+        UnsupportedFormat::CalibrationReport => "browsers show it; name the recording here",
+        UnsupportedFormat::Json => "a calibration is read by evcal export, evaluate, compare and undistort -c",
+        UnsupportedFormat::Yaml => {
             "a camera.yaml is a camera for OpenCV, and calibration.json beside it is read by evcal; name the recording here"
         }
-        ForeignFormat::Pdf => "name the recording of the board, not the board",
-        ForeignFormat::Png => "evcal undistort takes pictures, and takes their distortion out",
-        ForeignFormat::Parquet | ForeignFormat::Pickle => "save its columns t, x, y and p with numpy.savez, or as CSV",
-        ForeignFormat::Matlab => "save it in MATLAB with the option -v7.3, or its events as text",
-        ForeignFormat::Video => "name the events that the camera recorded, not a video of them",
-        ForeignFormat::Html => "a web page was saved in place of the recording: download it again",
-        ForeignFormat::GitLfsPointer => "the recording itself was not fetched: run git lfs pull",
-        ForeignFormat::Utf16 => "save it as UTF-8, or convert it with iconv -f UTF-16 -t UTF-8",
-        ForeignFormat::Latin1 => "save it as UTF-8, or convert it with iconv -f LATIN1 -t UTF-8",
+        UnsupportedFormat::Pdf => "name the recording of the board, not the board",
+        UnsupportedFormat::Png => "evcal undistort takes pictures, and takes their distortion out",
+        UnsupportedFormat::Parquet | UnsupportedFormat::Pickle => {
+            "save its columns t, x, y and p with numpy.savez, or as CSV"
+        }
+        UnsupportedFormat::Matlab => "save it in MATLAB with the option -v7.3, or its events as text",
+        UnsupportedFormat::Video => "name the events that the camera recorded, not a video of them",
+        UnsupportedFormat::Html => "a web page was saved in place of the recording: download it again",
+        UnsupportedFormat::GitLfsPointer => "the recording itself was not fetched: run git lfs pull",
+        UnsupportedFormat::Utf16 => "save it as UTF-8, or convert it with iconv -f UTF-16 -t UTF-8",
+        UnsupportedFormat::Latin1 => "save it as UTF-8, or convert it with iconv -f LATIN1 -t UTF-8",
         _ => return None,
     })
 }
@@ -195,14 +197,14 @@ fn about_sensor(error: &OtherSensor) -> String {
     let turned = |sensor: &Sensor| format!("write --sensor {}x{}", sensor.height, sensor.width);
     let next = match error {
         OtherSensor::TooSmall { own: Some(_), .. } | OtherSensor::TooLarge { .. } => "leave out --sensor",
-        OtherSensor::Exchanged { exchanged: Exchanged::InTheSizeAskedFor, sensor, .. } => return turned(sensor),
-        OtherSensor::Exchanged { exchanged: Exchanged::InTheSizeOfTheFile, sensor, .. } => {
+        OtherSensor::Exchanged { exchanged: Exchanged::RequestedSize, sensor, .. } => return turned(sensor),
+        OtherSensor::Exchanged { exchanged: Exchanged::FileSize, sensor, .. } => {
             return format!("the file exchanged them in its size; {}", turned(sensor));
         }
-        OtherSensor::Exchanged { exchanged: Exchanged::InTheColumns, .. } => {
+        OtherSensor::Exchanged { exchanged: Exchanged::Columns, .. } => {
             "say where x and y are with --columns, such as t,y,x,p"
         }
-        OtherSensor::Exchanged { exchanged: Exchanged::InTheFile, .. } => {
+        OtherSensor::Exchanged { exchanged: Exchanged::File, .. } => {
             "the program that wrote the file exchanged them; write it anew"
         }
         OtherSensor::CountedFromOne { .. } => "subtract 1 from x and y",
@@ -223,8 +225,8 @@ fn about_conversion(error: &ConvertError) -> Option<String> {
 
 fn about_output(error: &(dyn Error + 'static)) -> Option<&'static str> {
     match (error.downcast_ref(), error.downcast_ref()) {
-        (Some(OutputError::Taken(_)), _) => Some("choose another name, or replace it with --force"),
-        (_, Some(FolderError::Taken(_))) => Some("choose another folder, or replace the results with --force"),
+        (Some(OutputError::Exists(_)), _) => Some("choose another name, or replace it with --force"),
+        (_, Some(FolderError::Exists(_))) => Some("choose another folder, or replace the results with --force"),
         (_, Some(FolderError::Busy(_))) => Some("wait for its end, or choose another folder with -o"),
         (_, Some(FolderError::Unusable(_) | FolderError::Blocked(_))) => Some("choose another folder with -o"),
         _ => None,
