@@ -115,10 +115,25 @@ impl Command {
     }
 }
 
-/// The command line as a shell would take it.
+/// Returns the command line for a shell, without the number of threads and with `DIR` as the output folder: neither changes a result, so
+/// files that contain the command stay the same.
 fn command_line() -> String {
-    let words: Vec<String> = std::env::args_os().skip(1).map(|word| shell_word(&word.to_string_lossy())).collect();
-    format!("evcal {}", words.join(" "))
+    let mut words = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
+    let mut command = vec!["evcal".to_owned()];
+    while let Some(word) = words.next() {
+        let name = word.split('=').next().unwrap_or_default();
+        let has_value_after = name == word && matches!(name, "--threads" | "-o" | "--output");
+        if has_value_after {
+            words.next();
+        }
+        match name {
+            "--threads" => {}
+            "--output" => command.push("-o DIR".to_owned()),
+            _ if name.starts_with("-o") => command.push("-o DIR".to_owned()),
+            _ => command.push(shell_word(&word)),
+        }
+    }
+    command.join(" ")
 }
 
 /// What a subcommand returns; an error goes to standard error with exit code 1.
