@@ -206,7 +206,7 @@ pub fn run() -> ExitCode {
             print::aside(&printed);
             let mut source = error.source();
             while let Some(cause) = source {
-                // The text of many errors contains that of their cause.
+                // The text of many errors contains the text of their cause.
                 let text = cause.to_string();
                 if !printed.contains(&text) {
                     print::detail(format_args!("  because: {text}"));

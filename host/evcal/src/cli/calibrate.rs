@@ -93,8 +93,8 @@ struct SecondCameraArguments {
     /// The camera of --with has a rolling shutter: it exposes the rows of an image one after the other
     #[arg(long, requires = "with")]
     rolling_shutter: bool,
-    /// With --imu or --with, fix the first camera's intrinsics at those of this calibration or camera file [default: estimate them
-    /// together with the other parameters]
+    /// With --imu or --with, fix the first camera's intrinsics at the values in this calibration or camera file [default: estimate
+    /// them together with the other parameters]
     #[arg(long, value_name = "FILE|DIR")]
     camera: Option<PathBuf>,
     /// The same for the camera of --with; can be repeated, in the order of --with
@@ -157,8 +157,8 @@ pub struct CalibrationArguments {
     /// Solve for events and the camera's own frames jointly
     #[arg(long)]
     joint_frames: bool,
-    /// Cross-check events with the camera's own frames: treat the frames as a second camera, whose estimated position should be that of
-    /// the first
+    /// Cross-check events with the camera's own frames: treat the frames as a second camera, which should get the same position as the
+    /// first
     #[arg(long, conflicts_with_all = ["frames_only", "joint_frames"])]
     with_frames: bool,
     /// Also calibrate the IMU, from the samples in the recording, or from a CSV file whose first line contains the
@@ -218,7 +218,7 @@ impl MethodArguments {
         Ok(settings)
     }
 
-    /// Returns the given board, or recognises it in those of the files that contain events.
+    /// Returns the given board, or recognises it in the files that contain events.
     pub fn choose_board(
         &self,
         files: &[PathBuf],
@@ -229,7 +229,7 @@ impl MethodArguments {
     }
 }
 
-/// Returns the requested board, or recognises it in those of the files that contain events, and prints it.
+/// Returns the requested board, or recognises it in the files that contain events, and prints it.
 pub(super) fn board_in(
     request: &BoardRequest,
     files: &[PathBuf],

@@ -76,7 +76,7 @@ struct TableArguments {
     #[arg(long, value_name = "COLUMNSxROWS", value_parser = nodes, conflicts_with = "max_error", requires = "tables")]
     nodes: Option<[u16; 2]>,
     /// Ideal camera of the undistorted pixels: fx,fy,cx,cy in pixels; 1,1,0,0 for X/Z and Y/Z
-    /// [default: those of the calibration]
+    /// [default: as in the calibration]
     #[arg(long, value_name = "NUMBERS", allow_hyphen_values = true, value_parser = ideal_camera, requires = "tables")]
     ideal: Option<IdealCamera<f64>>,
 }

@@ -319,7 +319,7 @@ fn second_camera(
     Ok(settings.map(|settings| SecondCamera::new(settings, first, sensor, arguments.seed)).transpose()?)
 }
 
-/// Returns the settings of an option: none, the defaults, or those of a JSON file.
+/// Returns the settings of an option: none, the defaults, or the content of a JSON file.
 fn usual_or_file<T: Default + DeserializeOwned>(option: &str, value: Option<&str>) -> Result<Option<T>, UsageError> {
     match value {
         None => Ok(None),

@@ -25,18 +25,18 @@ pub struct Failure {
     pub error: String,
     /// Stages in their order; the last one failed.
     pub stages: Vec<String>,
-    /// What the detector found in the first recording; `None` if the error has nothing to do with the recording's content.
+    /// Detections in the first recording; `None` if the error does not depend on the content of recordings.
     pub seen: Option<Seen>,
     /// Files with more details.
     pub files: Vec<PathBuf>,
 }
 
-/// What the detector found in a recording.
+/// Detections in a recording.
 #[derive(Clone, Debug, Serialize)]
 pub struct Seen {
     /// The recording.
     pub file: String,
-    /// How many of its windows show the board, and why the others do not.
+    /// Counts of windows with the board, and of the others by reason.
     pub windows: DetectionReport,
     /// Number of circles in the window with most circles.
     pub most_circles: usize,
@@ -84,7 +84,7 @@ pub fn write_failure(
     Ok(failure)
 }
 
-/// Searches the recording once more, for the board or, if there was no board, for circles, and draws the window with most circles.
+/// Searches the recording once more, for the board, or for circles if the board was not found, and draws the window with most circles.
 fn search_again(input: &Input, task: &Task, error: &CalibrateError) -> Option<(String, FoundCircles, Option<Vec<u8>>)> {
     let Input::Events(recording) = input else { return None };
     let wanted = match error {

@@ -21,7 +21,7 @@ use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::Board;
 
-/// Columns of the picture of the board: its pixels are smaller than those of the sensor.
+/// Columns of the picture of the board: its pixels are smaller than sensor pixels.
 const BOARD_COLUMNS: u16 = 800;
 /// Runs of events that a thread transforms at once.
 const PIECE: usize = 3;

@@ -41,9 +41,9 @@ pub fn best_frame(calibrated: &Calibrated, board: &Board) -> Markup {
 fn colors(frame: &ReferenceFrame) -> Markup {
     html! {
         @if matches!(frame.seen_in, SeenIn::Reconstruction(_)) {
-            "Grey: an image reconstructed from events. Black: detected corners or dots; magenta lines join those of a row."
+            "Grey: an image reconstructed from events. Black: detected corners or dots, joined by magenta lines along the rows."
         } @else {
-            i.swatch.on {} "ON and " i.swatch.off {} "OFF events. Black: detected circles; magenta lines join those of a row."
+            i.swatch.on {} "ON and " i.swatch.off {} "OFF events. Black: detected circles, joined by magenta lines along the rows."
         }
     }
 }

@@ -133,8 +133,8 @@ fn by_position(calibrated: &Calibrated, map: &ResidualMap) -> Markup {
     }
 }
 
-/// Returns the largest rms (px) of the cells with at least a tenth of the observations of the median cell: that of fewer observations is
-/// mostly chance.
+/// Returns the largest rms (px) of the cells with at least a tenth of the observations of the median cell. In cells with fewer
+/// observations, chance dominates the rms.
 fn largest_of_full_cells(map: &ResidualMap) -> f64 {
     let mut counts: Vec<usize> = map.cells.iter().map(|cell| cell.count).filter(|&count| count > 0).collect();
     counts.sort_unstable();

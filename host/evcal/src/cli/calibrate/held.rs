@@ -17,7 +17,7 @@ pub struct HeldCamera {
     intrinsics: HeldIntrinsics,
 }
 
-/// The sensor size of the given camera is not that of the recording.
+/// The given camera and the recording have different sensor sizes.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "{} is for a camera with {} x {} pixels, but the camera of the recording has {} x {}: give the calibration of the same camera",

@@ -82,7 +82,7 @@ pub struct Work<'a> {
     pub arguments: &'a CalibrationArguments,
     /// Settings of all stages.
     pub settings: &'a Settings,
-    /// Threads that read the recordings; `None` to use those of the calibration.
+    /// Threads that read the recordings; `None` to use the threads of the calibration.
     pub readers: Option<ThreadPool>,
 }
 

@@ -30,7 +30,7 @@ pub fn run(files: &CapturedFiles, as_json: bool) -> crate::cli::Outcome {
     print::line(text(&compared))
 }
 
-/// Reads the camera of a calibration; `None` if there is none next to the trajectory, or it has no σ.
+/// Reads the camera of a calibration; `None` if it is missing next to the trajectory, or has no σ.
 fn known_camera(calibration: &Path) -> Option<KnownCamera> {
     let known = CalibratedCamera::read(calibration).ok()?;
     let covariance = known.covariance_matrix()?;

@@ -1,5 +1,5 @@
 //! The calibration that follows a recording. It begins during the recording and reads the file as it grows, so that only the solve remains
-//! at the end. The result is that of `evcal calibrate` with the file.
+//! at the end. The result is the same as from `evcal calibrate` with the file.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
