@@ -118,7 +118,10 @@ impl Command {
 /// Returns the command line for a shell, without the number of threads and with `DIR` as the output folder: neither changes a result, so
 /// files that contain the command stay the same.
 fn command_line() -> String {
-    let mut words = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
+    repeatable(std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()))
+}
+
+fn repeatable(mut words: impl Iterator<Item = String>) -> String {
     let mut command = vec!["evcal".to_owned()];
     while let Some(word) = words.next() {
         let name = word.split('=').next().unwrap_or_default();
@@ -224,6 +227,21 @@ pub fn run() -> ExitCode {
                 }
                 _ => ExitCode::FAILURE,
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn commands_have_neither_threads_nor_output_folder() {
+        for output in [&["-o", "out"][..], &["-oout"], &["--output", "out"], &["--output=out"]] {
+            let words =
+                [&["--threads", "2", "calibrate", "my a=b.csv"][..], output, &["--threads=3", "--json"]].concat();
+            let command = repeatable(words.into_iter().map(str::to_owned));
+            assert_eq!(command, "evcal calibrate 'my a=b.csv' -o DIR --json");
         }
     }
 }

@@ -58,18 +58,23 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
         examples.push(("Worst", *last));
     }
     let ideal = ideal_camera(calibrated.camera(), calibrated.sensor);
-    let examples: Vec<_> = examples
-        .into_par_iter()
-        .map(|(name, (posed, frame))| (name, frame, pictures(calibrated, board, &ideal, posed, frame)))
-        .collect();
+    let draw = |index: usize, (name, (posed, frame)): (&'static str, (&PosedFrame, &'_ ReferenceFrame))| {
+        let pictures = html! {
+            // The top of the page shows the best frame as seen.
+            @if index > 0 { (seen_figure(calibrated, board, posed, frame)) }
+            (rectified_figure(calibrated, board, &ideal, posed, frame))
+        };
+        (name, frame.t(), frame.recording, pictures)
+    };
+    let examples: Vec<_> = examples.into_par_iter().enumerate().map(|(index, example)| draw(index, example)).collect();
     let content = html! {
         p {
             "Frames of the calibration, ranked by the error of the initial model. " (colors(best.1))
-            " Green: the board, projected by the calibration; it should coincide with the edges. In the right picture the distortion of the lens "
-            "is removed, so the magenta lines should be straight."
+            " Green: the board, projected by the calibration; it should coincide with the edges. The pictures without the distortion of the lens "
+            "should have straight magenta lines. The best frame as seen is at the top of the page."
         }
-        @for (name, frame, pictures) in examples {
-            h3 { (name) (format!(" frame, {:.3} s", frame.t())) @if calibrated.starts.len() > 1 { " of recording " (frame.recording + 1) } }
+        @for (name, t, recording, pictures) in examples {
+            h3 { (name) (format!(" frame, {t:.3} s")) @if calibrated.starts.len() > 1 { " of recording " (recording + 1) } }
             div.pair { (pictures) }
         }
     };
@@ -81,7 +86,12 @@ pub fn scale(sensor: Sensor) -> usize {
     usize::from(WIDEST / sensor.width.max(1)).clamp(1, 4)
 }
 
-fn pictures(
+fn seen_figure(calibrated: &Calibrated, board: &Board, posed: &PosedFrame, frame: &ReferenceFrame) -> Markup {
+    let seen = as_seen(calibrated, board, posed, frame);
+    figure(&seen, "A frame as the sensor saw it, with the board.", "As the sensor saw it.")
+}
+
+fn rectified_figure(
     calibrated: &Calibrated,
     board: &Board,
     ideal: &IdealCamera<f64>,
@@ -91,16 +101,12 @@ fn pictures(
     let (camera, sensor) = (calibrated.camera(), calibrated.sensor);
     let pose = calibrated.best_pose(posed, frame);
     let raster = Raster::new(sensor, frame);
-    let seen = as_seen(calibrated, board, posed, frame);
     let mut rectified = Picture::of_sensor(sensor, scale(sensor), |place| {
         distorted(camera, ideal, place).map_or(BEYOND, |pixel| raster.color(pixel))
     });
     let place = |pixel: Vector2<f64>| ideal.of_pixel(camera, &pixel);
     rectified.board(frame, board, |point| projected(ideal, &pose.inverse_transform_point(point)), place);
-    html! {
-        (figure(&seen, "A frame as the sensor saw it, with the board.", "As the sensor saw it."))
-        (figure(&rectified, "The same frame without the distortion of the lens, with the board.", "Without distortion."))
-    }
+    figure(&rectified, "A frame without the distortion of the lens, with the board.", "Without distortion.")
 }
 
 /// Draws a frame with the detected circles or corners, and the board as the calibration projects it.

@@ -95,7 +95,7 @@ fn figures(calibrated: &Calibrated, settings: &VerdictSettings) -> Markup {
         dl.figures {
             (figure("Expected projection error", &format!("{} px", signed(projection.rms_95, 3)), &format!("or less over the sensor (rms), in 95 of 100 cases; good: up to {} px", settings.good)))
             @if let Some((pixel, sigma)) = largest_uncertainty(calibrated) {
-                (figure("Largest where seen", &format!("{} px", signed(2.0 * sigma, 3)), &format!("or less at pixel ({:.0}, {:.0}), in 95 of 100 cases (2σ)", pixel[0], pixel[1])))
+                (figure("Largest projection error", &format!("{} px", signed(2.0 * sigma, 3)), &format!("or less where the board was seen: at pixel ({:.0}, {:.0}), in 95 of 100 cases (2σ)", pixel[0], pixel[1])))
             }
             (figure("Sensor covered", &percent(trust.coverage.covered), &format!("of its cells have enough observations; good: {} or more", percent(SMALLEST_COVERAGE))))
             @if let Some(halves) = calibrated.events().and_then(|events| events.trust.split_half.as_ref()) {
