@@ -33,7 +33,7 @@ pub struct Arguments {
     calibration: CalibrationArguments,
     #[command(flatten)]
     camera: CameraArguments,
-    /// Play this recording instead of using a camera, until the board was seen enough; then calibrate from the whole recording
+    /// Play this recording instead of using a camera, until it is good enough; then calibrate from all of it
     #[arg(long, value_name = "RECORDING", conflicts_with_all = ["duration", "frames", "preset", "serial"])]
     replay: Option<PathBuf>,
     /// Playback speed; 1 is the original speed, max is as fast as possible

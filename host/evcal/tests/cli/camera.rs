@@ -242,7 +242,9 @@ fn results(folder: &Path) -> Vec<(String, Vec<u8>)> {
             files.extend(results(&path));
         } else if name == "calibration.json" {
             let mut calibration: serde_json::Value = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
-            ["command", "input_files"].map(|key| calibration.as_object_mut().unwrap().remove(key));
+            for key in ["command", "input_files"] {
+                calibration.as_object_mut().unwrap().remove(key);
+            }
             files.push((name, calibration.to_string().into_bytes()));
         } else if name != "report.html" && !name.ends_with(".dvraw") {
             files.push((name, fs::read(path).unwrap()));

@@ -33,8 +33,8 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
             @if result.held_camera.is_some() { " The intrinsics of the camera were fixed." }
         }
         @if !result.findings.is_empty() { ul { @for finding in &result.findings { li { (capital(finding)) } } } }
-        div.pair {
-            div {
+        div.trio {
+            div.wide {
                 (scrolling("Parameters of the IMU along its axes", &vectors(&result)))
                 (scrolling("Other parameters of the IMU", &scalars(&result)))
                 p.faint {

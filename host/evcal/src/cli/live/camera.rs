@@ -34,7 +34,7 @@ fn name(number: usize) -> String {
     }
 }
 
-/// Records until the board was seen enough, then calibrates; repeats this as often as the user wants.
+/// Records until the recording is good enough, then calibrates; repeats this as often as the user wants.
 pub fn run(
     arguments: &Arguments,
     settings: &Settings,
@@ -101,7 +101,7 @@ struct Session<'a> {
 }
 
 impl Session<'_> {
-    /// Records `camera` into `path` until the board was seen enough, counting the recordings `before`, whose observations are in `memory`.
+    /// Records `camera` into `path` until the recording is good enough together with the recordings `before`, whose observations are in `memory`.
     fn record(
         self,
         mut camera: Camera,

@@ -22,7 +22,7 @@ use super::{Arguments, checkpoint, open_window};
 /// Factor between the length of a checkpoint and the time in the recording at which its result is shown: about the time that it takes.
 const SHOWN_AT_LENGTH: f64 = 1.5;
 
-/// Plays a recording until the board was seen enough, then calibrates from the whole recording.
+/// Plays a recording until it is good enough, then calibrates from all of it.
 pub fn run(
     arguments: &Arguments,
     path: &Path,
@@ -67,7 +67,7 @@ pub fn run(
     }
     if !json {
         print::line(match seen.is_enough() {
-            true => format!("the board was seen enough after {:.1} s of the recording", seen.t),
+            true => format!("the recording is good enough after {:.1} s", seen.t),
             false => format!(
                 "{:.1} s; still missing: {}",
                 report.seconds,
