@@ -1,5 +1,6 @@
-//! Output of results: the folder of a calibration, and its summary on the terminal.
+//! The results of a calibration: its folder of files, and the summary for a terminal.
 
 pub mod failure;
 pub mod folder;
+pub mod input_files;
 mod summary;

@@ -1,4 +1,4 @@
-//! Pictures of windows: events, detected circles, and the projection of the board by the model.
+//! Pictures of windows: their events, the detected circles, and the board as the calibration projects it.
 
 use evcal_core::sensor::Sensor;
 use std::io;
@@ -16,18 +16,18 @@ use evcal_files::FileError;
 use evcal_geometry::board::Board;
 use event_recordings::pictures::GreyImage;
 
-/// Picture pixels per sensor pixel in picture files.
+/// Picture pixels along each side of a sensor pixel, for pictures in files of their own.
 const SCALE: usize = 3;
 /// Colour of a pixel without events.
 pub const WHITE: [u8; 3] = [255, 255, 255];
-/// Colour of ON events.
-pub const ON: [u8; 3] = [220, 50, 47];
-/// Colour of OFF events.
-pub const OFF: [u8; 3] = [38, 100, 210];
-/// Colour of the area outside the sensor.
+/// Colour of ON events: blue, as in the style sheets of the report and of the live page.
+pub const ON: [u8; 3] = [10, 88, 176];
+/// Colour of OFF events: orange, as there.
+pub const OFF: [u8; 3] = [176, 68, 0];
+/// Colour outside the sensor.
 pub const BEYOND: [u8; 3] = [205, 210, 216];
 const FOUND: [u8; 3] = [20, 20, 20];
-const ROW_LINE: [u8; 3] = [230, 160, 0];
+const ROW_LINE: [u8; 3] = [210, 40, 190];
 const MODEL: [u8; 3] = [0, 150, 70];
 
 /// An RGB picture.
@@ -39,18 +39,18 @@ pub struct Picture {
     pub height: usize,
     /// Three bytes per pixel, row by row.
     pub rgb: Vec<u8>,
-    /// Picture pixels per sensor pixel.
+    /// Picture pixels along each side of a sensor pixel.
     scale: usize,
 }
 
 impl Picture {
-    /// Creates a white picture with `scale` × `scale` pixels per pixel of the sensor.
+    /// Creates a white picture with `scale` x `scale` pixels for each pixel of the sensor.
     pub fn new(sensor: Sensor, scale: usize) -> Self {
         let (width, height) = (usize::from(sensor.width) * scale, usize::from(sensor.height) * scale);
         Self { width, height, rgb: WHITE.repeat(width * height), scale }
     }
 
-    /// Creates a picture from the value of `color` at each position on the sensor (px).
+    /// Creates a picture with the colours that `color` returns for positions on the sensor (px).
     pub fn of_sensor(sensor: Sensor, scale: usize, color: impl Fn(Vector2<f64>) -> [u8; 3] + Sync) -> Self {
         let mut picture = Self::new(sensor, scale);
         let row_bytes = 3 * picture.width.max(1);
@@ -101,7 +101,7 @@ impl Picture {
         }
     }
 
-    /// Draws a grey picture whose first pixel is at pixel `position` of the sensor.
+    /// Draws a grey image whose top left pixel is at `position` of the sensor.
     fn grey(&mut self, image: &GreyImage, position: (u16, u16)) {
         for (index, &value) in image.pixels.iter().enumerate() {
             let (x, y) = (index % image.width(), index / image.width());
@@ -118,8 +118,8 @@ impl Picture {
         }
     }
 
-    /// Draws the edges of `board` in green, with points of the board (metres) projected by `project`, and the circles
-    /// detected in `frame`, moved by `place` (px to px), in black, joined along the rows.
+    /// Draws the edges of `board` in green, with `project` from points of the board (m) to pixels, and the detected circles of `frame` in
+    /// black, joined along the rows, with `place` from sensor pixels to pixels of the picture.
     pub fn board(
         &mut self,
         frame: &ReferenceFrame,
@@ -142,7 +142,7 @@ impl Picture {
         }
     }
 
-    /// Draws the edges of `board` in green, with points of the board (metres) projected by `project`.
+    /// Draws the edges of `board` in green, with `project` from points of the board (m) to pixels.
     pub fn edges(&mut self, board: &Board, project: impl Fn(&Point3<f64>) -> Option<Vector2<f64>>) {
         for outline in board.outlines() {
             let images: Vec<_> = outline.iter().map(|point| project(&Point3::new(point.x, point.y, 0.0))).collect();
@@ -154,10 +154,10 @@ impl Picture {
         }
     }
 
-    /// Writes the picture as PNG.
+    /// Writes the picture as a PNG file.
     ///
     /// # Errors
-    /// [`FileError`] if it cannot be written.
+    /// [`FileError`] if the file cannot be written.
     pub fn write_png(&self, path: &Path) -> Result<(), FileError> {
         evcal_files::write_with(path, |file| self.encode_png(file, png::Compression::default()))
     }
@@ -165,7 +165,7 @@ impl Picture {
     /// Returns the picture as PNG.
     ///
     /// # Errors
-    /// If the picture is too large for PNG.
+    /// The picture is too large for PNG.
     pub fn to_png(&self) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
         self.encode_png(&mut bytes, png::Compression::Fast)?;
@@ -183,9 +183,8 @@ impl Picture {
     }
 }
 
-/// Returns a picture of a reference frame: ON events red and OFF events blue, or the picture made of events; detected
-/// circles or corners in black, joined along the rows of the board; edges as projected by `camera` at `pose`
-/// (`T_world_camera`) in green.
+/// Draws a reference frame: ON events in blue and OFF events in orange, or the image reconstructed from events; detected circles or corners in
+/// black, joined along the rows of the board; and in green the edges of the board, projected by `camera` at `pose` (`T_world_camera`).
 pub fn reference_frame_picture(
     frame: &ReferenceFrame,
     sensor: Sensor,
@@ -202,7 +201,7 @@ pub fn reference_frame_picture(
     picture
 }
 
-/// Returns the same over one of the camera's own pictures, whose first pixel is at pixel `position` of the sensor.
+/// Draws the same over a picture of the camera, whose top left pixel is at `position` of the sensor.
 pub fn grey_frame_picture(
     image: &GreyImage,
     position: (u16, u16),
@@ -218,7 +217,7 @@ pub fn grey_frame_picture(
     picture
 }
 
-/// Returns a picture of circles (centre and radius in pixels) or corners over the content of a window.
+/// Draws circles (centre and radius in pixels) or corners over the content of a window.
 pub fn circle_picture(content: WindowContent, circles: &[(Vector2<f64>, f64)], sensor: Sensor) -> Picture {
     let mut picture = Picture::new(sensor, SCALE);
     match content {
@@ -238,7 +237,7 @@ mod tests {
     use evcal_core::event::Event;
 
     #[test]
-    fn events_and_circles_are_where_they_should_be_and_png_reads_back() {
+    fn events_and_circles_have_their_positions_and_the_png_file_has_all_pixels() {
         let event = Event { t: 0, x: 5, y: 7, polarity: Polarity::On };
         let pixels = [EventPixel::new(&event)];
         let circles = [(Vector2::new(20.0, 15.0), 4.0)];

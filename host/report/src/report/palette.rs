@@ -1,9 +1,9 @@
-//! Colour scales for values.
+//! Scales of colours for values.
 
-/// A colour scale that is distinguishable in print and for the colour-blind.
+/// A scale of colours that stay distinguishable in print and with a colour vision deficiency.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Palette {
-    /// From small (dark blue) to large (yellow).
+    /// From low (dark blue) to high (yellow).
     Amount,
     /// From good (yellow) to bad (dark).
     Error,
@@ -25,7 +25,7 @@ impl Palette {
         }
     }
 
-    /// Returns the colour at `share`, 0 to 1, of the scale; values beyond the ends are clamped.
+    /// Returns the colour at `share` of the scale, which is clamped to 0 to 1.
     pub fn color(self, share: f64) -> [u8; 3] {
         let anchors = self.anchors();
         let place = if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) } * (anchors.len() - 1) as f64;
