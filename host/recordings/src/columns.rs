@@ -128,6 +128,7 @@ pub fn from_values(rows: &[Vec<Cell>], notes: &mut Vec<String>) -> Result<Column
 /// A unit of times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuessedUnit {
+    /// The unit.
     pub unit: TimeUnit,
     /// `true` if nanoseconds may as well be microseconds.
     pub is_doubtful: bool,

@@ -48,7 +48,7 @@ pub struct Arguments {
     /// getOptimalNewCameraMatrix [default: the camera matrix stays]
     #[arg(long, value_name = "0..1", value_parser = value::number(0.0..=1.0, ""))]
     alpha: Option<f64>,
-    /// Keep the fractions of pixels: OUT is .csv, .txt or .bin (EventCalib)
+    /// Keep the fractions of pixels: OUT is .csv, .txt, .h5 or .bin (EventCalib)
     #[arg(long)]
     subpixel: bool,
     /// Format of the recording to write, such as aedat4, npz, hdf5 or csv; any unknown name prints the list

@@ -5,7 +5,7 @@ use std::io::Write;
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
-use super::structure::{Integer, chunked, dataset, group, shaped, superblock, virtual_array};
+use super::structure::{Number, chunked, dataset, group, shaped, superblock, virtual_array};
 use super::write;
 use crate::testing::{self, Outcome};
 use crate::write::EventWriter;
@@ -79,7 +79,7 @@ fn file(events: &[Event], filters: &[u8]) -> (Vec<u8>, Vec<Vec<usize>>) {
                 chunks.iter().zip(&starts).map(|(chunk, start)| (chunk.len(), *start as u64)).collect();
             bytes.extend(tree(&list));
             objects.push((*name, bytes.len() as u64));
-            let numbers = Integer { size: *size, is_signed: *name == "t" };
+            let numbers = Number::Integer { size: *size, is_signed: *name == "t" };
             bytes.extend(chunked(numbers, events.len() as u64, SIDE as u32, address, filters));
             places.push(starts);
         }
@@ -148,7 +148,7 @@ fn room_that_was_never_filled_is_no_events() {
 #[test]
 fn arrays_without_any_bytes_end_at_once() {
     const MANY: u64 = 1 << 44;
-    let numbers = Integer { size: 8, is_signed: true };
+    let numbers = Number::Integer { size: 8, is_signed: true };
     let mut bytes = vec![0; 48];
     let objects = ["t", "x", "y", "p"].map(|name| {
         let place = bytes.len() as u64;
@@ -220,7 +220,7 @@ fn damage_loses_no_more_than_it_must() {
 
 #[test]
 fn what_lies_beside_events_is_not_taken_for_them() {
-    let whole = Integer { size: 8, is_signed: true };
+    let whole = Number::Integer { size: 8, is_signed: true };
     let content = |names: &[&str]| {
         let mut bytes = vec![0; 48];
         let objects: Vec<(&str, u64)> = names
@@ -252,7 +252,7 @@ fn what_lies_beside_events_is_not_taken_for_them() {
 /// An array by its name, its sides and its numbers.
 type Array<'a> = (&'a str, &'a [u64], Vec<i64>);
 
-const WHOLE: Integer = Integer { size: 8, is_signed: true };
+const WHOLE: Number = Number::Integer { size: 8, is_signed: true };
 
 /// A file of groups of arrays.
 fn groups(groups: &[(&str, &[Array])]) -> Vec<u8> {

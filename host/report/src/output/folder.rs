@@ -308,7 +308,7 @@ fn frames(calibrated: &Calibrated, recording: usize) -> impl Iterator<Item = Cow
 
 /// The poses of one recording, which begins at `start` seconds of its own clock: along the trajectories, or those of
 /// the pictures.
-fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &PoseSettings) -> Vec<UncertainPose> {
+pub fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &PoseSettings) -> Vec<UncertainPose> {
     let mut poses = match &calibrated.evidence {
         Evidence::Events(events) => {
             let (state, left_out) = (&events.refined.state, &events.refined.left_out);
