@@ -5,9 +5,9 @@
 //! two of them the error is only estimated, from the windows that came since.
 
 use std::io;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
 use super::background::{give_way, workers};
@@ -82,6 +82,45 @@ pub enum Telling {
     AtLength(f64),
 }
 
+/// A step of a calibration, for who waits for it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CalibrationStep {
+    /// What is done.
+    pub text: String,
+    /// Which part of it is done, 0 to 1; `None` where that is not known.
+    pub done: Option<f64>,
+}
+
+/// The calibration of a checkpoint that is being made, as other threads see it.
+#[derive(Debug, Default)]
+pub struct Underway {
+    stop: AtomicBool,
+    /// Whether the recording stands still until it is made.
+    is_awaited: AtomicBool,
+    step: Mutex<CalibrationStep>,
+}
+
+impl Underway {
+    /// Whether it should end early.
+    pub fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Tells how far it is.
+    pub fn tell(&self, text: &str, done: Option<f64>) {
+        *self.step() = CalibrationStep { text: text.to_owned(), done };
+    }
+
+    /// How far it is, while the recording stands still until it is made.
+    pub fn awaited(&self) -> Option<CalibrationStep> {
+        self.is_awaited.load(Ordering::Relaxed).then(|| self.step().clone())
+    }
+
+    fn step(&self) -> MutexGuard<'_, CalibrationStep> {
+        self.step.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
 /// Makes checkpoints in the background, one at a time.
 pub struct Checkpoints {
     requests: Sender<f64>,
@@ -95,11 +134,11 @@ pub struct Checkpoints {
     /// When the next one begins; `None` before the board was seen.
     next: Option<f64>,
     latest: Option<Checkpoint>,
-    stop: Arc<AtomicBool>,
+    underway: Arc<Underway>,
 }
 
 impl Checkpoints {
-    /// `calibrate` gets the length of the beginning to calibrate (s) and should end early once the other is true. The
+    /// `calibrate` gets the length of the beginning to calibrate (s), tells how far it is, and should end early once it is stopped. The
     /// first is made `first` seconds after the board was first seen; later ones are as far apart as the way to `target`
     /// (px) demands.
     ///
@@ -109,13 +148,13 @@ impl Checkpoints {
         telling: Telling,
         target: f64,
         first: f64,
-        mut calibrate: impl FnMut(f64, &AtomicBool) -> Result<Stated, String> + Send + 'static,
+        mut calibrate: impl FnMut(f64, &Underway) -> Result<Stated, String> + Send + 'static,
     ) -> io::Result<Self> {
         let pool = workers("checkpoint")?;
         let (requests, wanted) = channel::<f64>();
         let (sender, results) = channel();
-        let stop = Arc::new(AtomicBool::new(false));
-        let of_thread = Arc::clone(&stop);
+        let underway = Arc::new(Underway::default());
+        let of_thread = Arc::clone(&underway);
         thread::Builder::new().name("checkpoints".to_owned()).spawn(move || {
             give_way();
             for t in wanted {
@@ -125,7 +164,7 @@ impl Checkpoints {
                 }
             }
         })?;
-        Ok(Self { requests, results, telling, target, first, begun: None, next: None, latest: None, stop })
+        Ok(Self { requests, results, telling, target, first, begun: None, next: None, latest: None, underway })
     }
 
     /// The latest result that was told.
@@ -136,6 +175,11 @@ impl Checkpoints {
     /// End of the beginning that is being calibrated (s since the first event).
     pub fn under_way(&self) -> Option<f64> {
         self.begun
+    }
+
+    /// How far that is, for other threads.
+    pub fn underway(&self) -> Arc<Underway> {
+        Arc::clone(&self.underway)
     }
 
     /// Begins what is due at `now` (s since the first event); `first_seen` is when the board was seen first. A result that
@@ -152,7 +196,12 @@ impl Checkpoints {
         let result = match self.telling {
             Telling::WhenReady => self.results.try_recv(),
             Telling::AtLength(growth) if now < growth * begun => Err(TryRecvError::Empty),
-            Telling::AtLength(_) => self.results.recv().map_err(TryRecvError::from),
+            Telling::AtLength(_) => {
+                self.underway.is_awaited.store(true, Ordering::Relaxed);
+                let result = self.results.recv().map_err(TryRecvError::from);
+                self.underway.is_awaited.store(false, Ordering::Relaxed);
+                result
+            }
         };
         match result {
             Ok(checkpoint) => {
@@ -173,7 +222,7 @@ impl Checkpoints {
 impl Drop for Checkpoints {
     fn drop(&mut self) {
         // It is not waited for: the calibration that follows has the higher priority.
-        self.stop.store(true, Ordering::Relaxed);
+        self.underway.stop.store(true, Ordering::Relaxed);
     }
 }
 
@@ -209,7 +258,7 @@ mod tests {
 
     /// The sensor's times at which checkpoints began, and those at which they were told.
     fn told(telling: Telling) -> Vec<(f64, f64)> {
-        let work = |t: f64, _: &AtomicBool| Ok(Stated { rms: 0.2 / t.sqrt(), ..GOOD });
+        let work = |t: f64, _: &Underway| Ok(Stated { rms: 0.2 / t.sqrt(), ..GOOD });
         let mut checkpoints = Checkpoints::start(telling, 0.05, 4.0, work).unwrap();
         let mut told = Vec::new();
         for step in 0..300 {
@@ -231,12 +280,41 @@ mod tests {
         assert!(first.len() >= 2);
     }
 
+    /// Only while the recording stands still for it there is a step to show.
+    #[test]
+    fn what_is_waited_for_tells_how_far_it_is() {
+        let (go, may_go) = channel::<()>();
+        let work = move |_: f64, underway: &Underway| {
+            underway.tell("joint solve", Some(0.25));
+            let _ = may_go.recv();
+            Ok(GOOD)
+        };
+        let mut checkpoints = Checkpoints::start(Telling::AtLength(1.5), 0.05, 2.0, work).unwrap();
+        let underway = checkpoints.underway();
+        checkpoints.advance(2.0, Some(0.0));
+        assert_eq!((checkpoints.under_way(), underway.awaited()), (Some(2.0), None));
+        let watcher = thread::spawn(move || {
+            let step = loop {
+                match underway.awaited() {
+                    Some(step) if step.done.is_some() => break step,
+                    _ => thread::yield_now(),
+                }
+            };
+            drop(go);
+            (step, underway)
+        });
+        assert!(checkpoints.advance(3.0, Some(0.0)).is_some());
+        let (step, underway) = watcher.join().unwrap();
+        assert_eq!(step, CalibrationStep { text: "joint solve".to_owned(), done: Some(0.25) });
+        assert_eq!(underway.awaited(), None);
+    }
+
     /// Whatever a calibration does, who asks goes on at once.
     #[test]
     fn a_calibration_under_way_is_not_waited_for_and_told_to_end() {
         let (ended, end) = channel();
-        let work = move |_: f64, stop: &AtomicBool| {
-            while !stop.load(Ordering::Relaxed) {
+        let work = move |_: f64, underway: &Underway| {
+            while !underway.is_stopped() {
                 thread::yield_now();
             }
             let _ = ended.send(());

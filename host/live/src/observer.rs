@@ -1,12 +1,13 @@
 //! From events to what is known of the board right now.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
-use super::checkpoint::{Checkpoint, Checkpoints};
+use super::checkpoint::{Checkpoint, Checkpoints, Underway};
 use super::guidance::{GhostOutline, Guidance, Hint, Place, corners};
 use super::health::{Health, HealthMonitor};
 use super::obstacle::{Explainer, Explanation};
@@ -65,6 +66,8 @@ pub struct Seen {
     pub checkpoint: Option<Checkpoint>,
     /// End of the beginning that is being calibrated right now (s since the first event).
     pub checkpoint_under_way: Option<f64>,
+    /// How far that is, as of whenever it is asked.
+    pub underway: Option<Arc<Underway>>,
     /// What a calibration would state now (px, root mean square over the sensor), estimated from the latest checkpoint
     /// and the windows since.
     pub about: Option<f64>,
@@ -292,6 +295,7 @@ impl<'a> Observer<'a> {
             sigma_in_cells: self.sigma_in_cells.iter().map(|sigma| Some(scale * (*sigma)?)).collect(),
             checkpoint: self.checkpoints.as_ref().and_then(Checkpoints::latest).cloned(),
             checkpoint_under_way: self.checkpoints.as_ref().and_then(Checkpoints::under_way),
+            underway: self.checkpoints.as_ref().map(Checkpoints::underway),
             target: self.target,
             watched: self.first_seen.map_or(0.0, |first| self.latest - first),
             shortest: self.shortest,
