@@ -35,9 +35,9 @@ function hintOf(state, mirrored) {
 }
 
 // How it ended where the target was not met.
-function endedAs({ outcome, target }) {
-  const sigma = outcome?.sigma;
-  if (typeof sigma !== "number" || sigma <= target) return "ended: not good enough";
+function endedAs({ outcome, target, missing }) {
+  const sigma = outcome?.sigma ?? 0;
+  if (sigma <= target) return `ended: ${missing.plain.length ? "not all was seen" : "not good enough"}`;
   return `ended: ± ${sigma.toFixed(3)} px, wanted ± ${target}`;
 }
 

@@ -144,7 +144,7 @@ impl Window {
         let failure = calibrated.as_ref().err().filter(|error| !error.is::<NotGoodEnough>());
         let outcome = match failure {
             Some(error) => Err(with_advice(&**error)),
-            None => self.outcome(folder.path(), seen.target).map_err(|error| error.to_string()),
+            None => self.outcome(folder.path(), seen).map_err(|error| error.to_string()),
         };
         let (phase, outcome) = match outcome {
             Ok(outcome) => (Phase::Done, outcome),
@@ -167,7 +167,7 @@ impl Window {
     }
 
     /// What is in the folder of the results.
-    fn outcome(&self, folder: &Path, target: f64) -> Result<Outcome, Box<dyn Error>> {
+    fn outcome(&self, folder: &Path, seen: &Seen) -> Result<Outcome, Box<dyn Error>> {
         let calibration: CalibrationFile = serde_json::from_str(&fs::read_to_string(folder.join("calibration.json"))?)?;
         let report = fs::read_to_string(folder.join("report.html"))?;
         let names: Vec<String> = results_in(folder).into_iter().map(|file| file.name).collect();
@@ -175,8 +175,10 @@ impl Window {
         let camera = calibration.camera.camera()?;
         let parameters = camera.parameters();
         let parameter = |index: usize| parameters.get(index).copied().unwrap_or(f64::NAN);
-        let is_target_met =
-            calibration.verdict.grade != Grade::NotGood && calibration.uncertainty.projection_rms <= target;
+        // Without tilts a small stated error says little.
+        let is_target_met = seen.coverage.missing.is_empty()
+            && calibration.verdict.grade != Grade::NotGood
+            && calibration.uncertainty.projection_rms <= seen.target;
         Ok(Outcome {
             is_target_met,
             verdict: calibration.verdict.sentence,
