@@ -113,7 +113,7 @@ pub fn is_result(file: &Path) -> bool {
         || others.iter().any(|name| Path::new(name) == file)
 }
 
-/// Simulates, and writes `events.aedat4` (or `.dvraw`, `.csv`, `.bin`), `truth.json`, `trajectory.txt` (TUM, 1000
+/// Simulates, and writes `events.aedat4` (or `.dvraw`, `.csv`, `.bin`, `.raw`), `truth.json`, `trajectory.txt` (TUM, 1000
 /// poses a second), and with frames `frames.csv`, with inertial samples `imu.csv`, with motion
 /// capture `motion_capture.txt` (TUM, `T_mocap_body`), with a second camera `second.aedat4` (or `.csv`, `.bin`), or of
 /// frames the folder `second`. What was there of
