@@ -345,7 +345,9 @@ fn impossible_comparisons_are_reported() {
 
     // An empty trajectory next to a calibration does not prevent the comparison of the cameras; an empty one given by option does.
     fs::write(path("trajectory.txt"), "# t tx ty tz qx qy qz qw\n").unwrap();
-    assert!(succeed(&["evaluate", text(&a), "--truth", text(&a)]).contains("has no pose"));
+    assert!(
+        succeed(&["evaluate", text(&a), "--truth", text(&a)]).contains("is empty because all poses are too uncertain")
+    );
     let asked = with(&path("trajectory.txt"));
     assert_eq!(code(&asked), 1);
     assert!(stderr(&asked).contains("no pose"), "{}", stderr(&asked));
