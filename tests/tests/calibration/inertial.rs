@@ -172,7 +172,8 @@ fn a_wrong_nominal_spacing_is_reported() {
     assert!((scale - 1.0 / 1.01).abs() < 3e-3 && *sigma < 3.5e-3, "{scale} ± {sigma}");
 }
 
-/// The message names the axis, and the camera is calibrated nevertheless. The tests of `evcal-calibrate` cover other such motions.
+/// The message names the axis, and the camera is calibrated nevertheless. The tests of `evcal-calibrate` cover other such
+/// motions.
 #[test]
 fn a_motion_that_does_not_determine_the_imu_is_rejected() {
     let scratch = tempfile::tempdir().unwrap();
