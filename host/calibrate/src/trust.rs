@@ -173,7 +173,8 @@ pub fn examine(
 /// [`SolveError::Singular`] when the lens sees next to nothing of the sensor.
 pub fn examine_pictures(calibration: &PictureCalibration, board: &Board, sensor: Sensor) -> Result<Trust, SolveError> {
     let projection = projection_uncertainty(&calibration.camera, &calibration.covariance, sensor)
-        .map_err(|_| SolveError::Singular)?;
+        .map_err(|_| SolveError::Singular)?
+        .of_few_views(calibration.report.used.saturating_sub(1));
     let used: Vec<&ReferenceFrame> =
         calibration.posed.iter().filter_map(|posed| calibration.frames.get(posed.frame)).collect();
     let followed = || {

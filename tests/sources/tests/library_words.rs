@@ -35,15 +35,10 @@ const OF_OTHERS: &[(&str, &str)] = &[
     ("--qw", ROS_TRANSFORM),
     ("--frame-id", ROS_TRANSFORM),
     ("--child-frame-id", ROS_TRANSFORM),
-    ("--on", STYLE_SHEET),
-    ("--off", STYLE_SHEET),
-    ("--third", STYLE_SHEET),
-    ("--fourth", STYLE_SHEET),
 ];
 /// Commands that are part of a file's content.
 const NAMES_IN_FILES: &[(&str, &str)] = &[("evcal simulate", "the writer of a simulated dump, in its header")];
 const ROS_TRANSFORM: &str = "ros2 run tf2_ros static_transform_publisher, a line of an exported file";
-const STYLE_SHEET: &str = "a colour of the report's style sheet";
 
 /// The program's single-letter options.
 const SHORT_OPTIONS: &[&str] = &["-c", "-o"];

@@ -386,6 +386,6 @@ fn files(calibrated: &Calibrated, task: &Task) {
         assert!(folder.join("exports").join(name).exists(), "{name}");
     }
     let report = std::fs::read_to_string(folder.join("report.html")).unwrap();
-    assert!(report.contains("Axes of the camera and of the inertial unit."));
-    assert!(report.contains("The inertial unit") && report.contains("Spectrum of the residuals"));
+    assert!(report.contains("Axes of the camera and of the IMU."));
+    assert!(report.contains("<h2 id=\"imu-heading\">IMU</h2>") && report.contains("Spectrum of the residuals"));
 }

@@ -46,5 +46,5 @@ fn the_trajectory_covers_the_time_outside_the_joint_solve() {
     let accuracy = Accuracy::of(&short, &recording);
     assert!(accuracy.focal < 5e-4 && accuracy.projection_rms < 0.06, "{accuracy:?}");
     assert!(accuracy.position < 1e-3, "{accuracy:?}");
-    assert!(fs::read_to_string(short.join("report.html")).unwrap().contains("What is in the joint solve"));
+    assert!(fs::read_to_string(short.join("report.html")).unwrap().contains("Seconds in the joint solve"));
 }

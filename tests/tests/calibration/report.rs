@@ -75,12 +75,12 @@ fn the_report_has_text_to_copy_and_names_its_files() {
     for part in [
         "distortion_model: plumb_bob",
         "camera_model: pinhole",
-        "Distortion: how far",
+        "image from the principal point, towards the farthest corner",
         "Reprojection errors of circles",
     ] {
         assert!(html.contains(part), "{part}");
     }
-    assert!(html.contains("<details><summary>Which parameters are correlated"), "correlations are folded");
+    assert!(html.contains("<details><summary>Correlation of the parameters"), "correlations are folded");
     for angle in ["roll (about x)", "pitch (about y)", "yaw (about z)"] {
         assert!(html.contains(angle), "{angle}");
     }

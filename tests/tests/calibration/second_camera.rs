@@ -100,7 +100,7 @@ fn intrinsics_can_be_fixed() {
     assert_eq!(finished.code, Some(0), "{}", finished.stderr);
     // The ground truth has no σ.
     assert_eq!(finished.said().len(), 2, "{}", finished.stderr);
-    assert!(finished.said().iter().all(|line| line.contains("has no σ for the intrinsics")), "{}", finished.stderr);
+    assert!(finished.said().iter().all(|line| line.contains("contains no σ of the intrinsics")), "{}", finished.stderr);
     let found = &read_json(&result.join("calibration.json"))["second_cameras"][0];
     assert_eq!(found["held"], serde_json::json!([true, true]));
     for (solved, was) in [(0, &truth["camera"]), (1, &of_second["camera"])] {
@@ -285,8 +285,7 @@ fn a_rolling_shutter_is_measured_if_declared_and_rejected_otherwise() {
     let finished = evcal(&[&["calibrate", text(&first), "--with", text(&second)], &options[..]].concat());
     assert_eq!(finished.code, Some(1));
     // The failure of one does not prevent the attempt at the other.
-    for words in ["2 were not calibrated", "the inertial unit: ", "holds no inertial samples", "add --rolling-shutter"]
-    {
+    for words in ["2 were not calibrated", "the IMU: ", "holds no inertial samples", "add --rolling-shutter"] {
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
     }
     // The first camera is calibrated nevertheless.

@@ -56,6 +56,12 @@ pub struct CalibrationFile {
     /// When the first recording was made, as it tells that; absent where it does not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recorded: Option<String>,
+    /// Command line that repeats the calibration; absent if no program made it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub command: Option<String>,
+    /// Files that the camera was calibrated from, with their checksums; empty for a device.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub input_files: Vec<InputFile>,
     /// Where pixel (0, 0) is.
     pub pixel_convention: String,
     /// Size of the sensor.
@@ -112,6 +118,17 @@ pub struct CalibrationFile {
     pub second_cameras: Vec<SecondCameraResult>,
     /// What every stage took in and gave out.
     pub stages: StageReports,
+}
+
+/// A file that a camera was calibrated from.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct InputFile {
+    /// Path as it was given.
+    pub path: String,
+    /// Size in bytes.
+    pub bytes: u64,
+    /// SHA-256 of the content, in hexadecimal digits.
+    pub sha256: String,
 }
 
 /// What the camera's own pictures say.
@@ -365,7 +382,7 @@ pub struct SegmentSummary {
 }
 
 impl CalibrationFile {
-    /// The result of `calibrated`, seen on `board`, with advice as `wording` has it.
+    /// The result of `calibrated`, seen on `board`, with advice as `wording` has it; without `command` and `input_files`.
     pub fn new(calibrated: &Calibrated, board: &Board, wording: Wording) -> Self {
         let camera = calibrated.camera();
         let names = camera.kind().parameter_names();
@@ -378,6 +395,8 @@ impl CalibrationFile {
             program: crate::VERSION.to_owned(),
             camera_name: calibrated.camera_name().map(str::to_owned),
             recorded: calibrated.recorded().map(str::to_owned),
+            command: None,
+            input_files: Vec::new(),
             pixel_convention: "pixel (0, 0) is the centre of the top-left pixel (OpenCV, ROS)".to_owned(),
             sensor: calibrated.sensor,
             camera: CameraDescription::new(camera),

@@ -92,6 +92,22 @@ pub fn projection_uncertainty(
     })
 }
 
+impl ProjectionUncertainty {
+    /// With the bound of a covariance that is estimated from `freedom` more views than one: few views determine σ itself badly.
+    pub fn of_few_views(self, freedom: usize) -> Self {
+        Self { rms_95: self.rms_95 * student_ratio(freedom as f64), ..self }
+    }
+}
+
+/// Ratio of the 97.5 % quantile of Student's t with `freedom` degrees of freedom to that of the normal distribution (Abramowitz and
+/// Stegun 26.7.5).
+fn student_ratio(freedom: f64) -> f64 {
+    const NORMAL: f64 = 1.959_963_984_540_054;
+    let square = NORMAL * NORMAL;
+    let freedom = freedom.max(1.0);
+    1.0 + (square + 1.0) / (4.0 * freedom) + (5.0 * square * square + 16.0 * square + 3.0) / (96.0 * freedom * freedom)
+}
+
 /// What a sum of squares of normal variables with this mean and variance stays below in 95 of 100 cases: a
 /// scaled χ² of the same two (Satterthwaite 1946), its quantile by Wilson and Hilferty (1931).
 fn quantile_95(mean: f64, variance: f64) -> f64 {
@@ -126,6 +142,14 @@ mod tests {
     }
 
     /// Quantiles of χ² with 1, 2 and 10 degrees of freedom, from tables; Wilson's and Hilferty's are within 3 %.
+    #[test]
+    fn few_views_widen_the_bound_as_tables_of_student_have_it() {
+        for (freedom, quantile) in [(5.0, 2.571), (7.0, 2.365), (13.0, 2.160), (30.0, 2.042), (120.0, 1.980)] {
+            let ratio = student_ratio(freedom) * 1.960;
+            assert!((ratio / quantile - 1.0).abs() < 0.01, "{ratio} instead of {quantile}");
+        }
+    }
+
     #[test]
     fn quantiles_are_those_of_chi_square() {
         for (freedom, quantile) in [(1.0, 3.841), (2.0, 5.991), (10.0, 18.307)] {

@@ -1,6 +1,6 @@
 //! What speaks for caution: one function a question.
 
-use evcal_core::camera::Camera;
+use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 
 use super::board_statement::board_finding;
@@ -232,7 +232,14 @@ fn not_one_to_one(camera: &Camera<f64>, sensor: Sensor) -> Option<Finding> {
         cause: Cause::NotOneToOne,
         severity: Severity::Warning,
         reason: format!("the distortion folds over inside the image, at {:.1} % of the pixels", 100.0 * share),
-        advice: "cover the corners of the image, or take a model with fewer coefficients or one for wide lenses".into(),
+        advice: match camera.kind() {
+            ModelKind::Radtan | ModelKind::Radtan8 => {
+                "cover the corners of the image, or use the model radtan4, for a wide lens kannala-brandt"
+            }
+            ModelKind::Radtan4 => "cover the corners of the image, or, for a wide lens, use the model kannala-brandt",
+            _ => "cover the corners of the image",
+        }
+        .into(),
     })
 }
 
@@ -273,15 +280,25 @@ fn undetermined(camera: &Camera<f64>, trust: &Trust, held: &[usize]) -> Option<F
             severity: Severity::Note,
             reason: "focal length and shape parameters of this model are known together only, not each of them alone"
                 .to_owned(),
-            advice: "use them together, or take a model with fewer coefficients".into(),
+            advice: "use their values only together".into(),
         });
     }
-    (!lost.is_empty()).then(|| Finding {
+    let (simpler, coefficient) = simpler_model(camera.kind()).filter(|(_, coefficient)| lost.contains(coefficient))?;
+    Some(Finding {
         cause: Cause::ParameterUndetermined,
         severity: Severity::Note,
-        reason: format!("zero is within the uncertainty of {}", lost.join(", ")),
-        advice: "a model with fewer coefficients is probably enough".into(),
+        reason: format!("{coefficient} is not significantly different from zero"),
+        advice: Advice::Plain(format!("the model {simpler}, without {coefficient}, is probably sufficient")),
     })
+}
+
+/// Returns the model that differs from `kind` by the lack of one coefficient, and the name of that coefficient.
+fn simpler_model(kind: ModelKind) -> Option<(ModelKind, &'static str)> {
+    match kind {
+        ModelKind::Radtan => Some((ModelKind::Radtan4, "k3")),
+        ModelKind::DoubleSphere => Some((ModelKind::Ucm, "xi")),
+        _ => None,
+    }
 }
 
 fn too_poor(camera: &Camera<f64>, events: &EventTrust) -> Option<Finding> {

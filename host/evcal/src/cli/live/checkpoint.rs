@@ -1,4 +1,4 @@
-//! Checkpoints with the calibration that the command line asks for.
+//! Checkpoints: calibrations of the first seconds of a recording, with the options of the command line.
 
 use std::io;
 use std::ops::ControlFlow;
@@ -18,9 +18,9 @@ use event_recordings::{Recording, RecordingOptions};
 use super::super::advice::with_advice;
 use super::Arguments;
 
-/// What is calibrated at a checkpoint, and how.
+/// The inputs and options of a checkpoint.
 struct Work {
-    /// Recordings before, which are whole and calibrated together with it.
+    /// Earlier, finished recordings, which are calibrated together with this one.
     before: Vec<PathBuf>,
     recording: PathBuf,
     options: RecordingOptions,
@@ -29,7 +29,7 @@ struct Work {
     settings: Settings,
 }
 
-/// Starts checkpoints of the file `recording`, which need not be there yet, together with those `before`.
+/// Starts checkpoints of the file `recording`, which need not exist yet, together with the recordings `before`.
 pub fn start(
     arguments: &Arguments,
     settings: &Settings,
@@ -52,7 +52,7 @@ pub fn start(
 }
 
 impl Work {
-    /// What a calibration of the first `seconds` states, or why there is none.
+    /// Calibrates the first `seconds`; returns the reported uncertainty, or the reason of a failure.
     fn state(&self, seconds: f64, stop: &AtomicBool) -> Result<Stated, String> {
         let recording = Recording::new(&self.recording, self.options.clone()).map_err(|error| with_advice(&error))?;
         let before = self.before.iter().map(|path| Input::open(path, &self.options, &self.board));
@@ -63,11 +63,12 @@ impl Work {
             settings: &self.settings,
             ..Task::new(&before, &self.board)
         };
-        let go_on = |_: Step| match stop.load(Ordering::Relaxed) {
+        let until_stopped = |_: Step| match stop.load(Ordering::Relaxed) {
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
         };
-        let calibrated = calibrate_beginning(&recording, seconds, &task, go_on).map_err(|error| with_advice(&error))?;
+        let calibrated =
+            calibrate_beginning(&recording, seconds, &task, until_stopped).map_err(|error| with_advice(&error))?;
         let split_half = calibrated.events().and_then(|events| events.trust.split_half.as_ref());
         let projection = &calibrated.trust.projection;
         Ok(Stated {
