@@ -132,7 +132,9 @@ fn about_format(format: UnsupportedFormat) -> Option<&'static str> {
         }
         UnsupportedFormat::PropheseeEncoding => "convert it with metavision_file_to_csv",
         UnsupportedFormat::EventStreamVersion => "convert it with the program that wrote it",
-        UnsupportedFormat::EventStreamKind => "give a file with events of a DVS or an ATIS, not colours or generic data",
+        UnsupportedFormat::EventStreamKind => {
+            "give a file with events of a DVS or an ATIS, not colours or generic data"
+        }
         UnsupportedFormat::Gzip => "unpack it with gunzip first",
         UnsupportedFormat::Xz => "unpack it with unxz first",
         UnsupportedFormat::Zstandard => "unpack it with unzstd first",
@@ -151,7 +153,9 @@ fn about_format(format: UnsupportedFormat) -> Option<&'static str> {
         }
         UnsupportedFormat::Pdf => "give the recording, not the printed board",
         UnsupportedFormat::Png => "evcal undistort removes the distortion of pictures",
-        UnsupportedFormat::Parquet | UnsupportedFormat::Pickle => "save its columns t, x, y and p with numpy.savez, or as CSV",
+        UnsupportedFormat::Parquet | UnsupportedFormat::Pickle => {
+            "save its columns t, x, y and p with numpy.savez, or as CSV"
+        }
         UnsupportedFormat::Matlab => "save it in MATLAB with the option -v7.3, or its events as text",
         UnsupportedFormat::Video => "give the events of the camera, not a video of them",
         UnsupportedFormat::Html => "this is a web page instead of the recording: download the recording again",
