@@ -121,14 +121,14 @@ struct Trial {
     /// Projection difference over the sensor (px): root mean square, maximum, and the reported 95 % bound.
     rms: f64,
     max: f64,
-    stated: f64,
+    bound: f64,
     /// Root mean square error of the trajectory after the best time shift (mm).
     position: f64,
     grade: String,
     /// Causes of the verdict's findings, and the recommended model.
     findings: Vec<String>,
     /// Larger relative error of fx and fy with the nominal board (%), if the printed board was found to differ from it.
-    focal_as_stated: Option<f64>,
+    focal_nominal: Option<f64>,
     events: f64,
     run: Run,
 }
@@ -149,16 +149,16 @@ fn main() {
 
 fn print_table(rows: &[Row], seeds: &RangeInclusive<u64>) {
     println!(
-        "| recording | lens | Δf (%) | Δc (px) | projection rms / max (px) | stated 95 % (px) | inside | ATE (mm) | verdict | findings | \
+        "| recording | lens | Δf (%) | Δc (px) | projection rms / max (px) | reported 95 % (px) | inside | ATE (mm) | verdict | findings | \
          million events | processor time (s) | elapsed time (s) | memory (MB) |"
     );
     println!("|{}", "---|".repeat(14));
     for row in rows {
         let outcomes: Vec<Result<Trial, String>> = seeds.clone().map(|seed| trial(row, seed)).collect();
         let trials: Vec<&Trial> = outcomes.iter().flatten().collect();
-        let refused =
-            outcomes.iter().filter_map(|outcome| outcome.as_ref().err()).map(|error| format!("refused: {error}"));
-        let verdicts = counted(trials.iter().map(|trial| trial.grade.clone()).chain(refused));
+        let failed =
+            outcomes.iter().filter_map(|outcome| outcome.as_ref().err()).map(|error| format!("failed: {error}"));
+        let verdicts = counted(trials.iter().map(|trial| trial.grade.clone()).chain(failed));
         let (name, model) = (&row.name, row.lens.model);
         if trials.is_empty() {
             println!("| {name} | {model} | | | | | | | {verdicts} | | | | | |");
@@ -168,8 +168,8 @@ fn print_table(rows: &[Row], seeds: &RangeInclusive<u64>) {
             (trials.iter().map(|trial| of(trial).powi(2)).sum::<f64>() / trials.len() as f64).sqrt()
         };
         let mut findings = counted(trials.iter().flat_map(|trial| trial.findings.iter().cloned()));
-        if trials.iter().any(|trial| trial.focal_as_stated.is_some()) {
-            findings += &format!("; as stated Δf {:.3} %", rms(|trial| trial.focal_as_stated.unwrap_or(trial.focal)));
+        if trials.iter().any(|trial| trial.focal_nominal.is_some()) {
+            findings += &format!("; nominal board Δf {:.3} %", rms(|trial| trial.focal_nominal.unwrap_or(trial.focal)));
         }
         println!(
             "| {name} | {model} | {:.3} | {:.2} | {:.3} / {:.3} | {:.3} | {} of {} | {:.2} | {verdicts} | {findings} | {:.2} | {:.1} | {:.1} | {:.0} |",
@@ -177,8 +177,8 @@ fn print_table(rows: &[Row], seeds: &RangeInclusive<u64>) {
             rms(|trial| trial.center),
             rms(|trial| trial.rms),
             trials.iter().map(|trial| trial.max).fold(0.0, f64::max),
-            rms(|trial| trial.stated),
-            trials.iter().filter(|trial| trial.rms < trial.stated).count(),
+            rms(|trial| trial.bound),
+            trials.iter().filter(|trial| trial.rms < trial.bound).count(),
             trials.len(),
             rms(|trial| trial.position),
             rms(|trial| 1e-6 * trial.events),
@@ -224,10 +224,10 @@ fn trial(row: &Row, seed: u64) -> Result<Trial, String> {
         .map(|finding| format!("{} ({})", word(&finding["cause"]), word(&finding["severity"])))
         .collect();
     findings.extend(result["misfit"]["better_model"].as_str().map(|model| format!("better: {model}")));
-    let as_stated = &result["printed_board"]["camera_as_stated"]["parameters"];
-    let focal_as_stated = (!as_stated.is_null()).then(|| {
+    let nominal = &result["printed_board"]["camera_as_stated"]["parameters"];
+    let focal_nominal = (!nominal.is_null()).then(|| {
         let errors = ["fx", "fy"].iter().zip(truth.parameters());
-        errors.map(|(name, truth)| 100.0 * (number(&as_stated[*name]) / truth - 1.0).abs()).fold(0.0, f64::max)
+        errors.map(|(name, truth)| 100.0 * (number(&nominal[*name]) / truth - 1.0).abs()).fold(0.0, f64::max)
     });
     let projection = &evaluation["projection_difference"];
     Ok(Trial {
@@ -235,11 +235,11 @@ fn trial(row: &Row, seed: u64) -> Result<Trial, String> {
         center,
         rms: number(&projection["rms_px"]),
         max: number(&projection["max_px"]),
-        stated: number(&result["uncertainty"]["projection_rms_95"]),
+        bound: number(&result["uncertainty"]["projection_rms_95"]),
         position: 1e3 * number(&evaluation["trajectory"]["best_time_shift"]["as_is_m"]["rmse"]),
         grade: word(&result["verdict"]["grade"]),
         findings,
-        focal_as_stated,
+        focal_nominal,
         events: number(&result["stages"]["recordings"][0]["count"]),
         run,
     })

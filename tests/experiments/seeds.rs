@@ -47,7 +47,7 @@ struct Poses {
     /// Poses that are not in trajectory.txt because they are too uncertain or in an excluded interval.
     undetermined: usize,
     /// `true` if the verdict is that the calibration is not good enough.
-    refused: bool,
+    not_good: bool,
 }
 
 fn main() {
@@ -70,12 +70,12 @@ fn main() {
         let scatter = (errors.iter().map(|error| (error - mean) * (error - mean)).sum::<f64>()
             / (errors.len().max(2) - 1) as f64)
             .sqrt();
-        let stated = root_mean_square(trials.iter().map(|trial| trial.sigma[index]));
+        let reported = root_mean_square(trials.iter().map(|trial| trial.sigma[index]));
         let inside = trials.iter().filter(|trial| trial.errors[index].abs() < 1.96 * trial.sigma[index]).count();
         inside_all += inside;
-        let ratio = stated / scatter;
+        let ratio = reported / scatter;
         println!(
-            "{name:<4} {mean:>11.5} {scatter:>11.5} {stated:>11.5} {ratio:>7.2} {:>7.1} %",
+            "{name:<4} {mean:>11.5} {scatter:>11.5} {reported:>11.5} {ratio:>7.2} {:>7.1} %",
             share(inside, trials.len())
         );
     }
@@ -92,7 +92,7 @@ fn main() {
         share(poses().map(|poses| poses.inside).sum(), poses().map(|poses| poses.compared).sum()),
         poses().map(|poses| poses.undetermined).sum::<usize>()
     );
-    println!("verdict \"not good enough\": {}", poses().filter(|poses| poses.refused).count());
+    println!("verdict \"not good enough\": {}", poses().filter(|poses| poses.not_good).count());
     let misjudged = |measure| trials.iter().filter(|trial| trial.misjudged.contains(measure)).count();
     let counts: Vec<String> = MEASURES.iter().map(|measure| format!("{} {measure}", misjudged(measure))).collect();
     println!("boards that were estimated to differ from the nominal ones, of {}: {}", trials.len(), counts.join(", "));
@@ -168,7 +168,7 @@ impl Trial {
 
 impl Poses {
     /// Compares the poses in the folder `calibration` with the poses in the folder `truth`. The clocks differ by the pixel latency.
-    fn of(calibration: &Path, truth: &Path, refused: bool) -> Self {
+    fn of(calibration: &Path, truth: &Path, not_good: bool) -> Self {
         let real = trajectory(truth);
         let estimated = trajectory(calibration);
         let shift = best_time_shift(&real, &estimated, 0.02).expect("trajectories overlap");
@@ -202,7 +202,7 @@ impl Poses {
             compared,
             inside,
             undetermined: rows - estimated.len(),
-            refused,
+            not_good,
         }
     }
 }

@@ -1,5 +1,5 @@
-//! Two simulated cameras on one mount; the second records events or frames. Its pose and clock are estimated correctly, and wrong
-//! input is rejected.
+//! Two simulated cameras on one mount; the second records events or frames. Its pose and clock are estimated correctly, and
+//! wrong input is rejected.
 
 use std::fs;
 use std::fs::File;
@@ -92,11 +92,11 @@ fn intrinsics_can_be_fixed() {
     let of_second = &truth["second_camera"];
     let sensor = &truth["sensor"];
     fs::write(&lens, serde_json::json!({ "sensor": sensor, "camera": of_second["camera"] }).to_string()).unwrap();
-    let held = ["--camera", text(&folder), "--with-camera", text(&lens)];
+    let fixed = ["--camera", text(&folder), "--with-camera", text(&lens)];
     let scratch = tempfile::tempdir().unwrap();
     let result = scratch.path().join("result");
     let options = ["--board", BOARD, "-o", text(&result)];
-    let finished = evcal(&[&["calibrate", text(&first), "--with", text(&second)], &held[..], &options[..]].concat());
+    let finished = evcal(&[&["calibrate", text(&first), "--with", text(&second)], &fixed[..], &options[..]].concat());
     assert_eq!(finished.code, Some(0), "{}", finished.stderr);
     // The ground truth has no σ.
     assert_eq!(finished.said().len(), 2, "{}", finished.stderr);
@@ -115,14 +115,14 @@ fn intrinsics_can_be_fixed() {
     assert!(sigma.norm() < 1.1 * free.norm(), "{sigma} {free}");
 
     let other = scratch.path().join("other");
-    let refused = |words: &str, arguments: &[&str]| {
+    let rejected = |words: &str, arguments: &[&str]| {
         let options = ["--board", BOARD, "-o", text(&other)];
         let finished = evcal(&[&["calibrate", text(&first)], arguments, &options].concat());
         assert_ne!(finished.code, Some(0));
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
     };
-    refused("--camera works only together with --imu, --with or --with-frames", &["--camera", text(&folder)]);
-    refused(
+    rejected("--camera works only together with --imu, --with or --with-frames", &["--camera", text(&folder)]);
+    rejected(
         "there are more --with-camera than --with",
         &["--with", text(&second), "--with-camera", "a", "--with-camera", "b"],
     );
@@ -133,7 +133,7 @@ fn wrong_second_recordings_are_rejected() {
     let folder = simulation();
     let (first, second) = (folder.join("events.aedat4"), folder.join("second.aedat4"));
     let scratch = tempfile::tempdir().unwrap();
-    let refused = |words: &str, arguments: &[&str]| {
+    let rejected = |words: &str, arguments: &[&str]| {
         let result = scratch.path().join(words.replace([' ', ':'], "-"));
         let options = ["--board", BOARD, "--accept-any", "-o", text(&result)];
         let finished = evcal(&[&["calibrate"], arguments, &options].concat());
@@ -141,20 +141,20 @@ fn wrong_second_recordings_are_rejected() {
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
         result
     };
-    refused("a camera that is there already", &[text(&first), "--with", text(&first)]);
-    refused("give one recording before --with", &[text(&first), text(&second), "--with", text(&second)]);
+    rejected("a camera that is there already", &[text(&first), "--with", text(&first)]);
+    rejected("give one recording before --with", &[text(&first), text(&second), "--with", text(&second)]);
     // Recognised by its events, not by its name; the first camera is calibrated nevertheless.
     let session = session().join("events.dvraw");
     let copy = scratch.path().join("copy.dvraw");
     fs::copy(&session, &copy).unwrap();
-    let result = refused("there already: give the recording", &[text(&session), "--with", text(&copy)]);
+    let result = rejected("there already: give the recording", &[text(&session), "--with", text(&copy)]);
     assert!(result.join("calibration.json").exists());
     let other = made(
         "second-camera-other",
         &["simulate", "--board", BOARD, "--motion", "fast", "--duration", "3s", "--seed", "33"],
     );
     let other = other.join("events.aedat4");
-    refused("recordings of the same session", &[text(&session), "--with", text(&other)]);
+    rejected("recordings of the same session", &[text(&session), "--with", text(&other)]);
 }
 
 /// Event pixels without latency, so that the offset contains only the difference of the clocks.
@@ -255,15 +255,15 @@ fn an_image_topic_gives_the_same_result_as_a_folder() {
     }
     assert!(of_bag["recording"].as_str().unwrap().ends_with("both.bag, /dvs/image_raw"), "{}", of_bag["recording"]);
 
-    let refused = |words: &str, options: &[&str]| {
+    let rejected = |words: &str, options: &[&str]| {
         let options = [&["calibrate", text(&bag), "--with", text(&bag)], options].concat();
         let scratch = tempfile::tempdir().unwrap();
         let finished = evcal(&[&options[..], &["--board", BOARD, "-o", text(&scratch.path().join("out"))]].concat());
         assert_eq!(finished.code, Some(1), "{}", finished.stderr);
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
     };
-    refused("a camera that is there already", &[]);
-    refused("no topic \"/up\"", &["--with-stream", "/up"]);
+    rejected("a camera that is there already", &[]);
+    rejected("no topic \"/up\"", &["--with-stream", "/up"]);
 }
 
 #[test]
@@ -297,7 +297,7 @@ fn wrong_folders_of_frames_are_rejected() {
     let scratch = tempfile::tempdir().unwrap();
     let first = frame_simulation().join("events.aedat4");
     let result = scratch.path().join("result");
-    let refused = |words: &str| {
+    let rejected = |words: &str| {
         let folder = scratch.path().join("cam1");
         let finished =
             evcal(&["calibrate", text(&first), "--with", text(&folder), "--board", BOARD, "-o", text(&result)]);
@@ -305,9 +305,9 @@ fn wrong_folders_of_frames_are_rejected() {
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
     };
     fs::create_dir(scratch.path().join("cam1")).unwrap();
-    refused("holds no data.csv");
+    rejected("holds no data.csv");
     fs::write(scratch.path().join("cam1/data.csv"), "#timestamp [ns],filename\n1000,1000.png\n").unwrap();
-    refused("data.csv: line 2: there is no file");
+    rejected("data.csv: line 2: there is no file");
 }
 
 /// Frames and events of a DAVIS have the same optical centre, so the transform is the identity.

@@ -17,8 +17,8 @@ fn calibrates(name: &str, board: &str) {
     assert!(accuracy.focal <= 1e-3, "{board}: {accuracy:?}");
     assert!(accuracy.projection_rms <= 0.1, "{board}: {accuracy:?}");
     let result = read_json(&calibration.join("calibration.json"));
-    let stated = result["uncertainty"]["projection_rms_95"].as_f64().unwrap();
-    assert!(accuracy.projection_rms <= stated, "{board}: {accuracy:?}, reported bound {stated}");
+    let bound = result["uncertainty"]["projection_rms_95"].as_f64().unwrap();
+    assert!(accuracy.projection_rms <= bound, "{board}: {accuracy:?}, reported bound {bound}");
 }
 
 #[test]

@@ -20,11 +20,11 @@ fn errors_agree_with_the_reported_uncertainty() {
             squares.push(error * error / (sigma * sigma));
         }
         let difference = evaluation["projection_difference"]["rms_px"].as_f64().unwrap();
-        let stated = result["uncertainty"]["projection_rms"].as_f64().unwrap();
-        assert!(difference < 3.0 * stated, "{}: {difference} px, {stated} px reported", lens.model);
+        let reported = result["uncertainty"]["projection_rms"].as_f64().unwrap();
+        assert!(difference < 3.0 * reported, "{}: {difference} px, {reported} px reported", lens.model);
         let parts = result["uncertainty"]["projection_parts"].as_object().unwrap();
         let sum: f64 = parts.values().map(|part| part.as_f64().unwrap().powi(2)).sum();
-        assert!((sum.sqrt() / stated - 1.0).abs() < 1e-6, "{}: {parts:?} of {stated}", lens.model);
+        assert!((sum.sqrt() / reported - 1.0).abs() < 1e-6, "{}: {parts:?} of {reported}", lens.model);
     }
     let mean = squares.iter().sum::<f64>() / squares.len() as f64;
     assert!((0.15..2.5).contains(&mean), "{mean}");

@@ -128,7 +128,7 @@ fn a_board_larger_than_the_paper_and_wrong_options_are_rejected() {
         (&["--paper", "b9", "--pdf", "b.pdf"], 2, "600x400mm"),
         (&["--margin=-1", "--svg", "b.svg"], 2, "--margin"),
     ] {
-        let refused = evcal(&[&["board"], arguments].concat());
-        assert!(refused.code == Some(code) && refused.stderr.contains(part), "{arguments:?}: {refused:?}");
+        let failed = evcal(&[&["board"], arguments].concat());
+        assert!(failed.code == Some(code) && failed.stderr.contains(part), "{arguments:?}: {failed:?}");
     }
 }

@@ -37,8 +37,8 @@ fn every_circle_has_the_right_row_and_column(lens: Lens) {
     let circles = calibration.join("circles.csv");
     let names = fs::read_to_string(&circles).unwrap();
     let names = names.lines().find(|line| !line.starts_with('#')).unwrap();
-    let place = |name: &str| names.split(',').position(|other| other == name).unwrap();
-    let [t, column, row, x, y] = ["t_s", "column", "row", "x_px", "y_px"].map(place);
+    let index = |name: &str| names.split(',').position(|other| other == name).unwrap();
+    let [t, column, row, x, y] = ["t_s", "column", "row", "x_px", "y_px"].map(index);
     let mut seen = 0;
     for fields in numbers(&circles, ',') {
         let position = Point3::new((2.0 * fields[column] + fields[row] % 2.0) * SPACING, fields[row] * SPACING, 0.0);

@@ -100,7 +100,7 @@ fn every_reader_projects_the_same_pixels() {
         let written = refit.as_ref().map_or(model, |refit| refit["model"].as_str().unwrap());
         let _ = writeln!(table, "{reader} | {format} | {model} | {written} | {worst:.2e} / {stated:.2e}");
         assert!(worst <= stated + precision, "{format} of {model}: {worst} px, {stated} px stated: {refit:?}");
-        // The stated deviation must not be too large either. Half of it, as the worst pixel may lie between the sampled ones.
+        // The stated deviation must not be too large either. The worst pixel may lie between the sampled ones, hence the factor.
         assert!(worst >= 0.5 * stated - precision, "{format} of {model}: {worst} px, {stated} px stated: {refit:?}");
     }
     println!("{table}");
@@ -156,7 +156,7 @@ fn a_format_that_cannot_contain_the_lens_is_rejected() {
         (&["--camera-name", "x", "--c-header", "x.h"], "--format"),
         (&["--format", "ros", "--json"], "-o FILE"),
     ] {
-        let refused = evcal(&[&["export", text(&file)], arguments].concat());
-        assert!(refused.code == Some(2) && refused.stderr.contains(part), "{arguments:?}: {refused:?}");
+        let rejected = evcal(&[&["export", text(&file)], arguments].concat());
+        assert!(rejected.code == Some(2) && rejected.stderr.contains(part), "{arguments:?}: {rejected:?}");
     }
 }

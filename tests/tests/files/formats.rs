@@ -122,8 +122,8 @@ fn unsupported_compressions_of_hdf5_are_named() {
     for (path, (_, name)) in paths.iter().zip(programs) {
         let error = Recording::new(path, RecordingOptions::default()).unwrap().open().err().unwrap().to_string();
         assert!(error.contains(name), "{error}");
-        let refused = evcal(&["info", text(path)]).stderr;
-        assert!(refused.contains(name) && refused.contains("h5repack"), "{refused}");
+        let failed = evcal(&["info", text(path)]).stderr;
+        assert!(failed.contains(name) && failed.contains("h5repack"), "{failed}");
     }
 }
 

@@ -202,8 +202,8 @@ fn wrong_inputs_and_options_are_rejected() {
         (&aedat4, &new, &["--model", "fisheye"], 2, "equidistant"),
     ] {
         let arguments = ["undistort", text(input), "-c", text(&truth), "-o", text(output)];
-        let refused = evcal(&[&arguments, options].concat());
-        assert!(refused.code == Some(code) && refused.stderr.contains(part), "{options:?}: {refused:?}");
+        let failed = evcal(&[&arguments, options].concat());
+        assert!(failed.code == Some(code) && failed.stderr.contains(part), "{options:?}: {failed:?}");
     }
     assert!(!new.exists());
 }
