@@ -1,8 +1,8 @@
-//! Circle streams: what a detector on a microcontroller sends, from a file or a serial port.
+//! Circle streams: the data of a detector on a microcontroller, from a file or a serial port.
 //!
-//! The frames are those of `evcal-link` (`docs/formats.md` has them byte by byte). The circles of a window
-//! become a frame of a [`CircleTrack`] without places on the board, which the grid finder then gives them.
-//! Damaged, lost and unknown frames cost what they held; all of them are counted and told.
+//! The frames are those of `evcal-link` (`docs/formats.md` describes them byte by byte). The circles of a window become a frame
+//! of a [`CircleTrack`] without indices on the board, which the grid finder then determines. Damaged, lost and unknown frames
+//! lose their content; all of them are counted and reported.
 
 use evcal_core::sensor::Sensor;
 use std::path::Path;
@@ -14,8 +14,8 @@ use crate::circles::reference_frame::UnorderedCircle;
 use crate::circles::reference_frame::UnorderedFrame;
 use crate::circles::track::{CircleFrames, CircleTrack, CircleTrackError};
 
-/// Time from the last window before a device started anew to the first one after, in microseconds: no
-/// trajectory goes across it.
+/// Time between the last window before a device restarted and the first one after, in microseconds: longer than the largest gap
+/// within a trajectory.
 const RESTART_GAP_US: i64 = 1_000_000;
 
 /// A circle stream that was read to its end.
@@ -33,7 +33,7 @@ pub struct CircleStream {
     pub link: DecoderCounts,
 }
 
-/// Whether a file that begins with these bytes is a circle stream: a frame in it passes its checks.
+/// Returns `true` if a file that begins with these bytes is a circle stream: a frame in it passes its checks.
 pub fn is_circle_stream(head: &[u8]) -> bool {
     let mut decoder = Decoder::new();
     head.iter().any(|&byte| decoder.push(byte).is_some())
@@ -42,7 +42,7 @@ pub fn is_circle_stream(head: &[u8]) -> bool {
 /// Reads the circle stream in the file at `path`.
 ///
 /// # Errors
-/// When the file cannot be read or holds no circle.
+/// [`CircleTrackError`] if the file cannot be read or contains no circle.
 pub fn read(path: &Path) -> Result<CircleStream, CircleTrackError> {
     let bytes = std::fs::read(path).map_err(|error| CircleTrackError { path: path.to_owned(), kind: error.into() })?;
     let mut receiver = Receiver::new();
@@ -53,7 +53,7 @@ pub fn read(path: &Path) -> Result<CircleStream, CircleTrackError> {
     })
 }
 
-/// A circle and the microsecond that it belongs to.
+/// A circle and its time in microseconds.
 type TimedCircle = (i64, UnorderedCircle);
 
 /// The circles of one window, on the clock of the whole stream.
@@ -63,17 +63,17 @@ struct WindowCircles {
     circles: Vec<TimedCircle>,
 }
 
-/// Takes the bytes of a circle stream as they come.
+/// Decodes the bytes of a circle stream as they arrive.
 #[derive(Default)]
 pub struct Receiver {
     decoder: Decoder,
     hello: Option<Hello>,
     statistics: Option<Statistics>,
     windows: Vec<WindowCircles>,
-    /// Number of the window whose circles are coming in.
+    /// Number of the window whose circles are being received.
     number: Option<u32>,
     circles: Vec<TimedCircle>,
-    /// Added to times of the device; grows when it starts anew.
+    /// Added to times of the device; grows when it restarts.
     offset_us: i64,
     last_us: i64,
     restarts: u32,
@@ -82,18 +82,18 @@ pub struct Receiver {
     incomplete: u64,
     over_capacity: u64,
     losses: [u64; 7],
-    /// The first one, and the latest that was another.
+    /// The first sensor, and the latest one that differs.
     sensor: Option<Sensor>,
     other_sensor: Option<Sensor>,
 }
 
 impl Receiver {
-    /// At the beginning of a stream, or anywhere in it.
+    /// Creates a receiver for the beginning of a stream, or any position in it.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Takes the next bytes.
+    /// Decodes the next bytes.
     pub fn push(&mut self, bytes: &[u8]) {
         for &byte in bytes {
             if let Some(message) = self.decoder.push(byte) {
@@ -102,22 +102,22 @@ impl Receiver {
         }
     }
 
-    /// Windows and circles so far.
+    /// Returns the numbers of windows and circles so far.
     pub fn progress(&self) -> (usize, usize) {
         (self.windows.len(), self.windows.iter().map(|window| window.circles.len()).sum())
     }
 
-    /// Whether a circle has come.
+    /// Returns `true` if a circle was received.
     pub fn has_circle(&self) -> bool {
         !self.windows.is_empty() || !self.circles.is_empty()
     }
 
-    /// Frames of the link that passed their checks so far.
+    /// Returns the number of frames of the link that passed their checks so far.
     pub fn frames(&self) -> u32 {
         self.decoder.counts().frames
     }
 
-    /// The circles, and what became of the rest; `None` if there is no circle.
+    /// Returns the circles, and the counts of everything else; `None` if there is no circle.
     pub fn finish(mut self) -> Option<CircleStream> {
         self.close_without_end();
         let origin_us = self.windows.first()?.start_us;
@@ -204,7 +204,7 @@ impl Receiver {
         }
     }
 
-    /// Keeps the circles at hand as a window between two times of the device.
+    /// Stores the current circles as a window between two times of the device.
     fn store(&mut self, start_us: i64, end_us: i64) {
         self.number = None;
         let circles = std::mem::take(&mut self.circles);
@@ -233,7 +233,7 @@ impl Receiver {
         self.last_us = i64::MIN;
     }
 
-    /// What the user should know, in sentences.
+    /// Returns notes for the user, as sentences.
     fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         if let Some(hello) = &self.hello {
@@ -273,12 +273,12 @@ impl Receiver {
     }
 }
 
-/// Times of a device fit 63 bits for 292 000 years.
+/// Times of a device fit into 63 bits for 292 000 years.
 fn device_time(time_us: u64) -> i64 {
     i64::try_from(time_us).unwrap_or(i64::MAX / 4).min(i64::MAX / 4)
 }
 
-/// Names and counts of what events were lost to.
+/// Returns the causes of lost events, with counts.
 fn causes(losses: &Losses) -> [(&'static str, u32); 7] {
     [
         ("undecodable", losses.undecodable),
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_end_and_lost_circles_are_told() {
+    fn a_lost_end_and_lost_circles_are_reported() {
         let messages = [vec![hello(true)], window(0, 0, 2), window(1, 10_000, 2), window(2, 20_000, 2)].concat();
         let mut parts = encode(&messages);
         parts[5].clear(); // a circle of window 1
@@ -379,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn time_goes_on_when_a_device_starts_anew() {
+    fn time_continues_when_a_device_restarts() {
         let run = [vec![hello(true)], window(0, 1000, 1), window(1, 11_000, 1)].concat();
         let bytes = encode(&run).concat();
         // The first message of the second run arrives, that of the third does not.
@@ -392,7 +392,7 @@ mod tests {
         assert!(stream.track.notes.iter().any(|note| note.starts_with("2 times the device started anew")));
     }
 
-    /// The difference of times that restarts had driven to both ends did not fit in 64 bits.
+    /// The difference of times that restarts had moved to both ends did not fit into 64 bits.
     #[test]
     fn restarts_at_impossible_times_are_read() {
         let hello_at = |time_us| Message::Hello(Hello { first: true, time_us, ..Hello::default() });
@@ -408,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_of_the_sensor_is_told_by_the_first_and_the_last() {
+    fn a_change_of_the_sensor_is_reported_with_the_first_and_the_last() {
         let mut messages = window(0, 0, 1);
         for sensor_width in [320, 640, 320, 346, 320] {
             messages.push(Message::Hello(Hello { sensor_width, sensor_height: 240, ..Hello::default() }));
@@ -432,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    fn circles_that_are_no_numbers_are_left_out() {
+    fn circles_that_are_not_numbers_are_dropped() {
         let bad = |x| Message::Circle(Circle { x, radius: 1.0, ..Circle::default() });
         let stream = receive(&encode(&[bad(f32::NAN), bad(f32::INFINITY), bad(3.0)]).concat()).unwrap();
         assert_eq!(stream.track.circles, 1);

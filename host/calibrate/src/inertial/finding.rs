@@ -1,16 +1,16 @@
-//! What speaks against the calibration of an inertial unit, in words with what to do.
+//! Findings on the calibration of an IMU, with remedies.
 
 use std::fmt;
 
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 
-/// What speaks against a result, or was not measured.
+/// A problem of a result, or a quantity that was not measured.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Finding {
-    /// The place of the unit along a direction of the camera was not measured.
+    /// The position of the IMU along a direction of the camera was not measured.
     PositionNotMeasured {
-        /// Axis of the camera that is nearest.
+        /// Nearest axis of the camera.
         axis: usize,
         /// σ along it (m).
         sigma: f64,
@@ -25,20 +25,20 @@ pub enum Finding {
         /// Its name.
         sensor: &'static str,
     },
-    /// Scale and misalignment of the accelerometer are mixed with its bias and gravity.
+    /// Scale and misalignment of the accelerometer cannot be separated from its bias and gravity.
     AccelerometerNotMeasured,
-    /// The camera was hardly tilted: gravity looks like the accelerometer's bias.
+    /// The camera was hardly tilted: gravity cannot be separated from the accelerometer's bias.
     HardlyTilted {
-        /// Largest angle between gravity and its mean direction, seen from the camera (rad).
+        /// Largest angle between gravity and its mean direction, as seen from the camera (rad).
         tilt: f64,
         /// Largest σ of the accelerometer's bias (m/s²).
         sigma: f64,
     },
-    /// Scale and misalignment of the gyroscope.
+    /// Scale and misalignment of the gyroscope were not measured.
     GyroscopeNotMeasured,
     /// The clocks run at different rates.
     ClockDrift {
-        /// Of the unit's clock against that of the events.
+        /// Rate of the IMU's clock relative to that of the events.
         drift: f64,
         /// Its σ.
         sigma: f64,
@@ -50,34 +50,34 @@ pub enum Finding {
     },
     /// Samples could not be read.
     Damaged {
-        /// What could not, and why.
+        /// Description of the loss and its cause.
         what: String,
     },
-    /// Samples are at the end of their scale.
+    /// Samples are saturated.
     Saturated {
         /// Their share.
         share: f64,
     },
-    /// The board's spacing is another one than stated.
+    /// The board's spacing differs from the stated one.
     BoardSpacing {
-        /// True over stated.
+        /// True divided by stated spacing.
         scale: f64,
-        /// Its σ with the accelerometer's linearity.
+        /// Its σ, including the accelerometer's nonlinearity.
         sigma: f64,
     },
-    /// The solve with the unit moved the camera.
+    /// The solve with the IMU changed the camera.
     CameraMoved {
-        /// By how many σ.
+        /// Change in σ.
         sigmas: f64,
     },
-    /// Intrinsics were held at others than those of this recording.
+    /// The fixed intrinsics differ from those of this recording.
     OtherCamera {
-        /// How many σ they are apart.
+        /// Difference in σ.
         sigmas: f64,
     },
     /// Blocks of time disagree.
     Loose {
-        /// Scatter of blocks over the formal one.
+        /// Ratio of the scatter of blocks to the formal one.
         scatter: f64,
     },
 }

@@ -1,4 +1,4 @@
-//! What every stage took in and gave out, and why the rest fell away: told once, for `stages.txt` and the report.
+//! Reports of all stages, with the amounts that each got, kept and dropped, for `stages.txt` and the report.
 
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use crate::calibrate::stretch_choice::StretchChoice;
@@ -11,27 +11,27 @@ use crate::solve::refinement::RoundReport;
 use crate::solve::residual_statistics::Measured;
 use crate::trust::witness::{Comparison, WitnessOutcome};
 
-/// One stage.
+/// Report of one stage.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StageLine {
     /// Its name.
     pub stage: String,
-    /// What came in.
+    /// Input.
     pub taken: Amount,
-    /// What it gave.
+    /// Output.
     pub given: Amount,
-    /// Why the rest fell away.
+    /// Dropped input, by reason.
     pub dropped: Vec<Amount>,
-    /// What else there is to say.
+    /// Further statements.
     pub notes: Vec<String>,
 }
 
-/// So many of something.
+/// A number of things.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Amount {
-    /// How many.
+    /// The number.
     pub count: u64,
-    /// Of what, or why.
+    /// The kind of thing, or the reason.
     pub what: String,
 }
 
@@ -46,7 +46,7 @@ impl StageLine {
         Self { stage: stage.into(), taken, given, dropped: Vec::new(), notes: Vec::new() }
     }
 
-    /// With what fell away, as far as anything did.
+    /// Adds what was dropped, without zero counts.
     fn dropping(mut self, dropped: impl IntoIterator<Item = (u64, String)>) -> Self {
         let some = dropped.into_iter().filter(|(count, _)| *count > 0);
         self.dropped.extend(some.map(|(count, what)| Amount { count, what }));
@@ -59,7 +59,7 @@ impl StageLine {
     }
 }
 
-/// The stages of a calibration, in their order.
+/// Returns the reports of all stages of a calibration, in their order.
 pub fn stage_lines(calibrated: &Calibrated) -> Vec<StageLine> {
     match &calibrated.evidence {
         Evidence::Events(events) => event_lines(events),
@@ -184,7 +184,7 @@ fn solve_line(round: usize, report: &RoundReport) -> StageLine {
     }))
 }
 
-/// From the camera's own pictures to boards.
+/// Returns the reports on the search for boards in the camera's own pictures.
 fn search_lines(report: &PictureReport) -> [StageLine; 2] {
     let search = &report.detection;
     let refused = search.refused.iter().map(|(reason, count)| (*count, reason.to_string()));

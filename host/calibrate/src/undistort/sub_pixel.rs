@@ -1,4 +1,4 @@
-//! Undistorted events with the fractions of their pixels.
+//! Undistorted events with fractions of pixels.
 
 use evcal_core::sensor::Sensor;
 use std::io::{self, Write};
@@ -8,7 +8,7 @@ use evcal_core::event::Event;
 
 use evcal_files::{FileError, NewFile};
 
-/// A format whose events may lie between pixels.
+/// A format that supports events between pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SubPixelFormat {
@@ -18,16 +18,16 @@ pub enum SubPixelFormat {
     EventCalib,
 }
 
-/// The extension stands for a format that holds whole pixels only.
+/// The extension belongs to a format that supports only whole pixels.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: fractions of pixels can be written to .csv, .txt or .bin (EventCalib)", .0.display())]
 pub struct NoFractions(PathBuf);
 
 impl SubPixelFormat {
-    /// The format that the extension of `path` stands for.
+    /// Returns the format of the extension of `path`.
     ///
     /// # Errors
-    /// [`NoFractions`].
+    /// [`NoFractions`] if the format supports only whole pixels.
     pub fn from_extension(path: &Path) -> Result<Self, NoFractions> {
         let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
         match extension.as_deref() {
@@ -38,17 +38,17 @@ impl SubPixelFormat {
     }
 }
 
-/// Writes events that lie between pixels.
+/// Writes events between pixels.
 pub struct SubPixelWriter {
     output: NewFile,
     format: SubPixelFormat,
 }
 
 impl SubPixelWriter {
-    /// Begins the file at `path` for a `sensor`.
+    /// Creates the file at `path` for a `sensor`.
     ///
     /// # Errors
-    /// [`FileError`] when nothing can be written there.
+    /// [`FileError`] if it cannot be written.
     pub fn create(path: &Path, format: SubPixelFormat, sensor: Sensor) -> Result<Self, FileError> {
         let mut output = NewFile::create(path)?;
         if format == SubPixelFormat::Text {
@@ -58,10 +58,10 @@ impl SubPixelWriter {
         Ok(Self { output, format })
     }
 
-    /// Writes `event` as one at (x, y).
+    /// Writes `event` at (x, y).
     ///
     /// # Errors
-    /// What the system says.
+    /// Errors of the system.
     pub fn write(&mut self, event: &Event, [x, y]: [f64; 2]) -> io::Result<()> {
         let polarity = event.polarity.index();
         match self.format {
@@ -75,10 +75,10 @@ impl SubPixelWriter {
         }
     }
 
-    /// Gives the file its name.
+    /// Completes the file under its name.
     ///
     /// # Errors
-    /// [`FileError`] when not all of it could be written.
+    /// [`FileError`] if not all of it could be written.
     pub fn finish(self) -> Result<(), FileError> {
         self.output.finish()
     }

@@ -6,7 +6,7 @@
 use super::{Pair, clocks};
 use crate::export::static_transform::{Frames, static_transform};
 
-/// `static_transforms.yaml`: one document for each camera but the first.
+/// Writes `static_transforms.yaml`: one document for each camera except the first.
 pub fn write(pairs: &[Pair]) -> String {
     let document = |(index, pair): (usize, &Pair)| {
         let child = format!("dvs{}_optical", index + 1);

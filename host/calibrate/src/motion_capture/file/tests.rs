@@ -27,7 +27,7 @@ fn motive_is_read_by_the_names_of_its_columns() {
 }
 
 #[test]
-fn motive_says_what_to_export() {
+fn errors_in_motive_files_name_what_to_export() {
     assert!(message(MOTIVE, None).contains("several rigid bodies, \"camera\", \"board\""));
     assert!(message(MOTIVE, Some("hat")).contains("no rigid body \"hat\""));
     assert!(message(&MOTIVE.replace("Quaternion", "XYZ"), None).contains("Rotation Type Quaternion"));

@@ -1,8 +1,8 @@
-//! What the covariance of the intrinsics means in the image.
+//! Uncertainty of the projection, from the covariance of the intrinsics.
 //!
-//! How far would a bearing land elsewhere, had the intrinsics come out otherwise? The rotation that fits best
-//! over the sensor is taken out ([`projection_sensitivity`](mod@evcal_geometry::lens::projection_sensitivity)), so that the
-//! answer can be compared with a [`projection_difference`](mod@evcal_geometry::lens::projection_difference).
+//! It is the displacement of a bearing's projection under errors of the intrinsics. The best-fitting rotation over the sensor is
+//! removed ([`projection_sensitivity`](mod@evcal_geometry::lens::projection_sensitivity)), so that the result can be compared
+//! with a [`projection_difference`](mod@evcal_geometry::lens::projection_difference).
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
@@ -12,17 +12,16 @@ use serde::Serialize;
 use evcal_geometry::lens::projection_difference::{grid, grid_size};
 use evcal_geometry::lens::projection_sensitivity::projection_sensitivity;
 
-/// How sure the projection is at one pixel.
+/// Uncertainty of the projection at one pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct GridUncertainty {
     /// The pixel.
     pub pixel: [f64; 2],
-    /// Standard deviation of the projection in the direction in which it is largest, in pixels; `None`
-    /// where the lens model ends.
+    /// Largest standard deviation of the projection over all directions, in pixels; `None` outside the domain of the lens model.
     pub sigma: Option<f64>,
 }
 
-/// How sure the projection is over the sensor.
+/// Uncertainty of the projection over the sensor.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ProjectionUncertainty {
     /// Columns of the grid, from the first to the last pixel of a row.
@@ -31,10 +30,9 @@ pub struct ProjectionUncertainty {
     pub rows: u16,
     /// The uncertainty, row by row.
     pub grid: Vec<GridUncertainty>,
-    /// Root mean square over the sensor of the distance from the true projection that is to be
-    /// expected (px).
+    /// Expected root mean square distance from the true projection over the sensor (px).
     pub rms: f64,
-    /// What that root mean square stays below with a probability of 95 % (px).
+    /// 95 % bound of that root mean square (px).
     pub rms_95: f64,
     /// Greatest standard deviation (px).
     pub max: f64,
@@ -42,16 +40,15 @@ pub struct ProjectionUncertainty {
     pub max_at: [f64; 2],
 }
 
-/// The lens model sees too little of the sensor, or the covariance is not of its parameters.
+/// The lens model covers too little of the sensor, or the covariance is not of its parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the lens model sees fewer than 3 points of the sensor")]
 pub struct NoView;
 
-/// The projection uncertainty of `camera` on `sensor` from the covariance of its
-/// parameters, in their order.
+/// Computes the projection uncertainty of `camera` on `sensor` from the covariance of its parameters, in their order.
 ///
 /// # Errors
-/// [`NoView`] when the lens sees next to nothing of the sensor.
+/// [`NoView`] if the lens covers almost nothing of the sensor.
 pub fn projection_uncertainty(
     camera: &Camera<f64>,
     covariance: &DMatrix<f64>,
@@ -92,8 +89,8 @@ pub fn projection_uncertainty(
     })
 }
 
-/// What a sum of squares of normal variables with this mean and variance stays below in 95 of 100 cases: a
-/// scaled χ² of the same two (Satterthwaite 1946), its quantile by Wilson and Hilferty (1931).
+/// Returns the 95 % quantile of a sum of squares of normal variables with this mean and variance: a scaled χ² with the same two
+/// (Satterthwaite 1946), its quantile by Wilson and Hilferty (1931).
 fn quantile_95(mean: f64, variance: f64) -> f64 {
     const NORMAL_95: f64 = 1.644_853_626_951_472_2;
     if variance <= 0.0 {
@@ -125,7 +122,7 @@ mod tests {
         Camera::from_parameters(ModelKind::Radtan, parameters).unwrap()
     }
 
-    /// Quantiles of χ² with 1, 2 and 10 degrees of freedom, from tables; Wilson's and Hilferty's are within 3 %.
+    /// Quantiles of χ² with 1, 2 and 10 degrees of freedom, from tables; the approximation of Wilson and Hilferty is within 3 %.
     #[test]
     fn quantiles_are_those_of_chi_square() {
         for (freedom, quantile) in [(1.0, 3.841), (2.0, 5.991), (10.0, 18.307)] {
@@ -134,9 +131,9 @@ mod tests {
         }
     }
 
-    /// Cameras drawn from the covariance differ from the middle one as the uncertainty says.
+    /// Cameras drawn from the covariance differ from the mean camera as the uncertainty predicts.
     #[test]
-    fn drawn_cameras_scatter_as_stated() {
+    fn drawn_cameras_scatter_as_reported() {
         const DRAWS: usize = 300;
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let sigma = [0.1, 0.12, 0.2, 0.15, 1e-3, 2e-3, 1e-4, 1e-4, 1e-3];

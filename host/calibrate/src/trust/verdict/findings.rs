@@ -1,4 +1,4 @@
-//! What speaks for caution: one function a question.
+//! Findings about a calibration: one function per check.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
@@ -19,7 +19,7 @@ use crate::trust::{EventTrust, ObservedRadius, Trust};
 use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::lens::folds::folded_share;
 
-/// All that is found.
+/// Runs all checks.
 pub(super) fn findings_on(
     camera: &Camera<f64>,
     trust: &Trust,
@@ -44,9 +44,9 @@ pub(super) fn findings_on(
     findings
 }
 
-/// Their whole length (s), and where the first of them are, in words.
+/// Returns the total length (s) of the intervals, and the first of them in words.
 fn places<'a>(stretches: impl Iterator<Item = &'a LeftOut>) -> Option<(f64, String)> {
-    /// Stretches that are told one by one.
+    /// Number of intervals that are listed individually.
     const TOLD: usize = 4;
     let stretches: Vec<&LeftOut> = stretches.collect();
     if stretches.is_empty() {
@@ -60,7 +60,7 @@ fn places<'a>(stretches: impl Iterator<Item = &'a LeftOut>) -> Option<(f64, Stri
     Some((seconds, places.join(", ")))
 }
 
-/// Less than this (s) that is left out is worth a note only: the first moment of a recording, or one jerk.
+/// Excluded time (s) below which the finding is only a note: the first moment of a recording, or one jerk.
 const SHORT: f64 = 0.1;
 
 fn unexplained(left_out: &[LeftOut]) -> Option<Finding> {
@@ -150,7 +150,7 @@ fn views(coverage: &Coverage) -> Vec<Finding> {
     findings
 }
 
-/// Which corners and sides of the sensor saw nothing.
+/// Describes the corners and sides of the sensor without observations.
 fn empty_places(coverage: &Coverage) -> String {
     let names = [
         ["at the upper left", "at the top", "at the upper right"],
@@ -177,15 +177,15 @@ fn empty_places(coverage: &Coverage) -> String {
     }
 }
 
-/// By how much the mean offset of events differs between kinds of light and of motion (px).
+/// Variation of the mean offset of events between kinds of light and of motion (px).
 const DIFFERENT_OFFSETS: f64 = 0.25;
-/// Standard deviations beyond which the evidence tells a radius from its own.
+/// Number of standard deviations from which the evidence distinguishes a radius from its estimate.
 const TOLD_APART: f64 = 2.0;
-/// By how much it may differ where dots are small and pixels are slow (px): less than exchanged polarities or light dots do.
+/// Variation of the mean offset when dots are small and pixels are slow (px): less than exchanged polarities or light dots cause.
 const MOST_DIFFERENT_OFFSETS: f64 = 0.5;
 
-/// The stated radius disagrees with the mean offset of the events, and with the `evidence`, if that tells the one from the other: a small
-/// dot in little light moves the offset too.
+/// Checks the stated radius against the mean offset of the events. If the `evidence` distinguishes the stated radius from the
+/// observed one, it decides, because a small dot in little light changes the offset too.
 fn radius(observed: &ObservedRadius, evidence: Option<&BoardEvidence>, board: &CircleBoard) -> Option<Finding> {
     let ratio = observed.radius / board.radius;
     let pixels = (observed.radius - board.radius) / observed.scale;
@@ -263,7 +263,7 @@ fn undetermined(camera: &Camera<f64>, trust: &Trust, held: &[usize]) -> Option<F
         .filter(|(_, (_, (value, sigma)))| value.abs() < TOLD_FROM_ZERO * **sigma)
         .map(|(_, (name, _))| *name)
         .collect();
-    // Each parameter may be open although the projection is known: then several only count together.
+    // Each parameter may be poorly determined although the projection is known: then they are only meaningful together.
     if let (Some(fx), Some(sigma)) = (parameters.first(), sigma.first())
         && *sigma > OPEN_FOCAL_LENGTH * fx
         && trust.projection.rms_95 < sigma * KNOWN_TOGETHER
@@ -326,9 +326,10 @@ fn halves(halves: &SplitHalf) -> Option<Finding> {
 mod tests {
     use super::*;
 
-    /// In little light, dots of 3 px had an offset of their own (11 circles of 8 mm, 2.7 mm/px), and the radius was called wrong.
+    /// In little light, dots of 3 px had an offset of their own (11 circles of 8 mm, 2.7 mm/px), and the radius was reported as
+    /// wrong.
     #[test]
-    fn a_radius_that_the_events_themselves_confirm_is_not_wrong() {
+    fn a_radius_that_the_evidence_confirms_is_not_reported() {
         let board: CircleBoard = "acircles:11x5:30mm:r8mm".parse().unwrap();
         let scale = 2.7e-3;
         let told = |pixels: f64, evidence: Option<(f64, f64)>| {
@@ -341,9 +342,9 @@ mod tests {
         };
         let stated = Some((8.1e-3, 0.23e-3));
         assert!(told(0.3, None) && !told(0.3, stated) && !told(-0.3, stated));
-        // Evidence that tells neither, or that the radius is another one, is none for the stated one.
+        // Evidence that distinguishes neither, or supports another radius, does not confirm the stated one.
         assert!(told(0.3, Some((8.1e-3, 1e-3))) && told(0.3, Some((8.9e-3, 0.23e-3))));
-        // Light dots, or polarities exchanged.
+        // Light dots, or exchanged polarities.
         assert!(told(0.8, stated) && told(-0.8, stated));
     }
 }
