@@ -33,7 +33,7 @@ pub enum Advice {
     Plain(String),
     /// Calibrate again with this camera model.
     TakeModel(ModelKind),
-    /// Calibrate again with the whole board, of which the stated one is a part.
+    /// Calibrate again with the whole board, that contains the stated one.
     TakeWholeBoard(CircleBoard),
     /// Count rows and columns of the board.
     CountRows,
@@ -43,13 +43,13 @@ pub enum Advice {
     Free(Vec<&'static str>),
     /// State the size of the sensor, probably this one.
     NameSensor(Option<Sensor>),
-    /// State the unit of the times; `None` where the format leaves no choice.
+    /// State the unit of the timestamps; `None` if the format has only one.
     NameTimeUnit(Option<TimeUnit>),
     /// Count pixels from 0.
     CountFromZero {
         /// The sensor.
         sensor: Sensor,
-        /// Whether its size is to be stated, too.
+        /// `true` if its size must be stated, too.
         name_sensor: bool,
     },
     /// Exchange x and y.
@@ -108,18 +108,18 @@ impl fmt::Display for Advice {
             Self::TakeModel(kind) => write!(f, "calibrate again with the model {kind}"),
             Self::TakeWholeBoard(board) => write!(
                 f,
-                "calibrate again with the board {board}, which takes more of the recording; the lens is right within what is stated"
+                "calibrate again with the board {board}, which uses more of the recording; the lens is correct within the reported uncertainty"
             ),
             Self::CountRows => {
                 write!(f, "count them on the board: more are stated than it has, or a part of it was never in view")
             }
             Self::LookAtBoard => write!(
                 f,
-                "is the board wavy, or the lens dirty? A smooth bend and an uneven print are estimated already, unless they are held"
+                "is the board wavy, or the lens dirty? A smooth bend and an uneven print are estimated already, unless they are fixed"
             ),
             Self::Free(names) => write!(
                 f,
-                "bring the board into the corners of the image, or let {} be estimated all the same",
+                "bring the board into the corners of the image, or request that {} be estimated anyway",
                 names.join(", ")
             ),
             Self::NameSensor(Some(sensor)) => write!(f, "state the size of the sensor, probably {sensor}"),

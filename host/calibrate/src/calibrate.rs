@@ -81,7 +81,7 @@ pub struct Task<'a> {
     pub sensor: Option<Sensor>,
     /// Use of the camera's own pictures.
     pub pictures: PictureUse,
-    /// Parameters of lens and board that are fixed, or estimated in any case. Those of the lens apply to the joint solve from
+    /// Parameters of lens and board that are fixed, or estimated in any case. Lens parameters apply to the joint solve from
     /// events.
     pub parameters: ParameterRequests,
     /// Settings of all stages.

@@ -33,7 +33,7 @@ use event_recordings::given_sensor::counted_from_one;
 use event_recordings::pass::{read_recording, read_while};
 use event_recordings::{Recording, RecordingError, RecordingOptions};
 
-/// Approximate number of events in which the board is searched: all events, or those of even parts of the recording.
+/// Approximate number of events in which the board is searched: all events of the recording, or even parts of it.
 const MOST_EVENTS: u64 = 4_000_000;
 /// Number of these parts.
 const PARTS: i64 = 8;
@@ -340,7 +340,7 @@ fn look_at_views(
     }))
 }
 
-/// The name of a layout, such as `acircles:9x4`.
+/// Serialises the name of a layout, such as `acircles:9x4`.
 fn in_words<S: Serializer>(layout: &Option<RecognisedLayout>, serializer: S) -> Result<S::Ok, S::Error> {
     layout.map(|layout| layout_name(&layout.pattern)).serialize(serializer)
 }
@@ -365,7 +365,7 @@ impl fmt::Display for Checked {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.information)?;
         if !self.whole {
-            writeln!(f, "{:<12}the recording goes on; only its first {MOST_READ} events were looked at", "part")?;
+            writeln!(f, "{:<12}the recording is longer; only its first {MOST_READ} events were examined", "part")?;
         }
         if let Some(other) = &self.other_unit {
             writeln!(f, "{:<12}{other}", "time unit")?;
@@ -385,13 +385,13 @@ impl fmt::Display for Checked {
         }
         if self.information.flicker.is_none() {
             let seen =
-                if self.information.duration_s < SHORTEST_FOR_FLICKER { "too short to tell" } else { "none seen" };
+                if self.information.duration_s < SHORTEST_FOR_FLICKER { "recording too short" } else { "none seen" };
             writeln!(f, "{:<12}{seen}", "flicker")?;
         }
         if let Some(seen) = &self.seen {
             if seen.is_at_rest {
                 let Seen { found, windows, .. } = seen;
-                writeln!(f, "{:<12}something blinks before a camera at rest", "motion")?;
+                writeln!(f, "{:<12}something blinks in front of a camera at rest", "motion")?;
                 if let Some(board) = &seen.board {
                     writeln!(f, "{:<12}{board} seen in {found} of {windows} views", "board")?;
                 }

@@ -102,7 +102,7 @@ pub fn calibrate_unit(
         }
     }
     let rate = streams.iter().map(|stream| stream.rate).fold(0.0, f64::max);
-    // The median interval of timestamps in whole microseconds differs slightly from that of the rate.
+    // The median interval of timestamps in whole microseconds differs slightly from the interval of the rate.
     if rate.round() < FEWEST_A_SECOND {
         return Err(InertialError::TooSlow { rate, needed: FEWEST_A_SECOND });
     }
@@ -167,7 +167,7 @@ struct Apart<'a> {
     held: Option<&'a HeldIntrinsics>,
 }
 
-/// The IMU's clock relative to that of the events.
+/// The IMU's clock relative to the events' clock.
 struct Clock {
     /// Largest correlation of the rotation rates.
     correlation: f64,
@@ -227,8 +227,8 @@ fn finish(joint: &Joint, solved: Solved, apart: Apart, clock: Clock) -> Result<I
     })
 }
 
-/// Returns the covariance that `covariance`, of the intrinsics that are estimated in `system`, adds to that of the inertial
-/// parameters.
+/// Returns the covariance that `covariance`, of the intrinsics that are estimated in `system`, adds to the covariance of the
+/// inertial parameters.
 fn share_of_intrinsics(system: &System, covariance: DMatrix<f64>) -> Result<DMatrix<f64>, InertialError> {
     let share = share_of_held(system, &[(COUNT..COUNT + covariance.nrows(), covariance)])?;
     Ok(share.view((0, 0), (COUNT, COUNT)).into_owned())
@@ -240,7 +240,7 @@ fn of_free(covariance: &DMatrix<f64>, problem: &Problem) -> DMatrix<f64> {
     DMatrix::from_fn(free.len(), free.len(), |row, column| covariance[(free[row], free[column])])
 }
 
-/// Returns the indices of those of `count` intrinsics that `problem` estimates.
+/// Returns the indices of the intrinsics, among `count`, that `problem` estimates.
 fn free_intrinsics(problem: &Problem, count: usize) -> Vec<usize> {
     (0..count).filter(|&index| problem.free.intrinsics[index]).collect()
 }

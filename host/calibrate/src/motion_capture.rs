@@ -99,7 +99,7 @@ impl Compared {
     }
 }
 
-/// Compares the poses of a camera, `T_world_camera` on the clock of its events, with those of a marker body fixed to it,
+/// Compares the poses of a camera, `T_world_camera` on the clock of its events, with the poses of a marker body fixed to it,
 /// `T_mocap_body` on the clock of the capture; both in order of time. σ include the error of the camera's intrinsics, if it is
 /// known.
 ///

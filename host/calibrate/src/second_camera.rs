@@ -104,7 +104,7 @@ pub struct Pictures<'a> {
     pub point_sigma: f64,
 }
 
-/// Calibrates `pictures` against the events of the same sensor, as if they were those of a second camera: the relative pose
+/// Calibrates `pictures` against the events of the same sensor, as if they were pictures of a second camera: the relative pose
 /// should be the identity. The intrinsics of the events are estimated too, unless they are fixed at `held`.
 ///
 /// # Errors
@@ -152,7 +152,7 @@ fn add_scale_error(solved: &mut Solved, first: &Apart) {
 }
 
 /// Returns the problem of centres of dots with this spread (px), through a lens whose parameters have these `sigma`; parameters
-/// without σ are fixed. Board and settings are those of `first`.
+/// without σ are fixed. Board and settings come from `first`.
 fn problem_of_points(first: &Problem, points: Vec<SegmentObservations>, sigma: &[f64], point_sigma: f64) -> Problem {
     let mut problem = with_board_held(first, points);
     problem.point_sigma = point_sigma;

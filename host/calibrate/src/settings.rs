@@ -86,7 +86,7 @@ pub enum SettingsError {
     Parse {
         /// The file.
         file: String,
-        /// What is wrong and where.
+        /// The problem and its position.
         error: Box<toml::de::Error>,
     },
     /// A setting is fixed now.

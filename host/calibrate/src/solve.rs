@@ -65,7 +65,7 @@ pub const GLOBAL_COUNT: usize = MAX_PARAMETERS + BOARD_PARAMETERS + BIAS_COUNT;
 /// Index of the first parameter of the board among the global parameters.
 pub const BOARD_INDEX: usize = MAX_PARAMETERS;
 
-/// Index of a bias of `class` among the global parameters; some classes share biases.
+/// Returns the index of a bias of `class` among the global parameters; some classes share biases.
 pub const fn bias_index(class: usize, bias: Bias) -> usize {
     MAX_PARAMETERS + BOARD_PARAMETERS + bias_place(class, bias)
 }
@@ -226,7 +226,7 @@ pub struct SolveReport {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SolveError {
     /// There are no observations.
-    #[error("no event lies near the board's circles: is the board description right?")]
+    #[error("no event is near the board's circles: is the board description right?")]
     NoObservations,
     /// The normal equations are singular.
     #[error("the observations do not determine the camera: move the board closer, tilt it and cover the whole image")]

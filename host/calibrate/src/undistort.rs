@@ -1,6 +1,6 @@
 //! Undistortion of recordings and pictures.
 //!
-//! Events are moved from their pixel to that of the new camera and are rounded, or keep their fractions; pictures are
+//! Events are moved from their pixel to the pixel of the new camera and are rounded, or keep their fractions; pictures are
 //! interpolated bilinearly at the exact position in the old picture, and black outside it.
 
 pub mod picture;
@@ -21,7 +21,7 @@ pub struct PixelMap {
 }
 
 impl PixelMap {
-    /// Creates the map from the pixels of `from` on a `sensor` (width, height) to those of `to`.
+    /// Creates the map from the pixels of `from` on a `sensor` (width, height) to the pixels of `to`.
     pub fn new(from: &Camera<f64>, to: &Camera<f64>, sensor: Sensor) -> Self {
         let places =
             (0..sensor.height).flat_map(|y| (0..sensor.width).map(move |x| Vector2::new(f64::from(x), f64::from(y))));

@@ -177,7 +177,7 @@ fn a_motion_that_leaves_something_open_is_refused() {
     assert_eq!(finished.code, Some(1), "{}", finished.stdout);
     let words = "about one axis only, its y axis (downwards)";
     assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
-    assert!(!finished.stdout.contains("inertial unit"), "{}", finished.stdout);
+    assert!(!finished.stdout.contains("IMU, from"), "{}", finished.stdout);
     let file = read_json(&result.join("calibration.json"));
     assert!(file["inertial"].is_null() && file["camera"].is_object());
 }
@@ -207,7 +207,11 @@ fn a_loose_unit_has_the_exit_code_of_what_is_not_good_enough() {
     let options = ["--board", BOARD, "--imu", text(&samples), "-o", text(&result)];
     let finished = evcal(&[&["calibrate", text(&events)], &options[..]].concat());
     assert_eq!(finished.code, Some(3), "{}", finished.stderr);
-    assert!(finished.stdout.contains("parts of the recording disagree on where the unit is"), "{}", finished.stdout);
+    assert!(
+        finished.stdout.contains("parts of the recording disagree on the position of the IMU"),
+        "{}",
+        finished.stdout
+    );
     let file = read_json(&result.join("calibration.json"));
     assert_eq!(file["inertial"]["grade"], "not-good");
     assert_ne!(file["verdict"]["grade"], "not-good");
@@ -217,7 +221,7 @@ fn a_loose_unit_has_the_exit_code_of_what_is_not_good_enough() {
     let verdicts: Vec<&str> = head.split("<div class=\"verdict ").skip(1).collect();
     assert!(
         matches!(verdicts.as_slice(), [camera, unit]
-        if camera.contains("Camera: ") && unit.starts_with("not-good") && unit.contains("Inertial unit: Not good enough")),
+        if camera.contains("Camera: ") && unit.starts_with("not-good") && unit.contains("IMU: Not good enough")),
         "{head}"
     );
 }
@@ -234,18 +238,18 @@ fn mistakes(bench: &Bench) {
         sample.acceleration.x *= -1.0;
         sample.angular_velocity.x *= -1.0;
     });
-    bench.refused("end of their scale", |sample| {
+    bench.refused("are saturated", |sample| {
         sample.angular_velocity = sample.angular_velocity.map(|rate| rate.clamp(-0.5, 0.5));
     });
     // Gyroscope and accelerometer of different axes.
-    bench.refused("gravity comes out as", |sample| sample.acceleration = sample.acceleration.yzx());
+    bench.refused("gravity is estimated as", |sample| sample.acceleration = sample.acceleration.yzx());
     let backwards = bench.with(|samples| {
         let end = samples.last().map_or(0.0, |last| last.t);
         samples.reverse();
         samples.iter_mut().for_each(|sample| sample.t = end - sample.t);
     });
     let error = backwards.unwrap_err().to_string();
-    assert!(error.contains("does not turn as the camera does"), "{error}");
+    assert!(error.contains("does not match the camera"), "{error}");
 }
 
 /// A unit that slips by a degree in the middle of the recording.
@@ -335,7 +339,7 @@ fn without_gravity(bench: &Bench, before: &InertialCalibration) {
         });
     });
     let error = error.unwrap_err().to_string();
-    assert!(error.contains("gravity seems to be removed"), "{error}");
+    assert!(error.contains("gravity seems to have been removed"), "{error}");
 }
 
 fn files(calibrated: &Calibrated, task: &Task) {

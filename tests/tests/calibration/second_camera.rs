@@ -141,7 +141,7 @@ fn mistakes_are_named() {
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
         result
     };
-    refused("a camera that is there already", &[text(&first), "--with", text(&first)]);
+    refused("a camera that was already given", &[text(&first), "--with", text(&first)]);
     refused("give one recording before --with", &[text(&first), text(&second), "--with", text(&second)]);
     // Known by its events, not by its name; the first camera is calibrated all the same.
     let session = session().join("events.dvraw");
@@ -262,7 +262,7 @@ fn a_topic_of_images_gives_what_the_folder_gives() {
         assert_eq!(finished.code, Some(1), "{}", finished.stderr);
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
     };
-    refused("a camera that is there already", &[]);
+    refused("a camera that was already given", &[]);
     refused("no topic \"/up\"", &["--with-stream", "/up"]);
 }
 
@@ -285,8 +285,7 @@ fn a_rolling_shutter_is_measured_where_it_is_declared_and_refused_where_not() {
     let finished = evcal(&[&["calibrate", text(&first), "--with", text(&second)], &options[..]].concat());
     assert_eq!(finished.code, Some(1));
     // Neither keeps the other from being tried.
-    for words in ["2 were not calibrated", "the inertial unit: ", "holds no inertial samples", "add --rolling-shutter"]
-    {
+    for words in ["2 were not calibrated", "the inertial unit: ", "contains no IMU samples", "add --rolling-shutter"] {
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
     }
     // The first camera is calibrated all the same.

@@ -16,7 +16,7 @@ pub enum BoardChoiceError {
     #[error("{0}")]
     Search(#[from] SearchError),
     /// There are no events in which a board could be recognised.
-    #[error("`auto` needs a recording of events to look at: name the board")]
+    #[error("`auto` requires a recording of events: name the board")]
     NoEvents,
     /// No layout fits.
     #[error(
@@ -27,7 +27,7 @@ pub enum BoardChoiceError {
         file: String,
     },
     /// The layout is known, the size is not.
-    #[error("the board is {found}, but events cannot tell how large it is: {}", .found.to_measure())]
+    #[error("the board is {found}, but events do not determine its size: {}", .found.to_measure())]
     SizeUnknown {
         /// The layout.
         found: RecognisedLayout,

@@ -26,7 +26,7 @@ const MOST_CHANGES: usize = 3;
 const UNDETERMINED: f64 = 0.25;
 
 /// Number of σ below which a coefficient does not differ significantly from its expected value.
-const TOLD_FROM_EXPECTED: f64 = 2.0;
+const SIGNIFICANT: f64 = 2.0;
 
 /// Coefficients are fixed only if the residuals grow by less than this factor.
 const WORSE: f64 = 1.001;
@@ -121,7 +121,7 @@ fn shape_with(parameters: &[f64; PARAMETERS], values: &[Option<f64>; PARAMETERS]
     BoardShape::from_parameters(std::array::from_fn(|index| values[index].unwrap_or(parameters[index])))
 }
 
-/// Returns the stated shape, with the `asked` parameters replaced by those of the evidence.
+/// Returns the stated shape, with the `asked` parameters replaced by the values of the evidence.
 fn shape_of(stated: &BoardShape, evidence: &BoardEvidence, asked: [bool; PARAMETERS]) -> BoardShape {
     let values = std::array::from_fn(|index| asked[index].then_some(evidence.values[index]));
     shape_with(&stated.parameters(), &values)
@@ -154,7 +154,7 @@ fn undetermined(task: &Task, refined: &Refined, certainty: &SolveUncertainty) ->
             let sigma = covariance[(index, index)].max(0.0).sqrt();
             let is_open = prior.sigma(index).is_some_and(|expected| sigma > UNDETERMINED * expected);
             let distance = (values[index] - prior.expected[index]).abs() / sigma;
-            (is_open && distance < TOLD_FROM_EXPECTED).then_some((index, distance))
+            (is_open && distance < SIGNIFICANT).then_some((index, distance))
         };
         let is_free = |index: &usize| {
             refined.problem.free.intrinsics[*index]
@@ -172,7 +172,7 @@ fn undetermined(task: &Task, refined: &Refined, certainty: &SolveUncertainty) ->
     }
 }
 
-/// Solves again with the `undetermined` coefficients fixed at their expected values. The reported uncertainty is still that of
+/// Solves again with the `undetermined` coefficients fixed at their expected values. The reported uncertainty still comes from
 /// the solve in which they were estimated.
 fn hold(
     task: &Task,
@@ -189,7 +189,7 @@ fn hold(
         input.held[index] = true;
     }
     let camera = with_held(&state.camera, &values, input.sensor).ok_or(CalibrateError::ImpossibleValues)?;
-    progress.tell("joint solve without what is not determined")?;
+    progress.tell("joint solve with undetermined parameters fixed")?;
     let (mut refined, system) = refined_from(task, &input, State { camera, ..state }, progress)?;
     progress.tell("uncertainty")?;
     for &index in undetermined {

@@ -100,7 +100,7 @@ pub struct EventCalibration {
     pub inertial: Option<InertialCalibration>,
     /// Other cameras on the same mount, in the order of the request.
     pub second_cameras: Vec<SecondCamera>,
-    /// The camera's own pictures, if they are used as those of a second camera.
+    /// The camera's own pictures, if they are used as pictures of a second camera.
     pub own_pictures: Option<OwnPictures>,
 }
 
@@ -116,7 +116,7 @@ impl Calibrated {
         self.recordings.first()?.began.as_deref()
     }
 
-    /// The lens.
+    /// Returns the lens.
     pub fn camera(&self) -> &Camera<f64> {
         match &self.evidence {
             Evidence::Events(events) => &events.refined.state.camera,
@@ -161,7 +161,7 @@ impl Calibrated {
         }
     }
 
-    /// Returns those of [`Calibrated::frames`] that were used, with their poses.
+    /// Returns the used frames of [`Calibrated::frames`] with their poses.
     pub fn posed(&self) -> impl Iterator<Item = (&PosedFrame, &ReferenceFrame)> + Clone {
         let posed = match &self.evidence {
             Evidence::Events(events) => &events.initial.frames,

@@ -40,7 +40,7 @@ pub enum CalibrateError {
         /// The smallest usual sensor that includes all pixels of the events.
         likely: Option<Sensor>,
     },
-    /// The requested sensor is not that of a recording.
+    /// The requested sensor differs from the sensor of a recording.
     #[error("{0}")]
     OtherSensor(#[from] OtherSensor),
     /// Event rates suggest that the timestamps have another unit.
@@ -71,15 +71,15 @@ pub enum CalibrateError {
         exchanged: Exchanged,
     },
     /// The lens or the board cannot have the given values.
-    #[error("no lens or board has the values at which parameters are held")]
+    #[error("the values of the fixed parameters are not possible for this lens or board")]
     ImpossibleValues,
     /// No solution exists with the given values of the lens.
     #[error(
-        "with parameters held at these values no event lies near the board's circles: do the values belong to this lens? Those that are not held are estimated"
+        "with these fixed parameters no event is near the board's circles: do the values belong to this lens? Parameters that are not fixed are estimated"
     )]
     HeldFarOff,
     /// The stated board is a part of a larger one.
-    #[error("too few views fit together: is the board right? It looks like {}: {}", .0.found, .0.board)]
+    #[error("too few views are consistent: is the board described correctly? It looks like {}: {}", .0.found, .0.board)]
     LargerBoard(Box<LargerBoard>),
     /// The sensor is too large.
     #[error("{file} is of a sensor with {} x {} pixels; up to {} x {} are supported", .sensor.width, .sensor.height, LARGEST_SENSOR.width, LARGEST_SENSOR.height)]
@@ -100,7 +100,7 @@ pub enum CalibrateError {
         before: Sensor,
     },
     /// Two recordings contain the same events.
-    #[error("{file} holds the same events as {other}: give each recording once, and none that is part of another")]
+    #[error("{file} contains the same events as {other}: give each recording once, and none that is part of another")]
     SameEvents {
         /// The file name.
         file: String,
@@ -108,7 +108,7 @@ pub enum CalibrateError {
         other: String,
     },
     /// There are no events.
-    #[error("{file} holds no events")]
+    #[error("{file} contains no events")]
     Empty {
         /// The file name.
         file: String,
@@ -129,13 +129,15 @@ pub enum CalibrateError {
     #[error("{0}")]
     Images(#[from] ImagesError),
     /// Events are required, and there are only frames.
-    #[error("{file} holds frames, not events: give a recording of events, and the frames as those of a second camera")]
+    #[error(
+        "{file} contains frames, not events: give a recording of events, and calibrate the frames as a second camera"
+    )]
     OnlyFrames {
         /// The folder.
         file: String,
     },
     /// There are no pictures.
-    #[error("{file} holds no frames, and frames were asked for: record them too, or leave them out")]
+    #[error("{file} contains no frames, but frames were requested: record them too, or do not request them")]
     NoPictures {
         /// The files.
         file: String,

@@ -75,7 +75,7 @@ fn always_full() -> Finding {
     Finding {
         cause: Cause::Saturated,
         severity: Severity::Failure,
-        reason: "the camera sent as many events as it can all the time: their times are late by an unknown amount".to_owned(),
+        reason: "the camera sent events at its maximum rate all the time: their times are late by an unknown amount".to_owned(),
         advice: "does the light flicker? Use daylight or a lamp on direct current; or raise the contrast thresholds of its pixels".into(),
     }
 }
@@ -91,7 +91,7 @@ fn out_of_order(disorder: Disorder) -> Finding {
 
 fn already_undistorted(rounded: Rounded) -> Finding {
     Finding {
-        // Remaining distortion is not that of the lens.
+        // Remaining distortion does not come from the lens.
         cause: Cause::Undistorted,
         severity: Severity::Failure,
         reason: rounded.to_string(),

@@ -25,7 +25,7 @@ pub struct InertialRequest {
 ///
 /// # Errors
 /// [`InertialError`] names the problem and the remedy; the calibration of the camera is not affected.
-/// [`InertialError`] says what is wrong, and what to do; the camera is calibrated all the same.
+/// [`InertialError`] names the problem and the remedy; the calibration of the camera is not affected.
 pub fn calibrate_inertial(
     calibrated: &Calibrated,
     inputs: &[Input],

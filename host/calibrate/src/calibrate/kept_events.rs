@@ -1,4 +1,4 @@
-//! Events with their ranks in bursts: those kept in memory, and those of recordings that are read again.
+//! Events with their ranks in bursts: kept in memory, or from recordings that are read again.
 
 use evcal_core::sensor::Sensor;
 

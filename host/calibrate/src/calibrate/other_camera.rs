@@ -26,7 +26,7 @@ impl Count {
     }
 }
 
-/// Returns a failure for each recording of which hardly a frame fits the first camera, if the frames of another recording do.
+/// Returns a failure for each recording of which hardly a frame fits the first camera, if frames of another recording do.
 pub(super) fn findings_on(inputs: &[Input], frames: &[ReferenceFrame], initial: &InitialModel) -> Vec<Finding> {
     let mut counts = vec![Count::default(); inputs.len()];
     for frame in frames {
@@ -48,7 +48,9 @@ pub(super) fn findings_on(inputs: &[Input], frames: &[ReferenceFrame], initial: 
             reason: format!(
                 "only {fitting} of the {found} reference frames of {name} fit the camera of the other recordings"
             ),
-            advice: Advice::Plain(format!("is it of another camera, or was the lens turned? Calibrate without {name}")),
+            advice: Advice::Plain(format!(
+                "is it of another camera, or was the lens refocused? Calibrate without {name}"
+            )),
         })
         .collect()
 }

@@ -57,7 +57,7 @@ pub(super) fn follow_others(
         return Ok(Vec::new());
     }
     let mut left_out = Vec::new();
-    progress.tell("trajectory of the other stretches")?;
+    progress.tell("trajectory of the other intervals")?;
     let sensor = solve.refined.problem.sensor;
     let part = |frame: &CompactFrame| (frame.t() / LENGTH).floor() as i64;
     let mut followed = Vec::new();
@@ -144,7 +144,7 @@ fn follow_stretch(
     let reduced = system.into_reduced(0.0, &problem.free.mask()).ok()?;
     let places: Vec<usize> = reduced.places(&problem.free.mask());
     let controls = reduced.into_follows().control_covariances(&places, &certainty.formal)?;
-    // There are fewer events than in the joint solve, so the usual σ is that of the interval's own poses.
+    // There are fewer events than in the joint solve, so the usual σ comes from the interval's own poses.
     let covariance =
         PoseCovariance::new(controls, certainty.intrinsics.inflation, &state.trajectories, POSE_MODEL_ERROR);
     let all_left_out: Vec<LeftOut> = refined.left_out.iter().chain(&unexplained).copied().collect();

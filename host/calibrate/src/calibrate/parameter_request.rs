@@ -37,13 +37,13 @@ pub enum ParameterError {
     #[error("{0}: write NAME=VALUE, for example k3=0, bend-x=0mm or radius=17.4mm")]
     Value(String),
     /// No parameter of the lens is left to be estimated.
-    #[error("all parameters of the lens are held: leave one free")]
+    #[error("all parameters of the lens are fixed: leave one to be estimated")]
     NothingLeft,
     /// A parameter is both fixed and estimated.
-    #[error("{0} cannot be held and free at once")]
+    #[error("{0} cannot be both fixed and estimated")]
     Both(String),
     /// The value is not possible.
-    #[error("{0}: no board is like that")]
+    #[error("{0}: this value is not possible for a board")]
     Impossible(String),
 }
 

@@ -17,7 +17,7 @@ pub(super) struct WithPictures {
     pub(super) solve: BoardSolve,
     /// Statistics of the joint solve of pictures and events, if there was one.
     pub(super) joint: Option<JointReport>,
-    /// The pictures, if they are used as those of a second camera.
+    /// The pictures, if they are used as pictures of a second camera.
     pub(super) own: Option<OwnPictures>,
 }
 

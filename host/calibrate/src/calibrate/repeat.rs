@@ -47,7 +47,7 @@ pub struct RunCamera {
     pub parameters: Vec<f64>,
     /// Their reported standard deviations.
     pub sigma: Vec<f64>,
-    /// Root mean square difference of its projection from that of the mean of all parts (px).
+    /// Root mean square difference of its projection from the projection of the mean of all parts (px).
     pub difference: f64,
     /// 95 % bound of that difference by its reported uncertainty (px).
     pub stated: f64,
@@ -85,7 +85,7 @@ pub enum RepeatError {
     /// It cannot be read.
     #[error("{0}")]
     Source(#[from] RecordingError),
-    /// The requested sensor is not that of the recording.
+    /// The requested sensor differs from the sensor of the recording.
     #[error("{0}")]
     OtherSensor(#[from] OtherSensor),
     /// Fewer than two parts were calibrated.

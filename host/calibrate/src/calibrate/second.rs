@@ -24,7 +24,7 @@ use evcal_geometry::lens::camera_file::CameraDescription;
 use event_recordings::images::Images;
 
 /// Calibrates the lens of another camera on the mount from its own recording, separately from the first camera. The rows of its
-/// frames may be exposed one after the other, which only both cameras together can show; `progress` is that of [`calibrate`].
+/// frames may be exposed one after the other, which only both cameras together can show; `progress` is as in [`calibrate`].
 ///
 /// # Errors
 /// As for [`calibrate`].
@@ -39,8 +39,8 @@ pub fn calibrate_lens_apart(
     calibrate(&Task { settings: &settings, ..*task }, progress)
 }
 
-/// Calibrates the camera of `second` against that of `first`. Both were calibrated separately with the same `board`, from one
-/// recording each, the second from `file`. Intrinsics are estimated too, unless `lenses` contains them.
+/// Calibrates the camera of `second` against the camera of `first`. Both were calibrated separately with the same `board`, from
+/// one recording each, the second from `file`. Intrinsics are estimated too, unless `lenses` contains them.
 ///
 /// # Errors
 /// [`SecondCameraError`] names the problem and the remedy; the separate calibrations are not affected.
@@ -135,8 +135,8 @@ fn seen_frame(posed: &PosedFrame, frame: &ReferenceFrame) -> SeenFrame {
     SeenFrame { t, pose: posed.pose, circles: posed.circles.iter().map(circle).collect() }
 }
 
-/// Calibrates the camera's own pictures against its events, as if they were those of a second camera. Both have the same lens, so
-/// the relative pose should be the identity. `first` was calibrated with [`PictureUse::SecondCamera`](super::PictureUse).
+/// Calibrates the camera's own pictures against its events, as if they were pictures of a second camera. Both have the same lens,
+/// so the relative pose should be the identity. `first` was calibrated with [`PictureUse::SecondCamera`](super::PictureUse).
 ///
 /// # Errors
 /// [`SecondCameraError`] names the problem and the remedy.

@@ -56,7 +56,7 @@ impl fmt::Display for StretchChoice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "the board was in view for {} s: the camera is from the {} s that say most about it, the trajectory from all",
+            "the board was in view for {} s: the camera comes from the {} s with the most information about it, the trajectory from all",
             self.seconds,
             self.chosen.len()
         )
@@ -98,9 +98,9 @@ pub(super) fn choose_stretches(frames: &[CompactFrame], task: &Task, sensor: Sen
     }
     let parts: Vec<Range<usize>> =
         (0..room).map(|part| part * seconds.len() / room..(part + 1) * seconds.len() / room).collect();
-    let told = Told::new(frames, &seconds, task, sensor);
-    let (chosen, gains) = match &told {
-        Some(told) => told.choose(&parts),
+    let information = SecondInformation::new(frames, &seconds, task, sensor);
+    let (chosen, gains) = match &information {
+        Some(information) => information.choose(&parts),
         None => (parts.iter().map(|part| (part.start + part.end) / 2).collect(), vec![None; parts.len()]),
     };
     let second = |(index, gain): (usize, Option<f64>)| {
@@ -122,13 +122,13 @@ fn seconds(frames: &[CompactFrame]) -> Vec<Second> {
 }
 
 /// Information of every second about the camera.
-struct Told {
+struct SecondInformation {
     measure: ProjectionMeasure,
     prior: Information,
     seconds: Vec<Information>,
 }
 
-impl Told {
+impl SecondInformation {
     /// Returns `None` if the windows do not yield a camera.
     fn new(frames: &[CompactFrame], seconds: &[Second], task: &Task, sensor: Sensor) -> Option<Self> {
         let settings = &task.settings.initial;
@@ -198,7 +198,7 @@ mod tests {
     use super::*;
 
     /// Seconds with information about one of two parameters each.
-    fn told(amounts: &[[f64; 2]]) -> Told {
+    fn information_of_seconds(amounts: &[[f64; 2]]) -> SecondInformation {
         let camera = Camera::from_parameters(ModelKind::Radtan4, &[330.0, 330.0, 173.0, 130.0, -0.3, 0.1, 0.0, 0.0]);
         let camera = camera.unwrap();
         let second = |[focal, middle]: &[f64; 2]| {
@@ -207,7 +207,7 @@ mod tests {
             information[(2, 2)] = *middle;
             information
         };
-        Told {
+        SecondInformation {
             measure: ProjectionMeasure::new(&camera, Sensor::new(346, 260)).unwrap(),
             prior: prior(&camera),
             seconds: amounts.iter().map(second).collect(),
@@ -218,15 +218,16 @@ mod tests {
     fn each_part_yields_the_second_with_most_additional_information() {
         // The last part has to choose between much information about a well-known parameter and a little about one that no other
         // part determines.
-        let told = told(&[[100.0, 0.0], [900.0, 0.0], [10.0, 0.0], [800.0, 0.0], [500.0, 0.0], [1.0, 60.0]]);
-        let (chosen, gains) = told.choose(&[0..2, 2..4, 4..6]);
+        let information =
+            information_of_seconds(&[[100.0, 0.0], [900.0, 0.0], [10.0, 0.0], [800.0, 0.0], [500.0, 0.0], [1.0, 60.0]]);
+        let (chosen, gains) = information.choose(&[0..2, 2..4, 4..6]);
         assert_eq!(chosen, [1, 3, 5]);
         let gains: Vec<f64> = gains.into_iter().map(Option::unwrap).collect();
         assert!(gains[2] > gains[0] && gains[0] > gains[1] && gains[1] > 0.0, "{gains:?}");
     }
 
     #[test]
-    fn seconds_are_those_in_which_the_board_was_seen() {
+    fn only_seconds_with_the_board_count() {
         use crate::circles::reference_frame::{ReferenceFrame, SeenIn};
         let frame = |recording: usize, t: f64| {
             let (start, end) = (t - 0.002, t + 0.002);

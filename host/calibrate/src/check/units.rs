@@ -37,7 +37,7 @@ fn as_words<S: Serializer>(unit: &Option<TimeUnit>, serializer: S) -> Result<S::
 
 impl fmt::Display for OtherUnit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} events a second are hardly what a camera sends", in_words(self.rate))?;
+        write!(f, "{} events per second are unusual for a camera", in_words(self.rate))?;
         if let (Some(unit), Some(rate)) = (self.unit, self.other_rate) {
             write!(f, "; with times in {unit} it would be {}", in_words(rate))?;
         }

@@ -39,7 +39,7 @@ impl InputKind {
 #[derive(Debug, thiserror::Error)]
 pub enum EventsError {
     /// It is a circle track or stream.
-    #[error("{} holds circles, not events", .0.display())]
+    #[error("{} contains circles, not events", .0.display())]
     Circles(PathBuf),
     /// It cannot be read as a recording.
     #[error("{0}")]

@@ -59,9 +59,9 @@ pub enum SerialError {
     Nothing {
         /// The port.
         port: String,
-        /// Bytes received.
+        /// Number of received bytes.
         bytes: u64,
-        /// Messages that arrived.
+        /// Number of received messages.
         frames: u32,
         /// Remedy.
         advice: &'static str,
@@ -170,7 +170,7 @@ impl FromStr for SerialAddress {
         let mut parsed = Self { port: port.to_owned(), baud: DEFAULT_BAUD, seconds: DEFAULT_SECONDS, save: None };
         for option in options.split('&').filter(|option| !option.is_empty()) {
             let (name, value) = option.split_once('=').ok_or_else(|| wrong(format!("{option:?} has no value")))?;
-            let refuse = || wrong(format!("{value:?} is no value of {name}"));
+            let refuse = || wrong(format!("{value:?} is not a valid {name}"));
             match name {
                 "baud" => parsed.baud = value.parse().ok().filter(|baud| *baud > 0).ok_or_else(refuse)?,
                 "seconds" => {
@@ -214,7 +214,7 @@ mod tests {
             ("/dev/ttyACM0", "begin"),
             ("serial:", "no port"),
             ("serial:?baud=9600", "no port"),
-            ("serial:p?baud=fast", "\"fast\" is no value of baud"),
+            ("serial:p?baud=fast", "\"fast\" is not a valid baud"),
             ("serial:p?baud=0", "baud"),
             ("serial:p?seconds=-1", "seconds"),
             ("serial:p?seconds=nan", "seconds"),

@@ -1,6 +1,6 @@
 //! Circle streams: the data of a detector on a microcontroller, from a file or a serial port.
 //!
-//! The frames are those of `evcal-link` (`docs/formats.md` describes them byte by byte). The circles of a window become a frame
+//! The frames are defined by `evcal-link` (`docs/formats.md` describes them byte by byte). The circles of a window become a frame
 //! of a [`CircleTrack`] without indices on the board, which the grid finder then determines. Damaged, lost and unknown frames
 //! lose their content; all of them are counted and reported.
 
@@ -23,13 +23,13 @@ const RESTART_GAP_US: i64 = 1_000_000;
 pub struct CircleStream {
     /// The circles.
     pub track: CircleTrack,
-    /// Size of the sensor in pixels, if the device said it.
+    /// Size of the sensor in pixels, if the device reported it.
     pub sensor: Option<Sensor>,
-    /// What the device said of itself, last.
+    /// Last report of the device about itself.
     pub hello: Option<Hello>,
-    /// Counts of the device since it started, as it told them last.
+    /// Counts of the device since it started, as last reported.
     pub statistics: Option<Statistics>,
-    /// What came over the link.
+    /// Counts of the link.
     pub link: DecoderCounts,
 }
 
@@ -195,7 +195,7 @@ impl Receiver {
         self.store(start_us, start_us.saturating_add(i64::from(end.length_us)));
     }
 
-    /// Ends a window whose end was lost: its times are those of its circles.
+    /// Ends a window whose end was lost: its times follow from its circles.
     fn close_without_end(&mut self) {
         let times = || self.circles.iter().map(|(time_us, _)| *time_us);
         if let (Some(first), Some(last)) = (times().min(), times().max()) {
@@ -224,7 +224,7 @@ impl Receiver {
         self.windows.push(window);
     }
 
-    /// The device's clock begins anew at `time_us`; the stream's goes on.
+    /// Handles a restart of the device's clock at `time_us`; the time of the stream continues.
     fn restart(&mut self, time_us: i64) {
         self.close_without_end();
         self.restarts += 1;
@@ -250,15 +250,15 @@ impl Receiver {
         }
         let link = self.decoder.counts();
         for (count, what) in [
-            (u64::from(link.damaged), "frames of the link arrived damaged and were left out"),
+            (u64::from(link.damaged), "frames of the link arrived damaged and were dropped"),
             (u64::from(link.lost), "frames of the link are missing: damaged, lost on the way or never sent"),
-            (u64::from(link.unknown), "frames are of a kind not known here: the device is newer than this program"),
-            (u64::from(link.malformed), "frames are intact but make no sense: the device is at fault"),
-            (u64::from(self.restarts), "times the device started anew; the times after it are shifted"),
+            (u64::from(link.unknown), "frames have an unknown type: the device is newer than this program"),
+            (u64::from(link.malformed), "frames are intact but invalid: the device is faulty"),
+            (u64::from(self.restarts), "times the device restarted; the times after it are shifted"),
             (self.without_end, "windows lack their end"),
             (self.incomplete, "windows lack some of their circles"),
-            (self.not_finite, "circles are no numbers and were left out"),
-            (self.over_capacity, "windows held more than the detector has room for"),
+            (self.not_finite, "circles are not numbers and were dropped"),
+            (self.over_capacity, "windows exceeded the capacity of the detector"),
         ] {
             if count > 0 {
                 notes.push(format!("{count} {what}"));
@@ -285,7 +285,7 @@ fn causes(losses: &Losses) -> [(&'static str, u32); 7] {
         ("of hot pixels", losses.hot),
         ("without a neighbour", losses.background),
         ("of refractory pixels", losses.refractory),
-        ("shed for want of time", losses.shed),
+        ("dropped for lack of time", losses.shed),
         ("beyond the capacity of a window", losses.overflow),
         ("between windows", losses.in_gap),
     ]
@@ -358,7 +358,7 @@ mod tests {
             stream.track.notes,
             [
                 "sent by \"test 1\", 320 x 240 pixels",
-                "events that reached no window on the device: 9 shed for want of time"
+                "events that reached no window on the device: 9 dropped for lack of time"
             ]
         );
     }
@@ -389,7 +389,7 @@ mod tests {
         assert!(starts.is_sorted() && starts.len() == 6, "{starts:?}");
         assert!(starts[2] - starts[1] > 1.0 && starts[4] - starts[3] > 1.0, "{starts:?}");
         assert!((starts[3] - starts[2] - 0.01).abs() < 1e-9, "{starts:?}");
-        assert!(stream.track.notes.iter().any(|note| note.starts_with("2 times the device started anew")));
+        assert!(stream.track.notes.iter().any(|note| note.starts_with("2 times the device restarted")));
     }
 
     /// The difference of times that restarts had moved to both ends did not fit into 64 bits.
@@ -436,6 +436,6 @@ mod tests {
         let bad = |x| Message::Circle(Circle { x, radius: 1.0, ..Circle::default() });
         let stream = receive(&encode(&[bad(f32::NAN), bad(f32::INFINITY), bad(3.0)]).concat()).unwrap();
         assert_eq!(stream.track.circles, 1);
-        assert!(stream.track.notes.iter().any(|note| note.starts_with("2 circles are no numbers")));
+        assert!(stream.track.notes.iter().any(|note| note.starts_with("2 circles are not numbers")));
     }
 }

@@ -20,7 +20,7 @@
 //! differs from that of the previous line by more than 5 ms, or where a position on the board is repeated. Without `column` and
 //! `row` the circles of a frame have no order, and the grid finder has to determine it.
 //!
-//! Times are those of the recording's clock minus the origin, which the comment `# time_origin_us 1643243628737093` states in
+//! Times are on the recording's clock, minus the origin, which the comment `# time_origin_us 1643243628737093` states in
 //! microseconds (0 without it). Without that comment, times beyond 10⁶ s get the whole seconds of the first line as origin,
 //! because f64 seconds since 1970 have a resolution of only 0.2 µs.
 
@@ -73,7 +73,7 @@ pub struct CircleTrackError {
 #[non_exhaustive]
 pub enum CircleLineError {
     /// Two columns have the same meaning.
-    #[error("column {0} gives what another column gives already")]
+    #[error("column {0} has the same meaning as another column")]
     ColumnTwice(String),
     /// The line has more or fewer fields than the line of names.
     #[error("has {count} fields, not {expected} as the line of names")]
@@ -109,7 +109,7 @@ pub enum CircleLineError {
     #[error("has no {0}")]
     Missing(&'static str),
     /// A circle has no position on the board, although others have one.
-    #[error("has no {0} on the board; leave a circle out if its place is not known")]
+    #[error("has no {0} on the board; omit a circle if its position is not known")]
     MissingPlace(&'static str),
     /// A position is repeated within a frame.
     #[error("column {column}, row {row} occurs twice in frame {frame}")]
@@ -172,7 +172,7 @@ pub enum CircleTrackErrorKind {
         columns: u64,
     },
     /// The file contains no circle.
-    #[error("holds no circles")]
+    #[error("contains no circles")]
     Empty,
 }
 

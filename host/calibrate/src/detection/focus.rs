@@ -36,7 +36,7 @@ impl EdgeWidth {
     }
 }
 
-/// Returns the edge width of a recording: a low quantile over its windows (the sharpest one of [`SHARPEST`]), because motion
+/// Returns the edge width of a recording: a low quantile over its windows (the sharpest one in ten), because motion
 /// widens the others; `None` if too few windows have events.
 pub fn edge_width(frames: &[ReferenceFrame]) -> Option<EdgeWidth> {
     let step = frames.len().div_ceil(WINDOWS).max(1);

@@ -25,7 +25,7 @@ const MOST_MORE: u8 = 3;
 /// Largest number of circles of a board, relative to the fullest windows.
 const NEARLY_WHOLE: f64 = 1.1;
 
-/// A board of which the stated one is a part.
+/// A board that contains the stated one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LargerPattern {
     /// Its layout.
@@ -34,11 +34,11 @@ pub struct LargerPattern {
     pub frames: Vec<ReferenceFrame>,
 }
 
-/// Returns the board of which `stated` is a part, if most chunks that show all of the stated board show all of the larger one.
+/// Returns the board that contains `stated`, if most chunks that show all of the stated board show all of the larger one.
 pub fn larger_pattern(recordings: &[UnplacedWindows], stated: Pattern, sensor: Sensor) -> Option<LargerPattern> {
     let chunks: usize = recordings.iter().map(|windows| windows.chunks).sum();
     let all = chunks + recordings.iter().map(|windows| windows.as_stated).sum::<usize>();
-    // Nearly always it ends here: nothing is tried where the board is as stated.
+    // Usually it ends here: nothing is tried if the board is as stated.
     if chunks < FEWEST || 2 * chunks <= all {
         return None;
     }
@@ -61,7 +61,7 @@ pub fn larger_pattern(recordings: &[UnplacedWindows], stated: Pattern, sensor: S
     (frames.len() >= FEWEST && most).then_some(LargerPattern { pattern, frames })
 }
 
-/// Returns boards of which `stated` is a part, the smallest first, because of boards that fit equally the first is taken.
+/// Returns boards that contain `stated`, the smallest first, because of boards that fit equally the first is taken.
 fn larger(stated: Pattern) -> Vec<Pattern> {
     let more = |count: u8| count..=count.saturating_add(MOST_MORE);
     let boards = more(stated.rows)

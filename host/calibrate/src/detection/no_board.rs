@@ -135,7 +135,7 @@ pub fn only_one_polarity(polarity: Polarity) -> String {
 
 impl fmt::Display for NoBoard {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // As reports have it.
+        // The same text as in reports.
         self.serialize(f)
     }
 }

@@ -16,7 +16,7 @@ const DIAMETER: std::ops::Range<f64> = 1.6..2.4;
 /// The circles appear to have another radius than stated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "the circles look like {:.1} mm in radius, not {:.1} mm, for the stated spacing: {}",
+    "the circles appear to have a radius of {:.1} mm, not {:.1} mm, for the stated spacing: {}",
     1e3 * .seen, 1e3 * .stated, in_words(.meant)
 )]
 pub struct OtherRadius {
@@ -38,7 +38,7 @@ fn in_words(meant: &[(&'static str, CircleBoard)]) -> String {
     }
 }
 
-/// Returns the observed radius of the circles of `frames`, if it differs from that of `board`.
+/// Returns the observed radius of the circles of `frames`, if it differs from the radius of `board`.
 pub fn other_radius(frames: &[ReferenceFrame], board: &CircleBoard) -> Option<OtherRadius> {
     let mut ratios: Vec<f64> = frames.iter().flat_map(|frame| radius_ratios(frame, board)).collect();
     let seen = median(&mut ratios, f64::total_cmp)? * board.neighbour_distance();
@@ -52,7 +52,7 @@ pub fn other_radius(frames: &[ReferenceFrame], board: &CircleBoard) -> Option<Ot
     }
     if DIAMETER.contains(&(1.0 / times)) && board.pattern.layout == Layout::Asymmetric {
         meant.push((
-            "is the spacing the distance of neighbours in a row, of which half is asked for?",
+            "is the spacing the distance of neighbours in a row (half of it is required)?",
             CircleBoard { spacing: 0.5 * board.spacing, ..*board },
         ));
     }

@@ -212,7 +212,7 @@ impl fmt::Display for NoPattern {
             let views = counted(views, "view", "views");
             return write!(
                 f,
-                "something blinks before a camera at rest, and no board was found in {views} of it: is all of the board in view, and described right?"
+                "something blinks in front of a camera at rest, but no board was found in {views} of it: is all of the board in view, and described right?"
             );
         }
         write!(f, "no pattern found in {} windows", self.report.windows + self.report.too_few_events)?;

@@ -80,7 +80,7 @@ pub enum WindowContent<'a> {
 
 /// Content of one window, and its circles or corners.
 pub struct BestWindow<'a> {
-    /// What it shows.
+    /// Content of the window.
     pub content: WindowContent<'a>,
     /// Centre and radius in pixels.
     pub circles: Vec<(Vector2<f64>, f64)>,
@@ -101,7 +101,7 @@ pub enum SearchError {
         /// The smallest usual sensor that includes all pixels of the events.
         likely: Option<Sensor>,
     },
-    /// The requested sensor is not that of the recording.
+    /// The requested sensor differs from the sensor of the recording.
     #[error("{0}")]
     OtherSensor(#[from] OtherSensor),
     /// The sensor is too large.

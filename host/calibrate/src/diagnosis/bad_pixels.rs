@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn few_events_make_no_column_dead() {
+    fn few_events_do_not_make_a_column_dead() {
         assert_eq!(dead_lines(&[0, 999, 999]), [0_u16; 0]);
         assert_eq!(dead_lines(&[0, 1000, 1000]), [0]);
         assert_eq!(dead_lines(&[]), [0_u16; 0]);

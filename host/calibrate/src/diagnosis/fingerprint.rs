@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_events_are_known_again_whatever_the_clock_and_the_batches() {
+    fn the_same_events_are_recognised_whatever_the_clock_and_the_batches() {
         let whole = fingerprint(&[events(1, 0..400_000, 0)]);
         let again = fingerprint(&[events(1, 0..1000, 7_000_000), events(1, 1000..400_000, 7_000_000)]);
         assert_eq!(whole.shared(&again), 1.0);

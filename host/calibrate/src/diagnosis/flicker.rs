@@ -1,8 +1,8 @@
 //! Detection of flickering light. Lamps on mains flicker at twice its frequency, and every pixel sees it.
 //!
 //! While the light grows, edges send more ON events and fewer OFF events, and while it falls the opposite, long before even areas
-//! send any. So the number of ON events minus that of OFF events has a line at the lamps' frequency; with strong flicker the
-//! number of all events has one too.
+//! send any. So the number of ON events minus the number of OFF events has a line at the lamps' frequency; with strong flicker
+//! the number of all events has one too.
 
 use evcal_core::event::{Event, Polarity};
 use serde::{Deserialize, Serialize};
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn lamps_on_mains_are_seen_and_nothing_else() {
+    fn lamps_on_mains_are_detected_and_nothing_else() {
         for frequency in [100.0, 120.0, 50.0, 60.0] {
             // Mains frequency is never exact.
             let found = seen(frequency + 0.05, 0.3, 4.0).unwrap();

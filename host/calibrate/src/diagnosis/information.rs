@@ -66,7 +66,7 @@ pub struct Information {
     pub dead_columns: Vec<u16>,
     /// Everything in the file, by stream; empty for formats with one stream of events.
     pub streams: Vec<StreamSummary>,
-    /// Streams whose time span differs from that of the events.
+    /// Streams whose time span differs from the events' time span.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub other_spans: Vec<OtherSpan>,
     /// Statistics of the reader.

@@ -1,7 +1,7 @@
 //! Detection of intervals with a saturated readout.
 //!
 //! A sensor reads its events one after the other. If more events wait than it can read, they leave at the readout's own rate:
-//! their number per millisecond is the largest of the recording, and much more constant than that of random events, whose
+//! their number per millisecond is the largest of the recording, and much more constant than the number of random events, whose
 //! variance equals their mean. Such events are late by their waiting time.
 
 use evcal_core::event::Event;
@@ -102,7 +102,7 @@ fn is_flat(counts: &[u32], most: u32) -> bool {
     top as f64 >= AT_TOP * counts.len() as f64
 }
 
-/// Returns `true` if counts vary less than those of random events.
+/// Returns `true` if counts vary less than counts of random events.
 fn is_steady(counts: &[u32]) -> bool {
     let pairs = counts.iter().zip(counts.iter().skip(1));
     let changes: f64 = pairs.map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum();

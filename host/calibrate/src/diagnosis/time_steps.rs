@@ -1,4 +1,4 @@
-//! Detection of timestamps that are coarser than those of a camera.
+//! Detection of timestamps that are coarser than a camera's.
 
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -8,12 +8,12 @@ use serde::Serialize;
 
 /// Fewest events for a decision.
 const FEWEST_EVENTS: u64 = 1000;
-/// Steps between different timestamps that are coarse (µs). Those of a DVXplorer, which scans its pixels, are 200 µs; longer ones
-/// are pauses.
+/// Steps between different timestamps that are coarse (µs). The steps of a DVXplorer, which scans its pixels, are 200 µs; longer
+/// ones are pauses.
 const COARSE: RangeInclusive<i64> = 240..=50_000;
 /// Largest share of shorter steps.
 const FEW_SHORT: f64 = 0.01;
-/// Mean number of events with one timestamp from which steps are those of the clock and not of the events.
+/// Mean number of events with one timestamp from which steps belong to the clock and not to the events.
 const TOGETHER: f64 = 10.0;
 /// Mean number of events with one timestamp above which times were lost: cameras read a row of at most some thousand pixels at
 /// once.
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_are_measured_and_fine_times_are_not_blamed() {
+    fn steps_are_measured_and_fine_timestamps_are_not_reported() {
         for step in [250, 1000, 4000, 10_000] {
             let Some(CoarseTimes::Steps { step_ms, .. }) = stepped(step) else { panic!("{step}") };
             assert!((step_ms - step as f64 * 1e-3).abs() < 1e-6, "{step_ms}");

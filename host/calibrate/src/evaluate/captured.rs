@@ -68,7 +68,6 @@ pub enum CapturedError {
 ///
 /// # Errors
 /// [`CapturedError`] names the file, the problem and the remedy.
-/// [`CapturedError`] names the file, what is wrong with it, and what to do.
 pub fn compare_captured(
     files: &CapturedFiles,
     known: Option<&KnownCamera>,

@@ -133,7 +133,7 @@ pub enum CompareError {
     #[error("{0}")]
     Projection(#[from] NoCommonView),
     /// One trajectory was named, and the other does not exist at its default path.
-    #[error("there is no {TRAJECTORY_FILE} beside {}: name the trajectory of {which} too", file.display())]
+    #[error("there is no {TRAJECTORY_FILE} next to {}: name the trajectory of {which} too", file.display())]
     NoTrajectory {
         /// The camera file next to which the trajectory is missing.
         file: PathBuf,

@@ -1,6 +1,6 @@
 //! `calibration.json` of basalt, as cereal reads it.
 //!
-//! Only the camera comes from evcal: the inertial entries, which its reader requires, are those of basalt's own example, and
+//! Only the camera comes from evcal: the inertial entries, which its reader requires, come from basalt's own example, and
 //! `T_imu_cam` is the identity.
 
 use std::fmt::Write as _;

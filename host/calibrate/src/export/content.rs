@@ -9,13 +9,13 @@ use evcal_geometry::lens::nearest::{Replacement, nearest};
 pub struct ExportFormat {
     /// Its name on the command line.
     pub name: &'static str,
-    /// Who reads it, in sentences.
+    /// Programs that read it, in sentences.
     pub program: &'static str,
-    /// Name of its file in a folder of all formats.
+    /// Name of its file in a folder with all formats.
     pub file: &'static str,
-    /// Models that it holds.
+    /// Models that it supports.
     pub models: &'static [ModelKind],
-    /// Those of them that may replace a model which it does not support.
+    /// Models among them that may replace a model which it does not support.
     pub substitutes: &'static [ModelKind],
     /// Writes the file.
     pub write: fn(&Content) -> String,

@@ -1,4 +1,4 @@
-//! Files of a camera with its IMU for other programs, in addition to those of the camera alone.
+//! Files of a camera with its IMU for other programs, in addition to the files of the camera alone.
 //!
 //! | file | for | transform | shift |
 //! |---|---|---|---|
@@ -7,7 +7,7 @@
 //! | `vins-fusion.yaml` | VINS-Fusion, VINS-Mono | `body_T_cam0`: camera to IMU | t_imu = t_cam + `td` |
 //! | `basalt-imu.json` | basalt | `T_imu_cam`: camera to IMU | t_imu = t_cam + `cam_time_offset_ns` |
 //! | `dv-processing-imu.json` | dv-processing | `transformationToC0`: IMU to camera | t_cam = t_imu − `timeOffsetMicros` |
-//! | `static_transform.yaml` | ROS | frame of the camera in that of the IMU: camera to IMU | none |
+//! | `static_transform.yaml` | ROS | frame of the camera in the frame of the IMU: camera to IMU | none |
 //!
 //! The delay of the gyroscope is written, because all formats have one delay for both sensors.
 

@@ -1,13 +1,13 @@
-//! Files of several cameras on one mount for other programs, in addition to those of the first camera alone.
+//! Files of several cameras on one mount for other programs, in addition to the files of the first camera alone.
 //!
 //! | file | for | transform |
 //! |---|---|---|
 //! | `camchain-cameras.yaml` | Kalibr | `T_cn_cnm1`: from the previous camera to this one |
 //! | `stereo.yaml` | OpenCV, as from `stereoCalibrate` | x₂ = `R` x₁ + `T`: from the first camera to the second |
-//! | `static_transforms.yaml` | ROS | frame of the second camera in that of the first: from the second to the first |
+//! | `static_transforms.yaml` | ROS | frame of the second camera in the frame of the first: from the second to the first |
 //!
-//! Cameras are those of the solve of all events, which match the transform. Only ROS and Kalibr support more than two cameras:
-//! each further one has a `stereo-2.yaml` and so on.
+//! Cameras come from the solve of all events, which match the transform. Only ROS and Kalibr support more than two cameras: each
+//! further one has a `stereo-2.yaml` and so on.
 
 mod kalibr;
 mod opencv;

@@ -39,8 +39,8 @@ pub struct InertialCalibration {
     pub knot_spacing: f64,
     /// The camera from the solve: the intrinsics that match the IMU's parameters.
     pub camera: Camera<f64>,
-    /// Largest difference between an intrinsic parameter and that of the camera calibrated alone, in σ of the difference; `None`
-    /// if the intrinsics were fixed at those of another model.
+    /// Largest difference between an intrinsic parameter and its value in the calibration of the camera alone, in σ of the
+    /// difference; `None` if the intrinsics were fixed at the intrinsics of another model.
     pub camera_moved: Option<f64>,
     /// The camera at which intrinsics were fixed; `None` if they were estimated.
     pub held: Option<Camera<f64>>,

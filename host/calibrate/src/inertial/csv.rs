@@ -32,7 +32,7 @@ pub enum CsvError {
         what: &'static str,
     },
     /// A line cannot be read.
-    #[error("{}, line {line}: {text:?} is not a number: mend or delete the line", path.display())]
+    #[error("{}, line {line}: {text:?} is not a number: correct or delete the line", path.display())]
     Number {
         /// The file name.
         path: PathBuf,
@@ -72,7 +72,7 @@ const QUANTITIES: [Quantity; 7] = [
     Quantity { what: "the angular velocity about z", names: &["gz", "wz", "w_RS_S_z"], units: RATE },
 ];
 
-/// Reads the samples of `path`; times are those of the file in seconds.
+/// Reads the samples of `path`; times are as in the file, in seconds.
 ///
 /// # Errors
 /// [`CsvError`] names the line.

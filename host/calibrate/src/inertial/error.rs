@@ -16,26 +16,26 @@ pub enum InertialError {
     #[error("{0}")]
     Csv(#[from] CsvError),
     /// The camera was calibrated from pictures, each with a separate pose.
-    #[error("an inertial unit is calibrated along trajectories, and frames alone give none: calibrate from events")]
+    #[error("an IMU is calibrated along trajectories, and frames alone have none: calibrate from events")]
     NoTrajectory,
     /// One file of samples cannot belong to several recordings.
-    #[error("a file of inertial samples belongs to one recording: calibrate with one recording")]
+    #[error("a file of IMU samples belongs to one recording: calibrate with one recording")]
     SeveralRecordings,
     /// There are no samples.
-    #[error("{file} holds no inertial samples: record with the IMU on, or give a CSV file of them")]
+    #[error("{file} contains no IMU samples: record with the IMU on, or give a CSV file of them")]
     NoSamples {
         /// The recording.
         file: String,
     },
     /// No sample could be read.
-    #[error("no inertial sample could be read: {}", damages.join("; "))]
+    #[error("no IMU sample could be read: {}", damages.join("; "))]
     Lost {
         /// The damage, as sentences.
         damages: Vec<String>,
     },
     /// Too few samples were taken while the board was in view.
     #[error(
-        "only {seconds:.1} s of inertial samples lie where the board was seen; {needed:.0} s are needed: record longer, with the board in view"
+        "the board was seen during only {seconds:.1} s of the IMU samples; {needed:.0} s are needed: record longer, with the board in view"
     )]
     TooShort {
         /// Length of the samples (s).
@@ -44,9 +44,7 @@ pub enum InertialError {
         needed: f64,
     },
     /// The samples are too short for a calibration.
-    #[error(
-        "the inertial samples last {seconds:.1} s only; {needed:.0} s are needed, and 20 s are better: record longer"
-    )]
+    #[error("the IMU samples last only {seconds:.1} s; {needed:.0} s are needed, and 20 s are better: record longer")]
     ShortRecording {
         /// Length from the first to the last sample (s).
         seconds: f64,
@@ -55,7 +53,7 @@ pub enum InertialError {
     },
     /// The sampling rate is too low.
     #[error(
-        "the inertial unit gives {rate:.0} samples a second, too few to follow a hand; {needed:.0} are needed, and 200 are better: set a higher rate"
+        "the IMU has {rate:.0} samples per second, too few to follow a hand; {needed:.0} are needed, and 200 are better: set a higher rate"
     )]
     TooSlow {
         /// Samples per second.
@@ -65,7 +63,7 @@ pub enum InertialError {
     },
     /// Too many readings are saturated.
     #[error(
-        "{:.1} % of the inertial samples are at the end of their scale: set a larger range of accelerometer and gyroscope, or move more gently",
+        "{:.1} % of the IMU samples are saturated: set a larger range of accelerometer and gyroscope, or move more gently",
         100.0 * share
     )]
     Saturated {
@@ -84,7 +82,7 @@ pub enum InertialError {
     },
     /// Gravity was removed from the accelerations.
     #[error(
-        "accelerations show {reading:.2} g only, so that gravity seems to be removed: give the raw readings of the accelerometer"
+        "the accelerations are only {reading:.2} g, so gravity seems to have been removed: give the raw readings of the accelerometer"
     )]
     GravityRemoved {
         /// Median acceleration, or gravity if it was fitted, in g.
@@ -92,7 +90,7 @@ pub enum InertialError {
     },
     /// Angular velocities are in another unit.
     #[error(
-        "the gyroscope reads {factor:.3} times what the camera turns: the angular velocities seem to be in {unit}: state their unit in the header of the file"
+        "the gyroscope reads {factor:.3} times the rotation rate of the camera: the angular velocities seem to be in {unit}: state their unit in the header of the file"
     )]
     AngularUnit {
         /// Reading divided by truth.
@@ -104,7 +102,7 @@ pub enum InertialError {
     #[error(transparent)]
     Alignment(#[from] AlignmentError),
     /// The coordinate system is mirrored.
-    #[error("the axes of the inertial unit are left-handed: change the sign of one axis of both sensors")]
+    #[error("the axes of the IMU are left-handed: change the sign of one axis of both sensors")]
     LeftHanded,
     /// Gravity has an unexpected magnitude.
     #[error("{}", gravity_in_words(*size, *stated, *motion))]
@@ -118,12 +116,12 @@ pub enum InertialError {
     },
     /// The equations have no solution.
     #[error(
-        "the motion does not determine the inertial unit: turn the camera about two axes, and tilt it by more than 30 degrees"
+        "the motion does not determine the parameters of the IMU: rotate the camera about two axes, and tilt it by more than 30 degrees"
     )]
     Singular,
     /// The model does not fit the samples.
     #[error(
-        "the inertial samples do not fit the motion of the camera (residual {gyroscope:.2} °/s and {accelerometer:.2} m/s²): check that unit and camera are fixed to each other and the board is described as printed"
+        "the IMU samples do not fit the motion of the camera (residual {gyroscope:.2} °/s and {accelerometer:.2} m/s²): check that IMU and camera are fixed to each other and the board is described as printed"
     )]
     NotExplained {
         /// Root mean square of the gyroscope's residuals in °/s.
@@ -145,7 +143,7 @@ const VIOLENT: f64 = 0.5;
 fn gravity_in_words(size: f64, stated: f64, motion: f64) -> String {
     let mistakes = "check the unit of the accelerations, the signs of the accelerometer's axes and the spacing of the board, or the axes of \
                     both sensors are left-handed";
-    let found = format!("gravity comes out as {size:.2} m/s², not {stated:.2}");
+    let found = format!("gravity is estimated as {size:.2} m/s², not {stated:.2}");
     if motion > VIOLENT * stated {
         format!(
             "{found}, from a motion that accelerated the camera by {motion:.1} m/s² (rms), which hides gravity: move more gently, at least for \

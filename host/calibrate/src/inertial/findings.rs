@@ -30,8 +30,8 @@ const SATURATED: f64 = 0.001;
 /// Ratio of the scatter of blocks to the formal one from which the IMU seems loose. In simulated recordings it is 0.5 to 0.8 for
 /// a fixed IMU, and 19 for one that slips by a degree.
 const LOOSE: f64 = 12.0;
-/// Reported difference between an intrinsic parameter and that of the camera alone, in σ of the difference: for estimated
-/// intrinsics, and for fixed ones.
+/// Reported difference between an intrinsic parameter and its value in the calibration of the camera alone, in σ of the
+/// difference: for estimated intrinsics, and for fixed ones.
 const MOVED: f64 = 2.0;
 const OTHER: f64 = 5.0;
 /// Ratio of the residuals to the signal above which the model does not fit.

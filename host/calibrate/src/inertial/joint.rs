@@ -57,7 +57,7 @@ impl Sensor {
 pub struct Noise {
     /// Density of each axis, in units of the sensor over √Hz.
     pub density: [f64; 3],
-    /// `true` if it was measured; otherwise it is that of data sheets.
+    /// `true` if it was measured; otherwise it comes from data sheets.
     pub measured: bool,
 }
 

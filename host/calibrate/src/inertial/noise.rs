@@ -3,7 +3,6 @@
 //! At low frequencies the trajectory follows the sensors, so that their noise does not show. At higher frequencies the residuals
 //! are noise after the sensor's own low-pass filter. If this filter has two equal poles, the density after it falls as S(f) = S₀
 //! / (1 + (f/f_c)²)², so that 1/√S is a straight line in f²; its value at f = 0 is the density before the filter.
-//! S(f) = S₀ / (1 + (f/f_c)²)², so that 1/√S is a straight line in f²; where it meets f = 0 is the density before the filter.
 
 use std::f64::consts::TAU;
 
@@ -128,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn slow_sampling_measures_no_noise() {
+    fn slow_sampling_does_not_measure_noise() {
         let residuals: Vec<(f64, f64)> = (0..600).map(|index| (f64::from(index) * 0.05, 1.0)).collect();
         assert_eq!(density(&spectrum(&residuals, 20.0), 20.0, 0.01), None);
     }

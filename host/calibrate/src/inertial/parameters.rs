@@ -76,7 +76,7 @@ pub struct InertialParameters {
     pub gyroscope_from_imu: UnitQuaternion<f64>,
     /// s.
     pub board_scale: f64,
-    /// Seconds that the IMU's clock gains on that of the events per second.
+    /// Seconds that the IMU's clock gains on the events' clock per second.
     pub clock_drift: f64,
     /// c of the gyroscope's filter (s²).
     pub gyroscope_filter: f64,

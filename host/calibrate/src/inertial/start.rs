@@ -2,8 +2,8 @@
 //!
 //! 1. **Delay**: the rotation rates of camera and IMU, ‖ω − mean‖, are the same whatever their axes. Their normalised correlation
 //!    over all shifts must have one clear peak.
-//! 2. **Rotation**: the one that maps ω of the camera to that of the IMU (Wahba's problem), and the best mirrored one: if the
-//!    latter fits better, the axes are left-handed.
+//! 2. **Rotation**: the one that maps ω of the camera to ω of the IMU (Wahba's problem), and the best mirrored one: if the latter
+//!    fits better, the axes are left-handed.
 //! 3. **Lever arm, gravity, accelerometer bias**: linear least squares; gravity must have its known magnitude.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};

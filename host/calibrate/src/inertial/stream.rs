@@ -210,7 +210,7 @@ mod tests {
         assert!(text(1.0 / 9.8).contains("g, and were read as m/s²"));
         let mut samples = stream(1.0);
         samples.iter_mut().for_each(|sample| sample.acceleration.y += 9.8);
-        assert!(check(samples).unwrap_err().to_string().contains("gravity seems to be removed"));
+        assert!(check(samples).unwrap_err().to_string().contains("gravity seems to have been removed"));
     }
 
     #[test]

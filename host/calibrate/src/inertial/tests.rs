@@ -198,7 +198,7 @@ impl Bench {
         self.calibrated_without(held, Vec::new())
     }
 
-    /// Calibrates a recording of which parts are `lost`.
+    /// Calibrates a recording with `lost` parts.
     fn calibrated_without(
         &self,
         held: Option<&HeldIntrinsics>,
@@ -242,12 +242,12 @@ fn a_degenerate_motion_is_refused_or_flagged() {
         let error = Bench::new(5, motion(5, turn)).calibrated(None).err().map(|error| error.to_string());
         assert!(error.as_ref().is_some_and(|error| error.contains(words)), "wanted {words:?}: {error:?}");
     };
-    refused(&|_, _| Vector3::zeros(), "turned by 0.0 °/s only");
+    refused(&|_, _| Vector3::zeros(), "rotated by only 0.0 °/s");
     for (axis, name) in ["x axis", "y axis", "z axis"].into_iter().enumerate() {
         let only = move |waves: &[Wave; 3], t: f64| Vector3::ith(axis, 0.6 * waves[axis].at(t));
         refused(&only, &format!("about one axis only, its {name}"));
     }
-    refused(&|_, t| Vector3::y() * (0.3 * t - 1.8) * 0.2, "turned by 3.4 °/s all the time");
+    refused(&|_, t| Vector3::y() * (0.3 * t - 1.8) * 0.2, "rotated by 3.4 °/s all the time");
 }
 
 /// At 20 samples per second, the readings miss the motion between the samples: the position had an error of 9 mm, and the message
@@ -260,7 +260,7 @@ fn samples_that_come_too_slowly_are_refused_by_their_rate() {
     for (step, rate) in [(10, "25"), (12, "21")] {
         bench.samples = every(&all, step);
         let error = bench.calibrated(None).unwrap_err().to_string();
-        assert!(error.contains(&format!("gives {rate} samples a second")), "{error}");
+        assert!(error.contains(&format!("has {rate} samples per second")), "{error}");
     }
     bench.samples = every(&all, 5);
     let found = bench.calibrated(None).unwrap();

@@ -1,14 +1,13 @@
-//! Choice of the camera model: the simplest one whose prediction of unseen data is as good as that of any other
-//! ([`ModelRequest::Auto`]).
+//! Choice of the camera model: the simplest one that predicts unseen data as well as any other ([`ModelRequest::Auto`]).
 //!
 //! Every candidate goes through the initial stage. The candidate whose model explains the most circles provides the circles on
 //! which all are compared, frame by frame held out of the calibration ([`crate::initial::held_out`]). The best candidate has the
-//! smallest mean cost. A candidate is as good if its cost exceeds the best one's by no more than [`STANDARD_ERRORS`] standard
-//! errors of the difference. Of these, the one with the fewest parameters is chosen, if possible one that OpenCV and ROS support:
-//! the one-standard-error rule (Breiman et al. 1984; Hastie, Tibshirani and Friedman, *The Elements of Statistical Learning*,
-//! section 7.10). The standard error is that of the difference block by block, because a difficult block is difficult for all
-//! models. If OpenCV and ROS support none of these, those of their models count too whose excess is too small to matter. A
-//! candidate that folds over inside the image counts only if all do.
+//! smallest mean cost. A candidate is as good as the best if its cost exceeds the best one's by at most one standard error of the
+//! difference. Of these, the one with the fewest parameters is chosen, if possible one that OpenCV and ROS support: the
+//! one-standard-error rule (Breiman et al. 1984; Hastie, Tibshirani and Friedman, *The Elements of Statistical Learning*, section
+//! 7.10). The standard error is computed from the difference block by block, because a difficult block is difficult for all
+//! models. If OpenCV and ROS support none of these, their models count too if their excess is too small to matter. A candidate
+//! that folds over inside the image counts only if all do.
 
 use evcal_core::sensor::Sensor;
 use std::fmt;

@@ -173,7 +173,7 @@ fn sample(count: usize, random: &mut ChaCha8Rng) -> [usize; MINIMUM_POINTS] {
     chosen
 }
 
-/// Estimates the pose of a plane from points of which some are wrong.
+/// Estimates the pose of a plane from points that include wrong ones.
 ///
 /// `threshold` is the largest distance of a point that agrees, in the unit of the images (pixels over focal length), `iterations`
 /// the largest number of samples. The same `seed` yields the same samples. Returns `None` if [`MINIMUM_POINTS`] points agree with

@@ -83,7 +83,7 @@ pub fn refine_pose(camera: &Camera<f64>, points: &[BoardPoint], start: &Isometry
     determined.then_some(Fit { pose: best.estimate, cost: best.cost })
 }
 
-/// Returns those of `points` whose pixel has a bearing in front of the camera, with their undistorted images.
+/// Returns the `points` whose pixel has a bearing in front of the camera, with their undistorted images.
 pub fn normalised(camera: &Camera<f64>, points: &[BoardPoint]) -> Vec<(BoardPoint, PlanePoint)> {
     points
         .iter()

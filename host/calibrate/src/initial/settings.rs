@@ -32,7 +32,7 @@ pub trait Start: Debug + Send + Sync {
         settings: &InitialSettings,
     ) -> StartedCamera;
 
-    /// Estimates `T_camera_world` of a plane from points of which some may be wrong, with at most `iterations` samples. Points
+    /// Estimates `T_camera_world` of a plane from points that include wrong ones, with at most `iterations` samples. Points
     /// within `threshold` of their image, in units of the focal length, agree.
     fn plane_pose(&self, points: &[PlanePoint], threshold: f64, iterations: u16) -> Option<PlanarPose>;
 }

@@ -50,7 +50,7 @@ struct Centered {
 
 /// Distance in m and angle in rad between two poses.
 ///
-/// The distance is that of the camera in board coordinates or that of the board's middle in camera coordinates, whichever is
+/// The distance is measured for the camera in board coordinates or for the board's middle in camera coordinates, whichever is
 /// less: rotation of either one about itself moves the other far.
 fn motion(a: &Isometry3<f64>, b: &Isometry3<f64>) -> (f64, f64) {
     let camera = (a.inverse().translation.vector - b.inverse().translation.vector).norm();

@@ -3,7 +3,6 @@
 //! Every view is a point in a space of features that matter for a camera: position of the board in the image, size, tilt and
 //! roll. Views are selected one by one, always the one furthest from all selected ones (Gonzalez 1985), so that any number of
 //! first views is a good selection; views with few circles count as nearer than they are.
-//! choice; views with few circles count as nearer than they are.
 
 use evcal_core::sensor::Sensor;
 use nalgebra::{Matrix3, SVector, Vector2};

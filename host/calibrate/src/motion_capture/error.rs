@@ -14,7 +14,7 @@ pub enum MotionCaptureError {
     },
     /// The camera has too few poses.
     #[error(
-        "the camera's trajectory has a pose every {:.0} ms, too few to follow a hand: calibrate from events, which gives 200 a second",
+        "the camera's trajectory has a pose every {:.0} ms, too few to follow a hand: calibrate from events, which yields 200 per second",
         1e3 * interval
     )]
     Sparse {
@@ -23,7 +23,7 @@ pub enum MotionCaptureError {
     },
     /// The common time is too short.
     #[error(
-        "only {seconds:.1} s of the capture lie where the camera's trajectory is known; {needed:.0} s are needed: record longer, with board and markers in view"
+        "only {seconds:.1} s of the capture overlap with the camera's trajectory; {needed:.0} s are needed: record longer, with board and markers in view"
     )]
     TooShort {
         /// Common time (s).
@@ -39,12 +39,12 @@ pub enum MotionCaptureError {
     QuaternionOrder,
     /// The poses are T_body_mocap instead of T_mocap_body.
     #[error(
-        "the poses of the capture seem to be inverted (the room seen from the body): give those of the body in the room"
+        "the poses of the capture seem to be inverted (the room seen from the body): give the poses of the body in the room"
     )]
     Inverted,
     /// Rotations are inverted, positions are not.
     #[error(
-        "the quaternions of the capture seem to be those of the opposite rotation (conjugate): change the sign of qx, qy and qz"
+        "the quaternions of the capture seem to be conjugate (the opposite rotation): change the sign of qx, qy and qz"
     )]
     Conjugate,
     /// The frame is mirrored.
@@ -52,7 +52,7 @@ pub enum MotionCaptureError {
     LeftHanded,
     /// The rotation rates agree, but not the axes.
     #[error(
-        "camera and body turn equally fast, but about axes that no fixed mount explains ({:.0} % of the turns left): check the convention of the quaternions, and that the body is fixed to the camera",
+        "camera and body rotate equally fast, but about axes that no fixed mount explains ({:.0} % of the rotation unexplained): check the convention of the quaternions, and that the body is fixed to the camera",
         100.0 * left
     )]
     OtherAxes {
@@ -78,6 +78,6 @@ pub enum MotionCaptureError {
         scale: f64,
     },
     /// The equations have no solution.
-    #[error("the motion does not determine where the body sits: turn the camera about two axes and move it")]
+    #[error("the motion does not determine the pose of the marker body: rotate the camera about two axes and move it")]
     Singular,
 }

@@ -41,7 +41,7 @@ pub enum CaptureError {
     #[error("{0}; EuRoC's CSV with its first line and the CSV of OptiTrack Motive are read too")]
     Tum(#[from] TumError),
     /// A field is not a number.
-    #[error("line {line}: {text:?} is not a number: mend or delete the line")]
+    #[error("line {line}: {text:?} is not a number: correct or delete the line")]
     Number {
         /// Number of the line, from 1.
         line: usize,
@@ -57,7 +57,7 @@ pub enum CaptureError {
         length: f64,
     },
     /// Times do not increase.
-    #[error("line {line}: its time is not after that of the line before: sort the lines, and leave out doubles")]
+    #[error("line {line}: its time is not after the time of the previous line: sort the lines, and remove duplicates")]
     Order {
         /// Number of the line, from 1.
         line: usize,
@@ -92,13 +92,13 @@ pub enum CaptureError {
         names: String,
     },
     /// The file contains several bodies, and none was requested.
-    #[error("there are several rigid bodies, {names}: name that on the camera")]
+    #[error("there are several rigid bodies, {names}: name the one on the camera")]
     SeveralBodies {
         /// Bodies in the file.
         names: String,
     },
     /// A body was requested, but the format has no names.
-    #[error("only files of OptiTrack Motive name bodies: name none")]
+    #[error("only files of OptiTrack Motive contain names of bodies: do not name one")]
     NoNames,
     /// The file contains no pose.
     #[error("there is no pose in the file")]

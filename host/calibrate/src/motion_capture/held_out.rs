@@ -1,8 +1,8 @@
 //! Errors between camera and capture, in slices of time that were fitted and in others.
 //!
 //! Thirteen fitted parameters make an error look too small. So they are fitted to every other slice, and the error in the
-//! remaining slices is that of the trajectory. The capture has noise too: noise that differs from pose to pose shows in third
-//! differences, to which a smooth motion does not contribute, and it is subtracted.
+//! remaining slices is the error of the trajectory. The capture has noise too: noise that differs from pose to pose shows in
+//! third differences, to which a smooth motion does not contribute, and it is subtracted.
 
 use nalgebra::{Isometry3, Vector3};
 

@@ -68,7 +68,7 @@ fn angular_velocity(poses: &[TimedPose], t: f64) -> Option<Vector3<f64>> {
     (square > 0.0).then(|| product / square)
 }
 
-/// Computes a start from the poses of the camera and those of the marker body.
+/// Computes a start from the poses of the camera and of the marker body.
 ///
 /// # Errors
 /// [`MotionCaptureError`] names the quantity that was not found, and the reason.

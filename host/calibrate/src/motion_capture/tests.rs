@@ -77,7 +77,7 @@ fn changed(change: impl Fn(Isometry3<f64>) -> Isometry3<f64>) -> Vec<TimedPose> 
 }
 
 #[test]
-fn a_perfect_capture_gives_the_truth() {
+fn a_perfect_capture_yields_the_truth() {
     let found = compare(&camera_poses(free()), &capture(free(), NONE), None).unwrap();
     let moved = found.camera_body.pose.inverse() * camera_body();
     assert!(moved.translation.vector.norm() < 1e-6 && moved.rotation.angle() < 1e-6, "{found:?}");
@@ -112,7 +112,7 @@ fn noise_is_measured_and_subtracted() {
 
 /// The error of a smooth trajectory is estimated correctly, whatever the noise of the capture.
 #[test]
-fn the_error_of_a_trajectory_is_found_under_the_noise() {
+fn the_error_of_a_trajectory_is_measured_despite_noise() {
     let wrong =
         |t: f64| Vector3::new((19.0 * t + 0.1 * t * t).sin(), (23.0 * t).cos(), (29.0 * t + 0.2 * t * t).sin()) * 4e-4;
     let poses: Vec<TimedPose> = camera_poses(free())
@@ -127,7 +127,7 @@ fn the_error_of_a_trajectory_is_found_under_the_noise() {
 }
 
 #[test]
-fn missing_and_wild_poses_do_no_harm() {
+fn missing_poses_and_outliers_do_not_change_the_result() {
     let mut capture = capture(free(), USUAL);
     capture.retain(|pose| (pose.t * 1.7).fract() > 0.1);
     for pose in capture.iter_mut().step_by(97) {
@@ -214,7 +214,7 @@ fn mistakes_in_a_capture_are_named() {
     );
     let mut other = capture(free(), USUAL);
     other.iter_mut().for_each(|pose| pose.pose = self::camera(0.77 * pose.t + 100.0, free()));
-    refused("does not turn as the camera does", &other);
+    refused("does not match the camera", &other);
     let mut late = capture(free(), USUAL);
     late.iter_mut().for_each(|pose| pose.t *= 1e9);
     refused("times in seconds", &late);

@@ -132,12 +132,12 @@ impl fmt::Display for Misalignment {
                     Orientation::Same => None,
                     Orientation::FlippedX => Some("flipped left to right (in x)"),
                     Orientation::FlippedY => Some("flipped top to bottom (in y)"),
-                    Orientation::FlippedBoth => Some("turned by 180° (flipped in x and y)"),
+                    Orientation::FlippedBoth => Some("rotated by 180° (flipped in x and y)"),
                     Orientation::Transposed => Some("transposed (x and y exchanged)"),
-                    Orientation::QuarterClockwise => Some("turned by 90° (x and y exchanged, then flipped in x)"),
-                    Orientation::QuarterAnticlockwise => Some("turned by 90° (x and y exchanged, then flipped in y)"),
+                    Orientation::QuarterClockwise => Some("rotated by 90° (x and y exchanged, then flipped in x)"),
+                    Orientation::QuarterAnticlockwise => Some("rotated by 90° (x and y exchanged, then flipped in y)"),
                     Orientation::TransposedFlipped => {
-                        Some("transposed and turned by 180° (x and y exchanged, then flipped in x and y)")
+                        Some("transposed and rotated by 180° (x and y exchanged, then flipped in x and y)")
                     }
                 };
                 let mut parts: Vec<String> = words.map(str::to_owned).into_iter().collect();
@@ -153,13 +153,10 @@ impl fmt::Display for Misalignment {
             Self::Clock { rate, offset } if (rate - 1.0).abs() <= SAME_RATE => {
                 let late = if offset < 0.0 { "later" } else { "earlier" };
                 let offset = offset.abs();
-                write!(
-                    f,
-                    "the times of the frames are {offset:.3} s {late} than those of the events of the same moment"
-                )
+                write!(f, "the times of the frames are {offset:.3} s {late} than the events of the same moment")
             }
             Self::Clock { rate, .. } => {
-                write!(f, "the clock of the frames runs {:.3} times as fast as that of the events", 1.0 / rate)
+                write!(f, "the clock of the frames runs {:.3} times as fast as the events' clock", 1.0 / rate)
             }
             Self::Unlike => {
                 write!(f, "frames and events show the board in different places at the same moment")
@@ -173,16 +170,16 @@ impl Misalignment {
     pub fn advice(&self) -> &'static str {
         match self {
             Self::Image { .. } => {
-                "the driver or a conversion flipped, cropped or scaled one of the two: record or convert both alike, or leave the frames out"
+                "the driver or a conversion flipped, cropped or scaled one of the two: record or convert both in the same way, or ignore the frames"
             }
             Self::Clock { .. } => {
-                "the driver stamped frames and events by different clocks: mend the times, or leave the frames out"
+                "the driver stamped frames and events with different clocks: correct the times, or ignore the frames"
             }
-            Self::Unlike => "are they of one camera and of one recording? If not, leave the frames out",
+            Self::Unlike => "are they of one camera and of one recording? If not, ignore the frames",
         }
     }
 
-    /// Returns `true` if another lens than that of the events could cause the difference: only a shift or a scale.
+    /// Returns `true` if a lens other than that behind the events could cause the difference: only a shift or a scale.
     pub fn is_of_lens(&self) -> bool {
         matches!(self, Self::Image { orientation: Orientation::Same, .. })
     }
@@ -334,7 +331,7 @@ struct Alike {
     spread: f64,
 }
 
-/// Compares points by their index, that of the frame after `turn`.
+/// Compares points by index; `turn` permutes the points of the frame.
 fn compare(events: &Places, frame: &Places, turn: &[usize]) -> Option<Alike> {
     let shared: Vec<(Vector2<f64>, Vector2<f64>)> = turn
         .iter()

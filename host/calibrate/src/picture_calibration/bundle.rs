@@ -4,7 +4,7 @@
 //! A residual is the predicted centre of area of a dot's image ([`CircleImage`]) minus the measured one.
 //!
 //! The errors within a picture are not independent: blur, the shutter and the paper shift all its dots together. Pictures are
-//! independent. So the covariance is that of the jackknife over pictures (Efron 1982): with the border S = Σ S_f after
+//! independent. So the covariance comes from the jackknife over pictures (Efron 1982): with the border S = Σ S_f after
 //! elimination and the picture's gradient g_f, leaving out picture f moves the parameters by δ_f = (S − S_f)⁻¹ g_f, and the
 //! covariance is (n − 1) / n Σ δ_f δ_fᵀ.
 

@@ -183,7 +183,7 @@ impl PictureFailure {
     }
 }
 
-/// Reasons and how often they were, most frequent first, in parentheses; nothing without any.
+/// Formats reasons and their counts, most frequent first, in parentheses; empty without any.
 fn in_words(refused: &BTreeMap<NoBoard, u64>) -> String {
     let mut reasons: Vec<_> = refused.iter().collect();
     reasons.sort_by(|a, b| b.1.cmp(a.1).then(a.0.cmp(b.0)));

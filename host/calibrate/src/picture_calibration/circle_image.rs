@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_the_integral_over_the_disc() {
+    fn the_center_of_area_is_the_integral_over_the_disc() {
         let camera = radtan();
         let found = circle_image_center(&camera, &pose(), CENTER, RADIUS).unwrap();
         let expected = mean_over_the_disc(&camera);

@@ -27,7 +27,7 @@ pub struct JointReport {
     pub dots: usize,
     /// Number of dots that were not at the position that the trajectory predicts.
     pub dots_elsewhere: usize,
-    /// Time to add to a picture's time to get that of the events of the same moment (s).
+    /// Time to add to a picture's time to get the time of the events of the same moment (s).
     pub time_offset: f64,
     /// Its standard deviation (s).
     pub time_offset_sigma: f64,
@@ -49,11 +49,11 @@ pub struct JointPoints {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoJointPoints {
     /// No picture is within the time of a trajectory.
-    #[error("no frame with the board was taken while the events show how the camera moved")]
+    #[error("no frame with the board was taken during a trajectory from events")]
     NoCommonTime,
     /// The clocks are too far apart.
     #[error(
-        "the clocks of frames and events are too far apart, or their offset cannot be told: the board hardly moved in the frames"
+        "the clocks of frames and events are too far apart, or their offset is not determined because the board hardly moved in the frames"
     )]
     OffsetUnknown,
 }
@@ -93,7 +93,6 @@ struct Tied<'a> {
 ///
 /// # Errors
 /// [`NoJointPoints`] if they cannot be solved together.
-/// [`NoJointPoints`].
 pub fn joint_points(
     calibration: &PictureCalibration,
     state: &State,

@@ -30,7 +30,7 @@ pub fn worst_grade(calibrated: &Calibrated) -> Grade {
 
 fn of_unit(events: &EventCalibration) -> Option<VerdictBeside> {
     let InertialResult { grade, verdict, .. } = InertialResult::new(events.inertial.as_ref()?);
-    Some(VerdictBeside { about: "Inertial unit".to_owned(), grade, sentence: verdict })
+    Some(VerdictBeside { about: "IMU".to_owned(), grade, sentence: verdict })
 }
 
 fn of_cameras(events: &EventCalibration) -> impl Iterator<Item = VerdictBeside> {
@@ -42,7 +42,7 @@ fn of_cameras(events: &EventCalibration) -> impl Iterator<Item = VerdictBeside> 
             grade,
             sentence: lens_verdict,
         });
-        let place = VerdictBeside { about: format!("Place of {recording}"), grade, sentence: verdict };
+        let place = VerdictBeside { about: format!("Position of {recording}"), grade, sentence: verdict };
         lens.into_iter().chain([place])
     })
 }

@@ -103,7 +103,6 @@ impl CalibratedCamera {
     ///
     /// # Errors
     /// [`CameraFileError`] if the file cannot be read or is not a camera file.
-    /// [`CameraFileError`].
     pub fn read(path: &Path) -> Result<Self, CameraFileError> {
         let path = &camera_file::camera_path(path);
         match camera_file::version(path)? {

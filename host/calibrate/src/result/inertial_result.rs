@@ -58,7 +58,7 @@ pub struct Uncertain<T> {
 /// One of the two sensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SensorResult {
-    /// Time by which its timestamps are later than those of events of the same moment (s).
+    /// Time by which its timestamps are later than events of the same moment (s).
     pub delay: Uncertain<f64>,
     /// Reading minus truth: m/s² or rad/s.
     pub bias: Uncertain<[f64; 3]>,
@@ -92,7 +92,7 @@ pub struct InertialResult {
     pub grade: Grade,
     /// The verdict in words, with the uncertainty.
     pub verdict: String,
-    /// Transform from coordinates of the camera to those of the IMU, row by row; `None` if rotation or position was not measured.
+    /// Transform from camera coordinates to IMU coordinates, row by row; `None` if rotation or position was not measured.
     #[serde(rename = "T_imu_camera")]
     pub imu_from_camera: Option<[[f64; 4]; 4]>,
     /// σ of the rotation about the axes of the camera (rad).
@@ -125,8 +125,8 @@ pub struct InertialResult {
     pub used: usize,
     /// Reports, one per recording.
     pub streams: Vec<StreamReport>,
-    /// Largest difference between an intrinsic parameter and that of the camera calibrated alone, in σ of the difference; `None`
-    /// if the intrinsics were fixed at those of another model.
+    /// Largest difference between an intrinsic parameter and its value in the calibration of the camera alone, in σ of the
+    /// difference; `None` if the intrinsics were fixed at the intrinsics of another model.
     pub camera_moved: Option<f64>,
     /// The camera at which intrinsics were fixed; absent if they were estimated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -239,7 +239,7 @@ impl InertialResult {
         let largest = |first: usize| (0..3).map(|axis| calibration.sigma(first + axis)).fold(0.0, f64::max);
         let delays = self.gyroscope.delay.sigma.max(self.accelerometer.delay.sigma);
         format!(
-            "{}: the rotation is known to {:.3}°, the place to {:.2} mm (σ of the worst axis), the delays to {:.3} ms.",
+            "{}: the rotation is known to {:.3}°, the position to {:.2} mm (σ of the worst axis), the delays to {:.3} ms.",
             self.grade.opening(),
             largest(ROTATION).to_degrees(),
             1e3 * largest(POSITION),
@@ -254,8 +254,8 @@ impl InertialResult {
 
     /// Returns the result as text: each number with its σ, each transform and delay with its direction.
     pub fn sentences(&self) -> String {
-        let held = if self.held_camera.is_some() { ", the camera's intrinsics held" } else { "" };
-        let mut text = format!("inertial unit, from {} samples{held}:\n", self.used);
+        let held = if self.held_camera.is_some() { ", with fixed camera intrinsics" } else { "" };
+        let mut text = format!("IMU, from {} samples{held}:\n", self.used);
         let _ = writeln!(text, "  {}", self.verdict);
         self.place(&mut text);
         for (name, sensor) in [("gyroscope", &self.gyroscope), ("accelerometer", &self.accelerometer)] {
@@ -267,7 +267,7 @@ impl InertialResult {
             let way = if value >= 0.0 { "later" } else { "earlier" };
             let _ = writeln!(
                 text,
-                "  stamps of the {name} are {:.3} ± {:.3} ms {way} than those of events of the same moment: t_{name} = t_events {} {:.3} ms",
+                "  timestamps of the {name} are {:.3} ± {:.3} ms {way} than events of the same moment: t_{name} = t_events {} {:.3} ms",
                 1e3 * value.abs(),
                 1e3 * sigma,
                 if value >= 0.0 { '+' } else { '-' },
@@ -286,7 +286,7 @@ impl InertialResult {
         let Uncertain { value, sigma } = self.gyroscope.bias;
         let _ = writeln!(
             text,
-            "  bias of the gyroscope (reading less truth): {} ± {} °/s (its axes)",
+            "  bias of the gyroscope (reading minus truth): {} ± {} °/s (its axes)",
             list(value, degrees, 3),
             list(sigma, degrees, 3)
         );
@@ -294,7 +294,7 @@ impl InertialResult {
         let milli = 1e3 / STANDARD_GRAVITY;
         let _ = writeln!(
             text,
-            "  bias of the accelerometer (reading less truth): {} ± {} mg (its axes)",
+            "  bias of the accelerometer (reading minus truth): {} ± {} mg (its axes)",
             list(value, milli, 2),
             list(sigma, milli, 2)
         );
@@ -339,7 +339,7 @@ impl InertialResult {
             let sigma = self.rotation_sigma.map(f64::to_degrees);
             let _ = writeln!(
                 text,
-                "  R_imu_camera, from the camera's axes to the unit's, is a turn of {:.3}°: rotation vector ({:.3} ± {:.3}, {:.3} ± {:.3}, {:.3} ± {:.3})°",
+                "  R_imu_camera, from the camera's axes to the IMU's, is a rotation by {:.3}°: rotation vector ({:.3} ± {:.3}, {:.3} ± {:.3}, {:.3} ± {:.3})°",
                 vector.norm(),
                 vector.x,
                 sigma[0],
@@ -357,12 +357,13 @@ impl InertialResult {
                 _ => format!("{axis} not measured"),
             })
             .collect();
-        let _ = writeln!(text, "  the unit is, seen from the camera, at {}", places.join(", "));
+        let _ = writeln!(text, "  position of the IMU in the camera frame: {}", places.join(", "));
     }
 
     fn noises(&self, text: &mut String) {
         let mean = |density: [f64; 3]| density.iter().sum::<f64>() / 3.0;
-        let told = |measured: bool| if measured { "" } else { " (not measured: twice a usual data sheet's)" };
+        let told =
+            |measured: bool| if measured { "" } else { " (not measured: twice the value of a typical data sheet)" };
         let _ = writeln!(
             text,
             "  noise: gyroscope {:.4} °/s/√Hz{}, accelerometer {:.0} µg/√Hz{}; random walks are not measured",

@@ -142,7 +142,7 @@ fn sameness(difference: f64, expected: Option<f64>) -> Sameness {
 impl fmt::Display for ComparedCalibrations {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self.sameness {
-            Sameness::Same => "The same camera: either calibration can take the place of the other.",
+            Sameness::Same => "The same camera: either calibration can replace the other.",
             Sameness::Near => {
                 "Not the same within their uncertainties: the lens was touched between them, or one is less certain than it \
                  says. Use the better one; the reports say which."
@@ -151,7 +151,7 @@ impl fmt::Display for ComparedCalibrations {
                 "Different cameras or lenses, or the lens was refocused between them: do not use one for the other."
             }
             Sameness::Unknown => {
-                "Neither file states its uncertainty, so it cannot be told whether they are of the same camera."
+                "Neither file states its uncertainty, so it is not known whether they are of the same camera."
             }
         })?;
         let [x, y] = self.difference_max_at;

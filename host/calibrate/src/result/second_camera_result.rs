@@ -63,7 +63,7 @@ pub struct FramesOfSecond {
     pub stamps: Stamps,
     /// `true` if they have exposure times; otherwise the offset of the clocks refers to the moment at which a frame was stamped.
     pub exposure_known: bool,
-    /// Delay of the exposure of each row after the one above it (s). Offset and transform are those of the middle row.
+    /// Delay of the exposure of each row after the one above it (s). Offset and transform apply to the middle row.
     pub line_delay: Uncertain<f64>,
     /// `true` if a rolling shutter was requested.
     pub rolling_shutter: bool,
@@ -104,7 +104,7 @@ pub struct SecondCameraResult {
     pub grade: Grade,
     /// The verdict in words, with the uncertainty.
     pub verdict: String,
-    /// Transform from coordinates of the first camera to those of the second, row by row.
+    /// Transform from coordinates of the first camera to coordinates of the second, row by row.
     #[serde(rename = "T_second_first")]
     pub second_from_first: [[f64; 4]; 4],
     /// σ of its rotation about the axes of the first camera (rad).
@@ -123,8 +123,8 @@ pub struct SecondCameraResult {
     pub correlations: [[f64; COUNT]; COUNT],
     /// Both cameras from the solve of all events: the intrinsics that match the transform best.
     pub solved_together: [SolvedCamera; 2],
-    /// Largest difference between an intrinsic parameter of each camera and that of the separate calibration, in its σ; `None` if
-    /// the intrinsics were fixed at those of another model.
+    /// Largest difference between an intrinsic parameter of each camera and its value in the separate calibration, in its σ;
+    /// `None` if the intrinsics were fixed at the intrinsics of another model.
     pub cameras_moved: [Option<f64>; 2],
     /// `true` for each camera whose intrinsics were fixed; otherwise they were estimated.
     #[serde(default)]
@@ -236,7 +236,7 @@ impl SecondCameraResult {
             None => format!("{} events", self.used),
         };
         let mut text = format!(
-            "second camera ({}), from {what} in {:.1} s with the board before both:\n",
+            "second camera ({}), from {what} in {:.1} s with the board in view of both:\n",
             self.recording, self.seconds
         );
         let _ = writeln!(text, "  {}", self.verdict);
@@ -249,10 +249,7 @@ impl SecondCameraResult {
             [false, true] => Some("the second camera were"),
             [false, false] => None,
         } {
-            let _ = writeln!(
-                text,
-                "  the intrinsics of {whose} held; their σ, where they are known, are part of those below"
-            );
+            let _ = writeln!(text, "  the intrinsics of {whose} fixed; their σ, if known, are included below");
         }
         let pose = self.pose();
         let vector = pose.rotation.scaled_axis().map(f64::to_degrees);
@@ -291,7 +288,7 @@ impl SecondCameraResult {
             let verdict = if agrees {
                 "it is the identity within its σ"
             } else {
-                "it is not: distrust the σ, or one of the lenses"
+                "it is not: the σ or one of the lenses is probably wrong"
             };
             let _ = writeln!(
                 text,
@@ -325,7 +322,7 @@ impl SecondCameraResult {
                 let way = if value >= 0.0 { "faster" } else { "slower" };
                 let _ = writeln!(
                     text,
-                    "  its clock is {:.2} ± {:.2} ppm {way}; the offset is that at {:.3} s of it",
+                    "  its clock is {:.2} ± {:.2} ppm {way}; the offset applies at {:.3} s of it",
                     1e6 * value.abs(),
                     1e6 * sigma,
                     self.time_offset_at
@@ -343,30 +340,30 @@ impl SecondCameraResult {
         let _ = if frames.exposure_known {
             writeln!(
                 text,
-                "  its time stamps are taken for the {stamps} of the exposures; the offset is that of their middle"
+                "  its timestamps are assumed to be the {stamps} of the exposures; the offset applies to their middle"
             )
         } else {
             let half = match frames.stamps {
                 Stamps::Middle => String::new(),
                 Stamps::Start | Stamps::End => {
                     format!(
-                        ", and differs by half an exposure from that of the clocks, as stamps are the {stamps} of an exposure"
+                        ", and differs by half an exposure from the offset of the clocks, because timestamps are the {stamps} of an exposure"
                     )
                 }
             };
             writeln!(
                 text,
-                "  the exposure times are not known: the offset is that between a stamp and the middle of its exposure{half}"
+                "  the exposure times are not known: the offset is the time between a timestamp and the middle of its exposure{half}"
             )
         };
         let Uncertain { value, sigma } = frames.line_delay;
         let shutter = if frames.rolling_shutter {
             format!(
-                "rolling shutter: {:.2} ms from the first row to the last; the offset is that of the middle row",
+                "rolling shutter: {:.2} ms from the first row to the last; the offset applies to the middle row",
                 1e3 * value * f64::from(self.sensor.height)
             )
         } else {
-            "within 3 σ of none: a global shutter".to_owned()
+            "not significantly different from zero: a global shutter".to_owned()
         };
         let _ = writeln!(
             text,

@@ -100,8 +100,8 @@ fn event_lines(events: &EventCalibration) -> Vec<StageLine> {
 fn choice_line(events: &EventCalibration, choice: &StretchChoice) -> StageLine {
     let taken = Amount::new(choice.seconds as u64, "seconds with the board");
     let poses = events.followed.iter().map(|stretch| stretch.poses.len()).sum::<usize>();
-    StageLine::new("Room in the joint solve", taken, Amount::new(choice.chosen.len() as u64, "seconds")).noting([
-        format!("{} frames of the others; {poses} poses along them with the camera held", events.other_windows.len()),
+    StageLine::new("Seconds in the joint solve", taken, Amount::new(choice.chosen.len() as u64, "seconds")).noting([
+        format!("{} frames of the others; {poses} poses along them with the camera fixed", events.other_windows.len()),
     ])
 }
 
@@ -245,6 +245,6 @@ fn joint_line(joint: &JointReport) -> StageLine {
         Amount::new((joint.dots + joint.dots_elsewhere) as u64, "dots"),
         Amount::new(joint.dots as u64, format!("dots of {} frames", joint.frames)),
     )
-    .dropping([(joint.dots_elsewhere as u64, "elsewhere than the trajectory puts them".to_owned())])
+    .dropping([(joint.dots_elsewhere as u64, "not at the position that the trajectory predicts".to_owned())])
     .noting([format!("events come {offset} later"), format!("spread {:.3} px", joint.spread)])
 }

@@ -33,8 +33,8 @@ pub struct SecondCalibration {
     pub sensors: [Sensor; 2],
     /// Both cameras from the solve of both.
     pub cameras: [Camera<f64>; 2],
-    /// Largest difference between an intrinsic parameter of each camera and that of the separate calibration, in its σ; `None` if
-    /// the intrinsics were fixed at those of another model.
+    /// Largest difference between an intrinsic parameter of each camera and its value in the separate calibration, in its σ;
+    /// `None` if the intrinsics were fixed at the intrinsics of another model.
     pub cameras_moved: [Option<f64>; 2],
     /// `true` for each camera whose intrinsics were fixed.
     pub held: [bool; 2],

@@ -18,7 +18,7 @@ pub const CAUSES: usize = POSE + MOST;
 /// The second camera at one time.
 #[derive(Clone, Debug)]
 pub struct Carried {
-    /// Its pose; the control points are those of the first camera, and their Jacobians are not used.
+    /// Its pose; the control points belong to the first camera, and their Jacobians are not used.
     pub pose: PoseBin,
     /// Derivative of its pose by the pose of the first camera and by the mount.
     pub by: SMatrix<f64, POSE, CAUSES>,

@@ -13,20 +13,20 @@ pub enum SecondCameraError {
     )]
     NoTrajectory,
     /// The second camera was calibrated from circles.
-    #[error("give events, not circles, of the second camera: circles tell too little of the time between them")]
+    #[error("give events, not circles, of the second camera: circles do not determine its motion well enough")]
     CirclesOfSecond,
-    /// It is not known which recording of the first camera belongs to that of the second.
+    /// It is not known which recording of the first camera belongs to the recording of the second.
     #[error("a second camera belongs to one recording of the first: give only one")]
     SeveralRecordings,
     /// Both recordings are the same.
-    #[error("{file} holds the events of a camera that is there already: give the recording of another camera")]
+    #[error("{file} contains the events of a camera that was already given: give the recording of another camera")]
     SameRecording {
         /// The file name.
         file: String,
     },
     /// The common time is too short.
     #[error(
-        "only {seconds:.1} s have the board before both cameras; {needed:.0} s are needed: record longer, with the board in view of both"
+        "both cameras saw the board for only {seconds:.1} s; {needed:.0} s are needed: record longer, with the board in view of both"
     )]
     TooShort {
         /// Common time (s).
@@ -39,12 +39,12 @@ pub enum SecondCameraError {
     Alignment(#[from] AlignmentError),
     /// The board is symmetric, and the motion does not determine its orientation.
     #[error(
-        "the board looks the same after a turn, and the motion does not tell which way round each camera sees it: use a board with an odd number of shifted rows, such as acircles:9x4"
+        "the board is symmetric, and the motion does not determine its orientation in each camera: use a board with an odd number of shifted rows, such as acircles:9x4"
     )]
     SymmetricBoard,
     /// The transform is not constant.
     #[error(
-        "nothing fixed lies between the two cameras (they move by {:.1} mm and {degrees:.2}° against each other): fix both to one mount, and do not move the board",
+        "the two cameras are not rigidly connected (relative motion: {:.1} mm and {degrees:.2}°): fix both to one mount, and do not move the board",
         1e3 * distance
     )]
     NotFixed {
@@ -68,7 +68,7 @@ pub enum SecondCameraError {
     },
     /// The equations have no solution.
     #[error(
-        "the events do not determine where the second camera is: turn about two axes, with the board in view of both cameras"
+        "the events do not determine the pose of the second camera: rotate about two axes, with the board in view of both cameras"
     )]
     Singular,
 }

@@ -52,7 +52,7 @@ pub enum Finding {
         /// Change in σ.
         sigmas: f64,
     },
-    /// The fixed intrinsics differ from those of this recording.
+    /// The fixed intrinsics differ from the intrinsics of this recording.
     OtherCamera {
         /// Index of the camera: 0 or 1.
         camera: usize,
@@ -66,12 +66,12 @@ impl fmt::Display for Finding {
         match self {
             Self::PlaceNotMeasured { sigma } => write!(
                 f,
-                "the place of one camera seen from the other was hardly measured (± {:.1} mm): record longer, near the board",
+                "the relative position of the cameras was hardly measured (± {:.1} mm): record longer, near the board",
                 1e3 * sigma
             ),
             Self::RotationNotMeasured { sigma } => write!(
                 f,
-                "how the cameras are turned against each other was hardly measured (± {:.2}°): record longer, near the board",
+                "the relative rotation of the cameras was hardly measured (± {:.2}°): record longer, near the board",
                 sigma.to_degrees()
             ),
             Self::OffsetNotMeasured { sigma } => write!(
@@ -99,13 +99,13 @@ impl fmt::Display for Finding {
             ),
             Self::NoLineDelay { line_delay, sigma } => write!(
                 f,
-                "no line delay was found ({:.3} ± {:.3} µs a row): the shutter is a global one: do not state a rolling one",
+                "no line delay was found ({:.3} ± {:.3} µs per row): it has a global shutter: do not state a rolling shutter",
                 1e6 * line_delay,
                 1e6 * sigma
             ),
             Self::CameraMoved { camera, sigmas } => write!(
                 f,
-                "solving both together moved an intrinsic parameter of the {} camera by {sigmas:.1} σ: look at its own report",
+                "the solve of both changed an intrinsic parameter of the {} camera by {sigmas:.1} σ: check its own report",
                 ["first", "second"][(*camera).min(1)]
             ),
             Self::OtherCamera { camera, sigmas } => write!(

@@ -17,7 +17,7 @@ const LOOSE: f64 = 1.3;
 const MOST_LEFT_OUT: f64 = 0.3;
 /// Number of σ below which a line delay is not significant.
 const NO_DELAY: f64 = 3.0;
-/// Reported difference between an intrinsic parameter and that of the separate calibration, in its σ.
+/// Reported difference between an intrinsic parameter and its value in the separate calibration, in its σ.
 const MOVED: f64 = 4.0;
 
 /// Returns the problems of `calibration`.

@@ -1,8 +1,8 @@
 //! Both cameras in one solve: the events of the second are rows on the trajectories of the first.
 //!
 //! The border of the normal equations contains the mount (transform, offset, rate, for frames the line delay), then lens and
-//! event biases of the second camera, then those of the first. The board is fixed at the result of the first camera, because both
-//! see the same board.
+//! event biases of the second camera, then lens and event biases of the first. The board is fixed at the result of the first
+//! camera, because both see the same board.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -92,7 +92,8 @@ pub fn solve(joint: &Joint, estimate: Estimate) -> Result<Solved, SecondCameraEr
     Ok(Solved { estimate, covariance, inflation, blocks, used: now.counts[1], misfit: now.misfit, rms: now.rms })
 }
 
-/// Returns the covariance that fixed lenses add to that of the mount at `estimate`: those of the first and the second camera.
+/// Returns the covariance that fixed lenses add to the covariance of the mount at `estimate`, for the first and the second
+/// camera.
 ///
 /// # Errors
 /// [`SecondCameraError::Singular`] if the events do not determine the parameters.

@@ -35,7 +35,7 @@ struct Moment {
 }
 
 /// Builds the equations of an interval of the second camera's observations, one part for each segment of the first camera's
-/// trajectory that they meet. `bearings` are those of the second camera, `free` its estimated global parameters.
+/// trajectory that they meet. `bearings` belong to the second camera, `free` its estimated global parameters.
 pub fn second_parts(
     problem: &Problem,
     estimate: &Estimate,

@@ -205,7 +205,8 @@ fn residual(
     let rotation = (mount.second_first.rotation * (to_first * second.rotation)).scaled_axis();
     let off = place - first_second.translation.vector;
     let mut by = SMatrix::<f64, 6, COUNT>::zeros();
-    // The derivative of T_first_second by the rotation is that of the first camera's rotation with the opposite sign.
+    // The derivative of T_first_second by the rotation equals the derivative by the first camera's rotation with the opposite
+    // sign.
     let second_first = mount.second_first.rotation.to_rotation_matrix().into_inner();
     by.fixed_view_mut::<3, 3>(0, ROTATION).copy_from(&second_first);
     by.fixed_view_mut::<3, 3>(3, ROTATION).copy_from(&-first_second.translation.vector.cross_matrix());

@@ -1,9 +1,9 @@
-//! Whether numbers are within their bounds.
+//! Check that numbers are within their bounds.
 
 use evcal_core::settings::{Bounds, Group, Kind};
 use toml::{Table, Value};
 
-/// A number that is not what it may be; names are dotted, as in `detection.cluster.epsilon`.
+/// A number out of its bounds; names are dotted, as in `detection.cluster.epsilon`.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum OutOfBounds {

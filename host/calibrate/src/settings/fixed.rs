@@ -10,10 +10,10 @@ const FIXED: &str = include_str!("fixed.toml");
 
 /// Replacements of some of them: beginnings of names, and what to do instead.
 const INSTEAD: [(&str, &str); 6] = [
-    ("association.", "association.band says how far events may be from an edge"),
-    ("board.", "board.estimate = false takes the board as it is stated"),
+    ("association.", "association.band is the largest distance of events from an edge"),
+    ("board.", "board.estimate = false uses the nominal board"),
     ("knots.first", "knots.finest and knots.coarsest bound the distance of knots"),
-    ("live.boards", "live.shortest says how long to look"),
+    ("live.boards", "live.shortest is the shortest time of a session"),
     ("live.first_checkpoint", "it follows live.shortest, two thirds of it"),
     ("verdict.poor", "it follows verdict.good, three times as much"),
 ];
@@ -28,7 +28,7 @@ pub struct FixedSetting {
     pub stated: String,
     /// The built-in value.
     pub built_in: String,
-    /// What to do instead, after a semicolon; empty if there is no replacement.
+    /// Replacement, after a semicolon; empty if there is none.
     pub instead: String,
 }
 

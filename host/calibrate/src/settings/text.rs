@@ -57,7 +57,7 @@ fn number(kind: &Kind) -> String {
     }
 }
 
-/// What a number may be, with the setting that it must not exceed.
+/// Describes the permitted values of a number, with the setting that it must not exceed.
 fn allowed(bounds: &Bounds) -> String {
     bounds.up_to.map_or_else(|| bounds.to_string(), |other| format!("{bounds}, at most `{other}`"))
 }

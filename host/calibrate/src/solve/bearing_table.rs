@@ -413,7 +413,7 @@ mod tests {
     use evcal_core::camera::ModelKind;
 
     #[test]
-    fn places_between_pixels_have_the_bearing_and_the_derivatives_of_the_camera() {
+    fn positions_between_pixels_have_the_bearing_and_the_derivatives_of_the_camera() {
         let cameras = [
             (ModelKind::Radtan, vec![331.6, 331.1, 176.9, 134.2, -0.352, 0.149, -0.0004, 0.0005, -0.03]),
             (ModelKind::KannalaBrandt, vec![190.0, 191.0, 170.0, 131.0, -0.02, 0.01, -0.004, 0.0007]),

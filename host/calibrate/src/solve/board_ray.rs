@@ -141,7 +141,7 @@ impl<S: BoardSurface> BoardRay<S> {
 
 impl EdgeDistance {
     /// Returns the rate at which the distance grows at a fixed pixel, in pixels per second: the normal speed of the edge,
-    /// positive where the edge leaves the pixel on its light side (it becomes brighter).
+    /// positive if the pixel becomes brighter.
     #[inline(always)]
     pub fn normal_speed(&self, pose: &PoseBin) -> f64 {
         (dot(&self.by_rotation, &pose.angular_velocity) + dot(&self.by_translation, &pose.linear_velocity)) / self.scale

@@ -72,7 +72,7 @@ pub struct BurstPlace {
 pub struct BurstBeginning {
     /// 0 for the first event of a burst, at most [`MAX_RANK`].
     pub rank: u8,
-    /// Number of the burst among those of its pixel, modulo 256.
+    /// Number of the burst among the bursts of its pixel, modulo 256.
     burst: u8,
 }
 

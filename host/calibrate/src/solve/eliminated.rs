@@ -26,8 +26,8 @@ pub struct Eliminated {
 }
 
 impl Eliminated {
-    /// Eliminates control points, `order` of which act together, given the `factor` of their matrix, their `border` and their
-    /// `gradient`. `free` are the indices of the estimated global parameters.
+    /// Eliminates control points that act together in groups of `order`, given the `factor` of their matrix, their `border` and
+    /// their `gradient`. `free` are the indices of the estimated global parameters.
     pub fn new(
         factor: BandedCholesky,
         order: usize,

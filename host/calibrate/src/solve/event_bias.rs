@@ -22,7 +22,7 @@ use bias::{Bias, Biases};
 
 /// Number of classes for each length of bursts: two polarities × ranks.
 pub const CLASSES_OF_LENGTH: usize = 2 * RANK_COUNT;
-/// Number of event classes: first the classes of long bursts, then those of shorter ones.
+/// Number of event classes: first the classes of long bursts, then the classes of shorter ones.
 pub const CLASS_COUNT: usize = BurstLength::COUNT * CLASSES_OF_LENGTH;
 /// Number of biases of its own that a class of shorter bursts has, the first ones: offset and latency. It shares the others with
 /// the class of long bursts of the same polarity and rank.
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_are_those_of_the_distance() {
+    fn derivatives_agree_with_the_distance() {
         let passage = EdgePassage { normal_speed: 300.0, narrowness: 0.1, corner_share: 0.6, acceleration: -2000.0 };
         let [known, ..] = unknown(1.0);
         for bias in Bias::ALL.into_iter().filter(|&bias| bias != Bias::Latency) {

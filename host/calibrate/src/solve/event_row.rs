@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_are_nearly_those_of_the_edge_one_newton_step_away() {
+    fn derivatives_nearly_agree_with_the_edge_one_newton_step_away() {
         // The remainder after one step towards a curved edge is of second order in the distance.
         for shape in [FLAT, SHAPED] {
             for edges in [circle(), line()] {
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shaped_board_without_a_shape_is_the_flat_one() {
+    fn a_shaped_board_with_zero_shape_equals_the_flat_one() {
         let (rotation, translation) = reference_pose();
         let (bin, reference) = (moving_at(rotation, translation), camera(&PARAMETERS));
         let nearly = BoardShape { print_ratio: 1.0 + 1e-13, ..FLAT };

@@ -113,7 +113,7 @@ impl Thinning {
         }
     }
 
-    /// Takes the next events, and appends those of a share of 0 to 1 to `kept` as soon as their bursts are over.
+    /// Takes the next events, and appends a share of 0 to 1 of them to `kept` as soon as their bursts are over.
     pub fn take(&mut self, events: &[Event], share: f64, kept: &mut Vec<RankedEvent>) {
         self.push(events, places(share), |event, _| kept.push(event));
     }

@@ -24,7 +24,7 @@ pub struct Followed {
 }
 
 /// Solves the trajectories of `state` from the events of `input` with everything else in `state` fixed. The unit of plane
-/// residuals is that of `solved`, from which the camera comes.
+/// residuals comes from `solved`, like the camera.
 ///
 /// # Errors
 /// As [`refine`](super::refinement::refine).

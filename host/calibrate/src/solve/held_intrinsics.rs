@@ -1,5 +1,5 @@
-//! Intrinsics that are fixed at those of another calibration while other parameters are estimated, and the effect of their
-//! uncertainty.
+//! Intrinsics that are fixed at the intrinsics of another calibration while other parameters are estimated, and the effect of
+//! their uncertainty.
 
 use std::ops::Range;
 
@@ -52,7 +52,7 @@ impl HeldIntrinsics {
         DMatrix::from_fn(known.len(), known.len(), at)
     }
 
-    /// Returns the largest difference between a parameter and that of `own`, whose σ are `sigma`, in units of the σ of the
+    /// Returns the largest difference between a parameter and its value in `own`, whose σ are `sigma`, in units of the σ of the
     /// difference; `None` if the models differ.
     pub fn distance(&self, own: &Camera<f64>, sigma: &[f64]) -> Option<f64> {
         let pairs = self.camera.parameters().into_iter().zip(own.parameters());
@@ -71,7 +71,6 @@ impl HeldIntrinsics {
 ///
 /// # Errors
 /// [`NotPositiveDefinite`] if the others are not determined.
-/// [`NotPositiveDefinite`] when the others are not determined.
 pub fn share_of_held(
     system: &System,
     held: &[(Range<usize>, DMatrix<f64>)],

@@ -2,12 +2,12 @@
 //!
 //! The normal equations on the finest knots determine the cost of every coarser curve without processing the events again: a
 //! coarser curve is one on the finest knots whose control points lie in a subspace. With A the matrix of the control points (the
-//! global parameters fixed), c the best control points on the finest knots and d those of the best curve on coarser knots, Q = (d
-//! − c)ᵀ A (d − c). Noise alone increases Q by six for each removed control point, times λ, the factor by which correlated events
-//! overstate the information. λ is estimated from the two finest levels, where real motion contributes almost nothing. Removing a
-//! control point halves the variance of the curve there; if the bend that it followed is larger than the scatter, Q grows by more
-//! than twice as much. So the knots minimise Q / λ + 2 · 6 · (number of control points), cell by cell of a grid of halved cells:
-//! Mallows' C_p, or Akaike's criterion with inflated noise.
+//! global parameters fixed), c the best control points on the finest knots and d the control points of the best curve on coarser
+//! knots, Q = (d − c)ᵀ A (d − c). Noise alone increases Q by six for each removed control point, times λ, the factor by which
+//! correlated events overstate the information. λ is estimated from the two finest levels, where real motion contributes almost
+//! nothing. Removing a control point halves the variance of the curve there; if the bend that it followed is larger than the
+//! scatter, Q grows by more than twice as much. So the knots minimise Q / λ + 2 · 6 · (number of control points), cell by cell of
+//! a grid of halved cells: Mallows' C_p, or Akaike's criterion with inflated noise.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -31,7 +31,7 @@ pub struct KnotReport {
     pub finest: f64,
     /// Seconds of trajectory at each knot spacing, from the finest on; each spacing is twice the one before.
     pub seconds: Vec<f64>,
-    /// Factor by which the variance of the curve exceeds that of independent events.
+    /// Factor by which the variance of the curve exceeds the variance of independent events.
     pub inflation: f64,
 }
 
@@ -64,13 +64,13 @@ const NEIGHBOURHOOD: usize = 3;
 /// Number of finest spans that form one sample of the scatter.
 const SAMPLE: usize = 6;
 /// Factor by which each additional number of a curve must improve the cost, relative to the improvement by noise alone. At 2, the
-/// error of a curve that is too stiff equals that of one that is too loose.
+/// errors of a curve that is too stiff and of one that is too loose are equal.
 const GAIN: f64 = 2.0;
 /// Factor by which the information of the events about the trajectory is reduced because their errors are correlated.
 const NOISE: f64 = 5.0;
 
-/// Puts the trajectories of `state` on the knots that the observations of `problem` support. A trajectory whose knots are not
-/// those of a grid of `settings`, or which has no events, is not changed.
+/// Puts the trajectories of `state` on the knots that the observations of `problem` support. A trajectory whose knots do not
+/// belong to a grid of `settings`, or which has no events, is not changed.
 pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -> KnotChoice {
     let on_finest = on_finest_knots(problem, state, settings);
     let system = assemble(problem, &with_finest(state, &on_finest), &stretches(&problem.segments));
@@ -178,8 +178,8 @@ fn smoothed(costs: &[f64], level: usize, inflation: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Returns the factor by which the variance of the curve exceeds that of independent events, from the two finest levels. It is
-/// the median over samples, so that a few moments of violent motion do not count.
+/// Returns the factor by which the variance of the curve exceeds the variance of independent events, from the two finest levels.
+/// It is the median over samples, so that a few moments of violent motion do not count.
 fn inflation<'a>(costs: impl Iterator<Item = &'a Vec<Vec<f64>>>) -> f64 {
     let mut samples: Vec<f64> = Vec::new();
     for levels in costs {
@@ -187,7 +187,7 @@ fn inflation<'a>(costs: impl Iterator<Item = &'a Vec<Vec<f64>>>) -> f64 {
             samples.extend(first.chunks_exact(SAMPLE).map(|spans| spans.iter().sum::<f64>()));
         }
     }
-    // Half of the control points are removed; the median of χ² is that of Wilson and Hilferty.
+    // Half of the control points are removed; the median of χ² is from Wilson and Hilferty.
     let freedom = (CONTROL_POINT * SAMPLE) as f64 / 2.0;
     let middle = freedom * (1.0 - 2.0 / (9.0 * freedom)).powi(3);
     (median(&mut samples, f64::total_cmp).unwrap_or(middle) / middle).max(1.0)

@@ -71,8 +71,8 @@ impl KnotFit {
         reduced_step(&own, 1, count, &still, equations)
     }
 
-    /// Returns the displacement from the fine control points to those of the best curve on `coarse` knots, a subset of the fine
-    /// ones.
+    /// Returns the displacement from the fine control points to the control points of the best curve on `coarse` knots, a subset
+    /// of the fine ones.
     pub fn displacement(&self, coarse: &[f64], equations: &SegmentSystem) -> Option<Displacement> {
         let degree = self.trajectory.degree;
         let blends = insertion(coarse, &self.trajectory.knots, degree);
@@ -144,7 +144,7 @@ impl KnotFit {
         Some((translation, quaternions))
     }
 
-    /// Returns the displacement from the fine control points to those of the curve with these coarse ones.
+    /// Returns the displacement from the fine control points to the control points of the curve with these coarse ones.
     fn apart(&self, blends: &[Blend], translation: &[Vector3<f64>], quaternions: &[Quaternion<f64>]) -> Displacement {
         let degree = self.trajectory.degree;
         let points = self.trajectory.translation.iter().zip(&self.quaternions);

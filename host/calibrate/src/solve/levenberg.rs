@@ -48,7 +48,7 @@ pub fn solve(problem: &Problem, state: State) -> Result<Solved, SolveError> {
 
 /// Does the same as [`solve`], with a progress callback. A step that is predicted to lower the cost by less than the share
 /// `trusted` is the last, and the cost after it is not evaluated. After each iteration but the last, `tell` gets the progress
-/// from 0 to 1 and may end the solve; the result is then that of the iterations so far.
+/// from 0 to 1 and may end the solve; the result is then what the iterations so far reached.
 ///
 /// # Errors
 /// As [`solve`].
@@ -161,7 +161,7 @@ pub fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> Syst
     system
 }
 
-/// Returns the normal equations of each of `stretches` at `state`; `bearings` are those of its camera.
+/// Returns the normal equations of each of `stretches` at `state`; `bearings` belong to its camera.
 pub fn linearised(
     problem: &Problem,
     state: &State,

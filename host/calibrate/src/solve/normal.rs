@@ -55,7 +55,7 @@ pub struct StretchEquations {
 }
 
 impl StretchEquations {
-    /// Empty equations for `count` control points from `first` on.
+    /// Creates empty equations for `count` control points from `first` on.
     pub fn new(first: usize, count: usize, order: usize) -> Self {
         Self {
             first,
@@ -69,7 +69,7 @@ impl StretchEquations {
         }
     }
 
-    /// Number of control points.
+    /// Returns the number of control points.
     pub fn control_point_count(&self) -> usize {
         self.border.len()
     }
@@ -167,8 +167,8 @@ pub fn border_of(products: &RowProducts) -> BorderBlock {
     border
 }
 
-/// Adds the part of a control point. `jacobian` is the derivative of the rotation by the control point, `weight` that of the
-/// translation.
+/// Adds the part of a control point. `jacobian` is the derivative of the rotation by the control point, `weight` the derivative
+/// of the translation.
 #[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
 fn add_border(sum: &mut BorderBlock, border: &BorderBlock, jacobian: &Matrix3<f64>, weight: f64) {
     let [x, y, z, moving @ ..] = border;

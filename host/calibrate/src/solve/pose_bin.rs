@@ -77,13 +77,13 @@ impl PoseBin {
     }
 }
 
-/// Cross product.
+/// Returns the cross product.
 #[inline(always)]
 pub fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// Dot product.
+/// Returns the dot product.
 #[inline(always)]
 pub fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -152,7 +152,7 @@ pub struct Refined {
     pub residuals: ResidualStatistics,
     /// The residuals of the events there; cleared after the examination.
     pub events: Vec<EventResidual>,
-    /// Excluded intervals: those of the input, and those that no curve explains.
+    /// Excluded intervals: from the input, and intervals that no curve explains.
     pub left_out: Vec<LeftOut>,
     /// One report per round.
     pub rounds: Vec<RoundReport>,

@@ -141,7 +141,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sums_are_those_of_all_rows_and_of_each_class() {
+    fn sums_cover_all_rows_and_each_class() {
         let count = 271;
         // Inexact sums and long numbers: the order of the sums and their rounding matter.
         let entry = |row: usize, place: usize| single(((row * 31 + place * 17) % 23) as f64 / 7.0 - 1.5);

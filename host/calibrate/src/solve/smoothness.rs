@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn constant_velocity_costs_nothing_and_acceleration_is_that_of_the_curve() {
+    fn constant_velocity_costs_nothing_and_acceleration_agrees_with_the_curve() {
         for found in accelerations(&trajectory(|t| 0.2 + 3.0 * t)) {
             assert!(found.residual.iter().all(|value| value.abs() < 1e-11), "{:?}", found.residual);
         }

@@ -27,8 +27,8 @@ const NEIGHBOURHOOD: f64 = 0.06;
 const PIECE: usize = 256;
 /// Weight of the whole recording in every neighbourhood, in jerks.
 const WHOLE: f64 = 0.05;
-/// Smallest S of rotation (rad²/s⁵) and centre (m²/s⁵), below that of any hand. With it the curve can still bend by 7 µm and 7
-/// µrad in a tenth of a second.
+/// Smallest S of rotation (rad²/s⁵) and centre (m²/s⁵), for motion calmer than any hand. With it the curve can still bend by 7 µm
+/// and 7 µrad in a tenth of a second.
 const LEAST_DENSITY: f64 = 1e-4;
 
 /// The quadratic cost of a step of control points: ½ δᵀAδ − rᵀδ.
@@ -40,7 +40,7 @@ pub struct Quadratic {
 }
 
 /// Computes the weights of the jerks of each of `trajectories`, and the step of its control points to the least cost with them;
-/// the costs given are those of the events. Returns `None` for a trajectory whose step the events do not determine.
+/// the given costs come from the events. Returns `None` for a trajectory whose step the events do not determine.
 ///
 /// All trajectories are of one motion: a single one of a tenth of a second would often show no jerk at all, and would then be
 /// fixed to a curve without any.

@@ -212,7 +212,7 @@ pub fn residuals_at(problem: &Problem, state: &State) -> Vec<EventResidual> {
 }
 
 /// Returns the residuals of all events, in their order, and the mean of the metres on the board per pixel across the edge (`None`
-/// without events); `bearings` are those of the state's camera.
+/// without events); `bearings` belong to the state's camera.
 pub fn residuals_and_scale(
     problem: &Problem,
     state: &State,

@@ -266,7 +266,7 @@ impl Reduced {
         Self { free, segments, schur, right }
     }
 
-    /// Returns the indices of those of its global parameters that are `free`.
+    /// Returns the indices of its `free` global parameters.
     pub fn places(&self, free: &[bool; GLOBAL_COUNT]) -> Vec<usize> {
         (0..self.free.len()).filter(|&place| free[self.free[place]]).collect()
     }
@@ -305,7 +305,7 @@ impl Follows {
     ///
     /// With A⁻¹B, by which the control points follow the global parameters, an interval with the equations (Aₖ, Bₖ, Cₖ) and the
     /// gradient (gₖ, hₖ) has the gradient hₖ − (A⁻¹B)ᵀgₖ and the information Cₖ − BₖᵀA⁻¹B − (BₖᵀA⁻¹B)ᵀ + (A⁻¹B)ᵀAₖA⁻¹B. Over all
-    /// intervals these add up to those of the system, without the trajectory priors.
+    /// intervals these add up to the equations of the system, without the trajectory priors.
     pub fn contributions(&self, stretches: &[(Stretch, StretchEquations)]) -> Vec<PackedContribution> {
         let free = &self.free;
         let of_stretch = |(stretch, equations): &(Stretch, StretchEquations)| {
@@ -341,7 +341,7 @@ impl Follows {
 const SMALL_DAMPING: f64 = 1e-5;
 
 impl SegmentSystem {
-    /// Creates an empty system of `count` control points, `order` of which act together.
+    /// Creates an empty system of `count` control points that act together in groups of `order`.
     fn new(count: usize, order: usize) -> Self {
         Self {
             order,

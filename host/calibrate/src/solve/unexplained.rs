@@ -28,7 +28,7 @@ const NORMAL_MEDIAN: f64 = 0.6745;
 /// Ratio to the usual number of events far from every edge from which it counts as unusual.
 const UNUSUAL: f64 = 4.0;
 
-/// Finds the unexplained intervals of the trajectories of `state`, in order of segment and time; `residuals` are those of its
+/// Finds the unexplained intervals of the trajectories of `state`, in order of segment and time; `residuals` belong to its
 /// events.
 pub fn unexplained(problem: &Problem, state: &State, residuals: &[EventResidual]) -> Vec<LeftOut> {
     let segments = problem.segments.par_iter().zip(&state.trajectories).enumerate();

@@ -1,9 +1,9 @@
 //! Alignment of two devices on one mount in time and rotation, from their angular velocities.
 //!
 //! **Offset**: the magnitude of the angular velocity is the same whatever the devices' axes. Its normalised correlation over all
-//! shifts must have one clear peak. **Rotation**: the one that maps the angular velocities of the first device to those of the
-//! second (Wahba's problem, as in Park and Martin 1994 for hand-eye calibration). If the motion does not determine them,
-//! [`AlignmentError`] contains the reason.
+//! shifts must have one clear peak. **Rotation**: the one that maps the angular velocities of the first device to the angular
+//! velocities of the second (Wahba's problem, as in Park and Martin 1994 for hand-eye calibration). If the motion does not
+//! determine them, [`AlignmentError`] contains the reason.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -31,14 +31,14 @@ const LONGEST: f64 = 86_400.0;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum AlignmentError {
     /// The camera hardly rotated.
-    #[error("the camera turned by {rate:.1} °/s only: turn it about two of its axes, back and forth, quickly")]
+    #[error("the camera rotated by only {rate:.1} °/s: rotate it about two of its axes, back and forth, quickly")]
     LittleRotation {
         /// Root mean square of the angular velocity in °/s.
         rate: f64,
     },
     /// The camera rotated at a constant rate.
     #[error(
-        "the camera turned by {rate:.1} °/s all the time, which leaves the offset of the clocks open: turn it back and forth about two of its axes"
+        "the camera rotated by {rate:.1} °/s all the time, which does not determine the offset of the clocks: rotate it back and forth about two of its axes"
     )]
     EvenRotation {
         /// Mean of the angular velocity in °/s.
@@ -46,7 +46,7 @@ pub enum AlignmentError {
     },
     /// The camera rotated about one axis, as it does when it moves in a plane.
     #[error(
-        "the camera turned about one axis only, its {axis}: where a thing lies along that axis cannot be measured: turn the camera about another axis too"
+        "the camera rotated about one axis only, its {axis}, so positions along that axis cannot be measured: rotate the camera about another axis too"
     )]
     OneAxis {
         /// The axis in words.
@@ -54,7 +54,7 @@ pub enum AlignmentError {
     },
     /// The rotations have nothing in common.
     #[error(
-        "the other device does not turn as the camera does (best correlation {correlation:.2}, wanted {CORRELATION}): give recordings of the same session, made while it was fixed to the camera"
+        "the rotation of the other device does not match the camera's (best correlation {correlation:.2}, wanted {CORRELATION}): give recordings of the same session, made while it was fixed to the camera"
     )]
     OtherMotion {
         /// The largest correlation.
@@ -62,7 +62,7 @@ pub enum AlignmentError {
     },
     /// The rotations agree at another rate of the second clock.
     #[error(
-        "the clock of the other device runs {rate:.2} times as fast as that of the camera's events: the driver stamped it wrongly; multiply its times by {:.3}",
+        "the clock of the other device runs {rate:.2} times as fast as the events' clock: the driver stamped it wrongly; multiply its times by {:.3}",
         1.0 / rate
     )]
     OtherRate {
@@ -71,7 +71,7 @@ pub enum AlignmentError {
     },
     /// The motion is periodic.
     #[error(
-        "the motion repeats itself, so that the clocks may be {first:.2} s or {second:.2} s apart: move less regularly"
+        "the motion is periodic, so the offset of the clocks may be {first:.2} s or {second:.2} s: move less regularly"
     )]
     Ambiguous {
         /// The better offset (s).
@@ -184,7 +184,7 @@ pub struct Offset {
     pub correlation: f64,
 }
 
-/// Returns the offset of the clock of `second` from that of `first`, the camera; both have the same step.
+/// Returns the offset of the clock of `second` from the clock of `first`, the camera; both have the same step.
 ///
 /// # Errors
 /// [`AlignmentError`] if no offset is clearly the best.

@@ -115,7 +115,7 @@ mod tests {
 
     /// Milliseconds or microseconds in a column of seconds.
     #[test]
-    fn times_in_another_unit_make_no_segment() {
+    fn timestamps_in_another_unit_do_not_make_segments() {
         let kept = |interval: f64| {
             let times: Vec<(usize, f64)> = (0..60).map(|frame| (0, f64::from(frame) * interval)).collect();
             let longest_gap = SegmentSettings::default().longest_gap_at(typical_interval(&times));

@@ -58,7 +58,7 @@ pub fn testable(problem: &Problem) -> [bool; PARAMETERS] {
     [shape, shape, shape, offsets]
 }
 
-/// Returns the estimated parameters of `problem` together with those of the board.
+/// Returns the estimated parameters of `problem` together with the board's parameters.
 pub fn with_board(problem: &Problem) -> FreeParameters {
     let testable = testable(problem);
     FreeParameters { board: std::array::from_fn(|index| problem.free.board[index] || testable[index]), ..problem.free }

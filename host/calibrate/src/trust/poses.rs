@@ -48,7 +48,7 @@ impl UncertainPose {
     }
 }
 
-/// Returns those of `poses` that are determined well enough.
+/// Returns the `poses` that are determined well enough.
 pub fn determined(poses: &[UncertainPose]) -> impl Iterator<Item = TimedPose> {
     poses.iter().filter(|pose| pose.is_determined()).map(|pose| pose.pose)
 }

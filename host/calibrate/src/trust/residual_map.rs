@@ -5,8 +5,8 @@
 //! dots. Both are estimated in each cell by weighted least squares. d is the error of a lens model that cannot follow the lens;
 //! in the mean of r it would cancel over edges of all directions. m is the error that the event biases leave.
 //!
-//! Events of one crossing of an edge have errors in common. The standard errors are therefore those of sums over blocks of time
-//! (the sandwich estimator with clusters; Liang and Zeger, Biometrika 1986).
+//! Events of one crossing of an edge have errors in common. The standard errors are therefore computed for sums over blocks of
+//! time (the sandwich estimator with clusters; Liang and Zeger, Biometrika 1986).
 
 pub mod histogram;
 
@@ -21,7 +21,7 @@ use evcal_geometry::numerics::huber::huber;
 
 /// Number of columns of square cells; the number of rows follows.
 const COLUMNS: usize = 16;
-/// Time within which events may have errors in common (s): standard errors are those of sums over such blocks.
+/// Time within which events may have errors in common (s): standard errors are computed for sums over such blocks.
 const BLOCK: f64 = 0.05;
 /// Fewest blocks with observations in a cell from which a displacement is estimated.
 const FEWEST_BLOCKS: usize = 12;

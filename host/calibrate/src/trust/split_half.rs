@@ -5,7 +5,7 @@
 //! both, and each should explain the other half's events about as well as the other half's own camera does (with the trajectory
 //! estimated in both cases).
 //!
-//! The common result is so near that of each half that one Newton step leads there, and everything else follows from the
+//! The common result is so near the result of each half that one Newton step leads there, and everything else follows from the
 //! equations at the common result: the events are not processed again.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
@@ -46,7 +46,7 @@ pub struct HeldOutResidual {
 pub struct SplitHalf {
     /// The two cameras.
     pub cameras: [CameraDescription; 2],
-    /// Projection of the second camera minus that of the first.
+    /// Projection of the second camera minus the projection of the first.
     pub difference: ProjectionDifference,
     /// The root mean square difference that their reported uncertainties predict (px).
     pub expected_rms: f64,

@@ -17,7 +17,6 @@
 //! error that the event biases leave, some thousandths of a pixel, grows with the shift that their latencies cause. It biases the
 //! camera along poorly determined directions, in proportion to how poorly determined they are (`MODEL_ERROR`; poses and board
 //! follow), and it biases the focal lengths even if the views determine them well (`LATENCY_SCALE`).
-//! go with it), and the focal lengths, even if the views determine them well (`LATENCY_SCALE`).
 
 pub mod blocks;
 pub mod parts;
@@ -132,7 +131,7 @@ const BLOCK_LENGTHS: [f64; 4] = [0.5, 1.0, 2.0, 4.0];
 /// The longest of them.
 const LAST_LENGTH: usize = BLOCK_LENGTHS.len() - 1;
 
-/// Share of the reported covariance whose shape is that of the scatter of blocks; the rest has the shape of the formal one.
+/// Share of the reported covariance whose shape follows the scatter of blocks; the rest has the shape of the formal one.
 const SCATTER_PART: f64 = 0.75;
 
 /// Lengths of the parts of the recordings that are compared to detect drifts, as shares of the whole.
@@ -271,7 +270,7 @@ fn first_count(free: &[bool; GLOBAL_COUNT]) -> usize {
 }
 
 /// Computes the reported covariance of the `first` parameters, its inflation, and the number of blocks behind it. `part` extracts
-/// what is needed of a block's contribution, `formal` is the inverse of the whole information, and `contributions` are those of
+/// what is needed of a block's contribution, `formal` is the inverse of the whole information, and `contributions` come from
 /// intervals of observations.
 pub fn stated(
     formal: &DMatrix<f64>,

@@ -94,7 +94,7 @@ pub struct Comparison {
     pub parameters: Vec<ComparedParameter>,
     /// Standard deviation of a dot's centre along one axis (px).
     pub spread: f64,
-    /// Variance of the camera's parameters over that of independent residuals.
+    /// Variance of the camera's parameters over the variance with independent residuals.
     pub inflation: f64,
     /// Counts of the pictures that were used, and of those that were not, by reason.
     pub report: PictureReport,
@@ -127,7 +127,7 @@ pub enum NoWitness {
     /// They yield no camera.
     #[error("{0}")]
     NoCalibration(#[source] PictureFailure),
-    /// Their camera covers another part of the sensor than that of the events.
+    /// Their camera covers another part of the sensor than the camera from events.
     #[error("{0}")]
     NoCommonView(#[from] NoCommonView),
     /// A camera covers almost nothing of the sensor.
@@ -274,12 +274,12 @@ fn sentence(
             format!("the camera's {frames} frames agree with its events: {apart}, {expected} ({ratio:.1} times)")
         }
         Agreement::Disagrees => format!(
-            "the camera's {frames} frames DISAGREE with its events: {apart}, {expected} ({ratio:.1} times). Both look \
-             through the same lens, so one of the two is wrong or less certain than it says: is the lens in focus, is \
+            "the camera's {frames} frames DISAGREE with its events: {apart}, {expected} ({ratio:.1} times). Both have \
+             the same lens, so one of the two is wrong or less certain than reported: is the lens in focus, is \
              the board flat, was it seen all over the image by both, did the lens or the board change while recording?"
         ),
         Agreement::TooUncertain => format!(
-            "the camera's {frames} frames cannot tell whether the events are right: {expected}. More light, slower motion \
+            "the camera's {frames} frames can neither confirm nor refute the events: {expected}. More light, slower motion \
              and a longer recording make better frames"
         ),
     }

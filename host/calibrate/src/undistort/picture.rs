@@ -35,7 +35,7 @@ pub enum PictureError {
         path: PathBuf,
         /// Its width and height.
         size: (u32, u32),
-        /// Those of the calibrated sensor.
+        /// Size of the calibrated sensor.
         sensor: Sensor,
     },
 }

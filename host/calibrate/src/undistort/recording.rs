@@ -36,7 +36,7 @@ pub struct Maps {
 }
 
 impl Maps {
-    /// Creates the maps between the pixels of `camera` on a `sensor` and those of `new` on one of the same size.
+    /// Creates the maps between the pixels of `camera` on a `sensor` and the pixels of `new` on one of the same size.
     pub fn new(camera: &Camera<f64>, new: &Camera<f64>, sensor: Sensor) -> Self {
         Self { forth: PixelMap::new(camera, new, sensor), back: PixelMap::new(new, camera, sensor) }
     }

@@ -69,7 +69,6 @@ impl TargetProjection {
 ///
 /// # Errors
 /// [`TargetError`] if there is none.
-/// [`TargetError`].
 pub fn target_camera(
     camera: &Camera<f64>,
     projection: TargetProjection,
@@ -95,8 +94,8 @@ pub fn same_matrix(camera: &Camera<f64>, projection: TargetProjection) -> Result
 /// Returns the camera without distortion that shows the largest rectangle without black corners (`alpha` 0) of the field of view
 /// of `camera` on a `sensor` (width, height), all of it (1), or something in between.
 ///
-/// As OpenCV's `getOptimalNewCameraMatrix`: the rectangles are those of the border points and of all points of a grid of 9 × 9
-/// pixels that spans the sensor; focal lengths and principal point are interpolated.
+/// As OpenCV's `getOptimalNewCameraMatrix`: one rectangle fits inside the border points, the other encloses all points of a grid
+/// of 9 × 9 pixels that spans the sensor; focal lengths and principal point are interpolated between them.
 ///
 /// # Errors
 /// [`TargetError`] if there is none.

@@ -101,7 +101,7 @@ const USAGE: &[Mistake] = &[
     mistake(
         "live --board auto -o DIR/out",
         1,
-        "`auto` needs a recording of events to look at",
+        "`auto` requires a recording of events",
         "--board acircles:9x4:55mm:r17.5mm",
     ),
     mistake("live --sensor 346x260 --board BOARD -o DIR/out", 2, "describe a recording", "--replay RECORDING"),
@@ -214,7 +214,7 @@ const FILES: &[Mistake] = &[
         "lie outside the 240",
         "true size",
     ),
-    mistake("calibrate DIR/milliseconds.csv --board BOARD -o DIR/out", 1, "events a second", "--time-unit ms"),
+    mistake("calibrate DIR/milliseconds.csv --board BOARD -o DIR/out", 1, "events per second", "--time-unit ms"),
     mistake("convert DIR/sizeless.csv DIR/out.csv --sensor 240x180", 1, "lie outside the", "give the true size"),
     mistake(
         "calibrate DIR/shuffled.csv --sensor 346x260 --board BOARD -o DIR/out",
@@ -231,7 +231,7 @@ const FILES: &[Mistake] = &[
     mistake(
         "calibrate DIR/sizeless.csv --sensor 346x260 --frames-only --board BOARD -o DIR/out",
         1,
-        "holds no frames",
+        "contains no frames",
         "record with --frames",
     ),
     mistake("evaluate DIR/camera --truth DIR/foreign.json", 1, "no camera file", "\"parameters\": {\"fx\""),
@@ -284,7 +284,7 @@ const BOARDS: &[Mistake] = &[
     mistake(
         "calibrate FIXTURE --board acircles:9x4:110mm:r17.5mm -o DIR/out",
         1,
-        "half is asked for?",
+        "half of it is required",
         "--board acircles:9x4:55mm:r17.5mm",
     ),
     mistake(
@@ -314,7 +314,7 @@ const BOARDS: &[Mistake] = &[
     mistake(
         "calibrate FIXTURE --board BOARD --fix cx=9999 --model radtan -o DIR/out",
         1,
-        "no event lies near the board's circles",
+        "no event is near the board's circles",
         "leave out --fix",
     ),
     mistake("calibrate FIXTURE --board auto -o DIR/out", 1, "the board is acircles:9x4", "--board acircles:9x4:"),
@@ -433,7 +433,10 @@ fn a_board_that_is_too_small_leads_to_the_whole_one() {
     let output = run("calibrate FIXTURE --board acircles:7x3:55mm:r17.5mm -o DIR/out", directory.path());
     let errors = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(1), "{errors}");
-    assert!(errors.contains("is the board right?") && errors.contains("--board acircles:9x4:55mm:r17.5mm"), "{errors}");
+    assert!(
+        errors.contains("is the board described correctly?") && errors.contains("--board acircles:9x4:55mm:r17.5mm"),
+        "{errors}"
+    );
 }
 
 /// A name may hold what ends a text in YAML or JSON.
@@ -465,7 +468,7 @@ fn what_looks_wrong_with_events_is_named() {
     let told = |command: &str| String::from_utf8(run(command, directory.path()).stdout).unwrap();
     assert!(told("info DIR/milliseconds.csv").contains("add --time-unit ms"));
     let checked = told("check DIR/sizeless.csv");
-    assert!(checked.contains("ON events only") && checked.contains("too short to tell"), "{checked}");
+    assert!(checked.contains("ON events only") && checked.contains("recording too short"), "{checked}");
     fs::write(directory.path().join("one.csv"), "# sensor 346 x 260\nt_us,x,y,p\n7,1,2,1\n").unwrap();
     assert!(!told("check DIR/one.csv").contains("inf"));
 }
@@ -477,7 +480,7 @@ fn a_check_tells_a_radius_that_is_not_seen() {
     for board in ["acircles:9x4:55mm:r35mm", "acircles:9x4:110mm:r17.5mm"] {
         let output = run(&format!("check FIXTURE --board {board}"), directory.path());
         let told = String::from_utf8(output.stdout).unwrap();
-        assert!(told.contains("next: the circles look like") && !told.contains("next: evcal"), "{board}: {told}");
+        assert!(told.contains("next: the circles appear to have") && !told.contains("next: evcal"), "{board}: {told}");
         assert!(told.contains("--board acircles:9x4:55mm:r17.5mm"), "{board}: {told}");
     }
 }
@@ -487,13 +490,17 @@ fn a_failure_leaves_what_was_seen() {
     let directory = prepare();
     let failed = run("calibrate FIXTURE --board acircles:9x4:55mm:r35mm --json -o DIR/out", directory.path());
     let told: serde_json::Value = serde_json::from_slice(&failed.stdout).unwrap();
-    assert!(told["error"].as_str().unwrap().contains("circles look like"), "{told}");
+    assert!(told["error"].as_str().unwrap().contains("circles appear to have"), "{told}");
     assert!(told["stages"].as_array().unwrap().len() >= 2, "{told}");
     assert!(told["seen"]["windows"]["found"].as_u64().unwrap() > 300, "{told}");
     let text = fs::read_to_string(directory.path().join("out/failure.txt")).unwrap();
-    for part in
-        ["circles look like", "looking for the board in", "initial model from", "windows tried", "--board acircles"]
-    {
+    for part in [
+        "circles appear to have",
+        "looking for the board in",
+        "initial model from",
+        "windows tried",
+        "--board acircles",
+    ] {
         assert!(text.contains(part), "{part}: {text}");
     }
     let picture = fs::read(directory.path().join("out/failure.png")).unwrap();

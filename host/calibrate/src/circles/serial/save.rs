@@ -12,10 +12,10 @@ pub enum SaveError {
     #[error("{} is there already: choose another name for save=, as no saved stream is overwritten", .0.display())]
     Taken(PathBuf),
     /// The folder of the file does not exist.
-    #[error("{} is no folder: make it, or choose another place for save=", .0.display())]
+    #[error("{} is not a folder: create it, or choose another folder for save=", .0.display())]
     NoFolder(PathBuf),
     /// The file cannot be created.
-    #[error("{}: {error}; name a place where you may write, with save=", path.display())]
+    #[error("{}: {error}; choose a writable path with save=", path.display())]
     Failed {
         /// The file.
         path: PathBuf,
@@ -24,7 +24,7 @@ pub enum SaveError {
     },
 }
 
-/// Where the bytes of a port are saved.
+/// Destination of the bytes from a port.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SaveTo {
     /// In a file of this name, which must not exist yet.
@@ -125,6 +125,6 @@ mod tests {
         }
         assert_eq!(fs::read_to_string(&path).unwrap(), "first");
         let nowhere = SaveTo::File(folder.path().join("missing/stream")).check().unwrap_err().to_string();
-        assert!(nowhere.contains("missing is no folder: make it"), "{nowhere}");
+        assert!(nowhere.contains("missing is not a folder: create it"), "{nowhere}");
     }
 }

@@ -108,7 +108,7 @@ pub fn parse(bytes: &[u8], pattern: &Pattern, recording: usize) -> Result<Circle
         let fields: Vec<&str> = line.split(SEPARATORS).map(str::trim).collect();
         let row = columns.row(&fields, number);
         if !line.ends_with('\n') && (row.is_err() || columns.may_have_lost_digits()) {
-            notes.push(format!("line {number} has no end, so it may not be whole; it is left out"));
+            notes.push(format!("line {number} has no line end and may be incomplete; it was ignored"));
             break;
         }
         let mut row = row.map_err(|what| CircleTrackErrorKind::Line { line: number, what })?;
@@ -159,7 +159,7 @@ impl Columns {
             return Err(CircleTrackErrorKind::Columns { line: number, missing });
         }
         if !ignored.is_empty() {
-            notes.push(format!("columns passed over: {}", ignored.join(", ")));
+            notes.push(format!("ignored columns: {}", ignored.join(", ")));
         }
         Ok(Self { count: names.len(), places, origin: 0.0 })
     }
@@ -269,7 +269,7 @@ fn group(rows: Vec<Row>, notes: &mut Vec<String>) -> Result<Vec<Vec<Row>>, Circl
             _ => frames.push(vec![row]),
         }
     }
-    notes.push(format!("no frame numbers: {} frames were told apart by their times", frames.len()));
+    notes.push(format!("no frame numbers: {} frames were separated by their times", frames.len()));
     Ok(frames)
 }
 

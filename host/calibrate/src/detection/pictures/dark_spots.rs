@@ -10,7 +10,7 @@ pub const SMALLEST_CONTRAST: f64 = 0.25;
 const SMALLEST_HALF_AXIS: f64 = 2.0;
 /// Largest ratio of a dot's longest to its shortest diameter.
 const MOST_ELONGATED: f64 = 4.0;
-/// Largest difference between a dot's area and that of the ellipse with its moments, as a share of it.
+/// Largest difference between a dot's area and the area of the ellipse with its moments, as a share of it.
 const LARGEST_ELLIPSE_ERROR: f64 = 0.25;
 
 /// A connected dark region.

@@ -2,7 +2,7 @@
 //!
 //! Around a spot a plane is fitted to the light of the paper. The missing light of a pixel, as a share w, sums up to the dot's
 //! area and its centre of area. Blur by the lens does not change them. Neither does motion while the shutter is open: the centre
-//! is that of the middle of the exposure, as far as the motion is straight. The position of the steepest edge has neither
+//! belongs to the middle of the exposure, as far as the motion is straight. The position of the steepest edge has neither
 //! property.
 
 use std::fmt;

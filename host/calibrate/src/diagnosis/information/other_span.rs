@@ -1,4 +1,4 @@
-//! Streams whose time span differs from that of the events, for example because a driver stamped them with another clock.
+//! Streams whose time span differs from the events' time span, for example because a driver stamped them with another clock.
 
 use std::fmt;
 
@@ -13,7 +13,7 @@ const FEWEST: u64 = 20;
 const LEAST: f64 = 0.5;
 const SHARE: f64 = 0.1;
 
-/// A stream whose time span differs from that of the events.
+/// A stream whose time span differs from the events' time span.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OtherSpan {
     /// Name of the stream.
@@ -50,7 +50,7 @@ impl fmt::Display for OtherSpan {
         )?;
         let rate = span / events_s;
         if (rate - 1.0).abs() < SHARE {
-            return f.write_str("its clock begins elsewhere");
+            return f.write_str("its clock has another origin");
         }
         let count = *elements as f64;
         write!(
@@ -78,7 +78,7 @@ mod tests {
         let told = named(0.0, 16.0, 8000).unwrap();
         assert!(told.contains("2.00 times as fast") && told.contains("1000.0 a second rather than 500.0"), "{told}");
         assert!(named(20.0, 36.0, 8000).unwrap().contains("2.00 times as fast"));
-        assert!(named(-3.0, 5.0, 8000).unwrap().ends_with("begins elsewhere"));
+        assert!(named(-3.0, 5.0, 8000).unwrap().ends_with("has another origin"));
         // Frames every 40 ms, and occasional triggers.
         assert_eq!(named(0.04, 7.97, 200), None);
         assert_eq!(named(3.0, 4.0, 5), None);

@@ -21,7 +21,7 @@ impl fmt::Display for Information {
             line(f, "warning", warning)?;
         }
         if self.events == 0 && self.error.is_none() {
-            line(f, "warning", "it holds no events".to_owned())?;
+            line(f, "warning", "it contains no events".to_owned())?;
         }
         for note in &self.notes {
             line(f, "note", note.clone())?;

@@ -1,8 +1,8 @@
 //! Calibration JSON, version 2, of dv-processing with the IMU, `S0`, below `imus`.
 //!
-//! `transformationToC0` maps coordinates of the IMU to those of the camera, row by row. A timestamp of the IMU minus
-//! `timeOffsetMicros` is one of the camera. Every scalar is a string. The offsets are subtracted from readings; the format has no
-//! scale and no misalignment.
+//! `transformationToC0` maps IMU coordinates to camera coordinates, row by row. A timestamp of the IMU minus `timeOffsetMicros`
+//! is one of the camera. Every scalar is a string. The offsets are subtracted from readings; the format has no scale and no
+//! misalignment.
 
 use nalgebra::Matrix4;
 use serde_json::{Value, json};

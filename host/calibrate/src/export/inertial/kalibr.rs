@@ -1,6 +1,6 @@
 //! Kalibr's files of a camera with an IMU: `camchain-imucam.yaml` and `imu.yaml`, as `kalibr_common/ConfigReader.py` reads them.
 //!
-//! `T_cam_imu` maps coordinates of the IMU to those of the camera; t_imu = t_cam + `timeshift_cam_imu`, which is the delay of the
+//! `T_cam_imu` maps IMU coordinates to camera coordinates; t_imu = t_cam + `timeshift_cam_imu`, which is the delay of the
 //! gyroscope, because Kalibr has one delay for both sensors. `accelerometers.M`, `gyroscopes.M` and `gyroscopes.C_gyro_i` are the
 //! matrices of its model `scale-misalignment`; the g-sensitivity `gyroscopes.A` is zero.
 

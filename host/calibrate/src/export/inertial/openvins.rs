@@ -1,7 +1,7 @@
 //! OpenVINS: `kalibr_imucam_chain.yaml` and `kalibr_imu_chain.yaml`, as its `YamlParser` reads them.
 //!
-//! `T_imu_cam` maps coordinates of the camera to those of the IMU; t_imu = t_cam + `timeshift_cam_imu`. The true angular velocity
-//! is `R_IMUtoGYRO`ᵀ `Tw`⁻¹ (reading − bias), the true acceleration `R_IMUtoACC`ᵀ `Ta`⁻¹ (reading − bias): `Tw` and `Ta` are the
+//! `T_imu_cam` maps camera coordinates to IMU coordinates; t_imu = t_cam + `timeshift_cam_imu`. The true angular velocity is
+//! `R_IMUtoGYRO`ᵀ `Tw`⁻¹ (reading − bias), the true acceleration `R_IMUtoACC`ᵀ `Ta`⁻¹ (reading − bias): `Tw` and `Ta` are the
 //! matrices of the readings, with the lower triangle of its model `kalibr`. The camera must be a pinhole with `radtan` or
 //! `equidistant`.
 

@@ -1,7 +1,7 @@
 //! A static transform of ROS from the camera to the IMU.
 //!
-//! The transform of frame `camera` in frame `imu` has the translation and rotation of `T_imu_camera`: it maps coordinates of the
-//! camera (optical axes: x right, y down, z forward) to those of the IMU.
+//! The transform of frame `camera` in frame `imu` has the translation and rotation of `T_imu_camera`: it maps camera coordinates
+//! (optical axes: x right, y down, z forward) to IMU coordinates.
 
 use super::Mounted;
 use crate::export::static_transform::{Frames, static_transform};

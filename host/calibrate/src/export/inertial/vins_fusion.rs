@@ -1,8 +1,7 @@
 //! VINS-Fusion (and VINS-Mono): the calibration entries of its configuration, as `cv::FileStorage` reads them.
 //!
-//! `body_T_cam0` maps coordinates of the camera to those of the IMU. `td` is added to a timestamp of the camera to get that of
-//! the IMU. Its model has no scale and no misalignment: the noise has to cover errors of both, unless the readings are corrected
-//! before.
+//! `body_T_cam0` maps camera coordinates to IMU coordinates. `td` is added to a timestamp of the camera to get the IMU's. Its
+//! model has no scale and no misalignment: the noise has to cover errors of both, unless the readings are corrected before.
 //!
 //! Noise is given per sample, not as densities. `integration_base.h` adds the noise of two readings to a step of dt, each over
 //! half of dt, which adds 2 (dt/2)² `acc_n`² to the variance of a velocity; a density σ adds σ² dt. With dt = 1/rate, `acc_n` = σ

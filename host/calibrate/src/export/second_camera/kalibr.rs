@@ -1,7 +1,7 @@
 //! Kalibr's `camchain.yaml` of several cameras, as `kalibr_common/ConfigReader.py` reads it.
 //!
-//! `T_cn_cnm1` maps coordinates of the previous camera to those of this one. The format has a time shift only against an IMU
-//! (`timeshift_cam_imu`); the offset between cameras is in a comment.
+//! `T_cn_cnm1` maps coordinates of the previous camera to coordinates of this one. The format has a time shift only against an
+//! IMU (`timeshift_cam_imu`); the offset between cameras is in a comment.
 
 use std::fmt::Write as _;
 
@@ -35,7 +35,7 @@ pub fn others(pairs: &[Pair]) -> Option<Vec<String>> {
     Some(parts)
 }
 
-/// Writes the part of camera number `number`, whose views overlap with those of the cameras `with`.
+/// Writes the part of camera number `number`, whose views overlap with views of the cameras `with`.
 fn camera(calibrated: &CalibratedCamera, number: usize, with: &[usize]) -> Option<String> {
     let topic = if number == 0 { calibrated.ros_topic.clone() } else { format!("/dvs{number}/image_raw") };
     let named = CalibratedCamera { ros_topic: topic, ..calibrated.clone() };

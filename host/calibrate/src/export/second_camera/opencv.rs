@@ -1,6 +1,7 @@
-//! A pair of cameras as OpenCV's `stereoCalibrate` names it: `cameraMatrix1`, `distCoeffs1`, `cameraMatrix2`, `distCoeffs2`, `R`, `T`,
-//! `E`, `F`.
-//! x₂ = R x₁ + T maps coordinates of the first camera to those of the second; x₂ᵀ E x₁ = 0 for bearings, m₂ᵀ F m₁ = 0 for
+//! A pair of cameras as OpenCV's `stereoCalibrate` names it: `cameraMatrix1`, `distCoeffs1`, `cameraMatrix2`, `distCoeffs2`, `R`,
+//! `T`, `E`, `F`.
+//!
+//! x₂ = R x₁ + T maps coordinates of the first camera to coordinates of the second; x₂ᵀ E x₁ = 0 for bearings, m₂ᵀ F m₁ = 0 for
 //! undistorted pixels.
 
 use evcal_core::camera::ModelKind;

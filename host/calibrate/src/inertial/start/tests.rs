@@ -104,7 +104,7 @@ fn any_axes_are_found_and_mirrored_ones_are_named() {
 }
 
 #[test]
-fn any_offset_and_rate_end_at_the_same_place() {
+fn any_offset_and_rate_lead_to_the_same_position() {
     let trajectory = hand([0.3, 0.35, 0.25]);
     for (delay, rate) in [(-5.0, 1000.0), (5.0, 200.0), (0.002, 50.0), (-1.3, 20.0), (2.0, 100.0)] {
         let truth = unit(exp(&Vector3::new(1.0, -2.0, 0.5)), delay);

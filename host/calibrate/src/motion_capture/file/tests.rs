@@ -49,7 +49,7 @@ fn euroc_has_nanoseconds_and_w_first() {
     assert_eq!(poses[1].pose.translation.vector, Vector3::new(4.689, -1.787, 0.784));
     assert!(message(&text.replace("4.689", ""), None).contains("line 3: \"\" is not a number"));
     assert!(message(&text.replace(",0.707107,0,0,", ",0.9,0,0,"), None).contains("line 2: the quaternion"));
-    assert!(message(text, Some("body")).contains("name none"));
+    assert!(message(text, Some("body")).contains("do not name one"));
 }
 
 #[test]

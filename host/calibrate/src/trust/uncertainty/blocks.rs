@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 
 use crate::solve::system::{Contribution, PackedContribution};
 
-/// Sums the contributions of observations over even blocks of about `length` seconds. Contributions are those of intervals that
+/// Sums the contributions of observations over even blocks of about `length` seconds. Contributions come from intervals that
 /// begin at `starts` (segment, seconds).
 ///
 /// Time between segments does not count, so that drifts over a recording in several pieces show between its parts too.

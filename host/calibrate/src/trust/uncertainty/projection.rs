@@ -124,7 +124,7 @@ mod tests {
 
     /// Quantiles of χ² with 1, 2 and 10 degrees of freedom, from tables; the approximation of Wilson and Hilferty is within 3 %.
     #[test]
-    fn quantiles_are_those_of_chi_square() {
+    fn quantiles_agree_with_chi_square() {
         for (freedom, quantile) in [(1.0, 3.841), (2.0, 5.991), (10.0, 18.307)] {
             let found = quantile_95(freedom, 2.0 * freedom);
             assert!((found / quantile - 1.0).abs() < 0.03, "{freedom}: {found}");

@@ -63,7 +63,7 @@ fn statements(estimate: &BoardEstimate, board: &Board) -> Vec<String> {
 /// Describes the focal length with the nominal board.
 fn effect(stated: &Camera<f64>, camera: &Camera<f64>) -> Option<String> {
     let (stated, fx) = (*stated.parameters().first()?, *camera.parameters().first()?);
-    Some(format!("; with the board as stated, fx would be {stated:.2} px ({:+.3} %)", 1e2 * (stated / fx - 1.0)))
+    Some(format!("; with the nominal board, fx would be {stated:.2} px ({:+.3} %)", 1e2 * (stated / fx - 1.0)))
 }
 
 /// Formats a value and its standard deviation, with two digits of the latter.
@@ -100,7 +100,7 @@ mod tests {
             "your board is bent by 4.00 ± 0.12 mm along y, its middle towards the camera",
             "its print is 0.301 ± 0.020 % longer along y than along x",
             "its circles have a radius of 17.000 ± 0.050 mm, not 17.5 mm",
-            "; with the board as stated, fx would be 340.00 px (+3.030 %)",
+            "; with the nominal board, fx would be 340.00 px (+3.030 %)",
         ] {
             assert!(all.contains(part), "{part}\n{all}");
         }

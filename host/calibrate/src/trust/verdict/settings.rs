@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub(super) const CERTAIN_DIFFERENCE: f64 = 4.0;
 
 /// Number of standard deviations below which a coefficient is not significantly different from zero (95 %).
-pub(super) const TOLD_FROM_ZERO: f64 = 2.0;
+pub(super) const SIGNIFICANT: f64 = 2.0;
 
 /// Share of the focal length above which its σ suggests that it is only determined together with another parameter.
 pub(super) const OPEN_FOCAL_LENGTH: f64 = 0.02;
