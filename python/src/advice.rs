@@ -141,7 +141,7 @@ pub fn worded(advice: &Advice) -> String {
     match advice {
         Advice::TakeModel(kind) => format!("calibrate again with model=\"{kind}\""),
         Advice::TakeWholeBoard(board) => format!(
-            "calibrate again with board=\"{board}\", which takes more of the recording; the lens is right within what is stated"
+            "calibrate again with board=\"{board}\", which uses more of the recording; the lens is correct within the reported uncertainty"
         ),
         Advice::CountRows => {
             "count them on the board: board= names more than it has, or a part of it was never in view".to_owned()

@@ -251,5 +251,5 @@ def test_mistakes_are_named(events):
         evcal.calibrate("nowhere.dvraw", board=BOARD)
     with pytest.raises(evcal.Error, match=r"how many pixels.*give sensor=\(346, 260\)"):
         evcal.calibrate(events, board=BOARD)
-    with pytest.raises(evcal.Error, match="holds no events"):
+    with pytest.raises(evcal.Error, match="contains no events"):
         evcal.calibrate(events[:0], board=BOARD, sensor=(346, 260))

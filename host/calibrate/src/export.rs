@@ -1,10 +1,10 @@
-//! Files that other programs load.
+//! Export of cameras to files of other programs.
 //!
-//! A format is one file with an [`ExportFormat`] in it, the camera models that it holds among them,
-//! and one line in [`FORMATS`]. A calibration of another model is replaced by the nearest camera
-//! that the format holds ([`evcal_geometry::lens::nearest`]), with the difference stated: no coefficient is ever dropped.
+//! A format is one file with an [`ExportFormat`], which lists the camera models that the format supports, and one line in
+//! [`FORMATS`]. A calibration of another model is replaced by the nearest camera that the format supports
+//! ([`evcal_geometry::lens::nearest`]), and the file states the difference: no coefficient is ever dropped.
 //!
-//! Everywhere pixel (0, 0) is the centre of the top-left pixel, as in OpenCV, ROS, Kalibr and mrcal.
+//! In all formats pixel (0, 0) is the centre of the top-left pixel, as in OpenCV, ROS, Kalibr and mrcal.
 
 pub mod basalt;
 pub mod content;
@@ -42,11 +42,11 @@ pub const FORMATS: &[ExportFormat] = &[
     csv::FORMAT,
 ];
 
-/// Name and content of each file of the camera with its inertial unit, or with the other cameras on its mount, as far as its calibration
-/// has them.
+/// Returns name and content of each file for the camera with its IMU, or with the other cameras on its mount, if the calibration
+/// contains them.
 ///
 /// # Errors
-/// [`DescriptionError`] when one of the other cameras is none that evcal knows.
+/// [`DescriptionError`] if evcal does not know the model of one of the other cameras.
 pub fn files_beside(
     camera: &CalibratedCamera,
     calibration: &CalibrationFile,
@@ -57,7 +57,7 @@ pub fn files_beside(
     Ok(with_unit.chain(second_camera::files(camera, others)?).collect())
 }
 
-/// The format of this name.
+/// Returns the format with this name.
 pub fn from_name(name: &str) -> Option<&'static ExportFormat> {
     FORMATS.iter().find(|format| format.name == name)
 }
@@ -99,9 +99,9 @@ mod tests {
         }
     }
 
-    /// What evcal writes for others it reads again, but for the table: the camera is that in the file, to the last digit.
+    /// Exported files are read back, except for the table: the camera equals that in the file, to the last digit.
     #[test]
-    fn what_is_exported_is_read_again() {
+    fn exported_files_are_read_back() {
         let sensor = Sensor::new(346, 260);
         let parameters = [330.4, 331.1, 171.3, 129.4, -0.1, 0.01, 1e-3, -2e-4, 0.0, 0.0, 0.0, 0.0];
         let opencv: Camera<f64> = Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap();
@@ -120,8 +120,8 @@ mod tests {
     }
 
     #[test]
-    fn every_format_holds_every_mild_lens_and_states_a_refit() {
-        // A small sensor: cameras are compared at every pixel.
+    fn every_format_exports_every_mild_lens_and_states_a_refit() {
+        // A small sensor, because cameras are compared at every pixel.
         let sensor = Sensor::new(80, 60);
         let parameters = [80.4, 80.1, 39.3, 29.4, -0.1, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let opencv: Camera<f64> = Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap();

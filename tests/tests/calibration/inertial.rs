@@ -182,7 +182,7 @@ fn a_motion_that_does_not_determine_the_imu_is_rejected() {
     assert_eq!(finished.code, Some(1), "{}", finished.stdout);
     let words = "about one axis only, its y axis (downwards)";
     assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
-    assert!(!finished.stdout.contains("gyroscope"), "{}", finished.stdout);
+    assert!(!finished.stdout.contains("IMU, from"), "{}", finished.stdout);
     let file = read_json(&result.join("calibration.json"));
     assert!(file["inertial"].is_null() && file["camera"].is_object());
 }
@@ -212,7 +212,11 @@ fn a_loose_imu_has_the_exit_code_for_not_good_enough() {
     let options = ["--board", BOARD, "--imu", text(&samples), "-o", text(&result)];
     let finished = evcal(&[&["calibrate", text(&events)], &options[..]].concat());
     assert_eq!(finished.code, Some(3), "{}", finished.stderr);
-    assert!(finished.stdout.contains("parts of the recording disagree on where the unit is"), "{}", finished.stdout);
+    assert!(
+        finished.stdout.contains("parts of the recording disagree on the position of the IMU"),
+        "{}",
+        finished.stdout
+    );
     let file = read_json(&result.join("calibration.json"));
     assert_eq!(file["inertial"]["grade"], "not-good");
     assert_ne!(file["verdict"]["grade"], "not-good");
@@ -222,7 +226,7 @@ fn a_loose_imu_has_the_exit_code_for_not_good_enough() {
     let verdicts: Vec<&str> = head.split("<div class=\"verdict ").skip(1).collect();
     assert!(
         matches!(verdicts.as_slice(), [camera, unit]
-        if camera.contains("Camera: ") && unit.starts_with("not-good") && unit.contains(": Not good enough")),
+        if camera.contains("Camera: ") && unit.starts_with("not-good") && unit.contains("IMU: Not good enough")),
         "{head}"
     );
 }
@@ -239,18 +243,18 @@ fn wrong_units_and_axes(bench: &Bench) {
         sample.acceleration.x *= -1.0;
         sample.angular_velocity.x *= -1.0;
     });
-    bench.rejected("end of their scale", |sample| {
+    bench.rejected("are saturated", |sample| {
         sample.angular_velocity = sample.angular_velocity.map(|rate| rate.clamp(-0.5, 0.5));
     });
-    // Gyroscope and accelerometer have different axes.
-    bench.rejected("gravity comes out as", |sample| sample.acceleration = sample.acceleration.yzx());
+    // Gyroscope and accelerometer of different axes.
+    bench.rejected("gravity is estimated as", |sample| sample.acceleration = sample.acceleration.yzx());
     let backwards = bench.with(|samples| {
         let end = samples.last().map_or(0.0, |last| last.t);
         samples.reverse();
         samples.iter_mut().for_each(|sample| sample.t = end - sample.t);
     });
     let error = backwards.unwrap_err().to_string();
-    assert!(error.contains("does not turn as the camera does"), "{error}");
+    assert!(error.contains("does not match the camera"), "{error}");
 }
 
 /// The IMU slips by one degree in the middle of the recording.
@@ -340,7 +344,7 @@ fn without_gravity(bench: &Bench, before: &InertialCalibration) {
         });
     });
     let error = error.unwrap_err().to_string();
-    assert!(error.contains("gravity seems to be removed"), "{error}");
+    assert!(error.contains("gravity seems to have been removed"), "{error}");
 }
 
 fn files(calibrated: &Calibrated, task: &Task) {

@@ -106,6 +106,6 @@ fn a_motion_that_does_not_determine_the_marker_body_is_rejected() {
     let capture = simulation.join("motion_capture.txt");
     let finished = evcal(&["evaluate", text(&calibration), "--motion-capture", text(&capture)]);
     assert_eq!(finished.code, Some(1), "{}", finished.stdout);
-    let words = "the camera turned about one axis only, its y axis";
+    let words = "the camera rotated about one axis only, its y axis";
     assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
 }

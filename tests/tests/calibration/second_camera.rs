@@ -141,7 +141,7 @@ fn wrong_second_recordings_are_rejected() {
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
         result
     };
-    rejected("a camera that is there already", &[text(&first), "--with", text(&first)]);
+    rejected("a camera that was already given", &[text(&first), "--with", text(&first)]);
     rejected("give one recording before --with", &[text(&first), text(&second), "--with", text(&second)]);
     // Recognised by its events, not by its name; the first camera is calibrated nevertheless.
     let session = session().join("events.dvraw");
@@ -262,7 +262,7 @@ fn an_image_topic_gives_the_same_result_as_a_folder() {
         assert_eq!(finished.code, Some(1), "{}", finished.stderr);
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
     };
-    rejected("a camera that is there already", &[]);
+    rejected("a camera that was already given", &[]);
     rejected("no topic \"/up\"", &["--with-stream", "/up"]);
 }
 
@@ -285,7 +285,7 @@ fn a_rolling_shutter_is_measured_if_declared_and_rejected_otherwise() {
     let finished = evcal(&[&["calibrate", text(&first), "--with", text(&second)], &options[..]].concat());
     assert_eq!(finished.code, Some(1));
     // The failure of one does not prevent the attempt at the other.
-    for words in ["2 were not calibrated", "the IMU: ", "holds no inertial samples", "add --rolling-shutter"] {
+    for words in ["2 were not calibrated", "the IMU: ", "contains no IMU samples", "add --rolling-shutter"] {
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
     }
     // The first camera is calibrated nevertheless.

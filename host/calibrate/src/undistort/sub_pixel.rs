@@ -1,4 +1,4 @@
-//! Undistorted events with the fractions of their pixels.
+//! Undistorted events with fractions of pixels.
 
 use evcal_core::sensor::Sensor;
 use std::io::{self, Write};
@@ -10,7 +10,7 @@ use evcal_files::{FileError, NewFile};
 #[cfg(feature = "hdf5")]
 use event_recordings::hdf5::SubPixelEncoder;
 
-/// A format whose events may lie between pixels.
+/// A format that supports events between pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SubPixelFormat {
@@ -28,16 +28,16 @@ const EXTENSIONS: &str = ".csv, .txt, .h5, .hdf5 or .bin (EventCalib)";
 #[cfg(not(feature = "hdf5"))]
 const EXTENSIONS: &str = ".csv, .txt or .bin (EventCalib)";
 
-/// The extension stands for a format that holds whole pixels only.
+/// The extension belongs to a format that supports only whole pixels.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: fractions of pixels can be written to {EXTENSIONS}", .0.display())]
 pub struct NoFractions(PathBuf);
 
 impl SubPixelFormat {
-    /// The format that the extension of `path` stands for.
+    /// Returns the format of the extension of `path`.
     ///
     /// # Errors
-    /// [`NoFractions`].
+    /// [`NoFractions`] if the format supports only whole pixels.
     pub fn from_extension(path: &Path) -> Result<Self, NoFractions> {
         let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
         match extension.as_deref() {
@@ -50,7 +50,7 @@ impl SubPixelFormat {
     }
 }
 
-/// Writes events that lie between pixels.
+/// Writes events between pixels.
 pub struct SubPixelWriter {
     output: NewFile,
     encoder: Encoder,
@@ -65,10 +65,10 @@ enum Encoder {
 }
 
 impl SubPixelWriter {
-    /// Begins the file at `path` for a `sensor`.
+    /// Creates the file at `path` for a `sensor`.
     ///
     /// # Errors
-    /// [`FileError`] when nothing can be written there.
+    /// [`FileError`] if it cannot be written.
     pub fn create(path: &Path, format: SubPixelFormat, sensor: Sensor) -> Result<Self, FileError> {
         let mut output = NewFile::create(path)?;
         let failed = |error| FileError::new(path, error);
@@ -88,10 +88,10 @@ impl SubPixelWriter {
         Ok(Self { output, encoder })
     }
 
-    /// Writes `event` as one at (x, y).
+    /// Writes `event` at (x, y).
     ///
     /// # Errors
-    /// What the system says.
+    /// Errors of the system.
     pub fn write(&mut self, event: &Event, [x, y]: [f64; 2]) -> io::Result<()> {
         let polarity = event.polarity.index();
         match &mut self.encoder {
@@ -107,10 +107,10 @@ impl SubPixelWriter {
         }
     }
 
-    /// Gives the file its name.
+    /// Completes the file under its name.
     ///
     /// # Errors
-    /// [`FileError`] when not all of it could be written.
+    /// [`FileError`] if not all of it could be written.
     pub fn finish(self) -> Result<(), FileError> {
         #[cfg(feature = "hdf5")]
         if let Encoder::Hdf5(mut encoder, path) = self.encoder {

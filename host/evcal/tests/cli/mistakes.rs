@@ -101,7 +101,7 @@ const USAGE: &[Mistake] = &[
     mistake(
         "live --board auto -o DIR/out",
         1,
-        "`auto` needs a recording of events to look at",
+        "`auto` requires a recording of events",
         "--board acircles:9x4:55mm:r17.5mm",
     ),
     mistake("live --sensor 346x260 --board BOARD -o DIR/out", 2, "describe a recording", "--replay RECORDING"),
@@ -209,7 +209,7 @@ const FILES: &[Mistake] = &[
         "lie outside the 240",
         "true size",
     ),
-    mistake("calibrate DIR/milliseconds.csv --board BOARD -o DIR/out", 1, "events a second", "--time-unit ms"),
+    mistake("calibrate DIR/milliseconds.csv --board BOARD -o DIR/out", 1, "events per second", "--time-unit ms"),
     mistake("convert DIR/sizeless.csv DIR/out.csv --sensor 240x180", 1, "lie outside the", "give the true size"),
     mistake(
         "calibrate DIR/shuffled.csv --sensor 346x260 --board BOARD -o DIR/out",
@@ -226,7 +226,7 @@ const FILES: &[Mistake] = &[
     mistake(
         "calibrate DIR/sizeless.csv --sensor 346x260 --frames-only --board BOARD -o DIR/out",
         1,
-        "holds no frames",
+        "contains no frames",
         "record with --frames",
     ),
     mistake("evaluate DIR/camera --truth DIR/foreign.json", 1, "no camera file", "\"parameters\": {\"fx\""),
@@ -279,7 +279,7 @@ const BOARDS: &[Mistake] = &[
     mistake(
         "calibrate FIXTURE --board acircles:9x4:110mm:r17.5mm -o DIR/out",
         1,
-        "half is asked for?",
+        "half of it is required",
         "--board acircles:9x4:55mm:r17.5mm",
     ),
     mistake(
@@ -309,7 +309,7 @@ const BOARDS: &[Mistake] = &[
     mistake(
         "calibrate FIXTURE --board BOARD --fix cx=9999 --model radtan -o DIR/out",
         1,
-        "no event lies near the board's circles",
+        "no event is near the board's circles",
         "leave out --fix",
     ),
     mistake("calibrate FIXTURE --board auto -o DIR/out", 1, "the board is acircles:9x4", "--board acircles:9x4:"),
@@ -428,7 +428,10 @@ fn a_board_that_is_too_small_leads_to_the_whole_one() {
     let output = run("calibrate FIXTURE --board acircles:7x3:55mm:r17.5mm -o DIR/out", directory.path());
     let errors = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(1), "{errors}");
-    assert!(errors.contains("is the board right?") && errors.contains("--board acircles:9x4:55mm:r17.5mm"), "{errors}");
+    assert!(
+        errors.contains("is the board described correctly?") && errors.contains("--board acircles:9x4:55mm:r17.5mm"),
+        "{errors}"
+    );
 }
 
 /// Names may contain characters that end a string in YAML or JSON.
@@ -460,7 +463,7 @@ fn suspicious_events_are_reported() {
     let printed = |command: &str| String::from_utf8(run(command, directory.path()).stdout).unwrap();
     assert!(printed("info DIR/milliseconds.csv").contains("add --time-unit ms"));
     let checked = printed("check DIR/sizeless.csv");
-    assert!(checked.contains("ON events only") && checked.contains("too short to tell"), "{checked}");
+    assert!(checked.contains("ON events only") && checked.contains("recording too short"), "{checked}");
     fs::write(directory.path().join("one.csv"), "# sensor 346 x 260\nt_us,x,y,p\n7,1,2,1\n").unwrap();
     assert!(!printed("check DIR/one.csv").contains("inf"));
 }
@@ -473,7 +476,7 @@ fn check_reports_a_wrong_radius() {
         let output = run(&format!("check FIXTURE --board {board}"), directory.path());
         let printed = String::from_utf8(output.stdout).unwrap();
         assert!(
-            printed.contains("next: the circles look like") && !printed.contains("next: evcal"),
+            printed.contains("next: the circles appear to have") && !printed.contains("next: evcal"),
             "{board}: {printed}"
         );
         assert!(printed.contains("--board acircles:9x4:55mm:r17.5mm"), "{board}: {printed}");
@@ -485,13 +488,17 @@ fn a_failure_leaves_a_description() {
     let directory = prepare();
     let failed = run("calibrate FIXTURE --board acircles:9x4:55mm:r35mm --json -o DIR/out", directory.path());
     let printed: serde_json::Value = serde_json::from_slice(&failed.stdout).unwrap();
-    assert!(printed["error"].as_str().unwrap().contains("circles look like"), "{printed}");
+    assert!(printed["error"].as_str().unwrap().contains("circles appear to have"), "{printed}");
     assert!(printed["stages"].as_array().unwrap().len() >= 2, "{printed}");
     assert!(printed["seen"]["windows"]["found"].as_u64().unwrap() > 300, "{printed}");
     let text = fs::read_to_string(directory.path().join("out/failure.txt")).unwrap();
-    for part in
-        ["circles look like", "looking for the board in", "initial model from", "windows tried", "--board acircles"]
-    {
+    for part in [
+        "circles appear to have",
+        "looking for the board in",
+        "initial model from",
+        "windows tried",
+        "--board acircles",
+    ] {
         assert!(text.contains(part), "{part}: {text}");
     }
     let picture = fs::read(directory.path().join("out/failure.png")).unwrap();

@@ -62,7 +62,7 @@ pub fn worded(advice: &Advice) -> String {
     match advice {
         Advice::TakeModel(kind) => format!("calibrate again with --model {kind}"),
         Advice::TakeWholeBoard(board) => format!(
-            "calibrate again with --board {board} to use more of the recording; the present result is right within its uncertainty"
+            "calibrate again with --board {board}, which uses more of the recording; the lens is correct within the reported uncertainty"
         ),
         Advice::CountRows => {
             "count rows and columns of the board: --board has more than the board, or a part of the board was never in view".to_owned()
