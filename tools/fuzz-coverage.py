@@ -23,7 +23,7 @@ def output(*command, **options):
 
 
 def places(binary):
-    """For each place that the fuzzer counts: the lines of evcal that it is of, those of inlined functions too."""
+    """The lines of evcal, including inlined functions, at each location that the fuzzer counts."""
     sections = output("readelf", "-S", "-W", binary)
     found = re.search(r"__sancov_pcs +PROGBITS +(\w+) \w+ (\w+)", sections)
     start, size = (int(number, 16) for number in found.groups())
@@ -47,7 +47,7 @@ def places(binary):
 
 
 def reached(binary, target):
-    """The numbers of the places that the inputs of `target` reach."""
+    """The numbers of the locations that the inputs of `target` reach."""
     with tempfile.TemporaryDirectory() as scratch:
         control, merged = pathlib.Path(scratch, "control"), pathlib.Path(scratch, "merged")
         merged.mkdir()
@@ -65,7 +65,7 @@ def main():
     hit = set()
     for target in targets:
         places_of_target = reached(binary, target)
-        print(f"{target}: {len(places_of_target)} places", file=sys.stderr)
+        print(f"{target}: {len(places_of_target)} locations", file=sys.stderr)
         hit |= places_of_target
     files = collections.defaultdict(lambda: collections.defaultdict(bool))
     for number, lines in enumerate(places(binary)):

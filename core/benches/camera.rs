@@ -12,7 +12,7 @@ fn main() {
     divan::main();
 }
 
-/// A DAVIS346 with a 6 mm lens of moderate barrel distortion.
+/// Returns a DAVIS346 with a 6 mm lens of moderate barrel distortion.
 fn camera<T: RealField + Copy>(kind: ModelKind) -> Camera<T> {
     let coefficients: &[f64] = match kind {
         ModelKind::Radtan4 => &[-0.3, 0.1, 0.001, -0.0005],

@@ -1,7 +1,7 @@
 //! Speed of the stages from the events of a window to circle candidates: `cargo bench --bench detector`.
 //!
-//! The window is made up: 36 dots of radius 9 px on a 346×260 sensor that move by 1.5 px, each event
-//! at a pixel of the swept edge, and as many noise events as given.
+//! The window is synthetic: 36 dots of radius 9 px on a 346×260 sensor that move by 1.5 px, each event at a pixel of
+//! the swept edge, plus the given number of noise events.
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
@@ -20,7 +20,7 @@ const SENSOR: Sensor = Sensor { width: 346, height: 260 };
 
 type Detector346<T> = Detector<T, { row_bytes(346) }, { row_count(260) }, 4096, 256>;
 
-/// A generator of equally distributed numbers in [0, 1): xorshift64*.
+/// Generator of uniformly distributed numbers in [0, 1): xorshift64*.
 struct Random(u64);
 
 impl Random {
@@ -32,7 +32,7 @@ impl Random {
     }
 }
 
-/// `count` events of the dots, sorted by time over `duration_us`, and `noise` events anywhere.
+/// Returns `count` events of the dots, sorted by time over `duration_us`, and `noise` events anywhere on the sensor.
 fn window(count: usize, noise: usize, duration_us: i64) -> Vec<Event> {
     let mut random = Random(0x1234_5678_9abc_def1);
     let mut events: Vec<Event> = (0..count + noise)
@@ -47,7 +47,7 @@ fn window(count: usize, noise: usize, duration_us: i64) -> Vec<Event> {
             let (row, column) = (dot / 4, dot % 4);
             let center_x = 60.0 + (2 * column + row % 2) as f64 * 30.0 + (moment - 0.5) * 1.5;
             let center_y = 20.0 + row as f64 * 27.0;
-            // An edge gives events in proportion to its speed across itself.
+            // The number of events of an edge is proportional to its speed perpendicular to itself.
             let angle = (2.0 * random.next() - 1.0).asin();
             let (sin, cos) = angle.sin_cos();
             let polarity = if random.next() < 0.5 { Polarity::Off } else { Polarity::On };
@@ -87,7 +87,7 @@ fn soft_f64(bencher: Bencher<'_, '_>, noise: usize) {
     detect::<f64>(bencher, noise, Extraction::Soft);
 }
 
-/// The window policy alone, over 60 ms in which every second window holds the pattern.
+/// The window policy alone, over 60 ms; every second window contains the pattern.
 #[divan::bench]
 fn window_planner(bencher: Bencher<'_, '_>) {
     let events = window(80_000, 0, 60_000);

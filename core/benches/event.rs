@@ -1,4 +1,4 @@
-//! What every event costs before it reaches a window: decoding, load shedding, filter, undistortion.
+//! Cost per event ahead of the windows: decoding, load shedding, filter, undistortion.
 
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
@@ -17,7 +17,7 @@ fn main() {
     divan::main();
 }
 
-/// One event a microsecond: rows of an edge that moves, every fourth anywhere on the sensor.
+/// Returns one event per microsecond: rows of a moving edge, and every fourth event anywhere on the sensor.
 fn events() -> Vec<Event> {
     let mut state = 1_u64;
     let mut random = |below: u64| {

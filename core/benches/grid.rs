@@ -1,8 +1,7 @@
 //! Success rates and time of the grid finder: `cargo bench -p evcal-core --bench grid`.
 //!
-//! Prints one line per setting: how many of the views were found and rightly ordered, how many
-//! wrongly, how many dots of the visible ones were used, and the time of a call. Then the
-//! timing of single calls.
+//! Prints one line per setting: the fraction of views found in the right order, of views in the wrong order, and of
+//! visible dots used, and the time per call. Then follow the timings of single calls.
 
 #[path = "../tests/support/grid_views.rs"]
 mod grid_views;
@@ -26,7 +25,7 @@ fn main() {
 }
 
 fn print_table(views: usize) {
-    println!("{views} random views a line");
+    println!("{views} random views per line");
     println!(
         "{:<44} {:>8} {:>8} {:>8} {:>8} {:>8} {:>9} {:>8}",
         "", "right", "intruder", "wrong", "none", "dots", "median µs", "95 % µs"
@@ -66,11 +65,11 @@ fn line(setting: &Setting, count: usize) {
     placed_line(setting, Placing::Alone, count);
 }
 
-/// What the finder is told beside the candidates.
+/// Information that the finder gets in addition to the candidates.
 #[derive(Clone, Copy, Debug)]
 enum Placing {
     Alone,
-    /// Where the circles are, wrong by 3 px ([`find_grid_near`]).
+    /// Positions of the circles with an error of 3 px ([`find_grid_near`]).
     Near,
 }
 
@@ -155,7 +154,7 @@ fn views(setting: &Setting) -> Vec<View> {
     (0..256).map(|_| view(setting, &mut random)).collect()
 }
 
-/// One call, 36 dots and the given number of other candidates.
+/// One call with 36 dots and the given number of other candidates.
 #[divan::bench(args = [0, 4, 8, 16])]
 fn call(bencher: divan::Bencher, clutter: usize) {
     let views = views(&Setting { clutter, ..CLEAN });

@@ -1,7 +1,7 @@
-//! From the events of one window to the ordered board: `cargo run -p evcal-core --example detector`.
+//! Finds the ordered board in the events of one window: `cargo run -p evcal-core --example detector`.
 //!
-//! The events are made up: a board of 9 × 4 dots that moves to the right, a little tilted in the image. With a sensor,
-//! they come from its decoder (`evcal_core::decode`), and `evcal_core::window` says which of them make a window.
+//! The events are synthetic: a board of 9 × 4 dots, slightly rotated in the image, moves to the right. With a real
+//! sensor the events come from its decoder (`evcal_core::decode`), and `evcal_core::window` divides them into windows.
 
 use std::error::Error;
 
@@ -15,10 +15,10 @@ use evcal_core::sensor::Sensor;
 const SENSOR: Sensor = Sensor::new(346, 260);
 const BOARD: Pattern = Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 };
 
-/// Room for 4096 runs of pixels and 256 clusters of each polarity; on a microcontroller a `static`.
+/// Capacity for 4096 runs of pixels and 256 clusters of each polarity; on a microcontroller this is a `static`.
 type Detector346 = Detector<f32, { row_bytes(346) }, { row_count(260) }, 4096, 256>;
 
-/// The events of a dark dot of 8 px radius that moves to the right: it darkens pixels ahead and bares those behind.
+/// Returns the events of a dark dot of 8 px radius that moves to the right: OFF events ahead of it, ON events behind.
 fn dot(center: [f32; 2]) -> impl Iterator<Item = Event> {
     (-60_i16..=60).flat_map(move |degrees| {
         let (sin, cos) = f32::from(degrees).to_radians().sin_cos();
@@ -31,7 +31,7 @@ fn dot(center: [f32; 2]) -> impl Iterator<Item = Event> {
     })
 }
 
-/// The events of all dots of the board.
+/// Returns the events of all dots of the board.
 fn events() -> impl Iterator<Item = Event> {
     (0..BOARD.circle_count()).flat_map(|circle| {
         let (x, y) = BOARD.lattice_position(circle);

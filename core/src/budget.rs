@@ -1,21 +1,21 @@
-//! Load shedding: what to do when events come faster than they can be worked on.
+//! Load shedding: drops events when they arrive faster than they can be processed.
 //!
-//! A token bucket (events a second, and a burst) with hysteresis: once it is empty, events are shed until
-//! it is full again. So what passes are uninterrupted stretches of at least a burst, windows in which
-//! dots are whole, instead of every n-th event of every window, in which they are full of holes. Every
-//! event shed is counted.
+//! The rate limiter is a token bucket (rate in events per second, and a burst size) with hysteresis: once the bucket is
+//! empty, all events are shed until it is full again. The admitted events therefore form uninterrupted intervals of at
+//! least one burst. Dots are complete in windows of such intervals. Keeping every n-th event instead would thin out all
+//! windows and leave holes in every dot. Every shed event is counted.
 //!
-//! The clock is that of the events, so the result does not depend on when the code runs.
+//! The clock is taken from the events, so the result does not depend on when the code runs.
 
 use crate::event::Event;
 
-/// What can be worked on.
+/// Event rate that can be processed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EventBudget {
-    /// Events a second that can be worked on for ever.
+    /// Sustained event rate that can be processed, in events per second.
     /// Default: 300 000.
     pub events_per_second: u32,
-    /// Events that may come at once: a few windows. Stretches that pass are at least this long.
+    /// Number of events that may arrive at once: a few windows. Admitted intervals contain at least this many events.
     /// Default: 8000.
     pub burst: u32,
 }
@@ -26,16 +26,16 @@ impl Default for EventBudget {
     }
 }
 
-/// A millionth of an event is the unit of the bucket: a microsecond adds `events_per_second` of them.
+/// Unit of the bucket: a millionth of an event, so that one microsecond adds `events_per_second` units.
 const EVENT: u64 = 1_000_000;
 
-/// Admits events as the budget allows.
+/// Admits or sheds events according to an [`EventBudget`].
 ///
 /// ```
 /// use evcal_core::budget::{EventBudget, LoadShedder};
 /// use evcal_core::event::{Event, Polarity};
 ///
-/// // One event a microsecond, of which a fifth can be worked on.
+/// // One event per microsecond, of which a fifth can be processed.
 /// let mut shedder = LoadShedder::new(EventBudget { events_per_second: 200_000, burst: 1000 });
 /// let events = (0..100_000).map(|t| Event { t, x: 1, y: 2, polarity: Polarity::On });
 /// let admitted = events.filter(|event| shedder.admit(event)).count() as u32;
@@ -53,7 +53,7 @@ pub struct LoadShedder {
 }
 
 impl LoadShedder {
-    /// A full bucket.
+    /// Creates a shedder with a full bucket.
     pub const fn new(budget: EventBudget) -> Self {
         let full = budget.burst as u64 * EVENT;
         Self {
@@ -66,8 +66,8 @@ impl LoadShedder {
         }
     }
 
-    /// Whether the next event is to be worked on. Events come in order of time; one that does not brings
-    /// no new budget.
+    /// Returns `true` if the next event should be processed, `false` if it is shed. Events must come in order of time;
+    /// an event that goes back in time adds nothing to the bucket.
     #[inline]
     pub fn admit(&mut self, event: &Event) -> bool {
         let elapsed_us = u32::try_from(event.t.saturating_sub(self.last_us).max(0)).unwrap_or(u32::MAX);
@@ -83,12 +83,12 @@ impl LoadShedder {
         true
     }
 
-    /// Whether the last event was shed.
+    /// Returns `true` if the last event was shed.
     pub const fn is_shedding(&self) -> bool {
         self.shedding
     }
 
-    /// Events shed so far.
+    /// Returns the number of events shed so far.
     pub const fn shed(&self) -> u32 {
         self.shed
     }
@@ -109,31 +109,31 @@ mod tests {
         (times.iter().map(event).map(|event| shedder.admit(&event)).collect(), shedder.shed())
     }
 
-    /// The rule in its own words: wait for a whole burst, then pass until there is less than one event left.
+    /// Reference implementation: wait for a whole burst, then admit events until less than one event is left.
     fn naive(budget: EventBudget, times: &[i64]) -> Vec<bool> {
         let burst = i128::from(budget.burst);
-        let mut stretch: Option<(i64, i128)> = times.first().map(|&t| (t, 0));
+        let mut interval: Option<(i64, i128)> = times.first().map(|&t| (t, 0));
         let mut waiting_since = (0, 0_i128);
-        // Inside a stretch the bucket may run over, so it is followed event by event.
+        // Inside an interval the bucket may overflow, so its level is followed event by event.
         let mut level = burst * 1_000_000;
         let mut before = times.first().copied().unwrap_or(0);
         let mut result = Vec::new();
         for &t in times {
             let income = i128::from(t - before) * i128::from(budget.events_per_second);
             before = t;
-            if stretch.is_none() {
+            if interval.is_none() {
                 let (since, left) = waiting_since;
                 let saved = left + i128::from(t - since) * i128::from(budget.events_per_second);
                 if saved < burst * 1_000_000 {
                     result.push(false);
                     continue;
                 }
-                (stretch, level) = (Some((t, 0)), burst * 1_000_000);
+                (interval, level) = (Some((t, 0)), burst * 1_000_000);
             } else {
                 level = (level + income).min(burst * 1_000_000);
             }
             if level < 1_000_000 {
-                (stretch, waiting_since) = (None, (t, level));
+                (interval, waiting_since) = (None, (t, level));
                 result.push(false);
             } else {
                 level -= 1_000_000;
@@ -157,17 +157,17 @@ mod tests {
 
     proptest! {
         #[test]
-        fn it_does_what_the_rule_says(times in times(), events_per_second in 0_u32..2_000_000, burst in 1_u32..80) {
+        fn the_shedder_equals_the_reference_implementation(times in times(), events_per_second in 0_u32..2_000_000, burst in 1_u32..80) {
             let budget = EventBudget { events_per_second, burst };
             let (passed, shed) = admitted(budget, &times);
             prop_assert_eq!(&passed, &naive(budget, &times));
             prop_assert_eq!(shed as usize, passed.iter().filter(|&&passed| !passed).count());
         }
 
-        /// In no stretch of time more passes than the budget of that time and one burst, and what passes
-        /// before something is shed is at least a burst.
+        /// In any time interval, at most the budget of that interval plus one burst is admitted, and at least one burst
+        /// is admitted before something is shed.
         #[test]
-        fn the_budget_is_kept_and_stretches_are_whole(times in times(), events_per_second in 0_u32..2_000_000, burst in 1_u32..80) {
+        fn the_budget_is_kept_and_at_least_one_burst_is_admitted_at_once(times in times(), events_per_second in 0_u32..2_000_000, burst in 1_u32..80) {
             let (passed, _) = admitted(EventBudget { events_per_second, burst }, &times);
             let passed_times: Vec<i64> = times.iter().zip(&passed).filter(|(_, passed)| **passed).map(|(t, _)| *t).collect();
             for (first, start) in passed_times.iter().enumerate() {
@@ -176,15 +176,15 @@ mod tests {
                     prop_assert!((count + 1) as f64 <= most + 1e-6);
                 }
             }
-            let stretches: Vec<&[bool]> = passed.split(|&passed| !passed).collect();
-            for stretch in &stretches[..stretches.len() - 1] {
-                prop_assert!(stretch.is_empty() || stretch.len() >= burst as usize);
+            let intervals: Vec<&[bool]> = passed.split(|&passed| !passed).collect();
+            for interval in &intervals[..intervals.len() - 1] {
+                prop_assert!(interval.is_empty() || interval.len() >= burst as usize);
             }
         }
     }
 
     #[test]
-    fn times_that_make_no_sense_do_no_harm() {
+    fn extreme_times_are_handled() {
         let budget = EventBudget { events_per_second: u32::MAX, burst: u32::MAX };
         assert_eq!(admitted(budget, &[i64::MAX, i64::MIN, 0, i64::MAX, -5]).0, [true; 5]);
         assert_eq!(admitted(EventBudget { burst: 0, ..budget }, &[0, 1]).0, [false; 2]);

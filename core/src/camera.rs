@@ -1,9 +1,9 @@
 //! Camera models: from points in camera coordinates to pixels, and back, with all derivatives.
 //!
-//! Camera coordinates are right-handed: x to the right, y down, z forward along the optical axis.
-//! Pixel (0, 0) is the centre of the top-left pixel. Every model ends in the same camera matrix,
-//! `pixel = (fx u + cx, fy v + cy)`, and differs in how an image point (u, v) of the plane at
-//! distance 1 follows from the point: that part has up to 8 distortion coefficients.
+//! Camera coordinates are right-handed: x to the right, y down, z forward along the optical axis. Pixel (0, 0) is the
+//! centre of the top-left pixel. All models share the same camera matrix, `pixel = (fx u + cx, fy v + cy)`. They differ
+//! in the map from the point to the image point (u, v) in the plane at distance 1, which has up to 8 distortion
+//! coefficients.
 //!
 //! | model | file | coefficients | known as |
 //! |---|---|---|---|
@@ -18,12 +18,11 @@
 //! | `fov` | [`fov`] | w | ATAN; pinhole with `fov` in Kalibr |
 //! | `omni` | [`omni`] | xi k1 k2 p1 p2 | OpenCV's `omnidir`, Kalibr omni-radtan |
 //!
-//! What every model guarantees:
-//! - The **domain** is fixed when the camera is made and the model is one-to-one on it. Outside, and
-//!   for NaN or infinite input, the answer is `None`, never a pixel or a bearing of another branch.
-//! - What `project` accepts, `unproject` finds again, and the other way round, up to the precision
-//!   of `T`. Very close to a fold of the model, where the derivative vanishes, `T` cannot resolve
-//!   the inverse any more and the answer is `None`.
+//! Every model guarantees:
+//! - The **domain** is fixed when the camera is created, and the model is one-to-one on it. Outside, and for NaN or
+//!   infinite input, the result is `None`, never a pixel or bearing of another branch of the model.
+//! - `unproject` inverts `project` and vice versa on the whole domain, up to the precision of `T`. Very close to a fold
+//!   of the model, where the derivative vanishes, `T` cannot resolve the inverse and the result is `None`.
 //! - The number of iterations is bounded, nothing panics, nothing allocates.
 //!
 //! ```
@@ -67,82 +66,82 @@ pub use omni::Omni;
 pub use radtan::{Radtan4, Radtan5, Radtan8};
 pub use ucm::Ucm;
 
-/// Most parameters a model can have: fx, fy, cx, cy and [`MAX_COEFFICIENTS`] more.
+/// Largest number of parameters of a model: fx, fy, cx, cy and [`MAX_COEFFICIENTS`] more.
 pub const MAX_PARAMETERS: usize = 12;
 
-/// Most distortion coefficients a model can have.
+/// Largest number of distortion coefficients of a model.
 pub const MAX_COEFFICIENTS: usize = MAX_PARAMETERS - 4;
 
-/// Derivative of a pixel by the point in camera coordinates, in pixels per unit of length.
+/// Derivative of a pixel with respect to the point in camera coordinates, in pixels per unit of length.
 pub type PointJacobian<T> = SMatrix<T, 2, 3>;
 
-/// Derivative of a pixel by the model's parameters, in their order; columns beyond them are zero.
+/// Derivative of a pixel with respect to the model's parameters, in their order; unused columns are zero.
 pub type ProjectionParameterJacobian<T> = SMatrix<T, 2, MAX_PARAMETERS>;
 
-/// A pixel and what it depends on.
+/// A pixel with its derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projection<T> {
     /// The pixel.
     pub pixel: Vector2<T>,
-    /// Its derivative by the point.
+    /// Its derivative with respect to the point.
     pub by_point: PointJacobian<T>,
-    /// Its derivative by the parameters.
+    /// Its derivative with respect to the parameters.
     pub by_parameters: ProjectionParameterJacobian<T>,
 }
 
-/// A bearing and what it depends on. The derivatives are tangent to the unit sphere.
+/// A bearing with its derivatives, which are tangent to the unit sphere.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unprojection<T> {
-    /// Direction of view in camera coordinates, of length 1.
+    /// Unit vector in camera coordinates.
     pub bearing: Vector3<T>,
-    /// Its derivative by the pixel.
+    /// Its derivative with respect to the pixel.
     pub by_pixel: SMatrix<T, 3, 2>,
-    /// Its derivative by the parameters, in their order; columns beyond them are zero.
+    /// Its derivative with respect to the parameters, in their order; unused columns are zero.
     pub by_parameters: SMatrix<T, 3, MAX_PARAMETERS>,
 }
 
-/// A central camera without memory: one point, one pixel.
+/// A central camera model: each point has one pixel, independent of other points.
 pub trait CameraModel<T: RealField + Copy> {
     /// Name of the model, lower case with hyphens.
     const NAME: &'static str;
     /// Names of the parameters in their order: "fx", "fy", "cx", "cy", then the coefficients.
     const PARAMETER_NAMES: &'static [&'static str];
-    /// What is known of the coefficients before a lens is seen.
+    /// Prior knowledge of the coefficients.
     const EXPECTATION: Expectation;
 
-    /// The camera with these parameters, in the order of [`CameraModel::PARAMETER_NAMES`].
+    /// Creates the camera with these parameters, in the order of [`CameraModel::PARAMETER_NAMES`].
     ///
-    /// `None` if their number is wrong, one is not finite, a focal length is not positive, or the
-    /// model cannot be inverted even at the optical axis.
+    /// Returns `None` if their number is wrong, a value is not finite, a focal length is not positive, or the model
+    /// cannot be inverted even at the optical axis.
     fn from_parameters(parameters: &[T]) -> Option<Self>
     where
         Self: Sized;
 
-    /// The parameters, in the order of [`CameraModel::PARAMETER_NAMES`].
+    /// Returns the parameters, in the order of [`CameraModel::PARAMETER_NAMES`].
     fn parameters(&self) -> heapless::Vec<T, MAX_PARAMETERS>;
 
-    /// The pixel of a point in camera coordinates; `None` outside the domain.
+    /// Returns the pixel of a point in camera coordinates; `None` outside the domain.
     fn project(&self, point: &Vector3<T>) -> Option<Vector2<T>>;
 
-    /// The pixel of a point in camera coordinates with its derivatives; `None` outside the domain.
+    /// Returns the pixel of a point in camera coordinates with its derivatives; `None` outside the domain.
     fn project_with_jacobians(&self, point: &Vector3<T>) -> Option<Projection<T>>;
 
-    /// The direction of view of a pixel, of length 1; `None` outside the domain.
+    /// Returns the bearing of a pixel, of length 1; `None` outside the domain.
     fn unproject(&self, pixel: &Vector2<T>) -> Option<Vector3<T>>;
 
-    /// The direction of view of a pixel with its derivatives; `None` outside the domain.
+    /// Returns the bearing of a pixel with its derivatives; `None` outside the domain.
     ///
-    /// Where there is no closed form, the derivatives are those of the implicit function.
+    /// Models without a closed form use the derivatives of the implicit function.
     fn unproject_with_jacobians(&self, pixel: &Vector2<T>) -> Option<Unprojection<T>>;
 }
 
-/// A model name that is not in [`ModelKind::ALL`].
+/// Error: a model name is not in [`ModelKind::ALL`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UnknownModel;
 
 impl fmt::Display for UnknownModel {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.write_str("unknown camera model; known are:")?;
+        formatter.write_str("unknown camera model; supported models are:")?;
         for kind in ModelKind::ALL {
             write!(formatter, " {kind}")?;
         }
@@ -152,34 +151,34 @@ impl fmt::Display for UnknownModel {
 
 impl core::error::Error for UnknownModel {}
 
-/// Makes [`ModelKind`] and [`Camera`] from the list of models.
+/// Generates [`ModelKind`] and [`Camera`] from the list of models.
 macro_rules! models {
     ($($(#[$documentation:meta])* $variant:ident($model:ident),)+) => {
-        /// Which camera model.
+        /// A camera model.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum ModelKind {
             $($(#[$documentation])* $variant,)+
         }
 
         impl ModelKind {
-            /// Every model.
+            /// All models.
             pub const ALL: &'static [Self] = &[$(Self::$variant),+];
 
-            /// Name of the model, lower case with hyphens.
+            /// Returns the name of the model, lower case with hyphens.
             pub const fn name(self) -> &'static str {
                 match self {
                     $(Self::$variant => <$model<f64> as CameraModel<f64>>::NAME,)+
                 }
             }
 
-            /// Names of the model's parameters in their order.
+            /// Returns the names of the model's parameters in their order.
             pub const fn parameter_names(self) -> &'static [&'static str] {
                 match self {
                     $(Self::$variant => <$model<f64> as CameraModel<f64>>::PARAMETER_NAMES,)+
                 }
             }
 
-            /// What is known of the model's coefficients before a lens is seen.
+            /// Returns the prior knowledge of the model's coefficients.
             pub const fn expectation(self) -> Expectation {
                 match self {
                     $(Self::$variant => <$model<f64> as CameraModel<f64>>::EXPECTATION,)+
@@ -194,49 +193,49 @@ macro_rules! models {
         }
 
         impl<T: RealField + Copy> Camera<T> {
-            /// The camera of model `kind` with these parameters; see [`CameraModel::from_parameters`].
+            /// Creates the camera of model `kind` with these parameters; see [`CameraModel::from_parameters`].
             pub fn from_parameters(kind: ModelKind, parameters: &[T]) -> Option<Self> {
                 match kind {
                     $(ModelKind::$variant => $model::from_parameters(parameters).map(Self::$variant),)+
                 }
             }
 
-            /// The model.
+            /// Returns the model.
             pub const fn kind(&self) -> ModelKind {
                 match self {
                     $(Self::$variant(_) => ModelKind::$variant,)+
                 }
             }
 
-            /// The parameters, in the order of [`ModelKind::parameter_names`].
+            /// Returns the parameters, in the order of [`ModelKind::parameter_names`].
             pub fn parameters(&self) -> heapless::Vec<T, MAX_PARAMETERS> {
                 match self {
                     $(Self::$variant(model) => model.parameters(),)+
                 }
             }
 
-            /// See [`CameraModel::project`].
+            /// Projects a point; see [`CameraModel::project`].
             pub fn project(&self, point: &Vector3<T>) -> Option<Vector2<T>> {
                 match self {
                     $(Self::$variant(model) => model.project(point),)+
                 }
             }
 
-            /// See [`CameraModel::project_with_jacobians`].
+            /// Projects a point with derivatives; see [`CameraModel::project_with_jacobians`].
             pub fn project_with_jacobians(&self, point: &Vector3<T>) -> Option<Projection<T>> {
                 match self {
                     $(Self::$variant(model) => model.project_with_jacobians(point),)+
                 }
             }
 
-            /// See [`CameraModel::unproject`].
+            /// Returns the bearing of a pixel; see [`CameraModel::unproject`].
             pub fn unproject(&self, pixel: &Vector2<T>) -> Option<Vector3<T>> {
                 match self {
                     $(Self::$variant(model) => model.unproject(pixel),)+
                 }
             }
 
-            /// See [`CameraModel::unproject_with_jacobians`].
+            /// Returns the bearing of a pixel with derivatives; see [`CameraModel::unproject_with_jacobians`].
             pub fn unproject_with_jacobians(&self, pixel: &Vector2<T>) -> Option<Unprojection<T>> {
                 match self {
                     $(Self::$variant(model) => model.unproject_with_jacobians(pixel),)+
@@ -270,10 +269,10 @@ models! {
 }
 
 impl<T: RealField + Copy> Camera<T> {
-    /// Focal lengths along x and y on the optical axis, in pixels: derivatives of the pixel by the angle
-    /// to the axis there.
+    /// Returns the focal lengths along x and y on the optical axis, in pixels: the derivatives of the pixel with
+    /// respect to the angle to the axis.
     ///
-    /// fx and fy themselves in most models; `double-sphere`, `omni` and `fov` scale them.
+    /// In most models these are fx and fy; `double-sphere`, `omni` and `fov` scale them.
     pub fn axial_focal_lengths(&self) -> Option<[T; 2]> {
         let by_point = self.project_with_jacobians(&Vector3::z())?.by_point;
         Some([by_point.m11, by_point.m22])
@@ -281,7 +280,7 @@ impl<T: RealField + Copy> Camera<T> {
 }
 
 impl ModelKind {
-    /// The model with this name, if there is one.
+    /// Returns the model with this name, if there is one.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.iter().copied().find(|kind| kind.name() == name)
     }

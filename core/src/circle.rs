@@ -1,21 +1,21 @@
 //! Circle candidates: pairs of an ON and an OFF cluster at opposite sides of a dot
 //! (Huang, Wang, Kneip, IROS 2021, III-B).
 //!
-//! A dark dot that moves leaves OFF events where it arrives and ON events where it leaves.
+//! A moving dark dot triggers OFF events at its leading edge and ON events at its trailing edge.
 //!
 //! - [`Extraction::Hard`] fits a circle (Kåsa) to all pixels of a pair and tests the fit against the pair.
-//! - [`Extraction::Soft`] takes the line between the centres of a pair as the diameter: for noisy input
-//!   and for inclined views, in which a dot is an ellipse.
+//! - [`Extraction::Soft`] takes the line between the centres of a pair as the diameter. It suits noisy input and
+//!   inclined views, in which a dot is an ellipse.
 //!
-//! Beyond the paper, both methods want the arcs to be curved around each other: the ON arc of a dot
-//! and the OFF arc of the next one are near too, but back to back. The third moments of a cluster
-//! tell.
+//! Beyond the paper, both methods require the two arcs to curve around a common centre. The ON arc of one dot and the
+//! OFF arc of the next are also close to each other, but curve away from each other. The third moments of a cluster
+//! determine the direction in which it is curved.
 //!
-//! Either way a pair counts only if each cluster is the other's best partner. The clusters' centres
-//! are their means: the mean of an arc lies inside of the circle by an amount that its spread tells,
-//! and is moved out by that much wherever a distance is compared (the paper's median lies somewhere
-//! between, depending on the direction of the arc). Every pair that falls
-//! away is counted by its reason in [`CircleCounts`]. Nothing here panics.
+//! In both methods a pair counts only if each cluster is the other's best partner. The centre of a cluster is the mean
+//! of its pixels. The mean of an arc lies inside the circle, by an amount that follows from the arc's variance, and is
+//! moved outwards by that amount wherever distances are compared. (The paper's median lies between the mean and the
+//! arc, depending on the direction of the arc.) Every rejected pair is counted by its reason in [`CircleCounts`].
+//! Nothing here panics.
 
 mod extraction;
 mod fit;
@@ -27,7 +27,7 @@ use nalgebra::Vector2;
 
 use crate::settings::{above, at_least, from_to};
 
-/// How a circle follows from a pair of clusters.
+/// Method of deriving a circle from a pair of clusters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
 pub enum Extraction {
@@ -41,10 +41,11 @@ pub enum Extraction {
 /// Largest number of neighbours that can be tried for a cluster.
 pub const MAX_NEIGHBOURS: usize = 8;
 
-// The defaults are for dots of 3 to 25 px radius, seen at up to 60° from the front, and windows in which a dot moves by
-// less than its radius.
+// The defaults are for dots of 3 to 25 px radius, inclined by up to 60°, and windows in which a dot moves by less than
+// its radius.
 crate::settings! {
-    /// Circles from pairs of an ON and an OFF cluster. "Hard" and "soft" tell which extraction uses a value.
+    /// Circles from pairs of an ON and an OFF cluster. "(hard)" and "(soft)" mark values that only one extraction
+    /// method uses.
     #[derive(Clone, Copy, Debug, PartialEq)]
     #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields, default))]
     pub struct CircleSettings {
@@ -63,7 +64,7 @@ crate::settings! {
         pub min_arc: f32 = 0.75, "radii", at_least(0.0);
         /// Largest ratio of the fitted radius to half the distance of the cluster centres (hard).
         pub max_radius_ratio: f32 = 2.0, "", above(0.0);
-        /// Smallest such ratio (hard).
+        /// Smallest ratio of the fitted radius to half the distance of the cluster centres (hard).
         #[cfg_attr(feature = "serde", serde(skip))]
         pub min_radius_ratio: f32 = 0.75, "", at_least(0.0).up_to("max_radius_ratio");
         /// Largest distance of the fitted centre from the midpoint of the cluster centres (hard).

@@ -1,16 +1,16 @@
-//! What a sensor sends, decoded word by word: for a microcontroller that has a sensor or a link at its pins.
+//! Decoders for the data words of event sensors, for a microcontroller that is connected to a sensor or a serial link.
 //!
-//! [`Words`] makes words of 32 bits from bytes that come in any cut (little-endian, as by default on the wire).
+//! [`Words`] assembles 32-bit words from a byte stream (little-endian, as by default on the wire).
 //!
 //! | decoder | format |
 //! |---|---|
 //! | [`Evt2Decoder`] | Prophesee EVT 2.0: GenX320, IMX636 and others, words of 32 bits |
 //! | [`Evt21Decoder`] | Prophesee EVT 2.1: the same in groups of 32 pixels, words of 64 bits |
 //! | [`Evt3Decoder`] | Prophesee EVT 3.0: IMX636 and others, words of 16 bits |
-//! | [`PackedDecoder`] | evcal's packed records: any other sensor, files of tests, words of 32 bits |
+//! | [`PackedDecoder`] | evcal's packed records: any other sensor, and test files, words of 32 bits |
 //!
-//! Time in all is cut to a few bits and wraps; the decoders extend it to 64 bits. A clock that is set
-//! back is followed: times go on from where they were, and it is counted.
+//! All formats truncate time to a few bits, which wrap; the decoders extend it to 64 bits. If the sensor's clock is
+//! reset, the reset is counted and times continue from the last time.
 //!
 //! ```
 //! use evcal_core::decode::{Evt2Decoder, EvtRecord, Words};
@@ -45,13 +45,13 @@ pub use words::Words;
 
 use core::fmt;
 
-/// An event that a format has no room for.
+/// Error: an event does not fit into the format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DoesNotFit;
 
 impl fmt::Display for DoesNotFit {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.write_str("the pixel lies outside of what the format can hold")
+        formatter.write_str("the pixel lies outside the range of the format")
     }
 }
 

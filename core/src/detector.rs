@@ -1,4 +1,4 @@
-//! Events of a window to circle candidates, with all the storage that takes.
+//! Detection of circle candidates in the events of a window, with the storage for it.
 //!
 //! ```
 //! use evcal_core::cluster::{row_bytes, row_count};
@@ -36,25 +36,25 @@ use nalgebra::RealField;
 /// Settings of the stages from events to circles.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DetectorSettings {
-    /// How a circle follows from a pair of clusters.
+    /// Method of deriving a circle from a pair of clusters.
     pub extraction: Extraction,
-    /// Events to clusters.
+    /// Settings of the clustering of events.
     pub cluster: ClusterSettings,
-    /// Clusters to circles.
+    /// Settings of the search for circles among clusters.
     pub circle: CircleSettings,
 }
 
-/// How many went into each stage, how many came out, and why the rest fell away.
+/// Inputs, results and rejections of each stage, counted by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Detection {
-    /// Events to clusters.
+    /// Counts of the clustering.
     pub clusters: ClusterCounts,
-    /// Clusters to circles.
+    /// Counts of the search for circles.
     pub circles: CircleCounts,
 }
 
 impl Detection {
-    /// True if anything was lost for want of capacity.
+    /// Returns `true` if anything was lost because the storage was full.
     pub const fn overflowed(&self) -> bool {
         self.clusters.pixels_over_capacity > 0
             || self.clusters.clusters_over_capacity > 0
@@ -64,9 +64,9 @@ impl Detection {
 
 /// Finds circle candidates in the events of a window.
 ///
-/// For 346×260 pixels, 2048 runs and 128 clusters of each polarity it takes 73 KiB in `f32`: room for
-/// windows of about 5000 events. The capacities are those of [`Clusterer`]; there can be as many circles as ON clusters. The
-/// initial value is all zeros, so that a static of it costs no flash.
+/// For 346×260 pixels, 2048 runs and 128 clusters of each polarity the detector takes 73 KiB in `f32`, enough for
+/// windows of about 5000 events. The capacities have the same meaning as in [`Clusterer`]; there can be as many circles
+/// as ON clusters. The initial value is all zeros, so a static of this type takes no flash.
 #[derive(Debug)]
 pub struct Detector<T, const ROW_BYTES: usize, const ROWS: usize, const RUNS: usize, const CLUSTERS: usize> {
     clusterer: Clusterer<T, ROW_BYTES, ROWS, RUNS, CLUSTERS>,
@@ -76,12 +76,12 @@ pub struct Detector<T, const ROW_BYTES: usize, const ROWS: usize, const RUNS: us
 impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS: usize, const CLUSTERS: usize>
     Detector<T, ROW_BYTES, ROWS, RUNS, CLUSTERS>
 {
-    /// Empty storage.
+    /// Creates empty storage.
     pub const fn new() -> Self {
         Self { clusterer: Clusterer::new(), circles: Vec::new() }
     }
 
-    /// Finds the circles among the events of a window; what earlier windows left is forgotten.
+    /// Finds the circles among the events of a window, and discards the results of the previous window.
     pub fn detect(
         &mut self,
         sensor: Sensor,
@@ -101,17 +101,17 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
         Ok(Detection { clusters, circles })
     }
 
-    /// The circles of the last window, in the order of their ON clusters.
+    /// Returns the circles of the last window, in the order of their ON clusters.
     pub fn circles(&self) -> &[CircleCandidate<T>] {
         &self.circles
     }
 
-    /// The clusters of the last window of one polarity, by their first core pixel in reading order.
+    /// Returns the clusters of one polarity in the last window, ordered by their first core pixel in reading order.
     pub fn clusters(&self, polarity: Polarity) -> &[Cluster<T>] {
         self.clusterer.clusters(polarity)
     }
 
-    /// The pixels of a cluster of the last window, as runs in no particular order.
+    /// Returns the pixels of a cluster of the last window, as runs in no particular order.
     pub fn runs<'a>(&'a self, cluster: &Cluster<T>) -> PixelRuns<'a> {
         self.clusterer.runs(cluster)
     }

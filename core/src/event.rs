@@ -1,4 +1,4 @@
-//! One event: one pixel saw its brightness change by more than its threshold.
+//! Events: a pixel reports that its brightness changed by more than its threshold.
 
 /// The direction of a brightness change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -10,7 +10,7 @@ pub enum Polarity {
 }
 
 impl Polarity {
-    /// The other polarity.
+    /// Returns the other polarity.
     pub const fn opposite(self) -> Self {
         match self {
             Self::Off => Self::On,
@@ -18,7 +18,7 @@ impl Polarity {
         }
     }
 
-    /// 0 for [`Polarity::Off`], 1 for [`Polarity::On`]: an index into per-polarity tables.
+    /// Returns 0 for [`Polarity::Off`] and 1 for [`Polarity::On`], an index into tables by polarity.
     pub const fn index(self) -> usize {
         match self {
             Self::Off => 0,

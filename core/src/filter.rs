@@ -1,23 +1,24 @@
-//! A cheap filter for every event before it costs a place in a window: hot pixels, refractory pixels,
-//! background activity.
+//! A fast per-event filter ahead of the windows: hot pixels, refractory pixels, background activity.
 //!
-//! In this order, each optional:
+//! The stages run in this order; each is optional:
 //!
 //! - **Hot pixels.** A pixel with more than [`hot_events`](FilterSettings::hot_events) events in a period is
 //!   hot for the rest of the period and all of the next.
-//! - **Refractory.** An event less than [`refractory_us`](FilterSettings::refractory_us) after one of its pixel
-//!   that was not dropped so (either polarity) is dropped.
-//! - **Background activity.** An event is dropped unless one of the 3×3 pixels around it, or of the cells they
-//!   are in, gave an event less than [`background_us`](FilterSettings::background_us) before (after Delbruck,
+//! - **Refractory.** An event (of either polarity) is dropped if it comes less than
+//!   [`refractory_us`](FilterSettings::refractory_us) after the last event of its pixel that was not dropped as
+//!   refractory.
+//! - **Background activity.** An event is dropped unless one of the 3×3 pixels around it, or of the cells that contain
+//!   those pixels, had an event less than [`background_us`](FilterSettings::background_us) before (after Delbruck,
 //!   *Frame-free dynamic digital vision*, 2008, on a coarser grid).
 //!
-//! A time for every pixel would be more memory than a microcontroller has, so both memories have the size
-//! that the caller gives:
+//! One timestamp for every pixel would exceed the memory of a microcontroller, so the caller chooses the size of both
+//! memories:
 //!
-//! - `CELLS` times, two bytes each, for square cells as small as fit: 5655 cells for 346×260 make them 4×4.
-//! - `SLOTS` pixels, eight bytes each, shared by all: with as many slots as pixels, hot and refractory
-//!   pixels are found exactly; with fewer, a slot follows one of its pixels at a time, an active one
-//!   before a quiet one, and events of the others pass. A slot never makes an event of another pixel fall.
+//! - `CELLS` timestamps of two bytes each, one per square cell. The cells are as small as `CELLS` allows: for 346×260
+//!   pixels, 5655 cells of 4×4 pixels.
+//! - `SLOTS` entries of eight bytes each, shared by all pixels. With as many slots as pixels, hot and refractory pixels
+//!   are found exactly. With fewer, a slot tracks one of its pixels at a time, preferably an active one, and events of
+//!   its other pixels pass. A slot never causes the events of another pixel to be dropped.
 //!
 //! An event costs some tens of instructions. Nothing here panics.
 
@@ -37,17 +38,17 @@ use crate::sensor::Sensor;
 /// Settings of the filter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FilterSettings {
-    /// Most events of one pixel in a period; 0 turns the hot-pixel filter off.
-    /// Default: 30, with the default period 300 events a second.
+    /// Largest number of events of one pixel in a period; 0 turns the hot-pixel filter off.
+    /// Default: 30, which with the default period is 300 events per second.
     pub hot_events: u16,
     /// The period in microseconds, 1 to 300 000.
     /// Default: 100 000.
     pub hot_period_us: u32,
-    /// Refractory time of a pixel in microseconds, resolved to 16, at most the period; 0 turns the filter off.
+    /// Refractory time of a pixel in microseconds, with a resolution of 16, at most the period; 0 turns the filter off.
     /// Default: 0.
     pub refractory_us: u32,
-    /// How old the event of a neighbour may be, in microseconds, resolved to 64; 0 turns the filter off, 2 s is
-    /// the most.
+    /// Largest age of a neighbour's event in microseconds, with a resolution of 64, at most 2 s; 0 turns the filter
+    /// off.
     /// Default: 2000.
     pub background_us: u32,
 }
@@ -58,38 +59,38 @@ impl Default for FilterSettings {
     }
 }
 
-/// What becomes of an event.
+/// Result of the filter for one event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum EventFate {
-    /// It passes.
+    /// The event passes.
     Keep,
-    /// It lies outside the sensor.
+    /// The event lies outside the sensor.
     Outside,
-    /// Its pixel is hot.
+    /// The event's pixel is hot.
     Hot,
-    /// Its pixel gave another just before.
+    /// The event came too soon after the previous event of its pixel.
     Refractory,
-    /// It has no neighbour.
+    /// No neighbouring pixel had a recent event.
     Background,
 }
 
-/// Events by what became of them.
+/// Number of events by result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FilterCounts {
-    /// Passed.
+    /// Events that passed.
     pub kept: u32,
-    /// Outside the sensor.
+    /// Events outside the sensor.
     pub outside: u32,
-    /// Of hot pixels.
+    /// Events of hot pixels.
     pub hot: u32,
-    /// Too soon after another of their pixel.
+    /// Events too soon after the previous event of their pixel.
     pub refractory: u32,
-    /// Without a neighbour.
+    /// Events without a recent event in the neighbourhood.
     pub background: u32,
 }
 
-/// The memory of a filter. Its initial value is all zeros, so that a static of it costs no flash.
+/// The memory of a filter. Its initial value is all zeros, so a static of this type takes no flash.
 #[derive(Debug)]
 pub struct FilterStorage<const CELLS: usize, const SLOTS: usize> {
     cells: [u16; CELLS],
@@ -97,7 +98,7 @@ pub struct FilterStorage<const CELLS: usize, const SLOTS: usize> {
 }
 
 impl<const CELLS: usize, const SLOTS: usize> FilterStorage<CELLS, SLOTS> {
-    /// Empty. `SLOTS` must be a power of two (checked when compiled).
+    /// Creates empty storage. `SLOTS` must be a power of two (checked at compile time).
     pub const fn new() -> Self {
         const { assert!(SLOTS.is_power_of_two(), "SLOTS must be a power of two") };
         Self { cells: [0; CELLS], slots: [Slot::EMPTY; SLOTS] }
@@ -114,9 +115,9 @@ impl<const CELLS: usize, const SLOTS: usize> Default for FilterStorage<CELLS, SL
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum StorageTooSmall {
-    /// Even cells of 64×64 pixels are more than `CELLS`.
+    /// Even cells of 64×64 pixels number more than `CELLS`.
     Cells,
-    /// There are more than 65 536 pixels a slot.
+    /// More than 65 536 pixels share a slot.
     Slots,
 }
 
@@ -131,7 +132,7 @@ impl fmt::Display for StorageTooSmall {
 
 impl core::error::Error for StorageTooSmall {}
 
-/// Judges event after event.
+/// Decides for each event whether it passes.
 ///
 /// ```
 /// use evcal_core::sensor::Sensor;
@@ -153,16 +154,16 @@ pub struct EventFilter<'a, const CELLS: usize, const SLOTS: usize> {
     sensor: Sensor,
     pixels: PixelFilter<'a, SLOTS>,
     cells: CellGrid<'a, CELLS>,
-    /// Time of the first event, once there was one: the memories count from there.
+    /// Time of the first event, from which both memories count; `None` before it.
     origin_us: Option<i64>,
     counts: FilterCounts,
 }
 
 impl<'a, const CELLS: usize, const SLOTS: usize> EventFilter<'a, CELLS, SLOTS> {
-    /// A filter that has seen nothing yet. What `storage` held is forgotten.
+    /// Creates a filter and clears `storage`.
     ///
     /// # Errors
-    /// If the storage is too small for the sensor.
+    /// Returns an error if the storage is too small for the sensor.
     pub fn new(
         sensor: Sensor,
         settings: FilterSettings,
@@ -177,7 +178,7 @@ impl<'a, const CELLS: usize, const SLOTS: usize> EventFilter<'a, CELLS, SLOTS> {
         })
     }
 
-    /// What becomes of the next event. Events come in order of time.
+    /// Decides whether the next event passes. Events must come in order of time.
     #[inline]
     pub fn judge(&mut self, event: &Event) -> EventFate {
         let fate = self.fate(event);
@@ -192,12 +193,12 @@ impl<'a, const CELLS: usize, const SLOTS: usize> EventFilter<'a, CELLS, SLOTS> {
         fate
     }
 
-    /// What was judged so far.
+    /// Returns the number of events so far, by result.
     pub const fn counts(&self) -> &FilterCounts {
         &self.counts
     }
 
-    /// Width and height of a cell of the background filter, in pixels.
+    /// Returns the width and height of a cell of the background filter, in pixels.
     pub const fn cell_size(&self) -> u16 {
         self.cells.cell_size()
     }

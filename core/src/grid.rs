@@ -1,36 +1,36 @@
-//! Circle candidates of one window → the ordered board.
+//! Finds the ordered board among the circle candidates of one window.
 //!
-//! [`find_grid`] finds a [`Pattern`] among candidate centres. It needs no camera model: it follows
-//! the lattice from neighbour to neighbour, so that perspective and lens distortion may bend the
-//! board, candidates that are no circles may lie among the dots, and dots may be missing.
+//! [`find_grid`] finds a [`Pattern`] among candidate centres. It needs no camera model because it follows the lattice
+//! from neighbour to neighbour. The board may therefore be bent by perspective and lens distortion, false candidates
+//! may lie among the dots, and dots may be missing.
 //!
 //! 1. Seeds: points midway between two pairs of opposite neighbours.
-//! 2. Growth: from a seed outward, each site predicted by its placed neighbours.
-//! 3. Settling: a homography behind a lens (of unknown distortion) is fitted to the lattice; every
-//!    candidate is judged by the map without it and keeps, takes or loses its site.
-//! 4. Placement: the shift and turn that put the lattice onto the board, if it is likelier than any
-//!    other by [`GridOptions::minimum_odds`].
+//! 2. Growth from a seed outwards; the position of each site is predicted from its placed neighbours.
+//! 3. Settling: a homography behind a lens (of unknown distortion) is fitted to the lattice. Every candidate is
+//!    compared with a map fitted without it, and keeps, takes or loses its site.
+//! 4. Placement: the shift and rotation that put the lattice onto the board, if it is likelier than any other by
+//!    [`GridOptions::minimum_odds`].
 //!
-//! What holds of every returned board:
-//! - The map from board to image keeps its sense of rotation (x to the right, y down in both): no
-//!   mirrored order is returned. An asymmetric board with an even number of rows is not its own
-//!   mirror image, so a mirrored picture of it is refused. All others are: a mirrored picture of
-//!   such a board is a true picture of it from elsewhere, and points alone cannot tell.
-//! - The lattice is square in space for some focal length: a sheared order is none.
-//! - Any other placement (shifted, turned) explains fewer candidates, by enough to be unlikely. So
-//!   complete boards are certain; one whose outer circles are missing is refused as soon as it might
-//!   be shifted ([`GridError::AmbiguousPlacement`]). Where such a board lies, the windows before can
-//!   tell: [`find_grid_near`].
-//! - A board that a half or a quarter turn maps onto itself (all symmetric ones, asymmetric ones
-//!   with an even number of rows) is reported as [`Ordering::Ambiguous`]; the order returned is the
-//!   one whose first circle lies nearest to the top left. [`reorder`] gives the others.
-//! - No candidate has two board indices, no board index two candidates. Where two candidates
-//!   compete for one circle, neither is taken. A candidate within the scatter of where a missing
-//!   circle would be is taken for it.
+//! Guarantees for every returned board:
+//! - The map from board to image keeps its sense of rotation (x to the right, y down in both), so the order is never
+//!   mirrored. An asymmetric board with an even number of rows differs from its mirror image, so a mirrored picture of
+//!   it is rejected. All other boards equal their mirror image: a mirrored picture of such a board is also a valid
+//!   picture from another viewpoint, and points alone cannot distinguish the two.
+//! - The lattice is square in space for some focal length: sheared orders are rejected.
+//! - Any other placement (shifted or rotated) explains far fewer candidates and is unlikely. Complete boards
+//!   are therefore certain. A board without its outer circles is rejected if it might be shifted
+//!   ([`GridError::AmbiguousPlacement`]). Earlier windows can determine the position of such a board:
+//!   [`find_grid_near`].
+//! - A board that a rotation by 180° or 90° maps onto itself (all symmetric boards, and asymmetric ones with an even
+//!   number of rows) is reported as [`Ordering::Ambiguous`]. The first circle of the returned order lies nearest to the
+//!   top left. [`reorder`] returns the other orders.
+//! - No candidate has two board indices, and no board index two candidates. If two candidates compete for one circle,
+//!   neither is taken. A candidate that lies within the scatter of a missing circle's position is taken for that
+//!   circle.
 //!
-//! What cannot be told: a board with one row or column less than the pattern is a partial view of it.
+//! Known limitation: a board with one row or column less than the pattern is taken for a partial view of it.
 //!
-//! No heap, no panics, no randomness: the same candidates in any order give the same circles.
+//! No heap, no panics, no randomness: the order of the candidates does not affect the result.
 
 mod evidence;
 mod expectation;
@@ -53,35 +53,33 @@ use points::Points;
 use search::Choice;
 use settle::Settling;
 
-/// A detected circle that may be one of the board.
+/// A detected circle that may belong to the board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridCandidate<T> {
     /// Centre in pixels.
     pub center: Vector2<T>,
-    /// Radius in pixels, 0 when unknown. Where two neighbours' radii are known they must not differ
-    /// by a factor of two or more.
+    /// Radius in pixels, 0 if unknown. Known radii of two neighbours must differ by less than a factor of two.
     pub radius: T,
 }
 
-/// Which boards to accept.
+/// Criteria for accepting a board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridOptions {
-    /// Width and height of the image in pixels: lens distortion is centred near its middle.
+    /// Width and height of the image in pixels; the centre of lens distortion is assumed near the middle.
     pub image_size: (f64, f64),
-    /// Fewest circles of a board that is accepted.
+    /// Smallest number of circles of an accepted board.
     pub minimum_circles: usize,
-    /// How many times likelier than any other a placement on the board must be.
+    /// Smallest likelihood ratio of the best placement to any other placement.
     pub minimum_odds: f64,
-    /// Most points that continue the lattice beside the board. More mean that it is another board.
+    /// Largest number of points that continue the lattice outside the board. More points indicate another board.
     pub maximum_outside: usize,
-    /// Largest scatter of the circles about a smooth lattice, in parts of the distance of
-    /// neighbours.
+    /// Largest scatter of the circles about a smooth lattice, as a fraction of the distance of neighbours.
     pub maximum_scatter: f64,
 }
 
 impl GridOptions {
-    /// Options for a pattern and the image's width and height in pixels: at least 40 % of the circles
-    /// and no fewer than 12 (below, chance makes boards of clutter), odds of 5000.
+    /// Returns the options for a pattern and an image size (width, height) in pixels: at least 40 % of the circles and
+    /// at least 12 (with fewer, random clutter can form a board), odds of 5000.
     pub const fn new(pattern: &Pattern, image_size: (f64, f64)) -> Self {
         let count = pattern.circle_count();
         let part = (count * 2).div_ceil(5);
@@ -102,7 +100,7 @@ impl GridOptions {
     }
 }
 
-/// One circle of the board and its candidate.
+/// A circle of the board and its candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GridCircle {
     /// Index on the board, row by row ([`Pattern::lattice_position`]).
@@ -111,14 +109,13 @@ pub struct GridCircle {
     pub candidate: u16,
 }
 
-/// Whether the order of a found board is the only one.
+/// Uniqueness of the order of a found board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ordering {
     /// There is one order.
     Unique,
-    /// The board looks the same after a turn: this many orders are equally right (2: half turn;
-    /// 4: quarter turns). The one returned has its first circle nearest to the top left of the
-    /// image.
+    /// The board looks the same after a rotation: this many orders are equally valid (2: rotations by 180°; 4: by 90°).
+    /// In the returned order the first circle is nearest to the top left of the image.
     Ambiguous(u8),
 }
 
@@ -127,31 +124,31 @@ pub enum Ordering {
 pub struct FoundGrid<T, const N: usize> {
     /// The circles found, by rising board index.
     pub circles: Vec<GridCircle, N>,
-    /// Whether other orders are equally right.
+    /// Uniqueness of the order.
     pub ordering: Ordering,
-    /// Scatter of the circles about a smooth lattice: a standard deviation in pixels, along one axis.
+    /// Scatter of the circles about a smooth lattice: standard deviation in pixels along one axis.
     pub scatter: T,
 }
 
-/// Why no board was found. The reason given is that of the attempt that went furthest.
+/// Reason why no board was found, taken from the attempt that got furthest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum GridError {
-    /// There are more candidates than the workspace holds.
+    /// More candidates than the workspace can store.
     TooManyCandidates {
         /// Number of candidates given.
         count: usize,
         /// Number of candidates that fit.
         capacity: usize,
     },
-    /// The usable candidates (finite, not twice the same) are fewer than the circles needed.
+    /// Fewer usable candidates (finite, no duplicates) than circles needed.
     TooFewCandidates {
         /// Number of usable candidates.
         usable: usize,
         /// Number of circles needed.
         needed: usize,
     },
-    /// Nowhere do the candidates look like a lattice.
+    /// No part of the candidates looks like a lattice.
     NoLattice,
     /// The largest lattice, or its part on the board, has too few circles.
     TooFewCircles {
@@ -162,16 +159,16 @@ pub enum GridError {
     },
     /// The circles scatter too much about a smooth lattice.
     NotSmooth,
-    /// The lattice goes on beside the board: another board, or not a board.
+    /// The lattice continues outside the board: it belongs to another board, or to no board.
     WrongBoard {
-        /// Number of lattice points beside the board.
+        /// Number of lattice points outside the board.
         outside: usize,
     },
-    /// Several placements on the board explain (nearly) as many circles.
+    /// Several placements on the board explain (nearly) the same number of circles.
     AmbiguousPlacement {
         /// Circles explained by the best placement.
         best: usize,
-        /// Circles explained by the next best.
+        /// Circles explained by the second best placement.
         runner_up: usize,
     },
     /// No placement is near the expected one.
@@ -179,7 +176,7 @@ pub enum GridError {
 }
 
 impl GridError {
-    /// Whether there is a lattice, and only its place on the board is in question.
+    /// Returns `true` if a lattice was found and only its position on the board is in question.
     const fn is_of_placement(&self) -> bool {
         matches!(self, Self::WrongBoard { .. } | Self::AmbiguousPlacement { .. } | Self::NotAsExpected)
     }
@@ -189,28 +186,36 @@ impl core::fmt::Display for GridError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::TooManyCandidates { count, capacity } => {
-                write!(f, "{count} circle candidates, room for {capacity}: narrow the circle tests")
+                write!(
+                    f,
+                    "{count} circle candidates exceed the capacity of {capacity}: use stricter limits for circles"
+                )
             }
             Self::TooFewCandidates { usable, needed } => {
-                write!(f, "{usable} circle candidates, the board needs {needed}")
+                write!(f, "{usable} circle candidates found, the board needs {needed}")
             }
-            Self::NoLattice => write!(f, "the circle candidates form no lattice"),
+            Self::NoLattice => write!(f, "the circle candidates do not form a lattice"),
             Self::TooFewCircles { found, needed } => write!(f, "{found} circles of the board found, {needed} needed"),
             Self::NotSmooth => write!(f, "the circle candidates scatter too much to be a board"),
             Self::WrongBoard { outside } => {
-                write!(f, "{outside} circles beside the board: is the size of the board right?")
+                write!(f, "{outside} circles outside the board: check the size of the board")
             }
             Self::AmbiguousPlacement { best, runner_up } => {
-                write!(f, "the board could lie in two places: {best} or {runner_up} circles agree")
+                write!(
+                    f,
+                    "the position of the board is ambiguous: {best} circles fit the best position, {runner_up} the next"
+                )
             }
-            Self::NotAsExpected => write!(f, "the circles form a lattice, but not where the board is expected"),
+            Self::NotAsExpected => {
+                write!(f, "the circles form a lattice, but not at the expected position of the board")
+            }
         }
     }
 }
 
 impl core::error::Error for GridError {}
 
-/// Storage of [`find_grid`] for up to N candidates.
+/// Storage of [`find_grid`] for up to `N` candidates.
 #[derive(Clone, Debug)]
 pub struct GridWorkspace<T, const N: usize> {
     points: Points<T, N>,
@@ -219,7 +224,7 @@ pub struct GridWorkspace<T, const N: usize> {
 }
 
 impl<T: RealField + Copy, const N: usize> GridWorkspace<T, N> {
-    /// An empty workspace.
+    /// Creates an empty workspace.
     pub const fn new() -> Self {
         Self { points: Points::new(), lattice: Lattice::new(), settling: Settling::new() }
     }
@@ -234,8 +239,8 @@ impl<T: RealField + Copy, const N: usize> Default for GridWorkspace<T, N> {
 /// Finds the board among the candidates.
 ///
 /// # Errors
-/// [`GridError`] says why there is none. A wrong board is worse than none: when in doubt, it is
-/// refused.
+/// Returns a [`GridError`] if no board was found. When in doubt, a board is rejected, because a wrong board is worse
+/// than none.
 pub fn find_grid<T: RealField + Copy, const N: usize>(
     candidates: &[GridCandidate<T>],
     pattern: &Pattern,
@@ -245,14 +250,13 @@ pub fn find_grid<T: RealField + Copy, const N: usize>(
     search::search(candidates, pattern, options, &Choice::MostLikely, workspace)
 }
 
-/// Finds the board where it is expected, as by its motion in the windows before.
+/// Finds the board near its expected position, for example as predicted from earlier windows.
 ///
-/// `expected` holds the pixel where each circle of the board is expected, by board index; `None`
-/// where nothing is known. Where the board lies on the lattice that the candidates form, and which way
-/// round, is then no question of likelihood: it is the placement nearest to what is expected, if that is nearer
-/// than a third of the spacing (root mean square). So boards that the border of the image cuts, or that a
-/// turn maps onto themselves, keep their order from window to window; the result is
-/// [`Ordering::Unique`].
+/// `expected` contains the expected pixel of each circle of the board, by board index; `None` if it is unknown. The
+/// position and orientation of the board on the lattice then do not depend on likelihood: the placement nearest to the
+/// expected one is taken if it is nearer than a third of the spacing (root mean square). Boards that are cut by the
+/// border of the image, or that a rotation maps onto themselves, therefore keep their order from window to window. The
+/// result is [`Ordering::Unique`].
 ///
 /// # Errors
 /// [`GridError::NotAsExpected`] if no placement is near, otherwise as [`find_grid`].
@@ -266,22 +270,23 @@ pub fn find_grid_near<T: RealField + Copy, const N: usize>(
     search::search(candidates, pattern, options, &Choice::Nearest(expected), workspace)
 }
 
-/// A candidate at its place on a lattice.
+/// A candidate on a lattice site.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LatticeSite {
     /// Steps along the first direction of the lattice.
     pub u: i8,
-    /// Steps along the second direction. The turn from the first to it is that from x to y.
+    /// Steps along the second direction. The rotation from the first to the second direction has the same sense as from
+    /// x to y.
     pub v: i8,
     /// Index in the slice of candidates.
     pub candidate: u16,
 }
 
-/// Finds the largest lattice of at least [`GridOptions::minimum_circles`] candidates. Its place on a board is left to the caller,
-/// who may know more than positions.
+/// Finds the largest lattice of at least [`GridOptions::minimum_circles`] candidates. The caller determines its
+/// position on a board, because it may know more than positions.
 ///
 /// # Errors
-/// [`GridError`] says why there is none.
+/// Returns a [`GridError`] if there is no such lattice.
 pub fn find_lattice<T: RealField + Copy, const N: usize>(
     candidates: &[GridCandidate<T>],
     options: &GridOptions,
@@ -290,14 +295,14 @@ pub fn find_lattice<T: RealField + Copy, const N: usize>(
     search::search_lattice(candidates, options, workspace)
 }
 
-/// Number of turns that map the board onto itself: 4 for a square symmetric board, 2 for the other
-/// symmetric ones and for asymmetric ones with an even number of rows, else 1.
+/// Returns the number of rotations that map the board onto itself: 4 for a square symmetric board, 2 for other
+/// symmetric boards and for asymmetric ones with an even number of rows, otherwise 1.
 pub fn symmetry(pattern: &Pattern) -> usize {
     placement::turns_of(pattern)
 }
 
-/// The index that circle `board` has after the board was turned `turn` times by a half turn
-/// ([`symmetry`] 2) or a quarter turn (4). None if there is no such circle.
+/// Returns the index of circle `board` after the board was rotated `turn` times by 180° ([`symmetry`] 2) or 90° (4).
+/// `None` if there is no such circle.
 pub fn reorder(pattern: &Pattern, board: usize, turn: usize) -> Option<usize> {
     let turns = placement::turns_of(pattern);
     let (width, height) = placement::extent_of(pattern);

@@ -2,22 +2,22 @@
 //!
 //! # Modules
 //!
-//! Data flows one way, one module a stage:
+//! Data flows one way, one module per stage:
 //!
 //! | module | from | to |
 //! |---|---|---|
 //! | [`event`] | | one change of brightness at one pixel |
 //! | [`decode`] | words of a sensor | events |
-//! | [`filter`] | events | events without hot, refractory and lonely pixels |
-//! | [`budget`] | events | as many as can be worked on |
-//! | [`window`] | events | time windows worth looking at |
+//! | [`filter`] | events | events without hot, refractory and isolated pixels |
+//! | [`budget`] | events | as many events as can be processed |
+//! | [`window`] | events | time windows to search |
 //! | [`cluster`] | events of one polarity | DBSCAN clusters |
 //! | [`circle`] | clusters of both polarities | circle candidates |
-//! | [`detector`] | events of a window | circle candidates: the two stages above in one object |
+//! | [`detector`] | events of a window | circle candidates: the two stages above in one type |
 //! | [`grid`] | circle candidates | the ordered board |
 //! | [`spline`] | control points | poses at any time |
 //! | [`camera`] | points | pixels, and back |
-//! | [`settings`](mod@settings) | one declaration | a structure of settings that says what they are |
+//! | [`settings`](mod@settings) | one declaration | a structure of settings with descriptions |
 //! | [`undistortion`] | pixels | pixels without distortion |
 //!
 //! # Conventions
@@ -27,7 +27,7 @@
 //! coordinates, where the board lies in the plane z = 0.
 #![no_std]
 #![forbid(unsafe_code)]
-// No input makes it panic; indices are covered by the proof in firmware/no-panic.
+// No input causes a panic; firmware/no-panic proves it for slice indices.
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable)]
 
 #[cfg(test)]

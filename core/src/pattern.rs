@@ -1,6 +1,6 @@
 //! The layout of a printed circle grid, in lattice units.
 
-/// How the circles of a board are arranged.
+/// Arrangement of the circles of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layout {
     /// Every other row is shifted by half the distance of neighbours in a row
@@ -22,15 +22,15 @@ pub struct Pattern {
 }
 
 impl Pattern {
-    /// Number of circles on the board.
+    /// Returns the number of circles on the board.
     pub const fn circle_count(&self) -> usize {
         self.rows as usize * self.columns as usize
     }
 
-    /// Lattice position (x, y) of circle `index`, in units of the board's spacing.
+    /// Returns the lattice position (x, y) of circle `index`, in units of the board's spacing.
     ///
-    /// For circle j of row i: `(2 j + i mod 2, i)` on an asymmetric board (OpenCV's convention: the
-    /// spacing is half the distance of neighbours in a row), `(j, i)` on a symmetric one.
+    /// Circle j of row i is at `(2 j + i mod 2, i)` on an asymmetric board (as in OpenCV, the spacing is half the
+    /// distance of neighbours in a row), and at `(j, i)` on a symmetric one.
     pub const fn lattice_position(&self, index: usize) -> (i32, i32) {
         let columns = if self.columns == 0 { 1 } else { self.columns as usize };
         let row = (index / columns) as i32;
@@ -41,7 +41,7 @@ impl Pattern {
         }
     }
 
-    /// Index of the circle at lattice position (x, y), if there is one.
+    /// Returns the index of the circle at lattice position (x, y), if there is one.
     pub const fn index_at(&self, x: i32, y: i32) -> Option<usize> {
         if x < 0 || y < 0 || y >= self.rows as i32 {
             return None;

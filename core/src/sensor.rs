@@ -13,33 +13,33 @@ pub struct Sensor {
 }
 
 impl Sensor {
-    /// No sensor has more columns or rows.
+    /// Largest number of columns or rows of a sensor.
     pub const MOST_PIXELS_A_SIDE: u16 = 32_767;
 
-    /// A sensor of `width` columns and `height` rows.
+    /// Creates a sensor of `width` columns and `height` rows.
     pub const fn new(width: u16, height: u16) -> Self {
         Self { width, height }
     }
 
-    /// Number of pixels.
+    /// Returns the number of pixels.
     pub const fn pixel_count(self) -> usize {
         self.width as usize * self.height as usize
     }
 
-    /// Whether it has the pixel in column `x` and row `y`.
+    /// Returns `true` if the sensor has a pixel in column `x` and row `y`.
     pub const fn contains(self, x: u16, y: u16) -> bool {
         x < self.width && y < self.height
     }
 }
 
-/// `WIDTH x HEIGHT`, as messages name it.
+/// Formats the sensor as `WIDTH x HEIGHT` for messages.
 impl fmt::Display for Sensor {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} x {}", self.width, self.height)
     }
 }
 
-/// From columns and rows.
+/// Converts from (columns, rows).
 impl From<(u16, u16)> for Sensor {
     fn from((width, height): (u16, u16)) -> Self {
         Self { width, height }

@@ -1,18 +1,19 @@
-//! Settings that say what they are: unit, bounds and meaning stand beside the field.
+//! Self-describing settings: unit, bounds and meaning are declared together with the field.
 //!
-//! The macro [`settings!`](crate::settings!) makes of one declaration a structure, its defaults and a description. Programs check
-//! files by the description and write it into them and into documents, so a setting is declared in one place.
+//! The macro [`settings!`](crate::settings!) turns one declaration into a structure, its defaults and a description.
+//! Programs use the description to check settings files and to document the settings, so each setting is declared in
+//! one place only.
 //!
 //! ```
 //! use evcal_core::settings::{Kind, at_least};
 //!
 //! evcal_core::settings! {
-//!     /// How long to wait.
+//!     /// Waiting for an answer.
 //!     #[derive(Clone, Debug, PartialEq)]
 //!     pub struct WaitSettings {
 //!         /// Longest time to wait.
 //!         pub longest: f64 = 0.5, "s", at_least(0.0);
-//!         /// Whether to say so.
+//!         /// `true` to report the end of the wait.
 //!         pub loud: bool = true;
 //!     }
 //! }
@@ -29,7 +30,7 @@ use core::fmt;
 /// A structure of settings.
 #[derive(Clone, Copy, Debug)]
 pub struct Group {
-    /// What it is for: the documentation of the structure, each line with a space before it.
+    /// Purpose: the documentation of the structure, each line with a space before it.
     pub meaning: &'static str,
     /// Its settings in the order of the fields.
     pub settings: &'static [Setting],
@@ -40,75 +41,75 @@ pub struct Group {
 pub struct Setting {
     /// Name of the field.
     pub name: &'static str,
-    /// What it means: the documentation of the field, each line with a space before it.
+    /// Meaning: the documentation of the field, each line with a space before it.
     pub meaning: &'static str,
-    /// What it can be.
+    /// Type of value and, for a number, its unit and bounds.
     pub kind: Kind,
 }
 
-/// What a setting can be.
+/// Type of a setting's value.
 #[derive(Clone, Copy, Debug)]
 pub enum Kind {
     /// A number.
     Number {
         /// Its unit; empty for a plain number.
         unit: &'static str,
-        /// What it may be.
+        /// Allowed range.
         bounds: Bounds,
     },
-    /// A name, yes or no.
+    /// A name or a boolean.
     Choice,
     /// A structure of further settings.
     Group(&'static Group),
 }
 
-/// What a number may be. Infinite and undefined numbers never hold.
+/// Allowed range of a number. Infinities and NaN are never in range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
     /// The smallest number.
     pub least: f32,
-    /// Whether `least` itself is refused.
+    /// `true` if `least` itself is not allowed.
     pub above: bool,
-    /// The largest number; `f32::MAX` where there is none.
+    /// The largest number; `f32::MAX` if there is no upper bound.
     pub most: f32,
     /// Another setting of the same structure that the number must not exceed.
     pub up_to: Option<&'static str>,
 }
 
-/// More than `least`.
+/// Returns the range of numbers greater than `least`.
 pub const fn above(least: f32) -> Bounds {
     Bounds { above: true, ..at_least(least) }
 }
 
-/// `least` or more.
+/// Returns the range of numbers equal to or greater than `least`.
 pub const fn at_least(least: f32) -> Bounds {
     Bounds { least, above: false, most: f32::MAX, up_to: None }
 }
 
-/// From `least` to `most`, both included.
+/// Returns the range from `least` to `most`, both included.
 pub const fn from_to(least: f32, most: f32) -> Bounds {
     at_least(least).at_most(most)
 }
 
 impl Bounds {
-    /// The same, and no more than `most`.
+    /// Returns the same range limited to at most `most`.
     pub const fn at_most(self, most: f32) -> Self {
         Self { most, ..self }
     }
 
-    /// The same, and no more than the setting `name` of the same structure.
+    /// Returns the same range limited by the setting `name` of the same structure.
     pub const fn up_to(self, name: &'static str) -> Self {
         Self { up_to: Some(name), ..self }
     }
 
-    /// Whether a number, rounded to single precision, is within the bounds, [`up_to`](Self::up_to) left aside.
+    /// Returns `true` if a number, rounded to single precision, is within the bounds; ignores [`up_to`](Self::up_to).
     pub fn holds(&self, value: f64) -> bool {
         let value = value as f32;
         value <= self.most && if self.above { value > self.least } else { value >= self.least }
     }
 }
 
-/// As in "it must be from 1 to 4.99", [`up_to`](Bounds::up_to) left aside.
+/// Formats the range as in "it must be from 1 to 4.99"; ignores [`up_to`](Bounds::up_to).
 impl fmt::Display for Bounds {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { least, above, most, .. } = *self;
@@ -125,11 +126,11 @@ impl fmt::Display for Bounds {
 ///
 /// - `name: Type = default, "unit", bounds;` is a number ([`above`], [`at_least`], [`from_to`]); `""` is the unit of a
 ///   plain number;
-/// - `name: Type = default;` is a name, yes or no;
+/// - `name: Type = default;` is a name or a boolean;
 /// - `name: Type;` is another structure that was declared with this macro.
 ///
-/// Makes the structure with the attributes given, its `Default`, and the constant `GROUP`, a [`Group`]. The
-/// documentation of structure and fields is what users read: whole sentences, no links.
+/// Generates the structure with the given attributes, its `Default`, and the constant `GROUP`, a [`Group`]. The
+/// documentation of the structure and its fields is shown to users, so write whole sentences without links.
 #[macro_export]
 macro_rules! settings {
     (
@@ -160,7 +161,7 @@ macro_rules! settings {
         }
 
         impl $name {
-            /// What the settings are.
+            /// Description of the settings.
             pub const GROUP: $crate::settings::Group = $crate::settings::Group {
                 meaning: concat!($($crate::settings!(@meaning $($attribute)*)),*),
                 settings: &[$(
@@ -227,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn bounds_hold_what_they_say() {
+    fn bounds_match_their_text() {
         for (bounds, inside, outside, text) in [
             (above(0.0), 1e-9, 0.0, "above 0"),
             (at_least(1.0), 1.0, 0.999, "at least 1"),

@@ -44,7 +44,7 @@ pub const MAX_DEGREE: usize = 5;
 /// The largest number of control points that act on one point of a curve.
 pub const MAX_ORDER: usize = MAX_DEGREE + 1;
 
-/// Why a knot vector or a parameter was refused.
+/// Reason to reject a knot vector or a parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SplineError {
@@ -56,10 +56,10 @@ pub enum SplineError {
     KnotsDecrease,
     /// The first or the last `degree + 1` knots are not equal.
     NotClamped,
-    /// A knot inside is repeated more than `degree` times (the curve would jump), or a knot at an
-    /// end more than `degree + 1` times.
+    /// An inner knot is repeated more than `degree` times (the curve would jump), or a knot at an end more than
+    /// `degree + 1` times.
     KnotMultiplicity,
-    /// The parameter lies outside the knots, or is not a number.
+    /// The parameter lies outside the knots, or is NaN.
     OutOfRange,
 }
 
@@ -107,7 +107,7 @@ impl<'a, T: RealField + Copy> Knots<'a, T> {
         if knots.len() < 2 * order {
             return Err(SplineError::TooFewControlPoints);
         }
-        // Written so that a NaN fails.
+        // Written so that a NaN is rejected.
         let rises = knots.iter().zip(head).all(|(knot, next)| knot <= next);
         if !(rises && first.is_finite() && last.is_finite()) {
             return Err(SplineError::KnotsDecrease);
@@ -115,50 +115,50 @@ impl<'a, T: RealField + Copy> Knots<'a, T> {
         if knots.get(degree) != Some(first) || knots.get(knots.len() - order) != Some(last) {
             return Err(SplineError::NotClamped);
         }
-        // Neither end counts here: each may be repeated once more.
+        // The ends are excluded because each may be repeated once more.
         if head.iter().zip(tail.iter().skip(order)).any(|(knot, later)| knot == later) {
             return Err(SplineError::KnotMultiplicity);
         }
         Ok(Self { knots, degree, start: *first, end: *last })
     }
 
-    /// Takes `knots` as they are: for a vector that [`Knots::new`] has accepted before, without
-    /// another pass over it. Other knots give wrong values or errors, but never a panic.
+    /// Creates the knots without a check, for a vector that [`Knots::new`] has accepted before. Other knots cause wrong
+    /// values or errors, but never a panic.
     pub fn assume_valid(knots: &'a [T], degree: usize) -> Self {
         let end = |knot: Option<&T>| knot.copied().unwrap_or_else(T::zero);
         Self { knots, degree: degree.min(MAX_DEGREE), start: end(knots.first()), end: end(knots.last()) }
     }
 
-    /// Degree of the curve, 1 to [`MAX_DEGREE`].
+    /// Returns the degree of the curve, 1 to [`MAX_DEGREE`].
     pub fn degree(&self) -> usize {
         self.degree
     }
 
-    /// Number of control points that belong to these knots.
+    /// Returns the number of control points that belong to these knots.
     pub fn control_point_count(&self) -> usize {
         self.knots.len().saturating_sub(self.degree).saturating_sub(1)
     }
 
-    /// The first parameter of the curve.
+    /// Returns the first parameter of the curve.
     pub fn start(&self) -> T {
         self.start
     }
 
-    /// The last parameter of the curve.
+    /// Returns the last parameter of the curve.
     pub fn end(&self) -> T {
         self.end
     }
 
-    /// The knots.
+    /// Returns the knots.
     pub fn as_slice(&self) -> &'a [T] {
         self.knots
     }
 
-    /// The `k` with `u_k ≤ u < u_{k+1}`, found by bisection (algorithm A2.1). The last span that is
-    /// not empty is closed: it holds [`Knots::end`] as well.
+    /// Returns the `k` with `u_k ≤ u < u_{k+1}`, found by bisection (algorithm A2.1). The last span that is not empty
+    /// is closed: it includes [`Knots::end`].
     ///
     /// # Errors
-    /// [`SplineError::OutOfRange`] when `u` lies outside the knots or is not a number.
+    /// [`SplineError::OutOfRange`] if `u` lies outside the knots or is NaN.
     pub fn find_span(&self, u: T) -> Result<usize, SplineError> {
         if !(self.start <= u && u <= self.end) {
             return Err(SplineError::OutOfRange);
@@ -167,13 +167,13 @@ impl<'a, T: RealField + Copy> Knots<'a, T> {
         Ok(self.degree + inside.partition_point(|knot| *knot <= u))
     }
 
-    /// The basis functions that differ from zero at `u`, and their first two derivatives by `u`
-    /// (what algorithms A2.2 and A2.3 compute, in one pass).
+    /// Returns the basis functions that differ from zero at `u`, and their first two derivatives with respect to `u`
+    /// (the results of algorithms A2.2 and A2.3, in one pass).
     ///
-    /// On a knot the derivatives are those from the right, at [`Knots::end`] from the left.
+    /// At a knot the derivatives are taken from the right, at [`Knots::end`] from the left.
     ///
     /// # Errors
-    /// [`SplineError::OutOfRange`] when `u` lies outside the knots or is not a number.
+    /// [`SplineError::OutOfRange`] if `u` lies outside the knots or is NaN.
     pub fn basis(&self, u: T) -> Result<Basis<T>, SplineError> {
         let degree = self.degree;
         let span = self.find_span(u)?;
@@ -226,7 +226,7 @@ impl<'a, T: RealField + Copy> Knots<'a, T> {
 /// Entry `i` of each array belongs to control point `first + i`; entries from `order` on are zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Basis<T> {
-    /// Index of the first control point concerned: the knot span less the degree.
+    /// Index of the first control point concerned: the knot span minus the degree.
     pub first: usize,
     /// Number of control points concerned: the degree plus one.
     pub order: usize,
@@ -239,7 +239,7 @@ pub struct Basis<T> {
 }
 
 impl<T> Basis<T> {
-    /// The control points concerned, out of all of a curve's; `None` when `control` is too short.
+    /// Returns the control points concerned, out of all control points of a curve; `None` if `control` is too short.
     pub fn select<'a, P>(&self, control: &'a [P]) -> Option<&'a [P]> {
         control.get(self.first..)?.get(..self.order)
     }
@@ -252,20 +252,20 @@ pub struct RotationSample<T: RealField> {
     pub rotation: UnitQuaternion<T>,
     /// Angular velocity ω in the body (camera) frame, `R' = R [ω]×`, in radians per unit of `u`.
     pub angular_velocity: Vector3<T>,
-    /// Entry `i`: derivative of the body-frame perturbation `w` of the rotation (`R exp(w)`) by the
-    /// body-frame perturbation `δ` of control point `Basis::first + i` (`q_i exp(δ)`), both rotation
-    /// vectors. Entries from `Basis::order` on are zero.
+    /// Entry `i`: derivative of the body-frame perturbation `w` of the rotation (`R exp(w)`) with respect to the
+    /// body-frame perturbation `δ` of control point `Basis::first + i` (`q_i exp(δ)`), both rotation vectors. Entries
+    /// from `Basis::order` on are zero.
     pub jacobians: [Matrix3<T>; MAX_ORDER],
 }
 
-/// One point of a rotation curve with its angular acceleration: what an inertial sensor feels of it.
+/// One point of a rotation curve with its angular acceleration, for IMU measurements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RotationMotion<T: RealField> {
     /// Rotation, angular velocity and the Jacobians of the rotation.
     pub sample: RotationSample<T>,
     /// Derivative of the angular velocity in the body (camera) frame, in radians per squared unit of `u`.
     pub angular_acceleration: Vector3<T>,
-    /// Entry `i`: derivative of the angular velocity by the body-frame perturbation `δ` of control point
+    /// Entry `i`: derivative of the angular velocity with respect to the body-frame perturbation `δ` of control point
     /// `Basis::first + i` (`q_i exp(δ)`). Entries from `Basis::order` on are zero.
     pub velocity_jacobians: [Matrix3<T>; MAX_ORDER],
     /// The same for the angular acceleration.
@@ -280,8 +280,8 @@ pub(crate) mod tests {
 
     use super::*;
 
-    /// Knot vectors of every degree with up to 8 spans of very different length, some repeated
-    /// knots, and a parameter on them.
+    /// Returns knot vectors of every degree with up to 8 spans of very different lengths, some of the knots repeated,
+    /// and a parameter on them.
     pub(crate) fn knots_and_parameter() -> impl Strategy<Value = (Vec<f64>, usize, f64)> {
         let span = (0.1..1.5_f64, 1..=MAX_DEGREE);
         (1..=MAX_DEGREE, -3.0..3.0_f64, prop::collection::vec(span, 1..8), 0.0..=1.0_f64).prop_map(
@@ -302,14 +302,14 @@ pub(crate) mod tests {
         )
     }
 
-    /// A parameter near `u` with the nearest knot further away than `distance`.
+    /// Returns a parameter near `u` whose nearest knot is farther away than `distance`.
     pub(crate) fn away_from_knots(knots: &[f64], u: f64, distance: f64) -> f64 {
         let near = knots.iter().copied().find(|knot| (knot - u).abs() <= distance);
         let end = knots[knots.len() - 1];
         near.map_or(u, |knot| if knot < end { knot + 2.0 * distance } else { knot - 2.0 * distance })
     }
 
-    /// Rotations with steps of up to about 1.4 rad between neighbours.
+    /// Returns rotations with steps of up to about 1.4 rad between neighbours.
     pub(crate) fn rotation_walk(count: usize) -> impl Strategy<Value = Vec<UnitQuaternion<f64>>> {
         prop::collection::vec([-0.8..0.8_f64, -0.8..0.8_f64, -0.8..0.8_f64], count).prop_map(|turns| {
             let mut rotation = UnitQuaternion::from_euler_angles(1.0, 2.0, 3.0);
@@ -322,18 +322,18 @@ pub(crate) mod tests {
         })
     }
 
-    /// Angular velocity at `u` of a curve of rotations by central differences, in the turned frame.
+    /// Returns the angular velocity at `u` of a curve of rotations by central differences, in the body frame.
     pub(crate) fn numeric_angular_velocity(curve: impl Fn(f64) -> UnitQuaternion<f64>, u: f64) -> Vector3<f64> {
         numeric_turn(|step| curve(u + step), 1e-5)
     }
 
-    /// Turn of a rotation per unit of its argument at 0 by central differences, in the turned frame.
+    /// Returns the rotation vector per unit of the argument at 0, by central differences, in the body frame.
     fn numeric_turn(rotation: impl Fn(f64) -> UnitQuaternion<f64>, step: f64) -> Vector3<f64> {
         rotation::log(&(rotation(-step).inverse() * rotation(step))) / (2.0 * step)
     }
 
-    /// Whether the Jacobians of a rotation are right: `turned` gives the rotation after the control
-    /// point of this index was turned on the right.
+    /// Checks the Jacobians of a rotation: `turned` returns the rotation after the control point of this index was
+    /// rotated on the right.
     pub(crate) fn jacobians_agree(
         jacobians: &[Matrix3<f64>; MAX_ORDER],
         turned: impl Fn(usize, &UnitQuaternion<f64>) -> UnitQuaternion<f64>,
@@ -350,8 +350,8 @@ pub(crate) mod tests {
         })
     }
 
-    /// Whether the second derivatives of a rotation are right, near `u`: `at` gives the motion at a parameter, `turned` that at
-    /// `u` after the control point of this index was turned on the right.
+    /// Checks the second derivatives of a rotation near `u`: `at` returns the motion at a parameter, `turned` the
+    /// motion at `u` after the control point of this index was rotated on the right.
     pub(crate) fn motion_agrees(
         at: impl Fn(f64) -> RotationMotion<f64>,
         u: f64,
@@ -382,12 +382,12 @@ pub(crate) mod tests {
             })
     }
 
-    /// The Greville abscissae: control points there reproduce linear functions of `u`.
+    /// Returns the Greville abscissae: control points there reproduce linear functions of `u`.
     pub(crate) fn greville(knots: &[f64], degree: usize) -> impl Iterator<Item = f64> {
         knots[1..knots.len() - 1].windows(degree).map(move |window| window.iter().sum::<f64>() / degree as f64)
     }
 
-    /// Definition (2.5) of the basis functions, word for word: recursive, 0/0 = 0.
+    /// Definition (2.5) of the basis functions: recursive, 0/0 = 0.
     fn definition(knots: &[f64], i: usize, p: usize, u: f64) -> f64 {
         if p == 0 {
             return f64::from(u8::from(knots[i] <= u && u < knots[i + 1]));
@@ -434,7 +434,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn bad_knot_vectors_are_refused_with_their_reason() {
+    fn bad_knot_vectors_are_rejected_with_their_reason() {
         let cases: [(&[f64], usize, SplineError); 14] = [
             (&[0.0, 1.0], 0, SplineError::Degree),
             (&[0.0; 14], 6, SplineError::Degree),
@@ -497,7 +497,7 @@ pub(crate) mod tests {
         }
 
         #[test]
-        fn derivatives_are_those_of_the_values((knots, degree, u) in knots_and_parameter()) {
+        fn derivatives_agree_with_differences_of_the_values((knots, degree, u) in knots_and_parameter()) {
             let step = 1e-5;
             let u = away_from_knots(&knots, u, 2.0 * step);
             let knots = Knots::new(&knots, degree).unwrap();
@@ -523,7 +523,7 @@ pub(crate) mod tests {
         }
 
         #[test]
-        fn checked_once_is_checked_for_good((knots, degree, _) in knots_and_parameter()) {
+        fn checked_knots_need_no_second_check((knots, degree, _) in knots_and_parameter()) {
             prop_assert_eq!(Knots::new(&knots, degree), Ok(Knots::assume_valid(&knots, degree)));
         }
 

@@ -1,8 +1,8 @@
-//! Where an event would have been seen without lens distortion: a look-up in a coarse table.
+//! Fast removal of lens distortion from event coordinates by a look-up in a coarse table.
 //!
-//! The exact inverse of a lens model takes an iteration an event; this takes four reads and a bilinear
-//! interpolation. The table has nodes on a regular grid over the sensor, the outermost ones at its outermost
-//! pixels, and at each node the exact pixel of an ideal camera. The error between nodes falls with the square of their
+//! The exact inverse of a lens model needs an iteration per event; the table needs four reads and a bilinear
+//! interpolation. Its nodes form a regular grid over the sensor, with the outermost nodes at the outermost pixels. Each
+//! node contains the exact pixel of an ideal camera. The error between nodes decreases with the square of their
 //! distance; [`UndistortionTable::accuracy`] measures it at every pixel.
 //!
 //! ```
@@ -43,12 +43,13 @@ pub struct IdealCamera<T> {
 }
 
 impl<T: RealField + Copy> IdealCamera<T> {
-    /// Its pixels are X/Z and Y/Z.
+    /// Returns the camera whose pixels are X/Z and Y/Z.
     pub fn normalised() -> Self {
         Self { fx: T::one(), fy: T::one(), cx: T::zero(), cy: T::zero() }
     }
 
-    /// Where `camera` sees along the ray of a pixel, in this camera; `None` outside of what either sees.
+    /// Returns the pixel of this camera that has the same bearing as `pixel` of `camera`; `None` if the bearing is
+    /// outside the domain of either camera.
     pub fn of_pixel(&self, camera: &Camera<T>, pixel: &Vector2<T>) -> Option<Vector2<T>> {
         let bearing = camera.unproject(pixel)?;
         if bearing.z <= T::zero() {
@@ -58,13 +59,13 @@ impl<T: RealField + Copy> IdealCamera<T> {
     }
 }
 
-/// Why a table could not be made.
+/// Reason why a table cannot be built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum TableError {
-    /// The table takes more nodes than it has room for.
+    /// The storage has too little room for the nodes.
     TooManyNodes,
-    /// A table has at least 2 nodes in each direction, and a sensor at least 2 pixels.
+    /// The table has fewer than 2 nodes, or the sensor fewer than 2 pixels, in one direction.
     TooSmall,
 }
 
@@ -79,19 +80,19 @@ impl fmt::Display for TableError {
 
 impl core::error::Error for TableError {}
 
-/// How good a table is.
+/// Accuracy of a table.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TableAccuracy {
     /// Largest distance from the exact value over all pixels, in pixels of the ideal camera.
     pub largest_error: f32,
     /// The pixel of the largest error.
     pub at: [u16; 2],
-    /// Pixels whose exact value exists, but not that of the table: at the edge of the model's domain.
+    /// Pixels with an exact value but without a table value, at the edge of the model's domain.
     pub without_value: u32,
 }
 
-/// The table. Its nodes, of eight bytes each, lie in storage that the caller gives: an array, a slice in
-/// flash, a `Vec`.
+/// The table. Its nodes of eight bytes each are stored where the caller chooses: in an array, a slice in flash, or a
+/// `Vec`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct UndistortionTable<N> {
     sensor: Sensor,
@@ -99,15 +100,15 @@ pub struct UndistortionTable<N> {
     size: [u16; 2],
     /// Nodes per pixel in x and y.
     scale: [f32; 2],
-    /// Row by row; NaN where the models have no value.
+    /// Nodes row by row; NaN where the camera models have no value.
     nodes: N,
 }
 
 impl UndistortionTable<&'static [[f32; 2]]> {
-    /// A table whose nodes were computed before, row by row; for a static in flash.
+    /// Creates a table from nodes that were computed before, row by row; for a static in flash.
     ///
     /// # Errors
-    /// If there are fewer nodes than columns × rows, or fewer than 2 in a direction.
+    /// Returns an error if there are fewer nodes than columns × rows, or fewer than 2 in a direction.
     pub const fn from_nodes(sensor: Sensor, size: [u16; 2], nodes: &'static [[f32; 2]]) -> Result<Self, TableError> {
         match check(sensor, size, nodes.len()) {
             Ok(()) => Ok(Self { sensor, size, scale: scale(sensor, size), nodes }),
@@ -117,10 +118,10 @@ impl UndistortionTable<&'static [[f32; 2]]> {
 }
 
 impl<N: AsRef<[[f32; 2]]>> UndistortionTable<N> {
-    /// The table of `size` (columns, rows) nodes from pixels of `camera` to those of `ideal`, in `storage`.
+    /// Computes the table of `size` (columns, rows) nodes from pixels of `camera` to pixels of `ideal`, in `storage`.
     ///
     /// # Errors
-    /// If there are more nodes than the storage has room for, or fewer than 2 in a direction.
+    /// Returns an error if the storage has too little room for the nodes, or if there are fewer than 2 in a direction.
     pub fn new<T: RealField + Copy>(
         camera: &Camera<T>,
         ideal: &IdealCamera<T>,
@@ -150,25 +151,25 @@ impl<N: AsRef<[[f32; 2]]>> UndistortionTable<N> {
         Ok(Self { sensor, size, scale: scale(sensor, size), nodes: storage })
     }
 
-    /// The sensor that the table is for.
+    /// Returns the sensor that the table was made for.
     pub const fn sensor(&self) -> Sensor {
         self.sensor
     }
 
-    /// Columns and rows of nodes.
+    /// Returns the number of columns and rows of nodes.
     pub const fn size(&self) -> [u16; 2] {
         self.size
     }
 
-    /// The nodes, row by row; NaN where the models have no value.
+    /// Returns the nodes, row by row; NaN where the camera models have no value.
     pub fn nodes(&self) -> &[[f32; 2]] {
         let [columns, rows] = self.size;
         self.nodes.as_ref().get(..usize::from(columns) * usize::from(rows)).unwrap_or_default()
     }
 
-    /// The pixel of the ideal camera that pixel (x, y) of the sensor belongs to.
+    /// Returns the pixel of the ideal camera that corresponds to pixel (x, y) of the sensor.
     ///
-    /// `None` outside the sensor (−0.5 … width − 0.5) and where the lens model has no value.
+    /// Returns `None` outside the sensor (−0.5 … width − 0.5) and where the lens model has no value.
     #[inline]
     pub fn undistort(&self, x: f32, y: f32) -> Option<[f32; 2]> {
         let [columns, rows] = self.size;
@@ -225,7 +226,7 @@ const fn scale(sensor: Sensor, [columns, rows]: [u16; 2]) -> [f32; 2] {
     [along[0] / (sensor.width as f32 - 1.0), along[1] / (sensor.height as f32 - 1.0)]
 }
 
-/// The cell of nodes that a coordinate lies in, and how far in it, from 0 to 1.
+/// Returns the cell of nodes that contains a coordinate, and the position in it from 0 to 1.
 #[inline]
 fn cell(coordinate: f32, pixels: u16, scale: f32, nodes: u16) -> Option<(usize, f32)> {
     let inside = coordinate >= -0.5 && coordinate <= f32::from(pixels) - 0.5;
@@ -233,7 +234,7 @@ fn cell(coordinate: f32, pixels: u16, scale: f32, nodes: u16) -> Option<(usize, 
         return None;
     }
     let place = coordinate * scale;
-    // A cast to an integer saturates: places before the first node belong to the first cell.
+    // A cast to an integer saturates, so positions before the first node belong to the first cell.
     let cell = (place as usize).min(usize::from(nodes.saturating_sub(2)));
     Some((cell, place - cell as f32))
 }
@@ -248,7 +249,7 @@ mod tests {
 
     const SENSOR: Sensor = Sensor { width: 346, height: 260 };
 
-    /// One lens of each model, the field of view of a DAVIS346 with its usual lens or wider.
+    /// Returns one lens of each model, with the field of view of a DAVIS346 with its usual lens or wider.
     fn lenses() -> impl Iterator<Item = Camera<f64>> {
         let base = [330.0, 331.0, 170.0, 131.0];
         ModelKind::ALL.iter().map(move |&kind| {
@@ -278,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn every_model_is_met_at_every_pixel() {
+    fn the_table_is_accurate_at_every_pixel_for_every_model() {
         for camera in lenses() {
             let table = UndistortionTable::new(&camera, &ideal(), SENSOR, [44, 33], vec![[0.0; 2]; 1452]).unwrap();
             let accuracy = table.accuracy(&camera, &ideal());
@@ -287,7 +288,7 @@ mod tests {
         }
     }
 
-    /// The error of a bilinear interpolation falls with the square of the distance of the nodes.
+    /// The error of a bilinear interpolation decreases with the square of the distance of the nodes.
     #[test]
     fn four_times_the_nodes_have_a_quarter_of_the_error() {
         for camera in lenses() {
@@ -299,7 +300,7 @@ mod tests {
         }
     }
 
-    /// What the device computes in single precision is what the host computes in double.
+    /// The device computes in single precision, the host in double; both must agree.
     #[test]
     fn single_precision_suffices() {
         for camera in lenses() {
@@ -315,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn nodes_are_exact_and_the_sensor_ends_where_it_ends() {
+    fn nodes_are_exact_and_pixels_outside_the_sensor_have_no_value() {
         let camera = lenses().next().unwrap();
         let table = UndistortionTable::new(&camera, &ideal(), SENSOR, [11, 11], [[0.0; 2]; 121]).unwrap();
         for (x, y) in [(0.0, 0.0), (345.0, 0.0), (0.0, 259.0), (345.0, 259.0), (172.5, 129.5), (34.5, 207.2)] {
@@ -352,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_that_cannot_be_are_refused() {
+    fn impossible_tables_are_rejected() {
         let camera = lenses().next().unwrap();
         let of = |sensor, columns, rows| {
             UndistortionTable::new(&camera, &ideal(), sensor, [columns, rows], [[0.0; 2]; 100]).err()

@@ -1,12 +1,11 @@
-//! Which stretch of time to look at: the window policy of Huang, Wang, Kneip, IROS 2021, III-A.
+//! Choice of the time windows to search: the window policy of Huang, Wang, Kneip, IROS 2021, III-A.
 //!
-//! A window starts `min_interval` steps long and grows by one step while no pattern is found in it, until
-//! it is `max_interval` steps long or holds too many events. After a success the next window starts `gap`
-//! steps after the end of the last one. After a failure the start moves on by half the length of the window that failed:
-//! every event is looked at from at most two starts, so that a recording without a pattern costs little.
+//! A window is first `min_interval` steps long. While no pattern is found, it grows by one step, up to `max_interval`
+//! steps or until it contains too many events. After a success the next window starts `gap` steps after the end of the
+//! last one. After a failure the start advances by half the length of the failed window. Every event is therefore
+//! searched from at most two starts, so that a recording without a pattern costs little.
 //!
-//! The rule is one state machine, [`WindowState`], with two front ends that yield the same windows
-//! for the same events:
+//! The rule is one state machine, [`WindowState`], with two front ends that yield the same windows for the same events:
 //!
 //! - [`WindowPlanner`] walks over a slice of time-sorted events and yields index ranges (host);
 //! - [`WindowBuffer`] takes one event after the other and keeps what the window needs in storage of
@@ -23,7 +22,7 @@ pub use planner::WindowPlanner;
 use crate::settings::{at_least, from_to};
 
 crate::settings! {
-    /// Which stretch of time is searched for the board.
+    /// Time windows in which the board is searched.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields, default))]
     pub struct WindowSettings {
@@ -43,7 +42,7 @@ crate::settings! {
     }
 }
 
-/// What came of looking for the pattern in a window.
+/// Result of the search for the pattern in a window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// The pattern was found and passed its checks.
@@ -69,23 +68,23 @@ pub struct Window {
 }
 
 impl Window {
-    /// Time stamp of a reference frame made of this window: its centre, in microseconds.
+    /// Returns the timestamp of a reference frame made from this window: its centre, in microseconds.
     pub const fn center_us(&self) -> i64 {
         self.start_us.saturating_add(self.end_us.saturating_sub(self.start_us) / 2)
     }
 
-    /// Number of events in the window.
+    /// Returns the number of events in the window.
     pub const fn len(&self) -> usize {
         self.last.saturating_sub(self.first)
     }
 
-    /// True if the window holds no event.
+    /// Returns `true` if the window contains no event.
     pub const fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
 
-/// The current window and the rule by which the next one follows.
+/// The current window and the rule for the next one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WindowState {
     settings: WindowSettings,
@@ -94,34 +93,34 @@ pub struct WindowState {
 }
 
 impl WindowState {
-    /// The shortest window at `start_us`.
+    /// Creates the shortest window at `start_us`.
     pub const fn new(settings: WindowSettings, start_us: i64) -> Self {
         let mut state = Self { settings, start_us, length: 0 };
         state.length = state.shortest();
         state
     }
 
-    /// First microsecond of the current window.
+    /// Returns the first microsecond of the current window.
     pub const fn start_us(&self) -> i64 {
         self.start_us
     }
 
-    /// First microsecond after the current window.
+    /// Returns the first microsecond after the current window.
     pub const fn end_us(&self) -> i64 {
         self.start_us.saturating_add(self.steps_us(self.length as i64))
     }
 
-    /// Length of the current window in steps.
+    /// Returns the length of the current window in steps.
     pub const fn length(&self) -> u16 {
         self.length
     }
 
-    /// The settings in force.
+    /// Returns the settings in use.
     pub const fn settings(&self) -> &WindowSettings {
         &self.settings
     }
 
-    /// Moves to the window that follows this one after `outcome`.
+    /// Moves to the next window according to `outcome`.
     pub const fn report(&mut self, outcome: Outcome) {
         match outcome {
             Outcome::Found => {
@@ -142,7 +141,7 @@ impl WindowState {
         }
     }
 
-    /// Starts anew at `time_us`, if that is later: for a silence longer than the window.
+    /// Restarts at `time_us` if that is later; used to skip a silence longer than the window.
     pub const fn skip_to(&mut self, time_us: i64) {
         if time_us > self.start_us {
             self.start_us = time_us;
@@ -150,7 +149,7 @@ impl WindowState {
         }
     }
 
-    /// Judges a window by its number of events alone: `None` if it is worth a try, else the outcome.
+    /// Judges a window by its number of events alone: returns `None` if it should be searched, otherwise the outcome.
     const fn outcome_without_trying(&self, events: usize) -> Option<Outcome> {
         if events < self.settings.fewest_events as usize { Some(Outcome::NotFound { unique_pixels: 0 }) } else { None }
     }

@@ -1,16 +1,16 @@
-//! The wide camera models against figures of others, and against each other where one contains another.
+//! Wide camera models compared with published values, and with each other where one is a special case of another.
 
 use evcal_core::camera::{Camera, ModelKind};
 use nalgebra::{Vector2, Vector3};
 
-/// Before, beside and behind the camera.
+/// Points in front of the camera, to its side, and behind it.
 const POINTS: [[f64; 3]; 4] = [[0.3, -0.2, 1.0], [-1.1, 0.7, 0.5], [0.8, 0.9, -0.2], [0.0, -2.0, 0.1]];
 
 fn camera(kind: ModelKind, parameters: &[f64]) -> Camera<f64> {
     Camera::from_parameters(kind, parameters).unwrap()
 }
 
-/// Points all around a camera.
+/// Returns points all around a camera.
 fn directions() -> impl Iterator<Item = Vector3<f64>> {
     (0..60).flat_map(|step| {
         let angle = 0.05 * f64::from(step);
@@ -21,7 +21,7 @@ fn directions() -> impl Iterator<Item = Vector3<f64>> {
     })
 }
 
-/// The same pixels from both, and at the same points none.
+/// Asserts that both cameras have the same pixels, and none at the same points.
 fn assert_same(one: &Camera<f64>, other: &Camera<f64>) {
     let mut seen = 0;
     for point in directions() {
@@ -39,13 +39,13 @@ fn assert_same(one: &Camera<f64>, other: &Camera<f64>) {
     assert!(seen > 150, "{seen}");
 }
 
-/// Model, parameters, and pixels of the points.
+/// A model, its parameters, and the pixels of the points.
 type Case = (ModelKind, &'static [f64], [[f64; 2]; 4]);
 
-/// The formulas of Usenko et al. (3DV 2018) and of Devernay and Faugeras, as they stand there, evaluated
-/// with 40 digits (mpmath).
+/// The formulas of Usenko et al. (3DV 2018) and of Devernay and Faugeras, exactly as published, evaluated with 40
+/// digits (mpmath).
 #[test]
-fn pixels_are_those_of_the_papers() {
+fn pixels_agree_with_the_papers() {
     let cases: [Case; 4] = [
         (
             ModelKind::Ucm,
@@ -99,8 +99,8 @@ fn pixels_are_those_of_the_papers() {
     }
 }
 
-/// What `cv2.omnidir.projectPoints` of opencv-contrib-python 5.0.0 says for these points: pixel, then for
-/// x and y the derivatives by the point, fx and cx (fy and cy), xi, k1, k2, p1, p2.
+/// Results of `cv2.omnidir.projectPoints` of opencv-contrib-python 5.0.0 for these points: pixel, then for x and y the
+/// derivatives with respect to the point, fx and cx (fy and cy), xi, k1, k2, p1, p2.
 #[test]
 fn omni_is_the_omnidir_of_opencv() {
     let parameters = [420.5, 419.5, 171.25, 128.75, 1.2, -0.15, 0.04, 0.0015, -0.0007];
@@ -159,14 +159,14 @@ fn special_cases_are_the_simpler_models() {
         let ucm = camera(ModelKind::Ucm, &[focal.as_slice(), &[alpha]].concat());
         assert_same(&ucm, &camera(ModelKind::Eucm, &[focal.as_slice(), &[alpha, 1.0]].concat()));
         assert_same(&ucm, &camera(ModelKind::DoubleSphere, &[focal.as_slice(), &[0.0, alpha]].concat()));
-        // The cap of the distortion's disc leaves out more than that of the image.
+        // The limit of the distortion's disc excludes more than the limit of the image.
         if (0.5..1.0).contains(&alpha) {
             let xi = alpha / (1.0 - alpha);
             let longer = [190.5 * (1.0 + xi), 189.5 * (1.0 + xi), 171.25, 128.75];
             assert_same(&ucm, &camera(ModelKind::Omni, &[longer.as_slice(), &[xi, 0.0, 0.0, 0.0, 0.0]].concat()));
         }
     }
-    // Without alpha a double sphere camera has one sphere, too.
+    // With alpha = 0 a double sphere camera has only one sphere.
     let first = camera(ModelKind::DoubleSphere, &[300.0, 310.0, 171.25, 128.75, 0.7, 0.0]);
     assert_same(&first, &camera(ModelKind::Omni, &[300.0, 310.0, 171.25, 128.75, 0.7, 0.0, 0.0, 0.0, 0.0]));
 }
@@ -187,13 +187,13 @@ fn without_distortion_all_are_pinhole_cameras() {
     }
 }
 
-/// Domains Z > -w d. That of the double sphere solves (ξ + c)² = w² (1 + 2 ξ c + ξ²) for c = Z / d₁; for
-/// ξ ≥ 0 the paper's and basalt's lies within.
+/// Domains Z > -w d. The domain of the double sphere satisfies (ξ + c)² = w² (1 + 2 ξ c + ξ²) at its end, with c = Z /
+/// d₁; for ξ ≥ 0 it contains the domain of the paper and of basalt.
 #[test]
-fn domains_end_where_the_formulas_say() {
+fn domains_end_as_the_formulas_predict() {
     let w = |alpha: f64| if alpha <= 0.5 { alpha / (1.0 - alpha) } else { (1.0 - alpha) / alpha };
     let at = |cosine: f64| Vector3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
-    // Up to alpha = ½ images near the end of the domain are infinitely far out.
+    // For alpha ≤ ½ images near the end of the domain are infinitely far out.
     for alpha in [0.55, 0.6, 0.8, 0.95] {
         let w = w(alpha);
         let ucm = camera(ModelKind::Ucm, &[190.0, 190.0, 170.0, 130.0, alpha]);
@@ -228,7 +228,7 @@ fn small_fields_of_view_are_smooth() {
 }
 
 #[test]
-fn parameters_without_a_camera_are_refused() {
+fn invalid_parameters_are_rejected() {
     let refused = |kind, coefficients: &[f64]| {
         Camera::from_parameters(kind, &[[300.0, 300.0, 170.0, 130.0].as_slice(), coefficients].concat()).is_none()
     };

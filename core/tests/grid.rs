@@ -1,4 +1,4 @@
-//! The grid finder on random views of boards, against the truth.
+//! The grid finder on random views of boards, compared with the ground truth.
 
 #[path = "support/grid_views.rs"]
 mod grid_views;
@@ -31,7 +31,7 @@ fn find(candidates: &[GridCandidate<f64>], pattern: &Pattern) -> Result<FoundGri
     find_grid(candidates, pattern, &GridOptions::new(pattern, SIZE), &mut GridWorkspace::<f64, 128>::new())
 }
 
-/// The picture seen in a mirror.
+/// Returns the view as seen in a mirror.
 fn mirrored(mut view: View) -> View {
     for candidate in &mut view.candidates {
         candidate.center.x = SIZE.0 - candidate.center.x;
@@ -42,7 +42,7 @@ fn mirrored(mut view: View) -> View {
 #[derive(Debug, PartialEq, Eq)]
 enum Outcome {
     Right,
-    /// A candidate that is no dot took the place of a missing one.
+    /// A false candidate was taken for a missing dot.
     Intruder,
     WrongOrder,
     Refused,
@@ -66,7 +66,7 @@ fn outcome(view: &View, pattern: &Pattern) -> Outcome {
     }
 }
 
-/// Counts the outcomes of `count` views: right, intruder, wrong order, refused.
+/// Counts the outcomes of `count` views: right, intruder, wrong order, rejected.
 fn count(setting: &Setting, count: usize) -> [usize; 4] {
     let mut random = Random::new(11);
     let mut counts = [0; 4];
@@ -77,7 +77,7 @@ fn count(setting: &Setting, count: usize) -> [usize; 4] {
 }
 
 #[test]
-fn clutter_neither_hides_nor_turns_the_board() {
+fn clutter_neither_hides_nor_rotates_the_board() {
     for lens in LENSES {
         for (clutter, least) in [(0, 495), (4, 490), (8, 485), (16, 475)] {
             let [right, _, wrong, _] = count(&Setting { clutter, ..clean(BOARD, lens) }, 500);
@@ -100,7 +100,7 @@ fn missing_dots_do_not_hide_the_board() {
 }
 
 #[test]
-fn hard_views_are_refused_rather_than_misread() {
+fn difficult_views_are_rejected_rather_than_misread() {
     for lens in LENSES {
         for setting in [
             Setting { missing: 20, ..clean(BOARD, lens) },
@@ -143,7 +143,7 @@ fn lines_missed_as_a_whole_do_not_shift_the_board() {
 }
 
 #[test]
-fn boards_are_found_where_they_are_expected() {
+fn boards_are_found_at_their_expected_position() {
     let shift = Vector2::new(2.0, -1.5);
     for (pattern, cut, least) in [(BOARD, true, 290), (symmetric(6, 5), false, 295), (symmetric(6, 6), true, 290)] {
         let setting = Setting { cut, clutter: 4, ..clean(pattern, Lens::Radtan) };
@@ -173,7 +173,7 @@ fn boards_are_found_where_they_are_expected() {
 }
 
 #[test]
-fn a_board_that_is_not_where_it_is_expected_is_refused() {
+fn a_board_far_from_its_expected_position_is_rejected() {
     let mut random = Random::new(15);
     let options = GridOptions::new(&BOARD, SIZE);
     let mut workspace = GridWorkspace::<f64, 128>::new();
@@ -182,7 +182,7 @@ fn a_board_that_is_not_where_it_is_expected_is_refused() {
         let mut find = |expected: &[Option<Vector2<f64>>]| {
             find_grid_near(&view.candidates, &BOARD, &options, expected, &mut workspace)
         };
-        // Half a step down a row: as far from one circle as from the other.
+        // Half a step down a row: equally far from two circles.
         let halfway: Vec<_> = (0..36)
             .map(|index| {
                 let (here, next) = (view.dots[index]?, view.dots[if index < 32 { index + 4 } else { index - 4 }]?);
@@ -190,7 +190,7 @@ fn a_board_that_is_not_where_it_is_expected_is_refused() {
             })
             .collect();
         assert_eq!(find(&halfway), Err(GridError::NotAsExpected));
-        // Turned by a half turn, which the board is not.
+        // Rotated by 180°, although the board is not.
         let turned: Vec<_> = view.dots.iter().rev().copied().collect();
         assert_eq!(find(&turned), Err(GridError::NotAsExpected));
         assert_eq!(find(&[]), Err(GridError::NotAsExpected));
@@ -199,7 +199,7 @@ fn a_board_that_is_not_where_it_is_expected_is_refused() {
 }
 
 #[test]
-fn symmetric_boards_are_found_up_to_their_turns() {
+fn symmetric_boards_are_found_up_to_their_rotations() {
     for (pattern, turns) in [(symmetric(6, 3), 2), (symmetric(5, 5), 4), (asymmetric(8, 5), 2)] {
         assert_eq!(symmetry(&pattern), turns);
         let mut random = Random::new(5);
@@ -220,14 +220,14 @@ fn the_first_circle_of_an_ambiguous_board_is_at_the_top_left() {
     let mut candidates = Vec::new();
     for index in 0..pattern.circle_count() {
         let (x, y) = pattern.lattice_position(index);
-        // Listed from the last to the first, the board lying on its side: rows run to the right.
+        // Listed from last to first, with the board on its side: rows run to the right.
         let center = Vector2::new(40.0 + 30.0 * f64::from(y), 200.0 - 30.0 * f64::from(x));
         candidates.insert(0, GridCandidate { center, radius: 8.0 });
     }
     let found = find(&candidates, &pattern).unwrap();
     assert_eq!(found.circles.len(), 18);
-    // Of the two corners that a first circle can have, (40, 200) and (190, 140), with x + y = 240
-    // and 330, the former is nearer to the top left.
+    // A first circle can be at two corners, (40, 200) and (190, 140), with x + y = 240 and 330. The former is nearer to
+    // the top left.
     let first = candidates[usize::from(found.circles[0].candidate)].center;
     assert_eq!(first, Vector2::new(40.0, 200.0));
     let second = candidates[usize::from(found.circles[1].candidate)].center;
@@ -235,7 +235,7 @@ fn the_first_circle_of_an_ambiguous_board_is_at_the_top_left() {
 }
 
 #[test]
-fn a_mirrored_chiral_board_is_refused() {
+fn a_mirrored_chiral_board_is_rejected() {
     let pattern = asymmetric(8, 5);
     let mut random = Random::new(3);
     for lens in LENSES {
@@ -248,8 +248,8 @@ fn a_mirrored_chiral_board_is_refused() {
     }
 }
 
-/// A board that is its own mirror image cannot be refused: its picture in a mirror is a true picture
-/// of it from elsewhere. The order returned must be the one of that picture.
+/// A board that equals its own mirror image cannot be rejected, because its picture in a mirror is also a valid picture
+/// from another viewpoint. The order returned must be the one of that picture.
 #[test]
 fn orders_keep_the_sense_of_rotation() {
     for pattern in [BOARD, symmetric(6, 3), symmetric(5, 5)] {
@@ -307,7 +307,7 @@ fn a_lattice_has_the_steps_of_the_board() {
 }
 
 #[test]
-fn other_boards_are_refused() {
+fn other_boards_are_rejected() {
     for (shown, sought) in [
         (asymmetric(7, 3), BOARD),
         (BOARD, asymmetric(11, 4)),
@@ -329,7 +329,7 @@ fn other_boards_are_refused() {
 }
 
 #[test]
-fn no_board_is_seen_in_random_points() {
+fn no_board_is_found_in_random_points() {
     let mut random = Random::new(2);
     for count in [20, 36, 60, 100, 128] {
         for _ in 0..100 {
@@ -395,7 +395,7 @@ fn single_precision_finds_the_same_boards() {
 }
 
 #[test]
-fn sets_without_a_board_get_their_reason() {
+fn sets_without_a_board_are_rejected_with_their_reason() {
     let at = |x: f64, y: f64| GridCandidate { center: Vector2::new(x, y), radius: 0.0 };
     assert_eq!(find(&[], &BOARD), Err(GridError::TooFewCandidates { usable: 0, needed: 15 }));
     let line: Vec<_> = (0..36).map(|index| at(f64::from(index) * 7.0, 20.0 + f64::from(index))).collect();
@@ -409,7 +409,7 @@ fn sets_without_a_board_get_their_reason() {
 }
 
 #[test]
-fn a_board_among_broken_and_doubled_candidates_is_found() {
+fn a_board_among_invalid_and_duplicate_candidates_is_found() {
     let mut random = Random::new(12);
     let mut view = view(&clean(BOARD, Lens::Radtan), &mut random);
     for index in 0..20 {
@@ -426,9 +426,9 @@ fn a_board_among_broken_and_doubled_candidates_is_found() {
 }
 
 proptest! {
-    /// Whatever the candidates: no panic, and no index twice.
+    /// No candidates cause a panic, and no index appears twice.
     #[test]
-    fn any_input_is_answered(
+    fn any_input_is_accepted(
         centers in prop::collection::vec((any::<f64>(), any::<f64>()), 0..40),
         lattice in prop::collection::vec((0_i32..9, 0_i32..9), 0..60),
         scale in prop_oneof![Just(0.0), Just(1e-300), Just(1e-3), Just(20.0), Just(1e150), Just(1e300)],
@@ -459,9 +459,9 @@ proptest! {
         }
     }
 
-    /// Turning a board all the way round changes nothing, and every turn is a permutation.
+    /// A full rotation of a board changes nothing, and every rotation is a permutation.
     #[test]
-    fn turns_permute_the_board(rows in 2_u8..12, columns in 2_u8..12, asymmetric_layout: bool, turn in 0_usize..4) {
+    fn rotations_permute_the_board(rows in 2_u8..12, columns in 2_u8..12, asymmetric_layout: bool, turn in 0_usize..4) {
         let layout = if asymmetric_layout { Layout::Asymmetric } else { Layout::Symmetric };
         let pattern = Pattern { layout, rows, columns };
         let mut turned: Vec<_> = (0..pattern.circle_count()).map(|index| reorder(&pattern, index, turn)).collect();

@@ -1,4 +1,4 @@
-//! Puts the memory map of the emulated machine where the linker finds it.
+//! Copies the memory map of the emulated machine to a directory that the linker searches.
 
 use std::path::PathBuf;
 use std::{env, fs};
@@ -9,7 +9,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     fs::copy(PathBuf::from("memory").join(map), out.join("memory.x"))?;
     println!("cargo:rerun-if-changed=memory/{map}");
     println!("cargo:rustc-link-search={}", out.display());
-    // Here and not in a configuration file, where RUSTFLAGS of the caller would replace them.
+    // Set here and not in a configuration file, because the caller's RUSTFLAGS would replace them there.
     for argument in ["-Tmemory.x", "-Tlink.x", "--nmagic"] {
         // link.x of cortex-m-rt includes memory.x itself.
         if map == "virt.x" || argument != "-Tmemory.x" {

@@ -1,4 +1,4 @@
-//! Fuzzes the target that the variable `EVCAL_FUZZ_TARGET` names, with libFuzzer: see `tools/fuzz.sh`.
+//! Fuzzes the target in the variable `EVCAL_FUZZ_TARGET` with libFuzzer; see `tools/fuzz.sh`.
 #![no_main]
 
 mod targets;

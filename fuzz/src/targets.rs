@@ -1,5 +1,5 @@
-//! What is fuzzed: everything that reads bytes of others. A target must neither panic nor hang nor take memory that its input does
-//! not justify, and what it hands out must keep the promises of the reader.
+//! Fuzz targets: all readers of untrusted input. A target must not panic, hang or take memory out of proportion to its
+//! input, and its output must satisfy the guarantees of the reader.
 
 use std::fs;
 use std::io::{Read as _, Write as _};
@@ -20,14 +20,14 @@ use event_recordings::images::Images;
 use event_recordings::{Damage, Recording, RecordingError, RecordingErrorKind, RecordingOptions};
 use usb_davis::protocol::{Decoder, Layout};
 
-/// Something that reads bytes.
+/// A reader of bytes.
 pub struct Target {
-    /// Its name, and that of its folder in the corpus.
+    /// Its name, also the name of its folder in the corpus.
     pub name: &'static str,
     read: Read,
 }
 
-/// How bytes are read.
+/// Method of reading bytes.
 enum Read {
     /// As a file of this format ([`event_recordings::FileFormat::name`]).
     Recording(&'static str),
@@ -43,13 +43,13 @@ const fn recording(name: &'static str, format: &'static str) -> Target {
     Target { name, read: Read::Recording(format) }
 }
 
-/// A format of which a recording is a folder.
+/// A recording format that consists of a folder of files.
 struct FolderOf {
     /// [`event_recordings::FileFormat::name`].
     format: &'static str,
-    /// The file that has what comes before the first zero byte, if one has.
+    /// The file that receives the bytes before the first zero byte, if there is one.
     text: Option<&'static str>,
-    /// What the files behind it are called.
+    /// Names of the files that receive the following bytes.
     names: &'static [&'static str],
 }
 
@@ -69,7 +69,7 @@ const fn bytes(name: &'static str, read: fn(&[u8])) -> Target {
     Target { name, read: Read::Bytes(read) }
 }
 
-/// All of them.
+/// All targets.
 pub const TARGETS: &[Target] = &[
     recording("aedat4", "AEDAT4"),
     recording("aedat2", "AEDAT 2.0"),
@@ -100,11 +100,11 @@ pub const TARGETS: &[Target] = &[
     bytes("http", read_http),
 ];
 
-/// More events than any input of a fuzzer can hold.
+/// More events than any fuzzer input can contain.
 const MOST_EVENTS: usize = 1 << 24;
 
 impl Target {
-    /// Reads `bytes`, and tells whether they are worth keeping: not if they are of another format.
+    /// Reads `bytes`, and returns `true` if they are worth keeping, that is, if they have the right format.
     pub fn run(&self, bytes: &[u8]) -> bool {
         match self.read {
             Read::Bytes(read) => {
@@ -120,10 +120,10 @@ impl Target {
         }
     }
 
-    /// How many events `bytes` hold, if they are a recording's.
+    /// Returns the number of events in `bytes`, if they are a recording.
     ///
     /// # Errors
-    /// When they cannot be read to their end.
+    /// If they cannot be read to their end.
     #[cfg(test)]
     pub fn events(&self, bytes: &[u8]) -> Option<Result<u64, RecordingError>> {
         match self.read {
@@ -139,14 +139,14 @@ fn count_events(path: &Path) -> Result<u64, RecordingError> {
     let recording = Recording::new(path, options_for(path)?)?;
     let (mut reader, mut batch) = (recording.open()?, Vec::new());
     while reader.next_batch(&mut batch)? {}
-    // Of frames and inertial samples too.
+    // Frames and IMU samples as well.
     if let Some(open) = recording.format().extras {
         open(path, recording.options())?;
     }
     Ok(reader.report().events)
 }
 
-/// Those with which the recording at `path` can be opened, be its sensor known or not.
+/// Returns options with which the recording at `path` can be opened, whether its sensor is known or not.
 fn options_for(path: &Path) -> Result<RecordingOptions, RecordingError> {
     let options = RecordingOptions::default();
     let opened = Recording::new(path, options.clone())?.open();
@@ -154,7 +154,7 @@ fn options_for(path: &Path) -> Result<RecordingOptions, RecordingError> {
     Ok(RecordingOptions { sensor: needs_sensor.then_some(Sensor::new(346, 260)), ..options })
 }
 
-/// Hands a folder whose files these bytes are to `read`.
+/// Calls `read` with a folder whose files contain these bytes.
 fn with_files<R>(folder: &FolderOf, bytes: &[u8], read: impl FnOnce(&Path) -> R) -> R {
     let (table, pieces) = pieces(bytes);
     let texts = folder.text.map(|name| (PathBuf::from(name), table));
@@ -162,7 +162,7 @@ fn with_files<R>(folder: &FolderOf, bytes: &[u8], read: impl FnOnce(&Path) -> R)
     with_folder(texts.into_iter().chain(files), read)
 }
 
-/// What comes before the first zero byte, and what follows it: pieces, each after two bytes with its length.
+/// Returns the bytes before the first zero byte, and the following pieces, each preceded by two bytes with its length.
 fn pieces(bytes: &[u8]) -> (&[u8], impl Iterator<Item = &[u8]>) {
     let (text, rest) = bytes.split_at(bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len()));
     let mut rest = rest.get(1..).unwrap_or_default();
@@ -175,7 +175,7 @@ fn pieces(bytes: &[u8]) -> (&[u8], impl Iterator<Item = &[u8]>) {
     (text, pieces)
 }
 
-/// Hands a folder with these files to `read`.
+/// Calls `read` with a folder with these files.
 fn with_folder<'a, R>(files: impl Iterator<Item = (PathBuf, &'a [u8])>, read: impl FnOnce(&Path) -> R) -> R {
     let folder = scratch(&[]).with_extension("folder");
     for (name, content) in files {
@@ -188,7 +188,7 @@ fn with_folder<'a, R>(files: impl Iterator<Item = (PathBuf, &'a [u8])>, read: im
     seen
 }
 
-/// Hands a file with this content to `read`.
+/// Calls `read` with a file with this content.
 fn with_file<R>(bytes: &[u8], read: impl FnOnce(&Path) -> R) -> R {
     let path = scratch(bytes);
     let kept = read(&path);
@@ -196,7 +196,7 @@ fn with_file<R>(bytes: &[u8], read: impl FnOnce(&Path) -> R) -> R {
     kept
 }
 
-/// A file with this content, one for each thread; in memory where the system has such a folder.
+/// Returns the path of a file with this content, one per thread; in memory if the system has such a folder.
 fn scratch(bytes: &[u8]) -> PathBuf {
     let memory = Path::new("/dev/shm");
     let folder = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
@@ -214,7 +214,7 @@ fn read_recording(format: &str, path: &Path) -> bool {
             return false;
         }
         read_events(&recording);
-        // Other streams do not ask for it.
+        // Other streams do not depend on this option.
         if damage == Damage::Refuse {
             read_others(&recording);
         }
@@ -239,7 +239,7 @@ fn read_events(recording: &Recording) {
 }
 
 fn read_others(recording: &Recording) {
-    // Each topic as the images of a second camera.
+    // Reads each topic as the images of a second camera.
     for stream in recording.streams().unwrap_or_default() {
         let topic = stream.name.rsplit_once(" (").map_or(stream.name.as_str(), |(name, _)| name);
         if let Ok(Some(images)) = Images::open(recording.path(), Some(topic), Damage::Refuse, Stamps::Start) {
@@ -265,7 +265,7 @@ fn read_others(recording: &Recording) {
 
 #[cfg(test)]
 #[test]
-fn frames_are_those_of_the_description() {
+fn frames_have_the_documented_layout() {
     let frame = [0, 0, 1, 0, 0xC0, 0x84, 0x3D, 0, 0, 0x80, 0x3F, 0, 0, 0, 0x40, 0, 0, 0x40, 0x40, 0, 0, 0, 0, 5, 6];
     let sum = crc32(&frame);
     assert_eq!(sum.to_le_bytes(), [0xEE, 0x32, 0x07, 0x78]);
@@ -282,7 +282,8 @@ fn read_circle_track(path: &Path) {
     let _ = track::read(path, &board.lattice(), 0);
 }
 
-/// As it is, and as frames with true checksums: each a byte with its length, then its kind and body.
+/// Reads the bytes unchanged, and as frames with correct checksums: each frame is a byte with its length, then its kind
+/// and body.
 fn read_circle_stream(path: &Path) {
     let _ = stream::read(path);
     let mut rest = fs::read(path).expect("the scratch file can be read").into_iter();
@@ -298,14 +299,14 @@ fn read_circle_stream(path: &Path) {
     let _ = stream::read(path);
 }
 
-/// That of zlib.
+/// Computes the same CRC as zlib.
 fn crc32(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(u32::MAX, |sum, byte| {
         (0..8).fold(sum ^ u32::from(*byte), |sum, _| (sum >> 1) ^ (0xEDB8_8320 & (sum & 1).wrapping_neg()))
     })
 }
 
-/// Of frames below 254 bytes, with the zero at the end.
+/// Encodes frames below 254 bytes, with the terminating zero.
 fn cobs(frame: &[u8]) -> Vec<u8> {
     let parts = frame.split(|byte| *byte == 0);
     let mut coded: Vec<u8> =
@@ -314,7 +315,7 @@ fn cobs(frame: &[u8]) -> Vec<u8> {
     coded
 }
 
-/// Images in a folder with this table, named 0, 1 and so on ([`pieces`]). How many there are.
+/// Reads images in a folder with this table, named 0, 1 and so on ([`pieces`]). Returns their number.
 pub fn images_in(bytes: &[u8]) -> Result<usize, ImageFolderError> {
     let (table, images) = pieces(bytes);
     let images =
@@ -361,7 +362,7 @@ fn read_calibration(path: &Path) {
 fn read_board(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     if let Ok(board) = text.parse::<Board>() {
-        // Lengths are written to the nanometre: circles that nearly touch may touch then.
+        // Lengths are written to the nanometre, so circles that nearly touch may touch after reading.
         match board.to_string().parse::<Board>() {
             Ok(again) => assert_eq!(again.to_string(), board.to_string()),
             Err(BoardError::Circles(error)) => assert_eq!(error.problem, BoardProblem::Overlap),
@@ -370,7 +371,7 @@ fn read_board(bytes: &[u8]) {
     }
 }
 
-/// The first byte says in what pieces the rest comes; the pieces must not matter.
+/// The first byte determines the sizes of the pieces of the rest; the sizes must not affect the result.
 fn read_wire(bytes: &[u8]) {
     let [piece, bytes @ ..] = bytes else { return };
     let messages = |size: usize| {
@@ -389,7 +390,7 @@ fn read_wire(bytes: &[u8]) {
     assert_eq!(messages(usize::from(*piece).max(1)), messages(bytes.len().max(1)));
 }
 
-/// The page, and its address.
+/// The page and its address.
 static PAGE: LazyLock<(Page, String)> = LazyLock::new(|| {
     let page = Page::start(Ipv4Addr::LOCALHOST.into(), Some(0)).expect("a page can be served");
     let address = page.url();
@@ -397,14 +398,14 @@ static PAGE: LazyLock<(Page, String)> = LazyLock::new(|| {
     (page, address)
 });
 
-/// What a browser, or whoever it is, sends to the page of `evcal live`; its own address stands for every `@`. Nobody knows the token: no
-/// command is taken, and who comes next gets the page.
+/// Sends a request to the page of `evcal live`; its own address replaces every `@`. The token is unknown, so the page
+/// must accept no command, and must still answer the next request.
 fn read_http(bytes: &[u8]) {
     let (page, address) = &*PAGE;
     let sent: Vec<u8> =
         bytes.iter().flat_map(|byte| if *byte == b'@' { address.as_bytes().to_vec() } else { vec![*byte] }).collect();
     let stream = send(address, &sent);
-    // Otherwise the page waits for the rest.
+    // Otherwise the page would wait for more data.
     let _ = stream.shutdown(Shutdown::Write);
     answer(stream);
     let next = format!("GET / HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n");
@@ -413,7 +414,7 @@ fn read_http(bytes: &[u8]) {
     assert!(!page.is_finish_asked() && page.take_next().is_none(), "a command without the token");
 }
 
-/// Sends this to the page, which may close before all is sent.
+/// Sends a request to the page, which may close the connection early.
 fn send(address: &str, request: &[u8]) -> TcpStream {
     let mut stream = TcpStream::connect(address).expect("the page listens");
     stream.set_read_timeout(Some(Duration::from_secs(10))).expect("a socket waits for some time only");
@@ -421,7 +422,7 @@ fn send(address: &str, request: &[u8]) -> TcpStream {
     stream
 }
 
-/// All that comes back until the page closes.
+/// Returns everything that the page sends until it closes the connection.
 fn answer(mut stream: TcpStream) -> Vec<u8> {
     let mut answer = Vec::new();
     let _ = stream.read_to_end(&mut answer);

@@ -2,7 +2,7 @@
 
 fn main() {
     println!("cargo::rerun-if-changed=src/bridge.cpp");
-    // Its list of libraries names all that OpenCV has, and the bridge needs two.
+    // The package lists all libraries of OpenCV, but the bridge needs only two.
     let Ok(opencv) = pkg_config::Config::new().atleast_version("4").cargo_metadata(false).probe("opencv4") else {
         println!(
             "cargo::error=pkg-config finds no opencv4: OpenCV 4 and its headers are needed (Debian: libopencv-dev)"

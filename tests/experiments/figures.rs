@@ -4,9 +4,9 @@
 //! cargo run --release -p evcal-tests --example figures -- [TABLE [FIRST-LAST]]
 //! ```
 //!
-//! TABLE is one of those in [`tables`]; without it all of them are printed. Each row is of the seeds from FIRST to LAST. One seed tells
-//! projections apart by 0.02 px, which is enough to see whether a change of the code is worth anything: 1-1 is taken if nothing is
-//! said, and all tables take a quarter of an hour on two cores.
+//! TABLE is a name in [`tables`]; the default is all tables, which take a quarter of an hour on two cores. Each row summarises the
+//! seeds from FIRST to LAST. The default, 1-1, resolves projection differences of 0.02 px, which is enough to judge a change of the
+//! code.
 
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
@@ -18,19 +18,19 @@ use evcal_tests::lens::{self, EUCM, FOV, KANNALA_BRANDT, Lens, RADTAN, RADTAN8};
 use evcal_tests::{BOARD, camera, json, program, read_json, succeed, text};
 use serde_json::Value;
 
-/// A recording and how it is calibrated.
+/// A simulated recording and the options of its calibration.
 struct Row {
     name: String,
     lens: Lens,
-    /// The model that it is calibrated with.
+    /// Model of the calibration.
     model: &'static str,
-    /// Options of `evcal simulate` and of `evcal calibrate`.
+    /// Options of `evcal simulate` and `evcal calibrate`.
     simulate: Vec<&'static str>,
     calibrate: Vec<&'static str>,
 }
 
 impl Row {
-    /// A lens with its own model.
+    /// Creates a row that is calibrated with the lens's own model.
     fn new(name: &str, lens: Lens, simulate: &[&'static str]) -> Self {
         Self { name: name.to_owned(), lens, model: lens.model, simulate: simulate.to_vec(), calibrate: Vec::new() }
     }
@@ -38,7 +38,7 @@ impl Row {
 
 const FAST: [&str; 4] = ["--motion", "fast", "--duration", "4s"];
 
-/// Lenses, and models that are not theirs.
+/// Lenses and unsuitable models.
 const WRONG_MODELS: [(Lens, [&str; 3]); 5] = [
     (RADTAN, ["radtan4", "ucm", "fov"]),
     (RADTAN8, ["radtan4", "ucm", "fov"]),
@@ -47,7 +47,7 @@ const WRONG_MODELS: [(Lens, [&str; 3]); 5] = [
     (FOV, ["radtan4", "radtan", "ucm"]),
 ];
 
-/// What is wrong with a board, and the options that make it so.
+/// Deviations of the printed board from its nominal dimensions, and the options that simulate them.
 const BOARDS: [(&str, &[&str]); 9] = [
     ("none", &[]),
     ("bend-1mm", &["--bend=1mm,0mm"]),
@@ -60,7 +60,7 @@ const BOARDS: [(&str, &[&str]); 9] = [
     ("all", &["--bend=-1mm,2mm", "--print-ratio", "1.002", "--printed-radius", "18mm"]),
 ];
 
-/// What is in a room, as `evcal simulate --effects` takes it.
+/// Disturbances in a room, as values of `evcal simulate --effects`.
 const ROOMS: [&str; 12] = [
     "flicker:100Hz:5%",
     "flicker:100Hz:20%",
@@ -76,7 +76,7 @@ const ROOMS: [&str; 12] = [
     "dead-columns:10",
 ];
 
-/// All tables by their names.
+/// Returns all tables by name.
 fn tables() -> Vec<(&'static str, Vec<Row>)> {
     let recordings = vec![
         Row::new("fast, 6 s", RADTAN, &["--motion", "fast", "--duration", "6s"]),
@@ -113,22 +113,22 @@ fn tables() -> Vec<(&'static str, Vec<Row>)> {
     ]
 }
 
-/// What a calibration gave.
+/// Errors and verdict of one calibration.
 struct Trial {
-    /// Larger relative error of the focal lengths on the axis (%), and larger error of the principal point (px).
+    /// Larger relative error of the two focal lengths on the axis (%), and larger error of the two principal point coordinates (px).
     focal: f64,
     center: f64,
-    /// Projection difference over the sensor (px): root mean square, largest, and what is stated for 95 of 100 cases.
+    /// Projection difference over the sensor (px): root mean square, maximum, and the reported 95 % bound.
     rms: f64,
     max: f64,
-    stated: f64,
-    /// Root mean square error of the trajectory after the best shift of the clock (mm).
+    bound: f64,
+    /// Root mean square error of the trajectory after the best time shift (mm).
     position: f64,
     grade: String,
-    /// Causes in the verdict, and the model that it names.
-    told: Vec<String>,
-    /// With the board taken as it is stated: larger relative error of fx and fy (%), where the board was found to be another.
-    focal_as_stated: Option<f64>,
+    /// Causes of the verdict's findings, and the recommended model.
+    findings: Vec<String>,
+    /// Larger relative error of fx and fy with the nominal board (%), if the printed board was found to differ from it.
+    focal_nominal: Option<f64>,
     events: f64,
     run: Run,
 }
@@ -149,16 +149,16 @@ fn main() {
 
 fn print_table(rows: &[Row], seeds: &RangeInclusive<u64>) {
     println!(
-        "| recording | lens | Δf (%) | Δc (px) | projection rms / max (px) | stated 95 % (px) | inside | ATE (mm) | verdict | told | \
-         million events | processor time (s) | to wait for (s) | memory (MB) |"
+        "| recording | lens | Δf (%) | Δc (px) | projection rms / max (px) | reported 95 % (px) | inside | ATE (mm) | verdict | findings | \
+         million events | processor time (s) | elapsed time (s) | memory (MB) |"
     );
     println!("|{}", "---|".repeat(14));
     for row in rows {
         let outcomes: Vec<Result<Trial, String>> = seeds.clone().map(|seed| trial(row, seed)).collect();
         let trials: Vec<&Trial> = outcomes.iter().flatten().collect();
-        let refused =
-            outcomes.iter().filter_map(|outcome| outcome.as_ref().err()).map(|error| format!("refused: {error}"));
-        let verdicts = counted(trials.iter().map(|trial| trial.grade.clone()).chain(refused));
+        let failed =
+            outcomes.iter().filter_map(|outcome| outcome.as_ref().err()).map(|error| format!("failed: {error}"));
+        let verdicts = counted(trials.iter().map(|trial| trial.grade.clone()).chain(failed));
         let (name, model) = (&row.name, row.lens.model);
         if trials.is_empty() {
             println!("| {name} | {model} | | | | | | | {verdicts} | | | | | |");
@@ -167,18 +167,18 @@ fn print_table(rows: &[Row], seeds: &RangeInclusive<u64>) {
         let rms = |of: fn(&Trial) -> f64| {
             (trials.iter().map(|trial| of(trial).powi(2)).sum::<f64>() / trials.len() as f64).sqrt()
         };
-        let mut told = counted(trials.iter().flat_map(|trial| trial.told.iter().cloned()));
-        if trials.iter().any(|trial| trial.focal_as_stated.is_some()) {
-            told += &format!("; as stated Δf {:.3} %", rms(|trial| trial.focal_as_stated.unwrap_or(trial.focal)));
+        let mut findings = counted(trials.iter().flat_map(|trial| trial.findings.iter().cloned()));
+        if trials.iter().any(|trial| trial.focal_nominal.is_some()) {
+            findings += &format!("; nominal board Δf {:.3} %", rms(|trial| trial.focal_nominal.unwrap_or(trial.focal)));
         }
         println!(
-            "| {name} | {model} | {:.3} | {:.2} | {:.3} / {:.3} | {:.3} | {} of {} | {:.2} | {verdicts} | {told} | {:.2} | {:.1} | {:.1} | {:.0} |",
+            "| {name} | {model} | {:.3} | {:.2} | {:.3} / {:.3} | {:.3} | {} of {} | {:.2} | {verdicts} | {findings} | {:.2} | {:.1} | {:.1} | {:.0} |",
             rms(|trial| trial.focal),
             rms(|trial| trial.center),
             rms(|trial| trial.rms),
             trials.iter().map(|trial| trial.max).fold(0.0, f64::max),
-            rms(|trial| trial.stated),
-            trials.iter().filter(|trial| trial.rms < trial.stated).count(),
+            rms(|trial| trial.bound),
+            trials.iter().filter(|trial| trial.rms < trial.bound).count(),
             trials.len(),
             rms(|trial| trial.position),
             rms(|trial| 1e-6 * trial.events),
@@ -189,15 +189,15 @@ fn print_table(rows: &[Row], seeds: &RangeInclusive<u64>) {
     }
 }
 
-/// Each of the words once, with how often it came where that is more than once.
+/// Lists the distinct words, each with its count if it occurs more than once.
 fn counted(words: impl Iterator<Item = String>) -> String {
     let mut counts: BTreeMap<String, usize> = BTreeMap::new();
     words.for_each(|word| *counts.entry(word).or_default() += 1);
-    let told = counts.iter().map(|(word, count)| if *count == 1 { word.clone() } else { format!("{count} {word}") });
-    told.collect::<Vec<_>>().join(", ")
+    let words = counts.iter().map(|(word, count)| if *count == 1 { word.clone() } else { format!("{count} {word}") });
+    words.collect::<Vec<_>>().join(", ")
 }
 
-/// Simulates and calibrates; what the program says where it cannot calibrate.
+/// Simulates and calibrates. Returns the program's message if the calibration fails.
 fn trial(row: &Row, seed: u64) -> Result<Trial, String> {
     let folder = tempfile::tempdir().expect("a folder can be made");
     let (simulation, calibration) = (folder.path().join("simulation"), folder.path().join("calibration"));
@@ -218,16 +218,16 @@ fn trial(row: &Row, seed: u64) -> Result<Trial, String> {
     let focal = axial(&found).into_iter().zip(axial(&truth)).map(|(found, truth)| 100.0 * (found / truth - 1.0).abs());
     let center =
         found.parameters()[2..4].iter().zip(&truth.parameters()[2..4]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    let findings = result["verdict"]["findings"].as_array().expect("findings");
-    let mut told: Vec<String> = findings
+    let found_causes = result["verdict"]["findings"].as_array().expect("findings");
+    let mut findings: Vec<String> = found_causes
         .iter()
         .map(|finding| format!("{} ({})", word(&finding["cause"]), word(&finding["severity"])))
         .collect();
-    told.extend(result["misfit"]["better_model"].as_str().map(|model| format!("better: {model}")));
-    let as_stated = &result["printed_board"]["camera_as_stated"]["parameters"];
-    let focal_as_stated = (!as_stated.is_null()).then(|| {
+    findings.extend(result["misfit"]["better_model"].as_str().map(|model| format!("better: {model}")));
+    let nominal = &result["printed_board"]["camera_as_stated"]["parameters"];
+    let focal_nominal = (!nominal.is_null()).then(|| {
         let errors = ["fx", "fy"].iter().zip(truth.parameters());
-        errors.map(|(name, truth)| 100.0 * (number(&as_stated[*name]) / truth - 1.0).abs()).fold(0.0, f64::max)
+        errors.map(|(name, truth)| 100.0 * (number(&nominal[*name]) / truth - 1.0).abs()).fold(0.0, f64::max)
     });
     let projection = &evaluation["projection_difference"];
     Ok(Trial {
@@ -235,18 +235,17 @@ fn trial(row: &Row, seed: u64) -> Result<Trial, String> {
         center,
         rms: number(&projection["rms_px"]),
         max: number(&projection["max_px"]),
-        stated: number(&result["uncertainty"]["projection_rms_95"]),
+        bound: number(&result["uncertainty"]["projection_rms_95"]),
         position: 1e3 * number(&evaluation["trajectory"]["best_time_shift"]["as_is_m"]["rmse"]),
         grade: word(&result["verdict"]["grade"]),
-        told,
-        focal_as_stated,
+        findings,
+        focal_nominal,
         events: number(&result["stages"]["recordings"][0]["count"]),
         run,
     })
 }
 
-/// What a run of the program took: seconds of all processors, seconds to wait for, and the most memory (MB). NaN where the system does
-/// not tell.
+/// Cost of a run of the program: processor time (s), elapsed time (s) and peak memory (MB). NaN if the system does not report it.
 struct Run {
     processor: f64,
     wall: f64,
@@ -254,7 +253,7 @@ struct Run {
 }
 
 impl Run {
-    /// Runs the program; its first words on standard error where it fails.
+    /// Runs the program. Returns the first line of its error message if it fails.
     fn of(arguments: &[&str]) -> Result<Self, String> {
         let errors = tempfile::NamedTempFile::new().expect("a file can be made");
         let (start, before) = (Instant::now(), seconds_of_children());
@@ -279,17 +278,17 @@ impl Run {
     }
 }
 
-/// Seconds that the processors spent on programs that were started here and have ended.
+/// Returns the processor time in seconds of all ended child processes.
 fn seconds_of_children() -> Option<f64> {
     const TICKS: f64 = 100.0;
     let text = std::fs::read_to_string("/proc/self/stat").ok()?;
-    // Fields 16 and 17; the name, field 2, may have blanks in its brackets.
+    // Fields 16 and 17. Field 2, the name in brackets, may contain spaces.
     let mut fields = text.rsplit_once(')')?.1.split_whitespace().skip(13);
     let mut ticks = || fields.next()?.parse::<f64>().ok();
     Some((ticks()? + ticks()?) / TICKS)
 }
 
-/// The most memory (MB) that this process has had so far.
+/// Returns the peak memory of the process so far (MB).
 fn most_memory(process: u32) -> Option<f64> {
     let text = std::fs::read_to_string(Path::new("/proc").join(process.to_string()).join("status")).ok()?;
     let kilobytes = text.lines().find_map(|line| line.strip_prefix("VmHWM:"))?.trim().strip_suffix(" kB")?;

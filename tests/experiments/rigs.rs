@@ -1,12 +1,12 @@
-//! What is fixed to the camera: is it found where it is, and are the stated uncertainties true? Simulates recordings with an inertial
-//! unit like that of a DAVIS346, a second camera, or markers for motion capture, calibrates each, and compares with the truth.
+//! Errors and reported uncertainties of devices fixed to the camera. Simulates recordings with an IMU like the DAVIS346's, a second
+//! camera or motion-capture markers, calibrates each, and compares with the ground truth.
 //!
 //! ```text
 //! cargo run --release -p evcal-tests --example rigs -- inertial|stereo|motion-capture [FIRST-LAST [SIMULATE-OPTION...]]
 //! ```
 //!
-//! The second camera takes frames with `--second-frames`, or with `frames` in a file of `--second-camera`. What was not measured, or not
-//! calibrated at all, is told and counts for nothing. The table follows after each seed, so that a run may be ended at any time.
+//! The second camera takes frames with `--second-frames`, or with `frames` in a file of `--second-camera`. Failed calibrations and
+//! values that were not measured are printed but not counted. The table is printed after each seed, so a run may be ended at any time.
 
 use std::path::Path;
 
@@ -15,21 +15,21 @@ use evcal_tests::{BOARD, evcal, json, read_json, succeed, text};
 use nalgebra::{Isometry3, Vector3};
 use serde_json::Value;
 
-/// Errors with their stated σ: of one number, or of the axes of one thing.
+/// Errors of a scalar or of the components of a vector, with their reported σ.
 struct Figure {
     name: &'static str,
     errors: Vec<f64>,
     sigmas: Vec<f64>,
 }
 
-/// Those that are known of errors and σ, times `factor`.
+/// Creates a figure from the known errors and σ, multiplied by `factor`.
 fn figure(name: &'static str, errors: &[f64], sigmas: &[f64], factor: f64) -> Figure {
     let known = errors.iter().zip(sigmas).filter(|(error, sigma)| error.is_finite() && **sigma > 0.0);
     let (errors, sigmas) = known.map(|(error, sigma)| (factor * error, factor * sigma)).unzip();
     Figure { name, errors, sigmas }
 }
 
-/// Simulates and calibrates in a folder, with these options, and gives what came out.
+/// Simulates and calibrates in a folder with these options and returns the errors.
 type Trial = fn(&Path, &[&str]) -> Vec<Figure>;
 
 fn main() {
@@ -39,7 +39,7 @@ fn main() {
         "inertial" => (inertial, "201-204"),
         "stereo" => (stereo, "601-604"),
         "motion-capture" => (motion_capture, "511-514"),
-        other => panic!("{other} is none of inertial, stereo, motion-capture"),
+        other => panic!("{other} must be inertial, stereo or motion-capture"),
     };
     let range = arguments.next().unwrap_or_else(|| usual.to_owned());
     let (first, last) = range.split_once('-').expect("the first and the last seed: 201-220");
@@ -75,14 +75,14 @@ fn main() {
     }
 }
 
-/// A number as it is; of several axes the root of the sum of their squares, and the largest.
+/// Formats a scalar with its σ, or the norm and the largest component of a vector.
 fn row(Figure { name, errors, sigmas }: &Figure) -> String {
     let norm = |values: &[f64]| values.iter().map(|value| value * value).sum::<f64>().sqrt();
     let largest = |values: &[f64]| values.iter().map(|value| value.abs()).fold(0.0, f64::max);
     match (errors.as_slice(), sigmas.as_slice()) {
         ([error], [sigma]) => format!("{name:<34} {error:>10.4} ± {sigma:.4}"),
         _ => format!(
-            "{name:<34} {:>10.4} ± {:.4}, of one axis {:.4} ± {:.4}",
+            "{name:<34} {:>10.4} ± {:.4}, largest component {:.4} ± {:.4}",
             norm(errors),
             norm(sigmas),
             largest(errors),
@@ -91,7 +91,8 @@ fn row(Figure { name, errors, sigmas }: &Figure) -> String {
     }
 }
 
-/// Sizes of the errors; the mean of error over σ, its scatter about that mean and about zero, and how many errors are within 1.96 σ.
+/// Prints median and maximum of the absolute errors, the mean of error / σ, its standard deviation and root mean square, and the
+/// number of errors within 1.96 σ.
 fn table(figures: &[Figure]) {
     println!(
         "{:<34} {:>10} {:>10} {:>8} {:>9} {:>9} {:>9}",
@@ -124,13 +125,13 @@ fn difference(found: &Value, truth: &[f64]) -> Vec<f64> {
     measured_numbers(found).iter().zip(truth).map(|(found, truth)| found - truth).collect()
 }
 
-/// Rotation about, and place along, the axes of `truth`, from where it is to where it was found.
+/// Returns rotation (rad) and translation (m) from `truth` to `found`, along the axes of `truth`.
 fn moved(found: &Isometry3<f64>, truth: &Isometry3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     let turned = (truth.rotation.inverse() * found.rotation).scaled_axis();
     (turned, found.translation.vector - truth.translation.vector)
 }
 
-/// The delay is as it is, for the latency of the pixels is part of it. Nothing where the unit was not calibrated.
+/// Returns the errors of the IMU's parameters; nothing if it was not calibrated. The delays include the pixel latency.
 fn inertial(folder: &Path, options: &[&str]) -> Vec<Figure> {
     const GRAVITY: f64 = 9.80665;
     let (recording, result) = (folder.join("recording"), folder.join("result"));
@@ -152,8 +153,8 @@ fn inertial(folder: &Path, options: &[&str]) -> Vec<Figure> {
         value => moved(&pose(value), &mount).0,
     };
     let (position, sigma) = (&found["position_in_camera"], measured_numbers(&found["position_in_camera"]["sigma"]));
-    let place = difference(&position["value"], mount.inverse().translation.vector.as_slice());
-    let along = |axis: usize, name| figure(name, &place[axis..=axis], &sigma[axis..=axis], 1e3);
+    let position_error = difference(&position["value"], mount.inverse().translation.vector.as_slice());
+    let along = |axis: usize, name| figure(name, &position_error[axis..=axis], &sigma[axis..=axis], 1e3);
     let delay = |sensor: &str| {
         let delay = &found[sensor]["delay"];
         (number(&delay["value"]), number(&delay["sigma"]))
@@ -173,7 +174,7 @@ fn inertial(folder: &Path, options: &[&str]) -> Vec<Figure> {
     let (of_gyroscope_matrix, of_accelerometer_matrix) =
         (matrix("gyroscope", "gyroscope_matrix"), matrix("accelerometer", "accelerometer_matrix"));
     let density = |sensor: &str| measured_numbers(&found[sensor]["noise_density"]).iter().sum::<f64>() / 3.0;
-    // The simulated densities: 0.01 °/s and 300 µg, each by the root of the band.
+    // The simulated noise densities are 0.01 °/s/√Hz and 300 µg/√Hz.
     let (gyroscope_noise, accelerometer_noise) =
         (density("gyroscope").to_degrees() / 0.01, density("accelerometer") / GRAVITY / 300e-6);
     vec![
@@ -186,8 +187,8 @@ fn inertial(folder: &Path, options: &[&str]) -> Vec<Figure> {
         along(0, "x (mm)"),
         along(1, "y (mm)"),
         along(2, "z (mm)"),
-        figure("gyroscope's delay less 2.9 (ms)", &[gyroscope - 2.9e-3], &[of_gyroscope], 1e3),
-        figure("its difference less 1 (ms)", &[gyroscope - accelerometer - 1e-3], &[of_accelerometer], 1e3),
+        figure("gyroscope's delay - 2.9 (ms)", &[gyroscope - 2.9e-3], &[of_gyroscope], 1e3),
+        figure("delay difference - 1 (ms)", &[gyroscope - accelerometer - 1e-3], &[of_accelerometer], 1e3),
         figure("gravity (degrees)", &[down.x, down.z], &[number(&found["gravity_sigma"]); 2], 1f64.to_degrees()),
         figure("gyroscope's bias (degrees/s)", &of_gyroscope_bias.0, &of_gyroscope_bias.1, 1f64.to_degrees()),
         figure("accelerometer's bias (mg)", &of_accelerometer_bias.0, &of_accelerometer_bias.1, 1e3 / GRAVITY),
@@ -215,12 +216,12 @@ fn stereo(folder: &Path, options: &[&str]) -> Vec<Figure> {
     let found = &read_json(&result.join("calibration.json"))["second_cameras"][0];
     let (turned, moved) = moved(&pose(&found["T_second_first"]), &pose(&truth["T_second_first"]));
     let rate = 1e-6 * number(&settings["clock_drift"]);
-    // t_second = offset + t_first (1 + rate); the stated offset is that at a time of the second clock.
+    // t_second = offset + t_first (1 + rate). The reported offset is valid at a time of the second clock.
     let at = number(&found["time_offset_at"]);
     let clocks = at - (at - number(&settings["clock_offset"])) / (1.0 + rate);
-    // Frames are stamped by their first row; the offset is that of the middle one.
+    // Frames have the timestamp of their first row; the offset refers to the middle row.
     let offset = clocks - line_delay * 0.5 * (number(&truth["sensor"]["height"]) - 1.0);
-    // The rate is that of the first clock against the second.
+    // The reported rate is the rate of the first clock relative to the second.
     let single = |name, found: &Value, truth: f64, factor: f64| {
         figure(name, &[number(&found["value"]) - truth], &[number(&found["sigma"])], factor)
     };
@@ -231,14 +232,14 @@ fn stereo(folder: &Path, options: &[&str]) -> Vec<Figure> {
             &measured_numbers(&found["rotation_sigma"]),
             1e3f64.to_degrees(),
         ),
-        figure("place (µm)", moved.as_slice(), &measured_numbers(&found["translation_sigma"]), 1e6),
+        figure("position (µm)", moved.as_slice(), &measured_numbers(&found["translation_sigma"]), 1e6),
         single("offset (µs)", &found["time_offset"], offset, 1e6),
         single("clock rate (ppm)", &found["clock_rate"], rate / (1.0 + rate), 1e6),
         single("line delay (ns)", &found["frames"]["line_delay"], line_delay, 1e9),
     ]
 }
 
-/// The offset has the latency of the pixels in it.
+/// Returns the errors of the comparison with motion capture. The offset includes the pixel latency.
 fn motion_capture(folder: &Path, options: &[&str]) -> Vec<Figure> {
     let (recording, result) = (folder.join("recording"), folder.join("result"));
     succeed(&[&["simulate", "-o", text(&recording), "--board", BOARD, "--motion-capture"], options].concat());
@@ -255,11 +256,11 @@ fn motion_capture(folder: &Path, options: &[&str]) -> Vec<Figure> {
     let clock = number(&settings["clock_offset"]) + 1e-6 * number(&settings["clock_drift"]) * middle;
     let error = &found["held_out"]["position"]["error"];
     let true_error = number(&against["trajectory"]["best_time_shift"]["aligned_m"]["rmse"]);
-    println!("  error held out {:.3} mm, true error {:.3} mm", 1e3 * number(&error["value"]), 1e3 * true_error);
+    println!("  held-out error {:.3} mm, true error {:.3} mm", 1e3 * number(&error["value"]), 1e3 * true_error);
     vec![
         figure("rotation (degrees)", turned.as_slice(), &measured_numbers(&body["rotation_sigma"]), 1f64.to_degrees()),
-        figure("place (mm)", moved.as_slice(), &measured_numbers(&body["translation_sigma"]), 1e3),
+        figure("position (mm)", moved.as_slice(), &measured_numbers(&body["translation_sigma"]), 1e3),
         figure("offset (µs)", &[number(&found["offset"]["value"]) - clock], &[number(&found["offset"]["sigma"])], 1e6),
-        figure("error held out (mm)", &[number(&error["value"]) - true_error], &[number(&error["sigma"])], 1e3),
+        figure("held-out error (mm)", &[number(&error["value"]) - true_error], &[number(&error["sigma"])], 1e3),
     ]
 }

@@ -1,5 +1,5 @@
-//! Are the stated uncertainties true? Simulates many recordings through one lens, calibrates each, and
-//! compares errors of camera and poses with what was stated.
+//! Comparison of actual errors with reported uncertainties: simulates many recordings through one lens, calibrates each, and
+//! compares the errors of camera and poses with their reported σ.
 //!
 //! ```text
 //! cargo run --release -p evcal-tests --example seeds -- [FIRST-LAST [MODEL [SIMULATE-OPTION...]]]
@@ -15,39 +15,39 @@ use evcal_tests::lens::{self, Lens};
 use evcal_tests::{BOARD, json, read_json, succeed, text};
 use serde_json::Value;
 
-/// What one seed gave.
+/// Errors and reported uncertainties of one seed.
 struct Trial {
     errors: Vec<f64>,
     sigma: Vec<f64>,
     /// Projection difference from the truth, rms over the sensor (px).
     difference: f64,
-    /// What it is expected to be, and to stay below in 95 of 100 cases.
+    /// Expected projection difference (rms, px) and its 95 % bound (px).
     expected: [f64; 2],
-    /// The part of that which the model of events has (px rms, σ).
+    /// Part of the expected difference due to the event model (px rms, σ).
     of_model: f64,
-    /// Difference, and what is expected, of the two halves of the recording.
+    /// Difference between the two halves of the recording, its expected value and 95 % bound (px).
     halves: Option<(f64, [f64; 2])>,
     poses: Poses,
-    /// Measures of the board, of [`MEASURES`], that were taken for other than they are stated. The simulated ones are as stated.
+    /// Dimensions of the board, from [`MEASURES`], that were estimated although the simulated board has its nominal dimensions.
     misjudged: Vec<&'static str>,
 }
 
-/// What can be different about a board from what is stated of it.
+/// Dimensions in which a printed board may differ from the nominal one.
 const MEASURES: [&str; 4] = ["print_ratio", "bend_x", "bend_y", "radius"];
 
-/// How far the camera centres of one recording are from the truth, both in the frame of the board.
+/// Errors of the camera centres of one recording, in the frame of the board.
 struct Poses {
     /// Root mean square distance (m).
     rms: f64,
-    /// The same over the worst 0.1 s.
+    /// Root mean square distance over the worst 0.1 s (m).
     worst: f64,
-    /// Coordinates of centres, and how many of them are within 1.96 stated σ of the truth.
+    /// Number of compared coordinates of camera centres, and of those within 1.96 reported σ of the truth.
     compared: usize,
     inside: usize,
-    /// Poses that are too uncertain for trajectory.txt, or belong to a stretch that is left out.
+    /// Poses that are not in trajectory.txt because they are too uncertain or in an excluded interval.
     undetermined: usize,
-    /// Whether the verdict is that the calibration is not good enough.
-    refused: bool,
+    /// `true` if the verdict is that the calibration is not good enough.
+    not_good: bool,
 }
 
 fn main() {
@@ -62,7 +62,7 @@ fn main() {
     let trials: Vec<Trial> = seeds.filter_map(|seed| trial(lens, seed, &options)).collect();
     println!("{} of seeds {range} calibrated, {model} {}", trials.len(), options.join(" "));
     let names = lens.kind().parameter_names();
-    println!("{:<4} {:>11} {:>11} {:>11} {:>7} {:>9}", "", "mean error", "scatter", "stated σ", "ratio", "in 95 %");
+    println!("{:<4} {:>11} {:>11} {:>11} {:>7} {:>9}", "", "mean error", "scatter", "reported σ", "ratio", "in 95 %");
     let mut inside_all = 0;
     for (index, name) in names.iter().enumerate() {
         let errors: Vec<f64> = trials.iter().map(|trial| trial.errors[index]).collect();
@@ -70,32 +70,32 @@ fn main() {
         let scatter = (errors.iter().map(|error| (error - mean) * (error - mean)).sum::<f64>()
             / (errors.len().max(2) - 1) as f64)
             .sqrt();
-        let stated = root_mean_square(trials.iter().map(|trial| trial.sigma[index]));
+        let reported = root_mean_square(trials.iter().map(|trial| trial.sigma[index]));
         let inside = trials.iter().filter(|trial| trial.errors[index].abs() < 1.96 * trial.sigma[index]).count();
         inside_all += inside;
-        let ratio = stated / scatter;
+        let ratio = reported / scatter;
         println!(
-            "{name:<4} {mean:>11.5} {scatter:>11.5} {stated:>11.5} {ratio:>7.2} {:>7.1} %",
+            "{name:<4} {mean:>11.5} {scatter:>11.5} {reported:>11.5} {ratio:>7.2} {:>7.1} %",
             share(inside, trials.len())
         );
     }
-    println!("all parameters: truth inside in {:.1} %", share(inside_all, names.len() * trials.len()));
+    println!("all parameters: truth within 95 % in {:.1} %", share(inside_all, names.len() * trials.len()));
     compare("projection", trials.iter().map(|trial| (trial.difference, trial.expected)));
     compare("split halves", trials.iter().filter_map(|trial| trial.halves));
     let poses = || trials.iter().map(|trial| &trial.poses);
     let largest = |values: &mut dyn Iterator<Item = f64>| 1e3 * values.fold(0.0, f64::max);
     println!(
-        "camera centres: {:.2} mm rms, {:.2} mm in the worst recording, {:.2} mm in the worst 0.1 s; truth inside 95 % in {:.1} %; {} poses not determined",
+        "camera centres: {:.2} mm rms, {:.2} mm in the worst recording, {:.2} mm in the worst 0.1 s; truth within 95 % in {:.1} %; {} poses not determined",
         1e3 * root_mean_square(poses().map(|poses| poses.rms)),
         largest(&mut poses().map(|poses| poses.rms)),
         largest(&mut poses().map(|poses| poses.worst)),
         share(poses().map(|poses| poses.inside).sum(), poses().map(|poses| poses.compared).sum()),
         poses().map(|poses| poses.undetermined).sum::<usize>()
     );
-    println!("verdict \"not good enough\": {}", poses().filter(|poses| poses.refused).count());
+    println!("verdict \"not good enough\": {}", poses().filter(|poses| poses.not_good).count());
     let misjudged = |measure| trials.iter().filter(|trial| trial.misjudged.contains(measure)).count();
     let counts: Vec<String> = MEASURES.iter().map(|measure| format!("{} {measure}", misjudged(measure))).collect();
-    println!("boards taken for other than they are, of {}: {}", trials.len(), counts.join(", "));
+    println!("boards that were estimated to differ from the nominal ones, of {}: {}", trials.len(), counts.join(", "));
 }
 
 fn trial(lens: Lens, seed: u64, options: &[String]) -> Option<Trial> {
@@ -104,19 +104,19 @@ fn trial(lens: Lens, seed: u64, options: &[String]) -> Option<Trial> {
     let seed = seed.to_string();
     let mut simulate = vec!["simulate", "--board", BOARD, "--model", lens.model, "--parameters", lens.parameters];
     simulate.extend(["--motion", "fast", "--duration", "4s", "--seed", &seed]);
-    // A later option takes the place of an earlier one.
+    // A given option replaces the default.
     let given = |option: &&str| options.iter().any(|given| given == option);
     for option in ["--motion", "--duration"] {
         if given(&option) {
-            let place = simulate.iter().position(|argument| *argument == option)?;
-            simulate.drain(place..place + 2);
+            let index = simulate.iter().position(|argument| *argument == option)?;
+            simulate.drain(index..index + 2);
         }
     }
     simulate.extend(options.iter().map(String::as_str));
     simulate.extend(["-o", text(&simulation)]);
     succeed(&simulate);
     let events = simulation.join("events.aedat4");
-    // Without those that are not good enough, the figures would be of the good ones only.
+    // Calibrations that are not good enough count as well.
     let calibrate =
         ["calibrate", text(&events), "--board", BOARD, "--model", lens.model, "--accept-any", "-o", text(&calibration)];
     let finished = evcal_tests::evcal(&calibrate);
@@ -133,7 +133,7 @@ fn trial(lens: Lens, seed: u64, options: &[String]) -> Option<Trial> {
         },
     );
     println!(
-        "seed {seed}: {:.4} px off, {bound:.4} bound; {halves}; model of events {:.4} px",
+        "seed {seed}: {:.4} px error, {bound:.4} bound; {halves}; model of events {:.4} px",
         trial.difference, trial.of_model
     );
     Some(trial)
@@ -167,9 +167,8 @@ impl Trial {
 }
 
 impl Poses {
-    /// Compares the poses of the folder `calibration` with those of the folder `truth`, whose clock differs by what all
-    /// events come late.
-    fn of(calibration: &Path, truth: &Path, refused: bool) -> Self {
+    /// Compares the poses in the folder `calibration` with the poses in the folder `truth`. The clocks differ by the pixel latency.
+    fn of(calibration: &Path, truth: &Path, not_good: bool) -> Self {
         let real = trajectory(truth);
         let estimated = trajectory(calibration);
         let shift = best_time_shift(&real, &estimated, 0.02).expect("trajectories overlap");
@@ -203,7 +202,7 @@ impl Poses {
             compared,
             inside,
             undetermined: rows - estimated.len(),
-            refused,
+            not_good,
         }
     }
 }

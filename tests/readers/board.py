@@ -27,7 +27,7 @@ def measure(task):
     ink = 1 - picture.astype(float) / 255
     _, labels, blobs, _ = cv2.connectedComponentsWithStats((picture < 128).astype(np.uint8))
     for x, y in grid.reshape(-1, 2):
-        # All of the dot's grey rim, and nothing of the print next to it.
+        # Includes the whole grey edge of the dot and no neighbouring print.
         half = int(0.55 * blobs[labels[int(y), int(x)], cv2.CC_STAT_WIDTH]) + 3
         left, top = max(int(round(x)) - half, 0), max(int(round(y)) - half, 0)
         patch = ink[top : int(round(y)) + half, left : int(round(x)) + half]

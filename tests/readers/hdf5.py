@@ -1,4 +1,4 @@
-"""Events in HDF5, in the layouts and compressions of those who publish recordings."""
+"""Writes events to HDF5 in the layouts and compressions of published recordings."""
 
 import struct
 
@@ -47,13 +47,13 @@ def write_mvsec(path, events, size):
         pictures = np.arange(2 * size[1] * size[0], dtype="u4").reshape(2, size[1], size[0]) % 251
         group.create_dataset("image_raw", data=pictures.astype("u1"), chunks=True)
         group.create_dataset("image_raw_ts", data=start + np.array([0.02, 0.05]))
-        # Acceleration, then rates, as its converter writes a sample of ROS.
+        # Acceleration, then angular rates, as MVSEC's converter writes a ROS message.
         group.create_dataset("imu", data=np.tile([0.0, 9.80665, -4.903325, np.pi, 0.0, -np.pi / 2], (3, 1)))
         group.create_dataset("imu_ts", data=start + np.array([0.01, 0.03, 0.06]))
 
 
 def write_matlab(path, events, size):
-    """As MATLAB's files of version 7.3: 512 bytes of its own, and vectors that are matrices of one row."""
+    """Like MATLAB's files of version 7.3: a header of 512 bytes, and vectors stored as matrices with one row."""
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, values in zip("txyp", np.array(events, dtype="f8").T):
             file.create_dataset(name, data=values[np.newaxis, :], chunks=(1, 1000), compression="gzip")
@@ -79,7 +79,7 @@ def write_unnamed(path, events, size):
 
 
 def runs(values):
-    """[[value, how many in a row], ...]"""
+    """Run lengths as [[value, count], ...]."""
     found = []
     for value in values:
         if found and found[-1][0] == value:
@@ -115,7 +115,7 @@ def ecf_columns(pixels):
 
 
 def packed(values, bits):
-    """Four numbers of so many bits in three words; of a number in two words the lower bits are in the first."""
+    """Packs four numbers into three words; the lower bits of a number in two words are in the first word."""
     word, part = bits * 4 // 3, bits // 3
     values = values + [0] * (-len(values) % 4)
     data = b""
@@ -142,7 +142,7 @@ def ecf(events, packing):
 
 
 def write_metavision(path, events, size, chunk=4096):
-    """The compression is done here, chunk by chunk in each of its three ways: HDF5 has no plugin for it."""
+    """Compresses the chunks here, in all three modes, because HDF5 has no plugin for this compression."""
     dtype = np.dtype(
         {"names": ["x", "y", "p", "t"], "formats": ["<u2", "<u2", "<i2", "<i8"], "offsets": [0, 2, 4, 8], "itemsize": 16}
     )

@@ -1,4 +1,4 @@
-"""Writes bags with topics of images by rosbags, their pictures by OpenCV.
+"""Writes bags with image topics: the bags with rosbags, the compressed images with OpenCV.
 
 Standard input is JSON: {"folder"}. In the folder come images.bag (ROS 1), images.db3 and images.mcap (ROS 2) of the same topics, all of
 one picture: a dark disc on bright paper. Standard output is JSON: {"center": [x, y], "time" (us), "size": [width, height],
@@ -18,14 +18,14 @@ from rosbags.typesys import Stores, get_typestore
 
 WIDTH, HEIGHT = 64, 48
 CENTER, RADIUS = (30.7, 22.2), 13.0
-# Blue, green, red of the paper under a warm lamp.
+# Blue, green and red of the paper in warm light.
 PAPER = np.array([130.0, 220.0, 180.0])
 TIME = 1_700_000_000_123_456
 STEPS = 16
 
 
 def picture():
-    """Blue, green and red, each pixel the mean over its area."""
+    """Draws the image in blue, green and red; each pixel is the mean over its area."""
     offsets = (np.arange(STEPS) + 0.5) / STEPS - 0.5
     x = (np.arange(WIDTH)[:, None] + offsets).ravel() - CENTER[0]
     y = (np.arange(HEIGHT)[:, None] + offsets).ravel() - CENTER[1]
@@ -35,7 +35,7 @@ def picture():
 
 
 def mosaic(colours, order):
-    """Values of the pixels behind a Bayer pattern with this order of filters, row by row in a square."""
+    """Pixel values behind a Bayer pattern; the order of the filters is row by row in a square of 2 x 2."""
     raw = np.empty((HEIGHT, WIDTH), np.uint8)
     for place, letter in enumerate(order):
         row, column = divmod(place, 2)
@@ -44,16 +44,16 @@ def mosaic(colours, order):
 
 
 def plain(colours):
-    """Encoding, step and bytes of each Image."""
+    """Yields encoding, step and bytes of each Image message."""
     for order in ("rggb", "bggr", "gbrg", "grbg"):
         raw = mosaic(colours, order)
         yield f"/{order}8", f"bayer_{order}8", WIDTH, raw
-        # A camera of 12 bits.
+        # A camera with 12 bits per pixel.
         yield f"/{order}16", f"bayer_{order}16", 2 * WIDTH, raw.astype("<u2") * 16
 
 
 def compressed(colours):
-    """Format and bytes of each CompressedImage, and how it is read."""
+    """Format and bytes of each CompressedImage message, and the expected image."""
     grey = cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY)
     for name, form, ending, pixels in (
         ("/jpeg", "jpeg", ".jpg", grey),

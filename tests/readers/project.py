@@ -1,4 +1,4 @@
-"""Projects points with the camera in a file, read by the program that the file is for.
+"""Projects points with the camera in a file, which is read by the program that the format is meant for.
 
 Standard input is a JSON list of {"format", "file", "points"}: the format's name, the file, and points in camera
 coordinates. Standard output is a JSON list of lists of pixels. Where no Python package of a program exists, its
@@ -38,7 +38,7 @@ def with_opencv(model, points, matrix, distortion):
 
 
 def ros(path, points):
-    """The keys that camera_calibration_parsers asks for; image_geometry projects with OpenCV."""
+    """Reads the keys that camera_calibration_parsers requires and projects with OpenCV, as image_geometry does."""
     import yaml
 
     with open(path) as file:
@@ -62,7 +62,7 @@ def ros(path, points):
 
 
 def kalibr(path, points):
-    """The checks of kalibr_common's CameraParameters, and the projections of aslam_cv."""
+    """Applies the checks of kalibr_common's CameraParameters and the projections of aslam_cv."""
     import yaml
 
     with open(path) as file:
@@ -120,7 +120,7 @@ def double_sphere(xi, alpha, x, y, z):
 
 
 def basalt(path, points):
-    """The keys that basalt-headers' serialiser names, and the projections of its camera models."""
+    """Reads the keys of basalt-headers' serialiser and projects with its camera models."""
     with open(path) as file:
         root = json.load(file)
     name, value = next(iter(root.items()))
@@ -156,7 +156,7 @@ def dv_processing(path, points):
     (camera,) = dv_processing.camera.CalibrationSet.LoadFromFile(path).getCameraCalibrations().values()
     assert tuple(camera.resolution) == (346, 260) and camera.name == "DAVIS346_00000001", (camera.resolution, camera.name)
     geometry = camera.getCameraGeometry()
-    # Its distortion takes points at depth 1.
+    # The distortion function expects points at depth 1.
     flat = [np.array([x / z, y / z, 1.0]) for x, y, z in points]
     return np.array([geometry.project(geometry.distort(point)) for point in flat])
 

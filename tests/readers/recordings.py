@@ -1,4 +1,4 @@
-"""Reads and writes recordings with the programs that they are for.
+"""Reads and writes recordings with the programs that the formats belong to.
 
 Standard input is JSON: {"tasks": [{"action": "read" or "write", "program", "path"}], "events": [[t, x, y, p], ...],
 "size": [width, height]}; the events (t in microseconds) are what is written. Standard output is a JSON list with an object
@@ -43,7 +43,7 @@ def header(types, ros, t):
 
 
 def event_array(types, events, size):
-    """A message of dvs_msgs."""
+    """Creates a message of dvs_msgs."""
     stamps = [types["builtin_interfaces/msg/Time"](t // 1_000_000, t % 1_000_000 * 1000) for t, *_ in events]
     array = [types["dvs_msgs/msg/Event"](x=x, y=y, ts=ts, polarity=bool(p)) for ts, (_, x, y, p) in zip(stamps, events)]
     return types["dvs_msgs/msg/EventArray"](header(types, 1, events[-1][0]), size[1], size[0], array)
@@ -72,7 +72,7 @@ def write_bag(path, events, size, compression):
 
 
 def write_rosbag2(path, events, size, storage):
-    """With the encoding `mono`."""
+    """Creates a message with the encoding `mono`."""
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     store = typestore(2, EVENT_PACKET)
@@ -139,7 +139,7 @@ def microseconds(stamp):
 
 
 def extras(kind, message):
-    """A frame or a sample of sensor_msgs."""
+    """Creates a frame or IMU sample of sensor_msgs."""
     t = microseconds(message.header.stamp)
     if kind.endswith("/Image"):
         assert message.encoding == "mono8" and message.step == message.width
@@ -163,7 +163,7 @@ def read_bag(path):
             else:
                 name, value = extras(connection.msgtype, message)
                 found[name].append(value)
-        # By its index, in order of time.
+        # Through the file's index, in order of time.
         assert times == sorted(times) and len(times) == reader.message_count
     return found
 

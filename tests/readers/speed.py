@@ -61,7 +61,7 @@ def main():
     lz4_bag(folder / "lz4.bag", folder / "source.bag")
     rows = list(zip(*(values.tolist() for values in (t, x, y, p))))
     hdf5.write_dsec(folder / "dsec.h5", rows, (346, 260))
-    # Packed in Python.
+    # Encoded in Python.
     hdf5.write_metavision(folder / "metavision.h5", rows[:1_000_000], (346, 260))
 
 

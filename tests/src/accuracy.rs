@@ -1,4 +1,4 @@
-//! How far a calibration is from the truth, as `evcal evaluate` tells it.
+//! Errors of a calibration against the ground truth, as `evcal evaluate` reports them.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ pub struct Accuracy {
     pub center: f64,
     /// Projection difference over the sensor with the implied rotation removed, in pixels.
     pub projection_rms: f64,
-    /// Its largest value.
+    /// Largest projection difference over the sensor with the implied rotation removed, in pixels.
     pub projection_max: f64,
     /// Root mean square position error of the trajectory after the best constant time shift, not
     /// aligned, in metres.
@@ -23,7 +23,7 @@ pub struct Accuracy {
 }
 
 impl Accuracy {
-    /// Compares two folders.
+    /// Compares the calibration in one folder with the ground truth in another.
     pub fn of(calibration: &Path, truth: &Path) -> Self {
         let figures = json(&["evaluate", text(calibration), "--truth", text(truth), "--json"]);
         let number = |value: &Value| value.as_f64().unwrap_or_else(|| panic!("no number in {figures}"));

@@ -1,4 +1,4 @@
-//! One lens for each camera model, its recordings, and its calibrations.
+//! One lens per camera model, with its simulated recordings and their calibrations.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,7 @@ use evcal_core::camera::ModelKind;
 
 use crate::{BOARD, made, text};
 
-/// A camera model with the parameters of a plausible lens before 346 × 260 pixels.
+/// A camera model with the parameters of a plausible lens in front of 346 × 260 pixels.
 #[derive(Clone, Copy, Debug)]
 pub struct Lens {
     /// Name of the model.
@@ -17,7 +17,7 @@ pub struct Lens {
 
 /// Barrel distortion of a short lens, without a sixth-order term.
 pub const RADTAN4: Lens = Lens { model: "radtan4", parameters: "331.2,330.7,174.1,127.3,-0.33,0.12,0.0006,-0.0004" };
-/// The same with a sixth-order term.
+/// Barrel distortion of a short lens, with a sixth-order term.
 pub const RADTAN: Lens =
     Lens { model: "radtan", parameters: "344.1,343.6,170.6,131.2,-0.37,0.19,-0.0005,0.0003,-0.06" };
 /// A rational lens.
@@ -40,12 +40,12 @@ pub const FOV: Lens = Lens { model: "fov", parameters: "182.4,182.0,171.9,130.3,
 /// A wide lens with tangential distortion.
 pub const OMNI: Lens = Lens { model: "omni", parameters: "432.1,431.2,171.9,130.3,1.2,-0.12,0.05,0.0006,-0.0004" };
 
-/// All of them.
+/// All lenses.
 pub const ALL: [Lens; 10] =
     [RADTAN4, RADTAN, RADTAN8, KANNALA_BRANDT, INVERSE_RADIAL, UCM, EUCM, DOUBLE_SPHERE, FOV, OMNI];
 
 impl Lens {
-    /// The model.
+    /// Camera model.
     pub fn kind(&self) -> ModelKind {
         ModelKind::from_name(self.model).expect("the model is one of evcal's")
     }
@@ -68,7 +68,7 @@ impl Lens {
         self.simulation("interrupted", &["--motion", "interrupted", "--duration", "5s", "--seed", "2"])
     }
 
-    /// A recording of 4 s with 25 frames a second.
+    /// A recording of 4 s with 25 frames per second.
     pub fn recording_with_frames(&self) -> PathBuf {
         self.simulation("frames", &["--motion", "fast", "--duration", "4s", "--frames"])
     }

@@ -1,4 +1,4 @@
-//! What the end-to-end tests share: the program, and recordings and calibrations made once.
+//! Shared parts of the end-to-end tests: running the program, and recordings and calibrations that are made once.
 
 use std::collections::hash_map::DefaultHasher;
 use std::hash::{Hash, Hasher};
@@ -21,7 +21,7 @@ pub mod values;
 /// The board of all simulated recordings.
 pub const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
 
-/// How a run of the program ended.
+/// Exit code and output of a run of the program.
 #[derive(Debug)]
 pub struct Finished {
     /// Exit code; `None` after a signal.
@@ -32,11 +32,10 @@ pub struct Finished {
     pub stderr: String,
 }
 
-/// The program, in the profile of this test.
+/// Returns the path of the program, built in the profile of this test.
 ///
-/// Cargo builds it before the tests of the workspace run, but tells its path to the tests of its own
-/// package only. A program that is missing or older than its sources is refused: tests of an old
-/// program say nothing.
+/// Cargo builds it before the tests of the workspace run, but passes its path only to the tests of its own package. Panics if
+/// the program is missing or older than its sources, because tests of an old program prove nothing.
 pub fn program() -> &'static Path {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
     PROGRAM.get_or_init(|| {
@@ -62,7 +61,7 @@ fn modified(path: &Path) -> io::Result<SystemTime> {
     fs::metadata(path)?.modified()
 }
 
-/// A source file below `folder` that was changed after `built`; modules of tests do not count.
+/// Returns a source file below `folder` that was changed after `built`. Test modules are ignored.
 fn newer_source(folder: &Path, built: SystemTime) -> Option<PathBuf> {
     let entries = fs::read_dir(folder).expect("sources can be read");
     entries.map(|entry| entry.expect("sources can be read").path()).find_map(|path| {
@@ -74,7 +73,7 @@ fn newer_source(folder: &Path, built: SystemTime) -> Option<PathBuf> {
     })
 }
 
-/// Stack of the program's threads in bytes: half of what they have otherwise. A thread whose stack ends is a crash without a word.
+/// Stack of the program's threads in bytes, half of the default. A stack overflow crashes without a message.
 const STACK: &str = "1048576";
 
 /// Runs the program.
@@ -87,14 +86,14 @@ pub fn evcal(arguments: &[&str]) -> Finished {
 }
 
 impl Finished {
-    /// What it said on standard error beside the stages that it came to.
+    /// Lines on standard error, except the names of stages in progress.
     pub fn said(&self) -> Vec<&str> {
         self.stderr.lines().filter(|line| !line.ends_with(" ...")).collect()
     }
 }
 
-/// Runs the program, which must succeed and say nothing on standard error but the stages that it has come to, and returns
-/// what it prints.
+/// Runs the program and returns its standard output. The program must succeed and write nothing on standard error except the
+/// stages in progress.
 pub fn succeed(arguments: &[&str]) -> String {
     let finished = evcal(arguments);
     assert_eq!(finished.code, Some(0), "{arguments:?}: {}", finished.stderr);
@@ -102,18 +101,18 @@ pub fn succeed(arguments: &[&str]) -> String {
     finished.stdout
 }
 
-/// What the program prints as JSON.
+/// Runs the program and returns the JSON that it prints.
 pub fn json(arguments: &[&str]) -> Value {
     serde_json::from_str(&succeed(arguments)).expect("evcal prints JSON")
 }
 
-/// A JSON file.
+/// Reads a JSON file.
 pub fn read_json(path: &Path) -> Value {
     let text = fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     serde_json::from_str(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// The camera of `calibration.json` or `truth.json`.
+/// Reads the camera of `calibration.json` or `truth.json`.
 pub fn camera(file: &Path) -> Camera<f64> {
     let description = &read_json(file)["camera"];
     let kind = description["model"].as_str().and_then(ModelKind::from_name).expect("a camera file names its model");
@@ -122,21 +121,21 @@ pub fn camera(file: &Path) -> Camera<f64> {
     Camera::from_parameters(kind, &parameters).expect("the model takes its parameters")
 }
 
-/// A path as an argument.
+/// Returns a path as an argument of the program.
 pub fn text(path: &Path) -> &str {
     path.to_str().expect("paths of tests are UTF-8")
 }
 
-/// All events of a recording.
+/// Reads all events of a recording.
 pub fn all_events(reader: &mut EventReader) -> Vec<Event> {
     let (mut events, mut batch) = (Vec::new(), Vec::new());
-    while reader.next_batch(&mut batch).expect("it is whole") {
+    while reader.next_batch(&mut batch).expect("the recording is undamaged") {
         events.append(&mut batch);
     }
     events
 }
 
-/// The simulated session in `fixtures`, with its truth.
+/// Folder of the simulated session in `fixtures`, with its ground truth.
 pub fn session() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("fixtures").join("board")
 }
@@ -146,18 +145,18 @@ pub fn session_calibration() -> PathBuf {
     made("session", &["calibrate", text(&session().join("events.dvraw")), "--board", BOARD])
 }
 
-/// Folder of a simulated recording of 5 s in which the camera turns about one axis only, with inertial samples and motion capture.
+/// Folder of a simulated recording of 5 s in which the camera rotates about one axis only, with IMU samples and motion capture.
 pub fn one_axis() -> PathBuf {
     let options = ["--motion", "one-axis", "--duration", "5s", "--imu", "davis346", "--motion-capture"];
     made("one-axis", &[&["simulate", "--board", BOARD], &options[..]].concat())
 }
 
-/// The folder that the program writes when it is run with `arguments` and `-o FOLDER`. Each is made
-/// once for this very program, whatever the number of tests, processes and runs.
+/// Returns the folder that the program writes when it is run with `arguments` and `-o FOLDER`. Each folder is made once per
+/// build of the program and shared by all tests, processes and runs.
 pub fn made(name: &str, arguments: &[&str]) -> PathBuf {
     let mut hasher = DefaultHasher::new();
     arguments.hash(&mut hasher);
-    let folder = shelf().join(format!("{name}-{:016x}", hasher.finish()));
+    let folder = cache_folder().join(format!("{name}-{:016x}", hasher.finish()));
     let lock = fs::File::create(folder.with_extension("lock")).expect("the target folder can be written");
     lock.lock().expect("the target folder can be locked");
     if !folder.exists() {
@@ -169,18 +168,18 @@ pub fn made(name: &str, arguments: &[&str]) -> PathBuf {
     folder
 }
 
-/// The folder of what was [`made`] by this program; what another build made is removed.
-fn shelf() -> &'static Path {
-    static SHELF: OnceLock<PathBuf> = OnceLock::new();
-    SHELF.get_or_init(|| {
+/// Returns the folder that contains the results of [`made`] for this build of the program. Removes those of other builds.
+fn cache_folder() -> &'static Path {
+    static FOLDER: OnceLock<PathBuf> = OnceLock::new();
+    FOLDER.get_or_init(|| {
         let mut hasher = DefaultHasher::new();
         fs::read(program()).expect("evcal can be read").hash(&mut hasher);
-        let shelves = program().with_file_name("end-to-end");
-        let shelf = shelves.join(format!("{:016x}", hasher.finish()));
-        if !shelf.exists() {
-            let _ = fs::remove_dir_all(&shelves);
+        let builds = program().with_file_name("end-to-end");
+        let folder = builds.join(format!("{:016x}", hasher.finish()));
+        if !folder.exists() {
+            let _ = fs::remove_dir_all(&builds);
         }
-        fs::create_dir_all(&shelf).expect("the target folder can be written");
-        shelf
+        fs::create_dir_all(&folder).expect("the target folder can be written");
+        folder
     })
 }

@@ -1,4 +1,4 @@
-//! The programs that read what evcal writes. `tools/setup/readers.sh` installs them.
+//! Other programs that read evcal's files. `tools/setup/readers.sh` installs them.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -8,10 +8,10 @@ use serde_json::Value;
 
 use crate::program;
 
-/// The Python of Debian, with the packages that are not on PyPI.
+/// Debian's Python, which has the packages that are not on PyPI.
 pub const SYSTEM_PYTHON: &str = "/usr/bin/python3";
 
-/// The Python with OpenCV, PyYAML, dv-processing, rosbags, mcap and faery, beside the program.
+/// Returns the Python with OpenCV, PyYAML, dv-processing, rosbags, mcap and faery, below the target folder.
 pub fn python() -> PathBuf {
     let target = program().ancestors().nth(2).expect("cargo puts programs below its target folder");
     let python = target.join("readers/bin/python");
@@ -19,7 +19,7 @@ pub fn python() -> PathBuf {
     python
 }
 
-/// What a script in `tests/readers` answers to `question`.
+/// Runs a script in `tests/readers` with `question` as its input and returns its answer.
 pub fn ask(python: &Path, script: &str, question: &Value) -> Value {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("readers").join(script);
     let mut command = Command::new(python);
@@ -30,7 +30,7 @@ pub fn ask(python: &Path, script: &str, question: &Value) -> Value {
     drop(input);
     let output = child.wait_with_output().expect("the script ends");
     let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{} (is everything of tools/setup/readers.sh there?): {errors}", script.display());
+    assert!(output.status.success(), "{} (was tools/setup/readers.sh run?): {errors}", script.display());
     serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{}: {error}: {errors}", script.display()))
 }
 

@@ -3,12 +3,12 @@
 use nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion};
 use serde_json::Value;
 
-/// All numbers in nested lists, in their order.
+/// Returns all numbers in nested lists, in order.
 pub fn numbers(value: &Value) -> Vec<f64> {
-    leaves(value).into_iter().map(|value| value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))).collect()
+    leaves(value).into_iter().map(|value| value.as_f64().unwrap_or_else(|| panic!("{value} is not a number"))).collect()
 }
 
-/// The same, with NaN for what was not measured.
+/// Returns all numbers in nested lists, in order, with NaN for values that were not measured.
 pub fn measured_numbers(value: &Value) -> Vec<f64> {
     leaves(value).into_iter().map(|value| value.as_f64().unwrap_or(f64::NAN)).collect()
 }
@@ -20,7 +20,7 @@ fn leaves(value: &Value) -> Vec<&Value> {
     }
 }
 
-/// The pose whose homogeneous matrix is given row by row.
+/// Returns the pose whose homogeneous matrix is given row by row.
 pub fn pose(value: &Value) -> Isometry3<f64> {
     let matrix = Matrix4::from_row_slice(&numbers(value));
     let rotation = UnitQuaternion::from_matrix(&matrix.fixed_view::<3, 3>(0, 0).into_owned());

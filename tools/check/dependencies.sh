@@ -13,15 +13,15 @@ cargo deny --offline check --hide-inclusion-graph licenses bans sources
 if cargo metadata --offline --locked --format-version 1 --manifest-path firmware/Cargo.toml >/dev/null 2>&1; then
     cargo deny --offline --manifest-path firmware/Cargo.toml check --hide-inclusion-graph licenses bans sources
 else
-    echo "dependencies: those of the firmware are not here yet; make test-embedded fetches them"
+    echo "dependencies: SKIPPED for the firmware, whose dependencies are not downloaded; make test-embedded downloads them"
 fi
 if cargo metadata --offline --locked --format-version 1 --manifest-path python/Cargo.toml >/dev/null 2>&1; then
     cargo deny --offline --manifest-path python/Cargo.toml check --hide-inclusion-graph licenses bans sources
 else
-    echo "dependencies: those of the Python package are not here yet; make test-python fetches them"
+    echo "dependencies: SKIPPED for the Python package, whose dependencies are not downloaded; make test-python downloads them"
 fi
 if ls "${CARGO_HOME:-$HOME/.cargo}"/advisory-db*/*/ >/dev/null 2>&1; then
     cargo deny --offline check advisories
 else
-    echo "dependencies: known flaws were not looked up, there is no database here; cargo deny fetch gets it"
+    echo "dependencies: known vulnerabilities were not checked because there is no database; cargo deny fetch downloads it"
 fi

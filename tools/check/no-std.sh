@@ -1,6 +1,6 @@
 #!/bin/sh
-# Builds the code that needs neither std nor an allocator against a sysroot with the core library alone: any use of the
-# others, also in a dependency, is an error (E0463). Needs no further target.
+# Builds the code that needs neither std nor an allocator against a sysroot with the core library alone: any use of
+# another library, also in a dependency, is an error (E0463). Needs no other target.
 set -eu
 cd "$(dirname "$0")/../.."
 
@@ -15,7 +15,7 @@ for library in core compiler_builtins; do
     cp "$libraries/lib$library-"* "$sysroot/lib/rustlib/$host/lib/"
 done
 
-# With a target given, build scripts and procedural macros keep the whole library.
+# With --target, build scripts and procedural macros still use the whole library.
 RUSTFLAGS="--sysroot $(cd "$sysroot" && pwd)" cargo build --release --locked --target "$host" \
     --target-dir "$target" -p evcal-core -p usb-davis --no-default-features
 echo "check-no-std: evcal-core without geometry and the protocol of usb-davis build with the core library alone"

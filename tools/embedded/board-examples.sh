@@ -1,5 +1,5 @@
 #!/bin/sh
-# Checks the example for a real board; tools/embedded/test-slow.sh builds it to the end.
+# Checks that the example for a real board compiles; tools/embedded/test-slow.sh builds it completely.
 #
 #   tools/embedded/board-examples.sh DIRECTORY     where to build; after tools/embedded/target.sh thumbv7em-none-eabihf
 set -eu

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Links a program that calls everything in core, link and detector, and that cannot be linked if a panic can be
-# reached; and tests that a deliberate panic is found.
+# Links a program that calls every function of core, link and detector and cannot be linked if a panic is reachable,
+# and tests that a deliberate panic is found.
 #
 #   tools/embedded/no-panic.sh DIRECTORY TARGET     where to build, and for what; after tools/embedded/target.sh
 set -eu
@@ -11,7 +11,7 @@ link() {
     cargo build -q --release --locked --target "$target" --target-dir "$out" -p no-panic "$@"
 }
 
-echo "== no panic can be reached"
+echo "== no panic is reachable"
 link || {
     echo "no-panic: a panic can be reached; these functions call one:" >&2
     cargo rustc -q --release --locked --target "$target" --target-dir "$out" -p no-panic -- \
@@ -21,7 +21,7 @@ link || {
     exit 1
 }
 if link --features deliberate-panic > "$out/deliberate.log" 2>&1; then
-    echo "no-panic: a deliberate panic is not found: the test tests nothing" >&2
+    echo "no-panic: a deliberate panic is not found, so the test proves nothing" >&2
     exit 1
 fi
 if ! grep -q "a_panic_can_be_reached" "$out/deliberate.log"; then

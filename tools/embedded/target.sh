@@ -81,7 +81,7 @@ for target in $targets; do
     if ! ls "$libraries"/libcore-*.rlib >/dev/null 2>&1; then
         say "building core $version for $target (about a minute)"
         (
-            # No setting of the calling build reaches this one; with LLVM bitcode, so that fat LTO works.
+            # The calling build's settings do not apply here. LLVM bitcode makes fat LTO possible.
             unset CARGO_TARGET_DIR CARGO_BUILD_TARGET CARGO_ENCODED_RUSTFLAGS
             cd "$cache/build"
             RUSTC=$compiler RUSTC_BOOTSTRAP=1 RUSTFLAGS=-Cembed-bitcode=yes \

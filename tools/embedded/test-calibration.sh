@@ -1,7 +1,7 @@
 #!/bin/sh
-# A whole simulated recording through the detector on an emulated Cortex-M4F; its circle stream, calibrated
-# here, must be near the truth: focal lengths within 0.3 %, principal point within 1 px.
-# After tools/embedded/test.sh, whose programs it runs, and with evcal built.
+# Runs the detector on an emulated Cortex-M4F with a whole simulated recording and calibrates from its circle stream on this
+# machine. The result must be close to the truth: focal lengths within 0.3 %, principal point within 1 px.
+# Run tools/embedded/test.sh first, which builds the programs, and build evcal.
 set -eu
 cd "$(dirname "$0")/../.."
 target=${CARGO_TARGET_DIR:-$PWD/target}
@@ -10,7 +10,7 @@ evcal=$target/release/evcal
 recording=$out/recording
 board=acircles:9x4:55mm:r17.5mm
 
-echo "== a recording of 4 s through the detector on a Cortex-M4F"
+echo "== the detector on a Cortex-M4F reads a recording of 4 s"
 rm -rf "$recording" "$out/calibration"
 "$evcal" simulate --duration 4s --motion fast --seed 7 --board "$board" --format csv -o "$recording"
 "$out/firmware/release/encode-events" "$recording/events.csv" "$recording/events.evt2" evt2
@@ -18,7 +18,7 @@ timeout 1800 qemu-system-arm -M mps2-an386 -nographic -monitor none -serial none
     -semihosting-config "enable=on,target=native,arg=detector,arg=$recording/events.evt2,arg=$out/circles.stream,arg=evt2" \
     -kernel "$out/firmware/thumbv7em-none-eabihf/release/detector"
 
-echo "== its circle stream, calibrated here"
+echo "== calibration from its circle stream"
 "$evcal" calibrate "$out/circles.stream" --board "$board" -o "$out/calibration"
 "$evcal" evaluate "$out/calibration" --truth "$recording" > "$out/evaluation.txt"
 sed -n 1,/^projection/p "$out/evaluation.txt"

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Slow tests: the core's ordinary tests as 32-bit Arm programs under QEMU, where `usize` has 32 bits and
-# the compiler is another; and the example for a real board, to the end.
+# Slow tests: the core's ordinary tests as 32-bit Arm programs under QEMU, where `usize` has 32 bits and the compiler
+# differs, and the complete build of the example for a real board.
 set -eu
 cd "$(dirname "$0")/../.."
 script=test-embedded-slow
@@ -11,7 +11,7 @@ target=armv7-unknown-linux-gnueabihf
 
 echo "== the core's tests on 32-bit Arm"
 install_packages gcc-arm-linux-gnueabihf libc6-dev-armhf-cross qemu-user rustc-web rust-web-src
-# Compiler and sources of std are of one Debian package, and so of one version.
+# The compiler and the sources of std have the same version because they are in one Debian package.
 RUSTC=/usr/bin/rustc RUSTC_BOOTSTRAP=1 \
     CARGO_TARGET_ARMV7_UNKNOWN_LINUX_GNUEABIHF_LINKER=arm-linux-gnueabihf-gcc \
     CARGO_TARGET_ARMV7_UNKNOWN_LINUX_GNUEABIHF_RUNNER="qemu-arm -L /usr/arm-linux-gnueabihf" \

@@ -1,10 +1,10 @@
 #!/bin/sh
-# Proves that the core and the firmware run on microcontrollers: compiled without std and alloc, linked
-# without a reachable panic, run in QEMU with the same result as here, within their budgets of RAM,
-# flash and instructions. Installs what is missing from Debian's packages.
+# Tests that the core and the firmware run on microcontrollers: they compile without std and alloc, link
+# without a reachable panic, and run in QEMU with the same result as on this machine, within their budgets of
+# RAM, flash and instructions. Installs missing packages of Debian.
 #
 #   tools/embedded/test.sh           all of it
-#   tools/embedded/test.sh --record  writes the measured figures to firmware/budgets.txt, to be asserted from then on
+#   tools/embedded/test.sh --record  writes the measured figures to firmware/budgets.txt, with which later runs are compared
 set -eu
 cd "$(dirname "$0")/../.."
 script=test-embedded
@@ -41,7 +41,7 @@ eval "$settings"
     RUSTFLAGS="-C target-cpu=cortex-m7" \
         cargo build -q --release --locked --target-dir "$out/firmware-m7" -p qemu --target "$arm"
 )
-# programs MACHINE: the folder of its programs.
+# programs MACHINE: prints the folder with the machine's programs.
 programs() {
     case $1 in
         host) echo "$out/firmware/release" ;;
@@ -53,7 +53,7 @@ programs() {
 
 tools/embedded/no-panic.sh "$out/firmware" "$arm"
 
-# run MACHINE PROGRAM ARGUMENT...: a program for a machine in QEMU, where an instruction takes 64 ns (Arm) or 1 ns.
+# run MACHINE PROGRAM ARGUMENT...: runs a program in QEMU, where an instruction takes 64 ns (Arm) or 1 ns.
 run() {
     machine=$1
     program=$2
@@ -75,7 +75,7 @@ recording=firmware/testdata/board.evt2
 for machine in cortex-m4f cortex-m7 rv32imafc; do
     run "$machine" detector "$recording" "$out/$machine.stream" evt2 > "$out/$machine.txt" ||
         fail "the detector fails on $machine: $(cat "$out/$machine.txt")"
-    cmp "$out/host.stream" "$out/$machine.stream" || fail "the circles of $machine differ from those of this machine"
+    cmp "$out/host.stream" "$out/$machine.stream" || fail "the circles of $machine differ from the circles of this machine"
     run "$machine" window "$recording" > "$out/$machine-window.txt" ||
         fail "the window benchmark fails on $machine: $(cat "$out/$machine-window.txt")"
     run "$machine" spline > "$out/$machine-spline.txt" || fail "splines fail on $machine"
@@ -85,9 +85,9 @@ sent=$(sed -n 's/^windows_sent=//p' "$out/cortex-m4f.txt")
 [ "$sent" -ge 5 ] || fail "only $sent windows of the recording were sent"
 
 step "figures"
-# figure FILE NAME: one number that a program printed.
+# figure FILE NAME: prints one number of a program's output.
 figure() { sed -n "s/^$2=//p" "$out/$1.txt"; }
-# section MACHINE NAME...: bytes of sections of the detector.
+# sections MACHINE NAME...: prints the total size of these sections of the detector in bytes.
 sections() {
     machine=$1
     shift

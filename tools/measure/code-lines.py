@@ -3,7 +3,7 @@
 
     python3 tools/measure/code-lines.py
 
-Tests are what Cargo and the sources name so: folders `tests`, files `tests.rs`, modules below `#[cfg(test)]`.
+Tests are folders `tests`, files `tests.rs` and modules below `#[cfg(test)]`.
 """
 import pathlib
 import subprocess
@@ -16,7 +16,7 @@ def is_test(path):
 
 
 def lines(text):
-    """The lines of code of a file: modules of tests stand at the left edge, and so does the brace that closes them."""
+    """The lines of code of a file. Test modules and their closing braces are not indented."""
     count, inside, pending, comment = 0, False, False, False
     for line in text.splitlines():
         if inside:

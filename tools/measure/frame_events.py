@@ -1,13 +1,13 @@
-"""Events made from pictures, as emulators do that turn videos into events: another pixel than that of `evcal simulate`.
+"""Simulates events from images, as video-to-event emulators do, with a pixel model that differs from `evcal simulate`.
 
     python3 tools/measure/frame_events.py FOLDER [--seed 1] [--pixels bright|dark] [--vignetting 0.5] [--lens radtan|kannala-brandt]
                                           [--seconds 4] [--speed 1.0]
 
-Shares nothing with evcal but the board: pictures of 8 bits are drawn 2000 times a second (nine samples a pixel, blurred), then each
-pixel follows the logarithm of its grey value through a low-pass that is slower the darker it is, and sends an event at each
-threshold that it has passed since its last one (Hu, Liu, Delbruck, "v2e: from video frames to realistic DVS events", 2021;
-thresholds, spreads and rates are those of its presets). Writes events.npz and truth.json, of which the latter is for
-`evcal evaluate`. Needs numpy.
+Shares nothing with evcal but the board: 8-bit images are drawn 2000 times per second (nine samples per pixel, blurred). Each pixel
+passes the logarithm of its grey value through a low-pass, which is slower in the dark, and sends an event for each threshold
+crossed since its last event (Hu, Liu, Delbruck, "v2e: from video frames to realistic DVS events", 2021;
+thresholds, spreads and rates are taken from its presets). Writes events.npz, and truth.json for `evcal evaluate`. Needs
+numpy.
 """
 
 import argparse
@@ -21,7 +21,7 @@ WIDTH, HEIGHT = 346, 260
 ROWS, COLUMNS, SPACING, RADIUS, MARGIN = 9, 4, 0.055, 0.0175, 0.05
 SAMPLES = 3
 RATE = 2000
-# Of the optics, in pixels.
+# Blur of the optics in pixels.
 BLUR = 0.6
 PAPER, INK, WALL = 210.0, 35.0, 110.0
 
@@ -29,7 +29,7 @@ LENSES = {
     "radtan": {"fx": 331.6, "fy": 331.1, "cx": 176.9, "cy": 134.2, "k1": -0.352, "k2": 0.149, "p1": -0.0004, "p2": 0.0005, "k3": -0.03},
     "kannala-brandt": {"fx": 198.4, "fy": 198.0, "cx": 171.2, "cy": 131.4, "k1": -0.018, "k2": 0.006, "k3": -0.003, "k4": 0.0006},
 }
-# Threshold, its spread over pixels, bandwidth at full white (Hz; 0: without limit), leaks and noise (events a second), dead time (s).
+# Threshold, its spread over pixels, bandwidth at full white (Hz; 0: without limit), leaks and noise (events per second), dead time (s).
 PIXELS = {
     "bright": {"threshold": 0.2, "spread": 0.03, "bandwidth": 300.0, "leak": 0.1, "noise": 1.0, "dead": 0.0005},
     "dark": {"threshold": 0.2, "spread": 0.05, "bandwidth": 30.0, "leak": 0.1, "noise": 5.0, "dead": 0.0005},
@@ -37,7 +37,7 @@ PIXELS = {
 
 
 def distorted(model, lens, x, y):
-    """Pixels at which points of the plane z = 1 are seen."""
+    """Projects points of the plane z = 1 to pixels."""
     r2 = x * x + y * y
     if model == "radtan":
         radial = 1 + r2 * (lens["k1"] + r2 * (lens["k2"] + r2 * lens["k3"]))
@@ -54,7 +54,7 @@ def distorted(model, lens, x, y):
 
 
 def directions(model, lens):
-    """Of each sample of each pixel, by Newton's method with numeric derivatives; shape (3, pixels, samples)."""
+    """Rays of all samples of all pixels, shape (3, pixels, samples), by Newton's method with numeric derivatives."""
     offsets = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
     u = (np.arange(WIDTH)[:, None] + offsets).ravel()
     v = (np.arange(HEIGHT)[:, None] + offsets).ravel()
@@ -67,7 +67,7 @@ def directions(model, lens):
         ay, by = distorted(model, lens, x, y + step)
         ax, bx, ay, by = (ax - a) / step, (bx - b) / step, (ay - a) / step, (by - b) / step
         a, b, determinant = a - u, b - v, ax * by - ay * bx
-        # At most half of the step, where distortion is strong.
+        # Limits the step, for cases in which distortion is strong.
         x, y = x - np.clip((by * a - ay * b) / determinant, -0.3, 0.3), y - np.clip((ax * b - bx * a) / determinant, -0.3, 0.3)
     a, b = distorted(model, lens, x, y)
     assert max(abs(a - u).max(), abs(b - v).max()) < 1e-6
@@ -85,13 +85,13 @@ def turn(axis, angle):
 
 
 class Motion:
-    """Pose of the board in front of the camera: six waves of three sines each."""
+    """Motion of the board in front of the camera: six coordinates, each a sum of three sines."""
 
     def __init__(self, generator, lens, speed):
         self.rates = generator.uniform(0.25, 0.8, (6, 3)) * speed
         self.phases = generator.uniform(0, 2 * np.pi, (6, 3))
         self.half = np.array([0.55 * WIDTH / 2 / lens["fx"], 0.55 * HEIGHT / 2 / lens["fy"]])
-        # As far as the board's height fills the picture.
+        # Distance at which the board's height fills the image.
         self.near = 0.5 * ((ROWS - 1) * SPACING + 2 * RADIUS) / (0.5 * HEIGHT / lens["fy"])
 
     def wave(self, index, t):
@@ -111,7 +111,7 @@ def drawn(rays, inverse, size):
     """Grey values of rays, shape (3, any), and a mask of rays less than two samples from an edge."""
     # Intersection of a ray with the plane z = 0 of the board.
     x, y, w = inverse @ rays
-    # Those that do not are as far away as it gets.
+    # Rays that do not intersect get a very large distance.
     w = np.maximum(w, np.float32(1e-6))
     x, y = x / w, y / w
     columns, rows = x / np.float32(SPACING), y / np.float32(SPACING)
@@ -133,7 +133,7 @@ def drawn(rays, inverse, size):
 def picture(rays, focal_length, rotation, translation):
     """Grey values in floating point, before vignetting."""
     inverse = np.linalg.inv(np.column_stack([rotation[:, 0], rotation[:, 1], translation])).astype(np.float32)
-    # Metres of the board for a sample, about: enough to smooth the edge within it.
+    # Approximate size of a sample on the board (m), over which edges are smoothed.
     size = np.float32(np.linalg.norm(translation) / focal_length / SAMPLES)
     grey, near = drawn(rays[:, :, SAMPLES * SAMPLES // 2], inverse, size)
     samples, _ = drawn(rays[:, near].reshape(3, -1), inverse, size)
@@ -186,7 +186,7 @@ def events(arguments, lens, generator):
                 free[fires] = at + pixels["dead"]
                 y, x = np.nonzero(fires)
                 found.append((np.full(len(x), round(at * 1e6)), x, y, np.full(len(x), polarity)))
-        # Noise, more of it in the dark.
+        # Noise, stronger in the dark.
         chance = generator.random(shape)
         probability = pixels["noise"] * step * (1 - 0.75 * grey / 255)
         for polarity, fires in ((1, chance < probability / 2), (0, chance > 1 - probability / 2)):

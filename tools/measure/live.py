@@ -20,10 +20,10 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "report"))
 from browser import Browser, Tab
 
 BOARD = "acircles:9x4:55mm:r17.5mm"
-# Pages measured for so long (s).
+# Duration of the measurement of a page (s).
 WATCHED = 15
 TICKS = 100
-# Twenty seconds at 1.32 Mev/s, so many times, played so many times as fast: ten minutes at 1.98 Mev/s.
+# Twenty seconds at 1.32 Mev/s, repeated and played faster: ten minutes at 1.98 Mev/s.
 REPEATED, SPEED = 45, 1.5
 # Interval of the samples during the ten minutes (s).
 LOOK = 60
@@ -55,7 +55,7 @@ def whole_objects(text):
 
 
 def checkpoints(evcal, folder, seeds):
-    """Recordings in which the board is everywhere, and one in which it is held frontally."""
+    """Recordings in which the board covers the image, and one in which it is always frontal."""
     print("| recording | ended by itself | result: stated 95 % | true |")
     print("|---|---|---|---|")
     for motion, seed in [*(("slow", seed) for seed in range(1, seeds + 1)), ("head-on", 1)]:
@@ -64,7 +64,7 @@ def checkpoints(evcal, folder, seeds):
         *hints, result = whole_objects(run(*live(evcal, recording / "events.dvraw", out, "--speed", "max", "--no-page", "--json")))
         stop = hints[-1]
         ended = "no: " + ", ".join(stop["missing"])
-        # The last hint is of a whole second; the recording ended after it.
+        # Hints have a resolution of one second, and the recording ended after the last one.
         if not stop["missing"] or stop["t"] < 24:
             ended = f"after {stop['t']:.0f} s"
         error = json.loads(run(evcal, "evaluate", str(out), "--truth", str(recording), "--json"))["projection_difference"]["rms_px"]
@@ -73,7 +73,7 @@ def checkpoints(evcal, folder, seeds):
 
 
 def about(evcal, folder, seeds):
-    """Checkpoints after 4, 8 and 16 s, and the estimates for about these times before them."""
+    """Checkpoints after 4, 8 and 16 s, and the estimates shown before them."""
     settings = folder / "early.toml"
     settings.write_text("[live]\nshortest = 6.0\ntarget = 0.0001\n")
     print("| recording | at | about | stated | ratio |")
@@ -121,7 +121,7 @@ def usage(process):
 
 
 def measure(command, browser_program):
-    """CPU (shares of a core) and memory over some seconds; ages of the states that a page drew."""
+    """CPU (fractions of a core) and memory over some seconds; ages of the states that a page drew."""
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     browser = tab = None
     try:
@@ -147,7 +147,7 @@ def measure(command, browser_program):
 
 
 def without_checkpoints(folder):
-    """Checkpoints have a row of their own, and would begin in the middle."""
+    """Disables checkpoints, which are measured separately."""
     settings = folder / "no-checkpoints.toml"
     settings.write_text("[live]\nshortest = 15000.0\n")
     return settings
@@ -174,7 +174,7 @@ def page(evcal, folder, browser_program):
 
 
 def repeated(evcal, folder):
-    """An EVT 3.0 file whose body is that of a simulated one again and again, and the simulated one."""
+    """An EVT 3.0 file that repeats the body of a simulated one, and the simulated file."""
     once, again = folder / "once.raw", folder / "repeated.raw"
     if not again.exists():
         simulation = folder / "fast-21"
@@ -192,7 +192,7 @@ def repeated(evcal, folder):
 
 def long(evcal, folder, browser_program):
     once, recording = repeated(evcal, folder)
-    # The cost of any recording that is searched for the board: reading and detection.
+    # The cost of reading and detection, without the page.
     before = os.times()
     run(evcal, "detect", str(once), "--board", BOARD, "-o", str(folder / "once.csv"))
     after = os.times()
@@ -208,7 +208,7 @@ def long(evcal, folder, browser_program):
         began, last = time.monotonic(), None
         print("| played (s) | in (s) | memory (MB) | CPU, share of 1 s at this rate: all, server | beyond reading and detection |")
         print("|---|---|---|---|---|")
-        # The length of the recording, less the last look.
+        # Ends one sample before the end of the recording.
         while tab.script("evcal.state.t") < REPEATED * 20 - LOOK * SPEED:
             time.sleep(LOOK)
             (seconds, memory), played = usage(process.pid), tab.script("evcal.state.t")

@@ -1,5 +1,5 @@
 #!/bin/sh
-# How fast each format is read on one core: a simulated recording of 5 million events in every format.
+# Measures the reading speed of each format on one core with a simulated recording of 5 million events.
 #
 #   sh tools/measure/reading-speed.sh [FOLDER]
 set -eu

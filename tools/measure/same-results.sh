@@ -1,7 +1,7 @@
 #!/bin/sh
 # Checks that two builds of evcal calibrate recordings to the same bytes: camera, trajectory and circles.
 #   sh tools/measure/same-results.sh OLD NEW [RECORDING MODEL]...
-# Without recordings it takes the one in fixtures. The board is that of all simulated recordings of the project.
+# The default recording is the one in fixtures. The board is the one of all simulated recordings of the project.
 set -eu
 cd "$(dirname "$0")/../.."
 [ $# -ge 2 ] || { echo "same-results: give two programs" >&2; exit 2; }

@@ -18,7 +18,7 @@ if is_debian; then
     install_packages gcc libc6-dev dpkg python3
 fi
 
-# No pkg-config: it would find the system's libusb and libudev, which cannot be linked statically.
+# Without pkg-config, which would find the system's libusb and libudev, which cannot be linked statically.
 CARGO_INCREMENTAL=0 PKG_CONFIG=false RUSTFLAGS="-C target-feature=+crt-static" \
     cargo build --profile distribution --locked -p evcal --no-default-features --features cli --target "$target"
 

@@ -31,7 +31,7 @@ Description: calibrates event cameras
  intrinsics with their uncertainty, a verdict, a report, and files for OpenCV,
  ROS, Kalibr and others.
 CONTROL
-# The rule counts for cameras that are plugged in now, too; in a container there is no udev.
+# Applies the rule to cameras that are already plugged in. A container has no udev.
 for step in postinst postrm; do
     cat >"$root/DEBIAN/$step" <<'STEP'
 #!/bin/sh

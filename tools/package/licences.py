@@ -1,6 +1,6 @@
 """Licences of everything that is linked into the program that build.sh makes: `licences.py TARGET`.
 
-Names, versions and licences of the crates, each licence text once, and what the licence of the C libraries asks for.
+Names, versions and licences of the crates, each licence text once, and the notice that the licence of the C libraries requires.
 """
 
 import json

@@ -1,6 +1,6 @@
 #!/bin/sh
 # Tests the Python package in a bare Debian root with Debian's Python and NumPy: the wheel is installed without a network and
-# calibrates the fixture. The camera must be that of the program from the .deb, in CALIBRATION.
+# calibrates the fixture. The camera must equal the calibration by the program from the .deb, in CALIBRATION.
 #
 #   sh tools/package/test-wheel.sh CALIBRATION
 set -eu

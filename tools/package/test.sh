@@ -10,7 +10,7 @@ script=packages
 [ -f "$deb" ] || exit 0
 binary=$packages/$name/bin/evcal
 
-# Complete, and without dependencies.
+# The package must be complete and have no dependencies.
 ! readelf -d "$binary" | grep -q NEEDED || fail "the program needs shared libraries"
 for file in share/man/man1/evcal.1 share/man/man1/evcal-calibrate.1 share/bash-completion/completions/evcal \
     share/zsh/site-functions/_evcal share/fish/vendor_completions.d/evcal.fish share/udev/65-inivation.rules \
@@ -34,10 +34,10 @@ inside() {
 run_as_root rm -rf "$root/tmp/calibration"
 inside sh -c "evcal calibrate /tmp/events.dvraw --board $board -o /tmp/calibration" >/dev/null
 inside sh -c 'test -f /usr/lib/udev/rules.d/65-inivation.rules && test -f /usr/share/man/man1/evcal.1.gz'
-# Less than 0.05 px from the truth, as with the demo.
+# The error must be below 0.05 px, as in the demo.
 inside evcal evaluate /tmp/calibration --truth /tmp/truth.json --json |
     /usr/bin/python3 -c 'import json, sys; rms = json.load(sys.stdin)["projection_difference"]["rms_px"]; print("rms", rms, "px"); sys.exit(rms > 0.05)' ||
-    fail "the calibration in the bare root is not that of the camera"
+    fail "the calibration in the bare root differs from the ground truth"
 cmp -s "$root/usr/bin/evcal" "$binary" || fail "tarball and .deb hold different programs"
 inside dpkg --purge evcal >/dev/null
 inside sh -c '! command -v evcal' >/dev/null || fail "evcal is still there after it was removed"

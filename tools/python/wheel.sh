@@ -18,7 +18,7 @@ install_python_packages "$environment" python/tests/requirements.txt
 PATH="$environment/bin:$PATH"
 export PATH
 
-# libusb comes with the wheel, and speaks to the kernel itself.
+# The wheel contains libusb, which uses the kernel directly instead of udev.
 rm -rf "$target/wheels"
 LIBUDEV_NO_PKG_CONFIG=1 CARGO_TARGET_DIR="$target" \
     maturin build --quiet --release --locked --manifest-path python/Cargo.toml --out "$target/wheels"

@@ -15,7 +15,7 @@ class Browser:
     def __init__(self, program):
         to_read, self.write_end = os.pipe()
         self.read_end, to_write = os.pipe()
-        # The browser wants these two numbers, whatever the pipes have.
+        # The browser requires these two descriptors.
         high_read, high_write = (os.dup(end) for end in (to_read, to_write))
 
         def connect():
@@ -92,11 +92,11 @@ class Tab:
         return answer["result"].get("value")
 
     def wait(self, expression, seconds=120):
-        """Looks again and again until the expression is true."""
+        """Waits until the expression is true."""
         end = time.monotonic() + seconds
         while not self.script(expression):
             if time.monotonic() > end:
-                raise SystemExit(f"in {seconds} s it did not come to: {expression}")
+                raise SystemExit(f"after {seconds} s still not true: {expression}")
             time.sleep(0.05)
 
     def key(self, key, code):

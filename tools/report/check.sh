@@ -1,11 +1,13 @@
 #!/bin/sh
 # Opens a report in a headless browser as a phone, a desktop and a sheet of A4 would show it. Fails on anything in the
-# browser's console, on any request, on a page wider than the screen, on a table with truncated columns on the phone or on paper, and above 5 MB. Leaves pictures of the whole page.
+# browser's console, on any request, on a page wider than the screen, on tables whose columns are cut off on the phone or on
+# paper, and above 5 MB. Leaves pictures of the whole page.
 #
 #   tools/report/check.sh [REPORT.html [FOLDER-FOR-PICTURES]]
 #
-# Without a report, calibrates the recording in fixtures/board first, and checks the page of evcal live as well (check-live.py). Installs Debian's
-# chromium-headless-shell (99 MB) if there is no such browser.
+# Without a report, calibrates the recording in fixtures/board first, checks that the desktop page is at most 6950 px high before a
+# section is opened, and checks the page of evcal live, too (check-live.py). Installs Debian's chromium-headless-shell (99 MB)
+# where there is no such browser.
 set -eu
 cd "$(dirname "$0")/../.."
 script=test-report
@@ -13,6 +15,7 @@ script=test-report
 target="${CARGO_TARGET_DIR:-target}"
 pictures="${2:-$target/report}"
 largest=5000000
+highest=6950
 mkdir -p "$pictures"
 
 find_browser() {
@@ -58,22 +61,23 @@ bytes=$(wc -c <"$report")
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cp "$report" "$folder/report.html"
-# A copy with everything unfolded that reports its own size and the tables that are too wide; the report itself allows no script.
+# A copy whose title contains its size, and the tables that are wider than their place after everything folded was opened. The report
+# itself allows no script.
 cat >"$folder/script" <<'END'
 <script>
 const root = document.documentElement;
 const size = [root.scrollWidth, root.clientWidth, root.scrollHeight].join(" ");
 document.querySelectorAll("details").forEach(part => part.open = true);
 const wide = [...document.querySelectorAll(".scroll")].filter(part => part.scrollWidth > part.clientWidth);
-const told = wide.map(part => `${part.getAttribute("aria-label")} (${part.scrollWidth} px of ${part.clientWidth})`);
-document.title = `size ${size} cut ${told.join(", ")} end`;
+const cut = wide.map(part => `${part.getAttribute("aria-label")} (${part.scrollWidth} px of ${part.clientWidth})`);
+document.title = `size ${size} cut ${cut.join(", ")} end`;
 </script>
 END
 sed -e 's|<meta http-equiv="Content-Security-Policy"[^>]*>||' -e "/<\/body>/r $folder/script" "$report" >"$folder/measured.html"
 # The same as printed: A4 is 680 px wide between its margins.
 sed -e 's|@media print|@media all|' "$folder/measured.html" >"$folder/printed.html"
 
-# browse WIDTH HEIGHT FILE OPTION...: messages of the browser go to standard error.
+# browse WIDTH HEIGHT FILE OPTION...: opens FILE; the browser's messages go to standard error.
 browse() {
     width=$1 height=$2 file=$3
     shift 3
@@ -82,13 +86,13 @@ browse() {
         "file://$folder/$file"
 }
 
-# cut_in FILE: which tables are cut in the page that the browser has dumped.
+# cut_in FILE: prints the tables that are cut off in a page dumped by the browser.
 cut_in() {
     sed -n 's|.*<title>size [0-9 ]* cut \(.*\) end</title>.*|\1|p' "$1" | head -n 1
 }
 
 browse 680 960 printed.html --dump-dom >"$folder/dom.html" 2>"$folder/log"
-grep -q '<title>size ' "$folder/dom.html" || fail "the browser did not tell the size of the printed page"
+grep -q '<title>size ' "$folder/dom.html" || fail "the browser did not report the size of the printed page"
 cut=$(cut_in "$folder/dom.html")
 [ -z "$cut" ] || fail "on paper these tables are cut: $cut"
 
@@ -103,11 +107,14 @@ for size in "390 844 phone" "1440 900 desktop"; do
     # shellcheck disable=SC2086 # three numbers
     set -- $measured
     if [ $# -ne 3 ]; then
-        fail "the browser did not tell the size of the page: $(tail -n 3 "$folder/log")"
+        fail "the browser did not report the size of the page: $(tail -n 3 "$folder/log")"
         continue
     fi
     [ "$1" -le "$2" ] || fail "at $width px the page is $1 px wide"
     page_height=$3
+    if [ -z "$only_report" ] && [ "$name" = desktop ] && [ "$page_height" -gt "$highest" ]; then
+        fail "at $width px the page is $page_height px high, more than $highest"
+    fi
     browse "$width" "$page_height" report.html --screenshot="$pictures/report-$name.png" 2>"$folder/log"
     if grep 'CONSOLE' "$folder/log"; then
         fail "at $width px the browser's console is not empty"

@@ -1,4 +1,4 @@
-# Installs packages of Debian and PyPI for the other scripts, which read this file with `.` and say who they are in $script.
+# Installs packages of Debian and PyPI for the other scripts, which read this file with `.` and set $script to their name.
 # All messages go to standard error.
 
 is_debian() {

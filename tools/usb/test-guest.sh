@@ -61,7 +61,7 @@ if [ ! -e "$cache/complete" ]; then
         *) fail "$package has no module $module that can be unpacked: ${file:-none}" ;;
         esac
     done
-    # QEMU starts an unpacked kernel in half the time. It follows its loader as an xz stream.
+    # QEMU starts an unpacked kernel in half the time. The kernel is an xz stream after its loader.
     image=$(find "$cache/boot" -name 'vmlinuz-*')
     offset=$(LC_ALL=C grep -abo -m 1 "$(printf '\3757zXZ')" "$image" | head -n 1 | cut -d : -f 1)
     if [ -n "$offset" ] && tail -c "+$((offset + 1))" "$image" | xz -dc --single-stream >"$cache/kernel" 2>/dev/null; then
@@ -72,7 +72,7 @@ if [ ! -e "$cache/complete" ]; then
     : >"$cache/complete"
 fi
 
-# The tests, the programs they run, and the libraries of all.
+# The tests, the programs that they run, and all their libraries.
 build() {
     cargo test --workspace --release --locked --test vhci --no-run --message-format=json
 }
@@ -113,7 +113,7 @@ chmod 755 "$root/init"
 (cd "$root" && find . -print | busybox cpio -o -H newc 2>/dev/null) >"$root.cpio"
 
 echo "test-usb-guest: starting $package in QEMU"
-# /dev/kvm may exist and not work; the timers are those that hold on a busy host.
+# /dev/kvm may exist and not work. These timers are reliable on a busy host.
 timeout "$time_limit" qemu-system-x86_64 -accel tcg -machine q35 -cpu max -smp 1 -m 512 -nodefaults -no-reboot \
     -display none -serial stdio -kernel "$cache/kernel" -initrd "$root.cpio" \
     -append "console=ttyS0 quiet panic=-1 no_timer_check clocksource=hpet" </dev/null 2>&1 | tee "$root.log" || true

@@ -9,10 +9,10 @@ fn main() {
     divan::main();
 }
 
-/// About a millisecond of work: the fastest sample is then one that was not interrupted.
+/// About a millisecond of work per sample, so that the fastest sample was not interrupted.
 const EVENTS: usize = 100_000;
 
-/// Events at random pixels; on average `per_microsecond` of them share a time.
+/// Returns events at random pixels; on average `per_microsecond` of them share a timestamp.
 fn events(per_microsecond: f64) -> Vec<PolarityEvent> {
     let mut state = 0x9E37_79B9_7F4A_7C15u64;
     let mut random = move || {
@@ -40,7 +40,7 @@ fn stream(per_microsecond: f64) -> Vec<u8> {
     bytes
 }
 
-/// Events collected into a vector; the argument is the event rate in millions per second.
+/// Decodes events into a vector; the argument is the event rate in millions per second.
 #[divan::bench(args = [0.1, 1.0, 12.0], sample_count = 300)]
 fn decode_events(bencher: Bencher, per_microsecond: f64) {
     let bytes = stream(per_microsecond);
@@ -59,7 +59,7 @@ fn decode_events(bencher: Bencher, per_microsecond: f64) {
     });
 }
 
-/// A full frame with global shutter.
+/// Decodes a full frame with global shutter.
 #[divan::bench(sample_count = 300)]
 fn decode_frames(bencher: Bencher) {
     let pixels: Vec<u16> = (0..346 * 260).map(|index| (index % 1024) as u16).collect();
@@ -88,7 +88,7 @@ fn decode_frames(bencher: Bencher) {
     });
 }
 
-/// The same events back into words.
+/// Encodes the same events.
 #[divan::bench(sample_count = 300)]
 fn encode_events(bencher: Bencher) {
     let events = events(1.0);

@@ -1,7 +1,7 @@
 //! Recording to disk at 50 MB/s: `cargo bench -p usb-davis --bench recording`.
 //!
-//! An emulated camera at real pace, `davis-record` through libusb. Prints what the camera dropped
-//! because no transfer was queued, and the recorder's memory. Needs the Debian package `umockdev`.
+//! An emulated camera sends in real time; `davis-record` receives through libusb. Prints the number of events that the
+//! camera dropped because no transfer was queued, and the recorder's memory. Needs the Debian package `umockdev`.
 
 #[cfg(not(target_os = "linux"))]
 fn main() {}
@@ -18,7 +18,7 @@ fn main() {
     const SECONDS: u64 = 5;
     const RATE: u64 = 50_000_000;
     const PIECE: u64 = 8192;
-    // Pieces of 8 KiB, as the FPGA hands them to the USB controller.
+    // Pieces of 8 KiB, the size that the FPGA passes to the USB controller.
     let source = || {
         let pieces = SECONDS * RATE / PIECE;
         (0..pieces).map(|index| Piece {

@@ -1,4 +1,4 @@
-//! Lists the DAVIS346 cameras on the bus, and why those that cannot be used cannot.
+//! Lists the DAVIS346 cameras on the bus, and the reason for each camera that cannot be used.
 //!
 //! ```text
 //! cargo run -p usb-davis --example list

@@ -1,5 +1,4 @@
-//! Records the first DAVIS346 that can be used for ten seconds into a `.dvraw` file, and counts its
-//! events meanwhile.
+//! Records the first usable DAVIS346 for ten seconds into a `.dvraw` file, and counts its events at the same time.
 //!
 //! ```text
 //! cargo run --release -p usb-davis --example record -- recording.dvraw
@@ -36,13 +35,13 @@ fn main() -> Result<(), Box<dyn Error>> {
             Ok(None) => {}
             Err(StreamError::Stopped) => break,
             Err(error) => {
-                // What came before is in the file.
+                // All earlier transfers are in the file.
                 eprintln!("{error}");
                 break;
             }
         }
         if Instant::now() >= end {
-            // What is under way still comes, then `Stopped`.
+            // Transfers under way still arrive, followed by `Stopped`.
             stream.stop()?;
         }
     }

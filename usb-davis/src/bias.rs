@@ -6,28 +6,28 @@
 //! voltage (VDAC)  0000000 CCC VVVVVV         current 0–7, voltage 0–63
 //! shifted source  RRRRRR rrrrrr LL MM        regulator, reference, level, mode
 //! ```
-//! A coarse-fine current is about master × fine / 255, with master 11 pA, 94 pA, 756 pA, 6.054 nA,
-//! 48.437 nA, 387.5 nA, 3.1 µA, 24.8 µA for coarse 0 to 7.
+//! The current of a coarse-fine bias is about master × fine / 255, with master 11 pA, 94 pA, 756 pA, 6.054 nA, 48.437
+//! nA, 387.5 nA, 3.1 µA, 24.8 µA for coarse 0 to 7.
 
 use crate::registers::Register;
 
 /// Master currents of coarse 0 to 7, in amperes.
 pub const MASTER_CURRENTS: [f64; 8] = [11e-12, 94e-12, 756e-12, 6.054e-9, 48.437e-9, 387.5e-9, 3.1e-6, 24.8e-6];
 
-/// A coarse-fine bias: a transistor's current.
+/// A coarse-fine bias, which sets the current of a transistor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CoarseFine {
-    /// 0..=7: which master current.
+    /// Index of the master current, 0..=7.
     pub coarse: u8,
-    /// 0..=255: which part of it.
+    /// Fraction of the master current in 255ths, 0..=255.
     pub fine: u8,
-    /// Off if false.
+    /// `false` if the bias is off.
     pub enabled: bool,
-    /// Of an N-type transistor, else P.
+    /// `true` for an N-type transistor, `false` for P.
     pub sex_n: bool,
-    /// Normal, else cascode.
+    /// `true` for normal, `false` for cascode.
     pub type_normal: bool,
-    /// Normal current level, else low.
+    /// `true` for the normal current level, `false` for low.
     pub current_level_normal: bool,
 }
 
@@ -44,7 +44,7 @@ impl CoarseFine {
         }
     }
 
-    /// The register value.
+    /// Returns the register value.
     pub const fn emit(self) -> u16 {
         (self.coarse as u16 & 7) << 12
             | (self.fine as u16) << 4
@@ -54,14 +54,14 @@ impl CoarseFine {
             | self.enabled as u16
     }
 
-    /// The current in amperes, roughly.
+    /// Returns the approximate current in amperes.
     pub fn current(self) -> f64 {
         let master = MASTER_CURRENTS.get(usize::from(self.coarse & 7)).copied().unwrap_or(0.0);
         if self.enabled { master * f64::from(self.fine) / 255.0 } else { 0.0 }
     }
 }
 
-/// How many biases the chip has.
+/// Number of biases of the chip.
 pub const COUNT: usize = 28;
 
 macro_rules! biases {
@@ -74,7 +74,7 @@ macro_rules! biases {
         }
 
         impl Bias {
-            /// All of them, in the order in which they are written.
+            /// All biases, in the order in which they are written.
             pub const ALL: [Self; COUNT] = [$(Self::$name),*];
         }
 
@@ -109,7 +109,7 @@ biases! {
     PrBp = 14, 0x23AD;
     /// Photoreceptor's source follower: more current, more bandwidth.
     PrSfBp = 15, 0x110D;
-    /// Refractory period: more current, shorter.
+    /// Refractory period: more current, shorter period.
     RefrBp = 16, 0x419D;
     /// Readout buffer of the frame pixels.
     ReadoutBufBp = 17, 0x614D;
@@ -121,7 +121,7 @@ biases! {
     ColSelLowBn = 20, 0x001F;
     /// Buffer of the digital-analogue converter.
     DacBufBp = 21, 0x63CD;
-    /// Column arbiter's time-out.
+    /// Time-out of the column arbiter.
     LcolTimeoutBn = 22, 0x531F;
     /// Pull-down of the event bus.
     AePdBn = 23, 0x65BF;
@@ -142,7 +142,7 @@ biases! {
 }
 
 impl Bias {
-    /// Its register.
+    /// Returns the register of the bias.
     pub const fn register(self) -> Register {
         Register::new(5, self as u8)
     }
@@ -159,12 +159,12 @@ impl Default for Biases {
 }
 
 impl Biases {
-    /// The register value of `bias`.
+    /// Returns the register value of `bias`.
     pub fn get(&self, bias: Bias) -> u16 {
         self.iter().find(|&(other, _)| other == bias).map_or(0, |(_, value)| value)
     }
 
-    /// Sets the register value of `bias`; [`CoarseFine::emit`] makes one from a current.
+    /// Sets the register value of `bias`; [`CoarseFine::emit`] packs a current into one.
     pub fn set(&mut self, bias: Bias, value: u16) {
         for (other, place) in Bias::ALL.iter().zip(&mut self.0) {
             if *other == bias {
@@ -173,7 +173,7 @@ impl Biases {
         }
     }
 
-    /// All of them, in the order in which they are written.
+    /// Returns all biases with their values, in the order in which they are written.
     pub fn iter(&self) -> impl Iterator<Item = (Bias, u16)> + '_ {
         Bias::ALL.iter().copied().zip(self.0)
     }

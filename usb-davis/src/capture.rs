@@ -1,9 +1,9 @@
-//! Any recording of a camera's transfers: `.dvraw`, pcap, pcapng, bare payload.
+//! Recordings of a camera's transfers in any format: `.dvraw`, pcap, pcapng, bare payload.
 //!
-//! What a file is follows from its first bytes, never from its name; bare payload, which has no
-//! mark, must look like a stream. Captures come from usbmon (link types 189 and 220) or USBPcap
-//! (249); the camera among the captured devices, its registers and so the orientation of its
-//! pictures follow from the control traffic, if that was captured.
+//! The format is determined by the first bytes of a file, never by its name. Bare payload has no signature, so its
+//! words must look like a stream. Captures come from usbmon (link types 189 and 220) or USBPcap (249). The control
+//! traffic, if it was captured, identifies the camera among the captured devices and contains its registers, which
+//! determine the orientation of its pictures.
 
 mod packets;
 mod repair;
@@ -28,55 +28,55 @@ use crate::registers::RegisterSnapshot;
 
 /// The bulk endpoint that carries the stream.
 pub const DATA_ENDPOINT: u8 = 0x82;
-/// Bytes of bare payload that are handed over as one transfer.
+/// Bytes of bare payload that are returned as one transfer.
 const RAW_TRANSFER: usize = 1 << 16;
-/// Bytes of a file looked at to tell whether it is bare payload.
+/// Bytes at the beginning of a file that are examined for bare payload.
 const SNIFF: usize = 1 << 16;
-/// Devices that a message names.
+/// Largest number of devices listed in a message.
 const LISTED: usize = 16;
 
-/// What kind of file it is.
+/// File format of a capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum CaptureFormat {
-    /// A dump of this crate.
+    /// A `.dvraw` dump.
     Dvraw,
     /// pcap or pcapng.
     Packets,
-    /// The stream and nothing else.
+    /// The bytes of the stream without a container.
     BarePayload,
 }
 
-/// Why a capture cannot be read.
+/// Reason why a capture cannot be read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CaptureError {
-    /// The operating system says no.
+    /// Input or output failed.
     #[error("{0}")]
     Io(#[from] io::Error),
-    /// The dump cannot be read.
+    /// The dump is invalid.
     #[error("{0}")]
     Dump(#[from] DumpError),
-    /// It is none of the formats.
-    #[error("neither .dvraw nor pcap nor pcapng, and its words do not look like a DAVIS stream")]
+    /// The file has none of the supported formats.
+    #[error("the file is not .dvraw, pcap or pcapng, and its words do not look like a DAVIS stream")]
     Unknown,
-    /// A pcap or pcapng file says what cannot be.
+    /// A pcap or pcapng file is damaged.
     #[error("the capture is damaged at byte {byte}: {what}")]
     Damaged {
         /// Offset of the damaged packet or block.
         byte: u64,
-        /// What is wrong with it.
+        /// Description of the damage.
         what: String,
     },
-    /// Nothing in the capture comes from a camera.
+    /// The capture contains no data of a camera.
     #[error(
-        "no DAVIS in this capture: no descriptor 152a:841a, no request 0xBF, no payload from endpoint 0x82; capture on the camera's bus"
+        "no DAVIS in this capture: no descriptor 152a:841a, no request 0xBF, no payload from endpoint 0x82; capture the bus of the camera"
     )]
     NoCamera,
-    /// More than one may be the camera.
+    /// Several devices may be the camera.
     #[error("several devices in this capture may be the camera ({})", list(.0))]
     SeveralDevices(Vec<DeviceAddress>),
-    /// There are more devices than are looked at: so many are.
+    /// More devices than the given limit.
     #[error("more than {0} devices in this capture may be the camera")]
     TooManyDevices(usize),
     /// The chosen device is not in the capture.
@@ -118,7 +118,7 @@ impl Capture {
     }
 }
 
-/// What the file of these first bytes (some 64 KiB of them, or all) is, if it is one of these.
+/// Determines the format of a file from its first bytes (about 64 KiB of them, or all), if it is supported.
 pub fn sniff(beginning: &[u8]) -> Option<CaptureFormat> {
     if beginning.starts_with(MAGIC) {
         return Some(CaptureFormat::Dvraw);
@@ -126,8 +126,8 @@ pub fn sniff(beginning: &[u8]) -> Option<CaptureFormat> {
     if beginning.first_chunk().is_some_and(|magic| is_packet_file(*magic)) {
         return Some(CaptureFormat::Packets);
     }
-    // Half of all words are timestamps in noise and in streams alike, but noise makes a fault of
-    // most of the others, and goes back in time with every second timestamp.
+    // In noise and in streams alike, half of all words are timestamps. In noise, however, most other words are faults,
+    // and every second timestamp goes back in time.
     let mut decoder = Decoder::new(Layout::DAVIS346);
     decoder.decode(beginning, |_| {});
     let counts = decoder.counts();
@@ -137,10 +137,10 @@ pub fn sniff(beginning: &[u8]) -> Option<CaptureFormat> {
 }
 
 impl<R: Read + Seek> Capture<R> {
-    /// Reads a dump that is being written, and waits for what is still to come until `growth` says that it ended.
+    /// Reads a dump while it is being written, and waits for more data until `growth` reports the end.
     ///
     /// # Errors
-    /// [`CaptureError::Dump`] when it is no dump, or has no header yet.
+    /// [`CaptureError::Dump`] if the input is not a dump, or has no header yet.
     pub fn follow(input: R, growth: Growth) -> Result<Self, CaptureError> {
         let reader = DumpReader::new(input)?.following(growth);
         let header = reader.header().clone();
@@ -173,18 +173,18 @@ impl<R: Read + Seek> Capture<R> {
         Ok(Self { source, header, registers, repair: GapRepair::default() })
     }
 
-    /// What the recording says of its camera. Where it says nothing (bare payload, no control
-    /// traffic), registers are absent, and a decoder assumes a DAVIS346.
+    /// Returns the recording's description of its camera. If there is none (bare payload, no control traffic),
+    /// registers are absent, and a decoder assumes a DAVIS346.
     pub fn header(&self) -> &DumpHeader {
         &self.header
     }
 
-    /// The header's registers, with what changed up to here.
+    /// Returns the header's registers, updated by all changes up to the current position.
     pub fn registers(&self) -> &RegisterSnapshot {
         &self.registers
     }
 
-    /// What kind of file it is.
+    /// Returns the format of the file.
     pub fn format(&self) -> CaptureFormat {
         match &self.source {
             Source::Dump(_) => CaptureFormat::Dvraw,
@@ -193,8 +193,8 @@ impl<R: Read + Seek> Capture<R> {
         }
     }
 
-    /// What of the file could not be read so far. Of pcap and pcapng only the packet within which the
-    /// file ends: other damage is an error.
+    /// Returns the parts of the file that could not be read so far. For pcap and pcapng this is only an incomplete
+    /// packet at the end of the file; other damage is an error.
     pub fn damage(&self) -> Damage {
         match &self.source {
             Source::Dump(reader) => reader.damage(),
@@ -203,7 +203,7 @@ impl<R: Read + Seek> Capture<R> {
         }
     }
 
-    /// The next transfer; `None` at the end.
+    /// Returns the next transfer; `None` at the end.
     ///
     /// # Errors
     /// [`CaptureError::Damaged`] after all transfers before the damage.
@@ -253,8 +253,8 @@ impl<R: Read + Seek> Capture<R> {
         }
     }
 
-    /// Decodes the next transfer. Lost bytes and failed transfers become gaps, after which the time
-    /// is put right by the host times ([`GapRepair`]). False at the end.
+    /// Decodes the next transfer. Lost bytes and failed transfers become gaps, after which the time is corrected from
+    /// the host times ([`GapRepair`]). Returns `false` at the end.
     pub fn decode_next<S: AsRef<[u16]> + AsMut<[u16]>>(
         &mut self,
         decoder: &mut Decoder<S>,
@@ -272,12 +272,12 @@ impl<R: Read + Seek> Capture<R> {
         decoded
     }
 
-    /// What [`Capture::decode_next`] did about gaps so far.
+    /// Returns the number of gaps and of corrections made by [`Capture::decode_next`] so far.
     pub fn repair_counts(&self) -> RepairCounts {
         self.repair.counts()
     }
 
-    /// The gaps after which [`Capture::decode_next`] put the time right so far, in order.
+    /// Returns the gaps after which [`Capture::decode_next`] corrected the time so far, in order.
     pub fn repairs(&self) -> &[Repair] {
         self.repair.repairs()
     }

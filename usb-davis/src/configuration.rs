@@ -1,13 +1,13 @@
-//! All settings of the camera, and the register writes that make them.
+//! All settings of the camera, and the register writes that apply them.
 //!
-//! [`Configuration::default`] is what libcaer 3.3.15 sends to a DAVIS346, in the same order;
-//! [`Configuration::calibration`] differs in what would bend a measurement.
+//! [`Configuration::default`] is the configuration that libcaer 3.3.15 sends to a DAVIS346, in the same order;
+//! [`Configuration::calibration`] differs in the settings that would bias a measurement.
 
 use crate::bias::Biases;
 use crate::protocol::{ImuModel, Region, Shutter};
 use crate::registers::{Clocks, Register, aps, chip, dvs, external_input, imu, mux, usb};
 
-/// Pixels that can be silenced one by one.
+/// Number of pixels that can be disabled individually.
 pub const PIXEL_FILTERS: usize = 8;
 
 /// All settings. Times are in µs.
@@ -17,9 +17,9 @@ pub struct Configuration {
     pub biases: Biases,
     /// Pixels (x, y) that produce no events.
     pub silent_pixels: [Option<(u16, u16)>; PIXEL_FILTERS],
-    /// Removes events without a neighbour in this time, if any. Steps of 250 µs.
+    /// Removes events without a neighbour within this time; `None` disables the filter. Steps of 250 µs.
     pub background_activity_filter: Option<u32>,
-    /// Removes events of a pixel that follow another in this time, if any. Steps of 250 µs.
+    /// Removes events of a pixel that follow another within this time; `None` disables the filter. Steps of 250 µs.
     pub refractory_filter: Option<u32>,
     /// Pixels that produce events.
     pub event_region: Region,
@@ -29,9 +29,9 @@ pub struct Configuration {
     pub shutter: Shutter,
     /// Exposure time of a frame.
     pub exposure: u32,
-    /// Time from frame to frame.
+    /// Time between the starts of consecutive frames.
     pub frame_interval: u32,
-    /// Inertial samples come at 1 kHz / (1 + this).
+    /// The rate of IMU samples is 1 kHz / (1 + this value).
     pub imu_divider: u8,
     /// 0..=3: ±2, ±4, ±8, ±16 g.
     pub accelerometer_scale: u8,
@@ -66,19 +66,19 @@ impl Default for Configuration {
 }
 
 impl Configuration {
-    /// For measuring: without the background-activity filter.
+    /// Configuration for measuring, without the background-activity filter.
     ///
-    /// The filter removes an event unless a neighbour had one in the 2 ms before. At the edge of a
-    /// moving dot that is the first event of each burst, the one that tells best when the edge
-    /// came: what is left is late by an amount that depends on speed and contrast, and slow or
-    /// faint edges vanish. Noise it would remove does no harm to clustering, and its rate is worth
-    /// knowing.
+    /// The filter removes an event unless a neighbour had one in the 2 ms before. At the edge of a moving dot it
+    /// removes the first event of each burst, which determines the time of the edge best. The remaining events are late
+    /// by an amount that depends on speed and contrast, and slow or faint edges vanish. The noise that the filter
+    /// removes does not harm clustering, and its rate is useful to know.
     pub fn calibration() -> Self {
         Self { background_activity_filter: None, ..Self::default() }
     }
 
-    /// Hands over all writes in order, except those that start and stop the camera. `imu` is the
-    /// camera's ([`crate::protocol::Layout::imu`]): only the MPU-9250 has a filter of the gyroscope alone.
+    /// Calls `write` for all register writes in order, except those that start and stop the camera. `imu` is the model
+    /// of the camera's IMU ([`crate::protocol::Layout::imu`]): only the MPU-9250 has a separate filter for the
+    /// gyroscope.
     pub fn writes(&self, clocks: &Clocks, imu: ImuModel, mut write: impl FnMut(Register, u32)) {
         for (bias, value) in self.biases.iter() {
             write(bias.register(), u32::from(value));
@@ -117,8 +117,8 @@ impl Configuration {
         write(dvs::EXTERNAL_AER_CONTROL, 0);
         let mut register = dvs::PIXEL_FILTER_0_ROW;
         for pixel in self.silent_pixels {
-            // Rows and columns of the chip are the user's y and x here; one beyond the last
-            // silences nothing.
+            // The rows and columns of the chip are the user's y and x here; a position beyond the last disables
+            // nothing.
             let (x, y) = pixel.unwrap_or((SENSOR.width, SENSOR.height));
             write(register, u32::from(y));
             write(register.next(), u32::from(x));
@@ -173,26 +173,26 @@ fn region(region: Region, corners: [Register; 4], write: &mut impl FnMut(Registe
     }
 }
 
-/// What the camera sends once it is started.
+/// Data that the camera sends once it is started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Streams {
     /// Pixel events.
     pub events: bool,
     /// Frames: they take 9 MB/s of the bus at 25 Hz.
     pub frames: bool,
-    /// Inertial samples.
+    /// IMU samples.
     pub imu: bool,
     /// Signals at the connectors.
     pub signals: bool,
 }
 
 impl Streams {
-    /// Events, inertial samples and signals.
+    /// Events, IMU samples and signals.
     pub const EVENTS: Self = Self { events: true, frames: false, imu: true, signals: true };
     /// Everything.
     pub const ALL: Self = Self { frames: true, ..Self::EVENTS };
 
-    /// The writes that let these streams run, or stop all of them.
+    /// Returns the register writes that start these streams, or stop all of them.
     pub fn writes(self) -> [(Register, u32); 6] {
         [
             (dvs::RUN, u32::from(self.events)),
@@ -205,7 +205,7 @@ impl Streams {
     }
 }
 
-/// The writes, in order, that bring the camera to rest.
+/// The register writes, in order, that stop the camera.
 pub const QUIESCE: [(Register, u32); 10] = [
     (dvs::RUN, 0),
     (aps::RUN, 0),

@@ -1,4 +1,4 @@
-//! The camera itself, over libusb.
+//! Access to the camera through libusb.
 //!
 //! ```no_run
 //! use std::time::{Duration, Instant};
@@ -17,10 +17,10 @@
 //!         Ok(Some(transfer)) => dump.transfer(&transfer)?,
 //!         Ok(None) => {}
 //!         Err(StreamError::Stopped) => break,
-//!         Err(error) => return Err(error.into()), // unplugged: what came before is in the dump
+//!         Err(error) => return Err(error.into()), // unplugged: all earlier transfers are in the dump
 //!     }
 //!     if Instant::now() >= end {
-//!         stream.stop()?; // what is under way still comes, then `Stopped`
+//!         stream.stop()?; // transfers under way still arrive, then `Stopped`
 //!     }
 //! }
 //! dump.registers(stream.drop_counters())?;
@@ -29,8 +29,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! Guarantees: no call waits for ever; an error never costs what was received before it; the
-//! memory of a stream is bounded ([`Queue`]).
+//! Guarantees: no call waits forever; an error never loses data that were received before it; the memory of a stream is
+//! bounded ([`Queue`]).
 
 mod backlog;
 mod camera;

@@ -1,8 +1,8 @@
-//! `.dvraw`: what came over the wire, transfer by transfer, with what is needed to understand it.
+//! `.dvraw`: the received data, transfer by transfer, with the information needed to decode them.
 //!
-//! Guarantees: a file is readable to its last whole record at any moment, also after the writer was
-//! killed or the disk was full; a damaged record costs that record only; every byte is covered by
-//! a checksum. All numbers are little-endian.
+//! Guarantees: a file is readable up to its last whole record at any moment, also after the writer was killed or the
+//! disk was full; damage loses only the damaged record; every byte is covered by a checksum. All numbers are
+//! little-endian.
 //!
 //! ```text
 //! file    magic "DVSRAW1\n" · u32 length of header · header (JSON) · u32 CRC-32 of all before
@@ -20,9 +20,9 @@
 //!         24  4  CRC-32 of bytes 0–23 and the stored bytes
 //!         28  n  contents
 //! ```
-//! Contents of a transfer are its payload; of registers, records of module u8, parameter u8, value
-//! u32 that were read or written since (drop counters at the end, for one); of the index, pairs of
-//! u64 offset and u64 host time of transfers some megabytes apart.
+//! The contents of a transfer record are its payload. The contents of a registers record are entries of module u8,
+//! parameter u8, value u32 for registers that were read or written in the meantime, for example drop counters at the
+//! end. The contents of the index are pairs of u64 offset and u64 host time of transfers a few megabytes apart.
 
 mod growth;
 mod header;
@@ -40,25 +40,25 @@ pub use writer::{Compression, DumpWriter};
 /// Magic at the beginning of a file.
 pub const MAGIC: &[u8; 8] = b"DVSRAW1\n";
 const INDEX_MAGIC: &[u8; 8] = b"DVSRIDX\n";
-/// Longest header and longest record: more is damage.
+/// Largest length of a header or record; a larger one indicates damage.
 const LENGTH_MOST: u32 = 1 << 26;
 
-/// Why a dump cannot be read or written.
+/// Reason why a dump cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DumpError {
-    /// The operating system says no.
+    /// Input or output failed.
     #[error("{0}")]
     Io(#[from] std::io::Error),
-    /// It begins otherwise.
+    /// The file does not begin with the magic.
     #[error("not a .dvraw file: it does not begin with DVSRAW1")]
     Magic,
-    /// The header cannot be trusted.
+    /// The header is damaged.
     #[error(
         "the header of this .dvraw file is damaged ({0}); if its beginning is lost, the rest can be read as bare payload"
     )]
     Header(String),
-    /// Records are limited so that damage cannot ask for any amount of memory.
+    /// A transfer exceeds the largest length of a record, which limits the memory that damaged files can request.
     #[error("a transfer of {0} bytes is longer than a record may be ({LENGTH_MOST})")]
     TooLong(usize),
 }

@@ -1,12 +1,11 @@
-//! A camera in software: registers, vendor requests, descriptors and a stream, with faults on
-//! demand, for testing programs that talk to a camera through libusb.
+//! An emulated camera with registers, vendor requests, descriptors, a stream and configurable faults, for testing
+//! programs that use a camera through libusb.
 //!
-//! [`Model`] is the camera as its USB side sees it; a transport gives it to clients. There are two
-//! (Linux):
+//! [`Model`] is the USB side of the camera; a transport makes it available to clients. There are two (Linux):
 //!
 //! - [`umockdev`] serves processes that run under umockdev's preload library, without privileges;
-//! - [`vhci`] plugs the camera into the kernel's virtual USB host controller: every program on the
-//!   computer sees it in `/dev/bus/usb`. Needs root and the module `vhci-hcd`.
+//! - [`vhci`] plugs the camera into the kernel's virtual USB host controller, so that every program on the computer
+//!   sees it in `/dev/bus/usb`. It needs root and the module `vhci-hcd`.
 
 mod descriptors;
 mod faults;

@@ -2,18 +2,18 @@
 //!
 //! # Modules
 //!
-//! | module | is |
+//! | module | contents |
 //! |---|---|
-//! | [`registers`] | every register of the camera's logic, and what it holds |
+//! | [`registers`] | every register of the camera's logic |
 //! | [`bias`] | the sensor's bias currents and voltages |
-//! | [`configuration`] | all settings, and the register writes that make them |
+//! | [`configuration`] | all settings, and the register writes that apply them |
 //! | [`protocol`] | the stream of 16-bit words: decoder, encoder |
 //! | [`dump`] | `.dvraw` files: transfers as they arrived, crash-safe |
-//! | [`capture`] | any recording of transfers: `.dvraw`, pcap, pcapng, bare payload |
-//! | [`device`] | the camera itself |
-//! | [`emulator`] | a camera in software, with faults on demand |
+//! | [`capture`] | recordings of transfers in any format: `.dvraw`, pcap, pcapng, bare payload |
+//! | [`device`] | access to a camera |
+//! | [`emulator`] | an emulated camera with configurable faults |
 #![cfg_attr(not(feature = "std"), no_std)]
-// No input makes it panic.
+// No input causes a panic.
 #![deny(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -39,7 +39,7 @@ pub mod emulator;
 pub mod protocol;
 pub mod registers;
 
-/// iniVation's USB vendor.
+/// USB vendor number of iniVation.
 pub const VENDOR_ID: u16 = 0x152A;
-/// The DAVIS family on a Cypress FX3, the DAVIS346 among it.
+/// USB product number of the DAVIS family on a Cypress FX3, which includes the DAVIS346.
 pub const PRODUCT_ID: u16 = 0x841A;

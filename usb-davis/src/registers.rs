@@ -1,9 +1,8 @@
 //! Registers of the camera's logic (version 18).
 //!
-//! A register is named by a module and a parameter, both of which travel in the set-up packet of
-//! vendor request 0xBF (`wValue`, `wIndex`); its value is 32 bits, big-endian. A 64-bit counter
-//! takes two parameters: upper half first. Where a value is counted in clock cycles, the clock is
-//! a register of [`sysinfo`] too, see [`Clocks`].
+//! A register is identified by a module and a parameter, which are sent in the set-up packet of vendor request 0xBF
+//! (`wValue`, `wIndex`); its value has 32 bits, big-endian. A 64-bit counter uses two parameters, upper half first.
+//! Some values are in cycles of a clock, whose rate is also a register of [`sysinfo`], see [`Clocks`].
 
 #[cfg(feature = "std")]
 mod default_registers;
@@ -28,7 +27,7 @@ pub const REQUEST_REGISTERS: u8 = 0xC2;
 /// Bytes of one record of [`REQUEST_REGISTERS`]: module, parameter, value (big-endian).
 pub const REGISTERS_RECORD: usize = 6;
 
-/// The name of one 32-bit register.
+/// Identifies one 32-bit register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Register {
     /// Module of the logic: [`mux`] 0, [`dvs`] 1, [`aps`] 2, [`imu`] 3, [`external_input`] 4,
@@ -39,17 +38,17 @@ pub struct Register {
 }
 
 impl Register {
-    /// The register `module`.`parameter`.
+    /// Creates the register `module`.`parameter`.
     pub const fn new(module: u8, parameter: u8) -> Self {
         Self { module, parameter }
     }
 
-    /// The register that follows: the lower half of a 64-bit counter.
+    /// Returns the next register, which is the lower half of a 64-bit counter.
     pub const fn next(self) -> Self {
         Self { module: self.module, parameter: self.parameter.wrapping_add(1) }
     }
 
-    /// Whether writing to it has no effect (sizes, versions, counters and the `HAS_…` switches).
+    /// Returns `true` if writing to the register has no effect (sizes, versions, counters and the `HAS_…` switches).
     pub const fn is_read_only(self) -> bool {
         match self.module {
             0 => self.parameter >= 80,
@@ -90,9 +89,9 @@ registers! {
         TIMESTAMP_RESET = 2,
         /// Powers the sensor chip (biases on).
         RUN_CHIP = 3,
-        /// External input is dropped, not waited for, while the host reads too slowly.
+        /// 1: external input is dropped instead of waited for while the host reads too slowly.
         DROP_EXTERNAL_INPUT_ON_STALL = 4,
-        /// Pixel events are dropped, not waited for, while the host reads too slowly.
+        /// 1: pixel events are dropped instead of waited for while the host reads too slowly.
         DROP_DVS_ON_STALL = 5,
         /// 1 if the drop counters exist.
         HAS_STATISTICS = 80,
@@ -116,7 +115,7 @@ registers! {
         RUN = 3,
         /// Waits when the output is full, instead of dropping.
         WAIT_ON_TRANSFER_STALL = 4,
-        /// The chip's event bus is read by someone else.
+        /// 1: another device reads the chip's event bus.
         EXTERNAL_AER_CONTROL = 5,
         /// 1 if the eight pixel filters exist.
         HAS_PIXEL_FILTER = 10,
@@ -126,11 +125,11 @@ registers! {
         HAS_BACKGROUND_ACTIVITY_FILTER = 30,
         /// Removes events without a recent neighbour.
         BACKGROUND_ACTIVITY_FILTER = 31,
-        /// How recent the neighbour must be, in 250 µs.
+        /// Largest age of the neighbour's event, in 250 µs.
         BACKGROUND_ACTIVITY_TIME = 32,
-        /// Removes events that follow too soon upon another of the same pixel.
+        /// Removes events that follow too soon after another event of the same pixel.
         REFRACTORY_PERIOD = 33,
-        /// How soon is too soon, in 250 µs.
+        /// Shortest allowed time between events of a pixel, in 250 µs.
         REFRACTORY_PERIOD_TIME = 34,
         /// 1 if the region of interest exists.
         HAS_REGION_OF_INTEREST = 40,
@@ -154,7 +153,7 @@ registers! {
         POLARITY_FLATTEN = 61,
         /// Removes events of one polarity.
         POLARITY_SUPPRESS = 62,
-        /// Which polarity is removed.
+        /// Polarity that is removed.
         POLARITY_SUPPRESS_TYPE = 63,
         /// 1 if the counters below exist.
         HAS_STATISTICS = 80,
@@ -203,13 +202,13 @@ registers! {
         END_ROW = 11,
         /// Exposure time in cycles of the ADC clock.
         EXPOSURE = 12,
-        /// Time from frame to frame in cycles of the ADC clock.
+        /// Time between the starts of consecutive frames in cycles of the ADC clock.
         FRAME_INTERVAL = 13,
     }
 }
 
 registers! {
-    /// Module 3, the inertial measurement unit.
+    /// Module 3, the IMU.
     imu = 3 {
         /// 0 none, 1 MPU-6050 or 6150, 2 MPU-9250. Read-only.
         TYPE = 0,
@@ -295,13 +294,13 @@ registers! {
 }
 
 registers! {
-    /// Module 6, about the camera. All read-only.
+    /// Module 6, description of the camera. All read-only.
     sysinfo = 6 {
-        /// Version of the logic. This crate speaks to 18.
+        /// Version of the logic. This crate supports version 18.
         LOGIC_VERSION = 0,
-        /// 4, 5, 9: DAVIS346 A, B, C; others are other chips.
+        /// 4, 5, 9: DAVIS346 A, B, C; other values are other chips.
         CHIP_ID = 1,
-        /// 1 if this camera's clock leads.
+        /// 1 if this camera is the clock master.
         DEVICE_IS_MASTER = 2,
         /// MHz.
         LOGIC_CLOCK = 3,
@@ -309,7 +308,7 @@ registers! {
         ADC_CLOCK = 4,
         /// MHz.
         USB_CLOCK = 5,
-        /// All three clocks are really this many thousandths of what they say.
+        /// True rate of all three clocks divided by their nominal rate, in thousandths.
         CLOCK_DEVIATION = 6,
         /// Patch level of the logic.
         LOGIC_PATCH = 7,
@@ -329,21 +328,21 @@ registers! {
 /// Clock rates of the logic, from [`sysinfo`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Clocks {
-    /// Logic clock in MHz, as the register says.
+    /// Nominal logic clock in MHz.
     pub logic: u32,
-    /// Clock of the frame's analogue-digital converter in MHz, as the register says.
+    /// Nominal clock of the frame's analogue-digital converter in MHz.
     pub adc: u32,
-    /// Clock of the USB output in MHz, as the register says.
+    /// Nominal clock of the USB output in MHz.
     pub usb: u32,
-    /// True rate over stated rate, in thousandths.
+    /// True rate divided by nominal rate, in thousandths.
     pub deviation: u32,
 }
 
 impl Clocks {
-    /// Plausible rates for when the registers are not known: their true values vary with the logic.
+    /// Plausible rates if the registers are unknown; the true values depend on the version of the logic.
     pub const ASSUMED: Self = Self { logic: 100, adc: 30, usb: 80, deviation: 1008 };
 
-    /// Reads the four registers through `read`; [`Clocks::ASSUMED`] stands in for absent or zero ones.
+    /// Reads the four registers through `read`; absent or zero registers get the value in [`Clocks::ASSUMED`].
     pub fn from_registers(read: impl Fn(Register) -> Option<u32>) -> Self {
         let of = |register, assumed| read(register).filter(|&value| value != 0).unwrap_or(assumed);
         Self {
@@ -354,14 +353,14 @@ impl Clocks {
         }
     }
 
-    /// `microseconds` in cycles of a clock of `megahertz`, rounded to the nearest as libcaer does; saturates.
+    /// Converts `microseconds` to cycles of a clock of `megahertz`, rounded to nearest as in libcaer; saturates.
     pub fn cycles(&self, megahertz: u32, microseconds: u32) -> u32 {
         let thousandths = u128::from(microseconds) * u128::from(megahertz) * u128::from(self.deviation);
         let cycles = (thousandths + 500) / 1000;
         u32::try_from(cycles).unwrap_or(u32::MAX)
     }
 
-    /// `cycles` of a clock of `megahertz` in microseconds, 0 if the clock stands still.
+    /// Converts `cycles` of a clock of `megahertz` to microseconds; 0 if the clock rate is zero.
     pub fn microseconds(&self, megahertz: u32, cycles: u32) -> f64 {
         let rate = f64::from(megahertz) * f64::from(self.deviation) / 1000.0;
         if rate > 0.0 { f64::from(cycles) / rate } else { 0.0 }
@@ -372,7 +371,7 @@ impl Clocks {
 mod tests {
     use super::*;
 
-    /// Cycle counts that libcaer was seen to send for these times and clocks.
+    /// Cycle counts that libcaer was observed to send for these times and clocks.
     #[test]
     fn cycles_agree_with_libcaer() {
         let clocks = Clocks::ASSUMED;

@@ -1,15 +1,15 @@
 //! The camera matrix that all models share: `pixel = (fx u + cx, fy v + cy)`.
 //!
-//! (u, v) is the image point after distortion, on the plane at distance 1. The functions here turn
-//! a model's derivatives of and by the image point into those of and by the pixel, and put the
-//! columns of fx, fy, cx, cy in front of the coefficients'.
+//! (u, v) is the image point after distortion, in the plane at distance 1. The functions here convert a model's
+//! derivatives with respect to the image point into derivatives with respect to the pixel, and prepend the columns of
+//! fx, fy, cx, cy to the columns of the coefficients.
 
 use nalgebra::{Matrix3x2, RealField, SMatrix, Vector2, Vector3};
 
 use super::{MAX_COEFFICIENTS, MAX_PARAMETERS, PointJacobian, Projection, Unprojection};
 use crate::sensor::Sensor;
 
-/// Names of the camera matrix' parameters.
+/// Names of a model's parameters: the camera matrix, then the coefficients.
 macro_rules! parameter_names {
     ($($coefficient:literal),* $(,)?) => {
         &["fx", "fy", "cx", "cy", $($coefficient),*]
@@ -29,7 +29,7 @@ pub(super) struct CameraMatrix<T> {
 impl<T: RealField + Copy> CameraMatrix<T> {
     /// Splits a parameter vector into the camera matrix and exactly `N` coefficients.
     ///
-    /// `None` if the length is wrong, a value is not finite or a focal length is not positive.
+    /// Returns `None` if the length is wrong, a value is not finite or a focal length is not positive.
     pub fn split<const N: usize>(parameters: &[T]) -> Option<(Self, [T; N])> {
         let (&[fx, fy, cx, cy], coefficients) = parameters.split_first_chunk()?;
         let coefficients: [T; N] = coefficients.try_into().ok()?;
@@ -37,7 +37,7 @@ impl<T: RealField + Copy> CameraMatrix<T> {
         usable.then_some((Self { fx, fy, cx, cy }, coefficients))
     }
 
-    /// The parameter vector with these coefficients.
+    /// Returns the parameter vector with these coefficients.
     pub fn parameters<'a>(&self, coefficients: impl IntoIterator<Item = &'a T>) -> heapless::Vec<T, MAX_PARAMETERS> {
         let mut parameters = heapless::Vec::new();
         for value in self.values().into_iter().chain(coefficients.into_iter().copied().take(MAX_COEFFICIENTS)) {
@@ -47,19 +47,19 @@ impl<T: RealField + Copy> CameraMatrix<T> {
         parameters
     }
 
-    /// The pixel of an image point.
+    /// Returns the pixel of an image point.
     #[inline]
     pub fn pixel(&self, image: &Vector2<T>) -> Vector2<T> {
         Vector2::new(self.fx * image.x + self.cx, self.fy * image.y + self.cy)
     }
 
-    /// The image point of a pixel.
+    /// Returns the image point of a pixel.
     #[inline]
     pub fn image(&self, pixel: &Vector2<T>) -> Vector2<T> {
         Vector2::new((pixel.x - self.cx) / self.fx, (pixel.y - self.cy) / self.fy)
     }
 
-    /// The largest distance of a pixel of `sensor` from the axis, in the image plane.
+    /// Returns the largest distance of a pixel of `sensor` from the axis, in the image plane.
     pub fn corner_radius(&self, sensor: Sensor) -> T {
         let far = |size: u16, centre: T, focal: T| {
             let last = nalgebra::convert::<f64, T>(f64::from(size.saturating_sub(1)));
@@ -68,12 +68,12 @@ impl<T: RealField + Copy> CameraMatrix<T> {
         far(sensor.width, self.cx, self.fx).hypot(far(sensor.height, self.cy, self.fy))
     }
 
-    /// fx, fy, cx, cy.
+    /// Returns fx, fy, cx, cy.
     pub fn values(&self) -> [T; 4] {
         [self.fx, self.fy, self.cx, self.cy]
     }
 
-    /// Completes the derivatives of an image point to those of the pixel.
+    /// Converts the derivatives of an image point to derivatives of the pixel.
     #[inline(always)]
     pub fn projection(
         &self,
@@ -94,7 +94,8 @@ impl<T: RealField + Copy> CameraMatrix<T> {
         }
     }
 
-    /// Completes the derivatives of a bearing by the image point to those by pixel and parameters.
+    /// Converts the derivatives of a bearing with respect to the image point to those with respect to pixel and
+    /// parameters.
     #[inline(always)]
     pub fn unprojection(
         &self,
@@ -117,7 +118,7 @@ impl<T: RealField + Copy> CameraMatrix<T> {
     }
 }
 
-/// Puts the columns of fx, fy, cx, cy and then those of the coefficients into `columns`.
+/// Writes the columns of fx, fy, cx, cy and then the columns of the coefficients into `columns`.
 #[inline(always)]
 fn fill<T: Copy, const R: usize>(
     columns: &mut [[T; R]; MAX_PARAMETERS],
@@ -131,7 +132,7 @@ fn fill<T: Copy, const R: usize>(
     }
 }
 
-/// The bearing through (x, y, 1), and its derivative by (x, y).
+/// Returns the bearing through (x, y, 1), and its derivative with respect to (x, y).
 #[inline]
 pub(super) fn bearing_through<T: RealField + Copy>(ideal: &Vector2<T>) -> (Vector3<T>, Matrix3x2<T>) {
     let scale = T::one() / (T::one() + ideal.norm_squared()).sqrt();
@@ -142,14 +143,14 @@ pub(super) fn bearing_through<T: RealField + Copy>(ideal: &Vector2<T>) -> (Vecto
     (bearing, by_ideal)
 }
 
-/// Whether a radius or angle is large enough to have a direction.
+/// Returns `true` if a radius or angle is large enough to define a direction.
 ///
-/// Below ε² the pixel is that of the axis to any precision, while squares begin to underflow.
+/// Below ε² the pixel equals the principal point at any precision, while squares begin to underflow.
 pub(super) fn is_off_axis<T: RealField + Copy>(radius: T) -> bool {
     radius > T::default_epsilon() * T::default_epsilon()
 }
 
-/// The unit vector along `vector` of length `radius`; (1, 0) on the axis.
+/// Returns the unit vector along `vector` of length `radius`; (1, 0) on the axis.
 #[inline]
 pub(super) fn direction<T: RealField + Copy>(vector: &Vector2<T>, radius: T) -> Vector2<T> {
     if is_off_axis(radius) { vector / radius } else { Vector2::x() }

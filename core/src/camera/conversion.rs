@@ -1,15 +1,14 @@
 //! Conversion between ordinary (forward) radial distortion and inverse radial distortion.
 //!
-//! Drap and Lefèvre give the inverse as a power series, which is exact for small radii only: with
-//! k1 = -0.3 it is several pixels wrong in the corners of a DAVIS346. Here the coefficients are the
-//! weighted least-squares fit over all radii of the sensor, up to its furthest corner, with errors
-//! counted in pixels. Camera matrices are kept, so tangential distortion, which the inverse radial
-//! model lacks, is lost; [`super::refit::difference`] says how much that costs, and
-//! [`super::refit::refit`] moves the camera matrix, too.
+//! Drap and Lefèvre give the inverse as a power series, which is accurate for small radii only: with k1 = -0.3 the
+//! error is several pixels in the corners of a DAVIS346. Here the coefficients are a weighted least-squares fit over
+//! all radii of the sensor, up to its farthest corner, with errors measured in pixels. The camera matrix is kept.
+//! Tangential distortion is lost because the inverse radial model has none; [`super::refit::difference`] measures the
+//! resulting error, and [`super::refit::refit`] adjusts the camera matrix as well.
 //!
-//! The fit is linear: with a = √τ a_max, Σ w² (a + Σ c_i a τ^i - value)² is minimised over c by
-//! orthogonalisation (modified Gram-Schmidt on the matrix extended by its right side, which is as
-//! stable as Householder's; Björck 1967).
+//! The fit is linear: with a = √τ a_max, Σ w² (a + Σ c_i a τ^i - value)² is minimised over c by orthogonalisation
+//! (modified Gram-Schmidt on the matrix extended by its right side, which is as stable as Householder's method; Björck
+//! 1967).
 
 use nalgebra::RealField;
 
@@ -18,7 +17,7 @@ use super::inverse_radial::InverseRadial;
 use super::radtan::{Radtan, Radtan5};
 use crate::sensor::Sensor;
 
-/// Radii a fit looks at.
+/// Number of radii in a fit.
 const SAMPLES: usize = 128;
 
 /// One radius of a fit.
@@ -30,9 +29,9 @@ struct Sample<T> {
     weight: T,
 }
 
-/// The inverse radial camera nearest to the radial part of `camera` on `sensor`.
+/// Returns the inverse radial camera nearest to the radial part of `camera` on `sensor`.
 ///
-/// `None` if `camera` is not defined on enough of the sensor.
+/// Returns `None` if `camera` is not defined on enough of the sensor.
 pub fn inverse_radial_from_radtan<T: RealField + Copy, const N: usize>(
     camera: &Radtan<T, N>,
     sensor: Sensor,
@@ -47,9 +46,9 @@ pub fn inverse_radial_from_radtan<T: RealField + Copy, const N: usize>(
     InverseRadial::from_parameters(&radial.matrix().parameters(&coefficients))
 }
 
-/// The radial-tangential camera (k1 k2 0 0 k3) nearest to `camera` on `sensor`.
+/// Returns the radial-tangential camera (k1 k2 0 0 k3) nearest to `camera` on `sensor`.
 ///
-/// `None` if `camera` is not defined on enough of the sensor.
+/// Returns `None` if `camera` is not defined on enough of the sensor.
 pub fn radtan_from_inverse_radial<T: RealField + Copy>(
     camera: &InverseRadial<T>,
     sensor: Sensor,
@@ -64,7 +63,7 @@ pub fn radtan_from_inverse_radial<T: RealField + Copy>(
     Radtan5::from_parameters(&camera.matrix().parameters(&[k1, k2, zero, zero, k3]))
 }
 
-/// Samples at distorted radii from near 0 to `corner`, as many as are in the domain.
+/// Returns samples at distorted radii from near 0 to `corner`, as many as are in the domain.
 fn samples<T: RealField + Copy>(
     corner: T,
     sample: impl Fn(T) -> Option<Sample<T>>,
@@ -80,7 +79,7 @@ fn samples<T: RealField + Copy>(
     samples
 }
 
-/// The c of `value ≈ argument (1 + Σ c_i argument^2i)`; `None` with too few samples.
+/// Returns the c of `value ≈ argument (1 + Σ c_i argument^2i)`; `None` if there are too few samples.
 fn fit<T: RealField + Copy, const N: usize>(samples: &heapless::Vec<Sample<T>, SAMPLES>) -> Option<[T; N]> {
     if samples.len() < 4 * N {
         return None;
@@ -111,7 +110,7 @@ fn fit<T: RealField + Copy, const N: usize>(samples: &heapless::Vec<Sample<T>, S
     Some(solution)
 }
 
-/// The c that minimises |Σ c_i columns_i - right|; `None` if the columns are dependent.
+/// Returns the c that minimises |Σ c_i columns_i - right|; `None` if the columns are dependent.
 fn orthogonal_solution<T: RealField + Copy, const N: usize>(
     mut columns: [[T; SAMPLES]; N],
     mut right: [T; SAMPLES],
@@ -124,7 +123,7 @@ fn orthogonal_solution<T: RealField + Copy, const N: usize>(
             *from -= factor * column;
         }
     };
-    // Row i of the triangle: its entries right of the diagonal, from the last one backwards.
+    // Row i of the triangle: its entries to the right of the diagonal, from the last one backwards.
     let mut triangle = [[T::zero(); N]; N];
     let mut projected = [T::zero(); N];
     let mut remaining = columns.as_mut_slice();
@@ -143,7 +142,7 @@ fn orthogonal_solution<T: RealField + Copy, const N: usize>(
         subtract(&mut right, *projected, column);
         remaining = later;
     }
-    // From the last unknown backwards; `solved` holds them in that order, as `row` does.
+    // From the last unknown backwards; `solved` holds the unknowns in the same order as `row` its entries.
     let mut solved: heapless::Vec<T, N> = heapless::Vec::new();
     for (row, &projected) in triangle.iter().zip(&projected).rev() {
         let value = row.iter().zip(&solved).fold(projected, |sum, (&factor, &known)| sum - factor * known);
@@ -168,7 +167,7 @@ mod tests {
         Radtan5::from_parameters(&[345.0, 343.0, 170.0, 127.0, k1, k2, p1, p2, k3]).unwrap()
     }
 
-    /// The power series of Drap and Lefèvre with k4 = 0.
+    /// Returns the power series of Drap and Lefèvre with k4 = 0.
     fn series([k1, k2, k3]: [f64; 3]) -> [f64; 5] {
         [
             -k1,
@@ -186,7 +185,7 @@ mod tests {
         let camera = inverse_radial_from_radtan(&radtan([k1, k2, 0.0, 0.0, k3]), SENSOR).unwrap();
         let fitted = camera.parameters();
         for (power, (fitted, expected)) in fitted[4..].iter().zip(series([k1, k2, k3])).enumerate() {
-            // At the corner (radius 0.64) a coefficient counts 0.64^(2 i + 1) times.
+            // At the corner (radius 0.64) a coefficient is multiplied by 0.64^(2 i + 1).
             let effect = (fitted - expected) * 0.64_f64.powi(2 * power as i32 + 3);
             assert!(effect.abs() < 1e-8, "k{}: {fitted} {expected}", power + 1);
         }
@@ -207,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn tangential_distortion_is_what_the_conversion_loses() {
+    fn the_conversion_loses_only_tangential_distortion() {
         let p1 = 1e-3;
         let forward = radtan([-0.2, 0.05, p1, 0.0, 0.0]);
         let fitted = inverse_radial_from_radtan(&forward, SENSOR).unwrap();

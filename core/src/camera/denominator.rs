@@ -1,22 +1,22 @@
 //! Models that divide a point by a function of it: `(u, v) = (X, Y) / q(s, Z)` with s = X² + Y².
 //!
-//! q is homogeneous of degree 1 where (X, Y, Z) is the argument: a point and its multiples have the
-//! same image. Subscripts are derivatives.
+//! q is homogeneous of degree 1 in (X, Y, Z), so a point and its multiples have the same image. Subscripts are
+//! derivatives.
 //!
-//! **Jacobian** by the point: `I / q - (u, v)ᵀ (2 X q_s, 2 Y q_s, q_Z) / q`, by a coefficient c:
-//! `-(u, v) q_c / q`.
+//! **Jacobian** with respect to the point: `I / q - (u, v)ᵀ (2 X q_s, 2 Y q_s, q_Z) / q`; with respect to a coefficient
+//! c: `-(u, v) q_c / q`.
 //!
-//! **Domain**: on the unit sphere at the angle θ to the axis the image radius is sin θ / q. By Euler's
-//! theorem q = 2 s q_s + Z q_Z its slope by θ is q_Z / q². So the image is one-to-one from the axis to
-//! where q or q_Z reaches 0. Images further than 100 from the axis, where q is nearly 0, are left out.
+//! **Domain**: on the unit sphere, at the angle θ to the axis, the image radius is sin θ / q. By Euler's theorem q = 2
+//! s q_s + Z q_Z its slope with respect to θ is q_Z / q². The image is therefore one-to-one from the axis up to the
+//! angle at which q or q_Z reaches 0. Images farther than 100 from the axis, where q is nearly 0, are excluded.
 //!
-//! **Jacobian of the bearing** b by the image, from that slope along the radius and q across it:
+//! **Jacobian of the bearing** b with respect to the image, from that slope along the radius and q across it:
 //! ```text
 //! ∂(b_x, b_y)/∂(u, v) = q I + q (2 q_s b_z / q_Z - 1) (b_x, b_y)ᵀ (b_x, b_y)
 //! ∂b_z/∂(u, v)        = -q² / q_Z (b_x, b_y)
 //! ∂b/∂c               = q_c / q_Z (b_x b_z, b_y b_z, -b_x² - b_y²)
 //! ```
-//! Neither has a special case on the axis.
+//! Both hold on the axis without a special case.
 
 use nalgebra::{Matrix3x2, RealField, Vector2, Vector3};
 
@@ -26,12 +26,12 @@ use super::{PointJacobian, Projection, Unprojection};
 /// Largest distance of an image point from the axis.
 const IMAGE_RADIUS_CAP: f64 = 100.0;
 
-/// The distance whose square this is; `None` at zero, at infinity and for what is no number.
+/// Returns the distance whose square is given; `None` for zero, infinity and NaN.
 pub(super) fn distance_of<T: RealField + Copy>(square: T) -> Option<T> {
     (square > T::zero() && square.is_finite()).then(|| square.sqrt())
 }
 
-/// q at one point, with its derivatives by s, Z and `N` coefficients.
+/// q at one point, with its derivatives with respect to s, Z and `N` coefficients.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Denominator<T, const N: usize> {
     /// q.
@@ -45,19 +45,19 @@ pub(super) struct Denominator<T, const N: usize> {
 }
 
 impl<T: RealField + Copy, const N: usize> Denominator<T, N> {
-    /// This, if a point with this squared distance from the axis is in the domain.
+    /// Returns the denominator if a point with this squared distance from the axis is in the domain.
     pub fn in_domain(self, square: T) -> Option<Self> {
         let cap = nalgebra::convert::<f64, T>(IMAGE_RADIUS_CAP * IMAGE_RADIUS_CAP);
         let one_to_one = self.value > T::zero() && self.by_depth > T::zero();
         (one_to_one && square < cap * self.value * self.value).then_some(self)
     }
 
-    /// The image point of `point`.
+    /// Returns the image point of `point`.
     pub fn image(&self, point: &Vector3<T>) -> Vector2<T> {
         point.xy() / self.value
     }
 
-    /// Derivative of the image point by the point.
+    /// Returns the derivative of the image point with respect to the point.
     pub fn image_by_point(&self, point: &Vector3<T>) -> PointJacobian<T> {
         let scale = T::one() / self.value;
         let image = point.xy() * scale;
@@ -74,13 +74,13 @@ impl<T: RealField + Copy, const N: usize> Denominator<T, N> {
         )
     }
 
-    /// Derivatives of the image point by the coefficients.
+    /// Returns the derivatives of the image point with respect to the coefficients.
     pub fn image_by_coefficients(&self, image: &Vector2<T>) -> impl Iterator<Item = Vector2<T>> {
         let along = -image / self.value;
         self.by_coefficients.into_iter().map(move |by_coefficient| along * by_coefficient)
     }
 
-    /// Derivative of the `bearing`, at which this was taken, by the image point.
+    /// Returns the derivative of the `bearing`, at which the denominator was computed, with respect to the image point.
     pub fn bearing_by_image(&self, bearing: &Vector3<T>) -> Matrix3x2<T> {
         let (x, y) = (bearing.x, bearing.y);
         let ratio = self.value / self.by_depth;
@@ -92,28 +92,29 @@ impl<T: RealField + Copy, const N: usize> Denominator<T, N> {
         ])
     }
 
-    /// Derivatives of the `bearing`, at which this was taken, by the coefficients.
+    /// Returns the derivatives of the `bearing`, at which the denominator was computed, with respect to the
+    /// coefficients.
     pub fn bearing_by_coefficients(&self, bearing: &Vector3<T>) -> impl Iterator<Item = Vector3<T>> {
         let outwards = Vector3::new(bearing.x * bearing.z, bearing.y * bearing.z, -bearing.xy().norm_squared());
         let outwards = outwards / self.by_depth;
         self.by_coefficients.into_iter().map(move |by_coefficient| outwards * by_coefficient)
     }
 
-    /// The pixel of `point` with its derivatives.
+    /// Returns the pixel of `point` with its derivatives.
     pub fn projection(&self, matrix: &CameraMatrix<T>, point: &Vector3<T>) -> Projection<T> {
         let image = self.image(point);
         matrix.projection(&image, &self.image_by_point(point), self.image_by_coefficients(&image))
     }
 
-    /// The `bearing`, at which this was taken, of an image point with its derivatives.
+    /// Returns the `bearing` of an image point, at which the denominator was computed, with its derivatives.
     pub fn unprojection(&self, matrix: &CameraMatrix<T>, image: &Vector2<T>, bearing: Vector3<T>) -> Unprojection<T> {
         let by_image = self.bearing_by_image(&bearing);
         matrix.unprojection(image, bearing, &by_image, self.bearing_by_coefficients(&bearing))
     }
 }
 
-/// The projections of a model with `matrix`, `denominator` of a point, and `bearing` of an image point, which
-/// comes with its denominator.
+/// Implements the projections of a model that has a `matrix`, a method `denominator` of a point, and a method `bearing`
+/// of an image point that also returns the denominator.
 macro_rules! through_denominator {
     () => {
         fn project(&self, point: &Vector3<T>) -> Option<Vector2<T>> {

@@ -1,4 +1,4 @@
-//! The double sphere camera model: two spheres, one after the other.
+//! The double sphere camera model: projection onto two spheres in turn.
 //!
 //! **Parameters**: fx fy cx cy xi alpha, with xi > -1. With xi = 0 it is [`super::ucm`]. The focal
 //! length on the axis is fx / (1 + xi).
@@ -10,22 +10,20 @@
 //! u = X / q                pixel x = fx u + cx
 //! v = Y / q                pixel y = fy v + cy
 //! ```
-//! **Jacobian**: that of module `denominator`. With g = α Z' / d₂ + 1 - α: q_s = α / 2 d₂ + g ξ / 2 d₁,
-//! q_Z = g (1 + ξ Z / d₁), q_ξ = g d₁, q_α = d₂ - Z'.
+//! **Jacobian**: see module `denominator`. With g = α Z' / d₂ + 1 - α: q_s = α / 2 d₂ + g ξ / 2 d₁, q_Z = g (1 + ξ Z /
+//! d₁), q_ξ = g d₁, q_α = d₂ - Z'.
 //!
-//! **Domain**: d₁ + ξ Z > 0, so that the first sphere is one-to-one (all of it while ξ ≤ 1), g > 0 and
-//! q > 0, as for `ucm` at the point (X, Y, Z'). For |ξ| ≤ 1 and with the w of `ucm` that is
-//! Z > -(ξ (1 - w²) + w √(1 - ξ² (1 - w²))) d₁; for ξ ≥ 0 the paper's w₂ leaves
-//! out a little more.
+//! **Domain**: d₁ + ξ Z > 0, so that the first sphere is one-to-one (always true for ξ ≤ 1), g > 0 and q > 0, as for
+//! `ucm` at the point (X, Y, Z'). For |ξ| ≤ 1 and with the w of `ucm` this is Z > -(ξ (1 - w²) + w √(1 - ξ² (1 - w²)))
+//! d₁; for ξ ≥ 0 the w₂ of the paper excludes slightly more.
 //!
-//! **Unprojection** in closed form: `ucm` gives the direction (S u, S v, C) of (X, Y, Z'), of length 1;
-//! its angle to the axis and that of the bearing differ by the arc sine of e = ξ S ρ, ρ² = u² + v²:
+//! **Unprojection** in closed form: `ucm` gives the unit vector (S u, S v, C) towards (X, Y, Z'); its angle to the axis
+//! and the bearing's angle differ by the arc sine of e = ξ S ρ, ρ² = u² + v²:
 //! ```text
 //! bearing = (S (√(1 - e²) + ξ C) u, S (√(1 - e²) + ξ C) v, C √(1 - e²) - ξ S² ρ²)
 //! ```
-//! Source: V. Usenko, N. Demmel and D. Cremers, "The double sphere camera model", 3DV 2018, section 3.
-//! The domain for ξ > 1 and this form of the bearing, which has no cancellation on the axis, are
-//! derived here.
+//! Source: V. Usenko, N. Demmel and D. Cremers, "The double sphere camera model", 3DV 2018, section 3. The domain for
+//! ξ > 1 and this form of the bearing, which has no cancellation on the axis, are derived here.
 
 use nalgebra::{RealField, Vector2, Vector3};
 
@@ -66,13 +64,13 @@ impl<T: RealField + Copy> DoubleSphere<T> {
         denominator.in_domain(across)
     }
 
-    /// The bearing of an image point and the denominator there.
+    /// Returns the bearing of an image point and the denominator there.
     fn bearing(&self, image: &Vector2<T>) -> Option<(Vector3<T>, Denominator<T, 2>)> {
         let square = image.norm_squared();
         let Lifted { factor, depth } = lift(self.alpha, square)?;
         let between = self.xi * factor;
         let radicand = T::one() - between * between * square;
-        // NaN is none, too.
+        // Written so that a NaN is rejected too.
         let positive = radicand > T::zero();
         if !positive {
             return None;
@@ -88,8 +86,8 @@ impl<T: RealField + Copy> DoubleSphere<T> {
 impl<T: RealField + Copy> CameraModel<T> for DoubleSphere<T> {
     const NAME: &'static str = "double-sphere";
     const PARAMETER_NAMES: &'static [&'static str] = parameter_names!["xi", "alpha"];
-    // With xi = 0, where it is `ucm`, the camera changes as much with xi as with alpha: neither side is reached from the
-    // other.
+    // At xi = 0, where the model equals `ucm`, xi and alpha change the camera equally, so the cost has a local minimum
+    // on each side and a fit cannot move from one to the other.
     const EXPECTATION: Expectation = Expectation {
         effects: &[CoefficientEffect::Shape(0.0), CoefficientEffect::Free],
         fit_starts: &[&[-0.2, 0.5], &[0.4, 0.5]],

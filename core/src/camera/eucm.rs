@@ -8,15 +8,14 @@
 //! u = X / q                   pixel x = fx u + cx
 //! v = Y / q                   pixel y = fy v + cy
 //! ```
-//! **Jacobian**: that of module `denominator`, with q_s = α β / 2 d, q_Z = α Z / d + 1 - α,
-//! q_α = d - Z, q_β = α (X² + Y²) / 2 d.
+//! **Jacobian**: see module `denominator`, with q_s = α β / 2 d, q_Z = α Z / d + 1 - α, q_α = d - Z, q_β = α (X² + Y²)
+//! / 2 d.
 //!
-//! **Domain**: q > 0 and q_Z > 0, which is Z > -w d with w = α / (1 - α) up to α = ½ and
-//! (1 - α) / α beyond. Images reach to the cap of module `denominator` up to α = ½, beyond to
-//! u² + v² < 1 / β (2 α - 1).
+//! **Domain**: q > 0 and q_Z > 0, which is Z > -w d with w = α / (1 - α) for α ≤ ½ and (1 - α) / α for α > ½. The image
+//! extends to the limit of module `denominator` for α ≤ ½, and to u² + v² < 1 / β (2 α - 1) for α > ½.
 //!
-//! **Unprojection** in closed form: with √β times X, Y, u and v it is the unified model; its bearing
-//! is that of `ucm` with ρ² = β (u² + v²), normalised.
+//! **Unprojection** in closed form: with X, Y, u and v multiplied by √β it is the unified model. The bearing is that of
+//! `ucm` with ρ² = β (u² + v²), normalised.
 //!
 //! Source: B. Khomutenko, G. Garcia and P. Martinet, "An enhanced unified camera model", RA-L 1
 //! (2016); V. Usenko, N. Demmel and D. Cremers, "The double sphere camera model", 3DV 2018, section
@@ -55,7 +54,7 @@ impl<T: RealField + Copy> Eucm<T> {
         denominator.in_domain(across)
     }
 
-    /// The bearing of an image point and the denominator there.
+    /// Returns the bearing of an image point and the denominator there.
     fn bearing(&self, image: &Vector2<T>) -> Option<(Vector3<T>, Denominator<T, 2>)> {
         let Lifted { factor, depth } = lift(self.alpha, self.beta * image.norm_squared())?;
         let along = Vector3::new(image.x * factor, image.y * factor, depth);

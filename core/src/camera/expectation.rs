@@ -1,26 +1,28 @@
-//! What is known of a model's coefficients before a lens is seen.
+//! Prior knowledge of a model's coefficients, before anything is measured.
 
-/// What a coefficient does to the image.
+/// Effect of a coefficient on the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum CoefficientEffect {
-    /// Adds this power of the squared radius to the radius, as a part of it.
+    /// Changes the radius by a fraction proportional to this power of the squared radius.
     Radial(i32),
-    /// Few views determine it.
+    /// No prior: a few views determine the coefficient.
     Free,
-    /// Is about so large, give or take 1: the shape of a wide model, which a narrow view leaves open.
+    /// Prior of this value with a standard deviation of 1: the shape of a wide-angle model, which a narrow view does
+    /// not determine.
     Shape(f64),
 }
 
-/// Where estimates of a model's coefficients start, and what they are expected to be. Coefficients that a list does not
-/// name are zero.
+/// Start values of estimates of a model's coefficients, and their expected size. Coefficients missing from a list are
+/// zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expectation {
-    /// What each coefficient does, in their order.
+    /// Effect of each coefficient, in their order.
     pub effects: &'static [CoefficientEffect],
-    /// Starts of a fit to a lens that is known: no distortion; where the derivative by a coefficient vanishes without,
-    /// the coefficients of a wide lens. More than one where the best fit is not reached from the other side.
+    /// Start values for fitting the model to a known lens: no distortion, or, if the derivative with respect to the
+    /// coefficients vanishes there, the coefficients of a wide lens. There are several if the cost has local minima
+    /// between which a fit cannot move.
     pub fit_starts: &'static [&'static [f64]],
-    /// Two lenses among which that of an unknown camera is looked for: one with little distortion, and one with the
-    /// barrel distortion of ordinary lenses, or a fisheye where the model is for these.
+    /// Two lenses that bracket an unknown camera: one with little distortion, and one with the barrel distortion of
+    /// ordinary lenses, or a fisheye if the model is meant for fisheyes.
     pub usual: [&'static [f64]; 2],
 }

@@ -9,11 +9,11 @@
 //! u = φ / w  X / r        pixel x = fx u + cx
 //! v = φ / w  Y / r        pixel y = fy v + cy
 //! ```
-//! **Jacobian** by the point, with n = (X, Y) / r and D = a² r² + Z²: the radial part is a Z / (w D)
-//! along n, the transverse part φ / (w r), and ∂(u, v)/∂Z = -a r / (w D) n. By w:
-//! n (w / sin w  sin 2φ / 2 - φ) / w².
+//! **Jacobian** with respect to the point, with n = (X, Y) / r and D = a² r² + Z²: the radial part is a Z / (w D) along
+//! n, the transverse part φ / (w r), and ∂(u, v)/∂Z = -a r / (w D) n. With respect to w: n (w / sin w  sin 2φ / 2 - φ)
+//! / w².
 //!
-//! **Domain**: all points but those on the axis behind the camera (φ < π); for w = 0 those with Z > 0.
+//! **Domain**: all points except those on the axis behind the camera (φ < π); for w = 0 those with Z > 0.
 //!
 //! **Unprojection** in closed form: φ = w √(u² + v²), bearing ∝ (sin φ n, a cos φ) with
 //! n = (u, v) / √(u² + v²).
@@ -37,7 +37,7 @@ pub struct Fov<T> {
     a: T,
 }
 
-/// A point around the optical axis and where its image lies.
+/// A point in cylindrical coordinates around the optical axis, and its image radius.
 struct Imaged<T> {
     /// Unit vector from the axis to the point; (1, 0) on the axis.
     direction: Vector2<T>,
@@ -45,23 +45,23 @@ struct Imaged<T> {
     radius: T,
     /// Distance of the image point from the axis.
     image_radius: T,
-    /// Derivative of `image_radius` by `radius` over Z.
+    /// Derivative of `image_radius` with respect to `radius` / Z.
     by_radius: T,
 }
 
-/// A bearing and what its derivatives need.
+/// A bearing and the quantities that its derivatives need.
 struct Seen<T> {
     direction: Vector2<T>,
     image_radius: T,
     bearing: Vector3<T>,
     /// Sine of the angle to the axis.
     sine: T,
-    /// Derivative of the angle to the axis by `image_radius`.
+    /// Derivative of the angle to the axis with respect to `image_radius`.
     angle_by_image: T,
 }
 
 impl<T: RealField + Copy> Fov<T> {
-    /// φ over w: the image radius of a point.
+    /// Computes the image radius of a point, φ / w.
     fn imaged(&self, point: &Vector3<T>) -> Option<Imaged<T>> {
         let radius = point.xy().norm();
         let zero = T::zero();
@@ -92,7 +92,7 @@ impl<T: RealField + Copy> Fov<T> {
             return None;
         }
         let direction = direction(image, image_radius);
-        // r and Z up to a common factor, and the derivative of the angle to the axis times their square.
+        // r and Z up to a common factor, and the derivative of the angle to the axis times the sum of their squares.
         let (radius, depth, turn) = if self.w > T::zero() {
             let (sine, cosine) = angle.sin_cos();
             (sine, self.a * cosine, self.a * self.w)
@@ -108,10 +108,10 @@ impl<T: RealField + Copy> Fov<T> {
         (square.is_finite() && !behind).then_some(seen)
     }
 
-    /// Derivative of the image radius by w.
+    /// Returns the derivative of the image radius with respect to w.
     fn by_w(&self, image_radius: T) -> T {
         let angle = self.w * image_radius;
-        // Both terms of the closed form are nearly equal when w and φ are small.
+        // The two terms of the closed form nearly cancel when w and φ are small.
         let small = T::default_epsilon().sqrt().sqrt();
         if self.w < small && angle < small {
             let (two_thirds, sixth) = (nalgebra::convert::<f64, T>(2.0 / 3.0), nalgebra::convert::<f64, T>(1.0 / 6.0));
@@ -132,7 +132,7 @@ impl<T: RealField + Copy> CameraModel<T> for Fov<T> {
         let (matrix, [w]) = CameraMatrix::split(parameters)?;
         let half = (w * nalgebra::convert::<f64, T>(0.5)).tan();
         let a = half + half;
-        // The tangent turns negative where w is π to the precision of `T`.
+        // The tangent becomes negative if w equals π at the precision of `T`.
         (w >= T::zero() && w < T::pi() && a >= T::zero()).then_some(Self { matrix, w, a })
     }
 

@@ -7,16 +7,16 @@
 //! β = 1 + k1 a² + k2 a⁴ + k3 a⁶ + k4 a⁸ + k5 a¹⁰
 //! bearing ∝ (β u, β v, 1)
 //! ```
-//! **Jacobian** of (β u, β v) by (u, v): β I + 2 β' (u, v)(u, v)ᵀ with β' = ∂β/∂a².
+//! **Jacobian** of (β u, β v) with respect to (u, v): β I + 2 β' (u, v)(u, v)ᵀ with β' = ∂β/∂a².
 //!
 //! **Domain**: radii a from 0 to the first maximum of a β(a²), at most 100, and Z > 0.
 //!
-//! **Projection** of (X, Y, Z): safeguarded Newton for a from a β(a²) = r with r = √(X² + Y²) / Z,
-//! then (u, v) = a n with n = (X, Y) / (r Z). Implicit derivatives, with e the slope of a β(a²):
-//! 1 / e along n, a / r across, ∂a/∂k_i = -a^(2i+1) / e.
+//! **Projection** of (X, Y, Z): safeguarded Newton iteration for a in a β(a²) = r with r = √(X² + Y²) / Z, then (u, v)
+//! = a n with n = (X, Y) / (r Z). Implicit derivatives, with e the slope of a β(a²): 1 / e along n, a / r across,
+//! ∂a/∂k_i = -a^(2i+1) / e.
 //!
-//! The paper's model. k1 has the opposite sign of an ordinary radial k1; [`super::conversion`] turns
-//! one kind into the other.
+//! This is the model of the paper. k1 has the opposite sign of an ordinary radial k1; [`super::conversion`] converts
+//! between the two.
 //!
 //! Source: P. Drap and J. Lefèvre, "An exact formula for calculating inverse radial lens
 //! distortions", Sensors 16 (2016); K. Huang, Y. Wang and L. Kneip, "Dynamic event camera
@@ -29,7 +29,7 @@ use super::polynomial::RadialFunction;
 use super::{CameraModel, MAX_PARAMETERS, Projection, Unprojection};
 use crate::camera::expectation::{CoefficientEffect, Expectation};
 
-/// Largest radius of any domain.
+/// Largest radius in any domain.
 const RADIUS_CAP: f64 = 100.0;
 
 /// Inverse radial distortion with k1 k2 k3 k4 k5.
@@ -41,23 +41,23 @@ pub struct InverseRadial<T> {
 }
 
 impl<T: RealField + Copy> InverseRadial<T> {
-    /// The camera matrix.
+    /// Returns the camera matrix.
     pub(super) fn matrix(&self) -> &CameraMatrix<T> {
         &self.matrix
     }
 
-    /// The ideal radius as a function of the distorted one.
+    /// Returns the ideal radius as a function of the distorted one.
     pub(super) fn radius(&self) -> &RadialFunction<T, 5> {
         &self.radius
     }
 
-    /// The ideal image point and 1 / Z of a point in front of the camera.
+    /// Returns the ideal image point and 1 / Z of a point in front of the camera.
     fn ideal(point: &Vector3<T>) -> Option<(Vector2<T>, T)> {
         let inverse_depth = T::one() / point.z;
         (point.z > T::zero()).then_some((point.xy() * inverse_depth, inverse_depth))
     }
 
-    /// The image point of a pixel and its squared radius, if it is in the domain.
+    /// Returns the image point of a pixel and its squared radius, if it is in the domain.
     fn image(&self, pixel: &Vector2<T>) -> Option<(Vector2<T>, T)> {
         let image = self.matrix.image(pixel);
         let square = image.norm_squared();

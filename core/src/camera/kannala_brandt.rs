@@ -1,4 +1,4 @@
-//! The fisheye model of Kannala and Brandt as OpenCV writes it.
+//! The fisheye model of Kannala and Brandt, in OpenCV's form.
 //!
 //! **Parameters**: fx fy cx cy k1 k2 k3 k4.
 //!
@@ -9,15 +9,14 @@
 //! u = f(θ) X / r        pixel x = fx u + cx
 //! v = f(θ) Y / r        pixel y = fy v + cy
 //! ```
-//! **Jacobian** by the point, with n = (X, Y) / r and ρ² = r² + Z²: the radial part is
-//! f'(θ) Z / ρ² along n, the transverse part f(θ) / r, and ∂(u, v)/∂Z = -f'(θ) r / ρ² n.
+//! **Jacobian** with respect to the point, with n = (X, Y) / r and ρ² = r² + Z²: the radial part is f'(θ) Z / ρ² along
+//! n, the transverse part f(θ) / r, and ∂(u, v)/∂Z = -f'(θ) r / ρ² n.
 //!
-//! **Domain**: angles from 0 to the first maximum of f, at most 180° (not included). Points behind
-//! the plane Z = 0 are in it when f still rises there.
+//! **Domain**: angles from 0 to the first maximum of f, less than 180°. If f still increases at 90°, points behind the
+//! plane Z = 0 belong to it.
 //!
-//! **Unprojection**: safeguarded Newton for θ from f(θ) = √(u² + v²), then
-//! bearing = (sin θ n, cos θ) with n = (u, v) / √(u² + v²). Implicit derivatives:
-//! ∂θ/∂f = 1 / f'(θ), ∂θ/∂k_i = -θ^(2i+1) / f'(θ).
+//! **Unprojection**: safeguarded Newton iteration for θ in f(θ) = √(u² + v²), then bearing = (sin θ n, cos θ) with n =
+//! (u, v) / √(u² + v²). Implicit derivatives: ∂θ/∂f = 1 / f'(θ), ∂θ/∂k_i = -θ^(2i+1) / f'(θ).
 //!
 //! Source: J. Kannala and S. S. Brandt, "A generic camera model and calibration method for
 //! conventional, wide-angle, and fish-eye lenses", PAMI 28 (2006), eq. 6 without its asymmetric
@@ -61,7 +60,7 @@ impl<T: RealField + Copy> KannalaBrandt<T> {
     }
 }
 
-/// θ³, θ⁵, θ⁷, θ⁹: the derivatives of f(θ) by k1 to k4.
+/// Returns θ³, θ⁵, θ⁷, θ⁹: the derivatives of f(θ) with respect to k1 to k4.
 fn by_coefficients<T: RealField + Copy>(angle: T) -> impl Iterator<Item = T> {
     let square = angle * angle;
     let third = angle * square;

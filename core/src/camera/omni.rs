@@ -1,4 +1,4 @@
-//! The omnidirectional model of Mei: the unified model, then radial and tangential distortion.
+//! The omnidirectional model of Mei: the unified model followed by radial and tangential distortion.
 //!
 //! **Parameters**: fx fy cx cy xi k1 k2 p1 p2, with xi > -1. OpenCV's `omnidir` without skew, Kalibr's
 //! omni-radtan. The focal length on the axis is fx / (1 + xi). Without distortion it is
@@ -10,13 +10,12 @@
 //! u = x (1 + k1 s + k2 s²) + 2 p1 x y + p2 (s + 2 x²)        pixel x = fx u + cx
 //! v = y (1 + k1 s + k2 s²) + 2 p2 x y + p1 (s + 2 y²)        pixel y = fy v + cy
 //! ```
-//! **Jacobian**: that of (u, v) by (x, y) as in [`super::radtan`], times that of (x, y) as in
-//! module `denominator` with q_s = ξ / 2 d, q_Z = 1 + ξ Z / d, q_ξ = d.
+//! **Jacobian**: the Jacobian of (u, v) with respect to (x, y) as in [`super::radtan`], times the Jacobian of (x, y) as
+//! in module `denominator` with q_s = ξ / 2 d, q_Z = 1 + ξ Z / d, q_ξ = d.
 //!
-//! **Domain**: q > 0, q_Z > 0 (Z > -ξ d up to ξ = 1, Z > -d / ξ beyond), and (x, y) in the domain of
-//! the distortion.
+//! **Domain**: q > 0, q_Z > 0 (Z > -ξ d for ξ ≤ 1, Z > -d / ξ for ξ > 1), and (x, y) in the domain of the distortion.
 //!
-//! **Unprojection**: (x, y) by damped Newton as in `radtan`; then, with S = √(1 + (1 - ξ²) s),
+//! **Unprojection**: (x, y) by damped Newton iteration as in `radtan`; then, with S = √(1 + (1 - ξ²) s),
 //! ```text
 //! bearing = ((S + ξ) x, (S + ξ) y, S - ξ s) / (1 + s)
 //! ```
@@ -40,7 +39,7 @@ pub struct Omni<T> {
     plane: Radtan4<T>,
 }
 
-/// A bearing and what its derivatives need.
+/// A bearing and the quantities that its derivatives need.
 struct Lifted<T> {
     plane: Vector2<T>,
     bearing: Vector3<T>,
@@ -61,7 +60,7 @@ impl<T: RealField + Copy> Omni<T> {
         denominator.in_domain(across)
     }
 
-    /// (x, y) of a point and the denominator there.
+    /// Returns (x, y) of a point and the denominator there.
     fn plane(&self, point: &Vector3<T>) -> Option<(Vector2<T>, Denominator<T, 1>)> {
         let denominator = self.denominator(point)?;
         let plane = denominator.image(point);
@@ -73,7 +72,7 @@ impl<T: RealField + Copy> Omni<T> {
         let one = T::one();
         let square = plane.norm_squared();
         let radicand = one + (one - self.xi * self.xi) * square;
-        // NaN is none, too.
+        // Written so that a NaN is rejected too.
         let positive = radicand > T::zero();
         if !positive {
             return None;
@@ -82,7 +81,7 @@ impl<T: RealField + Copy> Omni<T> {
         let scale = one / (one + square);
         let factor = scale * (root + self.xi);
         let bearing = Vector3::new(plane.x * factor, plane.y * factor, scale * (root - self.xi * square));
-        // Rounding may carry a bearing on the edge over it.
+        // Rounding may move a bearing at the edge of the domain across it.
         let (_, denominator) = self.plane(&bearing)?;
         Some(Lifted { plane, bearing, denominator })
     }

@@ -1,23 +1,24 @@
-//! Polynomials that tell where a camera model stops being one-to-one, and radial functions.
+//! Polynomials that determine the end of a camera model's one-to-one domain, and radial functions.
 //!
-//! Source of the root search: between neighbouring roots of its derivative a polynomial is
-//! monotone, so that a change of sign between them encloses exactly one root. Applied from the
-//! highest derivative down it finds every real root without start values.
+//! Root search: between neighbouring roots of its derivative a polynomial is monotone, so a change of sign between them
+//! encloses exactly one root. Applied from the highest derivative down, this finds every real root without start
+//! values.
 
 use nalgebra::RealField;
 
-/// Halvings after which an interval of any float type here has collapsed.
+/// Number of halvings after which an interval of any float type used here has collapsed.
 const MAX_HALVINGS: usize = 128;
 
-/// Steps a safeguarded Newton iteration may take; it halves an interval when Newton does not help.
+/// Largest number of steps of a safeguarded Newton iteration, which halves the interval when a Newton step does not
+/// help.
 const MAX_STEPS: usize = 64;
 
-/// `Σ coefficients[i] x^i`.
+/// Returns `Σ coefficients[i] x^i`.
 fn evaluate<T: RealField + Copy>(coefficients: &[T], x: T) -> T {
     coefficients.iter().rev().fold(T::zero(), |sum, &coefficient| sum * x + coefficient)
 }
 
-/// The product of two polynomials; what does not fit into `C` coefficients is left out.
+/// Returns the product of two polynomials; terms that do not fit into `C` coefficients are dropped.
 pub(super) fn product<T: RealField + Copy, const C: usize>(left: &[T], right: &[T]) -> [T; C] {
     let mut product = [T::zero(); C];
     for (power, &factor) in left.iter().enumerate() {
@@ -28,9 +29,9 @@ pub(super) fn product<T: RealField + Copy, const C: usize>(left: &[T], right: &[
     product
 }
 
-/// The end of the interval from 0 on which `Σ coefficients[i] x^i` stays positive, at most `limit`.
+/// Returns the end of the interval from 0 on which `Σ coefficients[i] x^i` stays positive, at most `limit`.
 ///
-/// 0 if it is not positive at 0.
+/// Returns 0 if the polynomial is not positive at 0.
 pub(super) fn positive_until<T: RealField + Copy, const N: usize>(coefficients: &[T; N], limit: T) -> T {
     let positive_at_zero = coefficients.first().is_some_and(|&value| value > T::zero());
     if !positive_at_zero {
@@ -63,7 +64,7 @@ pub(super) fn positive_until<T: RealField + Copy, const N: usize>(coefficients: 
     critical.first().copied().unwrap_or(limit)
 }
 
-/// The last number before the sign changes between `from` and `to`, if it does.
+/// Returns the last number before a sign change between `from` and `to`, if there is one.
 fn root_between<T: RealField + Copy>(coefficients: &[T], from: T, to: T) -> Option<T> {
     let positive = |x: T| evaluate(coefficients, x) > T::zero();
     let sign = positive(from);
@@ -86,20 +87,20 @@ fn root_between<T: RealField + Copy>(coefficients: &[T], from: T, to: T) -> Opti
     Some(low)
 }
 
-/// The odd polynomial `f(r) = r (1 + c_1 r² + … + c_N r^2N)` on the interval where it rises.
+/// The odd polynomial `f(r) = r (1 + c_1 r² + … + c_N r^2N)` on the interval where it increases.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct RadialFunction<T, const N: usize> {
     coefficients: [T; N],
     /// First coefficients of the inverse series v (1 + b1 v² + b2 v⁴ + …).
     inverse: [T; 2],
-    /// Arguments are below this.
+    /// Upper bound of the arguments.
     limit: T,
-    /// Values are below this.
+    /// Upper bound of the values.
     value_limit: T,
 }
 
 impl<T: RealField + Copy, const N: usize> RadialFunction<T, N> {
-    /// The function with these coefficients, for arguments up to `limit` or the first maximum.
+    /// Creates the function with these coefficients, for arguments up to `limit` or the first maximum.
     ///
     /// `M` must be `N + 1`.
     pub fn new<const M: usize>(coefficients: [T; N], limit: T) -> Self {
@@ -118,24 +119,24 @@ impl<T: RealField + Copy, const N: usize> RadialFunction<T, N> {
         Self { value_limit: unlimited.value_and_slope(limit).0, ..unlimited }
     }
 
-    /// The coefficients.
+    /// Returns the coefficients.
     pub fn coefficients(&self) -> &[T; N] {
         &self.coefficients
     }
 
-    /// The end of the arguments.
+    /// Returns the upper bound of the arguments.
     pub fn limit(&self) -> T {
         self.limit
     }
 
-    /// `f(r)` and `f'(r)`.
+    /// Returns `f(r)` and `f'(r)`.
     pub fn value_and_slope(&self, argument: T) -> (T, T) {
         let square = argument * argument;
         let (factor, factor_by_square) = self.factor(square);
         (argument * factor, factor + (square + square) * factor_by_square)
     }
 
-    /// `f(r) / r` and its derivative by r², as functions of r².
+    /// Returns `f(r) / r` and its derivative with respect to r², as functions of r².
     pub fn factor(&self, square: T) -> (T, T) {
         let mut factor = T::zero();
         let mut slope = T::zero();
@@ -146,13 +147,13 @@ impl<T: RealField + Copy, const N: usize> RadialFunction<T, N> {
         (T::one() + factor * square, slope)
     }
 
-    /// The argument in `[0, limit)` with this value; `None` for values outside, NaN included.
+    /// Returns the argument in `[0, limit)` with this value; `None` for values outside the range and for NaN.
     pub fn invert(&self, value: T) -> Option<T> {
         if !(value >= T::zero() && value < self.value_limit) {
             return None;
         }
-        // What remains after a step is about step² f'' / 2 f'. Near a maximum f'' is of order 1, and
-        // where f is steep f'' / f' is.
+        // The error after a step is about step² f'' / 2 f'. Near a maximum f'' is of order 1; where f is steep, f'' /
+        // f' is of order 1.
         let precision = T::default_epsilon() * nalgebra::convert(0.01);
         let half = nalgebra::convert::<f64, T>(0.5);
         let (mut low, mut high) = (T::zero(), self.limit);
@@ -171,7 +172,7 @@ impl<T: RealField + Copy, const N: usize> RadialFunction<T, N> {
             }
             let step = error / slope;
             let next = argument + step;
-            // Steps that do not shrink could go to and fro across an inflection for ever.
+            // Steps that do not shrink could oscillate across an inflection forever.
             let shrinks = step.abs() <= last_step.abs() * half;
             let last = argument;
             argument = if next >= low && next <= high && shrinks { next } else { low + (high - low) * half };

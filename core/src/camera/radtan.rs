@@ -1,7 +1,7 @@
-//! Radial and tangential distortion: the Brown-Conrady model as OpenCV writes it.
+//! Radial and tangential distortion: the Brown-Conrady model in OpenCV's form.
 //!
-//! **Parameters**: fx fy cx cy, then k1 k2 p1 p2 (`radtan4`), k1 k2 p1 p2 k3 (`radtan`) or
-//! k1 k2 p1 p2 k3 k4 k5 k6 (`radtan8`). One implementation serves all; absent coefficients are 0.
+//! **Parameters**: fx fy cx cy, then k1 k2 p1 p2 (`radtan4`), k1 k2 p1 p2 k3 (`radtan`) or k1 k2 p1 p2 k3 k4 k5 k6
+//! (`radtan8`). One implementation covers all three; absent coefficients are 0.
 //!
 //! **Projection** of (X, Y, Z), Z > 0, with x = X / Z, y = Y / Z, s = x² + y²:
 //! ```text
@@ -9,24 +9,23 @@
 //! u = x d + 2 p1 x y + p2 (s + 2 x²)        pixel x = fx u + cx
 //! v = y d + 2 p2 x y + p1 (s + 2 y²)        pixel y = fy v + cy
 //! ```
-//! **Jacobian** by (x, y), symmetric because (u, v) is the gradient of a potential; d' = ∂d/∂s:
+//! **Jacobian** with respect to (x, y), symmetric because (u, v) is the gradient of a potential; d' = ∂d/∂s:
 //! ```text
 //! u_x = d + 2 x² d' + 2 p1 y + 6 p2 x      u_y = v_x = 2 x y d' + 2 p1 x + 2 p2 y
 //! v_y = d + 2 y² d' + 6 p1 y + 2 p2 x
 //! ```
-//! **Domain**: the disc s < s_max on which that Jacobian is positive definite whatever the direction,
-//! so that the potential is strictly convex and (u, v) one-to-one. In polar coordinates and with
-//! q = (p2, p1), whose radial and transverse parts are a and b, the Jacobian is
-//! `[[E + 6 r a, 2 r b], [2 r b, d + 2 r a]]` with E = d + 2 s d', the slope of r d(r²). It is
-//! positive definite if E > 3 |q| (1 + s) from the axis to r: then E > 6 r |q|, and by integration
-//! d > 3 |q| (1 + s/3) ≥ 2 √3 r |q|, for which the smallest determinant, at a = -|q|, is
-//! (E - 6 r |q|) (d - 2 r |q|) > 0. The denominator of d must be positive, too. s_max is the smallest
-//! root of these polynomials in s, and at most 10⁴ (89.4° from the axis).
+//! **Domain**: the disc s < s_max on which a bound guarantees that this Jacobian is positive definite, so that the
+//! potential is strictly convex and (u, v) one-to-one. In polar coordinates and with q = (p2, p1), whose radial and
+//! transverse parts are a and b, the Jacobian is `[[E + 6 r a, 2 r b], [2 r b, d + 2 r a]]` with E = d + 2 s d', the
+//! slope of r d(r²). It is positive definite if E > 3 |q| (1 + s) from the axis to r: then E > 6 r |q|, and by
+//! integration d > 3 |q| (1 + s/3) ≥ 2 √3 r |q|, for which the smallest determinant, at a = -|q|, is (E - 6 r |q|) (d -
+//! 2 r |q|) > 0. The denominator of d must be positive, too. s_max is the smallest root of these polynomials in s, and
+//! at most 10⁴ (89.4° from the axis).
 //!
-//! **Unprojection**: damped Newton on (u, v), from the first terms of the inverse series. The Newton direction always
-//! reduces the error as the Jacobian is positive definite; steps that leave the disc or do not reduce
-//! it are halved. Derivatives are those of the implicit function: ∂(x, y)/∂(u, v) = J⁻¹ and
-//! ∂(x, y)/∂k = -J⁻¹ ∂(u, v)/∂k.
+//! **Unprojection**: damped Newton iteration on (u, v), starting from the first terms of the inverse series. The Newton
+//! direction always reduces the error because the Jacobian is positive definite; steps that leave the disc or do not
+//! reduce the error are halved. Derivatives follow from the implicit function theorem: ∂(x, y)/∂(u, v) = J⁻¹ and ∂(x,
+//! y)/∂k = -J⁻¹ ∂(u, v)/∂k.
 //!
 //! Source: D. C. Brown, "Close-range camera calibration" (1971); OpenCV documentation of `calib3d`,
 //! section "Camera Calibration and 3D Reconstruction". The domain is derived above.
@@ -46,10 +45,10 @@ pub type Radtan5<T> = Radtan<T, 5>;
 /// Rational radial and tangential distortion with k1 k2 p1 p2 k3 k4 k5 k6.
 pub type Radtan8<T> = Radtan<T, 8>;
 
-/// Points that one unprojection may try.
+/// Largest number of points tried in one unprojection.
 const MAX_TRIALS: usize = 256;
 
-/// Largest x² + y² of any domain.
+/// Largest x² + y² in any domain.
 const SQUARED_RADIUS_CAP: f64 = 1e4;
 
 /// Radial and tangential distortion with the first `N` of k1 k2 p1 p2 k3 k4 k5 k6; `N` is 4, 5 or 8.
@@ -58,25 +57,25 @@ pub struct Radtan<T, const N: usize> {
     matrix: CameraMatrix<T>,
     /// k1 k2 p1 p2 k3 k4 k5 k6; 0 from the `N`-th on.
     coefficients: [T; MAX_COEFFICIENTS],
-    /// First coefficients of the series 1 + b1 s + b2 s² that roughly inverts d, with s of (u, v).
+    /// First coefficients of the series 1 + b1 s + b2 s² that roughly inverts d, where s = u² + v².
     start: [T; 2],
-    /// s_max of the module's documentation.
+    /// s_max of the module documentation.
     squared_radius_limit: T,
-    /// u² + v² of the domain's points is below this.
+    /// Upper bound of u² + v² in the domain.
     squared_image_limit: T,
 }
 
-/// A number of coefficients.
+/// A number of distortion coefficients.
 #[derive(Clone, Copy, Debug)]
 pub struct Coefficients<const N: usize>;
 
-/// The numbers of coefficients of which there is a model: other instances of [`Radtan`] are no camera.
+/// The numbers of coefficients that define a model; other instances of [`Radtan`] are not cameras.
 pub trait Named {
     /// Name of the model.
     const MODEL: &'static str;
-    /// Names of its parameters.
+    /// Names of the parameters.
     const PARAMETERS: &'static [&'static str];
-    /// What each coefficient does.
+    /// Effect of each coefficient.
     const EFFECTS: &'static [CoefficientEffect];
 }
 
@@ -109,7 +108,7 @@ pub(super) struct RadialFactor<T> {
     inverse_denominator: T,
 }
 
-/// The distorted image point and its symmetric Jacobian by (x, y).
+/// The distorted image point and its symmetric Jacobian with respect to (x, y).
 pub(super) struct Distorted<T> {
     pub(super) image: Vector2<T>,
     u_x: T,
@@ -126,12 +125,12 @@ impl<T: RealField + Copy> Distorted<T> {
         self.u_x + self.v_y
     }
 
-    /// J, the Jacobian by (x, y).
+    /// Returns J, the Jacobian with respect to (x, y).
     pub(super) fn by_ideal(&self) -> Matrix2<T> {
         Matrix2::new(self.u_x, self.u_y, self.u_y, self.v_y)
     }
 
-    /// J⁻¹ times a vector.
+    /// Returns J⁻¹ times a vector.
     #[inline]
     pub(super) fn solve(&self, right: &Vector2<T>) -> Vector2<T> {
         let inverse_determinant = T::one() / self.determinant();
@@ -142,12 +141,12 @@ impl<T: RealField + Copy> Distorted<T> {
     }
 }
 
-/// Where Newton's iteration stands.
+/// State of the Newton iteration.
 struct Iterate<T> {
     ideal: Vector2<T>,
     squared_error: T,
     step: Vector2<T>,
-    /// Whether `ideal + step` is as good as `T` allows.
+    /// `true` if `ideal + step` is as accurate as `T` allows.
     converged: bool,
 }
 
@@ -162,28 +161,28 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
         let limit = domain(coefficients);
         let unlimited =
             Self { matrix, coefficients, start, squared_radius_limit: limit, squared_image_limit: T::zero() };
-        // Radial distortion rises up to the edge; tangential distortion is at most 3 |q| s long.
+        // Radial distortion increases up to the edge of the disc; tangential distortion is at most 3 |q| s long.
         let image_limit = limit.sqrt() * unlimited.radial_factor(limit).factor + three * p1.hypot(p2) * limit;
         Self { squared_image_limit: image_limit * image_limit, ..unlimited }
     }
 
-    /// The same camera without its tangential distortion.
+    /// Returns the same camera without tangential distortion.
     pub(super) fn radial_part(&self) -> Self {
         let [k1, k2, _, _, k3, k4, k5, k6] = self.coefficients;
         Self::new(self.matrix, [k1, k2, T::zero(), T::zero(), k3, k4, k5, k6])
     }
 
-    /// k1 k2 p1 p2 k3 k4 k5 k6; absent ones are 0.
+    /// Returns k1 k2 p1 p2 k3 k4 k5 k6; absent coefficients are 0.
     pub(super) fn coefficients(&self) -> [T; MAX_COEFFICIENTS] {
         self.coefficients
     }
 
-    /// The camera matrix.
+    /// Returns the camera matrix.
     pub(super) fn matrix(&self) -> &CameraMatrix<T> {
         &self.matrix
     }
 
-    /// d and its slope for a squared radius.
+    /// Returns d and its slope at a squared radius.
     #[inline]
     pub(super) fn radial_factor(&self, square: T) -> RadialFactor<T> {
         let [k1, k2, _, _, k3, k4, k5, k6] = self.coefficients;
@@ -202,7 +201,7 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
         RadialFactor { factor, slope, inverse_denominator }
     }
 
-    /// The distorted image point of (x, y), whose radial factor is `radial`.
+    /// Returns the distorted image point of (x, y), whose radial factor is `radial`.
     #[inline]
     pub(super) fn distort(&self, ideal: &Vector2<T>, radial: &RadialFactor<T>) -> Distorted<T> {
         let [_, _, p1, p2, ..] = self.coefficients;
@@ -220,7 +219,7 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
         }
     }
 
-    /// Derivatives of (u, v) by the `N` coefficients.
+    /// Returns the derivatives of (u, v) with respect to the `N` coefficients.
     #[inline]
     pub(super) fn by_coefficients(ideal: &Vector2<T>, radial: &RadialFactor<T>) -> impl Iterator<Item = Vector2<T>> {
         let (x, y) = (ideal.x, ideal.y);
@@ -243,29 +242,29 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
         .take(N)
     }
 
-    /// (x, y) of a point and 1 / Z, if the point is in the domain.
+    /// Returns (x, y) of a point and 1 / Z, if the point is in the domain.
     fn ideal(&self, point: &Vector3<T>) -> Option<(Vector2<T>, T)> {
         let inverse_depth = T::one() / point.z;
         let ideal = Vector2::new(point.x * inverse_depth, point.y * inverse_depth);
         (point.z > T::zero() && self.contains(&ideal)).then_some((ideal, inverse_depth))
     }
 
-    /// Whether (x, y) is in the domain.
+    /// Returns `true` if (x, y) is in the domain.
     #[inline]
     pub(super) fn contains(&self, ideal: &Vector2<T>) -> bool {
         ideal.norm_squared() < self.squared_radius_limit
     }
 
-    /// The ideal radius that radial distortion moves to `distorted`, and the slope of that motion.
+    /// Returns the ideal radius that radial distortion maps to `distorted`, and the slope of the map there.
     ///
-    /// For cameras without tangential distortion.
+    /// Only for cameras without tangential distortion.
     pub(super) fn undistort_radius(&self, distorted: T) -> Option<(T, T)> {
         let ideal = self.undistort(&Vector2::new(distorted, T::zero()))?;
         let radial = self.radial_factor(ideal.norm_squared());
         Some((ideal.x, self.distort(&ideal, &radial).u_x))
     }
 
-    /// The (x, y) of the domain that is distorted to `image`.
+    /// Returns the (x, y) in the domain that is distorted to `image`.
     pub(super) fn undistort(&self, image: &Vector2<T>) -> Option<Vector2<T>> {
         let size = image.norm_squared();
         let within_reach = size < self.squared_image_limit;
@@ -297,15 +296,14 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
         None
     }
 
-    /// The Newton step from `ideal` towards the point that is distorted to `image`.
+    /// Computes the Newton step from `ideal` towards the point that is distorted to `image`.
     #[inline]
     fn iterate(&self, image: &Vector2<T>, ideal: Vector2<T>) -> Iterate<T> {
         let distorted = self.distort(&ideal, &self.radial_factor(ideal.norm_squared()));
         let error = image - distorted.image;
         let step = distorted.solve(&error);
-        // What remains after a step is about step² |F''| / 2 λ, with λ the smallest eigenvalue of
-        // the Jacobian, at least determinant / trace. Near a fold F'' is of order 1, and where the
-        // image stretches F'' / λ is.
+        // The error after a step is about step² |F''| / 2 λ, with λ the smallest eigenvalue of the Jacobian, at least
+        // determinant / trace. Near a fold F'' is of order 1; where the image is stretched, F'' / λ is of order 1.
         let precision = T::default_epsilon() * nalgebra::convert(0.01);
         let (trace, determinant) = (distorted.trace(), distorted.determinant());
         let converged = step.norm_squared() * trace <= precision * determinant.min(trace);
@@ -313,7 +311,7 @@ impl<T: RealField + Copy, const N: usize> Radtan<T, N> {
     }
 }
 
-/// s_max of the module's documentation; 0 if the model cannot be inverted even at the axis.
+/// Returns s_max of the module documentation; 0 if the model cannot be inverted even at the axis.
 fn domain<T: RealField + Copy>(coefficients: [T; MAX_COEFFICIENTS]) -> T {
     let [k1, k2, p1, p2, k3, k4, k5, k6] = coefficients;
     let (zero, one) = (T::zero(), T::one());

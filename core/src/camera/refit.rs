@@ -1,14 +1,14 @@
-//! The camera of one model that comes nearest to a camera of another.
+//! Fits the camera of one model to a camera of another model.
 //!
-//! Target formats hold only some models, and a solve of one model may start from the result of
-//! another. Truncating or renaming coefficients is wrong; [`refit`] fits all parameters of the new
-//! model to the old camera over the whole sensor, and [`difference`] says what that costs.
+//! Output formats support only some models, and a solve with one model may start from the result of another. Truncating
+//! or renaming coefficients would be wrong; [`refit`] fits all parameters of the new model to the old camera over the
+//! whole sensor, and [`difference`] measures the remaining error.
 //!
-//! Both compare on a grid of 33 × 33 pixels that spans the sensor, corners included: a pixel is
-//! unprojected by the old camera and projected by the new one. No rotation is taken out, so that
-//! poses estimated with the old camera stay valid.
+//! Both compare on a grid of 33 × 33 pixels that spans the sensor, corners included: a pixel is unprojected by the old
+//! camera and projected by the new one. No rotation is removed, so that poses estimated with the old camera remain
+//! valid.
 //!
-//! The fit is Levenberg's and Marquardt's, with columns scaled to unit length.
+//! The fit uses the Levenberg-Marquardt method, with columns scaled to unit length.
 
 use nalgebra::{RealField, SMatrix, SVector, Vector2};
 
@@ -18,10 +18,10 @@ use crate::sensor::Sensor;
 /// Columns and rows of the grid of pixels.
 const GRID: u16 = 33;
 
-/// Steps a fit may take, refused ones included.
+/// Largest number of steps of a fit, including rejected ones.
 const MAX_STEPS: usize = 300;
 
-/// How far two cameras are apart on a sensor.
+/// Distance between two cameras on a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Difference<T> {
     /// Root mean square distance, in pixels.
@@ -39,7 +39,7 @@ pub fn difference<T: RealField + Copy>(reference: &Camera<T>, other: &Camera<T>,
     difference_where(reference, other, sensor, |_| true)
 }
 
-/// As [`difference`], on the pixels that are `inside`.
+/// Compares two cameras like [`difference`], on the pixels that are `inside`.
 pub fn difference_where<T: RealField + Copy>(
     reference: &Camera<T>,
     other: &Camera<T>,
@@ -64,18 +64,17 @@ pub fn difference_where<T: RealField + Copy>(
     Difference { root_mean_square: mean.sqrt(), largest: largest.sqrt(), compared, outside }
 }
 
-/// The camera of model `kind` nearest to `reference` on `sensor`.
+/// Returns the camera of model `kind` nearest to `reference` on `sensor`.
 ///
-/// Minimises the sum of squared [`difference`]s over all parameters. Pixels that `reference` does
-/// not define, or that the camera of the new model from which the fit starts cannot see (more than 89°
-/// off the axis for pinhole models), do not count. `None` if fewer than half of the grid's pixels
-/// remain.
+/// Minimises the sum of squared [`difference`]s over all parameters. Pixels are ignored if `reference` does not define
+/// them, or if the start camera of the new model cannot see them (more than 89° off the axis for pinhole models).
+/// Returns `None` if fewer than half of the grid's pixels remain.
 pub fn refit<T: RealField + Copy>(kind: ModelKind, reference: &Camera<T>, sensor: Sensor) -> Option<Camera<T>> {
     refit_where(kind, reference, sensor, |_| true)
 }
 
-/// As [`refit`], on the pixels that are `inside`: beyond the region that a calibration saw, a
-/// polynomial goes anywhere, and should not count. `None` if fewer than half of these pixels remain.
+/// Fits like [`refit`], on the pixels that are `inside`: beyond the region covered by a calibration, a polynomial is
+/// arbitrary and should not count. Returns `None` if fewer than half of these pixels remain.
 pub fn refit_where<T: RealField + Copy>(
     kind: ModelKind,
     reference: &Camera<T>,
@@ -94,8 +93,8 @@ pub fn refit_where<T: RealField + Copy>(
     Some(best?.0)
 }
 
-/// The cameras of model `kind` that are nearest to `reference` on `sensor` on each side of the model: one for each of its
-/// [`fit_starts`](super::expectation::Expectation::fit_starts) that leads to one.
+/// Returns the cameras of model `kind` nearest to `reference` on `sensor`, one per local minimum: one for each of the
+/// model's [`fit_starts`](super::expectation::Expectation::fit_starts) that leads to a camera.
 pub fn refits<T: RealField + Copy>(
     kind: ModelKind,
     reference: &Camera<T>,
@@ -104,7 +103,7 @@ pub fn refits<T: RealField + Copy>(
     fits(kind, reference, sensor, &|_: &Vector2<T>| true).map(|(camera, _)| camera)
 }
 
-/// A fit from each start of model `kind`.
+/// Returns a fit from each start of model `kind`.
 fn fits<T: RealField + Copy, F: Fn(&Vector2<T>) -> bool>(
     kind: ModelKind,
     reference: &Camera<T>,
@@ -117,7 +116,7 @@ fn fits<T: RealField + Copy, F: Fn(&Vector2<T>) -> bool>(
     })
 }
 
-/// Moves `parameters` of model `kind` to where the camera is nearest to `reference` on `pixels`.
+/// Moves `parameters` of model `kind` to the camera nearest to `reference` on `pixels`.
 fn fit<T: RealField + Copy, I: Iterator<Item = Vector2<T>>>(
     kind: ModelKind,
     reference: &Camera<T>,
@@ -160,8 +159,8 @@ fn fit<T: RealField + Copy, I: Iterator<Item = Vector2<T>>>(
     Some((camera, equations))
 }
 
-/// Parameters of model `kind` with the principal point of `reference`, its focal lengths on the axis
-/// and these first coefficients.
+/// Returns parameters of model `kind` with the principal point of `reference`, its focal lengths on the axis and these
+/// first coefficients.
 fn start<T: RealField + Copy>(
     kind: ModelKind,
     reference: &Camera<T>,
@@ -185,7 +184,7 @@ fn start<T: RealField + Copy>(
     Some(parameters)
 }
 
-/// Pixels that span the sensor.
+/// Returns pixels that span the sensor.
 fn grid<T: RealField + Copy>(sensor: Sensor) -> impl Iterator<Item = Vector2<T>> {
     let coordinate = |index: u16, size: u16| {
         let part = f64::from(index) / f64::from(GRID - 1);
@@ -196,7 +195,7 @@ fn grid<T: RealField + Copy>(sensor: Sensor) -> impl Iterator<Item = Vector2<T>>
     })
 }
 
-/// Gauss and Newton's equations of a fit; rows and columns of absent parameters are zero.
+/// Gauss-Newton equations of a fit; rows and columns of absent parameters are zero.
 struct NormalEquations<T> {
     matrix: SMatrix<T, MAX_PARAMETERS, MAX_PARAMETERS>,
     right: SVector<T, MAX_PARAMETERS>,
@@ -224,7 +223,7 @@ fn normal_equations<T: RealField + Copy>(
 }
 
 impl<T: RealField + Copy> NormalEquations<T> {
-    /// The step for this damping, relative to columns of unit length.
+    /// Returns the step for this damping, relative to columns of unit length.
     fn step(&self, damping: T) -> Option<SVector<T, MAX_PARAMETERS>> {
         let scale =
             self.matrix.diagonal().map(|value| if value > T::zero() { T::one() / value.sqrt() } else { T::zero() });
@@ -252,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_of_the_same_model_is_found_again() {
+    fn a_camera_of_the_same_model_is_recovered() {
         for reference in [
             camera(ModelKind::Radtan4, &[-0.3, 0.1, 0.001, -0.0005]),
             camera(ModelKind::Radtan, &[-0.25, 0.1, 0.001, -0.0005, 0.05]),
@@ -282,13 +281,13 @@ mod tests {
     }
 
     #[test]
-    fn every_model_comes_near_a_mild_lens() {
+    fn every_model_approximates_a_mild_lens() {
         let reference = camera(ModelKind::Radtan4, &[-0.2, 0.05, 0.0, 0.0]);
         for &kind in ModelKind::ALL {
             let found = refit(kind, &reference, SENSOR).unwrap();
             assert_eq!(found.kind(), kind);
             let apart = difference(&reference, &found, SENSOR);
-            // One or two coefficients have little say in the shape of the distortion.
+            // Models with one or two coefficients have little freedom in the shape of the distortion.
             let near = match kind {
                 ModelKind::Ucm | ModelKind::Fov | ModelKind::DoubleSphere => 0.5,
                 ModelKind::Eucm => 0.05,
@@ -298,9 +297,9 @@ mod tests {
         }
     }
 
-    /// A polynomial that turns round in the corners, where nothing was seen.
+    /// A polynomial that folds back in the corners, which were not seen.
     #[test]
-    fn what_was_not_seen_does_not_spoil_the_fit() {
+    fn unseen_corners_do_not_distort_the_fit() {
         let reference = camera(ModelKind::InverseRadial, &[0.3, 0.1, 0.1, 2.0, -6.0]);
         let seen = |pixel: &Vector2<f64>| (pixel - Vector2::new(171.3, 127.8)).norm() < 150.0;
         let inside = |camera: &Camera<f64>| difference_where(&reference, camera, SENSOR, seen);
@@ -313,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fisheye_that_sees_behind_the_image_plane_has_no_pinhole_twin() {
+    fn a_fisheye_that_sees_behind_the_image_plane_has_no_pinhole_equivalent() {
         let parameters = [60.0, 60.0, 172.5, 129.5, 0.0, 0.0, 0.0, 0.0];
         let fisheye: Camera<f64> = Camera::from_parameters(ModelKind::KannalaBrandt, &parameters).unwrap();
         assert_eq!(refit(ModelKind::Radtan4, &fisheye, SENSOR), None);

@@ -1,4 +1,4 @@
-//! One battery of tests for every model in [`ModelKind::ALL`].
+//! One set of tests for every model in [`ModelKind::ALL`].
 
 use nalgebra::{SMatrix, Vector2, Vector3};
 use proptest::prelude::*;
@@ -38,13 +38,13 @@ fn distortions(kind: ModelKind) -> &'static [&'static [f64]] {
     }
 }
 
-/// Lenses that may see behind the plane Z = 0.
+/// Returns `true` for models of lenses that may see behind the plane Z = 0.
 fn is_wide(kind: ModelKind) -> bool {
     use ModelKind::{DoubleSphere, Eucm, Fov, KannalaBrandt, Omni, Ucm};
     matches!(kind, KannalaBrandt | Ucm | Eucm | DoubleSphere | Fov | Omni)
 }
 
-/// Focal length on the axis over fx.
+/// Returns the focal length on the axis divided by fx.
 fn axial_magnification(kind: ModelKind, coefficients: &[f64]) -> f64 {
     match kind {
         ModelKind::DoubleSphere | ModelKind::Omni => 1.0 / (1.0 + coefficients[0]),
@@ -54,7 +54,7 @@ fn axial_magnification(kind: ModelKind, coefficients: &[f64]) -> f64 {
 }
 
 fn parameter_sets(kind: ModelKind) -> impl Iterator<Item = Vec<f64>> {
-    // Fisheye lenses are short: 110 px make the corners of the sensor look 100° off the axis.
+    // Fisheye lenses have a short focal length: with 110 px the corners of the sensor are 100° off the axis.
     let focal = if kind == ModelKind::KannalaBrandt { 110.0 } else { 345.0 };
     distortions(kind).iter().map(move |coefficients| {
         let focal = focal / axial_magnification(kind, coefficients);
@@ -81,7 +81,7 @@ fn sensor() -> impl Iterator<Item = Vector2<f64>> {
     })
 }
 
-/// Columns of central differences of `function` around `at`.
+/// Returns the columns of central differences of `function` around `at`.
 fn differences<const M: usize>(
     at: &[f64],
     step: impl Fn(usize) -> f64,
@@ -129,7 +129,7 @@ fn names_and_parameters_are_consistent() {
 }
 
 #[test]
-fn unusable_parameters_are_refused() {
+fn unusable_parameters_are_rejected() {
     for &kind in ModelKind::ALL {
         for parameters in parameter_sets(kind) {
             let refused = |parameters: &[f64]| Camera::from_parameters(kind, parameters).is_none();
@@ -155,7 +155,7 @@ fn unusable_parameters_are_refused() {
 }
 
 #[test]
-fn pixels_of_the_sensor_make_the_round_trip() {
+fn pixels_of_the_sensor_survive_the_round_trip() {
     for camera in cameras() {
         let mut inside = 0;
         for pixel in sensor() {
@@ -196,17 +196,17 @@ fn single_precision_agrees_with_double() {
     }
 }
 
-/// Compares all derivatives at a pixel with central differences; whether there was something to compare.
+/// Compares all derivatives at a pixel with central differences; returns `false` if there was nothing to compare.
 fn check_jacobians(camera: &Camera<f64>, pixel: &Vector2<f64>) -> bool {
     let kind = camera.kind();
     let parameters = camera.parameters();
     let Some(unprojection) = camera.unproject_with_jacobians(pixel) else { return false };
-    // Close to a fold the inverse is too curved for differences.
+    // Close to a fold the inverse is too strongly curved for differences.
     if unprojection.by_pixel.norm() * parameters[0] > 10.0 {
         return false;
     }
     assert_eq!(camera.unproject(pixel), Some(unprojection.bearing));
-    // Steps that move a bearing by at most a millionth of a radian, a pixel by at most 10⁻⁵.
+    // Steps that move a bearing by at most a millionth of a radian, or a pixel by at most 10⁻⁵.
     let bearing_step = |index| 1e-6 / (1.0 + unprojection.by_parameters.column(index).norm());
     let by_pixel = differences(pixel.as_slice(), |_| 1e-5, |at| camera.unproject(&Vector2::new(at[0], at[1])));
     let by_parameters =
@@ -274,7 +274,7 @@ fn the_optical_axis_is_regular() {
 }
 
 #[test]
-fn what_is_not_a_number_has_no_image() {
+fn nan_and_infinity_have_no_image() {
     for camera in cameras() {
         for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             for index in 0..2 {
@@ -305,9 +305,9 @@ fn points_behind_the_camera_have_no_image_in_pinhole_models() {
     }
 }
 
-/// Walks outwards: pixels must move away from the centre until the domain ends for good.
+/// Moves outwards: pixels must move away from the centre until the domain ends, and no pixel may follow.
 #[test]
-fn there_is_one_branch_and_then_nothing() {
+fn the_domain_is_one_branch() {
     for camera in cameras() {
         let centre = Vector2::new(camera.parameters()[2], camera.parameters()[3]);
         for azimuth in (0..16).map(|index| f64::from(index) * 0.39) {
@@ -326,7 +326,7 @@ fn there_is_one_branch_and_then_nothing() {
                     None => ended = true,
                 }
             }
-            // Far outside there is no pixel, or one of a bearing that projects back to it.
+            // Far outside there is no pixel, or the pixel of a bearing that projects back to it.
             for distance in [1.001, 1.01, 1.5, 10.0, 1e6] {
                 let pixel = centre + Vector2::new(azimuth.cos(), azimuth.sin()) * farthest * distance;
                 if let Some(bearing) = camera.unproject(&pixel) {
@@ -353,7 +353,7 @@ fn fisheye_sees_behind_the_image_plane() {
     assert_eq!(camera.unproject(&Vector2::new(170.0 + 100.0 * 3.15, 127.0)), None);
 }
 
-/// Newton's method alone steps to and fro between two angles here.
+/// Newton's method alone oscillates between two angles here.
 #[test]
 fn a_fisheye_with_an_inflection_is_inverted() {
     let coefficients =
@@ -369,7 +369,7 @@ fn a_fisheye_with_an_inflection_is_inverted() {
     }
 }
 
-/// k1 < 0 alone folds where 1 + 3 k1 s = 0.
+/// With k1 < 0 alone, the model folds at 1 + 3 k1 s = 0.
 #[test]
 fn barrel_distortion_ends_at_its_fold() {
     let k1 = -0.3_f64;
@@ -409,7 +409,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 2000, ..ProptestConfig::default() })]
 
     #[test]
-    fn any_point_of_the_domain_is_found_again(
+    fn any_point_of_the_domain_is_recovered(
         camera in any_camera(),
         azimuth in 0.0..std::f64::consts::TAU,
         angle in 0.0..3.0_f64,
@@ -418,7 +418,7 @@ proptest! {
         let (sine, cosine) = angle.sin_cos();
         let bearing = Vector3::new(azimuth.cos() * sine, azimuth.sin() * sine, cosine);
         let Some(projection) = camera.project_with_jacobians(&(bearing * distance)) else { return Ok(()) };
-        // Pixels per radian, in the direction that moves least.
+        // Pixels per radian, in the direction with the least motion.
         let resolution = (projection.by_point * distance).singular_values().min();
         match camera.unproject(&projection.pixel) {
             Some(found) => {
@@ -434,7 +434,7 @@ proptest! {
         let pixel = Vector2::new(x, y);
         if let Some(bearing) = camera.unproject(&pixel) {
             let again = camera.project_with_jacobians(&bearing).unwrap();
-            // A few roundings of the bearing, seen as pixels.
+            // A few roundings of the bearing, converted to pixels.
             let tolerance = 1e-14 * (again.by_point.norm() + pixel.norm());
             prop_assert!((again.pixel - pixel).norm() < tolerance, "{camera:?} {pixel} {again:?}");
         }

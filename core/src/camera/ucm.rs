@@ -1,7 +1,7 @@
 //! The unified camera model with one coefficient: a sphere seen from a point on the axis.
 //!
-//! **Parameters**: fx fy cx cy alpha. Ordinary lenses have an alpha from 0 (pinhole) to 1
-//! (orthographic); any other is defined too.
+//! **Parameters**: fx fy cx cy alpha. Ordinary lenses have an alpha from 0 (pinhole) to 1 (orthographic); other values
+//! are defined too.
 //!
 //! **Projection** of (X, Y, Z):
 //! ```text
@@ -9,12 +9,11 @@
 //! u = X / q               pixel x = fx u + cx
 //! v = Y / q               pixel y = fy v + cy
 //! ```
-//! **Jacobian**: that of module `denominator`, with q_s = α / 2 d, q_Z = α Z / d + 1 - α,
-//! q_α = d - Z.
+//! **Jacobian**: see module `denominator`, with q_s = α / 2 d, q_Z = α Z / d + 1 - α, q_α = d - Z.
 //!
-//! **Domain**: q > 0 and q_Z > 0, which is Z > -w d with w = α / (1 - α) up to α = ½ and
-//! (1 - α) / α beyond. Points behind the plane Z = 0 are in it for 0 < α < 1. Images reach to
-//! the cap of module `denominator` up to α = ½, beyond to u² + v² < 1 / (2 α - 1).
+//! **Domain**: q > 0 and q_Z > 0, which is Z > -w d with w = α / (1 - α) for α ≤ ½ and (1 - α) / α for α > ½. Points
+//! behind the plane Z = 0 belong to it for 0 < α < 1. The image extends to the limit of module `denominator` for α ≤ ½,
+//! and to u² + v² < 1 / (2 α - 1) for α > ½.
 //!
 //! **Unprojection** in closed form: with ρ² = u² + v² and S = √(1 + (1 - 2 α) ρ²)
 //! ```text
@@ -23,10 +22,10 @@
 //! (the usual form, (u, v, (1 - α² ρ²) / (α S + 1 - α)) normalised, is 0/0 on a circle when α is not
 //! between 0 and 1).
 //!
-//! Source: C. Geyer and K. Daniilidis, "A unifying theory for central panoramic systems", ECCV 2000;
-//! V. Usenko, N. Demmel and D. Cremers, "The double sphere camera model", 3DV 2018, section 2.2, for
-//! this parametrisation. The bearing is derived from the triangle of the sphere's centre, the point
-//! and the place on the axis.
+//! Source: C. Geyer and K. Daniilidis, "A unifying theory for central panoramic systems", ECCV 2000; V. Usenko, N.
+//! Demmel and D. Cremers, "The double sphere camera model", 3DV 2018, section 2.2, for this parametrisation. The
+//! bearing is derived from the triangle of the sphere's centre, the point on the sphere and the projection centre on
+//! the axis.
 
 use nalgebra::{RealField, Vector2, Vector3};
 
@@ -42,17 +41,16 @@ pub struct Ucm<T> {
     alpha: T,
 }
 
-/// The image point and the rest of a bearing: `bearing ∝ (factor u, factor v, depth)`.
+/// Conversion of an image point to a bearing: `bearing ∝ (factor u, factor v, depth)`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lifted<T> {
-    /// Bearing over image point.
+    /// Ratio of bearing to image point.
     pub factor: T,
     /// z of the bearing.
     pub depth: T,
 }
 
-/// The bearing of image points with the squared radius `square`, of length 1; `None` beyond the
-/// largest image.
+/// Returns the bearing, of length 1, of image points with the squared radius `square`; `None` beyond the largest image.
 pub(super) fn lift<T: RealField + Copy>(alpha: T, square: T) -> Option<Lifted<T>> {
     let one = T::one();
     let rest = one - alpha;
@@ -81,7 +79,7 @@ impl<T: RealField + Copy> Ucm<T> {
         denominator.in_domain(across)
     }
 
-    /// The bearing of an image point and the denominator there.
+    /// Returns the bearing of an image point and the denominator there.
     fn bearing(&self, image: &Vector2<T>) -> Option<(Vector3<T>, Denominator<T, 1>)> {
         let Lifted { factor, depth } = lift(self.alpha, image.norm_squared())?;
         let bearing = Vector3::new(image.x * factor, image.y * factor, depth);

@@ -1,4 +1,4 @@
-//! Pairs of clusters to circle candidates.
+//! Forms circle candidates from pairs of clusters.
 
 use super::fit::{Circle, fit_circle, total_deviation, toward_center};
 use super::{CircleCandidate, CircleSettings, Extraction, MAX_NEIGHBOURS};
@@ -6,18 +6,18 @@ use crate::cluster::{CentralMoments, Cluster, PixelRun};
 use heapless::Vec;
 use nalgebra::RealField;
 
-/// How many pairs were looked at, and why the rest fell away.
+/// Number of pairs tried, of pairs rejected by reason, and of circles found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CircleCounts {
     /// Clusters too wide or high for the arc of a dot.
     pub clusters_too_large: u32,
-    /// Clusters near enough for a pair of which one is curved away from the other.
+    /// Clusters close enough to form a pair, where one of the two curves away from the other.
     pub back_to_back: u32,
     /// Pairs tried.
     pub pairs: u32,
     /// Pairs with a radius out of bounds, or whose pixels lie on a line.
     pub radius_out_of_bounds: u32,
-    /// Pairs of which one arc has too few pixels for the radius.
+    /// Pairs in which one arc has too few pixels for the radius.
     pub arc_too_short: u32,
     /// Pairs whose fitted radius disagrees with the distance of their centres.
     pub radius_against_distance: u32,
@@ -25,15 +25,15 @@ pub struct CircleCounts {
     pub center_against_midpoint: u32,
     /// Pairs whose pixels lie too far from the circle.
     pub error_too_large: u32,
-    /// Pairs lost because there was no room for another one that passed the tests.
+    /// Pairs that passed the tests but were dropped because the storage was full.
     pub pairs_over_capacity: u32,
-    /// Pairs that passed the tests but are not each other's best.
+    /// Pairs that passed the tests but are not each other's best partner.
     pub not_mutual: u32,
     /// Circles found.
     pub circles: u32,
 }
 
-/// Why a pair is no circle.
+/// Reason to reject a pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Rejection {
     Arc,
@@ -43,9 +43,9 @@ enum Rejection {
     Error,
 }
 
-/// Finds the circles among `on` and `off` clusters; `runs` gives the pixels of a cluster.
+/// Finds the circles among `on` and `off` clusters; `runs` returns the pixels of a cluster.
 ///
-/// Replaces what was in `circles`. They come in the order of their ON clusters.
+/// Replaces the content of `circles`. The circles are in the order of their ON clusters.
 pub fn extract<T: RealField + Copy, R: Iterator<Item = PixelRun>, const CLUSTERS: usize>(
     on: &[Cluster<T>],
     off: &[Cluster<T>],
@@ -98,16 +98,17 @@ pub fn extract<T: RealField + Copy, R: Iterator<Item = PixelRun>, const CLUSTERS
     counts
 }
 
-/// The arc of a dot is no wider or higher than the dot.
+/// Returns `true` if the cluster is small enough for the arc of a dot.
 fn may_be_arc<T: RealField + Copy>(cluster: &Cluster<T>, settings: &CircleSettings) -> bool {
     let [width, height] = cluster.extent();
     let diameter: T = from_f32(2.0 * settings.max_radius);
     T::from_u16(width.max(height)).is_some_and(|extent| extent <= diameter)
 }
 
-/// The nearest clusters of the other polarity that may be the other side of a dot: squared distance, index.
+/// Returns the nearest clusters of the other polarity that may be the other side of a dot, as (squared distance,
+/// index).
 ///
-/// Adds to `back_to_back` those that were near enough but face away.
+/// Adds to `back_to_back` the clusters that are close enough but face away.
 fn nearest_facing<T: RealField + Copy>(
     cluster: &Cluster<T>,
     others: &[Cluster<T>],
@@ -128,7 +129,7 @@ fn nearest_facing<T: RealField + Copy>(
             if found.len() == limit {
                 found.pop();
             }
-            // In its place by distance, behind equal ones; those further away move up by one.
+            // Insert in order of distance, after equal distances; further entries move up by one.
             let mut moving = (distance_squared, index);
             let mut passed = false;
             for place in &mut found {
@@ -146,7 +147,7 @@ fn nearest_facing<T: RealField + Copy>(
     found
 }
 
-/// True if the arc `cluster` is curved around `other`: their dot lies between them.
+/// Returns `true` if the arc `cluster` is curved around `other`, so that their dot lies between them.
 fn faces<T: RealField + Copy>(cluster: &Cluster<T>, other: &Cluster<T>, settings: &CircleSettings) -> bool {
     let inward = toward_center(&cluster.moments);
     let across = other.center - cluster.center;
@@ -155,7 +156,7 @@ fn faces<T: RealField + Copy>(cluster: &Cluster<T>, other: &Cluster<T>, settings
     along > T::zero() && along * along >= min_facing * min_facing * inward.norm_squared() * across.norm_squared()
 }
 
-/// The circle fitted to a pair and its mean deviation, if it passes the tests.
+/// Returns the circle fitted to a pair and its mean deviation, if it passes the tests.
 fn hard<T: RealField + Copy, R: Iterator<Item = PixelRun>>(
     on: &Cluster<T>,
     off: &Cluster<T>,
@@ -182,7 +183,7 @@ fn hard<T: RealField + Copy, R: Iterator<Item = PixelRun>>(
     Ok((circle, error))
 }
 
-/// The circle over the line between a pair and its mean deviation, if it passes the tests.
+/// Returns the circle whose diameter is the line between the pair, and its mean deviation, if it passes the tests.
 fn soft<T: RealField + Copy, R: Iterator<Item = PixelRun>>(
     on: &Cluster<T>,
     off: &Cluster<T>,
@@ -198,16 +199,16 @@ fn soft<T: RealField + Copy, R: Iterator<Item = PixelRun>>(
     Ok((circle, error))
 }
 
-/// The circle whose diameter is the line between the tops of two arcs.
+/// Returns the circle whose diameter is the line between the outermost points of two arcs.
 ///
-/// The mean of an arc of half-angle α lies at r sin α / α from the centre, not on the circle. With the
-/// variance v of its pixels across the line, r is d + v / (2 d) for a mean at d, to 1 % up to
-/// α = 75° and 3 % for a half circle.
+/// The mean of an arc of half-angle α lies at r sin α / α from the centre, not on the circle. With d the distance of
+/// the mean from the centre and v the variance of the pixels across the line, r ≈ d + v / (2 d), to 1 % up to α = 75°
+/// and to 3 % for a half circle.
 fn circle_between<T: RealField + Copy>(on: &Cluster<T>, off: &Cluster<T>) -> Circle<T> {
     let half: T = nalgebra::convert(0.5);
     let line = off.center - on.center;
     let distance_squared = line.norm_squared();
-    // In units of the line: v / (2 d) for d half the line.
+    // In units of the line's length: v / (2 d), where d is half the line.
     let rise = |cluster: &Cluster<T>| {
         let CentralMoments { n, uu, uv, vv, .. } = cluster.moments;
         let across = uu * line.y * line.y - (uv + uv) * line.x * line.y + vv * line.x * line.x;
@@ -237,11 +238,11 @@ fn test_size<T: RealField + Copy>(
     Ok(())
 }
 
-/// Keeps the pairs that are the best of both their clusters; of equals the earlier counts.
+/// Keeps the pairs that are the best for both of their clusters; of equal pairs the earlier one wins.
 ///
-/// Hard: the least area between pixels and circle (error × radius) for the length of the shorter arc.
-/// The error relative to the radius, as in the paper, lets a large circle through the arcs of two
-/// dots win. Soft: the least distance.
+/// Hard: the best pair has the least area between pixels and circle (error × radius) relative to the length of the
+/// shorter arc. The criterion of the paper, the error relative to the radius, would prefer a large circle through the
+/// arcs of two dots. Soft: the best pair has the least distance.
 fn keep_mutual<T: RealField + Copy, const CLUSTERS: usize>(
     extraction: Extraction,
     circles: &mut Vec<CircleCandidate<T>, CLUSTERS>,

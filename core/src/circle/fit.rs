@@ -12,15 +12,15 @@ pub struct Circle<T> {
     pub radius: T,
 }
 
-/// The circle that minimises Σ(‖p − c‖² − r²)² over the pixels of `moments`.
+/// Returns the circle that minimises Σ(‖p − c‖² − r²)² over the pixels of `moments`.
 ///
-/// In coordinates centred on the mean the problem falls apart: a 2×2 system for the centre, and the
-/// radius from the mean square. `None` if the pixels lie on a line (or there are fewer than three).
+/// In coordinates centred on the mean the problem separates into a 2×2 system for the centre, and the radius from the
+/// mean square. Returns `None` if the pixels lie on a line or there are fewer than three.
 pub fn fit_circle<T: RealField + Copy>(moments: &CentralMoments<T>) -> Option<Circle<T>> {
     let CentralMoments { n, mean_x, mean_y, uu, uv, vv, uz, vz } = *moments;
     let determinant = uu * vv - uv * uv;
     let trace = uu + vv;
-    // Smallest over largest eigenvalue of the scatter is about determinant / trace².
+    // The ratio of the smallest to the largest eigenvalue of the scatter is about determinant / trace².
     let smallest = trace * trace * nalgebra::convert(1e-4);
     if determinant <= smallest {
         return None;
@@ -31,17 +31,17 @@ pub fn fit_circle<T: RealField + Copy>(moments: &CentralMoments<T>) -> Option<Ci
     Some(Circle { center: Vector2::new(mean_x, mean_y) + offset, radius })
 }
 
-/// The direction from the mean of the pixels to the centre of the circle through them, of any length.
+/// Returns the direction from the mean of the pixels to the centre of the circle through them, not normalised.
 pub(super) fn toward_center<T: RealField + Copy>(moments: &CentralMoments<T>) -> Vector2<T> {
     let CentralMoments { uu, uv, vv, uz, vz, .. } = *moments;
     Vector2::new(uz * vv - vz * uv, vz * uu - uz * uv)
 }
 
-/// Sum over the pixels of `runs` of their absolute distance from `circle`.
+/// Returns the sum of the absolute distances of the pixels of `runs` from `circle`.
 ///
-/// The distance of a pixel from the centre is taken by two Newton steps from the radius, since a
-/// square root costs a hundred instructions on a microcontroller: at most 0.05 % of the radius too
-/// large between 0.8 and 1.25 radii from the centre, more so further away.
+/// The distance of a pixel from the centre is computed by two Newton steps that start at the radius, because a square
+/// root costs a hundred instructions on a microcontroller. It is at most 0.05 % of the radius too large between 0.8 and
+/// 1.25 radii from the centre, and more further away.
 pub(super) fn total_deviation<T: RealField + Copy>(circle: &Circle<T>, runs: impl Iterator<Item = PixelRun>) -> T {
     let Circle { center, radius } = *circle;
     let half: T = nalgebra::convert(0.5);
@@ -122,7 +122,7 @@ mod tests {
         }
 
         #[test]
-        fn the_direction_to_the_centre_is_that_of_the_arc(
+        fn the_direction_to_the_centre_follows_from_the_arc(
             radius in 4.0..40.0_f64, middle in 0.0..6.3_f64, half_angle in 0.4..1.6_f64,
         ) {
             let circle = Circle { center: Vector2::new(0.0, 0.0), radius };
@@ -143,7 +143,7 @@ mod tests {
                 .iter()
                 .map(|&(px, py)| ((f64::from(px) - x).hypot(f64::from(py) - y) - radius).abs())
                 .sum();
-            // Pixels of small circles may lie further than 0.2 radii off.
+            // Pixels of small circles may lie further than 0.2 radii from the circle.
             prop_assert!((total - exact).abs() < 0.002 * radius * pixels.len() as f64, "{} {}", total, exact);
         }
     }

@@ -11,8 +11,8 @@ const SENSOR: Sensor = Sensor { width: 346, height: 260 };
 
 type Detector346 = Detector<f64, { row_bytes(346) }, { row_count(260) }, 4096, 256>;
 
-/// A dot in the image: an ellipse with half axes `major` and `minor`, turned by `turn`, that moves by
-/// `shift` pixels towards `heading` while the window lasts. Angles in radians.
+/// A dot in the image: an ellipse with half axes `major` and `minor`, rotated by `turn`, that moves by `shift` pixels
+/// towards `heading` during the window. Angles in radians.
 #[derive(Clone, Copy, Debug)]
 struct Dot {
     center: [f64; 2],
@@ -28,7 +28,7 @@ impl Dot {
         Self { center: [x, y], major: radius, minor: radius, turn: 0.0, heading, shift: 1.0 }
     }
 
-    /// Events of the moving edge, without those where it slides along itself.
+    /// Returns the events of the moving edge, without the parts where the edge moves along itself.
     fn events(&self) -> Vec<Event> {
         let mut events = Vec::new();
         let steps = 400;
@@ -57,7 +57,7 @@ impl Dot {
     }
 }
 
-/// Equally distributed events anywhere: xorshift, so that a test is the same every time.
+/// Returns uniformly distributed events, from a xorshift generator so that a test always sees the same ones.
 fn noise(count: usize, mut state: u64) -> Vec<Event> {
     let mut next = || {
         state ^= state << 13;
@@ -81,7 +81,7 @@ fn detect(events: &[Event], extraction: Extraction) -> (Box<Detector346>, Detect
     (detector, detection)
 }
 
-/// Number of dots with a circle whose centre is off by less than `tolerance` pixels.
+/// Returns the number of dots that have a circle whose centre is off by less than `tolerance` pixels.
 fn found(dots: &[Dot], circles: &[CircleCandidate<f64>], tolerance: f64) -> usize {
     dots.iter()
         .filter(|dot| {
@@ -92,7 +92,7 @@ fn found(dots: &[Dot], circles: &[CircleCandidate<f64>], tolerance: f64) -> usiz
         .count()
 }
 
-/// 36 dots of an asymmetric board whose rows are squeezed to `aspect` by a tilt.
+/// Returns 36 dots of an asymmetric board whose rows are compressed to `aspect` by a tilt.
 fn board(radius: f64, aspect: f64, heading: f64) -> Vec<Dot> {
     (0..36)
         .map(|index| {
@@ -111,8 +111,8 @@ fn board(radius: f64, aspect: f64, heading: f64) -> Vec<Dot> {
 }
 
 #[test]
-fn a_dot_gives_its_circle() {
-    // Soft: the mean of an arc of pixels slides along the arc by a part of its length.
+fn a_dot_is_found_as_a_circle() {
+    // Soft: the mean of an arc of pixels is shifted along the arc by a fraction of its length.
     for (extraction, tolerance) in [(Extraction::Hard, 0.01), (Extraction::Soft, 0.03)] {
         for degrees in (0..360).step_by(15) {
             for radius in [4.0, 7.5, 12.0, 25.0] {
@@ -136,7 +136,7 @@ fn a_dot_gives_its_circle() {
 }
 
 #[test]
-fn a_board_gives_its_dots_in_noise() {
+fn the_dots_of_a_board_are_found_in_noise() {
     for (extraction, fewest) in [(Extraction::Hard, 36), (Extraction::Soft, 35)] {
         for degrees in (0..180).step_by(20) {
             let dots = board(8.0, 1.0, f64::from(degrees).to_radians());
@@ -168,7 +168,7 @@ fn dots_seen_as_ellipses_are_found() {
 }
 
 #[test]
-fn arcs_back_to_back_are_no_circle() {
+fn arcs_back_to_back_are_rejected() {
     // The ON side of one dot and the OFF side of the next, without their other halves.
     let left = Dot::round(100.0, 100.0, 8.0, 0.0);
     let right = Dot::round(122.0, 100.0, 8.0, 0.0);
@@ -214,7 +214,7 @@ fn every_pair_is_accounted_for() {
 }
 
 #[test]
-fn each_test_rejects_what_it_is_for() {
+fn each_test_rejects_its_own_kind_of_pair() {
     let dot = Dot::round(150.0, 120.0, 10.0, 0.0);
     let reject = |change: &dyn Fn(&mut CircleSettings), extraction: Extraction| {
         let mut settings = DetectorSettings { extraction, ..DetectorSettings::default() };
@@ -278,7 +278,7 @@ fn single_and_double_precision_agree() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
-    /// Whatever the events and settings: no panic, and circles within their bounds.
+    /// No events and no settings cause a panic, and all circles are within their bounds.
     #[test]
     fn any_input_gives_circles_within_bounds(
         seed in 1_u64..u64::MAX,

@@ -2,18 +2,18 @@
 
 use crate::sensor::Sensor;
 
-/// Columns that stay empty at the right of every row, so that a neighbourhood never reaches into the
-/// pixels of the next row. Bounds the half-width of a neighbourhood.
+/// Empty columns at the right end of every row, so that a neighbourhood never reaches into the pixels of the next row.
+/// Limits the half-width of a neighbourhood.
 pub(super) const MARGIN: usize = 4;
 
-/// Bytes per row of a bitmap for a sensor `width` pixels wide.
+/// Returns the bytes per row of a bitmap for a sensor `width` pixels wide.
 ///
-/// A multiple of four: rows are walked in words of 32 pixels.
+/// The result is a multiple of four because rows are processed in words of 32 pixels.
 pub const fn row_bytes(width: usize) -> usize {
     (width + MARGIN).div_ceil(32) * 4
 }
 
-/// Rows of a bitmap for a sensor `height` pixels high: one empty row above and below.
+/// Returns the rows of a bitmap for a sensor `height` pixels high: one empty row above and one below.
 pub const fn row_count(height: usize) -> usize {
     height + 2
 }
@@ -31,9 +31,9 @@ pub(super) struct Bitmap<const ROW_BYTES: usize, const ROWS: usize> {
 }
 
 impl<const ROW_BYTES: usize, const ROWS: usize> Bitmap<ROW_BYTES, ROWS> {
-    /// Bits from a pixel to the one below it.
+    /// Distance in bits from a pixel to the pixel below it.
     pub(super) const ROW_BITS: usize = ROW_BYTES * 8;
-    /// Largest sensor that fits.
+    /// Largest supported sensor.
     pub(super) const CAPACITY: Sensor =
         Sensor::new(saturating_u16(Self::ROW_BITS.saturating_sub(MARGIN)), saturating_u16(ROWS.saturating_sub(2)));
 
@@ -41,7 +41,7 @@ impl<const ROW_BYTES: usize, const ROWS: usize> Bitmap<ROW_BYTES, ROWS> {
         Self { rows: [[0; ROW_BYTES]; ROWS] }
     }
 
-    /// The bit of pixel (x, y), which must lie within [`CAPACITY`](Self::CAPACITY).
+    /// Returns the bit of pixel (x, y), which must lie within [`CAPACITY`](Self::CAPACITY).
     pub(super) const fn bit(x: usize, y: usize) -> usize {
         (y + 1) * Self::ROW_BITS + x
     }
@@ -52,9 +52,9 @@ impl<const ROW_BYTES: usize, const ROWS: usize> Bitmap<ROW_BYTES, ROWS> {
         }
     }
 
-    /// The pixels from `bit` to the right, lowest bit first: at least 25 of them are valid.
+    /// Returns the pixels from `bit` to the right, lowest bit first; at least 25 of them are valid.
     ///
-    /// Outside of the bitmap there are no pixels.
+    /// Pixels outside the bitmap are empty.
     #[inline(always)]
     pub(super) fn at(&self, bit: usize) -> u32 {
         let bytes = self.rows.as_flattened().get(bit / 8..).and_then(|bytes| bytes.first_chunk::<4>());
@@ -64,7 +64,7 @@ impl<const ROW_BYTES: usize, const ROWS: usize> Bitmap<ROW_BYTES, ROWS> {
         }
     }
 
-    /// The 32 pixels from `bit`, a multiple of 32.
+    /// Returns the 32 pixels from `bit`, a multiple of 32.
     #[inline(always)]
     pub(super) fn word(&self, bit: usize) -> u32 {
         self.at(bit)
@@ -80,14 +80,14 @@ impl<const ROW_BYTES: usize, const ROWS: usize> Bitmap<ROW_BYTES, ROWS> {
     }
 }
 
-/// Which words of a bitmap may hold pixels: a bit per group of words, a mask per row.
+/// Record of the words of a bitmap that may contain pixels: one bit per group of words, one mask per row.
 #[derive(Debug)]
 pub(super) struct Touched<const ROW_BYTES: usize, const ROWS: usize> {
     rows: [u32; ROWS],
 }
 
 impl<const ROW_BYTES: usize, const ROWS: usize> Touched<ROW_BYTES, ROWS> {
-    /// A group is 2^this words, so that 32 groups cover a row.
+    /// A group has 2^`GROUP_SHIFT` words, so that 32 groups cover a row.
     const GROUP_SHIFT: u32 = (ROW_BYTES / 4).div_ceil(32).next_power_of_two().ilog2();
 
     pub(super) const fn new() -> Self {
@@ -104,14 +104,14 @@ impl<const ROW_BYTES: usize, const ROWS: usize> Touched<ROW_BYTES, ROWS> {
         self.rows = [0; ROWS];
     }
 
-    /// The rows above `height` with touched words, from the top.
+    /// Returns the rows above `height` with touched words, from the top.
     #[inline(always)]
     pub(super) fn rows(&self, height: u16) -> impl Iterator<Item = usize> + use<'_, ROW_BYTES, ROWS> {
         let rows = self.rows.get(1..=usize::from(height)).unwrap_or(&[]);
         rows.iter().enumerate().filter(|&(_, &groups)| groups != 0).map(|(y, _)| y)
     }
 
-    /// The bits at which the touched words of row y start, from left to right.
+    /// Returns the bits at which the touched words of row `y` start, from left to right.
     #[inline(always)]
     pub(super) fn words(&self, y: usize) -> impl Iterator<Item = usize> + use<ROW_BYTES, ROWS> {
         let mut groups = self.rows.get(y + 1).copied().unwrap_or(0);
@@ -133,7 +133,7 @@ impl<const ROW_BYTES: usize, const ROWS: usize> Touched<ROW_BYTES, ROWS> {
     }
 }
 
-/// The indices of the set bits of a word, from the lowest.
+/// Returns the indices of the set bits of a word, from the lowest.
 #[inline(always)]
 pub(super) fn ones(mut word: u32) -> impl Iterator<Item = usize> {
     core::iter::from_fn(move || {

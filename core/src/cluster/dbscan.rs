@@ -1,4 +1,4 @@
-//! The clustering itself: pixels to runs, runs to clusters.
+//! The clustering: from pixels to runs, and from runs to clusters.
 
 use super::bitmap::{Bitmap, Touched, ones};
 use super::neighbourhood::Neighbourhood;
@@ -9,14 +9,14 @@ use crate::sensor::Sensor;
 use heapless::Vec;
 use nalgebra::{RealField, Vector2};
 
-/// How many went in, how many came out, and why the rest fell away.
+/// Number of events and pixels processed, dropped by reason, and clusters found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ClusterCounts {
-    /// Events in.
+    /// Events received.
     pub events: u32,
-    /// Events outside of the sensor.
+    /// Events outside the sensor.
     pub outside_sensor: u32,
-    /// Pixels with events of both polarities, which count for neither.
+    /// Pixels with events of both polarities, which are dropped.
     pub both_polarities: u32,
     /// Pixels with events of one polarity only: OFF, ON.
     pub pixels: [u32; 2],
@@ -35,7 +35,7 @@ pub struct ClusterCounts {
 }
 
 impl ClusterCounts {
-    /// Number of distinct pixels with events of one polarity.
+    /// Returns the number of distinct pixels with events of one polarity.
     pub const fn unique_pixels(&self) -> u32 {
         self.pixels[0].saturating_add(self.pixels[1])
     }
@@ -66,15 +66,15 @@ impl core::error::Error for SensorTooLarge {}
 /// Bitmaps, runs and clusters of one window, of fixed capacity.
 ///
 /// `ROW_BYTES` and `ROWS` follow from the sensor by [`row_bytes`](super::row_bytes) and
-/// [`row_count`](super::row_count); `RUNS` bounds the runs of clustered pixels of both polarities
-/// (below 65535; on real windows about half the number of events is enough), `CLUSTERS` the
-/// clusters of each polarity. The initial value is all zeros, so that a static of it costs no flash.
+/// [`row_count`](super::row_count). `RUNS` limits the runs of clustered pixels of both polarities (below 65535; in real
+/// windows half the number of events is enough), `CLUSTERS` the clusters of each polarity. The initial value is all
+/// zeros, so a static of this type takes no flash.
 #[derive(Debug)]
 pub struct Clusterer<T, const ROW_BYTES: usize, const ROWS: usize, const RUNS: usize, const CLUSTERS: usize> {
     pixels: [Bitmap<ROW_BYTES, ROWS>; 2],
     core: Bitmap<ROW_BYTES, ROWS>,
     touched: Touched<ROW_BYTES, ROWS>,
-    /// Words with pixels that have neighbours but are not core.
+    /// Words with pixels that have neighbours but are not core pixels.
     undecided: Touched<ROW_BYTES, ROWS>,
     runs: Runs<RUNS>,
     clusters: [Vec<Cluster<T>, CLUSTERS>; 2],
@@ -84,7 +84,7 @@ pub struct Clusterer<T, const ROW_BYTES: usize, const ROWS: usize, const RUNS: u
 impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS: usize, const CLUSTERS: usize>
     Clusterer<T, ROW_BYTES, ROWS, RUNS, CLUSTERS>
 {
-    /// Empty storage.
+    /// Creates empty storage.
     pub const fn new() -> Self {
         const { assert!(CLUSTERS < NONE as usize, "clusters are numbered in 16 bits") };
         Self {
@@ -98,7 +98,7 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
         }
     }
 
-    /// Clusters the events of a window; what earlier windows left is forgotten.
+    /// Clusters the events of a window, and discards the results of the previous window.
     pub fn cluster(
         &mut self,
         sensor: Sensor,
@@ -124,12 +124,12 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
         Ok(counts)
     }
 
-    /// The clusters of one polarity, by their first core pixel in reading order.
+    /// Returns the clusters of one polarity, ordered by their first core pixel in reading order.
     pub fn clusters(&self, polarity: Polarity) -> &[Cluster<T>] {
         of(&self.clusters, polarity).as_slice()
     }
 
-    /// The pixels of a cluster, as runs in no particular order.
+    /// Returns the pixels of a cluster, as runs in no particular order.
     pub fn runs<'a>(&'a self, cluster: &Cluster<T>) -> PixelRuns<'a> {
         self.runs.list(cluster.first_run)
     }
@@ -183,7 +183,7 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
         }
     }
 
-    /// Marks the core pixels and joins their runs to clusters. Removes pixels without any neighbour.
+    /// Marks the core pixels and joins their runs to clusters. Removes pixels without neighbours.
     fn find_core_runs(
         &mut self,
         polarity: Polarity,
@@ -210,7 +210,7 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
                 let right = neighbourhood.judge(pixels, bit + 16, word >> 16, enough);
                 let core = left.core | right.core << 16;
                 let alone = left.alone | right.alone << 16;
-                // A pixel without neighbours is in no neighbourhood but its own: noise.
+                // A pixel without neighbours is in no other pixel's neighbourhood: it is noise.
                 if alone != 0 {
                     pixels.set_word(bit, word & !alone);
                 }
@@ -257,7 +257,7 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
         }
     }
 
-    /// Numbers the clusters, drops the small ones, and sums up their pixels.
+    /// Numbers the clusters, drops the small ones, and sums up the pixels of each.
     fn collect_clusters(
         &mut self,
         polarity: Polarity,
@@ -285,7 +285,7 @@ impl<T: RealField + Copy, const ROW_BYTES: usize, const ROWS: usize, const RUNS:
 }
 
 impl<T: RealField + Copy> Cluster<T> {
-    /// A cluster without pixels.
+    /// Returns a cluster without pixels.
     pub(super) fn empty() -> Self {
         let zero = T::zero();
         Self {
@@ -307,7 +307,7 @@ impl<T: RealField + Copy> Cluster<T> {
         }
     }
 
-    /// Fills in what follows from the pixels.
+    /// Computes the moments, centre and bounding box from the pixels.
     fn measure(&mut self, runs: PixelRuns<'_>) {
         let Some(origin) = runs.clone().next() else { return };
         let (origin_x, origin_y) = (i32::from(origin.x), i32::from(origin.y));

@@ -1,10 +1,10 @@
-//! Sums over the pixels of a cluster up to third order, exact.
+//! Exact sums over the pixels of a cluster, up to third order.
 
 use nalgebra::RealField;
 
 /// Sums over pixels at integer coordinates (x, y) relative to a local origin, with z = x² + y².
 ///
-/// Exact for clusters up to a few thousand pixels across: third-order sums are kept in 64 bits.
+/// Exact for clusters up to a few thousand pixels across: third-order sums have 64 bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PixelSums {
     /// Number of pixels.
@@ -26,7 +26,7 @@ pub struct PixelSums {
 }
 
 impl PixelSums {
-    /// Adds the pixels (x, y), (x + 1, y), … of a run of `length`.
+    /// Adds the pixels (x, y), (x + 1, y), … of a run of length `length`.
     #[inline]
     pub fn add_run(&mut self, x: i32, y: i32, length: u16) {
         // No multiplication below is wider than 32 by 32 bits: one instruction on a microcontroller.
@@ -49,7 +49,7 @@ impl PixelSums {
         self.yz += squares * i64::from(y) + product(n_y, y_squared);
     }
 
-    /// The same pixels seen from an origin moved by (dx, dy).
+    /// Returns the sums of the same pixels relative to an origin moved by (dx, dy).
     #[must_use]
     pub fn moved(&self, dx: i32, dy: i32) -> Self {
         let (n, x, y) = (i64::from(self.n), i64::from(self.x), i64::from(self.y));
@@ -92,10 +92,10 @@ pub struct CentralMoments<T> {
 }
 
 impl<T: RealField + Copy> CentralMoments<T> {
-    /// Moments of the pixels of `sums`, whose local origin lies at pixel (`origin_x`, `origin_y`).
+    /// Returns the moments of the pixels of `sums`, whose local origin lies at pixel (`origin_x`, `origin_y`).
     ///
-    /// The sums are first moved to the pixel nearest to their mean, exactly; what is left to do in
-    /// `T` concerns numbers of the size of the cluster. `None` without pixels.
+    /// The sums are first moved to the pixel nearest to their mean, in exact integer arithmetic, so that the rounding
+    /// in `T` only concerns numbers of the size of the cluster. Returns `None` if there are no pixels.
     pub fn new(sums: &PixelSums, origin_x: i32, origin_y: i32) -> Option<Self> {
         if sums.n <= 0 {
             return None;
@@ -129,7 +129,7 @@ impl<T: RealField + Copy> CentralMoments<T> {
         })
     }
 
-    /// Moments of two sets of pixels together.
+    /// Returns the moments of the union of two sets of pixels.
     #[must_use]
     pub fn joined(&self, other: &Self) -> Self {
         let n = self.n + other.n;
@@ -149,7 +149,7 @@ impl<T: RealField + Copy> CentralMoments<T> {
         }
     }
 
-    /// Moments about a point from which the mean lies at (x, y).
+    /// Returns the moments about a point relative to which the mean lies at (x, y).
     fn about(&self, x: T, y: T) -> Self {
         let two = T::one() + T::one();
         let z = self.uu + self.vv;
@@ -173,7 +173,7 @@ fn from_i32<T: RealField>(value: i32) -> T {
     T::from_i32(value).unwrap_or_else(T::zero)
 }
 
-/// Most sums fit into 32 bits, whose conversion is one instruction on a microcontroller.
+/// Converts an integer. Most sums fit into 32 bits, whose conversion is one instruction on a microcontroller.
 fn from_i64<T: RealField>(value: i64) -> T {
     match i32::try_from(value) {
         Ok(value) => from_i32(value),
@@ -183,7 +183,7 @@ fn from_i64<T: RealField>(value: i64) -> T {
 
 #[cfg(test)]
 impl CentralMoments<f64> {
-    /// Moments of points that need not be pixels, straight from their definition.
+    /// Computes the moments of points, which need not be pixels, from the definition.
     pub(crate) fn by_definition(points: &[(f64, f64)]) -> Self {
         let n = points.len() as f64;
         let mean_x = points.iter().map(|p| p.0).sum::<f64>() / n;

@@ -13,7 +13,7 @@ pub(super) struct Neighbourhood {
     radius: usize,
 }
 
-/// Which of 16 pixels are core, and which have no neighbour at all.
+/// Masks of 16 pixels: core pixels, and pixels without neighbours.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct PixelNeighbours {
     pub(super) core: u32,
@@ -24,12 +24,12 @@ pub(super) struct PixelNeighbours {
 #[derive(Clone, Copy, Debug, Default)]
 struct DiscRow {
     half_width: usize,
-    /// As many ones as the row has pixels.
+    /// As many one bits as the row has pixels.
     mask: u32,
 }
 
 impl Neighbourhood {
-    /// The disc of radius ε, clamped to 1…4.99 px. A NaN counts as 1.
+    /// Returns the disc of radius ε, clamped to 1…4.99 px. A NaN counts as 1.
     pub(super) fn new(settings: &ClusterSettings) -> Self {
         let epsilon =
             if settings.epsilon >= 1.0 { settings.epsilon.min(ClusterSettings::LARGEST_EPSILON) } else { 1.0 };
@@ -46,18 +46,19 @@ impl Neighbourhood {
         Self { rows, radius }
     }
 
-    /// Rows that the disc reaches up or down.
+    /// Returns the number of rows that the disc reaches up or down.
     pub(super) const fn radius(&self) -> usize {
         self.radius
     }
 
-    /// Half-width of the disc `dy` rows from its centre.
+    /// Returns the half-width of the disc `dy` rows from its centre.
     #[inline(always)]
     pub(super) fn half_width(&self, dy: usize) -> usize {
         self.rows.get(dy).map_or(0, |row| row.half_width)
     }
 
-    /// The pixels of `bitmap` in the row `dy` rows from `bit`, lowest bit first, from the leftmost of the disc.
+    /// Returns the pixels of `bitmap` in the row `dy` rows from `bit`, lowest bit first, starting at the leftmost of
+    /// the disc.
     #[inline(always)]
     fn row<const ROW_BYTES: usize, const ROWS: usize>(
         &self,
@@ -69,8 +70,8 @@ impl Neighbourhood {
         bitmap.at(row_bit.wrapping_sub(row.half_width)) & row.mask
     }
 
-    /// Tells which of `pixels`, up to 16 from `bit`, have at least `enough` pixels of `bitmap` in their
-    /// neighbourhood, and which have none but themselves.
+    /// Determines which of `pixels`, up to 16 starting at `bit`, have at least `enough` pixels of `bitmap` in their
+    /// neighbourhood, and which have no neighbour but themselves.
     pub(super) fn judge<const ROW_BYTES: usize, const ROWS: usize>(
         &self,
         bitmap: &Bitmap<ROW_BYTES, ROWS>,
@@ -89,7 +90,7 @@ impl Neighbourhood {
         let above = bitmap.at(next_bit.wrapping_sub(row_bits));
         let below = bitmap.at(next_bit.wrapping_add(row_bits));
         for index in ones(pixels) {
-            // Three rows of at most 2 MARGIN + 1 pixels fit into a word: one count for all.
+            // Three rows of at most 2 MARGIN + 1 pixels fit into a word, so one bit count covers all three.
             let near = at >> index & middle.mask
                 | (above >> index & next.mask) << WIDEST
                 | (below >> index & next.mask) << (2 * WIDEST);
@@ -106,8 +107,8 @@ impl Neighbourhood {
         neighbours
     }
 
-    /// Number of pixels within the disc about `bit` but for its three middle rows, or a smaller number
-    /// that is at least `enough`.
+    /// Returns the number of pixels within the disc about `bit` without its three middle rows, or a smaller number that
+    /// is at least `enough`.
     fn count_far<const ROW_BYTES: usize, const ROWS: usize>(
         &self,
         bitmap: &Bitmap<ROW_BYTES, ROWS>,
@@ -130,7 +131,7 @@ impl Neighbourhood {
         count
     }
 
-    /// The first pixel within the disc about `bit` in reading order, as its bit.
+    /// Returns the bit of the first pixel, in reading order, within the disc about `bit`.
     #[inline(always)]
     pub(super) fn first<const ROW_BYTES: usize, const ROWS: usize>(
         &self,

@@ -7,7 +7,7 @@ use core::ops::Range;
 use heapless::Vec;
 use nalgebra::RealField;
 
-/// No run, or no cluster.
+/// Marks the absence of a run or cluster.
 pub(super) const NONE: u16 = u16::MAX;
 
 /// Column and row.
@@ -43,11 +43,11 @@ impl<const RUNS: usize> Runs<RUNS> {
         self.runs.len()
     }
 
-    /// Appends the runs of a word of core pixels that starts at column `x` of row `y`; `first` is the
-    /// first run of the row.
+    /// Appends the runs of a word of core pixels that starts at column `x` of row `y`; `first` is the first run of the
+    /// row.
     ///
-    /// A run within `reach` of the one before it in the row joins its cluster, and continues it if
-    /// they touch. Returns the number of pixels for which there was no room.
+    /// A run within `reach` of the previous run of the row joins the cluster of that run, and extends it if they touch.
+    /// Returns the number of pixels for which there was no room.
     pub(super) fn push_core(&mut self, first: usize, x: usize, y: usize, mut word: u32, reach: usize) -> u32 {
         while word != 0 {
             let start = word.trailing_zeros();
@@ -78,8 +78,8 @@ impl<const RUNS: usize> Runs<RUNS> {
         0
     }
 
-    /// Appends a border pixel, in the cluster of the core pixel `core`, whose run is one of `core_runs`. False if there was no
-    /// room for either pixel.
+    /// Appends a border pixel to the cluster of the core pixel `core`, whose run is one of `core_runs`. Returns `false`
+    /// if there was no room for either pixel.
     pub(super) fn push_border(&mut self, border: Pixel, core: Pixel, core_runs: Range<usize>) -> bool {
         let first = core_runs.start;
         let runs = self.runs.get(core_runs).unwrap_or(&[]);
@@ -102,8 +102,8 @@ impl<const RUNS: usize> Runs<RUNS> {
         true
     }
 
-    /// Collects the runs from `first` on to clusters of at least `min_pixels`, in the order of their
-    /// first runs. The clusters get nothing but their lists of runs.
+    /// Collects the runs from `first` on into clusters of at least `min_pixels`, in the order of their first runs. Of
+    /// each cluster only the list of runs is filled in.
     pub(super) fn collect<T: RealField + Copy, const CLUSTERS: usize>(
         &mut self,
         first: usize,
@@ -112,7 +112,7 @@ impl<const RUNS: usize> Runs<RUNS> {
     ) -> Dropped {
         let Self { runs, labels, next } = self;
         for (index, run) in runs.iter().enumerate().skip(first) {
-            // Labels point backwards, so that the run pointed to knows its first run already.
+            // Labels point backwards, so the label of an earlier run already is the first run of its cluster.
             let earlier = labels.get(index).copied().unwrap_or(NONE);
             let root = labels.get(usize::from(earlier)).copied().unwrap_or(NONE);
             if let (Some(label), Some(pixels)) = (labels.get_mut(index), next.get_mut(index)) {
@@ -148,7 +148,7 @@ impl<const RUNS: usize> Runs<RUNS> {
         dropped
     }
 
-    /// The runs of the list that starts with run `first`.
+    /// Returns the runs of the list that starts with run `first`.
     pub(super) fn list(&self, first: u16) -> PixelRuns<'_> {
         PixelRuns { runs: &self.runs, next: &self.next, current: first }
     }
@@ -181,7 +181,7 @@ impl Iterator for PixelRuns<'_> {
     }
 }
 
-/// The rows above the current one that its neighbourhoods reach, the nearest first.
+/// The rows above the current row that its neighbourhoods reach, nearest first.
 #[derive(Default)]
 pub(super) struct RecentRows {
     rows: [RowRuns; MARGIN],
@@ -196,7 +196,7 @@ struct RowRuns {
 }
 
 impl RowRuns {
-    /// The runs, each with its number.
+    /// Returns the runs, each with its number.
     fn numbered(self, runs: &[PixelRun]) -> impl Iterator<Item = (u16, &PixelRun)> {
         let row = runs.get(usize::from(self.first)..usize::from(self.end)).unwrap_or(&[]);
         (self.first..).zip(row)
@@ -204,7 +204,7 @@ impl RowRuns {
 }
 
 impl RecentRows {
-    /// Joins the runs of row `y`, from `first` to the last, with those above them within reach.
+    /// Joins the runs of row `y`, from `first` to the last, with the runs above them within reach.
     pub(super) fn join<const RUNS: usize>(
         &mut self,
         runs: &mut Runs<RUNS>,
@@ -241,8 +241,8 @@ fn join_rows(upper: RowRuns, lower: RowRuns, reach: usize, runs: &[PixelRun], la
         if two_x <= one_last + reach && one_x <= two_last + reach {
             union(labels, one.0, two.0);
         }
-        // The run that ends first can reach no further run of the other row that the other run does
-        // not reach within its own row.
+        // The run that ends first can reach no further run of the other row that the other run does not reach within
+        // its own row.
         if one_last < two_last {
             let Some(next) = uppers.next() else { return };
             one = next;
@@ -253,14 +253,14 @@ fn join_rows(upper: RowRuns, lower: RowRuns, reach: usize, runs: &[PixelRun], la
     }
 }
 
-/// Joins the clusters of a run and of a later one; the earlier first run becomes the first run of both.
+/// Joins the clusters of a run and of a later run; the earlier first run becomes the first run of both.
 fn union(labels: &mut [u16], earlier: u16, later: u16) {
     let (Some(&one), Some(&two)) = (labels.get(usize::from(earlier)), labels.get(usize::from(later))) else { return };
     if one == two {
         return;
     }
     if two == later {
-        // The first run of a cluster, and no first run of the other, which comes earlier.
+        // `later` is the first run of its cluster; `earlier` belongs to a cluster that starts before it.
         if let Some(label) = labels.get_mut(usize::from(later)) {
             *label = one;
         }
@@ -272,7 +272,7 @@ fn union(labels: &mut [u16], earlier: u16, later: u16) {
     }
 }
 
-/// The first run of a run's cluster. Shortens the way there.
+/// Returns the first run of a run's cluster. Shortens the chain of labels on the way.
 fn find(labels: &mut [u16], run: u16) -> u16 {
     let mut current = run;
     loop {

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::vec;
 use std::vec::Vec;
 
-/// Wide enough that a row has several words, with columns on both sides of each word's border.
+/// Wide enough for several words per row, with columns on both sides of each word boundary.
 const SENSOR: Sensor = Sensor { width: 70, height: 24 };
 
 type Small = Clusterer<f64, { row_bytes(70) }, { row_count(24) }, 2000, 600>;
@@ -22,7 +22,7 @@ fn on(pixels: &[Pixel]) -> Vec<Event> {
     pixels.iter().map(|&(x, y)| event(x, y, Polarity::On)).collect()
 }
 
-/// The clusters of one polarity as sets of pixels.
+/// Returns the clusters of one polarity as sets of pixels.
 fn clusters(clusterer: &Small, polarity: Polarity) -> Vec<BTreeSet<Pixel>> {
     clusterer
         .clusters(polarity)
@@ -31,7 +31,7 @@ fn clusters(clusterer: &Small, polarity: Polarity) -> Vec<BTreeSet<Pixel>> {
         .collect()
 }
 
-/// DBSCAN straight from its definition, every pixel against every other.
+/// DBSCAN straight from its definition: every pixel is compared with every other.
 fn naive(events: &[Event], polarity: Polarity, settings: &ClusterSettings) -> Vec<BTreeSet<Pixel>> {
     let of = |polarity: Polarity| -> BTreeSet<Pixel> {
         events.iter().filter(|event| event.polarity == polarity).map(|event| (event.y, event.x)).collect()
@@ -90,7 +90,7 @@ fn any_event() -> impl Strategy<Value = Event> {
         .prop_map(|(x, y, on)| event(x, y, if on { Polarity::On } else { Polarity::Off }))
 }
 
-/// Events spread evenly, and events in clumps, so that there is something to cluster at any density.
+/// Events spread evenly, and events in clumps, so that some clusters form at any density.
 fn any_events() -> impl Strategy<Value = Vec<Event>> {
     let clump = (any_event(), prop::collection::vec((-4_i32..5, -4_i32..5), 1..40)).prop_map(|(center, offsets)| {
         offsets
@@ -185,7 +185,7 @@ fn a_border_pixel_joins_the_first_core_pixel_in_reading_order() {
 }
 
 #[test]
-fn pixels_of_both_polarities_count_for_neither() {
+fn pixels_of_both_polarities_are_dropped() {
     let line: Vec<Pixel> = (0..11).map(|x| (x, 5)).collect();
     let mut events = on(&line);
     events.push(event(5, 5, Polarity::Off));
@@ -193,7 +193,7 @@ fn pixels_of_both_polarities_count_for_neither() {
     let mut clusterer = Box::new(Small::new());
     let counts = clusterer.cluster(SENSOR, events, &settings).unwrap();
     assert_eq!((counts.both_polarities, counts.pixels), (1, [0, 10]));
-    assert_eq!(counts.clusters, [0, 2], "the line falls apart where the pixel is missing");
+    assert_eq!(counts.clusters, [0, 2], "the missing pixel splits the line");
 }
 
 #[test]
@@ -205,7 +205,7 @@ fn a_pixel_counts_once_however_many_events_it_gave() {
 }
 
 #[test]
-fn events_outside_of_the_sensor_are_counted() {
+fn events_outside_the_sensor_are_counted() {
     let mut clusterer = Box::new(Small::new());
     let events = [(70, 0), (0, 24), (u16::MAX, u16::MAX), (69, 23)];
     let counts = clusterer.cluster(SENSOR, on(&events), &ClusterSettings::default()).unwrap();
@@ -213,7 +213,7 @@ fn events_outside_of_the_sensor_are_counted() {
 }
 
 #[test]
-fn a_sensor_that_does_not_fit_is_refused() {
+fn a_sensor_that_does_not_fit_is_rejected() {
     let mut clusterer = Box::new(Small::new());
     let sensor = Sensor { width: 346, height: 260 };
     let error = clusterer.cluster(sensor, [], &ClusterSettings::default()).unwrap_err();
@@ -222,7 +222,7 @@ fn a_sensor_that_does_not_fit_is_refused() {
 }
 
 #[test]
-fn a_sensor_wider_than_32_words_is_covered() {
+fn a_sensor_wider_than_32_words_is_clustered() {
     type Wide = Clusterer<f64, { row_bytes(1280) }, { row_count(8) }, 2000, 50>;
     let sensor = Sensor { width: 1280, height: 8 };
     let mut clusterer = Box::new(Wide::new());
@@ -238,7 +238,7 @@ fn a_sensor_wider_than_32_words_is_covered() {
 }
 
 #[test]
-fn full_bitmaps_leave_nothing_behind() {
+fn full_bitmaps_are_cleared_for_the_next_window() {
     let mut clusterer = Box::new(Small::new());
     let everywhere = (0..SENSOR.height).flat_map(|y| (0..SENSOR.width).map(move |x| (x, y)));
     let all: Vec<Pixel> = everywhere.collect();

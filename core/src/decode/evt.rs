@@ -1,9 +1,9 @@
-//! What Prophesee's formats have in common: triggers, records, and a clock of which the upper part comes in words of
-//! its own.
+//! Common parts of Prophesee's formats: triggers, records, and a clock whose upper bits arrive in separate words (*time
+//! high*).
 //!
-//! A sensor repeats time high all the time, so it never leaps. A leap is a word that was damaged on its way
-//! (unless the next time high confirms it); followed at once, a single one would put the rest of the
-//! stream in the wrong hour. A little step back is none: sensors make them, and go on.
+//! A sensor repeats time high continuously, so time high never jumps. A jump indicates a damaged word, unless the next
+//! time high confirms the new value. Following a jump at once would shift the times of the rest of the stream because
+//! of a single damaged word. Small backward steps are normal and are followed.
 
 use crate::event::Event;
 
@@ -18,7 +18,7 @@ pub struct Trigger {
     pub rising: bool,
 }
 
-/// What a word can say.
+/// The content of a decoded word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EvtRecord {
     /// An event of a pixel.
@@ -27,20 +27,20 @@ pub enum EvtRecord {
     Trigger(Trigger),
 }
 
-/// What one word says: a trigger, or events of neighbouring pixels of a row.
+/// The content of one word: a trigger, or events of neighbouring pixels of a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EvtRecords {
     trigger: Option<Trigger>,
     /// The event of the first pixel.
     event: Event,
-    /// Bit n stands for the pixel n columns to the right of it.
+    /// Bit n is set if the pixel n columns to the right of `event` has an event.
     mask: u32,
 }
 
 impl EvtRecords {
     const EMPTY_EVENT: Event = Event { t: 0, x: 0, y: 0, polarity: crate::event::Polarity::Off };
 
-    /// Nothing.
+    /// Returns records without content.
     pub(super) const fn none() -> Self {
         Self { trigger: None, event: Self::EMPTY_EVENT, mask: 0 }
     }
@@ -71,53 +71,53 @@ impl Iterator for EvtRecords {
     }
 }
 
-/// What a decoder met so far.
+/// Counts of the irregularities that a decoder met.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EvtCounts {
-    /// Words of events and triggers left out because their time is not known: before the first time, or
-    /// after a time high that leaps and is not confirmed.
+    /// Words of events and triggers dropped because their time is not known: before the first time high, or after a
+    /// time high that jumped and is not confirmed.
     pub without_time: u32,
-    /// Words of events left out because no row was told before them.
+    /// Words of events dropped because no row came before them.
     pub without_row: u32,
-    /// Leaps of time high that the next one did not confirm: damaged words.
+    /// Jumps of time high that the next time high did not confirm: damaged words.
     pub false_leaps: u32,
-    /// Leaps ahead: words were lost, for more than a second.
+    /// Confirmed forward jumps: words of more than a second were lost.
     pub leaps: u32,
-    /// Times the clock was set back.
+    /// Number of times the clock was reset.
     pub clock_resets: u32,
-    /// Vendor-specific words, passed over.
+    /// Vendor-specific words, skipped.
     pub vendor: u32,
-    /// Words of a type that the format does not have: another format, or damaged.
+    /// Words of a type that the format does not define: another format, or damaged.
     pub unknown: u32,
 }
 
-/// How far time high can be trusted.
+/// State of the time high.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Trust {
-    /// None came yet.
+    /// No time high was received yet.
     #[default]
     Nothing,
-    /// It goes on as it should.
+    /// Time high advances as it should.
     Steady,
-    /// It leapt to this value, and nothing confirms it yet.
+    /// Time high jumped to this value, which is not confirmed yet.
     Leapt(u32),
 }
 
-/// Makes times of a time high of `BITS` bits, each 2^`SHIFT` µs, and a time low. A time high that is more than `LEAP`
-/// ahead of the one before is not believed at once.
+/// Computes times from a time high of `BITS` bits in units of 2^`SHIFT` µs, and a time low. A time high that is more
+/// than `LEAP` ahead of the previous one must be confirmed by the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct EvtClock<const BITS: u32, const SHIFT: u32, const LEAP: u32> {
     trust: Trust,
-    /// Last time high believed.
+    /// Last accepted time high.
     high: u32,
     /// Its time, extended to 64 bits, in microseconds.
     base_us: i64,
-    /// How far that is behind the latest one (µs).
+    /// Difference between the latest time and `base_us`, in microseconds.
     behind_us: u32,
     pub(super) counts: EvtCounts,
 }
 
-/// A sensor steps no further back than this in µs: ten time highs of EVT 3.0, which event_camera_codecs allows for.
+/// Longest backward step of a sensor, in microseconds: ten time highs of EVT 3.0, the tolerance of event_camera_codecs.
 const MOST_BACK_US: u32 = 10 << 12;
 
 impl<const BITS: u32, const SHIFT: u32, const LEAP: u32> EvtClock<BITS, SHIFT, LEAP> {
@@ -138,7 +138,7 @@ impl<const BITS: u32, const SHIFT: u32, const LEAP: u32> EvtClock<BITS, SHIFT, L
         Self { trust: Trust::Nothing, high: 0, base_us: 0, behind_us: 0, counts }
     }
 
-    /// The time that is `low` µs after time high, if that can be trusted.
+    /// Returns the time `low` µs after time high; `None` if time high is not known or not confirmed.
     #[inline]
     pub(super) fn time(&mut self, low: u32) -> Option<i64> {
         if self.trust != Trust::Steady {
@@ -148,7 +148,7 @@ impl<const BITS: u32, const SHIFT: u32, const LEAP: u32> EvtClock<BITS, SHIFT, L
         Some(self.base_us.saturating_add(i64::from(low)))
     }
 
-    /// Takes the time high in the lowest bits of `word`; true if it is another one than before.
+    /// Accepts the time high in the lowest bits of `word`; returns `true` if the state changed.
     pub(super) fn set_high(&mut self, word: u32) -> bool {
         let high = word & Self::MASK;
         let before = (self.trust, self.high);
@@ -173,7 +173,7 @@ impl<const BITS: u32, const SHIFT: u32, const LEAP: u32> EvtClock<BITS, SHIFT, L
                     self.advance(high);
                     &mut self.counts.leaps
                 } else {
-                    // Beyond all times given out before the reset.
+                    // After all times that were returned before the reset.
                     self.base_us = self.base_us.saturating_add(i64::from(self.behind_us) + (1 << SHIFT));
                     self.behind_us = 0;
                     &mut self.counts.clock_resets

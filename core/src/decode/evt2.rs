@@ -18,20 +18,20 @@ use crate::event::{Event, Polarity};
 const HIGH_MASK: u32 = (1 << 28) - 1;
 const MAX_COORDINATE: u16 = 2047;
 
-/// Words to events and triggers.
+/// Decodes words to events and triggers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Evt2Decoder {
-    /// A leap is 2¹⁴ × 64 µs ≈ 1 s.
+    /// A jump is more than 2¹⁴ × 64 µs ≈ 1 s.
     clock: EvtClock<28, 6, { 1 << 14 }>,
 }
 
 impl Evt2Decoder {
-    /// At the beginning of a stream, or anywhere in it.
+    /// Creates a decoder for the beginning of a stream, or any position in it.
     pub const fn new() -> Self {
         Self { clock: EvtClock::new() }
     }
 
-    /// Takes the next word; `None` if it is neither event nor trigger.
+    /// Decodes the next word; returns `None` if it is neither an event nor a trigger.
     #[inline]
     pub fn push(&mut self, word: u32) -> Option<EvtRecord> {
         let count = match word >> 28 {
@@ -55,12 +55,12 @@ impl Evt2Decoder {
         None
     }
 
-    /// What was met so far.
+    /// Returns the counts so far.
     pub const fn counts(&self) -> &EvtCounts {
         &self.clock.counts
     }
 
-    /// The time of a word with time low.
+    /// Returns the time of a word with time low.
     fn time(&mut self, word: u32) -> Option<i64> {
         self.clock.time((word >> 22) & 63)
     }
@@ -69,25 +69,25 @@ impl Evt2Decoder {
 /// The one or two words of an event.
 pub type Evt2Words = heapless::Vec<u32, 2>;
 
-/// Events to words, with a time high only where it changes.
+/// Encodes events to words; writes a time high only when it changes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Evt2Encoder {
     high: Option<u32>,
 }
 
 impl Evt2Encoder {
-    /// At the beginning of a stream.
+    /// Creates an encoder for the beginning of a stream.
     pub const fn new() -> Self {
         Self { high: None }
     }
 
-    /// The words of the next event. Of its time the low 34 bits are kept.
+    /// Returns the words of the next event. The time is truncated to its low 34 bits.
     ///
-    /// After a second without events [`time`](Self::time) must be called, as a sensor does all the time: a
-    /// decoder takes the leap for damage.
+    /// After a second without events call [`time`](Self::time), as a sensor does continuously; otherwise a decoder
+    /// takes the jump for damage.
     ///
     /// # Errors
-    /// If its column or row is beyond 2047.
+    /// Returns an error if the column or row is beyond 2047.
     pub fn encode(&mut self, event: Event) -> Result<Evt2Words, DoesNotFit> {
         if event.x > MAX_COORDINATE || event.y > MAX_COORDINATE {
             return Err(DoesNotFit);
@@ -103,7 +103,7 @@ impl Evt2Encoder {
         Ok(words)
     }
 
-    /// The time high of `time_us`, if it is not the one sent last.
+    /// Returns the time high of `time_us`, if it differs from the last one.
     pub fn time(&mut self, time_us: i64) -> Option<u32> {
         let high = (time_us >> 6) as u32 & HIGH_MASK;
         (self.high.replace(high) != Some(high)).then_some(0x8 << 28 | high)

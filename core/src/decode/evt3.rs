@@ -1,18 +1,18 @@
 //! Prophesee EVT 3.0 (<https://docs.prophesee.ai/stable/data/encoding_formats/evt3.html>).
 //!
-//! Words of 16 bits, each of which changes a state; bits 15–12 are its type:
+//! Words of 16 bits, each of which changes the decoder's state; bits 15–12 are the type:
 //!
 //! | type | word | bits |
 //! |---|---|---|
-//! | 0x0 | row | 10–0 row (11: which of two cameras) |
-//! | 0x1 | row of what is no event | |
+//! | 0x0 | row | 10–0 row (11: first or second camera) |
+//! | 0x1 | row of data other than events | |
 //! | 0x2 | event at this column | 11 polarity, 10–0 column |
 //! | 0x3 | first column of a group | 11 polarity, 10–0 column |
-//! | 0x4, 0x5 | events of the group | 11–0 or 7–0: bit n for column n; the group goes on behind them |
+//! | 0x4, 0x5 | events of the group | 11–0 or 7–0: bit n for column n; the group continues after these columns |
 //! | 0x6 | time low | 11–0 microseconds |
 //! | 0x8 | time high | 11–0 microseconds / 4096 |
 //! | 0xA | trigger | 11–8 channel, 0 value |
-//! | 0x7, 0xD, 0xE, 0xF | continued, inertial, other, continued | vendor specific |
+//! | 0x7, 0xD, 0xE, 0xF | continued, IMU, other, continued | vendor specific |
 //!
 //! A time is time high × 4096 + time low in microseconds; it wraps after 2²⁴ µs (16.8 s). A new time high sets time
 //! low to zero.
@@ -24,28 +24,28 @@ const LOW_MASK: u16 = 0xfff;
 const COORDINATE: u16 = 0x7ff;
 const POLARITY: u16 = 0x800;
 
-/// Words to events and triggers.
+/// Decodes words to events and triggers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Evt3Decoder {
-    /// A leap is 244 × 4096 µs ≈ 1 s.
+    /// A jump is more than 244 × 4096 µs ≈ 1 s.
     clock: EvtClock<12, 12, 244>,
-    /// `None` before the first one.
+    /// `None` before the first time low.
     low: Option<u16>,
-    /// `None` before the first one and where there are no events.
+    /// `None` before the first row, and in rows of other data.
     row: Option<u16>,
     /// First column of the next word of a group.
     column: u16,
-    /// Whether the group is of ON events.
+    /// `true` if the group consists of ON events.
     on: bool,
 }
 
 impl Evt3Decoder {
-    /// At the beginning of a stream, or anywhere in it.
+    /// Creates a decoder for the beginning of a stream, or any position in it.
     pub const fn new() -> Self {
         Self { clock: EvtClock::new(), low: None, row: None, column: 0, on: false }
     }
 
-    /// Takes the next word; hands out its events or its trigger.
+    /// Decodes the next word; returns its events or its trigger.
     #[inline]
     pub fn push(&mut self, word: u16) -> EvtRecords {
         let count = match word >> 12 {
@@ -86,7 +86,7 @@ impl Evt3Decoder {
         EvtRecords::none()
     }
 
-    /// What was met so far.
+    /// Returns the counts so far.
     pub const fn counts(&self) -> &EvtCounts {
         &self.clock.counts
     }

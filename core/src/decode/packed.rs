@@ -1,4 +1,4 @@
-//! evcal's packed records: one 32-bit word an event.
+//! evcal's packed records: one 32-bit word per event.
 //!
 //! | bits | event (bit 31 is 0) |
 //! |---|---|
@@ -11,34 +11,34 @@
 //! |---|---|
 //! | 30–0 | low 31 bits of a time in microseconds |
 //!
-//! The stream begins with a time word; further ones stand wherever 511 µs do not suffice. A time word
-//! that is less than 2³⁰ µs (18 minutes) after the one before, modulo 2³¹, is later; any other is a clock
-//! that was set back.
+//! The stream begins with a time word; further time words follow whenever 511 µs do not suffice. A time word that is
+//! less than 2³⁰ µs (18 minutes) after the previous one, modulo 2³¹, is later; any other indicates that the clock was
+//! reset.
 
 use super::DoesNotFit;
 use crate::event::{Event, Polarity};
 
 const TIME_WORD: u32 = 1 << 31;
 const TIME_MASK: u32 = TIME_WORD - 1;
-/// Time words further apart than this go backwards.
+/// A larger difference between two time words is a step back.
 const HALF_RANGE: u32 = 1 << 30;
 const LONGEST_OFFSET: u32 = 511;
 const MAX_X: u16 = 2047;
 const MAX_Y: u16 = 1023;
 
-/// What a decoder of packed records met so far.
+/// Counts of the irregularities that a decoder of packed records met.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PackedCounts {
-    /// Events before the first time word: they have no time and are left out.
+    /// Events before the first time word: they have no time and are dropped.
     pub before_time: u32,
-    /// Times the clock was set back.
+    /// Number of times the clock was reset.
     pub clock_resets: u32,
 }
 
-/// Words to events.
+/// Decodes words to events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PackedDecoder {
-    /// Time of the last time word, and the word; `None` before the first.
+    /// Time of the last time word, and the word itself; `None` before the first.
     base: Option<(i64, u32)>,
     /// Time of the last event.
     last_us: i64,
@@ -46,12 +46,12 @@ pub struct PackedDecoder {
 }
 
 impl PackedDecoder {
-    /// At the beginning of a stream.
+    /// Creates a decoder for the beginning of a stream.
     pub const fn new() -> Self {
         Self { base: None, last_us: 0, counts: PackedCounts { before_time: 0, clock_resets: 0 } }
     }
 
-    /// Takes the next word; `None` if it is no event.
+    /// Decodes the next word; returns `None` if it is not an event.
     #[inline]
     pub fn push(&mut self, word: u32) -> Option<Event> {
         if word & TIME_WORD != 0 {
@@ -71,7 +71,7 @@ impl PackedDecoder {
         })
     }
 
-    /// What was met so far.
+    /// Returns the counts so far.
     pub const fn counts(&self) -> &PackedCounts {
         &self.counts
     }
@@ -96,22 +96,22 @@ impl PackedDecoder {
 /// The one or two words of an event.
 pub type PackedWords = heapless::Vec<u32, 2>;
 
-/// Events to words.
+/// Encodes events to words.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PackedEncoder {
     base_us: Option<i64>,
 }
 
 impl PackedEncoder {
-    /// At the beginning of a stream.
+    /// Creates an encoder for the beginning of a stream.
     pub const fn new() -> Self {
         Self { base_us: None }
     }
 
-    /// The words of the next event.
+    /// Returns the words of the next event.
     ///
     /// # Errors
-    /// If its column is beyond 2047 or its row beyond 1023.
+    /// Returns an error if the column is beyond 2047 or the row beyond 1023.
     pub fn encode(&mut self, event: Event) -> Result<PackedWords, DoesNotFit> {
         if event.x > MAX_X || event.y > MAX_Y {
             return Err(DoesNotFit);

@@ -1,4 +1,4 @@
-//! Words made by hand from the descriptions, streams cut and damaged, and round trips.
+//! Words written by hand from the specifications, truncated and damaged streams, and round trips.
 
 use std::vec::Vec;
 
@@ -23,7 +23,7 @@ fn times(records: &[EvtRecord]) -> Vec<i64> {
     records.iter().map(time).collect()
 }
 
-/// Type, time low and the rest put together bit by bit.
+/// Builds a word from type, time low and coordinates, without the decoder's shifts.
 fn word(kind: u32, low: u32, x: u32, y: u32) -> u32 {
     kind * 0x1000_0000 + low * 0x40_0000 + x * 0x800 + y
 }
@@ -41,10 +41,10 @@ fn evt2_words_made_by_hand() {
         0x1140_1807, // ON, 5 µs, (3, 7)
         0x0fff_ffff, // OFF, 63 µs, (2047, 2047)
         0xa080_0301, // rising edge of input 3, 2 µs
-        0xafff_e0fe, // falling edge of input 0, 63 µs; the bits between mean nothing
+        0xafff_e0fe, // falling edge of input 0, 63 µs; the bits between are not used
         0xe123_4567, // vendor
         0xf000_0000, // vendor
-        0x2000_0000, // no type of EVT 2.0
+        0x2000_0000, // not a type of EVT 2.0
         0x8000_0011,
         0x0028_00f0, // OFF, 0 µs, (1280, 240)
     ];
@@ -61,7 +61,7 @@ fn evt2_words_made_by_hand() {
 }
 
 #[test]
-fn evt2_time_goes_on_when_it_wraps() {
+fn evt2_time_continues_after_a_wrap() {
     let mut decoder = Evt2Decoder::new();
     let words =
         [time_high(0xfff_ffff), word(0, 63, 1, 1), time_high(0), word(0, 0, 1, 1), time_high(1), word(0, 0, 1, 1)];
@@ -71,7 +71,7 @@ fn evt2_time_goes_on_when_it_wraps() {
 }
 
 #[test]
-fn one_damaged_time_high_of_evt2_is_not_believed() {
+fn one_damaged_time_high_of_evt2_is_ignored() {
     for damaged in [0x0fff_0000, 90_000, 7] {
         let mut decoder = Evt2Decoder::new();
         let words = [
@@ -89,8 +89,8 @@ fn one_damaged_time_high_of_evt2_is_not_believed() {
 }
 
 #[test]
-fn evt2_time_that_leaps_and_stays_is_followed() {
-    // Two seconds were lost; then the sensor is started again.
+fn a_confirmed_jump_of_evt2_time_is_followed() {
+    // Two seconds were lost; then the sensor is restarted.
     let mut decoder = Evt2Decoder::new();
     let words = [
         time_high(1000),
@@ -148,12 +148,12 @@ fn evt3_words_made_by_hand() {
         0x6005, 0x2803, // 8197 µs, ON at (3, 7)
         0x0907, 0x2004, // row 263 of the other camera, OFF
         0x3809, 0x4801, 0x5082, 0x4001, // ON: 9, 20; 22, 28; 29
-        0x5001, // the group goes on: 41
+        0x5001, // the group continues: 41
         0xa301, // rising edge of input 3
         0x8003, 0x2001, // time low is zero again
         0x1005, 0x2001, 0x4fff, // no events
         0xe123, 0x7123, 0xf123, 0xd123, // vendor
-        0x9000, 0xb000, 0xc000, // no types of EVT 3.0
+        0x9000, 0xb000, 0xc000, // not types of EVT 3.0
     ];
     let on = |x| EvtRecord::Event(event(8197, x, 263, Polarity::On));
     let expected = [
@@ -174,7 +174,7 @@ fn evt3_words_made_by_hand() {
 }
 
 #[test]
-fn evt3_time_goes_on_when_it_wraps_and_a_repeated_time_high_changes_nothing() {
+fn evt3_time_continues_after_a_wrap_and_a_repeated_time_high_changes_nothing() {
     let mut decoder = Evt3Decoder::new();
     let words = [0x0001, 0x8fff, 0x6fff, 0x2000, 0x8fff, 0x2000, 0x8000, 0x6001, 0x2000, 0x8001, 0x2000];
     let wrap = 1_i64 << 24;
@@ -183,7 +183,7 @@ fn evt3_time_goes_on_when_it_wraps_and_a_repeated_time_high_changes_nothing() {
 }
 
 #[test]
-fn one_damaged_time_high_of_evt3_is_not_believed_and_a_reset_is_followed() {
+fn one_damaged_time_high_of_evt3_is_ignored_and_a_reset_is_followed() {
     let mut decoder = Evt3Decoder::new();
     let words = [
         0x0001, 0x8100, 0x6001, 0x2000, 0x8900, 0x2000, 0x8101, 0x6002, 0x2000, // one word damaged
@@ -195,15 +195,16 @@ fn one_damaged_time_high_of_evt3_is_not_believed_and_a_reset_is_followed() {
     assert_eq!(*decoder.counts(), counts);
 }
 
-/// Events behind such a step were lost, and a second word of that time shifted all later times.
+/// If the step were not followed, the events after it would be lost, and a second word of that time would shift all
+/// later times.
 #[test]
-fn evt_times_that_step_back_a_little_are_followed() {
+fn small_backward_steps_of_evt_time_are_followed() {
     let mut decoder = Evt3Decoder::new();
     let words = [0x0001, 0x8065, 0x6000, 0x2000, 0x8064, 0x2000, 0x8064, 0x2000, 0x8065, 0x2000, 0x8066, 0x2000];
     let time = |high: i64| high * 4096;
     assert_eq!(times(&decode_evt3(&mut decoder, &words)), [0x65, 0x64, 0x64, 0x65, 0x66].map(time));
     assert_eq!(*decoder.counts(), EvtCounts::default());
-    // Over the end of its bits.
+    // Across the wrap of the counter.
     let mut decoder = Evt2Decoder::new();
     let words = [time_high(0xfff_ffff), time_high(0), word(0, 1, 1, 1), time_high(0xfff_fffe), word(0, 2, 1, 1)];
     assert_eq!(times(&decode_evt2(&mut decoder, &words)), [(1 << 34) + 1, (1 << 34) - 128 + 2]);
@@ -235,7 +236,7 @@ fn packed_words_made_by_hand() {
 }
 
 #[test]
-fn what_does_not_fit_is_refused() {
+fn events_that_do_not_fit_are_rejected() {
     for (x, y, packed, evt2) in [(2047, 1023, true, true), (0, 1024, false, true), (2048, 0, false, false)] {
         let event = event(0, x, y, Polarity::On);
         assert_eq!(PackedEncoder::new().encode(event).is_ok(), packed);
@@ -244,7 +245,7 @@ fn what_does_not_fit_is_refused() {
     assert_eq!(Evt2Encoder::new().encode(event(0, 0, 2048, Polarity::On)), Err(DoesNotFit));
 }
 
-/// Events in order of time with pauses up to `pause`; the first is before the clock of packed records wraps.
+/// Events in order of time with pauses up to `pause`; the first comes before the clock of packed records wraps.
 fn events(rows: u16, pause: i64) -> impl Strategy<Value = Vec<Event>> {
     let step = prop_oneof![3 => 0_i64..100, 1 => 0..pause];
     let part = (step, 0_u16..2048, 0..rows, any::<bool>());
@@ -260,7 +261,7 @@ fn events(rows: u16, pause: i64) -> impl Strategy<Value = Vec<Event>> {
 
 proptest! {
     #[test]
-    fn packed_events_come_back(events in events(1024, 1_000_000_000)) {
+    fn packed_events_survive_a_round_trip(events in events(1024, 1_000_000_000)) {
         let (mut encoder, mut words, mut decoder) = (PackedEncoder::new(), Words::new(), PackedDecoder::new());
         let coded: Vec<u8> = events
             .iter()
@@ -274,7 +275,7 @@ proptest! {
     }
 
     #[test]
-    fn evt2_events_come_back(events in events(2048, 1_000_000)) {
+    fn evt2_events_survive_a_round_trip(events in events(2048, 1_000_000)) {
         let (mut encoder, mut decoder) = (Evt2Encoder::new(), Evt2Decoder::new());
         let words: Vec<u32> = events.iter().flat_map(|&event| encoder.encode(event).unwrap()).collect();
         let expected: Vec<EvtRecord> = events.into_iter().map(EvtRecord::Event).collect();
@@ -282,10 +283,10 @@ proptest! {
         prop_assert_eq!(*decoder.counts(), EvtCounts::default());
     }
 
-    /// Words of EVT 3.0 made another way: each event alone, or with its neighbours of the same time as groups of 12, 12
-    /// and 8.
+    /// Encodes words of EVT 3.0 in a second way: each event alone, or with its neighbours of the same time as groups of
+    /// 12, 12 and 8.
     #[test]
-    fn evt3_events_come_back(start in 0_u32..4096, rows in prop::collection::vec((0_u32..3000, 0_u16..2048, 0_u16..2000, any::<bool>(), any::<u32>()), 0..60)) {
+    fn evt3_events_are_decoded_alone_and_in_groups(start in 0_u32..4096, rows in prop::collection::vec((0_u32..3000, 0_u16..2048, 0_u16..2000, any::<bool>(), any::<u32>()), 0..60)) {
         let (mut words, mut expected) = (std::vec![0x8000 | start as u16, 0x6000], Vec::new());
         let mut t = start * 4096;
         for (step, y, x, on, mask) in rows {
@@ -312,9 +313,10 @@ proptest! {
         prop_assert_eq!(*decoder.counts(), EvtCounts::default());
     }
 
-    /// Whatever comes in, times of EVT 3.0 go back by less than the eleven time highs of the largest step that is followed.
+    /// For any input, times of EVT 3.0 step back by less than eleven time highs, the largest step that is followed plus
+    /// one.
     #[test]
-    fn no_words_make_evt3_time_run_back(words in prop::collection::vec(any::<u16>(), 0..400)) {
+    fn no_input_makes_evt3_time_run_back(words in prop::collection::vec(any::<u16>(), 0..400)) {
         let mut latest = i64::MIN;
         for t in times(&decode_evt3(&mut Evt3Decoder::new(), &words)) {
             prop_assert!(t > latest.saturating_sub(11 * 4096));
@@ -322,9 +324,10 @@ proptest! {
         }
     }
 
-    /// Whatever comes in, times go back by less than one time high and the largest step that is followed, and every word is accounted for.
+    /// For any input, times step back by less than one time high plus the largest step that is followed, and every word
+    /// is counted.
     #[test]
-    fn no_words_make_evt2_time_run_back(words in prop::collection::vec(any::<u32>(), 0..300)) {
+    fn no_input_makes_evt2_time_run_back(words in prop::collection::vec(any::<u32>(), 0..300)) {
         let mut decoder = Evt2Decoder::new();
         let records = decode_evt2(&mut decoder, &words);
         let mut latest = i64::MIN;

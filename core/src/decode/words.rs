@@ -1,6 +1,6 @@
-//! Bytes to words.
+//! Assembly of words from bytes.
 
-/// Puts 32-bit little-endian words together from bytes that come one by one.
+/// Assembles 32-bit little-endian words from single bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Words {
     word: u32,
@@ -8,12 +8,12 @@ pub struct Words {
 }
 
 impl Words {
-    /// At the beginning of a word.
+    /// Creates an assembler at the beginning of a word.
     pub const fn new() -> Self {
         Self { word: 0, bytes: 0 }
     }
 
-    /// Takes the next byte; a word if it was its fourth.
+    /// Adds the next byte; returns the word if this byte completes it.
     #[inline]
     pub const fn push(&mut self, byte: u8) -> Option<u32> {
         self.word = (self.word >> 8) | ((byte as u32) << 24);
@@ -21,7 +21,7 @@ impl Words {
         if self.bytes == 0 { Some(self.word) } else { None }
     }
 
-    /// Bytes of a word whose end has not come yet: 0 to 3.
+    /// Returns the number of bytes of an incomplete word: 0 to 3.
     pub const fn pending(&self) -> u8 {
         self.bytes
     }

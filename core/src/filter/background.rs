@@ -1,19 +1,19 @@
-//! When each cell of the sensor last gave an event.
+//! Time of the last event of each cell of the sensor.
 
 use crate::sensor::Sensor;
 
-/// Binary digits by which microseconds are cut: a unit is 64 µs, and 16 bits wrap after 4.2 s.
+/// Bits by which microseconds are shifted right: a unit is 64 µs, and 16 bits wrap after 4.2 s.
 const UNIT: u32 = 6;
-/// An age beyond this is none.
+/// Ages beyond this are too old.
 const OLDEST: u16 = 0x8000;
 const LARGEST_CELL: u32 = 6;
 
-/// Times of the last event of square cells. A cell that is silent for a multiple of 4.2 s seems to have
-/// given an event just then, which at worst lets an event of noise pass.
+/// Times of the last event of square cells. Because times wrap, a cell that was silent for a multiple of 4.2 s seems to
+/// have had a recent event; at worst an event of noise then passes.
 #[derive(Debug)]
 pub(super) struct CellGrid<'a, const CELLS: usize> {
     times: &'a mut [u16; CELLS],
-    /// Width of a cell is 2 to this power.
+    /// The width of a cell is 2 to this power.
     shift: u32,
     columns: u16,
     /// Last column and row of pixels.
@@ -23,7 +23,7 @@ pub(super) struct CellGrid<'a, const CELLS: usize> {
 }
 
 impl<'a, const CELLS: usize> CellGrid<'a, CELLS> {
-    /// The smallest cells of which there are at most `CELLS`.
+    /// Creates the grid with the smallest cells of which at most `CELLS` cover the sensor.
     pub fn new(sensor: Sensor, background_us: u32, times: &'a mut [u16; CELLS]) -> Option<Self> {
         let along = |pixels: u16, shift: u32| u32::from(pixels).div_ceil(1 << shift);
         let fits = |shift: &u32| along(sensor.width, *shift) * along(sensor.height, *shift) <= CELLS as u32;
@@ -43,13 +43,13 @@ impl<'a, const CELLS: usize> CellGrid<'a, CELLS> {
         1 << self.shift
     }
 
-    /// Whether the event has a neighbour; it becomes one itself.
+    /// Returns `true` if the event has a neighbour, and records the event.
     #[inline]
     pub fn supports(&mut self, x: u16, y: u16, elapsed_us: i64) -> bool {
         if self.limit == 0 {
             return true;
         }
-        // A cell that has seen nothing holds 0, which counts as too old for the first 2 s.
+        // A cell without any event holds 0, which counts as too old during the first 2 s.
         let now = ((elapsed_us >> UNIT) as u16).wrapping_add(OLDEST);
         let [last_x, last_y] = self.last;
         let (left, right) = (x.saturating_sub(1) >> self.shift, x.saturating_add(1).min(last_x) >> self.shift);

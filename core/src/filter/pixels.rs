@@ -1,26 +1,26 @@
-//! Pixels that fire too often or too soon.
+//! Filter for hot and refractory pixels.
 
 use super::{EventFate, FilterSettings};
 use crate::sensor::Sensor;
 
-/// Binary digits by which microseconds are cut: a unit is 16 µs, and 16 bits wrap after 1.05 s.
+/// Bits by which microseconds are shifted right: a unit is 16 µs, and 16 bits wrap after 1.05 s.
 const UNIT: u32 = 4;
-/// Three periods are shorter than what 16 bits of time can tell apart.
+/// Three periods must be shorter than the range of the 16-bit times.
 const LONGEST_PERIOD_US: u32 = 300_000;
-/// Periods that are let pass at most at once; more than 1 is as good as any number.
+/// Largest number of periods skipped at once; any number above 1 has the same effect.
 const MOST_PERIODS: i64 = 1000;
 const HOT: u16 = 0x8000;
 
-/// The pixel that a slot follows at present.
+/// The pixel that a slot currently tracks.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Slot {
-    /// Which of the pixels that share the slot.
+    /// Identifies the pixel among those that share the slot.
     tag: u16,
     /// Time of its last event that was not refractory, in units.
     last: u16,
     /// Period of its last event.
     period: u16,
-    /// Number of its events in that period; the highest bit: it is hot because of the period before.
+    /// Number of its events in that period. The highest bit is set if it is hot because of the previous period.
     count: u16,
 }
 
@@ -32,14 +32,14 @@ impl Slot {
 pub(super) struct PixelFilter<'a, const SLOTS: usize> {
     slots: &'a mut [Slot; SLOTS],
     width: u16,
-    /// False if neither filter is on.
+    /// `false` if neither filter is on.
     active: bool,
-    /// Most events in a period.
+    /// Largest number of events in a period.
     hot_events: u16,
     /// In units; 0 when off.
     refractory: u16,
     period_us: i64,
-    /// Number of the present period, and its end in microseconds.
+    /// Number of the current period, and its end in microseconds.
     period: u16,
     period_end_us: i64,
 }
@@ -61,7 +61,7 @@ impl<'a, const SLOTS: usize> PixelFilter<'a, SLOTS> {
             hot_events: if settings.hot_events == 0 { u16::MAX } else { settings.hot_events.min(HOT - 2) },
             refractory: longest.div_ceil(1 << UNIT) as u16,
             period_us,
-            // An empty slot is of period 0, which is too long ago.
+            // An empty slot belongs to period 0, which is too long ago.
             period: 2,
             period_end_us: period_us,
         })

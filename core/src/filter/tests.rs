@@ -1,4 +1,4 @@
-//! Against the rules in their plainest form, which have all the memory they want.
+//! Comparison with the rules in their simplest form, with unlimited memory.
 
 use std::boxed::Box;
 use std::collections::{HashMap, HashSet};
@@ -15,13 +15,13 @@ fn event(t: i64, x: u16, y: u16) -> Event {
     Event { t, x, y, polarity: Polarity::On }
 }
 
-/// Time of the first event on the sensor, from which periods are counted.
+/// Returns the time of the first event on the sensor, from which periods are counted.
 fn origin(events: &[Event]) -> i64 {
     let inside = |event: &&Event| event.x < SENSOR.width && event.y < SENSOR.height;
     events.iter().find(inside).map_or(0, |event| event.t)
 }
 
-/// Every event against all before it.
+/// Compares every event with all earlier ones.
 fn naive(events: &[Event], settings: &FilterSettings, cell: u16) -> Vec<EventFate> {
     let origin = origin(events);
     let period = |event: &Event| (event.t - origin) / i64::from(settings.hot_period_us);
@@ -58,7 +58,7 @@ fn naive(events: &[Event], settings: &FilterSettings, cell: u16) -> Vec<EventFat
                 && along(event.y, other.y, SENSOR.height)
                 && units(event, 64) - units(other, 64) < i64::from(settings.background_us / 64)
         };
-        // Of a cell only the last event counts, which is the youngest.
+        // Only the last event of a cell counts, which is the youngest.
         let supported = settings.background_us == 0 || neighbours.iter().rev().any(|other| near(&other));
         neighbours.push(event);
         fates.push(if supported { EventFate::Keep } else { EventFate::Background });
@@ -108,7 +108,7 @@ fn events() -> impl Strategy<Value = Vec<Event>> {
 proptest! {
     /// 391 pixels have a slot each in 512; cells of one pixel, of two and of eight.
     #[test]
-    fn with_room_for_every_pixel_it_does_what_the_rules_say(events in events(), settings in settings()) {
+    fn with_room_for_every_pixel_the_filter_equals_the_rules(events in events(), settings in settings()) {
         for (fates, counts, cell) in [
             judge::<400, 512>(&events, settings),
             judge::<108, 512>(&events, settings),
@@ -123,7 +123,7 @@ proptest! {
         }
     }
 
-    /// With a slot for many pixels, every event dropped has a reason in events of its own pixel.
+    /// With one slot for many pixels, every dropped event has a reason in events of its own pixel.
     #[test]
     fn with_few_slots_no_event_is_dropped_without_reason(events in events(), settings in settings()) {
         let settings = FilterSettings { background_us: 0, ..settings };
@@ -155,17 +155,17 @@ proptest! {
     }
 }
 
-/// An edge over a noisy sensor with hot pixels, and the figures that such a filter is for.
+/// An edge on a noisy sensor with hot pixels: the filter keeps the edge and removes the noise.
 #[test]
-fn an_edge_stays_and_noise_goes() {
+fn an_edge_passes_and_noise_is_dropped() {
     const WIDE: Sensor = Sensor { width: 346, height: 260 };
     let mut state = 1_u64;
     let mut random = |below: u64| {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) % below
     };
-    // Every 10 µs: an edge that goes 300 px/s over 100 rows with two events a pixel; noise of about 0.3 events a second and pixel; five pixels
-    // of 1000 events a second each.
+    // Every 10 µs: an edge that moves at 300 px/s over 100 rows, with two events per pixel; noise of about 0.3 events
+    // per second and pixel; five hot pixels of 1000 events per second each.
     let hot: [(u16, u16); 5] = [(3, 3), (300, 20), (180, 250), (42, 99), (200, 100)];
     let mut events = Vec::new();
     for step in 0..100_000_i64 {
@@ -204,7 +204,7 @@ fn an_edge_stays_and_noise_goes() {
 }
 
 #[test]
-fn storage_that_cannot_do_is_refused() {
+fn too_small_storage_is_rejected() {
     let large = Sensor { width: 32_767, height: 32_767 };
     let all = FilterSettings::default();
     let refused = |settings| {

@@ -1,14 +1,13 @@
-//! Which placement on the board is right, and how surely.
+//! Choice of the placement on the board, and its certainty.
 //!
-//! Two placements of one lattice differ in the points that they explain, and in the circles that they
-//! miss. A point that is explained by one only would be clutter that happens to lie on a lattice
-//! site for the other: unlikely, the more so the fewer candidates lie beside the lattice. A circle
-//! missed within the image is a miss of the detector; one beyond the border of the image is none. So
-//! where a board might be cut by the border, a single point does not decide.
+//! Two placements of one lattice differ in the points that they explain and in the circles that they miss. If only one
+//! placement explains a point, the other must assume that the point is clutter that happens to lie on a lattice site.
+//! This is unlikely, the more so the fewer candidates lie off the lattice. A circle missed within the image is a miss
+//! of the detector; a circle beyond the border of the image is not. If the border might cut the board, a single point
+//! is therefore not decisive.
 //!
-//! What is missing speaks against a placement, never for it. Misses are not independent: a row that
-//! moves along itself, or lies on the axis of the motion, is missed as a whole, and the board would
-//! be placed a row beside.
+//! Missing circles count against a placement, never for it. Misses are not independent: a row that moves along itself,
+//! or lies on the axis of the motion, is missed as a whole, and the board would be placed one row off.
 
 use heapless::Vec;
 use nalgebra::RealField;
@@ -20,26 +19,26 @@ use super::warp::LatticeImage;
 use super::{GridError, GridOptions};
 use crate::pattern::Pattern;
 
-/// Most placements compared; with more of them (nearly) as good none is right.
+/// Largest number of placements compared; if more are (nearly) as good, the placement is ambiguous.
 const RIVALS: usize = 32;
-/// Placements that explain fewer points than the best by this many and more are none.
+/// Placements that explain fewer points than the best by this number or more are ignored.
 const CLEAR: usize = 4;
-/// Natural logarithm of the likelihood ratio: most that one point explained more counts.
+/// Natural logarithm of the likelihood ratio: largest contribution of one explained point.
 const MOST_FOR_POINT: f64 = 9.2;
-/// Circles nearer to the border of the image than this part of the spacing need not be seen.
+/// A circle nearer to the border of the image than this fraction of the spacing may be invisible.
 const BORDER: f64 = 0.5;
 
-/// A circle with a candidate nearer than this part of the spacing is not missed.
+/// A circle with a candidate nearer than this fraction of the spacing is not missed.
 const NEAR: f64 = 0.3;
 
-/// A placement with the number of circles that it misses within the image.
+/// A placement and the number of circles that it misses within the image.
 #[derive(Clone, Copy)]
 struct Rival {
     placement: Placement,
     missed: usize,
 }
 
-/// The most likely placement, if it is likelier than any other by `options.minimum_odds`.
+/// Returns the most likely placement, if it is likelier than any other by `options.minimum_odds`.
 pub(super) fn decide<T: RealField + Copy, const N: usize>(
     lattice: &Lattice<N>,
     points: &Points<T, N>,
@@ -86,7 +85,7 @@ pub(super) fn decide<T: RealField + Copy, const N: usize>(
             best = *rival;
         }
     }
-    // Points beside the board speak against it; a single one may be clutter.
+    // Points outside the board count against it; a single one may be clutter.
     let outside = lattice.len().saturating_sub(best.placement.inside);
     let against = if outside > 1 { outside } else { 0 };
     let needed: T = nalgebra::convert::<f64, T>(options.minimum_odds.max(1.0)).ln();
@@ -102,7 +101,7 @@ pub(super) fn decide<T: RealField + Copy, const N: usize>(
     Ok(best.placement)
 }
 
-/// Circles that a placement expects well within the image, but that are not there.
+/// Returns the number of circles that a placement expects well within the image but that are missing.
 fn missed<T: RealField + Copy, const N: usize>(
     lattice: &Lattice<N>,
     points: &Points<T, N>,
@@ -121,13 +120,13 @@ fn missed<T: RealField + Copy, const N: usize>(
         .filter(|&(u, v)| lattice.at(u, v).is_none())
         .filter_map(|(u, v)| image.at(u, v))
         .filter(|place| place.x > border && place.y > border && place.x < width - border && place.y < height - border)
-        // A candidate near by may be the circle, after all.
+        // A nearby candidate may still be the circle.
         .filter(|place| points.nearest(place, near).is_none())
         .count()
 }
 
-/// How much a point that only one of two placements explains speaks for it: minus the logarithm of
-/// the chance that clutter would have been taken for a circle at one given site.
+/// Returns the weight of a point that only one of two placements explains: minus the logarithm of the probability that
+/// clutter would have been taken for a circle at a given site.
 fn weight_of_point<T: RealField + Copy, const N: usize>(
     lattice: &Lattice<N>,
     points: &Points<T, N>,
@@ -137,8 +136,8 @@ fn weight_of_point<T: RealField + Copy, const N: usize>(
 ) -> T {
     let most: T = nalgebra::convert(MOST_FOR_POINT);
     let clutter: T = nalgebra::convert(points.len().saturating_sub(explained) as f64);
-    // The area in which a candidate is taken at the border of the lattice (four standard deviations,
-    // half as much variance again for the map), over that in which clutter lies.
+    // The ratio of the area in which a candidate is accepted at the border of the lattice (four standard deviations,
+    // with half the variance added for the map) to the area that contains the clutter.
     let area_of_site = scatter * scatter * nalgebra::convert(1.5 * 16.0 * core::f64::consts::PI);
     let area = spacing * spacing * nalgebra::convert(2.0 * lattice.len() as f64);
     let chance = clutter * area_of_site / area;

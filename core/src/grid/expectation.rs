@@ -1,4 +1,4 @@
-//! Which placement on the board is nearest to the expected one.
+//! Choice of the placement nearest to the expected one.
 
 use nalgebra::{RealField, Vector2};
 
@@ -9,11 +9,11 @@ use super::warp::LatticeImage;
 use super::{GridError, GridOptions};
 use crate::pattern::Pattern;
 
-/// Largest root mean square distance to the expected pixels, in parts of the spacing. Any other
-/// placement is then at least twice as far.
+/// Largest root mean square distance to the expected pixels, as a fraction of the spacing. Any other placement is then
+/// at least twice as far away.
 const NEAREST: f64 = 1.0 / 3.0;
 
-/// The placement whose circles are nearest to where they are `expected` (by board index).
+/// Returns the placement whose circles are nearest to their `expected` pixels (by board index).
 pub(super) fn decide<T: RealField + Copy, const N: usize>(
     lattice: &Lattice<N>,
     points: &Points<T, N>,
@@ -40,8 +40,8 @@ pub(super) fn decide<T: RealField + Copy, const N: usize>(
     best.map(|(_, placement)| placement).ok_or(GridError::NotAsExpected)
 }
 
-/// Mean squared distance of a placement's points from where they are expected; none if fewer than
-/// half of them are expected anywhere.
+/// Returns the mean squared distance of a placement's points from their expected pixels; `None` if fewer than half of
+/// them have one.
 fn mean_square<T: RealField + Copy, const N: usize>(
     lattice: &Lattice<N>,
     points: &Points<T, N>,

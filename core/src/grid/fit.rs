@@ -1,4 +1,4 @@
-//! Fits a [`Warp`] to a lattice, and judges single points by it.
+//! Fits a [`Warp`] to a lattice, and measures the deviation of single points from it.
 
 use heapless::Vec;
 use nalgebra::{Matrix2, RealField, Vector2};
@@ -8,62 +8,62 @@ use super::points::Points;
 use super::select::select;
 use super::warp::{COUNT, Local, USUAL_DISTORTION, Warp};
 
-/// What is assumed of the parameters.
+/// Prior values of the parameters.
 const ASSUMED: [f64; COUNT] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, USUAL_DISTORTION, 0.0, 0.0, 0.0];
-/// Standard deviations of what is assumed; zero: nothing is.
+/// Standard deviations of the prior; zero means no prior.
 const SPREAD: [f64; COUNT] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.4, 0.2, 0.1, 0.1];
-/// Scatter of the points in pixels against which the assumptions are weighed.
+/// Scatter of the points in pixels, relative to which the prior is weighted.
 const NOMINAL_SCATTER: f64 = 0.5;
-/// Points off by this many times the median keep a quarter of their weight.
+/// A point at this multiple of the median distance keeps a quarter of its weight.
 const CUT: f64 = 3.0;
 
 /// Index of the first parameter of the lens.
 const FIRST_OF_LENS: usize = 8;
-/// Factor on the weight of what is assumed of parameters that are not to move yet.
+/// Factor on the weight of the prior for parameters that are not estimated yet.
 const FIRM: f64 = 1e6;
-/// Most attempts at a step, with ever more damping.
+/// Largest number of attempts at a step, with increasing damping.
 const ATTEMPTS: usize = 5;
 
-/// A step that leaves more than this part of the cost is the last of its kind.
+/// A step that leaves more than this fraction of the cost is the last of its kind.
 const ENOUGH: f64 = 0.98;
 
-/// What a step of a fit does.
+/// Parameters and weights of one step of a fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Step {
-    /// Moves the homography; the lens stays as assumed, without which the lens would take on what is
-    /// perspective. Points far off weigh as much as others.
+    /// Estimates the homography and keeps the lens at its prior, because the lens would otherwise absorb perspective.
+    /// Outliers have full weight.
     Homography,
-    /// Moves the homography and λ₁.
+    /// Estimates the homography and λ₁.
     Distortion,
-    /// Moves all parameters.
+    /// Estimates all parameters.
     All,
-    /// Moves all parameters, with little weight on points far off.
+    /// Estimates all parameters, with little weight on outliers.
     Robust,
 }
 
-/// The precision of a fitted map, with which single points are judged.
+/// The precision of a fitted map, for the deviation of single points.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Precision<T> {
     /// Lower triangular factor of the normal matrix.
     factor: [[T; COUNT]; COUNT],
-    /// Square of the distance at which a point has a quarter of its weight.
+    /// Squared distance at which a point has a quarter of its weight.
     cut_squared: T,
     unit: T,
 }
 
-/// A point against the map fitted to the others.
+/// Deviation of a point from the map fitted to the other points.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Deviation<T> {
     /// Squared distance in pixels.
     pub distance_squared: T,
-    /// The same in units of its variance, if points scatter by 1 px along each axis.
+    /// The squared distance divided by its variance, if points scatter by 1 px along each axis.
     pub normalized_squared: T,
-    /// Variance of the map there, both axes together, if points scatter by 1 px along each axis.
+    /// Variance of the map at the point, sum over both axes, if points scatter by 1 px along each axis.
     pub variance: T,
 }
 
 impl<T: RealField + Copy> Warp<T> {
-    /// Fits the map to a lattice by Levenberg-Marquardt steps from where it is. `squares` is scratch.
+    /// Fits the map to a lattice by Levenberg-Marquardt steps from its current parameters. `squares` is scratch space.
     pub fn fit<const N: usize>(
         &mut self,
         lattice: &Lattice<N>,
@@ -116,7 +116,7 @@ impl<T: RealField + Copy> Warp<T> {
         cholesky(&system.normal, T::zero()).map(|factor| Precision { factor, cut_squared, unit: self.unit })
     }
 
-    /// Median of the squared distances of the lattice's points from their places, in pixels.
+    /// Returns the median of the squared distances of the lattice's points from their sites, in square pixels.
     pub fn median_square<const N: usize>(
         &self,
         lattice: &Lattice<N>,
@@ -125,19 +125,19 @@ impl<T: RealField + Copy> Warp<T> {
     ) -> Option<T> {
         squares.clear();
         for (position, site) in members(lattice, points) {
-            // As many as there are sites.
+            // The capacity equals the number of sites.
             let _ = squares.push(self.square(&position, site));
         }
         let rank = squares.len() / 2;
         select(squares, rank)
     }
 
-    /// Squared residual of a point, in pixels; large where the map does not hold.
+    /// Returns the squared residual of a point, in square pixels; large if the map is not valid there.
     fn square(&self, position: &Vector2<T>, site: Vector2<T>) -> T {
         self.at(position).map_or(self.unit * self.unit, |local| local.residual(site).norm_squared())
     }
 
-    /// The robust cost (Geman and McClure's) with the assumptions.
+    /// Returns the robust cost (Geman-McClure) including the prior.
     fn cost<const N: usize>(
         &self,
         lattice: &Lattice<N>,
@@ -162,7 +162,7 @@ impl<T: RealField + Copy> Warp<T> {
         cost
     }
 
-    /// The normal equations of the cost, and the cost.
+    /// Returns the normal equations of the cost, and the cost.
     fn normal_equations<const N: usize>(
         &self,
         lattice: &Lattice<N>,
@@ -208,7 +208,7 @@ struct System<T> {
     gradient: [T; COUNT],
 }
 
-/// Weights of the assumptions.
+/// Returns the weights of the prior.
 fn assumption_weights<T: RealField + Copy>(step: Step) -> [T; COUNT] {
     let firm_from = match step {
         Step::Homography => FIRST_OF_LENS,
@@ -223,7 +223,7 @@ fn assumption_weights<T: RealField + Copy>(step: Step) -> [T; COUNT] {
     })
 }
 
-/// The points of a lattice in the image, with their lattice coordinates.
+/// Returns the points of a lattice in the image, with their lattice coordinates.
 fn members<'a, T: RealField + Copy, const N: usize>(
     lattice: &'a Lattice<N>,
     points: &'a Points<T, N>,
@@ -232,8 +232,8 @@ fn members<'a, T: RealField + Copy, const N: usize>(
 }
 
 impl<T: RealField + Copy> Precision<T> {
-    /// How far a point is off the site that the map has for it. A `member` of the fitted lattice is
-    /// judged by the map without it.
+    /// Returns the deviation of a point from its site. For a `member` of the fitted lattice, the deviation is relative
+    /// to the map fitted without it.
     pub fn deviation(&self, local: &Local<T>, site: Vector2<T>, member: bool) -> Deviation<T> {
         let mut residual = local.residual(site);
         let mut variance = self.variance(local);
@@ -253,7 +253,7 @@ impl<T: RealField + Copy> Precision<T> {
         }
     }
 
-    /// Covariance of the map's image of a lattice point.
+    /// Returns the covariance of the map's image of a lattice point.
     fn variance(&self, local: &Local<T>) -> Matrix2<T> {
         let [mut by_x, mut by_y] = local.slopes(self.unit);
         let (mut xx, mut xy, mut yy) = (T::zero(), T::zero(), T::zero());
@@ -274,7 +274,7 @@ impl<T: RealField + Copy> Precision<T> {
     }
 }
 
-/// Lower triangular factor of a matrix with its diagonal raised by `damping` × itself; none if it is
+/// Returns the lower triangular factor of a matrix whose diagonal was increased by `damping` × itself; `None` if it is
 /// not clearly positive definite.
 fn cholesky<T: RealField + Copy>(matrix: &[[T; COUNT]; COUNT], damping: T) -> Option<[[T; COUNT]; COUNT]> {
     let mut matrix = *matrix;
@@ -328,7 +328,7 @@ mod tests {
     use super::super::warp::LatticeImage;
     use super::*;
 
-    /// A board seen through a lens of that very form, from (u, v) to pixels.
+    /// Returns the map from (u, v) to pixels of a board seen through a lens of exactly this form.
     fn truth() -> LatticeImage<f64> {
         let parameters = [9.0, 2.0, 0.5, -1.5, 10.0, -0.3, 0.3, -0.2, -0.5, 0.05, 0.02, -0.03];
         let warp = Warp { middle: Vector2::new(172.5, 129.5), unit: 216.0, parameters };
@@ -361,7 +361,7 @@ mod tests {
         for site in lattice.sites() {
             let local = warp.at(&points.position(site.point).unwrap()).unwrap();
             let deviation = precision.deviation(&local, site.position(), true);
-            // What is assumed of the lens pulls a little.
+            // The prior of the lens adds a small bias.
             assert!(deviation.distance_squared.sqrt() < 0.1, "{site:?}: {deviation:?}");
         }
         assert!(warp.median_square(&lattice, &points, &mut squares).unwrap().sqrt() < 0.02);

@@ -1,4 +1,4 @@
-//! A set of points with integer lattice coordinates, and its growth from neighbour to neighbour.
+//! Points with integer lattice coordinates, and growth of the lattice from neighbour to neighbour.
 
 use heapless::Vec;
 use nalgebra::{Matrix2, RealField, Vector2};
@@ -9,7 +9,7 @@ use super::points::{NONE, Points};
 const HALF: i32 = 32;
 const SIDE: usize = 2 * HALF as usize;
 
-/// A lattice site that holds a point.
+/// A lattice site with a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Site {
     pub u: i8,
@@ -18,7 +18,7 @@ pub(super) struct Site {
 }
 
 impl Site {
-    /// Lattice coordinates.
+    /// Returns the lattice coordinates.
     pub fn position<T: RealField + Copy>(&self) -> Vector2<T> {
         Vector2::new(nalgebra::convert(f64::from(self.u)), nalgebra::convert(f64::from(self.v)))
     }
@@ -37,7 +37,7 @@ pub(super) struct Affine<T> {
     pub steps: Matrix2<T>,
 }
 
-/// Points on lattice sites: at most one point a site, at most one site a point.
+/// Points on lattice sites, one to one.
 #[derive(Clone, Debug)]
 pub(super) struct Lattice<const N: usize> {
     cells: [[u16; SIDE]; SIDE],
@@ -68,14 +68,14 @@ impl<const N: usize> Lattice<N> {
         self.sites.len()
     }
 
-    /// The point at a site.
+    /// Returns the point at a site.
     pub fn at(&self, u: i32, v: i32) -> Option<u16> {
         let column = usize::try_from(u + HALF).ok()?;
         let row = usize::try_from(v + HALF).ok()?;
         self.cells.get(row)?.get(column).copied().filter(|&point| point != NONE)
     }
 
-    /// Puts a point on a free site; false if either is taken or the site is out of range.
+    /// Puts a point on a free site; returns `false` if site or point is taken or the site is out of range.
     pub fn place(&mut self, u: i32, v: i32, point: u16) -> bool {
         let (Ok(site_u), Ok(site_v)) = (i8::try_from(u), i8::try_from(v)) else { return false };
         let Some(placed) = self.placed.get_mut(usize::from(point)) else { return false };
@@ -88,7 +88,7 @@ impl<const N: usize> Lattice<N> {
         true
     }
 
-    /// Mean distance of neighbours in pixels, zero if there are none.
+    /// Returns the mean distance of neighbours in pixels, zero if there are none.
     pub fn spacing<T: RealField + Copy>(&self, points: &Points<T, N>) -> T {
         let mut sum = T::zero();
         let mut count = T::zero();
@@ -104,8 +104,7 @@ impl<const N: usize> Lattice<N> {
         if count > T::zero() { sum / count } else { T::zero() }
     }
 
-    /// The affine map from lattice to image coordinates that fits best; none if all points are in
-    /// line.
+    /// Returns the affine map from lattice to image coordinates that fits best; `None` if all points are collinear.
     pub fn affine<T: RealField + Copy>(&self, points: &Points<T, N>) -> Option<Affine<T>> {
         let samples =
             || self.sites.iter().filter_map(|site| points.position(site.point).map(|place| (site.position(), place)));
@@ -126,8 +125,8 @@ impl<const N: usize> Lattice<N> {
         Some(Affine { mean_site, mean_position, steps: mixed * spread.try_inverse()? })
     }
 
-    /// Adds points next to the placed ones as long as any lies where its placed neighbours predict
-    /// one: within `tolerance` × the local spacing.
+    /// Adds points next to the placed ones as long as a point lies within `tolerance` × the local spacing of a position
+    /// that its placed neighbours predict.
     pub fn grow<T: RealField + Copy>(&mut self, points: &Points<T, N>, tolerance: T) {
         let mut next = 0;
         while let Some(site) = self.sites.get(next).copied() {
@@ -146,7 +145,7 @@ impl<const N: usize> Lattice<N> {
         }
     }
 
-    /// Predicts the point of a site from straight lines and parallelograms of placed neighbours.
+    /// Predicts the position of a site from lines and parallelograms of placed neighbours.
     fn extrapolate<T: RealField + Copy>(&self, points: &Points<T, N>, u: i32, v: i32) -> Option<Extrapolation<T>> {
         let at = |u: i32, v: i32| self.at(u, v).and_then(|point| points.position(point));
         let half: T = nalgebra::convert(0.5);
@@ -184,14 +183,14 @@ impl<const N: usize> Lattice<N> {
     }
 }
 
-/// Where a point is expected.
+/// A predicted position.
 struct Extrapolation<T> {
     position: Vector2<T>,
     /// Squared distance to the nearest of the neighbours used.
     spacing_squared: T,
 }
 
-/// From a site to its neighbours.
+/// Steps from a site to its neighbours.
 const STEPS: [(i32, i32); 4] = [(1, 0), (0, 1), (-1, 0), (0, -1)];
 
 fn cell_mut(cells: &mut [[u16; SIDE]; SIDE], u: i32, v: i32) -> Option<&mut u16> {

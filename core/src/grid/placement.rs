@@ -1,9 +1,8 @@
-//! Which lattice site is which circle of the board.
+//! Assignment of lattice sites to circles of the board.
 //!
-//! The lattice basis that growth found is any basis of the image's lattice. A placement is an
-//! integer matrix of determinant +1 (in lattice steps) that takes it to the board's axes, and a
-//! shift. A board holds exactly the lattice points of a rectangle, so the number of points that a
-//! placement explains is the number of points in that rectangle.
+//! The lattice basis found by growth is an arbitrary basis of the image's lattice. A placement is an integer matrix of
+//! determinant +1 (in lattice steps) that maps it to the board's axes, and a shift. A board consists of all lattice
+//! points of a rectangle, so a placement explains exactly the points inside that rectangle.
 
 use heapless::Vec;
 use nalgebra::RealField;
@@ -12,12 +11,12 @@ use super::lattice::{Axes, Lattice};
 use super::warp::LatticeImage;
 use crate::pattern::{Layout, Pattern};
 
-/// Entries of the change of basis run from -this to this.
+/// Entries of the change of basis lie between minus and plus this value.
 const LARGEST_ENTRY: i32 = 2;
-/// The board's axes are those that make it a square lattice in space: its scales along two axes are
-/// equal but for this factor. For any other axes they differ by 2.6 or more.
+/// Largest ratio of the board's scales along its two axes: the right axes make it a square lattice in space, where the
+/// ratio is 1. For any other axes it is 2.6 or more.
 const LARGEST_SHEAR: f64 = 1.6;
-/// Extent of a lattice in board units that can be handled.
+/// Largest supported extent of a lattice in board units.
 const EXTENT: usize = 192;
 
 /// Maps lattice site (u, v) to the board's lattice position `axes` · (u, v) − `origin`.
@@ -30,13 +29,13 @@ pub(super) struct Placement {
 }
 
 impl Placement {
-    /// Index of the circle on the board that a lattice site has.
+    /// Returns the index of the circle at a lattice site.
     pub fn circle(&self, pattern: &Pattern, u: i8, v: i8) -> Option<usize> {
         let (x, y) = apply(&self.axes, i32::from(u), i32::from(v));
         pattern.index_at(x - self.origin.0, y - self.origin.1)
     }
 
-    /// The lattice site of a circle of the board.
+    /// Returns the lattice site of a circle of the board.
     pub fn site(&self, pattern: &Pattern, circle: usize) -> (i32, i32) {
         let (x, y) = pattern.lattice_position(circle);
         let (x, y) = (x + self.origin.0, y + self.origin.1);
@@ -46,7 +45,7 @@ impl Placement {
         ((d * x - b * y) / determinant, (a * y - c * x) / determinant)
     }
 
-    /// The same points, the board turned by a half turn, or by a quarter turn if that maps it onto
+    /// Returns the placement of the same points on the board rotated by 180°, or by 90° if that maps the board onto
     /// itself.
     pub fn turned(&self, pattern: &Pattern) -> Self {
         let (width, height) = extent_of(pattern);
@@ -62,7 +61,7 @@ impl Placement {
     }
 }
 
-/// Number of quarter or half turns that map the board onto itself: 1, 2 or 4.
+/// Returns the number of rotations by 90° or 180° that map the board onto itself: 1, 2 or 4.
 pub(super) fn turns_of(pattern: &Pattern) -> usize {
     match pattern.layout {
         Layout::Symmetric if pattern.rows == pattern.columns => 4,
@@ -72,7 +71,7 @@ pub(super) fn turns_of(pattern: &Pattern) -> usize {
     }
 }
 
-/// Largest lattice position of the board in x and y.
+/// Returns the largest lattice position of the board in x and y.
 pub(super) fn extent_of(pattern: &Pattern) -> (i32, i32) {
     let columns = i32::from(pattern.columns.max(1));
     let width = match pattern.layout {
@@ -82,11 +81,11 @@ pub(super) fn extent_of(pattern: &Pattern) -> (i32, i32) {
     (width, i32::from(pattern.rows.max(1)) - 1)
 }
 
-/// Most axes that a lattice can have at once: four turns of one, and others where the map is vague.
+/// Largest number of axes of a lattice: four rotations of one, and others if the map is poorly determined.
 const MOST_AXES: usize = 16;
 
-/// The axes that a lattice can have on a board: changes of basis that make it a square lattice in
-/// space. Of axes that differ by a turn that maps the board onto itself, one is listed.
+/// Returns the possible axes of a lattice on a board: changes of basis that make it a square lattice in space. Axes
+/// that differ by a rotation that maps the board onto itself are listed once.
 pub(super) fn axes_of<T: RealField + Copy>(image: &LatticeImage<T>, pattern: &Pattern) -> Vec<Axes, MOST_AXES> {
     let turns = turns_of(pattern);
     let largest_shear = nalgebra::convert(LARGEST_SHEAR);
@@ -131,8 +130,8 @@ pub(super) fn visit<const N: usize>(
     }
 }
 
-/// Calls `report` with the shift and the number of points inside, for every shift that may explain
-/// at least `least` points.
+/// Calls `report` with the shift and the number of points inside, for every shift that may explain at least `least`
+/// points.
 fn count_shifts<const N: usize>(
     lattice: &Lattice<N>,
     pattern: &Pattern,
@@ -169,7 +168,7 @@ fn count_shifts<const N: usize>(
     }
 }
 
-/// The starts of all windows of `length` + 1 that hold at least `least` of the values.
+/// Returns the starts of all windows of `length` + 1 that contain at least `least` of the values.
 fn windows(values: impl Iterator<Item = i32> + Clone, length: i32, least: usize) -> Option<Vec<i32, EXTENT>> {
     let low = values.clone().min()?;
     let high = values.clone().max()?;
@@ -191,8 +190,8 @@ fn windows(values: impl Iterator<Item = i32> + Clone, length: i32, least: usize)
     Some(starts)
 }
 
-/// Picks, of the turns that map the board onto itself, the one whose first circle lies nearest to
-/// the top left of the image.
+/// Of the rotations that map the board onto itself, chooses the one whose first circle lies nearest to the top left of
+/// the image.
 pub(super) fn turned_to_top_left<T: RealField + Copy>(
     placement: Placement,
     image: &LatticeImage<T>,
@@ -215,7 +214,7 @@ pub(super) fn turned_to_top_left<T: RealField + Copy>(
     best
 }
 
-/// One representative of the turns that map the board onto itself.
+/// Returns `true` for one representative of the rotations that map the board onto itself.
 fn is_first_turn(axes: &Axes, turns: usize) -> bool {
     let (a, c) = (axes[0][0], axes[1][0]);
     match turns {
@@ -258,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn windows_hold_what_a_count_says() {
+    fn windows_equal_those_of_a_direct_count() {
         let values = [3, -1, 3, 4, 9, 10, 2];
         for length in 0..12 {
             for least in 1..8 {

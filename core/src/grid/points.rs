@@ -5,14 +5,14 @@ use nalgebra::{RealField, Vector2};
 
 use super::GridCandidate;
 
-/// Number of nearest neighbours kept of a point. With circles seen under a strong slant, or with
-/// clutter between them, the four lattice neighbours are not the four nearest.
+/// Number of nearest neighbours stored per point. With circles at a strong slant, or with clutter between them, the
+/// four lattice neighbours are not the four nearest.
 pub(super) const NEIGHBOURS: usize = 12;
 
-/// Marks an unused place in an index table.
+/// Marks an unused entry in an index table.
 pub(super) const NONE: u16 = u16::MAX;
 
-/// Points closer than this (in pixels) are one and the same.
+/// Points closer than this (in pixels) are duplicates.
 const DUPLICATE_DISTANCE: f64 = 1e-3;
 
 #[derive(Clone, Copy, Debug)]
@@ -24,12 +24,12 @@ pub(super) struct Point<T> {
     pub candidate: u16,
 }
 
-/// The nearest point to a position, and how far the next one is.
+/// The nearest point to a position, and the distance of the next one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Nearest<T> {
     pub point: u16,
     pub distance_squared: T,
-    /// Squared distance of the second nearest, if it lies within the radius of the search too.
+    /// Squared distance of the second nearest, if it lies within the search radius too.
     pub second_squared: Option<T>,
 }
 
@@ -57,14 +57,14 @@ impl<T: RealField + Copy, const N: usize> Points<T, N> {
         self.get(index).map(|point| point.position)
     }
 
-    /// The neighbours of a point, nearest first.
+    /// Returns the neighbours of a point, nearest first.
     pub fn neighbours(&self, index: u16) -> impl Iterator<Item = (u16, &Point<T>)> {
         let list = self.neighbours.get(usize::from(index)).map_or(&[][..], |list| &list[..]);
         list.iter().filter_map(|&neighbour| self.get(neighbour).map(|point| (neighbour, point)))
     }
 
-    /// Takes the candidates over; those with a centre that is not finite, and all but one of those
-    /// at the same place, are left out. False if there are more than N of them.
+    /// Copies the candidates, without those whose centre is not finite and without duplicates. Returns `false` if there
+    /// are more than `N`.
     pub fn load(&mut self, candidates: &[GridCandidate<T>]) -> bool {
         self.points.clear();
         self.neighbours.clear();
@@ -84,7 +84,7 @@ impl<T: RealField + Copy, const N: usize> Points<T, N> {
         true
     }
 
-    /// Moves the last point to its place among the sorted ones before it.
+    /// Moves the last point to its position among the sorted ones before it.
     fn sink_last(&mut self) {
         let mut end = self.points.len();
         while let Some([.., before, last]) = self.points.get_mut(..end) {
@@ -160,7 +160,7 @@ impl<T: RealField + Copy, const N: usize> Points<T, N> {
         found
     }
 
-    /// The point nearest to `position` within `radius`.
+    /// Returns the point nearest to `position` within `radius`.
     pub fn nearest(&self, position: &Vector2<T>, radius: T) -> Option<Nearest<T>> {
         let from = position.x - radius;
         let to = position.x + radius;
@@ -191,7 +191,7 @@ impl<T: RealField + Copy, const N: usize> Points<T, N> {
     }
 }
 
-/// Puts a point into its place in the list sorted by distance; the last one falls out.
+/// Inserts a point into the list sorted by distance; the last one is dropped.
 fn insert_sorted<T: RealField + Copy>(
     found: &mut [u16; NEIGHBOURS],
     distances: &mut [T; NEIGHBOURS],
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn candidates_without_a_place_and_twins_are_left_out() {
+    fn candidates_that_are_not_finite_and_duplicates_are_dropped() {
         let points = load(&[(1.0, 2.0), (f64::NAN, 1.0), (1.0, 2.0), (0.0, f64::INFINITY), (0.5, 7.0)]);
         assert_eq!(points.len(), 2);
         assert_eq!(points.get(0).map(|point| point.candidate), Some(4));

@@ -1,4 +1,4 @@
-//! From candidates to the board: one seed after the other, until one grows into it.
+//! Search for the board: grows lattices from one seed after another until one of them is the board.
 
 use heapless::Vec;
 use nalgebra::{RealField, Vector2};
@@ -13,18 +13,19 @@ use super::{FoundGrid, GridCandidate, GridCircle, GridError, GridOptions, GridWo
 use super::{evidence, expectation};
 use crate::pattern::Pattern;
 
-/// Growth accepts a point within this part of the spacing, first strictly, then generously.
+/// Largest distance of a point from its predicted position during growth, as a fraction of the spacing: first strict,
+/// then generous.
 const GROWTH_TOLERANCES: [f64; 2] = [0.18, 0.3];
-/// A board is good enough to stop the search with if it has this many tenths of its circles.
+/// The search stops at a board with this many tenths of its circles.
 const ENOUGH_TENTHS: usize = 9;
-/// Most lattices that are grown, settled and refused.
+/// Largest number of lattices that are grown, settled and rejected.
 const ATTEMPTS: usize = 10;
 
-/// How to choose among placements.
+/// Criterion for choosing a placement.
 pub(super) enum Choice<'a, T> {
-    /// The likeliest, by what it explains and misses.
+    /// The most likely placement, by explained points and missed circles.
     MostLikely,
-    /// The nearest to the expected pixels of the board's circles.
+    /// The placement nearest to the expected pixels of the board's circles.
     Nearest(&'a [Option<Vector2<T>>]),
 }
 
@@ -94,7 +95,7 @@ pub(super) fn search_lattice<T: RealField + Copy, const N: usize>(
             best.clear();
             for &Site { u, v, point } in lattice.sites() {
                 let Some(candidate) = points.get(point).map(|point| point.candidate) else { continue };
-                // No more than there are sites.
+                // The capacity equals the number of sites.
                 let _ = best.push(LatticeSite { u, v, candidate });
             }
         }
@@ -106,7 +107,7 @@ pub(super) fn search_lattice<T: RealField + Copy, const N: usize>(
     }
 }
 
-/// Grows a lattice from one seed after the other, until one is a board that is complete enough.
+/// Grows a lattice from one seed after another, until one is a sufficiently complete board.
 fn search_from<T: RealField + Copy, const N: usize>(
     pattern: &Pattern,
     options: &GridOptions,
@@ -128,7 +129,7 @@ fn search_from<T: RealField + Copy, const N: usize>(
         for tolerance in GROWTH_TOLERANCES {
             lattice.grow(points, nalgebra::convert(tolerance));
         }
-        // Settling adds the sites beyond holes, but they are few.
+        // Settling adds the sites beyond holes, but only a few.
         if lattice.len() * 2 < needed {
             failure = failure.max(GridError::TooFewCircles { found: lattice.len(), needed });
             continue;
@@ -143,7 +144,7 @@ fn search_from<T: RealField + Copy, const N: usize>(
                 if attempts == ATTEMPTS {
                     break;
                 }
-                // A lattice that lost many of its points while settling is not the last word.
+                // If a lattice lost many of its points during settling, its points may start another lattice.
                 if reason.is_of_placement() && lattice.len() * 10 >= grown * ENOUGH_TENTHS {
                     mark(&mut used, lattice);
                 }
@@ -161,7 +162,7 @@ fn search_from<T: RealField + Copy, const N: usize>(
     best.ok_or(failure)
 }
 
-/// Marks the points of a lattice: a seed among them would only grow the same lattice again.
+/// Marks the points of a lattice as used, because a seed among them would only grow the same lattice again.
 fn mark<const N: usize>(used: &mut [bool; N], lattice: &Lattice<N>) {
     for site in lattice.sites() {
         if let Some(used) = used.get_mut(usize::from(site.point)) {

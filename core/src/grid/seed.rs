@@ -1,4 +1,4 @@
-//! Places where the points look like a lattice: a point between two pairs of opposite neighbours.
+//! Seeds of lattices: points between two pairs of opposite neighbours.
 
 use heapless::Vec;
 use nalgebra::{RealField, Vector2};
@@ -9,16 +9,15 @@ use super::points::{NEIGHBOURS, Points};
 /// Number of seeds kept.
 pub(super) const SEEDS: usize = 12;
 
-/// Opposite neighbours may differ by this part of the shorter one: perspective stretches the far
-/// side less than the near one.
+/// Largest difference of opposite steps, relative to the shorter one: perspective compresses the far side.
 const OPPOSITE_TOLERANCE: f64 = 0.35;
-/// A corner of the cell may be off by this part of the shorter step.
+/// Largest distance of a corner of the cell from its expected position, relative to the shorter step.
 const CORNER_TOLERANCE: f64 = 0.35;
 /// Smallest sine of the angle between the two steps.
 const LEAST_SINE: f64 = 0.15;
-/// Neighbouring circles of one board have radii of a ratio below this (where both are known).
+/// Upper bound of the ratio of the radii of neighbouring circles of a board (if both are known).
 const RADIUS_RATIO: f64 = 2.0;
-/// Most pairs of opposite neighbours looked at around a point.
+/// Largest number of pairs of opposite neighbours examined around a point.
 const PAIRS: usize = 6;
 
 /// A point with the ends of its two lattice steps.
@@ -29,9 +28,9 @@ pub(super) struct Seed<T> {
     pub along_u: (u16, u16),
     /// Points at (0, 1) and (0, -1).
     pub along_v: (u16, Option<u16>),
-    /// Number of the four diagonal corners that hold a point.
+    /// Number of the four diagonal corners with a point.
     corners: u8,
-    /// How far neighbours and corners are off, in parts of the step.
+    /// Misfit of neighbours and corners, relative to the step.
     misfit: T,
 }
 
@@ -61,16 +60,17 @@ impl<T: RealField + Copy> Seed<T> {
     }
 }
 
-/// Where to look for seeds.
+/// Kind of seed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     /// Points between two pairs of opposite neighbours, inside the board.
     Cross,
-    /// Points between one pair, at its border: for boards of two rows, or with many circles missing.
+    /// Points between one pair of neighbours, at the border of the board; for boards of two rows, or with many missing
+    /// circles.
     Border,
 }
 
-/// The most lattice-like seeds, best first.
+/// Returns the most lattice-like seeds, best first.
 pub(super) fn find_seeds<T: RealField + Copy, const N: usize>(
     points: &Points<T, N>,
     kind: Kind,
@@ -89,7 +89,8 @@ pub(super) fn find_seeds<T: RealField + Copy, const N: usize>(
     seeds
 }
 
-/// The pairs come shortest first: the first two that make a whole cell are the shortest lattice steps.
+/// Returns the first seed of two pairs that form a whole cell. The pairs are sorted by length, so these are the
+/// shortest lattice steps.
 fn best_cross<T: RealField + Copy, const N: usize>(
     points: &Points<T, N>,
     center: u16,
@@ -126,7 +127,7 @@ fn best_border<T: RealField + Copy, const N: usize>(
     best
 }
 
-/// Pairs of neighbours on opposite sides of a point, shortest first.
+/// Returns pairs of neighbours on opposite sides of a point, shortest first.
 fn opposite_pairs<T: RealField + Copy, const N: usize>(points: &Points<T, N>, center: u16) -> Vec<Pair<T>, PAIRS> {
     let tolerance: T = nalgebra::convert(OPPOSITE_TOLERANCE);
     let half: T = nalgebra::convert(0.5);
@@ -140,7 +141,7 @@ fn opposite_pairs<T: RealField + Copy, const N: usize>(points: &Points<T, N>, ce
         let step = point.position - origin.position;
         for &(other, other_step) in &seen {
             let gap = (step + other_step).norm_squared();
-            // Neighbours come in order of distance: `other_step` is the shorter one.
+            // Neighbours are sorted by distance, so `other_step` is the shorter one.
             let limit = tolerance * tolerance * other_step.norm_squared();
             if gap < limit {
                 let pair = Pair {
@@ -160,7 +161,7 @@ fn opposite_pairs<T: RealField + Copy, const N: usize>(points: &Points<T, N>, ce
     pairs
 }
 
-/// A seed from two pairs, if they span a cell and corners of that cell are there.
+/// Returns a seed from two pairs, if they span a cell and points exist at corners of that cell.
 fn cross<T: RealField + Copy, const N: usize>(
     points: &Points<T, N>,
     center: u16,
@@ -180,7 +181,7 @@ fn cross<T: RealField + Copy, const N: usize>(
             misfit += nearest.distance_squared / (tolerance * tolerance);
         }
     }
-    // A point halfway would make the cell one of every other lattice point only.
+    // A point halfway would mean that the cell contains only every other lattice point.
     let half: T = nalgebra::convert(0.5);
     let halfway = [(u_plus + origin) * half, (v_plus + origin) * half, (u_plus + v_plus) * half];
     if halfway.iter().any(|place| points.nearest(place, tolerance * half).is_some()) {
@@ -195,7 +196,7 @@ fn cross<T: RealField + Copy, const N: usize>(
     })
 }
 
-/// A seed at the border of the board: one pair, and a third neighbour with at least one corner.
+/// Returns a seed at the border of the board: one pair, and a third neighbour with at least one corner.
 fn border<T: RealField + Copy, const N: usize>(points: &Points<T, N>, center: u16, pair: &Pair<T>) -> Option<Seed<T>> {
     let origin = points.get(center)?;
     let (plus, minus) = (points.position(pair.ends.0)?, points.position(pair.ends.1)?);
@@ -230,8 +231,8 @@ fn border<T: RealField + Copy, const N: usize>(points: &Points<T, N>, center: u1
     best
 }
 
-/// The ends of `second`, ordered so that the turn from `first` to it is that from x to y; none if
-/// the two are nearly parallel.
+/// Returns the ends of `second`, ordered so that the rotation from `first` to `second` has the same sense as from x to
+/// y; `None` if the two are nearly parallel.
 fn oriented<T: RealField + Copy>(first: &Pair<T>, second: &Pair<T>) -> Option<(u16, u16)> {
     let least_sine: T = nalgebra::convert(LEAST_SINE);
     let cross = first.step.perp(&second.step);
@@ -251,7 +252,7 @@ fn radii_agree<T: RealField + Copy>(a: T, b: T) -> bool {
     a == T::zero() || b == T::zero() || (a < b * ratio && b < a * ratio)
 }
 
-/// Keeps the list sorted, best first; the worst falls out when it is full.
+/// Inserts a seed into the list, sorted from best to worst; the worst is dropped when the list is full.
 fn insert<T: RealField + Copy>(seeds: &mut Vec<Seed<T>, SEEDS>, seed: Seed<T>) {
     let mut carried = seed;
     for kept in seeds.iter_mut() {
@@ -259,6 +260,6 @@ fn insert<T: RealField + Copy>(seeds: &mut Vec<Seed<T>, SEEDS>, seed: Seed<T>) {
             core::mem::swap(&mut carried, kept);
         }
     }
-    // Full: what is left over is the worst.
+    // If the list is full, the remaining seed is the worst.
     let _ = seeds.push(carried);
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::RealField;
 
-/// The value that sorting would put at `rank` (quickselect); reorders the values.
+/// Returns the value that sorting would put at `rank` (quickselect); reorders the values.
 pub(super) fn select<T: RealField + Copy>(values: &mut [T], rank: usize) -> Option<T> {
     let mut rest = values;
     let mut rank = rank;
@@ -26,7 +26,7 @@ pub(super) fn select<T: RealField + Copy>(values: &mut [T], rank: usize) -> Opti
         } else if rank < below + equal {
             return Some(pivot);
         } else if equal == 0 {
-            // Only if values cannot be ordered (NaN).
+            // Reached only if values cannot be ordered (NaN).
             return None;
         } else {
             rank -= below + equal;
@@ -35,7 +35,7 @@ pub(super) fn select<T: RealField + Copy>(values: &mut [T], rank: usize) -> Opti
     }
 }
 
-/// What `swap` of a slice does, without its panic.
+/// Does the same as `swap` of a slice, without its panic.
 pub(super) fn exchange<T: Copy>(values: &mut [T], one: usize, other: usize) {
     let (Some(&first), Some(&second)) = (values.get(one), values.get(other)) else { return };
     for (index, value) in [(one, second), (other, first)] {

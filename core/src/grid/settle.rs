@@ -1,9 +1,8 @@
 //! Brings a grown lattice and the points into agreement.
 //!
-//! A smooth map is fitted to the lattice; then every point, placed or not, is
-//! judged by the map without it, and takes the site next to it if it is close enough for the scatter
-//! that the lattice itself shows. So wrong points lose their place, better ones replace them, and
-//! points beyond a hole are reached. Repeated until nothing changes.
+//! A smooth map is fitted to the lattice. Then every point, placed or not, is compared with a map fitted without it. It
+//! takes the nearest site if it is close enough relative to the scatter of the lattice itself. Wrong points thus lose
+//! their site, better ones replace them, and points beyond a hole are reached. This is repeated until nothing changes.
 
 use heapless::Vec;
 use nalgebra::{RealField, Vector2};
@@ -15,9 +14,9 @@ use super::points::Points;
 use super::select::{exchange, select};
 use super::warp::Warp;
 
-/// Most rounds.
+/// Largest number of rounds.
 const ROUNDS: usize = 6;
-/// Steps that bring the map near.
+/// Steps of the first fit.
 pub(super) const APPROACH: [Step; 9] = [
     Step::Homography,
     Step::Homography,
@@ -29,21 +28,21 @@ pub(super) const APPROACH: [Step; 9] = [
     Step::All,
     Step::All,
 ];
-/// Steps of every round; they end when they gain nothing.
+/// Steps of every round; they end when the cost no longer decreases.
 pub(super) const FIT: [Step; 4] = [Step::Robust; 4];
-/// A point may be off by this many standard deviations.
+/// Largest deviation of a point, in standard deviations.
 const DEVIATIONS: f64 = 4.0;
-/// A point never lies further from its place than this part of the spacing.
+/// Largest distance of a point from its site, as a fraction of the spacing.
 const WIDEST: f64 = 0.35;
-/// The map's own uncertainty (two standard deviations) must be below this part of the spacing.
+/// Largest uncertainty of the map (two standard deviations), as a fraction of the spacing.
 const LEAST_CERTAIN: f64 = 0.2;
-/// Points scatter by at least this part of the spacing: the map is not exact.
+/// Smallest scatter of the points, as a fraction of the spacing, because the map is not exact.
 const LEAST_SCATTER: f64 = 0.004;
-/// A second point at the same site must be this much worse, as a difference of squared distances
-/// in units of the variance, or neither is taken.
+/// If two points compete for a site, smallest difference of their squared distances, in units of the variance; below it
+/// neither is taken.
 const CONTEST: f64 = 12.0;
 
-/// A point that wants a site.
+/// A point that fits a site.
 #[derive(Clone, Copy, Debug)]
 struct Claim<T> {
     u: i8,
@@ -73,7 +72,7 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
         Self { claims: Vec::new(), squares: Vec::new() }
     }
 
-    /// None if no map fits.
+    /// Fits a map and settles the lattice; returns `None` if no map fits.
     pub fn settle(
         &mut self,
         lattice: &mut Lattice<N>,
@@ -83,7 +82,7 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
         let mut warp = Warp::affine(lattice, points, options.image_size)?;
         warp.fit(lattice, points, &APPROACH, &mut self.squares)?;
         let limit = |lattice: &Lattice<N>| lattice.spacing(points) * nalgebra::convert(options.maximum_scatter);
-        // Most candidates are no board: see it early.
+        // Most candidates do not belong to a board; reject them early.
         let median = warp.median_square(lattice, points, &mut self.squares)?;
         if deviation_of(median) > limit(lattice) {
             return None;
@@ -106,7 +105,7 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
         Some(Settled { warp, scatter })
     }
 
-    /// Standard deviation by the median of the residuals.
+    /// Returns the standard deviation that follows from the median of the residuals.
     fn scatter(
         &mut self,
         lattice: &Lattice<N>,
@@ -119,7 +118,7 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
         for site in lattice.sites() {
             let Some(local) = points.position(site.point).and_then(|position| warp.at(&position)) else { continue };
             let deviation = precision.deviation(&local, site.position(), true);
-            // As many as there are sites.
+            // The capacity equals the number of sites.
             let _ = self.squares.push(deviation.normalized_squared);
             least = least.max(local.spacing_squared());
         }
@@ -128,7 +127,7 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
         Some(deviation_of(select(&mut self.squares, rank)?).max(floor))
     }
 
-    /// Lists the points that fit a site, the best first.
+    /// Collects the points that fit a site, best first.
     fn collect_claims(
         &mut self,
         lattice: &Lattice<N>,
@@ -166,7 +165,7 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
         }
     }
 
-    /// Moves the last claim to its place among the sorted ones before it.
+    /// Moves the last claim to its position among the sorted ones before it.
     fn sink_last(&mut self) {
         let mut end = self.claims.len();
         while let Some([.., before, last]) = self.claims.get_mut(..end) {
@@ -178,7 +177,7 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
         }
     }
 
-    /// Rebuilds the lattice from the claims; true if that changed it.
+    /// Rebuilds the lattice from the claims; returns `true` if that changed it.
     fn redistribute(&mut self, lattice: &mut Lattice<N>) -> bool {
         let before = lattice.len();
         let contest: T = nalgebra::convert(CONTEST);
@@ -191,7 +190,7 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
                 .iter()
                 .enumerate()
                 .find(|(other_index, other)| *other_index != index && (other.u, other.v) == (claim.u, claim.v));
-            // The first of several is the best; it keeps the site if the next is clearly worse.
+            // The first of several claims is the best; it keeps the site if the next is clearly worse.
             let keeps = rival
                 .is_none_or(|(other_index, other)| other_index > index && other.distance - claim.distance >= contest);
             if keeps {
@@ -211,7 +210,7 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
     }
 }
 
-/// The standard deviation along one axis that belongs to a median of squared distances.
+/// Returns the standard deviation along one axis that corresponds to a median of squared distances.
 fn deviation_of<T: RealField + Copy>(median_square: T) -> T {
     // The squared length of a normal 2-vector has the median 2 ln 2.
     (median_square / nalgebra::convert(2.0 * core::f64::consts::LN_2)).sqrt()

@@ -1,11 +1,11 @@
-//! From image to lattice coordinates: a homography behind a lens.
+//! Map from image to lattice coordinates: a homography behind a lens.
 //!
-//! A pixel (x, y), relative to the distortion centre and in units of half the image diagonal,
-//! stands for the ray (x, y, 1 + λ₁ s + λ₂ s²), s = x² + y² (the division model of Fitzgibbon, CVPR
-//! 2001, with a second term); a homography takes rays to lattice coordinates. Twelve parameters: eight of
-//! the homography, λ₁, λ₂ and the centre. Weak assumptions about the last six (moderate slant and
-//! distortion, centre near the middle of the image) let few points suffice. The map follows
-//! perspective and lenses up to fisheyes closely enough that what does not fit it is no circle of the board.
+//! A pixel (x, y), relative to the distortion centre and in units of half the image diagonal, has the bearing
+//! (x, y, 1 + λ₁ s + λ₂ s²), s = x² + y² (the division model of Fitzgibbon, CVPR 2001, with a second term). A
+//! homography maps these vectors to lattice coordinates. There are twelve parameters: eight of the homography, λ₁, λ₂
+//! and the centre. Weak priors on the last six (moderate slant and distortion, centre near the middle of the image)
+//! make a few points sufficient. The map models perspective and lenses up to fisheyes so closely that a point off the
+//! map is not a circle of the board.
 
 use nalgebra::{Matrix2, Matrix3, RealField, Vector2, Vector3};
 
@@ -19,7 +19,7 @@ pub(super) const COUNT: usize = 12;
 /// λ₁ of a lens between pinhole (0) and fisheye (-0.8).
 pub(super) const USUAL_DISTORTION: f64 = -0.35;
 
-/// A map from the image to the lattice.
+/// The map.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Warp<T> {
     /// Middle of the image, pixels.
@@ -38,25 +38,25 @@ pub(super) struct Local<T> {
     pub steps: Matrix2<T>,
     /// The ray, divided by the denominator of the homography.
     ray: [T; 3],
-    /// How the lattice coordinates depend on the third coordinate of the ray.
+    /// Derivative of the lattice coordinates with respect to the third coordinate of the ray.
     by_depth: Vector2<T>,
     /// Squared distance from the distortion centre.
     squared: T,
 }
 
 impl<T: RealField + Copy> Local<T> {
-    /// Offset in pixels from where the map puts lattice point `site`.
+    /// Returns the offset in pixels from the map's position of lattice point `site`.
     pub fn residual(&self, site: Vector2<T>) -> Vector2<T> {
         self.steps * (self.site - site)
     }
 
-    /// Distance to the nearest lattice neighbour in pixels, squared.
+    /// Returns the squared distance to the nearest lattice neighbour, in square pixels.
     pub fn spacing_squared(&self) -> T {
         let (u, v) = (self.steps.column(0), self.steps.column(1));
         u.norm_squared().min(v.norm_squared()).min((u + v).norm_squared()).min((u - v).norm_squared())
     }
 
-    /// Derivatives of the residual with respect to the parameters: those of x, then those of y.
+    /// Returns the derivatives of the residual with respect to the parameters: those of x, then those of y.
     pub fn slopes(&self, unit: T) -> [[T; COUNT]; 2] {
         let [x, y, depth] = self.ray;
         let inward = -(self.steps * self.site);
@@ -85,7 +85,7 @@ impl<T: RealField + Copy> Local<T> {
 }
 
 impl<T: RealField + Copy> Warp<T> {
-    /// The affine map that fits a lattice best.
+    /// Returns the affine map that fits a lattice best.
     pub fn affine<const N: usize>(lattice: &Lattice<N>, points: &Points<T, N>, image_size: (f64, f64)) -> Option<Self> {
         let half: T = nalgebra::convert(0.5);
         let size = Vector2::new(nalgebra::convert::<f64, T>(image_size.0), nalgebra::convert(image_size.1));
@@ -105,7 +105,7 @@ impl<T: RealField + Copy> Warp<T> {
         Some(Self { middle, unit, parameters })
     }
 
-    /// The map at a pixel; none where it is not one to one and right side up.
+    /// Evaluates the map at a pixel; `None` if it is not one-to-one or is mirrored there.
     pub fn at(&self, pixel: &Vector2<T>) -> Option<Local<T>> {
         let [a, b, c, d, e, f, g, h, first, second, center_x, center_y] = self.parameters;
         let two: T = nalgebra::convert(2.0);
@@ -144,7 +144,7 @@ impl<T: RealField + Copy> Warp<T> {
 /// telephoto lens.
 const FOCAL_LENGTHS: [f64; 7] = [0.5, 0.75, 1.1, 1.6, 2.4, 3.6, 5.4];
 
-/// The same map the other way: from lattice to image.
+/// The inverse map, from lattice to image.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LatticeImage<T> {
     warp: Warp<T>,
@@ -152,17 +152,17 @@ pub(super) struct LatticeImage<T> {
 }
 
 impl<T: RealField + Copy> LatticeImage<T> {
-    /// None if the map is degenerate.
+    /// Returns `None` if the map is degenerate.
     pub fn new(warp: &Warp<T>) -> Option<Self> {
         let [a, b, c, d, e, f, g, h, ..] = warp.parameters;
         let to_ray = Matrix3::new(a, b, c, d, e, f, g, h, T::one()).try_inverse()?;
         Some(Self { warp: *warp, to_ray })
     }
 
-    /// How far the map is from showing a square lattice in a plane if `axes` takes lattice to board
-    /// coordinates: the ratio of the board's two scales, at the focal length where it is least.
-    /// 1 for the right axes, as the convergence of lines belongs to the slant; at least 2.6, if all
-    /// is exact, for others. None if the map is degenerate.
+    /// Returns the deviation of the map from a square lattice in a plane, if `axes` maps lattice to board coordinates:
+    /// the ratio of the board's two scales, at the focal length where it is least. It is 1 for the right axes, because
+    /// the convergence of lines is explained by the slant, and at least 2.6 for others if all measurements are exact.
+    /// Returns `None` if the map is degenerate.
     pub fn shear(&self, axes: &Axes) -> Option<T> {
         let axes = Matrix2::from_fn(|row, column| nalgebra::convert::<f64, T>(f64::from(axes[row][column])));
         let rays = self.to_ray.fixed_columns::<2>(0) * axes.try_inverse()?;
@@ -183,7 +183,7 @@ impl<T: RealField + Copy> LatticeImage<T> {
         least
     }
 
-    /// The pixel of a lattice site; none if it lies beyond what the lens can show.
+    /// Returns the pixel of a lattice site; `None` if it is beyond the field of view of the lens.
     pub fn at(&self, u: i32, v: i32) -> Option<Vector2<T>> {
         let [.., first, second, center_x, center_y] = self.warp.parameters;
         let site = Vector3::new(nalgebra::convert(f64::from(u)), nalgebra::convert(f64::from(v)), T::one());
@@ -207,7 +207,7 @@ impl<T: RealField + Copy> LatticeImage<T> {
         }
         let place = direction * k + Vector2::new(center_x, center_y);
         let pixel = place * self.warp.unit + self.warp.middle;
-        // Where Newton's method went astray, the map back does not agree.
+        // If Newton's method failed, the pixel does not map back to the site.
         let back = self.warp.at(&pixel)?.site;
         let tolerance: T = nalgebra::convert(0.1);
         ((back - site.xy()).norm() < tolerance).then_some(pixel)

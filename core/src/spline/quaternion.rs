@@ -1,17 +1,16 @@
 //! Rotation curves as normalised sums of quaternions: `q(u) = Σ N_i(u) q_i / ‖Σ N_i(u) q_i‖`
 //! (Kang and Park, *Cubic spline algorithms for orientation interpolation*, 1999).
 //!
-//! Control points need not have unit length: their lengths act as weights. Neighbours must lie on
-//! the same half of the sphere, since `q` and `-q` are the same rotation but not the same control
-//! point: see [`align_signs`].
+//! Control points need not have unit length: their lengths act as weights. Neighbours must lie in the same half of the
+//! sphere, because `q` and `-q` are the same rotation but not the same control point: see [`align_signs`].
 
 use nalgebra::{Matrix3, Quaternion, RealField, UnitQuaternion, convert};
 
 use super::rotation::skew;
 use super::{Basis, MAX_ORDER, RotationMotion, RotationSample};
 
-/// Flips the sign of quaternions so that each has an angle of at most 90° in R⁴ to the one before.
-/// The rotations stay the same.
+/// Flips signs of quaternions so that each has an angle of at most 90° in R⁴ to the previous one. The rotations stay
+/// the same.
 pub fn align_signs<T: RealField + Copy>(quaternions: &mut [Quaternion<T>]) {
     let Some(first) = quaternions.first() else { return };
     let mut before = *first;
@@ -23,10 +22,10 @@ pub fn align_signs<T: RealField + Copy>(quaternions: &mut [Quaternion<T>]) {
     }
 }
 
-/// The point at `basis` of the curve with all its control points `control`.
+/// Returns the point at `basis` of the curve with the control points `control` (all of them).
 ///
-/// `None` when there are too few control points, or when their weighted sum vanishes (opposite
-/// quaternions cancel) or is not finite.
+/// Returns `None` if there are too few control points, or if their weighted sum vanishes (opposite quaternions cancel)
+/// or is not finite.
 pub fn evaluate<T: RealField + Copy>(basis: &Basis<T>, control: &[Quaternion<T>]) -> Option<RotationSample<T>> {
     let control = basis.select(control)?;
     let zero = Quaternion::new(T::zero(), T::zero(), T::zero(), T::zero());
@@ -38,15 +37,15 @@ pub fn evaluate<T: RealField + Copy>(basis: &Basis<T>, control: &[Quaternion<T>]
         derivative += *point * slope;
         magnitude += point.norm_squared() * value;
     }
-    // The weights sum to 1, so the squared length of the sum is at most `magnitude`. NaN fails.
+    // The weights sum to 1, so the squared length of the sum is at most `magnitude`. NaN is rejected.
     let norm_squared = sum.norm_squared();
     if !(norm_squared > magnitude * T::default_epsilon() && norm_squared.is_finite()) {
         return None;
     }
     let norm_reciprocal = norm_squared.sqrt().recip();
     let rotation = sum * norm_reciprocal;
-    // A change dq of the sum turns the result by 2 vec(q* dq)/‖sum‖; the real part of q* dq only
-    // changes the length. With dq = N_i q_i (0, δ/2) that is N_i/‖sum‖ vec((q* q_i) (0, δ)).
+    // A change dq of the sum rotates the result by 2 vec(q* dq)/‖sum‖; the real part of q* dq only changes the length.
+    // With dq = N_i q_i (0, δ/2) that is N_i/‖sum‖ vec((q* q_i) (0, δ)).
     let inverse = rotation.conjugate() * norm_reciprocal;
     let angular_velocity = (inverse * derivative).imag() * convert::<f64, T>(2.0);
     let mut jacobians = [Matrix3::zeros(); MAX_ORDER];
@@ -57,9 +56,10 @@ pub fn evaluate<T: RealField + Copy>(basis: &Basis<T>, control: &[Quaternion<T>]
     Some(RotationSample { rotation: UnitQuaternion::new_unchecked(rotation), angular_velocity, jacobians })
 }
 
-/// As [`evaluate`], with the angular acceleration and the Jacobians of angular velocity and angular acceleration.
+/// Evaluates the curve like [`evaluate`], with the angular acceleration and the Jacobians of angular velocity and
+/// angular acceleration.
 ///
-/// With the sum q and n = q·q: ω = 2 vec(q* q')/n and ω' = 2 vec(q* q'')/n − 2 (q·q') ω/n, for q'* q' has no
+/// With the sum q and n = q·q: ω = 2 vec(q* q')/n and ω' = 2 vec(q* q'')/n − 2 (q·q') ω/n, because q'* q' has no
 /// imaginary part.
 pub fn motion<T: RealField + Copy>(basis: &Basis<T>, control: &[Quaternion<T>]) -> Option<RotationMotion<T>> {
     let sample = evaluate(basis, control)?;
@@ -76,7 +76,7 @@ pub fn motion<T: RealField + Copy>(basis: &Basis<T>, control: &[Quaternion<T>]) 
     let half = convert::<f64, T>(0.5);
     let reciprocal = sum.norm_squared().recip();
     let velocity = sample.angular_velocity;
-    // Twice vec(q* q'')/n, and how fast the length of the sum grows.
+    // Twice vec(q* q'')/n, and the growth rate of the length of the sum.
     let bend = (sum.conjugate() * second).imag() * (two * reciprocal);
     let growth = sum.dot(&first) * reciprocal;
 
@@ -85,8 +85,8 @@ pub fn motion<T: RealField + Copy>(basis: &Basis<T>, control: &[Quaternion<T>]) 
     let jacobians = velocity_jacobians.iter_mut().zip(&mut acceleration_jacobians);
     for (((of_velocity, of_acceleration), point), ((&value, &slope), &curvature)) in jacobians.zip(control).zip(weights)
     {
-        // A turn δ of the control point changes the sum by N_i q_i (0, δ/2). Multiplied from the left by the conjugate
-        // of the sum or of one of its derivatives, that is a matrix times δ.
+        // A rotation δ of the control point changes the sum by N_i q_i (0, δ/2). Multiplied from the left by the
+        // conjugate of the sum or of one of its derivatives, that is a matrix times δ.
         let turned = |left: &Quaternion<T>| {
             let relative = left.conjugate() * *point * reciprocal;
             (skew(&relative.imag()) + Matrix3::from_diagonal_element(relative.w), relative.imag())
@@ -120,7 +120,7 @@ mod tests {
     };
     use super::*;
 
-    /// Control points of different lengths.
+    /// Returns control points of different lengths.
     fn control_points(walk: &[UnitQuaternion<f64>]) -> Vec<Quaternion<f64>> {
         let mut control: Vec<_> =
             walk.iter().enumerate().map(|(i, q)| q.into_inner() * (1.0 + 0.05 * (i % 5) as f64)).collect();
@@ -161,7 +161,7 @@ mod tests {
             prop_assert!(jacobians_agree(&sample.jacobians, turned));
         }
 
-        /// Also where the curve's degree is too low for its derivatives to be smooth: between knots they are.
+        /// Also for curves whose degree is too low for smooth derivatives: between knots they are smooth.
         #[test]
         fn angular_acceleration_and_its_jacobians_agree_with_differences(
             (knots, degree, u) in knots_and_parameter(),
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sum_that_vanishes_gives_none() {
+    fn a_vanishing_sum_is_rejected() {
         let knots = [0.0, 0.0, 1.0, 1.0];
         let knots = Knots::new(&knots, 1).unwrap();
         let q = Quaternion::new(0.5, -0.5, 0.5, 0.5);

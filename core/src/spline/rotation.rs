@@ -1,16 +1,15 @@
 //! Exponential and logarithm of SO(3) and the right Jacobian, accurate down to angle zero.
 //!
-//! Rotation vectors `φ = θ a` are in radians. Formulae: J. Solà et al., *A micro Lie theory for
-//! state estimation in robotics*, equations 132, 133, 143 and 144. Below half a radian, where the
-//! closed forms lose digits and spline evaluation lives, power series are summed to the precision
-//! of `f64`; this also spares the trigonometric functions.
+//! Rotation vectors `φ = θ a` are in radians. Formulae: J. Solà et al., *A micro Lie theory for state estimation in
+//! robotics*, equations 132, 133, 143 and 144. Below half a radian, where the closed forms lose digits and most angles
+//! of a spline lie, power series are summed to the precision of `f64`; this also avoids the trigonometric functions.
 
 use nalgebra::{Matrix3, Quaternion, RealField, UnitQuaternion, Vector3, convert};
 
 /// Squared angle below which the series are used.
 const SERIES_LIMIT: f64 = 0.25;
 
-/// `Σ coefficients[k] x^k`.
+/// Returns `Σ coefficients[k] x^k`.
 fn polynomial<T: RealField + Copy>(coefficients: &[f64], x: T) -> T {
     coefficients.iter().rev().fold(T::zero(), |sum, &coefficient| sum * x + convert(coefficient))
 }
@@ -61,18 +60,18 @@ const COTANGENT: [f64; 8] = [
     3617.0 / 10_670_622_842_880_000.0,
 ];
 
-/// Whether the series serve for the squared angle `x`.
+/// Returns `true` if the series are accurate for the squared angle `x`.
 fn is_small<T: RealField + Copy>(x: T) -> bool {
     x < convert(SERIES_LIMIT)
 }
 
-/// The cross product matrix: `skew(a) b = a × b`.
+/// Returns the cross product matrix: `skew(a) b = a × b`.
 pub fn skew<T: RealField + Copy>(v: &Vector3<T>) -> Matrix3<T> {
     let zero = T::zero();
     Matrix3::new(zero, -v.z, v.y, v.z, zero, -v.x, -v.y, v.x, zero)
 }
 
-/// The rotation by the rotation vector `phi` (radians).
+/// Returns the rotation by the rotation vector `phi` (radians).
 pub fn exp<T: RealField + Copy>(phi: &Vector3<T>) -> UnitQuaternion<T> {
     let half = phi * convert::<f64, T>(0.5);
     let x = half.norm_squared();
@@ -86,20 +85,20 @@ pub fn exp<T: RealField + Copy>(phi: &Vector3<T>) -> UnitQuaternion<T> {
     UnitQuaternion::new_unchecked(Quaternion::from_parts(cosine, half * sinc))
 }
 
-/// The rotation vector of `rotation`, of length at most π (radians).
+/// Returns the rotation vector of `rotation`, of length at most π (radians).
 pub fn log<T: RealField + Copy>(rotation: &UnitQuaternion<T>) -> Vector3<T> {
     // q and -q are the same rotation; the one with w ≥ 0 has the short rotation vector.
     let sign = if rotation.w < T::zero() { -T::one() } else { T::one() };
     let cosine = rotation.w * sign;
     let vector = rotation.imag() * sign;
     let sine = vector.norm();
-    // Down to the smallest sine, atan2(s, c)/s keeps all digits; below it is 1/c.
+    // Down to the smallest sine, atan2(s, c)/s keeps all digits; below it the quotient is 1/c.
     let half_angle_by_sine =
         if sine > T::default_epsilon() * T::default_epsilon() { sine.atan2(cosine) / sine } else { cosine.recip() };
     vector * (half_angle_by_sine * convert(2.0))
 }
 
-/// The right Jacobian: `exp(φ + ε) ≈ exp(φ) exp(J_r(φ) ε)`. Its transpose is the left Jacobian.
+/// Returns the right Jacobian: `exp(φ + ε) ≈ exp(φ) exp(J_r(φ) ε)`. Its transpose is the left Jacobian.
 pub fn right_jacobian<T: RealField + Copy>(phi: &Vector3<T>) -> Matrix3<T> {
     let x = phi.norm_squared();
     let (linear, quadratic) = if is_small(x) {
@@ -112,8 +111,8 @@ pub fn right_jacobian<T: RealField + Copy>(phi: &Vector3<T>) -> Matrix3<T> {
     quadratic_in_skew(phi, x, -linear, quadratic)
 }
 
-/// The inverse of the right Jacobian: `log(exp(φ) exp(ε)) ≈ φ + J_r⁻¹(φ) ε`, for angles below 2π.
-/// Its transpose is the inverse of the left Jacobian.
+/// Returns the inverse of the right Jacobian: `log(exp(φ) exp(ε)) ≈ φ + J_r⁻¹(φ) ε`, for angles below 2π. Its transpose
+/// is the inverse of the left Jacobian.
 pub fn right_jacobian_inverse<T: RealField + Copy>(phi: &Vector3<T>) -> Matrix3<T> {
     let x = phi.norm_squared();
     let quadratic = if is_small(x) {
@@ -126,7 +125,7 @@ pub fn right_jacobian_inverse<T: RealField + Copy>(phi: &Vector3<T>) -> Matrix3<
     quadratic_in_skew(phi, x, convert(0.5), quadratic)
 }
 
-/// `I + linear [φ]× + quadratic [φ]×²` with `x = ‖φ‖²`, where `[φ]×² = φ φᵀ - ‖φ‖² I`.
+/// Returns `I + linear [φ]× + quadratic [φ]×²` with `x = ‖φ‖²`, where `[φ]×² = φ φᵀ - ‖φ‖² I`.
 fn quadratic_in_skew<T: RealField + Copy>(phi: &Vector3<T>, x: T, linear: T, quadratic: T) -> Matrix3<T> {
     let scaled = phi * quadratic;
     let turn = phi * linear;
@@ -152,7 +151,7 @@ mod tests {
 
     use super::*;
 
-    /// Rotation vectors of any direction, with angles from 1e-12 to almost a full turn.
+    /// Returns rotation vectors of any direction, with angles from 1e-12 to almost a full rotation.
     fn rotation_vector() -> impl Strategy<Value = Vector3<f64>> {
         let direction = [-1.0..1.0_f64, -1.0..1.0_f64, -1.0..1.0_f64]
             .prop_filter("direction", |v| v.iter().any(|x| x.abs() > 0.01));
@@ -161,8 +160,8 @@ mod tests {
         (direction, angle).prop_map(|(direction, angle)| Vector3::from(direction).normalize() * angle)
     }
 
-    /// `Σ M^k/(k + offset)!`: with offset 0 the matrix exponential, with offset 1 and `M = -[φ]×` the
-    /// right Jacobian.
+    /// Returns `Σ M^k/(k + offset)!`: with offset 0 the matrix exponential, with offset 1 and `M = -[φ]×` the right
+    /// Jacobian.
     fn matrix_series(matrix: Matrix3<f64>, offset: i32) -> Matrix3<f64> {
         let mut term = Matrix3::identity();
         let mut sum = term;

@@ -4,8 +4,8 @@
 //! Lie groups*, 2016, and *Efficient derivative computation for cumulative B-splines on Lie groups*,
 //! 2020).
 //!
-//! The sign of a control quaternion has no meaning here. Neighbouring control points must be less
-//! than half a turn apart: at half a turn the direction of the step is arbitrary.
+//! The sign of a control quaternion has no meaning here. Neighbouring control points must be less than 180° apart: at
+//! 180° the direction of the step is arbitrary.
 
 use nalgebra::{Matrix3, RealField, UnitQuaternion, Vector3};
 
@@ -23,8 +23,8 @@ struct Step<T: RealField> {
     rotation: UnitQuaternion<T>,
 }
 
-/// The point at `basis` of the curve with all its control points `control` (unit quaternions);
-/// `None` when there are too few of them.
+/// Returns the point at `basis` of the curve with the control points `control` (all of them, unit quaternions); `None`
+/// if there are too few.
 pub fn evaluate<T: RealField + Copy>(basis: &Basis<T>, control: &[UnitQuaternion<T>]) -> Option<RotationSample<T>> {
     let control = basis.select(control)?;
     let (first, others) = control.split_first()?;
@@ -45,9 +45,9 @@ pub fn evaluate<T: RealField + Copy>(basis: &Basis<T>, control: &[UnitQuaternion
         angular_velocity = step.rotation.inverse_transform_vector(&angular_velocity) + vector * weight_derivative;
     }
 
-    // Turning d_j by ε turns R by P_j λ_j J_r(λ_j d_j) ε, with P_j the inverse of the product of the
-    // later factors. A turn δ of control point j changes d_j by J_r⁻¹(d_j) δ and d_{j+1} by the
-    // left Jacobian's inverse, -J_l⁻¹(d_{j+1}) δ.
+    // A change ε of d_j rotates R by P_j λ_j J_r(λ_j d_j) ε, with P_j the inverse of the product of the later factors.
+    // A rotation δ of control point j changes d_j by J_r⁻¹(d_j) δ and d_{j+1} by the left Jacobian's inverse,
+    // -J_l⁻¹(d_{j+1}) δ.
     let mut jacobians = [Matrix3::zeros(); MAX_ORDER];
     let mut later = Matrix3::identity();
     let mut from_next = Matrix3::zeros();
@@ -65,22 +65,23 @@ pub fn evaluate<T: RealField + Copy>(basis: &Basis<T>, control: &[UnitQuaternion
     Some(RotationSample { rotation: UnitQuaternion::new_normalize(rotation.into_inner()), angular_velocity, jacobians })
 }
 
-/// A step with what inertial sensors need of it.
+/// A step with the quantities needed for IMU measurements.
 #[derive(Clone, Copy)]
 struct MovingStep<T: RealField> {
     step: Step<T>,
     /// `λ_j'` and `λ_j''`.
     slope: T,
     curvature: T,
-    /// Angular velocity and acceleration of the steps before, in the frame after this one.
+    /// Angular velocity and acceleration of the previous steps, in the frame after this one.
     velocity: Vector3<T>,
     acceleration: Vector3<T>,
 }
 
-/// As [`evaluate`], with the angular acceleration and the Jacobians of angular velocity and angular acceleration.
+/// Evaluates the curve like [`evaluate`], with the angular acceleration and the Jacobians of angular velocity and
+/// angular acceleration.
 ///
-/// With `A_j = exp(λ_j d_j)`, from step to step (Sommer et al. 2020) `ω ← A_jᵀ ω + λ_j' d_j` and
-/// `ω' ← A_jᵀ ω' + λ_j' (A_jᵀ ω) × d_j + λ_j'' d_j`.
+/// With `A_j = exp(λ_j d_j)`, from step to step (Sommer et al. 2020) `ω ← A_jᵀ ω + λ_j' d_j` and `ω' ← A_jᵀ ω' + λ_j'
+/// (A_jᵀ ω) × d_j + λ_j'' d_j`.
 pub fn motion<T: RealField + Copy>(basis: &Basis<T>, control: &[UnitQuaternion<T>]) -> Option<RotationMotion<T>> {
     let sample = evaluate(basis, control)?;
     let control = basis.select(control)?;
@@ -110,8 +111,8 @@ pub fn motion<T: RealField + Copy>(basis: &Basis<T>, control: &[UnitQuaternion<T
         velocity = carried + vector * slope;
     }
 
-    // Turning d_j by ε turns A_j by λ_j J_r(λ_j d_j) ε, and what A_jᵀ carries the other way. The steps after it carry a change of
-    // ω to L times it, and to M times it in ω', beside L times the change of ω'.
+    // A change ε of d_j rotates A_j by λ_j J_r(λ_j d_j) ε, and rotates the vectors that A_jᵀ transforms the other way.
+    // The later steps turn a change Δω into L Δω; they turn changes Δω and Δω' into a change of ω' by M Δω + L Δω'.
     let mut velocity_jacobians = [Matrix3::zeros(); MAX_ORDER];
     let mut acceleration_jacobians = [Matrix3::zeros(); MAX_ORDER];
     let (mut later, mut mixed) = (Matrix3::<T>::identity(), Matrix3::<T>::zeros());
@@ -191,7 +192,7 @@ mod tests {
             prop_assert!(jacobians_agree(&sample.jacobians, turned));
         }
 
-        /// Also where the curve's degree is too low for its derivatives to be smooth: between knots they are.
+        /// Also for curves whose degree is too low for smooth derivatives: between knots they are smooth.
         #[test]
         fn angular_acceleration_and_its_jacobians_agree_with_differences(
             (knots, degree, u) in knots_and_parameter(),
@@ -225,8 +226,8 @@ mod tests {
             prop_assert!((after.angular_velocity - before.angular_velocity).norm() < 1e-12 * (1.0 + before.angular_velocity.norm()));
         }
 
-        /// Control points at the Greville abscissae of a turn at constant rate give exactly this turn
-        /// on SO(3); the quaternion curve deviates from it only in the third order of the step angle.
+        /// With control points at the Greville abscissae of a rotation at constant rate, the curve on SO(3) is exactly
+        /// this rotation; the quaternion curve deviates from it only in the third order of the step angle.
         #[test]
         fn a_constant_rate_is_exact_and_near_the_quaternion_curve((knots, degree, u) in knots_and_parameter()) {
             let rate = Vector3::new(0.03, -0.05, 0.04);

@@ -15,8 +15,8 @@ pub struct VectorSample<T> {
     pub second_derivative: Vector3<T>,
 }
 
-/// The point at `basis` of the curve with all its control points `control`; `None` when there are
-/// too few of them.
+/// Returns the point at `basis` of the curve with the control points `control` (all of them); `None` if there are too
+/// few.
 pub fn evaluate<T: RealField + Copy>(basis: &Basis<T>, control: &[Vector3<T>]) -> Option<VectorSample<T>> {
     let control = basis.select(control)?;
     let mut sample = VectorSample {
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_control_points_give_none() {
+    fn too_few_control_points_are_rejected() {
         let knots = [0.0, 0.0, 0.0, 1.0, 2.0, 2.0, 2.0];
         let basis = Knots::new(&knots, 2).unwrap().basis(1.5).unwrap();
         assert!(evaluate(&basis, &[Vector3::zeros(); 3]).is_none());

@@ -1,19 +1,19 @@
-//! The window policy fed event by event, with storage of fixed capacity.
+//! The window policy for single events, with storage of fixed capacity.
 
 use super::{Outcome, Window, WindowSettings, WindowState};
 use crate::event::{Event, Polarity};
 use heapless::Deque;
 
-/// Room for the events of a window, `N` at most, eight bytes each.
+/// Storage for the events of a window, at most `N`, eight bytes each.
 ///
-/// Its initial value is all zeros, so that a static of it costs no flash.
+/// Its initial value is all zeros, so a static of this type takes no flash.
 #[derive(Debug)]
 pub struct EventStorage<const N: usize> {
     events: Deque<PackedEvent, N>,
 }
 
 impl<const N: usize> EventStorage<N> {
-    /// Empty storage.
+    /// Creates empty storage.
     pub const fn new() -> Self {
         Self { events: Deque::new() }
     }
@@ -25,37 +25,37 @@ impl<const N: usize> Default for EventStorage<N> {
     }
 }
 
-/// Whether there is a window to look at.
+/// State of the current window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
     /// The window is still open: push more events.
     Collecting,
-    /// The window is complete: look for the pattern in [`WindowBuffer::events`], then
-    /// [`WindowBuffer::report`] what came of it.
+    /// The window is complete: search [`WindowBuffer::events`] for the pattern, then pass the outcome to
+    /// [`WindowBuffer::report`].
     Complete,
 }
 
-/// Events that never made it into a window, and windows that were not tried.
+/// Number of events that were not part of any window, and of windows that were not searched.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BufferCounts {
-    /// Events dropped because a complete window was not reported.
+    /// Events dropped because a complete window had not been reported.
     pub overflow: u32,
-    /// Events dropped because they came before the start of the window: in the gap after a success.
+    /// Events dropped because they came before the start of the window, in the gap after a success.
     pub before_start: u32,
-    /// Events older than the one before them; they count as simultaneous with it.
+    /// Events older than the previous one; they are treated as simultaneous with it.
     pub out_of_order: u32,
-    /// Windows that were not worth a try: fewer events than `fewest_events`.
+    /// Windows that were not searched because they had fewer events than `fewest_events`.
     pub too_few_events: u32,
     /// Windows that ended early because the storage was full.
     pub full: u32,
-    /// Events forgotten by [`WindowBuffer::restart`].
+    /// Events discarded by [`WindowBuffer::restart`].
     pub forgotten: u32,
 }
 
 /// Collects the events of the current window.
 ///
-/// A window that fills the storage ends there: it is complete, and shorter than the settings say, so that
-/// its bounds are those of its events. If nothing is found in it, the start moves on.
+/// A window that fills the storage ends there: it is complete but shorter than the settings require, and its bounds are
+/// those of its events. If nothing is found in it, the start advances.
 ///
 /// ```
 /// use evcal_core::event::{Event, Polarity};
@@ -75,21 +75,21 @@ pub struct BufferCounts {
 #[derive(Debug)]
 pub struct WindowBuffer<'a, const N: usize> {
     state: WindowState,
-    /// Bounds of the window according to `state`, for the look at every event.
+    /// Bounds of the window according to `state`, copied for the check of every event.
     start_us: i64,
     end_us: i64,
-    /// Events at or after the start of the window, by time. After a failure some may lie behind its end.
+    /// Events at or after the start of the window, by time. After a failure some may lie after its end.
     events: &'a mut Deque<PackedEvent, N>,
-    /// How many of `events` lie in the window.
+    /// Number of `events` in the window.
     in_window: usize,
-    /// The event that closed the window, if it is not among `events`.
+    /// The event that closed the window, if it is not in `events`.
     pending: Option<Event>,
     newest_us: i64,
     counts: BufferCounts,
 }
 
 impl<'a, const N: usize> WindowBuffer<'a, N> {
-    /// An empty window that starts at `start_us`. What `storage` held is forgotten.
+    /// Creates an empty window that starts at `start_us`, and clears `storage`.
     pub fn new(settings: WindowSettings, start_us: i64, storage: &'a mut EventStorage<N>) -> Self {
         storage.events.clear();
         let state = WindowState::new(settings, start_us);
@@ -105,10 +105,10 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
         }
     }
 
-    /// Takes the next event.
+    /// Adds the next event.
     ///
-    /// While a window is complete and not reported, further events are dropped and counted as
-    /// overflow, so report first.
+    /// While a complete window is not reported, further events are dropped and counted as overflow, so call
+    /// [`report`](Self::report) first.
     #[inline]
     pub fn push(&mut self, event: Event) -> Progress {
         if self.pending.is_some() || self.in_window < self.events.len() {
@@ -121,7 +121,7 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
             self.newest_us = event.t;
         }
         let event = Event { t: self.newest_us, ..event };
-        // Most events need no further look at the window.
+        // For most events this check suffices.
         if event.t < self.start_us {
             self.counts.before_start = self.counts.before_start.saturating_add(1);
             return Progress::Collecting;
@@ -134,22 +134,22 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
         self.settle()
     }
 
-    /// Tells what came of the complete window, and moves on to the next.
+    /// Accepts the outcome of the complete window, and moves on to the next window.
     ///
-    /// The events at hand may complete the next window too.
+    /// The stored events may already complete the next window too.
     pub fn report(&mut self, outcome: Outcome) -> Progress {
         self.move_on(outcome);
         self.settle()
     }
 
-    /// The events of the window, by time.
+    /// Returns the events of the window, by time.
     pub fn events(&self) -> impl Iterator<Item = Event> + Clone + '_ {
         let start_us = self.start_us;
         let (front, back) = self.events.as_slices();
         front.iter().chain(back).take(self.in_window).map(move |packed| packed.unpack(start_us))
     }
 
-    /// Bounds of the window; the indices count [`events`](Self::events) from 0.
+    /// Returns the bounds of the window; the indices count [`events`](Self::events) from 0.
     pub const fn window(&self) -> Window {
         let end_us = match self.left_out() {
             Some(event) => event.t,
@@ -158,9 +158,9 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
         Window { start_us: self.start_us, end_us, first: 0, last: self.in_window }
     }
 
-    /// Forgets the events at hand and starts anew at `start_us`, if that is later than the start of the window:
-    /// to be called when events were lost before they came here, because a window across the hole would
-    /// have the wrong bounds.
+    /// Discards the stored events and restarts at `start_us`, if that is later than the start of the window. Call it
+    /// when events were lost before they reached the buffer, because a window across the gap would have the wrong
+    /// bounds.
     pub fn restart(&mut self, start_us: i64) {
         let forgotten = self.events.len() + usize::from(self.pending.is_some());
         self.counts.forgotten = self.counts.forgotten.saturating_add(forgotten as u32);
@@ -171,7 +171,7 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
         self.set_bounds();
     }
 
-    /// First microsecond of the current window: earlier events are dropped.
+    /// Returns the first microsecond of the current window; earlier events are dropped.
     pub const fn start_us(&self) -> i64 {
         self.start_us
     }
@@ -180,7 +180,7 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
         (self.start_us, self.end_us) = (self.state.start_us(), self.state.end_us());
     }
 
-    /// The event for which the window had no room, if it is full.
+    /// Returns the event for which the window had no room, if it is full.
     const fn left_out(&self) -> Option<Event> {
         match self.pending {
             Some(event) if event.t < self.end_us => Some(event),
@@ -188,19 +188,19 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
         }
     }
 
-    /// What was dropped or passed over so far.
+    /// Returns the counts so far.
     pub const fn counts(&self) -> &BufferCounts {
         &self.counts
     }
 
-    /// Finds the next complete window among the events at hand, if there is one.
+    /// Finds the next complete window among the stored events, if there is one.
     fn settle(&mut self) -> Progress {
         loop {
             if self.in_window == self.events.len() && !self.place_pending() {
                 return Progress::Collecting;
             }
             if self.in_window == 0 {
-                // Nothing until the next event: no window before it can hold anything.
+                // Skip to the next event: no window before it can contain anything.
                 let start_us = self.start_us;
                 let next = self.events.front().map(|packed| packed.unpack(start_us)).or(self.pending);
                 let Some(next) = next else { return Progress::Collecting };
@@ -219,8 +219,8 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
         }
     }
 
-    /// Puts the pending event into the window or drops it; true if it lies behind the window, or the
-    /// window is full.
+    /// Puts the pending event into the window or drops it; returns `true` if it lies after the window or the window is
+    /// full.
     fn place_pending(&mut self) -> bool {
         let Some(event) = self.pending else { return false };
         if event.t >= self.end_us {
@@ -244,7 +244,7 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
         let full = self.left_out().is_some();
         self.counts.full = self.counts.full.saturating_add(u32::from(full));
         self.state.report(match outcome {
-            // A longer window would hold the same events.
+            // A longer window would contain the same events.
             Outcome::NotFound { .. } if full => Outcome::NotFound { unique_pixels: u32::MAX },
             outcome => outcome,
         });
@@ -256,7 +256,7 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
         self.trim();
     }
 
-    /// Counts the events that lie in the window.
+    /// Counts the events of the window.
     fn trim(&mut self) {
         let (start_us, end_us) = (self.start_us, self.end_us);
         let (front, back) = self.events.as_slices();
@@ -268,7 +268,7 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
     }
 }
 
-/// An event in eight bytes: the low 32 bits of its time, and the polarity above the row.
+/// An event in eight bytes: the low 32 bits of its time, and the polarity in the top bit of the row.
 #[derive(Clone, Copy, Debug)]
 struct PackedEvent {
     t: u32,
@@ -283,7 +283,7 @@ impl PackedEvent {
         Self { t: event.t as u32, x: event.x, y_and_polarity: event.y.min(0x7fff) | polarity }
     }
 
-    /// The event again, given a time at most 2^32 µs before it.
+    /// Restores the event, given a time at most 2^32 µs before it.
     fn unpack(self, start_us: i64) -> Event {
         let elapsed_us = self.t.wrapping_sub(start_us as u32);
         Event {

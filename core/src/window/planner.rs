@@ -5,8 +5,8 @@ use crate::event::Event;
 
 /// Yields the windows of `[start, end)` one by one, over a slice of events sorted by time.
 ///
-/// Call [`next`](Self::next), look for the pattern, [`report`](Self::report) what came of it, and so
-/// on until `next` returns `None`. Every call must be given the same slice.
+/// Call [`next`](Self::next), search for the pattern, and pass the outcome to [`report`](Self::report), until `next`
+/// returns `None`. Pass the same slice to every call.
 ///
 /// ```
 /// use evcal_core::event::Event;
@@ -29,14 +29,14 @@ pub struct WindowPlanner {
 }
 
 impl WindowPlanner {
-    /// Plans windows that lie within `[start_us, end_us)`.
+    /// Creates a planner of windows within `[start_us, end_us)`.
     pub const fn new(settings: WindowSettings, start_us: i64, end_us: i64) -> Self {
         Self { state: WindowState::new(settings, start_us), end_us, first: 0, last: 0, too_few_events: 0 }
     }
 
-    /// The next window worth a try, or `None` when the next one would end after the planned time.
+    /// Returns the next window to search, or `None` when the next one would end after the planned time.
     ///
-    /// Without a [`report`](Self::report) in between the same window is returned again.
+    /// Without a [`report`](Self::report) in between, the same window is returned again.
     pub fn next(&mut self, events: &[Event]) -> Option<Window> {
         loop {
             let (start_us, end_us) = (self.state.start_us(), self.state.end_us());
@@ -47,7 +47,7 @@ impl WindowPlanner {
             self.last = first_not_before(events, self.last.max(self.first), end_us);
             let count = self.last - self.first;
             if count == 0 {
-                // Nothing until the next event: no window before it can hold anything.
+                // Skip to the next event: no window before it can contain anything.
                 self.state.skip_to(events.get(self.last)?.t);
                 continue;
             }
@@ -61,25 +61,25 @@ impl WindowPlanner {
         }
     }
 
-    /// Tells what came of the window that [`next`](Self::next) returned last.
+    /// Accepts the outcome of the window that [`next`](Self::next) returned last.
     pub fn report(&mut self, outcome: Outcome) {
         self.state.report(outcome);
-        // A new start comes with a shorter window, whose end may lie before the last one.
+        // A new start begins with a shorter window, whose end may lie before the last one.
         self.last = self.first;
     }
 
-    /// The state machine behind the planner.
+    /// Returns the state machine of the planner.
     pub const fn state(&self) -> &WindowState {
         &self.state
     }
 
-    /// Number of windows so far that were not worth a try: fewer events than `fewest_events`.
+    /// Returns the number of windows that were not searched because they had fewer events than `fewest_events`.
     pub const fn too_few_events(&self) -> u32 {
         self.too_few_events
     }
 }
 
-/// Index of the first event at or after `time_us`, searched from `from` in growing strides.
+/// Returns the index of the first event at or after `time_us`, searched from `from` in growing strides.
 fn first_not_before(events: &[Event], from: usize, time_us: i64) -> usize {
     let Some(rest) = events.get(from..) else { return events.len() };
     let mut bound = 1;

@@ -9,7 +9,7 @@ fn settings() -> WindowSettings {
     WindowSettings { step: 500, min_interval: 3, max_interval: 9, gap: 5, most_events: 1000, fewest_events: 0 }
 }
 
-/// Windows tried over `events` by the planner, judged by `judge`.
+/// Returns the windows that the planner tries over `events`, with outcomes from `judge`.
 fn planned(
     settings: WindowSettings,
     events: &[Event],
@@ -26,7 +26,7 @@ fn planned(
     tried
 }
 
-/// The same by the buffer, one event after the other.
+/// Returns the windows that the buffer tries, one event after the other.
 fn buffered(
     settings: WindowSettings,
     events: &[Event],
@@ -68,7 +68,7 @@ fn lengths_grow_from_minimum_to_maximum_then_the_start_advances() {
 }
 
 #[test]
-fn a_failed_window_is_left_by_half_its_length() {
+fn after_a_failure_the_start_advances_by_half_the_length() {
     let mut state = WindowState::new(settings(), 100);
     for _ in 3..=9 {
         assert_eq!(state.start_us(), 100);
@@ -112,13 +112,13 @@ fn silence_is_skipped() {
     let events: Vec<Event> =
         (0..100).map(|i| event(i * 10)).chain((0..400).map(|i| event(60_000_000 + i * 10))).collect();
     let tried = planned(settings(), &events, i64::MAX, |_, _| NOTHING);
-    // A start for the burst of 1 ms, two of 2.25 ms for the one of 4 ms, each with seven lengths.
+    // One start for the burst of 1 ms, two of 2.25 ms for the burst of 4 ms, each with seven lengths.
     assert_eq!(tried.len(), (1 + 2) * 7);
     assert!(tried.iter().any(|window| window.0 == 60_000_000));
 }
 
 #[test]
-fn the_floor_passes_over_windows_and_counts_them() {
+fn windows_with_too_few_events_are_skipped_and_counted() {
     let events: Vec<Event> = (0..100).map(|i| event(i * 100)).collect();
     let mut planner = WindowPlanner::new(WindowSettings { fewest_events: 30, ..settings() }, 0, 10_000);
     let window = planner.next(&events).unwrap();
@@ -138,7 +138,7 @@ fn a_window_that_fills_the_storage_ends_there() {
     assert_eq!(windows.events().collect::<Vec<_>>(), (0..8).map(|t| event(t * 10)).collect::<Vec<_>>());
     windows.push(event(91));
     assert_eq!(windows.counts().overflow, 1, "an unreported window takes no event");
-    // The next start is half a window later, so that all events at hand lie before it.
+    // The next start is half a window later, so all stored events lie before it.
     assert_eq!(windows.report(NOTHING), Progress::Collecting);
     assert_eq!((windows.window().start_us, windows.window().len()), (750, 0));
     assert_eq!((windows.counts().full, windows.counts().before_start), (1, 1));
@@ -164,7 +164,7 @@ fn no_event_is_lost_to_a_full_storage_when_every_window_is_reported() {
 }
 
 #[test]
-fn a_restart_leaves_no_event_before_it() {
+fn a_restart_discards_all_earlier_events() {
     let mut storage = EventStorage::<8>::new();
     let mut windows = WindowBuffer::new(settings(), 0, &mut storage);
     for t in [10, 20, 30] {

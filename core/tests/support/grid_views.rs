@@ -1,4 +1,4 @@
-//! Random views of a circle grid as candidate sets, with the truth; shared by tests and benches.
+//! Random views of a circle grid as candidate sets with the ground truth; shared by tests and benches.
 
 use evcal_core::grid::GridCandidate;
 use evcal_core::pattern::Pattern;
@@ -23,12 +23,12 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Uniform in [from, to).
+    /// Returns a uniformly distributed number in [from, to).
     pub fn uniform(&mut self, from: f64, to: f64) -> f64 {
         from + (to - from) * ((self.next() >> 11) as f64 / (1_u64 << 53) as f64)
     }
 
-    /// Standard normal.
+    /// Returns a number with a standard normal distribution.
     pub fn normal(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.uniform(0.0, 1.0)).ln()).sqrt();
         radius * self.uniform(0.0, core::f64::consts::TAU).cos()
@@ -61,7 +61,7 @@ impl Lens {
         let squared = direction.norm_squared();
         match self {
             Lens::Radtan => {
-                // Beyond its field of view the polynomial folds back.
+                // Beyond the field of view of the lens the polynomial folds back.
                 if squared > 0.8 {
                     return None;
                 }
@@ -81,7 +81,7 @@ impl Lens {
     }
 }
 
-/// What a set of views is like.
+/// Parameters of a set of views.
 #[derive(Clone, Copy, Debug)]
 pub struct Setting {
     pub pattern: Pattern,
@@ -90,15 +90,15 @@ pub struct Setting {
     pub tilt: f64,
     /// Standard deviation of a centre, pixels along each axis.
     pub noise: f64,
-    /// Number of candidates that are no dots.
+    /// Number of false candidates.
     pub clutter: usize,
-    /// Number of dots that are missing, at random.
+    /// Number of missing dots, chosen at random.
     pub missing: usize,
-    /// Whether the board may reach beyond the image (its dots there are missing, too).
+    /// `true` if the board may reach beyond the image (its dots there are missing, too).
     pub cut: bool,
 }
 
-/// A candidate set with the truth.
+/// A candidate set with the ground truth.
 #[derive(Clone, Debug)]
 pub struct View {
     pub candidates: Vec<GridCandidate<f64>>,
@@ -106,12 +106,12 @@ pub struct View {
     pub truth: Vec<Option<usize>>,
     /// Number of dots among the candidates.
     pub visible: usize,
-    /// Where each dot of the board is, whether missing or not; none beyond the image.
+    /// Pixel of each dot of the board, whether missing or not; `None` outside the image.
     pub dots: Vec<Option<Vector2<f64>>>,
 }
 
-/// A random view of the board: tilt up to `setting.tilt` in any direction, any roll, from filling
-/// the image to 2.5 times as far, anywhere in the image. The spacing of the board is 55 mm.
+/// Returns a random view of the board: tilt up to `setting.tilt` in any direction, any roll, from filling the image to
+/// 2.5 times as far, anywhere in the image. The spacing of the board is 55 mm.
 pub fn view(setting: &Setting, random: &mut Random) -> View {
     loop {
         if let Some(view) = try_view(setting, random) {
@@ -143,7 +143,7 @@ fn try_view(setting: &Setting, random: &mut Random) -> Option<View> {
         Lens::Fisheye => 0.9 * reach,
     };
     let distance = nearest * random.uniform(1.0, 2.5);
-    // Where the board's middle appears: a direction within the field of view.
+    // Bearing of the middle of the board, within the field of view.
     let half_view = match setting.lens {
         Lens::Radtan => (0.5, 0.37),
         Lens::Fisheye => (1.5, 1.0),
@@ -161,7 +161,7 @@ fn try_view(setting: &Setting, random: &mut Random) -> Option<View> {
         }
         dots.push(inside);
     }
-    // Dots must be apart: a detector needs a few pixels for a circle, more if it is to be this noisy.
+    // Dots must be separated: a detector needs a few pixels per circle, and more at this noise.
     let closest = f64::max(5.0, 8.0 * setting.noise);
     let seen: Vec<Vector2<f64>> = dots.iter().flatten().copied().collect();
     for (index, a) in seen.iter().enumerate() {
@@ -189,8 +189,8 @@ fn try_view(setting: &Setting, random: &mut Random) -> Option<View> {
         }
     }
     let visible = entries.len();
-    // Clutter in the board's bounding box, widened by a fifth to each side, within the image; no nearer to a dot or to
-    // other clutter than 2 px, which a detector could not tell apart.
+    // Clutter lies in the board's bounding box, widened by a fifth on each side, within the image, and at least 2 px
+    // from dots and other clutter, because a detector could not separate them.
     let low = seen.iter().fold(seen[0], |low, dot| low.inf(dot));
     let high = seen.iter().fold(seen[0], |high, dot| high.sup(dot));
     let margin = (high - low) * 0.2;

@@ -1,4 +1,4 @@
-//! Puts the memory map where the linker finds it.
+//! Copies the memory map to a directory that the linker searches.
 
 use std::path::PathBuf;
 use std::{env, fs};

@@ -1,15 +1,14 @@
-//! The circle detector of evcal as a firmware, without anything that belongs to a board.
+//! The circle detector of evcal as firmware, without board-specific code.
 //!
 //! ```text
 //! bytes of the sensor ─► Source ─► events ─► Pipeline ─► frames of the circle stream ─► serial port
 //! ```
 //!
-//! [`Source`] decodes; [`Pipeline`] filters, collects windows, finds circles with
-//! [`evcal_core::detector`] and puts them into frames of [`evcal_link`]. The host finds the board
-//! among the circles and calibrates.
+//! [`Source`] decodes; [`Pipeline`] filters events, collects windows, finds circles with [`evcal_core::detector`] and
+//! puts them into frames of [`evcal_link`]. The host finds the board among the circles and calibrates.
 //!
-//! `no_std`, no allocation, no `unsafe`, no panics. All storage is in [`Storage`], whose initial value
-//! is all zeros, so that a static of it costs RAM but no flash.
+//! `no_std`, no allocation, no `unsafe`, no panics. All storage is in [`Storage`], whose initial value is all zeros, so
+//! a static of this type takes RAM but no flash.
 //!
 //! ```
 //! use evcal_core::sensor::Sensor;

@@ -1,4 +1,4 @@
-//! What the pipeline knows, as messages of the link.
+//! Conversion of the pipeline's data to messages of the link.
 
 use evcal_core::circle::CircleCandidate;
 use evcal_core::detector::Detection;
@@ -7,7 +7,7 @@ use evcal_link::{Circle, DeviceName, Hello, Losses, PROTOCOL_VERSION, WindowEnd}
 
 use crate::Settings;
 
-/// Events, runs and clusters that fit a window.
+/// Number of events, runs and clusters that fit into a window.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Capacities {
     pub events: usize,
@@ -15,7 +15,7 @@ pub(crate) struct Capacities {
     pub clusters: usize,
 }
 
-/// Times before the clock's zero are sent as zero.
+/// Converts a time; times before the clock's zero become zero.
 pub(crate) fn time(time_us: i64) -> u64 {
     u64::try_from(time_us).unwrap_or(0)
 }
@@ -85,7 +85,7 @@ pub(crate) fn window_end(number: u32, window: &Window, detection: &Detection, lo
     }
 }
 
-/// What was lost between two states of the counts.
+/// Returns the losses between two states of the counts.
 pub(crate) fn losses_since(before: &Losses, now: &Losses) -> Losses {
     Losses {
         undecodable: now.undecodable.wrapping_sub(before.undecodable),

@@ -1,4 +1,4 @@
-//! Events to frames of circles.
+//! The pipeline from events to frames of circles.
 
 use core::fmt;
 
@@ -14,14 +14,15 @@ use evcal_link::{Encoder, Losses, Message, Statistics};
 use crate::Settings;
 use crate::messages::{Capacities, circle, hello, losses_since, time, window_end};
 
-/// Microseconds after which a device tells again who it is and what it counted.
+/// Interval in microseconds at which a device repeats its description and its counts.
 const ANNOUNCE_EVERY_US: i64 = 1_000_000;
 
 /// All storage of a [`Pipeline`].
 ///
-/// `ROW_BYTES` and `ROWS` follow from the sensor by [`row_bytes`](crate::row_bytes) and [`row_count`](crate::row_count), `RUNS` and
-/// `CLUSTERS` are those of [`Detector`], `EVENTS` is the number of events that a window holds, `CELLS`
-/// and `SLOTS` are those of [`EventFilter`]. The initial value is all zeros.
+/// `ROW_BYTES` and `ROWS` follow from the sensor by [`row_bytes`](crate::row_bytes) and
+/// [`row_count`](crate::row_count). `RUNS` and `CLUSTERS` have the same meaning as in [`Detector`], `EVENTS` is the
+/// capacity of a window in events, `CELLS` and `SLOTS` have the same meaning as in [`EventFilter`]. The initial value
+/// is all zeros.
 #[derive(Debug)]
 pub struct Storage<
     const ROW_BYTES: usize,
@@ -47,7 +48,7 @@ impl<
     const SLOTS: usize,
 > Storage<ROW_BYTES, ROWS, RUNS, CLUSTERS, EVENTS, CELLS, SLOTS>
 {
-    /// Empty storage.
+    /// Creates empty storage.
     pub const fn new() -> Self {
         Self { detector: Detector::new(), events: EventStorage::new(), filter: FilterStorage::new() }
     }
@@ -71,9 +72,9 @@ impl<
 /// The storage is too small for the sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SetupError {
-    /// That of the detector: `ROW_BYTES`, `ROWS`.
+    /// The storage of the detector: `ROW_BYTES`, `ROWS`.
     Detector(SensorTooLarge),
-    /// That of the filter: `CELLS`, `SLOTS`.
+    /// The storage of the filter: `CELLS`, `SLOTS`.
     Filter(StorageTooSmall),
 }
 
@@ -100,11 +101,11 @@ impl fmt::Display for SetupError {
 
 impl core::error::Error for SetupError {}
 
-/// Finds the circles in a stream of events and tells the host.
+/// Finds the circles in a stream of events and sends them to the host.
 ///
 /// Push events; when a window is [`Progress::Complete`], call [`detect`](Self::detect) and then
-/// [`report`](Self::report), which moves on to the next window. The two are apart so that a device can
-/// measure the time that detection takes, or send with interrupts on.
+/// [`report`](Self::report), which moves on to the next window. The two are separate so that a device can measure the
+/// time of a detection, or send with interrupts enabled.
 #[derive(Debug)]
 pub struct Pipeline<
     'a,
@@ -124,7 +125,7 @@ pub struct Pipeline<
     detection: Option<Detection>,
     encoder: Encoder,
     statistics: Statistics,
-    /// What [`Statistics::losses`] were when the last window was sent.
+    /// [`Statistics::losses`] at the time when the last window was sent.
     told: Losses,
     undecodable: u32,
     announced_us: Option<i64>,
@@ -141,10 +142,10 @@ impl<
     const SLOTS: usize,
 > Pipeline<'a, ROW_BYTES, ROWS, RUNS, CLUSTERS, EVENTS, CELLS, SLOTS>
 {
-    /// Starts with empty storage. A window never grows beyond what `EVENTS` holds.
+    /// Creates a pipeline with empty storage. A window never contains more than `EVENTS` events.
     ///
     /// # Errors
-    /// The storage is too small for the sensor.
+    /// Returns an error if the storage is too small for the sensor.
     pub fn new(
         mut settings: Settings,
         storage: &'a mut Storage<ROW_BYTES, ROWS, RUNS, CLUSTERS, EVENTS, CELLS, SLOTS>,
@@ -166,13 +167,13 @@ impl<
         })
     }
 
-    /// Takes the next event of the sensor.
+    /// Processes the next event of the sensor.
     pub fn push(&mut self, event: Event) -> Progress {
         self.statistics.events = self.statistics.events.wrapping_add(1);
         if self.filter.judge(&event) != EventFate::Keep {
             return Progress::Collecting;
         }
-        // Events between two windows cost next to nothing, and nothing of the budget.
+        // Events between two windows cost almost nothing, so they do not use the budget.
         if event.t >= self.windows.start_us() {
             let was_shedding = self.shedder.is_shedding();
             if !self.shedder.admit(&event) {
@@ -189,15 +190,15 @@ impl<
     pub fn detect(&mut self) {
         self.statistics.windows = self.statistics.windows.saturating_add(1);
         let Self { settings, windows, detector, detection, .. } = self;
-        // That the sensor fits was seen to at the start.
+        // The constructor has checked that the sensor fits.
         *detection = detector.detect(settings.sensor, windows.events(), &settings.detector).ok();
     }
 
-    /// Sends the circles of the window if there are enough of them, and moves on to the next window,
-    /// which may be complete too.
+    /// Sends the circles of the window if there are enough of them, and moves on to the next window, which may already
+    /// be complete.
     ///
-    /// `send` returns false when the output has no room for a whole frame: the frame is then lost,
-    /// which both sides count.
+    /// `send` returns `false` if the output has no room for a whole frame: the frame is then lost, which both sides
+    /// count.
     pub fn report(&mut self, send: &mut impl FnMut(&[u8]) -> bool) -> Progress {
         let detection = self.detection.take().unwrap_or_default();
         let window = self.windows.window();
@@ -212,8 +213,8 @@ impl<
         self.windows.report(outcome)
     }
 
-    /// Tells who and how this device is, if it has not done so for a second of `time_us`, the clock of
-    /// the events. To be called at the start, and in times without events.
+    /// Sends the description of this device, if this has not been done for a second of `time_us`, the clock of the
+    /// events. Call it at the start, and when no events arrive.
     pub fn announce(&mut self, time_us: i64, send: &mut impl FnMut(&[u8]) -> bool) {
         if self.announced_us.is_some_and(|before| time_us.saturating_sub(before) < ANNOUNCE_EVERY_US) {
             return;
@@ -225,18 +226,18 @@ impl<
         self.send_statistics(time_us, send);
     }
 
-    /// Sends the counts, for the end of a recording.
+    /// Sends the counts, at the end of a recording.
     pub fn send_statistics(&mut self, time_us: i64, send: &mut impl FnMut(&[u8]) -> bool) {
         let statistics = Statistics { time_us: time(time_us), ..self.statistics() };
         self.send(&Message::Statistics(statistics), send);
     }
 
-    /// Tells how many words of the sensor's stream made no event so far.
+    /// Sets the number of words of the sensor's stream so far that produced no event.
     pub const fn count_undecodable(&mut self, so_far: u32) {
         self.undecodable = so_far;
     }
 
-    /// What was counted since the start.
+    /// Returns the counts since the start.
     pub fn statistics(&self) -> Statistics {
         let counts = self.windows.counts();
         let filtered = self.filter.counts();
@@ -256,12 +257,12 @@ impl<
         }
     }
 
-    /// Number of events in the current window.
+    /// Returns the number of events in the current window.
     pub const fn window_events(&self) -> usize {
         self.windows.window().len()
     }
 
-    /// The circles of the last window, in pixels.
+    /// Returns the circles of the last window, in pixels.
     pub fn circles(&self) -> &[CircleCandidate<f32>] {
         self.detector.circles()
     }

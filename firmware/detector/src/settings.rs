@@ -1,4 +1,4 @@
-//! What a device is set to.
+//! Settings of a device.
 
 use evcal_core::budget::EventBudget;
 use evcal_core::detector::DetectorSettings;
@@ -9,17 +9,17 @@ use evcal_core::window::WindowSettings;
 /// Settings of a device.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Name and version of the firmware, for the user; what is beyond 32 bytes is not sent.
+    /// Name and version of the firmware, for the user; only the first 32 bytes are sent.
     pub device: &'static str,
     /// Size of the sensor in pixels.
     pub sensor: Sensor,
-    /// Which events are dropped before anything else looks at them.
+    /// Filter applied to events first.
     pub filter: FilterSettings,
-    /// How many events can be worked on; what comes beyond is shed.
+    /// Event rate that can be processed; events beyond it are shed.
     pub budget: EventBudget,
-    /// Which stretches of time are looked at.
+    /// Choice of the time windows to search.
     pub window: WindowSettings,
-    /// Events to circles.
+    /// Detection of circles.
     pub detector: DetectorSettings,
     /// A window with at least this many circles counts as one with the board, and is sent.
     pub fewest_circles: u16,
@@ -28,8 +28,8 @@ pub struct Settings {
 impl Settings {
     /// Settings for a board of `circles` dots.
     ///
-    /// A window is tried once it has 40 events for each dot, and sent if it has five sixths as many circles as
-    /// the board: fewer tries than on a desktop, where time is cheap.
+    /// A window is searched once it has 40 events per dot, and sent if it has at least five sixths as many circles as
+    /// the board. This means fewer searches than on a desktop, where time is cheap.
     pub fn new(device: &'static str, sensor: Sensor, circles: u16) -> Self {
         Self {
             device,

@@ -1,11 +1,12 @@
-//! Bytes of a sensor to events.
+//! Decodes the bytes of a sensor to events.
 
 use evcal_core::decode::{Evt2Decoder, EvtRecord, PackedDecoder, Words};
 use evcal_core::event::Event;
 
 /// Decodes the stream of a sensor, byte by byte.
 ///
-/// A device that has whole words, or one format only, uses the decoders of [`evcal_core::decode`].
+/// A device that receives whole words, or supports one format only, uses the decoders of [`evcal_core::decode`]
+/// instead.
 #[derive(Clone, Debug)]
 pub struct Source {
     words: Words,
@@ -19,24 +20,24 @@ enum Decoder {
 }
 
 impl Source {
-    /// Prophesee EVT 2.0.
+    /// Creates a source for Prophesee EVT 2.0.
     pub const fn evt2() -> Self {
         Self { words: Words::new(), decoder: Decoder::Evt2(Evt2Decoder::new()) }
     }
 
-    /// Packed 32-bit records.
+    /// Creates a source for packed 32-bit records.
     pub const fn packed() -> Self {
         Self { words: Words::new(), decoder: Decoder::Packed(PackedDecoder::new()) }
     }
 
-    /// Takes the next byte; an event if it was the last of one.
+    /// Decodes the next byte; returns an event if the byte completes one.
     #[inline]
     pub fn push(&mut self, byte: u8) -> Option<Event> {
         let word = self.words.push(byte)?;
         self.push_word(word)
     }
 
-    /// Takes the next word: for a device that receives whole words.
+    /// Decodes the next word, for a device that receives whole words.
     #[inline]
     pub fn push_word(&mut self, word: u32) -> Option<Event> {
         match &mut self.decoder {
@@ -48,7 +49,7 @@ impl Source {
         }
     }
 
-    /// Words so far that were meant to be events and made none: for [`Pipeline::count_undecodable`].
+    /// Returns the number of event words so far that produced no event, for [`Pipeline::count_undecodable`].
     ///
     /// [`Pipeline::count_undecodable`]: crate::Pipeline::count_undecodable
     pub const fn undecodable(&self) -> u32 {

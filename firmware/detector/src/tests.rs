@@ -1,4 +1,4 @@
-//! What the pipeline tells is what it found and what it lost.
+//! The pipeline sends the circles that it finds, and counts its losses.
 
 use std::vec::Vec;
 
@@ -16,15 +16,15 @@ type Storage346 = Storage<{ row_bytes(346) }, { row_count(260) }, 2048, 128, 400
 
 const SENSOR: Sensor = Sensor { width: 346, height: 260 };
 
-/// Settings without filter and shedding, for a board of `circles` dots.
+/// Returns settings without filter and shedding, for a board of `circles` dots.
 fn settings(circles: u16) -> Settings {
     let filter = FilterSettings { hot_events: 0, refractory_us: 0, background_us: 0, ..FilterSettings::default() };
     let budget = EventBudget { events_per_second: u32::MAX, burst: u32::MAX };
     Settings { filter, budget, ..Settings::new("test", SENSOR, circles) }
 }
 
-/// 36 dots of radius 8 px that move to the right by 500 px/s for a time: every pixel of an edge gives an event as
-/// the edge crosses it.
+/// Returns the events of 36 dots of radius 8 px that move to the right at 500 px/s for a time: every pixel triggers an
+/// event when an edge crosses it.
 fn moving_dots(duration_us: i64) -> Vec<Event> {
     let mut events = Vec::new();
     for dot in 0..36 {
@@ -46,7 +46,7 @@ fn moving_dots(duration_us: i64) -> Vec<Event> {
     events
 }
 
-/// Everything that comes out for these events, and the statistics at the end.
+/// Returns all messages for these events, and the statistics at the end.
 fn run(settings: Settings, events: &[Event], mut room: impl FnMut() -> bool) -> (Vec<Message>, evcal_link::Statistics) {
     let mut storage = std::boxed::Box::new(Storage346::new());
     let mut pipeline = Pipeline::new(settings, &mut storage).unwrap();
@@ -71,7 +71,7 @@ fn run(settings: Settings, events: &[Event], mut room: impl FnMut() -> bool) -> 
 }
 
 #[test]
-fn dots_are_told_where_they_are() {
+fn the_dots_are_sent_with_their_positions() {
     let (messages, statistics) = run(settings(36), &moving_dots(40_000), || true);
     assert!(matches!(&messages[0], Message::Hello(hello) if hello.first && hello.sensor_width == 346));
     let circles: Vec<_> = messages
@@ -84,7 +84,7 @@ fn dots_are_told_where_they_are() {
     assert!(statistics.windows_sent >= 2 && circles.len() >= 60, "{statistics:?}");
     for circle in &circles {
         let moved = 500e-6 * circle.time_us as f32;
-        // The window's events lie on both sides of its centre in time; pixels are half a pixel wide.
+        // The window's events lie on both sides of its centre in time; the tolerance is half a pixel.
         let (column, row) = ((circle.x - 30.0 - moved) / 32.0, (circle.y - 40.0) / 50.0);
         assert!((column - column.round()).abs() * 32.0 < 1.0 && (row - row.round()).abs() * 50.0 < 0.5, "{circle:?}");
         assert!((circle.radius - 8.0).abs() < 1.0, "{circle:?}");
@@ -100,7 +100,7 @@ fn dots_are_told_where_they_are() {
 }
 
 #[test]
-fn what_is_filtered_and_shed_is_counted() {
+fn filtered_and_shed_events_are_counted() {
     let budget = EventBudget { events_per_second: 50_000, burst: 1000 };
     let mut events = moving_dots(60_000);
     events.push(Event { t: 60_001, x: 346, y: 0, polarity: Polarity::On });
@@ -111,7 +111,7 @@ fn what_is_filtered_and_shed_is_counted() {
 }
 
 #[test]
-fn an_output_without_room_costs_frames_that_both_sides_count() {
+fn frames_lost_in_a_full_output_are_counted_by_both_sides() {
     let mut number = 0;
     let (messages, statistics) = run(settings(36), &moving_dots(40_000), || {
         number += 1;
@@ -122,9 +122,9 @@ fn an_output_without_room_costs_frames_that_both_sides_count() {
 }
 
 #[test]
-fn losses_are_told_with_the_windows() {
+fn losses_are_sent_with_the_windows() {
     let mut events = moving_dots(60_000);
-    // Half the stream comes with events outside the sensor.
+    // Half of the stream also contains events outside the sensor.
     for index in 0..50 {
         events.insert(index * 20, Event { x: 400, ..events[index * 20] });
     }
@@ -142,14 +142,14 @@ fn losses_are_told_with_the_windows() {
 }
 
 #[test]
-fn a_sensor_beyond_the_storage_is_refused() {
+fn a_sensor_beyond_the_storage_is_rejected() {
     let mut storage = std::boxed::Box::new(Storage346::new());
     let settings = Settings::new("test", Sensor { width: 640, height: 480 }, 36);
     assert!(matches!(Pipeline::new(settings, &mut storage), Err(SetupError::Detector(_))));
 }
 
 #[test]
-fn bytes_and_words_give_the_same_events() {
+fn bytes_and_words_decode_to_the_same_events() {
     let events = moving_dots(5000);
     let mut encoder = Evt2Encoder::new();
     let words: Vec<u32> = events.iter().flat_map(|&event| encoder.encode(event).unwrap().to_vec()).collect();

@@ -1,50 +1,50 @@
-//! Bytes to messages.
+//! Decodes bytes to messages.
 
 use heapless::Vec;
 
 use crate::frame::{MAX_CONTENT, MAX_FRAME, open};
 use crate::message::Message;
 
-/// What a receiver met so far.
+/// Counts of a receiver.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DecoderCounts {
-    /// Messages handed out.
+    /// Messages returned.
     pub frames: u32,
-    /// Frames with a wrong CRC, too long or cut: something between two zeros that is no frame.
+    /// Damaged frames: data between two zeros with a wrong CRC, too long or truncated.
     pub damaged: u32,
-    /// Damaged frames before the first good one: the stream was joined in the middle.
+    /// Damaged frames before the first good one, because the receiver joined in the middle of the stream.
     pub damaged_at_start: u32,
-    /// Numbers missing in the sequence: frames that were damaged, lost on the way or never sent.
+    /// Numbers missing in the sequence, of frames that were damaged, lost in transmission or never sent.
     pub lost: u32,
-    /// Good frames of a kind that is not known here: the sender is newer.
+    /// Good frames of an unknown kind, from a newer sender.
     pub unknown: u32,
-    /// Good frames whose body is none of their kind: the sender is at fault.
+    /// Good frames with an invalid body, caused by an error of the sender.
     pub malformed: u32,
-    /// Times the sender started anew.
+    /// Number of restarts of the sender.
     pub restarts: u32,
 }
 
-/// Finds the messages in a stream of bytes that may be damaged, cut, or joined at any byte.
+/// Finds the messages in a stream of bytes that may be damaged, truncated, or joined at any byte.
 #[derive(Clone, Debug)]
 pub struct Decoder {
     /// Bytes since the last zero.
     coded: Vec<u8, MAX_FRAME>,
     too_long: bool,
-    /// Number of the next frame, once there was one.
+    /// Number of the next frame; `None` before the first frame.
     expected: Option<u16>,
     counts: DecoderCounts,
 }
 
-/// Numbers missing beyond this many are a sender that started anew.
+/// A larger number of missing frames indicates that the sender was restarted.
 const MOST_LOST: u16 = 0x8000;
 
 impl Decoder {
-    /// At the beginning of a stream, or anywhere in it.
+    /// Creates a decoder for the beginning of a stream, or any position in it.
     pub const fn new() -> Self {
         Self { coded: Vec::new(), too_long: false, expected: None, counts: COUNTS }
     }
 
-    /// Takes the next byte; a message if it was the last of one.
+    /// Decodes the next byte; returns a message if the byte completes one.
     pub fn push(&mut self, byte: u8) -> Option<Message> {
         if byte != 0 {
             self.too_long |= self.coded.push(byte).is_err();
@@ -59,12 +59,12 @@ impl Decoder {
         message
     }
 
-    /// Bytes of a frame whose end has not come yet, 0 between frames.
+    /// Returns the number of bytes of an incomplete frame, 0 between frames.
     pub fn pending(&self) -> usize {
         self.coded.len()
     }
 
-    /// What was met so far.
+    /// Returns the counts so far.
     pub const fn counts(&self) -> &DecoderCounts {
         &self.counts
     }
@@ -92,7 +92,7 @@ impl Decoder {
         message
     }
 
-    /// Compares a number with the one expected.
+    /// Compares a sequence number with the expected one.
     fn follow(&mut self, sequence: u16, first: bool) {
         if let Some(expected) = self.expected {
             let missing = sequence.wrapping_sub(expected);

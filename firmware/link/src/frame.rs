@@ -3,16 +3,17 @@
 use crc::{CRC_32_ISO_HDLC, Crc};
 use heapless::Vec;
 
-/// Most bytes of a frame before COBS: sequence number (2), kind (1), body, CRC (4).
+/// Largest size of a frame before COBS in bytes: sequence number (2), kind (1), body, CRC (4).
 pub(crate) const MAX_CONTENT: usize = 250;
 
-/// Most bytes of a frame on the wire: content shorter than 254 bytes takes one more in COBS, and the zero.
+/// Largest size of a frame on the wire in bytes: COBS adds one byte to content shorter than 254 bytes, and the
+/// terminating zero one more.
 pub const MAX_FRAME: usize = MAX_CONTENT + 2;
 
-/// Bytes before the body.
+/// Number of bytes before the body.
 pub(crate) const HEADER: usize = 3;
 
-/// A frame as it goes over the wire.
+/// A frame as sent over the wire.
 pub type Frame = Vec<u8, MAX_FRAME>;
 
 static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
@@ -25,9 +26,9 @@ pub(crate) struct Content<'a> {
     pub body: &'a [u8],
 }
 
-/// Appends the CRC to `content`, and gives all of it in COBS with a zero at the end.
+/// Appends the CRC to `content`, and returns the result in COBS with a terminating zero.
 ///
-/// `None` if it is longer than a frame may be.
+/// Returns `None` if the content is too long for a frame.
 pub(crate) fn seal(content: &[u8]) -> Option<Frame> {
     let mut whole: Vec<u8, MAX_CONTENT> = Vec::from_slice(content).ok()?;
     whole.extend_from_slice(&CRC.checksum(content).to_le_bytes()).ok()?;
@@ -40,9 +41,9 @@ pub(crate) fn seal(content: &[u8]) -> Option<Frame> {
     Some(frame)
 }
 
-/// Undoes COBS: `coded` is a frame without its zero, `room` takes what it held.
+/// Decodes COBS: `coded` is a frame without its zero, `room` receives the decoded bytes.
 ///
-/// `None` if it is damaged.
+/// Returns `None` if the frame is damaged.
 pub(crate) fn open<'a>(mut coded: &[u8], room: &'a mut Vec<u8, MAX_CONTENT>) -> Option<Content<'a>> {
     room.clear();
     while let Some((&code, rest)) = coded.split_first() {
@@ -67,9 +68,9 @@ mod tests {
 
     use super::*;
 
-    /// Built by hand from the layout in `docs/formats.md`; the CRC is that of zlib.
+    /// Built by hand from the layout in `docs/layouts.md`; the CRC was computed by zlib.
     #[test]
-    fn a_frame_is_what_the_description_says() {
+    fn a_frame_has_the_documented_layout() {
         let content = [0x02, 0x01, 0x01, 0x00, 0x05];
         let frame = seal(&content).unwrap();
         assert_eq!(frame, [4, 0x02, 0x01, 0x01, 6, 0x05, 0xa0, 0x5d, 0xf6, 0x75, 0]);

@@ -1,4 +1,4 @@
-//! What goes in comes out, whatever is done to the bytes in between.
+//! Messages survive encoding, damage and decoding.
 
 use std::vec::Vec;
 
@@ -94,7 +94,7 @@ fn statistics() -> impl Strategy<Value = Message> {
     })
 }
 
-/// Compared by their bytes, so that NaN equals NaN.
+/// Messages are compared by their bytes, so that NaN equals NaN.
 fn message() -> impl Strategy<Value = Message> {
     prop_oneof![circle(), window_end(), hello(), statistics()]
 }
@@ -108,7 +108,7 @@ fn decode(decoder: &mut Decoder, bytes: impl IntoIterator<Item = u8>) -> Vec<Mes
     bytes.into_iter().filter_map(|byte| decoder.push(byte)).collect()
 }
 
-/// The bytes of a message, which tell apart what `==` does not (NaN).
+/// Returns the bytes of a message, which distinguish values that `==` does not (NaN).
 fn body(message: &Message) -> (u8, Vec<u8>) {
     let mut room = [0; MAX_FRAME];
     let length = message.write_body(&mut room).unwrap();
@@ -119,7 +119,7 @@ fn bodies(messages: &[Message]) -> Vec<(u8, Vec<u8>)> {
     messages.iter().map(body).collect()
 }
 
-/// One change of a stream of bytes.
+/// A change of a stream of bytes.
 #[derive(Clone, Debug)]
 enum Damage {
     Change(prop::sample::Index, u8),
@@ -150,7 +150,7 @@ fn apply(damage: &Damage, bytes: &mut Vec<u8>) {
     }
 }
 
-/// Whether `part` is `whole` with some of it left out.
+/// Returns `true` if `part` is `whole` with some elements removed.
 fn is_subsequence<T: PartialEq>(part: &[T], whole: &[T]) -> bool {
     let mut rest = whole.iter();
     part.iter().all(|item| rest.any(|other| other == item))
@@ -158,7 +158,7 @@ fn is_subsequence<T: PartialEq>(part: &[T], whole: &[T]) -> bool {
 
 proptest! {
     #[test]
-    fn every_message_comes_back(messages in prop::collection::vec(message(), 1..20)) {
+    fn every_message_survives_a_round_trip(messages in prop::collection::vec(message(), 1..20)) {
         let frames = encode(&messages);
         prop_assert!(frames.iter().all(|frame| !frame.is_empty() && frame.iter().position(|&byte| byte == 0) == Some(frame.len() - 1)));
         let mut decoder = Decoder::new();
@@ -168,7 +168,7 @@ proptest! {
         prop_assert_eq!((*decoder.counts(), decoder.pending()), (counts, 0));
     }
 
-    /// Joined at any byte, the stream gives every message that is whole from there on, and no loss.
+    /// A receiver that joins at any byte decodes every following whole message, and counts no loss.
     #[test]
     fn a_stream_can_be_joined_anywhere(messages in prop::collection::vec(message(), 2..8), at in any::<prop::sample::Index>()) {
         let frames = encode(&messages);
@@ -183,8 +183,8 @@ proptest! {
         prop_assert!(decoder.counts().damaged_at_start <= 1);
     }
 
-    /// Whatever is changed, inserted or removed: every message that comes out was sent, in its order, and
-    /// between an intact beginning and an intact end each missing one is counted.
+    /// Whatever is changed, inserted or removed: every decoded message was sent, in the same order, and between an
+    /// intact beginning and an intact end each missing message is counted.
     #[test]
     fn damage_never_makes_a_wrong_message(
         messages in prop::collection::vec(message(), 3..12),
@@ -198,7 +198,7 @@ proptest! {
             apply(damage, &mut bytes);
         }
         let mut decoder = Decoder::new();
-        // The zero ends what the damage left open.
+        // The zero ends a frame that the damage left incomplete.
         let decoded = decode(&mut decoder, first.iter().copied().chain(bytes).chain([0]).chain(last.iter().copied()));
         prop_assert!(is_subsequence(&bodies(&decoded), &bodies(&messages)));
         let counts = decoder.counts();
@@ -208,7 +208,7 @@ proptest! {
     }
 
     #[test]
-    fn noise_is_no_message(bytes in prop::collection::vec(prop_oneof![Just(0), any::<u8>()], 0..2000)) {
+    fn noise_is_not_a_message(bytes in prop::collection::vec(prop_oneof![Just(0), any::<u8>()], 0..2000)) {
         let mut decoder = Decoder::new();
         prop_assert_eq!(decode(&mut decoder, bytes), []);
         prop_assert_eq!(decoder.counts().frames, 0);
@@ -268,9 +268,9 @@ fn the_longest_messages_fit_a_frame() {
     assert_eq!(decode(&mut Decoder::new(), bytes), messages);
 }
 
-/// The example in `docs/layouts.md`.
+/// The example in `docs/layouts.md` equals the encoded message.
 #[test]
-fn the_documented_example_is_what_is_sent() {
+fn the_documented_example_equals_the_encoded_message() {
     let circle =
         Circle { time_us: 1_000_000, x: 1.0, y: 2.0, radius: 3.0, on_pixels: 5, off_pixels: 6, ..Circle::default() };
     let documented =
@@ -284,7 +284,7 @@ fn frames_that_were_not_sent_are_lost() {
     let mut encoder = Encoder::new();
     let mut decoder = Decoder::new();
     let message = Message::Circle(Circle::default());
-    // Past the end of the numbers; the last one that is not sent cannot be missed.
+    // Beyond the wrap of the numbers; the last frame that is not sent cannot be missed.
     let sent: Vec<Frame> = (0..200_000).map(|_| encoder.encode(&message)).collect();
     let bytes =
         sent.iter().enumerate().filter(|(number, _)| number % 3 != 1).flat_map(|(_, frame)| frame.iter().copied());
@@ -293,7 +293,7 @@ fn frames_that_were_not_sent_are_lost() {
 }
 
 #[test]
-fn kinds_of_the_future_are_counted_and_longer_bodies_understood() {
+fn unknown_kinds_are_counted_and_longer_bodies_understood() {
     let message = Message::Circle(Circle { window: 3, x: 1.5, ..Circle::default() });
     let (kind, mut long_body) = body(&message);
     long_body.extend_from_slice(b"more");
@@ -309,11 +309,11 @@ fn kinds_of_the_future_are_counted_and_longer_bodies_understood() {
 }
 
 #[test]
-fn a_device_that_starts_anew_loses_nothing() {
+fn a_restarted_device_loses_nothing() {
     let hello = |first| Message::Hello(Hello { first, ..Hello::default() });
     let run = encode(&[hello(true), hello(false), hello(false)]);
     let mut decoder = Decoder::new();
-    // With its first message, and the third time without.
+    // With its first message, and the third time without it.
     let bytes = run.iter().chain(&run).chain(&run[1..]).flatten().copied();
     assert_eq!(decode(&mut decoder, bytes).len(), 8);
     let counts = DecoderCounts { frames: 8, restarts: 2, ..DecoderCounts::default() };

@@ -1,4 +1,4 @@
-//! Camera models, and the change from one to another.
+//! Camera models, and conversion between models.
 
 use core::hint::black_box;
 
@@ -12,11 +12,11 @@ use nalgebra::{RealField, Vector2, Vector3};
 use crate::any;
 
 fn kind() -> ModelKind {
-    // Which one, nobody knows.
+    // `black_box` hides the index from the compiler.
     ModelKind::ALL.get(black_box(0)).copied().unwrap_or(ModelKind::Radtan)
 }
 
-/// Projection and its inverse with derivatives, of every model.
+/// Projection and its inverse with derivatives, for every model.
 #[inline(never)]
 pub fn every_model<T: RealField + Copy>() {
     black_box(ModelKind::from_name(black_box("radtan")).map(|kind| (kind.name(), kind.parameter_names())));
@@ -47,7 +47,7 @@ pub fn conversions<T: RealField + Copy>() {
     }
 }
 
-/// The undistortion look-up: made from a camera, or from nodes, and used.
+/// The undistortion table: created from a camera, or from nodes, and used.
 #[inline(never)]
 pub fn undistortion<T: RealField + Copy>() {
     let sensor = Sensor { width: black_box(1), height: black_box(1) };

@@ -1,4 +1,4 @@
-//! Events to windows to circles.
+//! Detection: from events to windows to circles.
 
 use core::hint::black_box;
 
@@ -12,7 +12,7 @@ use nalgebra::RealField;
 
 use crate::any;
 
-/// An event of which nothing is known.
+/// Returns an event that is unknown to the compiler.
 pub fn event() -> Event {
     let polarity = if black_box(true) { Polarity::On } else { Polarity::Off };
     black_box(Event { t: black_box(0), x: black_box(1), y: black_box(2), polarity: polarity.opposite() })

@@ -1,4 +1,4 @@
-//! What a device runs around the detector: decoding, filtering, shedding, the link, and all of it together.
+//! Other code of a device: decoding, filtering, shedding, the link, and the whole pipeline.
 
 use core::hint::black_box;
 
@@ -13,7 +13,7 @@ use evcal_link::{Circle, Decoder, Encoder, Hello, Message, Statistics, WindowEnd
 
 use crate::detection::event;
 
-/// Bytes to events and back.
+/// From bytes to events and back.
 #[inline(never)]
 pub fn formats() {
     let (mut words, mut evt2, mut packed) = (Words::new(), Evt2Decoder::new(), PackedDecoder::new());
@@ -56,7 +56,7 @@ pub fn filters() {
     black_box((shedder.admit(&event()), shedder.shed(), shedder.is_shedding()));
 }
 
-/// Messages to bytes and back.
+/// From messages to bytes and back.
 #[inline(never)]
 pub fn link() {
     let mut encoder = Encoder::new();

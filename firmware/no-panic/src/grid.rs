@@ -1,4 +1,4 @@
-//! Circle candidates to the board.
+//! Search for the board among circle candidates.
 
 use core::hint::black_box;
 
@@ -13,7 +13,7 @@ fn pattern() -> Pattern {
     Pattern { layout, rows: black_box(1), columns: black_box(1) }
 }
 
-/// The board among candidates, anywhere and where it is expected.
+/// The board among candidates, anywhere and at an expected position.
 #[inline(never)]
 pub fn find<T: RealField + Copy>() {
     let mut workspace = GridWorkspace::<T, 64>::new();
@@ -35,7 +35,7 @@ pub fn find<T: RealField + Copy>() {
     black_box(find_grid_near(candidates, &pattern, &options, expected, workspace).is_ok());
 }
 
-/// Questions about a board.
+/// Functions about a board.
 #[inline(never)]
 pub fn board() {
     let pattern = pattern();

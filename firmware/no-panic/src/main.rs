@@ -1,10 +1,11 @@
-//! Links only if no panic can be reached from the public functions of core, link and detector.
+//! Links only if the public functions of core, link and detector cannot reach a panic.
 //!
-//! The panic handler calls a function that does not exist. It is left out when nothing refers to it;
-//! so a link error says that a panic is reachable. Works on the optimised program as a whole (fat
-//! LTO), for the types that a device uses (`f32`) and for those of the host (`f64`). It is never run.
+//! The panic handler calls a function that does not exist. The linker removes the handler if nothing refers to it, so a
+//! link error means that a panic can be reached. The check works on the optimised program as a whole (fat LTO), for the
+//! types used on a device (`f32`) and on the host (`f64`). The program is never run.
 //!
-//! All input passes through [`black_box`], so that nothing is known about it but its type. Not part
+//! All input passes through [`black_box`], so that the compiler knows nothing but its type. Formatting (`Display`,
+//! `Debug`) is not checked because it belongs to `core::fmt`.
 //! of it is formatting (`Display`, `Debug`), which `core::fmt` does.
 #![no_std]
 #![no_main]
@@ -26,7 +27,7 @@ unsafe extern "C" {
 
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {
-    // SAFETY: no such function exists, so that a program with this call cannot be linked.
+    // SAFETY: the function does not exist, so a program that contains this call cannot be linked.
     unsafe { a_panic_can_be_reached() }
 }
 
@@ -64,7 +65,7 @@ fn deliberate_panic() {
     black_box(values[black_box(1)]);
 }
 
-/// A number of which nothing is known.
+/// Returns a number that is unknown to the compiler.
 fn any<T: RealField + Copy>() -> T {
     black_box(T::one())
 }

@@ -1,43 +1,43 @@
-//! Cortex-M: MPS2 machines.
+//! Instruction counter and stack use of Cortex-M (MPS2 machines).
 
 use cortex_m::Peripherals;
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 
-/// SysTick counts down in 24 bits.
+/// SysTick counts down with 24 bits.
 const MASK: u32 = (1 << 24) - 1;
 
-/// Counts instructions by SysTick: QEMU has no cycle counter.
+/// Counts instructions by SysTick, because QEMU has no cycle counter.
 ///
-/// With `-icount shift=6` an instruction takes 64 ns, and SysTick of the MPS2 machines counts every 40 ns.
-/// Stretches of up to 10 million instructions can be measured.
+/// With `-icount shift=6` an instruction takes 64 ns, and SysTick of the MPS2 machines counts every 40 ns. Up to 10
+/// million instructions can be measured at once.
 pub struct InstructionCounter(());
 
 impl InstructionCounter {
-    /// Starts counting; once in a program.
+    /// Starts counting; call it once in a program.
     pub fn start() -> Option<Self> {
         let mut timer = Peripherals::take()?.SYST;
         timer.set_clock_source(SystClkSource::Core);
         timer.set_reload(MASK);
         timer.clear_current();
         timer.enable_counter();
-        // It stands at zero until its first tick.
+        // The counter is zero until its first tick.
         while SYST::get_current() == 0 {}
         Some(Self(()))
     }
 
-    /// The counter.
+    /// Returns the counter.
     pub fn now(&self) -> u32 {
         SYST::get_current()
     }
 
-    /// Instructions from one value of the counter to a later one.
+    /// Returns the number of instructions from one value of the counter to a later one.
     pub fn between(before: u32, after: u32) -> u32 {
         (before.wrapping_sub(after) & MASK) * 5 / 8
     }
 }
 
-/// Bytes of stack used so far at most: the runtime paints the stack before the program starts.
+/// Returns the largest number of bytes of stack used so far: the runtime paints the stack before the program starts.
 pub fn stack_bytes() -> usize {
     unsafe extern "C" {
         static _stack_end: u32;

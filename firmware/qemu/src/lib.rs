@@ -1,4 +1,4 @@
-//! What the programs for emulated microcontrollers share: counting instructions and stack.
+//! Common code of the programs for emulated microcontrollers: counting instructions and stack use.
 #![no_std]
 
 #[cfg_attr(target_arch = "arm", path = "cortex_m.rs")]
@@ -8,7 +8,7 @@ mod machine;
 pub use machine::{InstructionCounter, stack_bytes};
 
 impl InstructionCounter {
-    /// Runs `work`; adds the instructions that it took to `sum`.
+    /// Runs `work`, and adds its number of instructions to `sum`.
     pub fn measure<R>(&self, sum: &mut u64, work: impl FnOnce() -> R) -> R {
         let before = self.now();
         let result = work();

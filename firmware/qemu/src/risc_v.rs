@@ -1,8 +1,8 @@
-//! RISC-V: the virt machine.
+//! Instruction counter of RISC-V (virt machine).
 
 use riscv::register::mcycle;
 
-/// Counts instructions by `mcycle`, which `-icount shift=0` makes count them.
+/// Counts instructions by `mcycle`, which counts them with `-icount shift=0`.
 pub struct InstructionCounter(());
 
 impl InstructionCounter {
@@ -11,18 +11,18 @@ impl InstructionCounter {
         Some(Self(()))
     }
 
-    /// The counter.
+    /// Returns the counter.
     pub fn now(&self) -> u32 {
         mcycle::read() as u32
     }
 
-    /// Instructions from one value of the counter to a later one.
+    /// Returns the number of instructions from one value of the counter to a later one.
     pub fn between(before: u32, after: u32) -> u32 {
         after.wrapping_sub(before)
     }
 }
 
-/// The stack is measured on Cortex-M, whose runtime paints it.
+/// Returns 0: the stack is measured on Cortex-M only, whose runtime paints it.
 pub fn stack_bytes() -> usize {
     0
 }

@@ -1,7 +1,7 @@
-//! What to do, as data: who shows it knows what its users can type.
+//! Advice as data. The program that shows it knows what its users can type.
 //!
-//! `Display` has it in words that hold for all users of this library. A program with options, or with arguments of
-//! functions, hands in a [`Wording`] of its own.
+//! `Display` words it for all users of this library. A program with options, or with arguments of functions, provides a
+//! [`Wording`] of its own.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -17,46 +17,46 @@ use crate::detection::layout::RecognisedLayout;
 use crate::detection::no_board::only_one_polarity;
 use crate::detection::radius::OtherRadius;
 
-/// How a program words advice.
+/// Function with which a program words advice.
 pub type Wording = fn(&Advice) -> String;
 
-/// The wording of this library: what [`Advice`] displays.
+/// Returns the wording of this library: the `Display` of [`Advice`].
 pub fn plain(advice: &Advice) -> String {
     advice.to_string()
 }
 
-/// What to do about a finding, or with a recording.
+/// Advice on a finding, or on a recording.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Advice {
-    /// Something that no program has an option for.
+    /// Advice for which no program has an option.
     Plain(String),
     /// Calibrate again with this camera model.
     TakeModel(ModelKind),
-    /// Calibrate again with the whole board, of which the stated one is a part.
+    /// Calibrate again with the whole board, that contains the stated one.
     TakeWholeBoard(CircleBoard),
     /// Count rows and columns of the board.
     CountRows,
-    /// Look at lens and board, if bend and print were estimated.
+    /// Check lens and board, if bend and print were estimated.
     LookAtBoard,
-    /// See more of the lens, or estimate these parameters all the same.
+    /// Cover more of the lens, or estimate these parameters anyway.
     Free(Vec<&'static str>),
     /// State the size of the sensor, probably this one.
     NameSensor(Option<Sensor>),
-    /// State the unit of the times; `None` where the format leaves no choice.
+    /// State the unit of the timestamps; `None` if the format has only one.
     NameTimeUnit(Option<TimeUnit>),
     /// Count pixels from 0.
     CountFromZero {
         /// The sensor.
         sensor: Sensor,
-        /// Whether its size is to be stated, too.
+        /// `true` if its size must be stated, too.
         name_sensor: bool,
     },
     /// Exchange x and y.
     ExchangeAxes,
-    /// State the order of the columns, for these events lie outside the sensor.
+    /// State the order of the columns, because these events are outside the sensor.
     NameColumns(Outside),
-    /// State the true size of the sensor, for these events lie outside of it.
+    /// State the true size of the sensor, because these events are outside it.
     CorrectSensor(Outside),
     /// Export events of both polarities, not of this one alone.
     BothPolarities(Polarity),
@@ -64,7 +64,7 @@ pub enum Advice {
     NameBoard,
     /// Measure the board that was recognised.
     Measure(RecognisedLayout),
-    /// What keeps the board from being found.
+    /// The reason why the board was not found.
     FindBoard(NoPattern),
     /// Correct radius or spacing of the board.
     CorrectRadius(OtherRadius),
@@ -82,7 +82,7 @@ pub enum Advice {
 pub enum Outside {
     /// All events.
     All,
-    /// So many of them.
+    /// This number of them.
     Some(u64),
 }
 
@@ -108,18 +108,18 @@ impl fmt::Display for Advice {
             Self::TakeModel(kind) => write!(f, "calibrate again with the model {kind}"),
             Self::TakeWholeBoard(board) => write!(
                 f,
-                "calibrate again with the board {board}, which takes more of the recording; the lens is right within what is stated"
+                "calibrate again with the board {board}, which uses more of the recording; the lens is correct within the reported uncertainty"
             ),
             Self::CountRows => {
                 write!(f, "count them on the board: more are stated than it has, or a part of it was never in view")
             }
             Self::LookAtBoard => write!(
                 f,
-                "is the board wavy, or the lens dirty? A smooth bend and an uneven print are estimated already, unless they are held"
+                "is the board wavy, or the lens dirty? A smooth bend and an uneven print are estimated already, unless they are fixed"
             ),
             Self::Free(names) => write!(
                 f,
-                "bring the board into the corners of the image, or let {} be estimated all the same",
+                "bring the board into the corners of the image, or request that {} be estimated anyway",
                 names.join(", ")
             ),
             Self::NameSensor(Some(sensor)) => write!(f, "state the size of the sensor, probably {sensor}"),

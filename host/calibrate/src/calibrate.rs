@@ -52,23 +52,23 @@ use crate::settings::Settings;
 use crate::solve::SolveError;
 use evcal_geometry::board::Board;
 
-/// What the camera's own pictures are for, where the recordings have them.
+/// Use of the camera's own pictures, if the recordings contain any.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PictureUse {
-    /// They are calibrated apart, and compared with the events.
+    /// They are calibrated separately, and compared with the events.
     #[default]
     Witness,
-    /// They are compared, then pictures and events are solved together.
+    /// They are compared with the events, then pictures and events are solved together.
     Joint,
-    /// They are compared, then taken for those of a second camera.
+    /// They are compared with the events, then used as the pictures of a second camera.
     SecondCamera,
-    /// The camera is calibrated from them alone.
+    /// The camera is calibrated from pictures alone.
     Only,
-    /// Nothing.
+    /// They are not used.
     Ignore,
 }
 
-/// What is calibrated, from what.
+/// Input and options of a calibration.
 #[derive(Clone, Copy)]
 pub struct Task<'a> {
     /// Recordings of one camera.
@@ -77,28 +77,29 @@ pub struct Task<'a> {
     pub board: &'a Board,
     /// The camera model wanted.
     pub model: ModelRequest,
-    /// Sensor size where the recordings do not tell it.
+    /// Sensor size, for recordings that do not contain it.
     pub sensor: Option<Sensor>,
-    /// What pictures are for.
+    /// Use of the camera's own pictures.
     pub pictures: PictureUse,
-    /// Parameters of lens and board that are held, or free in any case. Those of the lens count for the joint solve from events.
+    /// Parameters of lens and board that are fixed, or estimated in any case. Lens parameters apply to the joint solve from
+    /// events.
     pub parameters: ParameterRequests,
-    /// Thresholds.
+    /// Settings of all stages.
     pub settings: &'a Settings,
     /// The command line, for the report; may be empty.
     pub command_line: &'a str,
-    /// How advice is worded in what is written of the calibration.
+    /// Wording of the advice in the result.
     pub wording: Wording,
-    /// Who reads the recordings and looks for the board; `None`: the workers of whoever calls.
+    /// Threads that read the recordings and search for the board; `None` for the threads of the caller.
     pub readers: Option<&'a ThreadPool>,
 }
 
-/// The settings of a [`Task`] that says nothing of them.
+/// The default settings of a [`Task`].
 static DEFAULTS: LazyLock<Settings> = LazyLock::new(Settings::default);
 
 impl<'a> Task<'a> {
-    /// A radtan camera from these inputs with the default settings; the fields are for all else:
-    /// `Task { model: ModelRequest::Auto, ..Task::new(&inputs, &board) }`.
+    /// Creates a task for a radtan camera from these inputs with the default settings. Other fields are set as in `Task { model:
+    /// ModelRequest::Auto, ..Task::new(&inputs, &board) }`.
     pub fn new(inputs: &'a [Input], board: &'a Board) -> Self {
         Self {
             inputs,
@@ -115,12 +116,12 @@ impl<'a> Task<'a> {
     }
 }
 
-/// Calibrates a camera. `progress` is told what is going on: the same words many times while events are read, with how
-/// far that is. When it breaks, the calibration ends as soon as it can, which is within the reading of a few ten thousand events or else
-/// between two iterations of a solve.
+/// Calibrates a camera. `progress` gets a text for each step, and its progress: the same text many times while events are read.
+/// When `progress` breaks, the calibration ends as soon as it can: after a few ten thousand events, or between two iterations of
+/// a solve.
 ///
 /// # Errors
-/// [`CalibrateError`] says which stage found nothing to go on with, and what to do.
+/// [`CalibrateError`] names the stage that failed and the remedy.
 pub fn calibrate(
     task: &Task,
     mut progress: impl FnMut(Step) -> ControlFlow<()> + Send,
@@ -138,7 +139,7 @@ pub fn calibrate(
     })
 }
 
-/// Calibrates from a board that moved, or from one that blinks before a camera at rest, whichever the events show.
+/// Calibrates from a board that moved, or from one that blinks in front of a camera at rest, depending on the events.
 fn calibrate_moved_or_blinking(task: &Task, progress: &Progress) -> Result<Calibrated, CalibrateError> {
     let mut at_rest = None;
     if still_views::begins_at_rest(task) {

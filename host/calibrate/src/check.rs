@@ -1,4 +1,4 @@
-//! What a recording is good for, before a calibration is made of it: a look at even parts of it that takes seconds.
+//! Check of a recording before a calibration: even parts of it are evaluated within seconds.
 
 mod advice;
 pub mod units;
@@ -33,85 +33,84 @@ use event_recordings::given_sensor::counted_from_one;
 use event_recordings::pass::{read_recording, read_while};
 use event_recordings::{Recording, RecordingError, RecordingOptions};
 
-/// In as many events the board is looked for, or a few more: all, or those of even parts of the recording.
+/// Approximate number of events in which the board is searched: all events of the recording, or even parts of it.
 const MOST_EVENTS: u64 = 4_000_000;
 /// Number of these parts.
 const PARTS: i64 = 8;
-/// As many events are counted at the most.
+/// Largest number of events that are counted.
 const MOST_READ: u64 = 100_000_000;
-/// Without a board: windows with so many circles may hold one.
+/// Fewest circles of a window without a known board.
 const FEWEST_CIRCLES: usize = 8;
-/// Length of the slots of time in which something was seen or not (s).
+/// Length of the time slots in which the board is counted as seen or not (s).
 const SLOT: f64 = 0.1;
-/// In shorter recordings flicker cannot be told (s).
+/// Shortest recording in which flicker is detected (s).
 const SHORTEST_FOR_FLICKER: f64 = 0.25;
-/// Columns and rows of the cells of the sensor in which circles are looked for.
+/// Numbers of columns and rows of the sensor's cells in which circles are counted.
 const CELLS: [u16; 2] = [8, 6];
 
-/// What was seen of a recording.
+/// Result of the check.
 #[derive(Debug, Serialize)]
 pub struct Checked {
-    /// Rate, duration, size, hot pixels, faults.
+    /// Rate, duration, size, hot pixels, errors.
     #[serde(flatten)]
     pub information: Information,
-    /// Whether that is all of it.
+    /// `true` if the whole recording was read.
     pub whole: bool,
-    /// The unit that the times are more likely in.
+    /// The more likely unit of the timestamps.
     pub other_unit: Option<OtherUnit>,
-    /// The sensor whose pixels are counted from 1.
+    /// The sensor, if its pixels are counted from 1.
     pub counted_from_one: Option<Sensor>,
-    /// Events that repeat others, where there are many.
+    /// Repeated events, if there are many.
     pub repeated: Option<Repetition>,
-    /// Pixels that undistorted events left empty.
+    /// Pixels without events, as in undistorted recordings.
     pub rounded: Option<Rounded>,
-    /// Where the board was seen, or circles; `None` where the sensor is not known or too large, or times are in another
-    /// unit.
+    /// Detections of the board, or of circles; `None` if the sensor is not known or too large, or timestamps have another unit.
     pub seen: Option<Seen>,
-    /// The one thing to do next. Whoever prints the rest words it.
+    /// The most important next step. The program words it.
     #[serde(skip)]
     pub next: Advice,
 }
 
-/// In how many windows of time the board was seen.
+/// Statistics of the windows with the board.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Seen {
-    /// Whether something blinks before a camera at rest: windows are views then.
+    /// `true` if something blinks in front of a camera at rest: windows are views then.
     pub is_at_rest: bool,
-    /// The board that was looked for; without it, windows with at least 8 circles.
+    /// The board of the search; `None` if windows with at least 8 circles are counted.
     pub board: Option<String>,
-    /// The layout that was recognised where no board was looked for.
+    /// The recognised layout, if no board was given.
     #[serde(serialize_with = "in_words")]
     pub recognised: Option<RecognisedLayout>,
-    /// Windows in which it was found.
+    /// Number of windows with the board.
     pub found: u64,
-    /// Windows tried, and those with too few events to be tried.
+    /// Number of searched windows, including those with too few events.
     pub windows: u64,
     /// Share of the tenths of a second with events in which it was found.
     pub time_share: f64,
-    /// Share of the sensor in which there was a circle, in cells of an eighth by a sixth of it.
+    /// Share of the sensor with circles, in cells of an eighth by a sixth of it.
     pub covered: f64,
-    /// Polarities that are exchanged.
+    /// Exchanged polarities.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exchanged: Option<Exchanged>,
     /// Width of the circles' edges in the sharpest windows with the board.
     pub edges: Option<EdgeWidth>,
-    /// Why it was nowhere, or is not as stated.
+    /// Reason why the board was not found, or differs from the stated one.
     pub failure: Option<BoardFailure>,
 }
 
-/// Why the board was nowhere, or is not as stated. In files it is a sentence.
+/// Reason why the board was not found, or differs from the stated one. Stored as a sentence in files.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum BoardFailure {
-    /// It was in no window.
+    /// It was found in no window.
     #[error("{0}")]
     NoPattern(#[source] NoPattern),
-    /// Its circles are not as large as stated.
+    /// Its circles have another radius than stated.
     #[error("{0}")]
     OtherRadius(#[source] OtherRadius),
 }
 
 impl BoardFailure {
-    /// What to do.
+    /// Returns the remedy.
     fn advice(&self) -> Advice {
         match self {
             Self::NoPattern(error) => Advice::FindBoard(error.clone()),
@@ -126,10 +125,10 @@ impl Serialize for BoardFailure {
     }
 }
 
-/// Looks at the beginning of `recording`: for `board`, or for any circles.
+/// Checks even parts of `recording` for `board`, or for any circles.
 ///
 /// # Errors
-/// [`RecordingError`] when not one event can be read.
+/// [`RecordingError`] if no event can be read.
 pub fn check(
     recording: &Recording,
     board: Option<&Board>,
@@ -158,7 +157,7 @@ pub fn check(
         if outside > 0 || information.sensor.is_none() { counted_from_one(&beginning) } else { None };
     let (mut repeated, mut rounded) = (None, None);
     let seen = match information.sensor.or(information.likely_sensor) {
-        // With times in another unit nothing can be seen.
+        // With timestamps in another unit nothing can be found.
         _ if other.is_some() => None,
         Some(sensor) if sensor.width <= LARGEST_SENSOR.width && sensor.height <= LARGEST_SENSOR.height => {
             let (pixels, slots) = count_events(&looked_at, sensor)?;
@@ -182,14 +181,14 @@ pub fn check(
 }
 
 impl Checked {
-    /// `true` if the next thing to do is to calibrate from the recording, or, where no board was named, to name the board in it.
+    /// Returns `true` if the next step is a calibration from the recording, or, without a given board, to name the board in it.
     pub fn is_ready(&self) -> bool {
         matches!(self.next, Advice::Calibrate { .. } | Advice::Measure(_))
     }
 }
 
-/// Events of even parts of a recording that begins at `first` (µs), ends `end` µs after that and has `count` events: as many as are looked
-/// at.
+/// Returns even parts of a recording that begins at `first` (µs), ends `end` µs after that and has `count` events: as many events
+/// as are searched.
 fn even_parts(
     recording: &Recording,
     first: i64,
@@ -209,7 +208,7 @@ fn even_parts(
     Ok(Recording::from_events(recording.path(), events, options))
 }
 
-/// A recording in which the board is looked for.
+/// A recording that is searched for the board.
 #[derive(Clone, Copy)]
 struct LookedAt<'a> {
     /// Even parts of it.
@@ -218,23 +217,23 @@ struct LookedAt<'a> {
     beginning: &'a Recording,
 }
 
-/// What its pixels did, and the number of slots of time with events.
+/// Returns the diagnosis of its pixels, and the number of time slots with events.
 fn count_events(recording: &Recording, sensor: Sensor) -> Result<(BadPixels, usize), RecordingError> {
     let (mut pixels, mut slots) = (PixelCounter::new(sensor), BTreeSet::new());
     read_recording(recording, &mut |events| {
         pixels.push(events);
-        // Events are in the order of time: of those in one slot the first is enough.
+        // Events are in the order of time, so the first one of each slot is enough.
         slots.extend(events.chunk_by(|a, b| slot(a) == slot(b)).filter_map(|same| same.first().map(slot)));
     })?;
     Ok((pixels.finish(), slots.len()))
 }
 
-/// In which slot of time it is.
+/// Returns the time slot of an event.
 fn slot(event: &Event) -> i64 {
     event.t.div_euclid((SLOT * 1e6) as i64)
 }
 
-/// Looks for the board, or for circles.
+/// Searches for the board, or for circles.
 fn look(
     LookedAt { parts, beginning }: LookedAt,
     sensor: Sensor,
@@ -299,7 +298,7 @@ fn look(
     })
 }
 
-/// Looks at what blinks; `None` if the camera was hardly ever at rest.
+/// Searches the views of a camera at rest; `None` if the camera was hardly ever at rest.
 fn look_at_views(
     recording: &Recording,
     sensor: Sensor,
@@ -341,12 +340,12 @@ fn look_at_views(
     }))
 }
 
-/// The name of a layout, such as `acircles:9x4`.
+/// Serialises the name of a layout, such as `acircles:9x4`.
 fn in_words<S: Serializer>(layout: &Option<RecognisedLayout>, serializer: S) -> Result<S::Ok, S::Error> {
     layout.map(|layout| layout_name(&layout.pattern)).serialize(serializer)
 }
 
-/// The share of cells of the sensor that hold one of these places.
+/// Returns the share of the sensor's cells that contain one of these positions.
 fn covered(places: &[[f64; 2]], sensor: Sensor) -> f64 {
     let [columns, rows] = CELLS;
     let mut cells = vec![false; usize::from(columns) * usize::from(rows)];
@@ -366,7 +365,7 @@ impl fmt::Display for Checked {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.information)?;
         if !self.whole {
-            writeln!(f, "{:<12}the recording goes on; only its first {MOST_READ} events were looked at", "part")?;
+            writeln!(f, "{:<12}the recording is longer; only its first {MOST_READ} events were examined", "part")?;
         }
         if let Some(other) = &self.other_unit {
             writeln!(f, "{:<12}{other}", "time unit")?;
@@ -386,13 +385,13 @@ impl fmt::Display for Checked {
         }
         if self.information.flicker.is_none() {
             let seen =
-                if self.information.duration_s < SHORTEST_FOR_FLICKER { "too short to tell" } else { "none seen" };
+                if self.information.duration_s < SHORTEST_FOR_FLICKER { "recording too short" } else { "none seen" };
             writeln!(f, "{:<12}{seen}", "flicker")?;
         }
         if let Some(seen) = &self.seen {
             if seen.is_at_rest {
                 let Seen { found, windows, .. } = seen;
-                writeln!(f, "{:<12}something blinks before a camera at rest", "motion")?;
+                writeln!(f, "{:<12}something blinks in front of a camera at rest", "motion")?;
                 if let Some(board) = &seen.board {
                     writeln!(f, "{:<12}{board} seen in {found} of {windows} views", "board")?;
                 }
@@ -422,7 +421,7 @@ impl fmt::Display for Checked {
 mod tests {
     use super::*;
 
-    /// With a pause of a minute the board was seen in 5 % of the time only.
+    /// A pause of a minute used to reduce the share of the time with the board to 5 %.
     #[test]
     fn a_time_without_events_has_no_slots() {
         let beginning = (0..10_000).map(|index| 100 * index);
@@ -434,7 +433,7 @@ mod tests {
         assert_eq!((pixels.repeated, slots), (None, 20));
     }
 
-    /// Only the first 0.3 s of a fast recording were looked at.
+    /// Only the first 0.3 s of a fast recording used to be evaluated.
     #[test]
     fn parts_are_even_over_the_whole_recording() {
         let event = |t: i64| Event { t: 500 + t, x: 1, y: 2, polarity: Polarity::On };

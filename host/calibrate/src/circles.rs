@@ -1,4 +1,4 @@
-//! Circles: reference frames, and the files and streams that bring circles in place of events.
+//! Circles: reference frames, and the files and streams that provide circles instead of events.
 
 pub mod compact_frame;
 pub mod event_pixel;

@@ -1,8 +1,7 @@
-//! Sections 1 to 4 of method.md: from events to reference frames.
+//! Detection of the board: from events to reference frames (sections 1 to 4 of method.md).
 //!
-//! A recording is cut into chunks of fixed length, and each chunk is searched by itself (windows →
-//! clusters → circles → grid), so that chunks run in parallel and the result does not depend on the
-//! number of threads.
+//! A recording is cut into chunks of fixed length, and each chunk is searched independently (windows → clusters → circles →
+//! grid), so that chunks run in parallel and the result does not depend on the number of threads.
 
 mod board_finder;
 pub mod board_stage;
@@ -55,19 +54,19 @@ use crate::circles::compact_frame::CompactFrame;
 use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn, UnorderedCircle, UnorderedFrame};
 
-/// Largest sensor that the detector has room for.
+/// Largest sensor that the detector supports.
 pub const LARGEST_SENSOR: Sensor = Sensor::new(1280, 800);
-/// Length of the parts of a recording that are searched independently of each other, in parallel (µs).
+/// Length of the parts of a recording that are searched independently, in parallel (µs).
 const CHUNK: i64 = 100_000;
-/// Longest time from a reference frame to a window whose circles could lie in several places on the board: the frame then tells
-/// in which (s).
+/// Longest time between a reference frame and a window whose circles fit several positions on the board, over which the frame
+/// determines the right one (s).
 const LONGEST_PREDICTION: f64 = 0.03;
-/// Runs of pixels in a window.
+/// Most runs of pixels in a window.
 const RUNS: usize = 16_384;
-/// Clusters of one polarity in a window.
+/// Most clusters of one polarity in a window.
 const CLUSTERS: usize = 512;
 
-/// The detector with room for the largest sensor; single precision, as on a microcontroller.
+/// The detector with capacity for the largest sensor; single precision, as on a microcontroller.
 type HostDetector = Detector<
     f32,
     { row_bytes(LARGEST_SENSOR.width as usize) },
@@ -76,13 +75,14 @@ type HostDetector = Detector<
     CLUSTERS,
 >;
 
-/// A detector on the heap. Not inline: what it is made in, 620 KiB of stack, would be part of the frames of rayon's recursion.
+/// Creates a detector on the heap. Not inlined: its construction uses 620 KiB of stack, which would be part of the frames of
+/// rayon's recursion.
 #[inline(never)]
 fn host_detector() -> Box<HostDetector> {
     Box::new(HostDetector::new())
 }
 
-/// Circles found in one window, without a board.
+/// Circles of one window, without a board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CircleWindow {
     /// Start of the window in seconds since the start of the recording.
@@ -96,7 +96,7 @@ pub struct CircleWindow {
 }
 
 impl CircleWindow {
-    /// The circles as those of a frame without a board, at the middle of the window.
+    /// Returns the circles as a frame without a board, at the middle of the window.
     pub fn to_frame(&self) -> UnorderedFrame {
         let t = 0.5 * (self.start + self.end);
         let circles = self.circles.iter();
@@ -106,7 +106,7 @@ impl CircleWindow {
     }
 }
 
-/// What is looked for in a window.
+/// Target of the search in a window.
 #[derive(Clone, Copy, Debug)]
 enum Wanted {
     /// The board.
@@ -115,14 +115,14 @@ enum Wanted {
     Circles(usize),
 }
 
-/// A window in which something was found.
+/// A window with a detection.
 enum Found {
     Frame(ReferenceFrame),
     Circles(CircleWindow),
 }
 
 impl Found {
-    /// Whether it is a frame with all rows and columns of the board.
+    /// Returns `true` if it is a frame with all rows and columns of the board.
     fn shows_all(&self, pattern: Pattern) -> bool {
         match self {
             Self::Frame(frame) => is_whole(frame, pattern),
@@ -148,21 +148,21 @@ impl Found {
 /// Board index, centre and radius in pixels.
 type BoardCircle = (usize, Vector2<f64>, f64);
 
-/// What looks for [`Wanted`] in the circles of a window.
+/// Searches the circles of a window for [`Wanted`].
 enum Seeker {
     Board(Pattern, BoardFinder<f32>),
     Circles(usize),
 }
 
-/// What a chunk gave.
+/// Result of a chunk.
 #[derive(Default)]
 struct Searched {
     findings: Vec<Found>,
     uncertain: Vec<Uncertain>,
-    /// Of the windows with more circles than the board has, and no place on it, the one with most.
+    /// Of the windows with more circles than the board and no position on it, the one with most circles.
     unplaced: Option<UnorderedFrame>,
     report: DetectionReport,
-    /// What all windows with a board say of its dots, those that were refused for it too.
+    /// Evidence on the form of the dots from all windows with a board, including those that were rejected because of it.
     shape: DotShape,
 }
 
@@ -184,18 +184,18 @@ pub struct DetectionStage<'a> {
     kept_pixels: KeptPixels,
 }
 
-/// Chunks that are searched in one go.
+/// Number of chunks that are searched together.
 const CHUNKS_TOGETHER: usize = 16;
-/// Fewer chunks than that are searched in one go once they hold this many events: what waits takes 128 MiB, and one chunk.
+/// Number of events from which fewer chunks are searched together: the waiting events then take 128 MiB, and those of one chunk.
 const EVENTS_TOGETHER: usize = 8 << 20;
 
 impl<'a> DetectionStage<'a> {
-    /// Looks for a board of `pattern`.
+    /// Creates a search for a board of `pattern`.
     pub fn for_board(settings: &'a DetectionSettings, sensor: Sensor, pattern: Pattern, recording: usize) -> Self {
         Self::new(settings, sensor, Wanted::Board(pattern), recording)
     }
 
-    /// Looks for windows with at least `fewest` circles.
+    /// Creates a search for windows with at least `fewest` circles.
     pub fn for_circles(settings: &'a DetectionSettings, sensor: Sensor, fewest: usize) -> Self {
         Self::new(settings, sensor, Wanted::Circles(fewest), 0)
     }
@@ -219,8 +219,7 @@ impl<'a> DetectionStage<'a> {
         }
     }
 
-    /// Takes the next events in time order; their times count from the start of the recording in
-    /// microseconds.
+    /// Adds the next events in time order; their times are microseconds since the start of the recording.
     pub fn push(&mut self, mut events: &[Event]) {
         self.report.count_events(events);
         while let Some(first) = events.first() {
@@ -278,7 +277,7 @@ impl<'a> DetectionStage<'a> {
         self.kept_pixels.limit(&mut self.frames);
     }
 
-    /// Adds the frames found in the chunks `waiting`, and those that they help to find.
+    /// Adds the frames of the chunks `waiting`, and uncertain windows that neighbouring frames determine.
     fn place_uncertain(
         &mut self,
         waiting: &[(i64, Vec<Event>)],
@@ -329,7 +328,7 @@ impl<'a> DetectionStage<'a> {
         while let Some(window) = planner.next(events) {
             let inside = events.get(window.first..window.last).unwrap_or_default();
             report.windows += 1;
-            // The sensor was checked against the detector's room when the recording was opened.
+            // The sensor size was checked against the detector's capacity when the recording was opened.
             let Ok(detection) = detector.detect(self.sensor, inside.iter().copied(), &detector_settings) else { break };
             report.overflowed += u64::from(detection.overflowed());
             report.count_pairs(&detection.circles);
@@ -364,7 +363,7 @@ impl<'a> DetectionStage<'a> {
         Searched { findings, uncertain, unplaced, report, shape }
     }
 
-    /// Circles of the board that is looked for.
+    /// Returns the number of circles of the board.
     fn circles_of_board(&self) -> usize {
         match self.wanted {
             Wanted::Board(pattern) => pattern.circle_count(),
@@ -386,7 +385,7 @@ impl<'a> DetectionStage<'a> {
         }
     }
 
-    /// What is wanted of a window with these circles and events. What they say of the dots of a board is added to `all`.
+    /// Searches a window with these circles and events. Evidence on the form of a board's dots is added to `all`.
     fn find(
         &self,
         seeker: &mut Seeker,
@@ -440,7 +439,7 @@ impl<'a> DetectionStage<'a> {
         self.drop_what_is_not_round();
     }
 
-    /// Drops what was found if all windows together tell that the dots are not round, which one alone may not.
+    /// Drops all detections if all windows together show that the dots are not round, although no single one did.
     fn drop_what_is_not_round(&mut self) {
         if self.frames.is_empty() || self.shape.may_be_discs() {
             return;
@@ -454,32 +453,32 @@ impl<'a> DetectionStage<'a> {
         *self.report.grids_refused.entry(NoBoard::NotRound).or_default() += dropped;
     }
 
-    /// Whole chunks that wait to be searched.
+    /// Returns the number of whole chunks that wait for the search.
     pub fn waiting_chunks(&self) -> usize {
         self.waiting.len()
     }
 
-    /// Searches the chunks that wait and hands out the reference frames found since the last time,
-    /// in order of time: for those who cannot wait for the end.
+    /// Searches the waiting chunks and returns the reference frames found since the last call, in order of time: for callers that
+    /// cannot wait for the end.
     pub fn take_frames(&mut self) -> Vec<ReferenceFrame> {
         self.search();
         self.drop_what_is_not_round();
         std::mem::take(&mut self.frames).into_iter().map(ReferenceFrame::from).collect()
     }
 
-    /// The reference frames in order of time, and the report.
+    /// Returns the reference frames in order of time, and the report.
     pub fn into_frames(self) -> (Vec<ReferenceFrame>, DetectionReport) {
         let (frames, _, report) = self.into_compact_frames();
         (frames.into_iter().map(ReferenceFrame::from).collect(), report)
     }
 
-    /// The same in less room, and the windows that a larger board may be in.
+    /// Returns the frames in compact form, the windows that may show a larger board, and the report.
     pub fn into_compact_frames(mut self) -> (Vec<CompactFrame>, UnplacedWindows, DetectionReport) {
         self.finish();
         (self.frames, self.unplaced, self.report)
     }
 
-    /// The windows with circles in order of time, and the report.
+    /// Returns the windows with circles in order of time, and the report.
     pub fn into_circles(mut self) -> (Vec<CircleWindow>, DetectionReport) {
         self.finish();
         (self.circle_windows, self.report)
@@ -495,7 +494,7 @@ fn circle_window(window: &Window, circles: &[GridCandidate<f32>], pixels: Vec<Ev
     }
 }
 
-/// The circles of a board that was found among `candidates`.
+/// Returns the circles of a board among `candidates`.
 fn board_circles(placed: &[PlacedCircle], candidates: &[GridCandidate<f32>]) -> Vec<BoardCircle> {
     let circle = |placed: &PlacedCircle| {
         let candidate = candidates.get(placed.candidate)?;

@@ -1,4 +1,4 @@
-//! What a recording says about its camera, its light and its readout, apart from any board.
+//! Diagnosis of a recording without a board: camera, light and readout.
 
 pub mod bad_pixels;
 pub mod disorder;

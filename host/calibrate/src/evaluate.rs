@@ -1,16 +1,16 @@
-//! Is a result right? Trajectories and calibrations against the truth or against each other.
+//! Evaluation of a result: trajectories and calibrations compared with the ground truth or with each other.
 //!
-//! | module | question |
+//! | module | result |
 //! |---|---|
-//! | [`trajectory_error`] | how far are the estimated camera positions from the true ones (ATE)? |
-//! | [`projection_difference`](evcal_geometry::lens::projection_difference) | where would two calibrations put the same point in the image? |
-//! | [`comparison`] | all of it, of the files of a calibration and those of the truth |
-//! | [`intrinsics`] | which parameters differ, and by how much? |
-//! | [`captured`] | what does motion capture say of a trajectory? |
-//! | [`printed_board`] | is the board bent and printed as it was simulated? |
+//! | [`trajectory_error`] | distances between estimated and true camera positions (ATE) |
+//! | [`projection_difference`](evcal_geometry::lens::projection_difference) | difference of the projections of two calibrations |
+//! | [`comparison`] | all of it, from the files of a calibration and of the truth |
+//! | [`intrinsics`] | differences of the parameters |
+//! | [`captured`] | comparison of a trajectory with motion capture |
+//! | [`printed_board`] | estimated and simulated shape of the board |
 //!
-//! Parameters of a lens model trade against each other and against the camera's orientation, so
-//! the projection difference is the figure to trust; the parameters are for the eye.
+//! Parameters of a lens model are correlated with each other and with the camera's orientation, so the projection difference is
+//! the reliable measure; the parameters are for information.
 
 pub mod captured;
 pub mod comparison;

@@ -1,10 +1,10 @@
-//! Files that other programs load.
+//! Export of cameras to files of other programs.
 //!
-//! A format is one file with an [`ExportFormat`] in it, the camera models that it holds among them,
-//! and one line in [`FORMATS`]. A calibration of another model is replaced by the nearest camera
-//! that the format holds ([`evcal_geometry::lens::nearest`]), with the difference stated: no coefficient is ever dropped.
+//! A format is one file with an [`ExportFormat`], which lists the camera models that the format supports, and one line in
+//! [`FORMATS`]. A calibration of another model is replaced by the nearest camera that the format supports
+//! ([`evcal_geometry::lens::nearest`]), and the file states the difference: no coefficient is ever dropped.
 //!
-//! Everywhere pixel (0, 0) is the centre of the top-left pixel, as in OpenCV, ROS, Kalibr and mrcal.
+//! In all formats pixel (0, 0) is the centre of the top-left pixel, as in OpenCV, ROS, Kalibr and mrcal.
 
 pub mod basalt;
 pub mod content;
@@ -22,7 +22,11 @@ pub mod second_camera;
 pub mod static_transform;
 pub mod undistortion_table;
 
+use evcal_geometry::lens::camera_file::DescriptionError;
+
 use self::content::ExportFormat;
+use crate::result::calibrated_camera::CalibratedCamera;
+use crate::result::calibration_file::CalibrationFile;
 
 /// The formats.
 pub const FORMATS: &[ExportFormat] = &[
@@ -38,7 +42,22 @@ pub const FORMATS: &[ExportFormat] = &[
     csv::FORMAT,
 ];
 
-/// The format of this name.
+/// Returns name and content of each file for the camera with its IMU, or with the other cameras on its mount, if the calibration
+/// contains them.
+///
+/// # Errors
+/// [`DescriptionError`] if evcal does not know the model of one of the other cameras.
+pub fn files_beside(
+    camera: &CalibratedCamera,
+    calibration: &CalibrationFile,
+) -> Result<Vec<(String, String)>, DescriptionError> {
+    let others = &calibration.second_cameras;
+    let with_unit = calibration.inertial.iter().flat_map(|unit| inertial::files(camera, unit, others));
+    let with_unit = with_unit.map(|(name, text)| (name.to_owned(), text));
+    Ok(with_unit.chain(second_camera::files(camera, others)?).collect())
+}
+
+/// Returns the format with this name.
 pub fn from_name(name: &str) -> Option<&'static ExportFormat> {
     FORMATS.iter().find(|format| format.name == name)
 }
@@ -49,7 +68,6 @@ mod tests {
     use evcal_core::sensor::Sensor;
 
     use super::*;
-    use crate::result::calibrated_camera::CalibratedCamera;
 
     #[test]
     fn names_and_files_differ_and_substitutes_can_be_written() {
@@ -81,9 +99,9 @@ mod tests {
         }
     }
 
-    /// What evcal writes for others it reads again, but for the table: the camera is that in the file, to the last digit.
+    /// Exported files are read back, except for the table: the camera equals that in the file, to the last digit.
     #[test]
-    fn what_is_exported_is_read_again() {
+    fn exported_files_are_read_back() {
         let sensor = Sensor::new(346, 260);
         let parameters = [330.4, 331.1, 171.3, 129.4, -0.1, 0.01, 1e-3, -2e-4, 0.0, 0.0, 0.0, 0.0];
         let opencv: Camera<f64> = Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap();
@@ -102,8 +120,8 @@ mod tests {
     }
 
     #[test]
-    fn every_format_holds_every_mild_lens_and_states_a_refit() {
-        // A small sensor: cameras are compared at every pixel.
+    fn every_format_exports_every_mild_lens_and_states_a_refit() {
+        // A small sensor, because cameras are compared at every pixel.
         let sensor = Sensor::new(80, 60);
         let parameters = [80.4, 80.1, 39.3, 29.4, -0.1, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let opencv: Camera<f64> = Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap();

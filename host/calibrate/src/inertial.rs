@@ -1,8 +1,8 @@
-//! The inertial unit beside the camera: where it is, how it is turned, when its stamps are, and its own errors.
+//! Calibration of an IMU that is fixed to the camera: position, rotation, time delays, and sensor errors.
 //!
-//! After the camera is calibrated, its trajectories tell what an inertial unit fixed to it must feel ([`parameters`]). Samples
-//! are read and looked at ([`stream`], [`csv`]), a `start` is found, and [`solve`] fits trajectories, camera and unit to events
-//! and samples at once. [`findings()`] are what speaks against the result.
+//! After the calibration of the camera, its trajectories determine the readings of an IMU that is fixed to it ([`parameters`]).
+//! Samples are read and checked ([`stream`], [`csv`]), a `start` is computed, and [`solve`] fits trajectories, camera and IMU to
+//! events and samples at once. [`findings()`] checks the result.
 
 pub mod calibration;
 pub mod csv;
@@ -48,13 +48,13 @@ use crate::trust::uncertainty::Uncertainty;
 /// Fewest seconds of samples along trajectories.
 pub const FEWEST_SECONDS: f64 = 3.0;
 
-/// σ of the rotation (rad) from which nothing is known of the unit.
+/// Largest σ of the rotation (rad) with which the IMU counts as determined.
 const LEAST_KNOWN_ROTATION: f64 = 0.35;
 
-/// Fewest samples a second: with less, turns of a hand lie between the samples.
+/// Fewest samples per second: with fewer, a hand rotates too much between two samples.
 const FEWEST_A_SECOND: f64 = 30.0;
 
-/// Nearest and farthest knots (s), and samples between them.
+/// Smallest and largest knot spacing (s), and number of samples per knot.
 const NEAREST_KNOTS: f64 = 0.01;
 const FARTHEST_KNOTS: f64 = 0.0225;
 const SAMPLES_A_KNOT: f64 = 2.5;
@@ -68,15 +68,15 @@ pub struct RecordedSamples {
     pub samples: Vec<Sample>,
     /// Time of the first event in the file (s).
     pub start: f64,
-    /// What of the recording could not be read, in sentences.
+    /// Parts of the recording that could not be read, as sentences.
     pub lost: Vec<String>,
 }
 
-/// Calibrates the inertial unit that gave `recorded` while `refined` was seen, whose camera is as sure as `camera` says. The
-/// intrinsics are solved for too, unless they are `held`.
+/// Calibrates the IMU that recorded `recorded` during the observations of `refined`; `camera` is the uncertainty of the camera.
+/// The intrinsics are estimated too, unless they are fixed at `held`.
 ///
 /// # Errors
-/// [`InertialError`] names what is wrong with the samples or the motion, and what to do.
+/// [`InertialError`] names the problem with the samples or the motion, and the remedy.
 pub fn calibrate_unit(
     recorded: Vec<RecordedSamples>,
     refined: &Refined,
@@ -102,7 +102,7 @@ pub fn calibrate_unit(
         }
     }
     let rate = streams.iter().map(|stream| stream.rate).fold(0.0, f64::max);
-    // The middle interval of stamps in whole microseconds is not quite that of the rate.
+    // The median interval of timestamps in whole microseconds differs slightly from the interval of the rate.
     if rate.round() < FEWEST_A_SECOND {
         return Err(InertialError::TooSlow { rate, needed: FEWEST_A_SECOND });
     }
@@ -121,7 +121,7 @@ pub fn calibrate_unit(
     }
     let start = start::start(&seen, samples.get(first).map(Vec::as_slice).unwrap_or_default(), settings.gravity)?;
 
-    // Where no curve explains the events the trajectory is not known.
+    // Where no curve explains the events, the trajectory is not known.
     for (recording, samples) in samples.iter_mut().enumerate() {
         let delay = start.parameters.gyroscope_delay;
         samples.retain(|sample| !covers(&refined.left_out, recording, sample.t - delay));
@@ -151,7 +151,7 @@ pub fn calibrate_unit(
     let clock = Clock { correlation: start.correlation, streams, clock_origin, delays_at };
     let calibration = finish(&joint, solved, apart, clock)?;
     findings::explained(&calibration, joint.samples)?;
-    // With less, the equations are linear no more and no figure holds.
+    // With a larger σ the equations are no longer linear, and all results are invalid.
     if !(ROTATION..ROTATION + 3).all(|axis| calibration.sigma(axis) < LEAST_KNOWN_ROTATION) {
         return Err(InertialError::Singular);
     }
@@ -159,22 +159,22 @@ pub fn calibrate_unit(
     Ok(InertialCalibration { findings: findings(&calibration).into_iter().chain(damaged).collect(), ..calibration })
 }
 
-/// The camera as it was calibrated without the unit.
+/// The calibration of the camera without the IMU.
 struct Apart<'a> {
     refined: &'a Refined,
     camera: &'a Uncertainty,
-    /// Its intrinsics, where they are held.
+    /// Its intrinsics, if they are fixed.
     held: Option<&'a HeldIntrinsics>,
 }
 
-/// The unit's clock beside that of the events.
+/// The IMU's clock relative to the events' clock.
 struct Clock {
-    /// Largest correlation of the turns.
+    /// Largest correlation of the rotation rates.
     correlation: f64,
     streams: Vec<StreamReport>,
-    /// By how much the samples were moved to begin with the events (s).
+    /// Shift of the samples that makes them begin with the events (s).
     clock_origin: f64,
-    /// When the delays are those that are stated (s).
+    /// Time at which the delays apply (s).
     delays_at: f64,
 }
 
@@ -185,7 +185,7 @@ fn finish(joint: &Joint, solved: Solved, apart: Apart, clock: Clock) -> Result<I
         uncertainty::stated(&solved.system, &solved.parts, total)?;
     let Solved { estimate, residuals, spectra, system, .. } = solved;
     uncertainty::add_systematic(&mut covariance, &estimate.parameters, mean_distance(&refined.state.trajectories));
-    // An error of the intrinsics that all events have in common moves the unit, and no block of time tells it.
+    // An error of the intrinsics that all events have in common moves the IMU, but blocks of time do not show it.
     let share = match held {
         Some(held) => {
             let opened = held.opened(joint.problem);
@@ -227,24 +227,25 @@ fn finish(joint: &Joint, solved: Solved, apart: Apart, clock: Clock) -> Result<I
     })
 }
 
-/// What `covariance` of the intrinsics that are free in `system` adds to that of the inertial parameters.
+/// Returns the covariance that `covariance`, of the intrinsics that are estimated in `system`, adds to the covariance of the
+/// inertial parameters.
 fn share_of_intrinsics(system: &System, covariance: DMatrix<f64>) -> Result<DMatrix<f64>, InertialError> {
     let share = share_of_held(system, &[(COUNT..COUNT + covariance.nrows(), covariance)])?;
     Ok(share.view((0, 0), (COUNT, COUNT)).into_owned())
 }
 
-/// The rows and columns of `covariance`, which is of all intrinsics, of those that `problem` has free.
+/// Selects the rows and columns of `covariance`, which is of all intrinsics, for those that `problem` estimates.
 fn of_free(covariance: &DMatrix<f64>, problem: &Problem) -> DMatrix<f64> {
     let free = free_intrinsics(problem, covariance.nrows());
     DMatrix::from_fn(free.len(), free.len(), |row, column| covariance[(free[row], free[column])])
 }
 
-/// Which of `count` intrinsics `problem` has free.
+/// Returns the indices of the intrinsics, among `count`, that `problem` estimates.
 fn free_intrinsics(problem: &Problem, count: usize) -> Vec<usize> {
     (0..count).filter(|&index| problem.free.intrinsics[index]).collect()
 }
 
-/// Largest angle between `gravity` and its mean direction, seen from the camera.
+/// Returns the largest angle between `gravity` and its mean direction, as seen from the camera.
 fn tilt(trajectories: &[Trajectory], gravity: &Vector3<f64>) -> f64 {
     const STEP: f64 = 0.02;
     let along = |trajectory: &Trajectory| {
@@ -260,8 +261,8 @@ fn tilt(trajectories: &[Trajectory], gravity: &Vector3<f64>) -> f64 {
     seen.iter().map(|one| one.angle(&mean)).fold(0.0, f64::max)
 }
 
-/// The samples with times from the first event, which is at `start` of the file; where they are of another time altogether, as
-/// clocks with different origins have it, they begin with the trajectories. Beside them, by how much they were moved for that.
+/// Converts the times of the samples to the clock of the events, whose first event is at `start` of the file. Samples from a
+/// clock with another origin are shifted to begin with the trajectories. Returns the samples and that shift.
 fn on_events_clock<'a>(
     mut samples: Vec<Sample>,
     start: f64,
@@ -273,7 +274,7 @@ fn on_events_clock<'a>(
     };
     let (begin, end) =
         trajectories.fold((f64::INFINITY, 0.0_f64), |range, one| (range.0.min(one.start()), range.1.max(one.end())));
-    // Clocks that are seconds apart are found by their turns.
+    // Clock offsets of some seconds are found from the rotations.
     let moved = if first > end + 10.0 || last < begin - 10.0 { first - begin.min(0.0) } else { 0.0 };
     samples.iter_mut().for_each(|sample| sample.t -= moved);
     (samples, moved)

@@ -1,12 +1,12 @@
 //! Initial model (section 5 of method.md): from reference frames to a camera and a pose for every good frame.
 //!
-//! Frames pass the rotation gate, a camera is calibrated from a diverse subset (OpenCV, or a native start
-//! where OpenCV fails or is not built in; refined by a robust bundle adjustment), every frame gets a pose by PnP in
-//! RANSAC, the velocity gate and the cross-validation of the circles against the events drop what
-//! does not fit, and camera and poses are refined once more on what is left.
+//! Frames pass the rotation gate. A camera is calibrated from a diverse subset (by OpenCV, or by a native start if OpenCV fails
+//! or is not built in; refined by a robust bundle adjustment). Every frame gets a pose by PnP in RANSAC. The velocity gate and
+//! the cross-validation of the circles against the events drop what does not fit, and camera and poses are refined again on the
+//! rest.
 //!
-//! What it guarantees: no frame is trusted because it came first, what is dropped is in the report
-//! with its reason, and the result depends on frames and settings only, not on the number of threads.
+//! Guarantees: no frame is trusted because it came first, everything that is dropped is in the report with its reason, and the
+//! result depends on frames and settings only, not on the number of threads.
 
 mod bundle;
 pub(crate) mod bundle_adjustment;
@@ -58,11 +58,11 @@ pub use settings::{CrossValidationSettings, InitialSettings, MAX_START_RMS, Star
 pub use sighting::BoardPoint;
 pub use start::NativeStart;
 
-/// Longest time from a circle to the same circle in a neighbouring frame over which its motion is taken as straight (s).
+/// Longest time between a circle and the same circle in a neighbouring frame over which its motion is taken as straight (s).
 const MAX_INTERPOLATION_GAP: f64 = 0.1;
-/// Views of the last bundle refinement.
+/// Number of views in the last bundle refinement.
 const BUNDLE_VIEWS: usize = 400;
-/// Largest root mean square error of a frame as a multiple of the median of all frames.
+/// Largest ratio of a frame's root mean square error to the median of all frames.
 const MAX_FRAME_RMS_RATIO: f64 = 5.0;
 
 /// A reference frame with its pose.
@@ -83,16 +83,16 @@ pub struct PosedFrame {
     pub rms: f64,
 }
 
-/// A camera and the frames that it explains.
+/// A camera and the frames that agree with it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InitialModel {
     /// The camera.
     pub camera: Camera<f64>,
-    /// Standard deviation of each of its parameters from the residuals of the circle centres.
+    /// Standard deviation of each of its parameters, from the residuals of the circle centres.
     pub sigma: Vec<f64>,
     /// The frames in the order of recording and time.
     pub frames: Vec<PosedFrame>,
-    /// How it came about.
+    /// Statistics of all steps.
     pub report: InitialReport,
 }
 
@@ -128,8 +128,8 @@ fn retain<T>(elements: &mut Vec<T>, keep: &[bool], mut drop: impl FnMut(&T)) {
     });
 }
 
-/// Calibrates a camera of model `kind` on a sensor of (width, height) pixels from `frames`, and gives
-/// every frame that can be trusted its pose.
+/// Calibrates a camera of model `kind` on a sensor of (width, height) pixels from `frames`, and estimates the pose of every
+/// reliable frame.
 pub fn initial_model(
     frames: &[ReferenceFrame],
     board: &Board,
@@ -154,14 +154,14 @@ pub fn initial_model(
 }
 
 impl InitialModel {
-    /// Frames with poses of a camera that is known better than from them.
+    /// Returns frames with the poses of a camera that is better known than from these frames.
     pub fn of_frames(camera: Camera<f64>, frames: Vec<PosedFrame>) -> Self {
         Self { camera, sigma: Vec::new(), frames, report: InitialReport::default() }
     }
 }
 
-/// Poses of those of `frames` that can be trusted before a `camera` that is known; all of one recording, in order of time. Their
-/// circles are as they were found.
+/// Estimates the poses of the reliable `frames` for a known `camera`; all are of one recording, in order of time. Their circles
+/// are not changed.
 pub fn posed_frames(
     frames: &[ReferenceFrame],
     board: &Board,
@@ -209,7 +209,7 @@ fn enough(left: usize, settings: &InitialSettings, report: &mut InitialReport) -
     })
 }
 
-/// The frames with enough circles that pass the rotation gate, with their point pairs.
+/// Returns the frames with enough circles that pass the rotation gate, with their point pairs.
 fn accepted_sightings(
     frames: &[ReferenceFrame],
     board: &Board,
@@ -237,7 +237,7 @@ fn accepted_sightings(
     Ok(sightings)
 }
 
-/// Pose of every sighting; circles that disagree with it are left out.
+/// Estimates the pose of every sighting; circles that disagree with it are excluded.
 fn poses(
     camera: &Camera<f64>,
     sightings: Vec<Sighting>,
@@ -249,7 +249,7 @@ fn poses(
     settled(sightings.into_iter().zip(found), report)
 }
 
-/// Takes the sightings that got a pose, without the circles that disagree with it.
+/// Returns the sightings that got a pose, without the circles that disagree with it.
 fn settled(
     results: impl Iterator<Item = (Sighting, Result<FramePose, PoseError>)>,
     report: &mut InitialReport,
@@ -268,7 +268,7 @@ fn settled(
     posed
 }
 
-/// The camera once more, from a diverse subset of the posed frames.
+/// Refines the camera again, on a diverse subset of the posed frames.
 fn refine(
     camera: &Camera<f64>,
     posed: &[Posed],
@@ -285,7 +285,8 @@ fn refine(
     let free = vec![true; camera.kind().parameter_names().len()];
     report.bundle_views = views.len();
     let count = views.len();
-    // Few views may have led to the wrong side of a model that has two, from where the other is not reached.
+    // With few views, the first camera may be in the wrong local minimum of a model that has two, and the refinement cannot move
+    // to the other.
     let kind = camera.kind();
     let sides = (kind.expectation().fit_starts.len() > 1).then(|| refits(kind, camera, sensor));
     let starts = std::iter::once(*camera).chain(sides.into_iter().flatten());
@@ -298,7 +299,7 @@ fn refine(
     Ok(refined)
 }
 
-/// Last poses of all frames with the refined camera.
+/// Estimates the final poses of all frames with the refined camera.
 fn finish(
     refined: Bundle,
     posed: Vec<Posed>,
@@ -312,7 +313,7 @@ fn finish(
     let mut posed = settled(sightings.zip(found), &mut report);
     let mut errors: Vec<f64> = posed.iter().map(|posed| posed.rms).collect();
     let typical = median(&mut errors, f64::total_cmp).unwrap_or(0.0);
-    // Errors below the scale of the loss are no reason to drop a frame, however good the others are.
+    // Errors below the scale of the loss do not exclude a frame, however good the others are.
     let bound = (MAX_FRAME_RMS_RATIO * typical).max(HUBER);
     let kept: Vec<bool> = posed.iter().map(|posed| posed.rms <= bound).collect();
     retain(&mut posed, &kept, |posed| drop_frame(&mut report, posed.sighting.frame, DropReason::LargeError));

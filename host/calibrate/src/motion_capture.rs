@@ -1,19 +1,19 @@
-//! A trajectory against motion capture: markers on the camera form a body that a capture system follows.
+//! Comparison of a trajectory with motion capture: markers on the camera form a marker body that a capture system tracks.
 //!
-//! Where the body sits on the camera, where the board stands in the room and how far both clocks are apart is not known. All of
-//! it follows from the two trajectories (hand-eye calibration), and what is left between them is the error of both:
+//! The pose of the marker body on the camera, the pose of the board in the room and the offset of the clocks are not known. All
+//! of them follow from the two trajectories (hand-eye calibration), and the remaining difference is the error of both:
 //!
 //! T_mocap_body(t + offset) = T_mocap_world · T_world_camera(t) · T_camera_body
 //!
-//! | module | does |
+//! | module | content |
 //! |---|---|
 //! | [`file`](mod@file) | reads captures (TUM, EuRoC, OptiTrack Motive) |
-//! | [`path`] | the camera's pose at the capture's own stamps |
-//! | [`start`] | offset, rotation, translations, each with a test that it was found |
-//! | [`fit`] | maximum likelihood of all of it |
-//! | [`uncertainty`] | its σ, from the scatter of blocks of time |
-//! | [`intrinsics_error`] | what the uncertainty of the intrinsics adds |
-//! | [`held_out`](mod@held_out) | what is left in slices of time that were not fitted |
+//! | [`path`] | the camera's pose at the capture's timestamps |
+//! | [`start`] | offset, rotation, translations, each with a test of its validity |
+//! | [`fit`] | maximum likelihood of all parameters |
+//! | [`uncertainty`] | their σ, from the scatter of blocks of time |
+//! | [`intrinsics_error`] | contribution of the uncertainty of the intrinsics |
+//! | [`held_out`](mod@held_out) | errors in slices of time that were not fitted |
 
 pub mod error;
 pub mod file;
@@ -37,7 +37,7 @@ use evcal_geometry::timed_pose::TimedPose;
 
 /// Fewest seconds of common poses.
 const FEWEST_SECONDS: f64 = 4.0;
-/// Lengths differ when their ratio is off by more than this, and by more than three σ.
+/// Smallest significant relative difference of lengths, if it is also more than three σ.
 const SAME_LENGTH: f64 = 0.002;
 
 /// A number with its σ.
@@ -54,56 +54,57 @@ pub struct Measured {
 pub struct MeasuredPose {
     /// The pose.
     pub pose: Isometry3<f64>,
-    /// σ of its translation (m), along the axes of the frame that it maps to.
+    /// σ of its translation (m), along the axes of the target frame.
     pub translation_sigma: Vector3<f64>,
-    /// σ of its rotation (rad), about the axes of the frame that it maps from.
+    /// σ of its rotation (rad), about the axes of the source frame.
     pub rotation_sigma: Vector3<f64>,
 }
 
-/// What a capture says of a trajectory.
+/// Result of the comparison of a trajectory with a capture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compared {
-    /// Poses in the capture.
+    /// Number of poses in the capture.
     pub captured: usize,
-    /// Those at whose time the camera's pose is known.
+    /// Number of poses at whose time the camera's pose is known.
     pub used: usize,
-    /// Poses a second in the capture.
+    /// Poses per second in the capture.
     pub rate: f64,
     /// Share of the capture's poses that are missing.
     pub missing: f64,
-    /// Largest correlation of how fast both turn.
+    /// Largest correlation of the rotation rates.
     pub correlation: f64,
-    /// The body in the camera's frame, `T_camera_body`.
+    /// The marker body in the camera's frame, `T_camera_body`.
     pub camera_body: MeasuredPose,
     /// The board in the capture's frame, `T_mocap_world`.
     pub mocap_world: MeasuredPose,
     /// t_mocap = t_events + offset, in the middle of the recording (s).
     pub offset: Measured,
-    /// By how much the capture's clock is faster; `None` where the recording is too short to tell.
+    /// Relative rate by which the capture's clock is faster; `None` if the recording is too short.
     pub drift: Option<Measured>,
-    /// Lengths in the capture over those on the board.
+    /// Ratio of lengths in the capture to those on the board.
     pub scale: Measured,
-    /// Scatter of both trajectories about each other: position (m) and rotation (rad) of each axis.
+    /// Scatter of the trajectories relative to each other: position (m) and rotation (rad) per axis.
     pub spread: Spread,
-    /// Whether σ contain the error of the camera's intrinsics.
+    /// `true` if σ include the error of the camera's intrinsics.
     pub intrinsics_known: bool,
     /// Errors in the fitted slices of time and in the others.
     pub errors: HeldOut,
 }
 
 impl Compared {
-    /// Whether capture and board have different lengths.
+    /// Returns `true` if capture and board have different lengths.
     pub fn lengths_differ(&self) -> bool {
         let off = (self.scale.value - 1.0).abs();
         off > SAME_LENGTH && off > 3.0 * self.scale.sigma
     }
 }
 
-/// Compares the poses of a camera, `T_world_camera` on the clock of its events, with those of a body fixed to it,
-/// `T_mocap_body` on the clock of the capture; both in order of time. σ contain the error of the camera's intrinsics, where that is known.
+/// Compares the poses of a camera, `T_world_camera` on the clock of its events, with the poses of a marker body fixed to it,
+/// `T_mocap_body` on the clock of the capture; both in order of time. σ include the error of the camera's intrinsics, if it is
+/// known.
 ///
 /// # Errors
-/// [`MotionCaptureError`] says what is wrong with the capture or the motion, and what to do.
+/// [`MotionCaptureError`] names the problem with the capture or the motion, and the remedy.
 pub fn compare(
     camera: &[TimedPose],
     capture: &[TimedPose],
@@ -154,7 +155,7 @@ fn measured_pose(pose: &Isometry3<f64>, sigma: &[f64; COUNT], first: usize) -> M
     MeasuredPose { pose: *pose, rotation_sigma: three(first), translation_sigma: three(first + 3) }
 }
 
-/// The usual time from pose to pose.
+/// Returns the median time between poses.
 fn checked_interval(capture: &[TimedPose]) -> Result<f64, MotionCaptureError> {
     let mut intervals: Vec<f64> = capture.windows(2).map(|pair| pair[1].t - pair[0].t).collect();
     let interval = median(&mut intervals, f64::total_cmp).unwrap_or(0.0);

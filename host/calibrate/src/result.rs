@@ -1,4 +1,4 @@
-//! What a calibration says: the calibration file, the camera for other programs, what the stages kept.
+//! Results of a calibration: the calibration file, the camera for other programs, and the reports of all stages.
 
 pub mod beside;
 pub mod calibrated_camera;

@@ -1,9 +1,9 @@
-//! A second camera on the mount of the first, before the same board at the same time: where it is, and how its clock goes.
+//! Calibration of a second camera on the mount of the first, which sees the same board at the same time: relative pose and clock.
 //!
-//! Both cameras are calibrated apart first, each with a trajectory of its own. Their trajectories tell the offset of the clocks, which
-//! way round each camera sees the board, and a first transform ([`start`]). Then the events of the second camera become rows on the
-//! trajectories of the first, and both cameras, their event biases and what lies between them ([`mount`]) are solved from all events
-//! at once ([`joint`]). [`findings()`] are what speaks against the result.
+//! Both cameras are calibrated separately first, each with its own trajectory. Their trajectories determine the offset of the
+//! clocks, the orientation of the board for each camera, and a first transform ([`start`]). Then the events of the second camera
+//! become rows on the trajectories of the first, and both cameras, their event biases and the mount ([`mount`]) are estimated
+//! from all events at once ([`joint`]). [`findings()`] checks the result.
 
 pub mod calibration;
 mod carried;
@@ -40,23 +40,23 @@ use crate::trajectory::mean_distance;
 use crate::trust::uncertainty::Uncertainty;
 use evcal_geometry::board::symmetry::Symmetry;
 
-/// σ of the rotation (rad) from which nothing is known of a mount.
+/// Largest σ of the rotation (rad) with which a mount counts as determined.
 const LEAST_KNOWN_ROTATION: f64 = 0.35;
 
-/// A camera as it was calibrated apart, from one recording.
+/// A camera that was calibrated separately, from one recording.
 #[derive(Clone, Copy)]
 pub struct Apart<'a> {
     /// Camera, trajectories and events.
     pub refined: &'a Refined,
-    /// How sure its intrinsics are.
+    /// Uncertainty of its intrinsics.
     pub uncertainty: &'a Uncertainty,
 }
 
-/// Calibrates the `second` camera against the `first`, before a board that looks the same after the turns `symmetries`. Intrinsics are
-/// solved for too, unless they are in `lenses`.
+/// Calibrates the `second` camera against the `first`, with a board that looks the same after the rotations `symmetries`.
+/// Intrinsics are estimated too, unless `lenses` contains them.
 ///
 /// # Errors
-/// [`SecondCameraError`] says what is wrong with the recordings or the motion, and what to do.
+/// [`SecondCameraError`] names the problem with the recordings or the motion, and the remedy.
 pub fn calibrate_second(
     first: Apart,
     second: Apart,
@@ -91,7 +91,7 @@ pub fn calibrate_second(
     determined(finish(solved, &known, before))
 }
 
-/// Pictures that the first camera itself took, by a lens that was calibrated apart.
+/// Pictures of the first camera itself, with a lens that was calibrated separately.
 #[derive(Clone, Copy)]
 pub struct Pictures<'a> {
     /// The lens.
@@ -104,11 +104,11 @@ pub struct Pictures<'a> {
     pub point_sigma: f64,
 }
 
-/// Calibrates `pictures` against the events of the same sensor, as if they were those of a second camera: nothing should lie between
-/// them. The intrinsics of the events are solved for too, unless they are `held`.
+/// Calibrates `pictures` against the events of the same sensor, as if they were pictures of a second camera: the relative pose
+/// should be the identity. The intrinsics of the events are estimated too, unless they are fixed at `held`.
 ///
 /// # Errors
-/// [`SecondCameraError`] says what is wrong with the recording or the motion, and what to do.
+/// [`SecondCameraError`] names the problem with the recording or the motion, and the remedy.
 pub fn calibrate_pictures_against(
     first: Apart,
     pictures: Pictures,
@@ -143,15 +143,16 @@ pub fn calibrate_pictures_against(
     determined(finish(solved, &known, [(&before.0, &sigma), (&before.1, pictures.sigma)]))
 }
 
-/// Adds to `solved` what no block of time shows: the focal length of the `first` camera's events is off, and that of pictures is not.
+/// Adds an error to `solved` that blocks of time do not show: the error of the focal length of the `first` camera's events, which
+/// pictures do not share.
 fn add_scale_error(solved: &mut Solved, first: &Apart) {
     let place = TRANSLATION + 2;
     let distance = mean_distance(&first.refined.state.trajectories);
     solved.covariance[(place, place)] += (first.uncertainty.systematic_scale * distance).powi(2);
 }
 
-/// The problem of centres of dots with this spread (px), through a lens whose parameters have these `sigma`; those without any are
-/// held. Board and thresholds are those of `first`.
+/// Returns the problem of centres of dots with this spread (px), through a lens whose parameters have these `sigma`; parameters
+/// without σ are fixed. Board and settings come from `first`.
 fn problem_of_points(first: &Problem, points: Vec<SegmentObservations>, sigma: &[f64], point_sigma: f64) -> Problem {
     let mut problem = with_board_held(first, points);
     problem.point_sigma = point_sigma;
@@ -160,7 +161,7 @@ fn problem_of_points(first: &Problem, points: Vec<SegmentObservations>, sigma: &
     problem
 }
 
-/// What is known of two cameras beside their solve.
+/// Facts about two cameras, apart from their solve.
 struct Known<'a> {
     correlation: Option<f64>,
     seconds: f64,
@@ -170,7 +171,7 @@ struct Known<'a> {
     lenses: Lenses<'a>,
 }
 
-/// Solves with `lenses` held; what their uncertainty does is in the covariance.
+/// Solves with `lenses` fixed; the covariance includes the effect of their uncertainty.
 fn solve_holding(joint: Joint, estimate: Estimate, lenses: Lenses) -> Result<Solved, SecondCameraError> {
     let (joint, estimate) = holding(joint, estimate, lenses);
     let mut solved = solve(&joint, estimate)?;
@@ -180,7 +181,7 @@ fn solve_holding(joint: Joint, estimate: Estimate, lenses: Lenses) -> Result<Sol
     Ok(solved)
 }
 
-/// The same with `lenses` held.
+/// Returns the input with `lenses` fixed.
 fn holding(mut joint: Joint, mut estimate: Estimate, lenses: Lenses) -> (Joint, Estimate) {
     let [first, second] = lenses;
     if let Some(lens) = first {
@@ -194,7 +195,7 @@ fn holding(mut joint: Joint, mut estimate: Estimate, lenses: Lenses) -> (Joint, 
     (joint, estimate)
 }
 
-/// `before` are both cameras as they were calibrated apart, each with the σ of its parameters.
+/// Builds the result. `before` are the separately calibrated cameras, each with the σ of its parameters.
 fn finish(solved: Solved, known: &Known, before: [(&Camera<f64>, &[f64]); 2]) -> SecondCalibration {
     let Solved { estimate, covariance, inflation, used, misfit, rms, .. } = solved;
     let cameras = [estimate.first.camera, estimate.second.camera];
@@ -224,19 +225,21 @@ fn finish(solved: Solved, known: &Known, before: [(&Camera<f64>, &[f64]); 2]) ->
     calibration
 }
 
-/// `calibration`, if its rotation is known to a fraction of a turn: with less, the equations are linear no more and no figure holds.
+/// Returns `calibration` if its rotation is determined. With a larger σ the equations are no longer linear, and all results are
+/// invalid.
 fn determined(calibration: SecondCalibration) -> Result<SecondCalibration, SecondCameraError> {
     let is_known = |axis: usize| calibration.sigma(ROTATION + axis) < LEAST_KNOWN_ROTATION;
     if (0..3).all(is_known) { Ok(calibration) } else { Err(SecondCameraError::Singular) }
 }
 
-/// The problem with these observations, and the board held.
+/// Returns the problem with these observations, and the board fixed.
 fn with_board_held(problem: &Problem, segments: Vec<SegmentObservations>) -> Problem {
     let free = FreeParameters { board: [false; BOARD_PARAMETERS], ..problem.free };
     Problem { free, ..problem.with_segments(segments) }
 }
 
-/// The second camera's observations at a time when the first has a trajectory, its circles counted as the first camera does.
+/// Returns the second camera's observations at times when the first has a trajectory, with the first camera's numbers of the
+/// circles.
 fn seen_by_both(
     first: &Refined,
     second: &[SegmentObservations],

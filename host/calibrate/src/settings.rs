@@ -1,11 +1,12 @@
-//! Every threshold of a calibration, by name.
+//! All settings of a calibration, by name.
 //!
-//! The settings that were used are written to `settings.toml`; such a file can be read for another calibration. It may hold any part of
-//! them; an unknown name is an error, and so is one that an earlier version had with another value than the one that is built in now.
+//! The settings that were used are written to `settings.toml`; such a file can be read for another calibration. It may contain
+//! any part of them; an unknown name is an error, and so is a name of an earlier version with another value than the built-in
+//! one.
 //!
-//! The stages declare their settings ([`evcal_core::settings`](mod@evcal_core::settings)) with unit, bounds and meaning; here they are gathered.
-//! From the declarations come the check of a file, the comments of `settings.toml` and the tables of
-//! `docs/settings.md`.
+//! The stages declare their settings ([`evcal_core::settings`](mod@evcal_core::settings)) with unit, bounds and meaning; this
+//! module collects them. The check of a file, the comments of `settings.toml` and the tables of `docs/settings.md` are generated
+//! from the declarations.
 
 pub mod bounds;
 pub mod fixed;
@@ -48,28 +49,28 @@ settings! {
         pub segment: SegmentSettings;
         /// Section 7: splines.
         pub spline: SplineSettings;
-        /// Section 7: how dense knots may be.
+        /// Section 7: density of knots.
         pub knots: KnotSettings;
-        /// Section 8: which event belongs to which circle.
+        /// Section 8: assignment of events to circles.
         pub association: AssociationSettings;
         /// Sections 9 and 10: the joint solve.
         pub solve: SolveSettings;
         /// Section 11: rounds of association and solve, and the biases of events.
         pub refinement: RefinementSettings;
-        /// Which poses are written.
+        /// Poses that are written.
         pub poses: PoseSettings;
-        /// When the board is not taken as it is stated.
+        /// Estimation of the board's shape.
         pub board: BoardShapeSettings;
-        /// When a calibration is good.
+        /// Bounds of a good calibration.
         pub verdict: VerdictSettings;
-        /// The camera's frames as a witness.
+        /// Cross-check with the camera's frames.
         pub frames: PictureSettings;
-        /// When a live camera has seen enough.
+        /// Conditions under which a live session stops.
         pub live: LiveSettings;
     }
 }
 
-/// Why settings could not be read.
+/// Reasons why settings could not be read.
 #[derive(Debug, thiserror::Error)]
 pub enum SettingsError {
     /// The file could not be read.
@@ -77,63 +78,63 @@ pub enum SettingsError {
     Read {
         /// The file.
         file: String,
-        /// What the system said.
+        /// The error of the system.
         error: std::io::Error,
     },
-    /// The text is no settings file.
+    /// The text is not a settings file.
     #[error("{file}: {error}")]
     Parse {
         /// The file.
         file: String,
-        /// What is wrong and where.
+        /// The problem and its position.
         error: Box<toml::de::Error>,
     },
-    /// A setting cannot be set any more.
+    /// A setting is fixed now.
     #[error("{file}: {reason}")]
     Fixed {
         /// The file.
         file: String,
-        /// Which one, and what to do.
+        /// The setting and the remedy.
         reason: FixedSetting,
     },
-    /// A value is out of its range.
+    /// A value is out of range.
     #[error("{file}: {reason}")]
     Range {
         /// The file.
         file: String,
-        /// Which value, and what it may be.
+        /// The setting and its range.
         reason: OutOfBounds,
     },
 }
 
 impl Settings {
-    /// Reads a TOML file; what it does not name keeps its default.
+    /// Reads a TOML file; settings that it does not contain keep their defaults.
     ///
     /// # Errors
-    /// [`SettingsError`].
+    /// [`SettingsError`] if the file cannot be read or is invalid.
     pub fn read(path: &Path) -> Result<Self, SettingsError> {
         let file = path.display().to_string();
         let text = std::fs::read_to_string(path).map_err(|error| SettingsError::Read { file: file.clone(), error })?;
         let parse = |error| SettingsError::Parse { file: file.clone(), error: Box::new(error) };
         let mut table: Table = toml::from_str(&text).map_err(parse)?;
         let fixed = take_fixed(&mut table).map_err(|reason| SettingsError::Fixed { file: file.clone(), reason })?;
-        // The text says where a mistake is, the table does not.
+        // The text contains the position of a mistake, the table does not.
         let settings: Self = if fixed { table.try_into() } else { toml::from_str(&text) }.map_err(parse)?;
         bounds::check(&Self::GROUP, &settings.table()).map_err(|reason| SettingsError::Range { file, reason })?;
         Ok(settings)
     }
 
-    /// The settings as TOML.
+    /// Returns the settings as TOML.
     pub fn to_toml(&self) -> String {
         toml::to_string(self).unwrap_or_default()
     }
 
-    /// The settings as TOML, each with its meaning, unit and bounds in comments before it.
+    /// Returns the settings as TOML, each with its meaning, unit and bounds in a comment before it.
     pub fn to_commented_toml(&self) -> String {
         text::commented(&Self::GROUP, &self.to_toml())
     }
 
-    /// The settings by name, numbers as [`Self::to_toml`] writes them.
+    /// Returns the settings by name, with numbers as in [`Self::to_toml`].
     pub fn table(&self) -> Table {
         self.to_toml().parse().unwrap_or_default()
     }

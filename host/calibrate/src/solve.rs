@@ -1,10 +1,10 @@
-//! Sections 9 and 10 of method.md: the joint solve.
+//! The joint solve (sections 9 and 10 of method.md).
 //!
-//! The intrinsics, the control points of every trajectory segment and the biases of the event
-//! classes together minimise Σ ρ(r), where r is the distance of an event from its edge of the
-//! print, carried to the board plane through the pose at the event's own time (paper, eq. of
-//! III-C). Levenberg-Marquardt on the normal equations, which are block-banded per segment with a
-//! border of global parameters ([`normal`]); the rows are analytic ([`event_row`], [`point_row`]).
+//! Estimates the intrinsics, the control points of every trajectory segment and the biases of the event classes together. They
+//! minimise Σ ρ(r), where r is the distance of an event from its edge on the print. The event is projected onto the board plane
+//! with the pose at the event's own time (equation of section III-C of the paper). The optimiser is Levenberg-Marquardt. Its
+//! normal equations are block-banded per segment, with a border of global parameters ([`normal`]); the rows are analytic
+//! ([`event_row`], [`point_row`]).
 
 pub mod association;
 pub mod bearing_table;
@@ -59,41 +59,42 @@ use stiffness::Stiffness;
 /// Number of parameters of the board: print ratio, bend along x and y, radius (see [`BoardShape`]).
 pub const BOARD_PARAMETERS: usize = shape::PARAMETERS;
 
-/// Number of global parameters: intrinsics, the board's, then the biases of the event classes.
+/// Number of global parameters: the intrinsics, the parameters of the board, then the biases of the event classes.
 pub const GLOBAL_COUNT: usize = MAX_PARAMETERS + BOARD_PARAMETERS + BIAS_COUNT;
 
 /// Index of the first parameter of the board among the global parameters.
 pub const BOARD_INDEX: usize = MAX_PARAMETERS;
 
-/// Index of a bias of `class` among the global parameters; some classes share biases.
+/// Returns the index of a bias of `class` among the global parameters; some classes share biases.
 pub const fn bias_index(class: usize, bias: Bias) -> usize {
     MAX_PARAMETERS + BOARD_PARAMETERS + bias_place(class, bias)
 }
 
-/// What the residual of an event measures.
+/// The quantity that the residual of an event measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ResidualMeasure {
-    /// Distance from the edge divided by the local scale of the board in the image: pixels, so that
-    /// noise counts alike near and far, head-on and tilted.
+    /// Distance from the edge divided by the local scale of the board in the image (pixels), so that noise has the same weight
+    /// near and far, head-on and tilted.
     Pixel,
     /// Distance from the edge on the board plane, as in the paper, in units of the mean scale.
     Plane,
 }
 
-/// Which parameters beside the control points may change.
+/// Flags of the parameters that are estimated, in addition to the control points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FreeParameters {
-    /// Which intrinsics are free, in the order of the camera model; those beyond its own stay unused.
+    /// `true` for each estimated intrinsic, in the order of the camera model; entries beyond its parameters are unused.
     pub intrinsics: [bool; MAX_PARAMETERS],
-    /// Which parameters of the board are free.
+    /// `true` for each estimated parameter of the board.
     pub board: [bool; BOARD_PARAMETERS],
-    /// Which biases of each event class are free; one that classes share is free if it is in any of them.
+    /// `true` for each estimated bias of each event class. A shared bias is estimated if it is in any of the classes that share
+    /// it.
     pub biases: [Biases<bool>; CLASS_COUNT],
 }
 
 impl FreeParameters {
-    /// One flag for each global parameter.
+    /// Returns one flag for each global parameter.
     pub fn mask(&self) -> [bool; GLOBAL_COUNT] {
         let mut mask = [false; GLOBAL_COUNT];
         for (flag, free) in mask.iter_mut().zip(self.intrinsics) {
@@ -110,13 +111,13 @@ impl FreeParameters {
         mask
     }
 
-    /// Where those that are free stand among the global parameters.
+    /// Returns the indices of the estimated parameters among the global parameters.
     pub fn places(&self) -> Vec<usize> {
         places(&self.mask())
     }
 }
 
-/// Where the set flags of `mask` are.
+/// Returns the indices of the set flags of `mask`.
 pub fn places(mask: &[bool; GLOBAL_COUNT]) -> Vec<usize> {
     (0..GLOBAL_COUNT).filter(|&global| mask[global]).collect()
 }
@@ -126,8 +127,8 @@ settings! {
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct SolveSettings {
-        /// What a residual measures: `"pixel"`, the distance to the projected edge, or `"plane"`, the paper's
-        /// distance on the board plane. With `"plane"` no biases of event classes are fitted in the solve.
+        /// Quantity that a residual measures: `"pixel"`, the distance to the projected edge, or `"plane"`, the paper's distance
+        /// on the board plane. With `"plane"` no biases of event classes are fitted in the solve.
         pub residual: ResidualMeasure = ResidualMeasure::Pixel;
     }
 }
@@ -137,7 +138,7 @@ pub const HUBER: f64 = 1.5;
 /// Most Levenberg-Marquardt iterations in one solve.
 pub const ITERATIONS: usize = 12;
 
-/// What the joint solve works on; nothing of it changes while it runs.
+/// Input of the joint solve, constant while it runs.
 pub struct Problem {
     /// Sensor size (width, height) in pixels.
     pub sensor: Sensor,
@@ -145,7 +146,7 @@ pub struct Problem {
     pub points: Vec<[f64; 2]>,
     /// The edges of the print.
     pub edges: BoardEdges,
-    /// The area that they cover.
+    /// The area that the circles cover.
     pub area: CircleArea,
     /// Metres on the board for each pixel, on average: the unit of the plane residual.
     pub mean_scale: f64,
@@ -155,20 +156,20 @@ pub struct Problem {
     pub associated_latencies: [f64; CLASS_COUNT],
     /// Observations of each segment.
     pub segments: Vec<SegmentObservations>,
-    /// What the jerks of each segment's trajectory weigh; empty: nothing.
+    /// Weights of the jerks of each segment's trajectory; empty for no weight.
     pub stiffness: Vec<Stiffness>,
-    /// Which parameters may change.
+    /// The parameters that are estimated.
     pub free: FreeParameters,
-    /// What a residual measures.
+    /// The quantity that a residual measures.
     pub residual: ResidualMeasure,
-    /// Residual from which an event counts linearly instead of squared (σ of its class); [`HUBER`] but for tests.
+    /// Residual from which an event counts linearly instead of squared (σ of its class); [`HUBER`] except in tests.
     pub huber: f64,
-    /// Most iterations; [`ITERATIONS`] where the result counts.
+    /// Most iterations; [`ITERATIONS`] for solves that lead to a result.
     pub iterations: usize,
 }
 
 impl Problem {
-    /// The same with other observations.
+    /// Returns the same problem with other observations.
     pub fn with_segments(&self, segments: Vec<SegmentObservations>) -> Self {
         Self {
             segments,
@@ -179,12 +180,12 @@ impl Problem {
         }
     }
 
-    /// The same with every `step`-th event, and all circle centres.
+    /// Returns the same problem with every `step`-th event, and all circle centres.
     pub fn every(&self, step: usize) -> Self {
         self.with_segments(self.segments.iter().map(|segment| segment.every(step)).collect())
     }
 
-    /// Metres on the board for each unit of the residual, where that is the same everywhere.
+    /// Returns the metres on the board per unit of the residual, if it is the same everywhere.
     pub fn residual_scale(&self) -> Option<f64> {
         match self.residual {
             ResidualMeasure::Pixel => None,
@@ -193,7 +194,7 @@ impl Problem {
     }
 }
 
-/// The parameters: camera, board, biases of the event classes, one trajectory a segment.
+/// The estimated parameters: camera, board, biases of the event classes, and one trajectory per segment.
 #[derive(Clone, Debug)]
 pub struct State {
     /// Intrinsics.
@@ -206,26 +207,26 @@ pub struct State {
     pub trajectories: Vec<Trajectory>,
 }
 
-/// How a solve went.
+/// Statistics of a solve.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SolveReport {
     /// Observations used.
     pub observations: usize,
     /// Iterations made.
     pub iterations: usize,
-    /// Steps that were taken back.
+    /// Number of steps that raised the cost and were undone.
     pub rejected: usize,
-    /// Sum of ρ before.
+    /// Sum of ρ before the solve.
     pub initial_cost: f64,
-    /// Sum of ρ after.
+    /// Sum of ρ after the solve.
     pub final_cost: f64,
 }
 
-/// Why a joint solve failed.
+/// Reasons why a joint solve failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SolveError {
-    /// There is nothing to solve from.
-    #[error("no event lies near the board's circles: is the board description right?")]
+    /// There are no observations.
+    #[error("no event is near the board's circles: is the board description right?")]
     NoObservations,
     /// The normal equations are singular.
     #[error("the observations do not determine the camera: move the board closer, tilt it and cover the whole image")]

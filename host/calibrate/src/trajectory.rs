@@ -1,9 +1,8 @@
-//! Section 7 of method.md: continuous trajectories of the camera, one spline a segment.
+//! Continuous trajectories of the camera, one spline per segment (section 7 of method.md).
 //!
-//! A trajectory is a clamped B-spline of degree 1 to 5 on non-uniform knots (seconds) for the pose
-//! `T_world_camera`: a curve in space for the camera centre and, on the same knots, a curve of
-//! rotations, either normalised quaternion sums or a cumulative curve on SO(3) (paper III-C;
-//! [`evcal_core::spline`]). [`knots`] chooses the knots from the times of the poses, [`fit`] the
+//! A trajectory is a clamped B-spline of degree 1 to 5 on non-uniform knots (seconds) for the pose `T_world_camera`: a curve in
+//! space for the camera centre and, on the same knots, a curve of rotations, either normalised quaternion sums or a cumulative
+//! curve on SO(3) (paper III-C; [`evcal_core::spline`]). [`knots`] computes the knots from the times of the poses, [`fit`] the
 //! control points from the poses. Evaluation never panics: outside its knots a trajectory has no pose.
 
 pub mod alignment;
@@ -23,17 +22,17 @@ use evcal_core::spline::{Basis, Knots, RotationSample, SplineError, quaternion, 
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Mean distance of the camera from the plane of the board along `trajectories` (m).
+/// Returns the mean distance of the camera from the plane of the board along `trajectories` (m).
 pub fn mean_distance(trajectories: &[Trajectory]) -> f64 {
     let points = || trajectories.iter().flat_map(|trajectory| &trajectory.translation);
     points().map(|point| point.z.abs()).sum::<f64>() / points().count().max(1) as f64
 }
 
-/// Which curve of rotations a trajectory uses.
+/// The kind of rotation curve.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RotationSpline {
-    /// Normalised sums of quaternions (Kang and Park 1999): the cheaper one.
+    /// Normalised sums of quaternions (Kang and Park 1999), the faster one.
     #[default]
     Quaternion,
     /// Cumulative products on SO(3) (Sommer et al. 2016, 2020).
@@ -49,7 +48,7 @@ impl fmt::Display for RotationSpline {
     }
 }
 
-/// The name of a rotation spline was not understood.
+/// The name of a rotation spline is unknown.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("rotation spline {0:?}: write quaternion or so3")]
 pub struct RotationSplineError(String);
@@ -66,7 +65,7 @@ impl FromStr for RotationSpline {
     }
 }
 
-/// Why no trajectory could be built.
+/// Reasons why no trajectory could be built.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TrajectoryError {
     /// Fewer poses than a spline of this degree has control points in a single span.
@@ -80,7 +79,7 @@ pub enum TrajectoryError {
     /// The number of control points does not suit the degree and the number of poses.
     #[error("{found} control points do not suit a spline of degree {degree} through {poses} poses: {} to {poses} would", degree + 1)]
     ControlPointCount {
-        /// Number of control points asked for.
+        /// Requested number of control points.
         found: usize,
         /// Degree of the spline.
         degree: usize,
@@ -95,14 +94,14 @@ pub enum TrajectoryError {
         /// Its time in seconds.
         t: f64,
     },
-    /// A pose lies outside the wanted range of the trajectory.
+    /// A pose lies outside the requested range of the trajectory.
     #[error("pose at {t} s lies outside the trajectory from {start} s to {end} s")]
     PoseOutside {
         /// Time of the pose in seconds.
         t: f64,
-        /// Wanted start in seconds.
+        /// Requested start in seconds.
         start: f64,
-        /// Wanted end in seconds.
+        /// Requested end in seconds.
         end: f64,
     },
     /// A pose has numbers that are not finite.
@@ -117,7 +116,7 @@ pub enum TrajectoryError {
         /// Index of the control point.
         control_point: usize,
     },
-    /// The knots are not those of a spline.
+    /// The knots are invalid for a spline.
     #[error("{0}")]
     Spline(#[from] SplineError),
 }
@@ -125,8 +124,7 @@ pub enum TrajectoryError {
 /// Control points of the rotation.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RotationControl {
-    /// Control points of a quaternion spline, neighbours on the same half of the sphere; their
-    /// lengths are weights.
+    /// Control points of a quaternion spline, neighbours on the same half of the sphere; their lengths are weights.
     Quaternion(Vec<Quaternion<f64>>),
     /// Control points of an SO(3) spline.
     So3(Vec<UnitQuaternion<f64>>),
@@ -135,7 +133,7 @@ pub enum RotationControl {
 /// The pose `T_world_camera` over the time of one segment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {
-    /// Which recording of the camera the segment belongs to.
+    /// Index of the recording that contains the segment.
     pub recording: usize,
     /// Clamped knots in seconds since the start of the recording.
     pub knots: Vec<f64>,
@@ -143,7 +141,7 @@ pub struct Trajectory {
     pub degree: usize,
     /// Control points of the camera centre in world coordinates, metres.
     pub translation: Vec<Vector3<f64>>,
-    /// Control points of R_world_camera, as many.
+    /// Control points of R_world_camera, one for each of the translation.
     pub rotation: RotationControl,
 }
 
@@ -164,23 +162,22 @@ pub struct PoseSample {
 pub const CONTROL_POINT_PARAMETERS: usize = 6;
 
 impl Trajectory {
-    /// First time of the trajectory in seconds.
+    /// Returns the first time of the trajectory in seconds.
     pub fn start(&self) -> f64 {
         self.curve_knots().start()
     }
 
-    /// Last time of the trajectory in seconds.
+    /// Returns the last time of the trajectory in seconds.
     pub fn end(&self) -> f64 {
         self.curve_knots().end()
     }
 
-    /// Number of control points.
+    /// Returns the number of control points.
     pub fn control_point_count(&self) -> usize {
         self.translation.len()
     }
 
-    /// Pose, velocities and Jacobians at time `t` in seconds; `None` outside the trajectory, or
-    /// where quaternions cancel.
+    /// Returns pose, velocities and Jacobians at time `t` in seconds; `None` outside the trajectory, or if quaternions cancel.
     pub fn sample(&self, t: f64) -> Option<PoseSample> {
         let basis = self.curve_knots().basis(t).ok()?;
         let rotation = match &self.rotation {
@@ -191,14 +188,14 @@ impl Trajectory {
         Some(PoseSample { basis, rotation, translation: vector.value, linear_velocity: vector.first_derivative })
     }
 
-    /// T_world_camera at time `t` in seconds; `None` where [`Trajectory::sample`] is.
+    /// Returns T_world_camera at time `t` in seconds; `None` if [`Trajectory::sample`] returns `None`.
     pub fn pose(&self, t: f64) -> Option<Isometry3<f64>> {
         let sample = self.sample(t)?;
         Some(Isometry3::from_parts(sample.translation.into(), sample.rotation.rotation))
     }
 
-    /// Moves every control point. `delta` holds [`CONTROL_POINT_PARAMETERS`] numbers a control
-    /// point: a rotation vector δ (radians, camera frame: `q exp(δ)`), then a translation in metres.
+    /// Moves every control point. `delta` has [`CONTROL_POINT_PARAMETERS`] numbers per control point: a rotation vector δ
+    /// (radians, camera frame: `q exp(δ)`), then a translation in metres.
     pub fn update(&mut self, delta: &[f64]) {
         let (parts, _) = delta.as_chunks::<CONTROL_POINT_PARAMETERS>();
         debug_assert_eq!(delta.len(), CONTROL_POINT_PARAMETERS * self.control_point_count());
@@ -243,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn there_is_a_pose_between_the_ends_and_none_outside() {
+    fn a_trajectory_has_poses_between_its_ends_and_none_outside() {
         for trajectory in trajectories() {
             assert_eq!((trajectory.start(), trajectory.end(), trajectory.control_point_count()), (1.0, 2.0, 6));
             for t in [1.0, 1.3, 1.7, 2.0] {
@@ -258,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn velocities_are_those_of_the_poses() {
+    fn velocities_are_derivatives_of_the_poses() {
         let step = 1e-6;
         for trajectory in trajectories() {
             let [before, after] = [1.4 - step, 1.4 + step].map(|t| trajectory.pose(t).unwrap());
@@ -271,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn an_update_moves_the_pose_as_the_jacobians_say() {
+    fn an_update_moves_the_pose_as_the_jacobians_predict() {
         for trajectory in trajectories() {
             let delta: Vec<f64> = (0..36).map(|i| 1e-5 * f64::from(i * i % 7 - 3)).collect();
             let mut moved = trajectory.clone();

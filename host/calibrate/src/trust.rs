@@ -1,4 +1,4 @@
-//! How far a calibration can be trusted: uncertainty, coverage, comparison of halves, verdict.
+//! Quality of a calibration: uncertainty, coverage, comparison of halves, verdict.
 
 pub mod board_evidence;
 pub mod coverage;
@@ -36,25 +36,25 @@ use crate::trust::uncertainty::projection::{ProjectionUncertainty, projection_un
 use crate::trust::uncertainty::{BiasSigma, SolveUncertainty, Uncertainty};
 use evcal_geometry::board::Board;
 
-/// What speaks for and against a calibration, whatever it was made from.
+/// Quality measures of a calibration, whatever its input was.
 #[derive(Clone, Debug)]
 pub struct Trust {
     /// Covariance of the intrinsics.
     pub uncertainty: Uncertainty,
-    /// What it means in the image.
+    /// Uncertainty of the projection that follows from it.
     pub projection: ProjectionUncertainty,
-    /// What was seen.
+    /// Coverage of the sensor, and the poses of the board.
     pub coverage: Coverage,
 }
 
-/// What speaks for and against a calibration along trajectories, beside [`Trust`].
+/// Quality measures of a calibration along trajectories, in addition to [`Trust`].
 #[derive(Clone, Debug)]
 pub struct EventTrust {
-    /// What each cause adds to the uncertainty of the projection.
+    /// Contribution of each cause to the uncertainty of the projection.
     pub projection_parts: ProjectionParts,
     /// Standard deviations of the event biases.
     pub bias_sigma: BiasSigma,
-    /// Two halves calibrated apart; `None` when the recordings are too short for that.
+    /// Comparison of two halves that were calibrated separately; `None` if the recordings are too short.
     pub split_half: Option<SplitHalf>,
     /// The residuals over the sensor.
     pub residuals: ResidualMap,
@@ -62,38 +62,38 @@ pub struct EventTrust {
     pub classes: [ClassResiduals; CLASS_COUNT],
     /// The residuals of each polarity, OFF first, and rank in the burst.
     pub ranks: [ClassResiduals; 2 * RANK_COUNT],
-    /// How far the lens model is from the lens; `None` when the residuals say nothing against it.
+    /// Difference between the lens model and the lens; `None` if the residuals do not contradict the model.
     pub misfit: Option<Misfit>,
-    /// The board as it was estimated.
+    /// The estimated board.
     pub board: BoardEstimate,
-    /// Coefficients of the lens, by their index, that were held because the observations do not determine them.
+    /// Indices of the coefficients of the lens that were fixed because the observations do not determine them.
     pub undetermined: Vec<usize>,
-    /// What the events say of the circles' radius; `None` where the input is circle centres.
+    /// Radius of the circles from the events; `None` if the input consists of circle centres.
     pub radius: Option<ObservedRadius>,
-    /// How sure each pose is.
+    /// Covariance of the poses.
     pub poses: PoseCovariance,
-    /// Stretches that are left out.
+    /// Excluded intervals.
     pub left_out: Vec<LeftOut>,
-    /// Stretches in which the readout was saturated, where they are too long to be left out.
+    /// Intervals with a saturated readout that are too long to be excluded.
     pub saturated: Vec<LeftOut>,
 }
 
-/// The circles' radius as the events see it.
+/// The circles' radius from the events.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObservedRadius {
     /// Mean distance of the events from the edge in pixels, positive outside the dot.
     pub mean_offset: f64,
-    /// Metres on the board for each pixel, on average.
+    /// Metres on the board per pixel, on average.
     pub scale: f64,
-    /// Radius in metres at which that mean would be the usual one.
+    /// Radius in metres at which the mean distance would be the usual one.
     pub radius: f64,
 }
 
-/// Events lie inside of the edge by this much on average (px): they happen where the logarithm of the
-/// blurred edge changes, which is on its dark side.
+/// Usual mean distance of events from the edge (px). It is negative (inside the dot) because events happen where the logarithm of
+/// the blurred edge changes, which is on its dark side.
 const USUAL_OFFSET: f64 = -0.41;
 
-/// A lens model that follows the lens of `refined` where its own cannot.
+/// Returns a lens model that follows the lens of `refined` better than its own model, if there is one.
 pub fn better_model(refined: &Refined, inflation: f64) -> Option<ModelKind> {
     let (problem, state) = (&refined.problem, &refined.state);
     let residuals = residual_map(problem, state, &refined.events);
@@ -104,20 +104,20 @@ fn misfit_of(problem: &Problem, state: &State, residuals: &ResidualMap, inflatio
     residuals.pattern.is_suspicious().then(|| misfit(problem, state, &residuals.pattern, inflation))
 }
 
-/// What is known of a joint solve beside its result.
+/// Uncertainty of a joint solve and other facts about it, apart from its result.
 pub struct SolveCertainty {
-    /// How sure it is.
+    /// Uncertainty of its estimates.
     pub uncertainty: SolveUncertainty,
-    /// The board in it.
+    /// The board in this solve.
     pub board: BoardEstimate,
-    /// Coefficients that it does not determine, by their index.
+    /// Indices of the coefficients that it does not determine.
     pub undetermined: Vec<usize>,
 }
 
-/// Examines `refined`. `saturated` are stretches with a saturated readout that are in the solve.
+/// Examines `refined`. `saturated` are the intervals with a saturated readout that are in the solve.
 ///
 /// # Errors
-/// [`SolveError::Singular`] when the observations do not determine the camera.
+/// [`SolveError::Singular`] if the observations do not determine the camera.
 pub fn examine(
     refined: &Refined,
     certainty: SolveCertainty,
@@ -130,7 +130,7 @@ pub fn examine(
         projection_uncertainty(&state.camera, &uncertainty.covariance, problem.sensor).map_err(|_| SolveError::Singular)
     };
     let of_events = &refined.events;
-    // The halves have the same misfit: they cannot tell it.
+    // Both halves have the same misfit, so their comparison does not include it.
     let split_half = halves.and_then(|halves| split_half(problem, state, &halves, of_events, &parts));
     let ((classes, ranks), residuals) = rayon::join(
         || {
@@ -170,7 +170,7 @@ pub fn examine(
 /// Examines a calibration from pictures alone.
 ///
 /// # Errors
-/// [`SolveError::Singular`] when the lens sees next to nothing of the sensor.
+/// [`SolveError::Singular`] if the lens covers almost nothing of the sensor.
 pub fn examine_pictures(calibration: &PictureCalibration, board: &Board, sensor: Sensor) -> Result<Trust, SolveError> {
     let projection = projection_uncertainty(&calibration.camera, &calibration.covariance, sensor)
         .map_err(|_| SolveError::Singular)?
@@ -205,7 +205,7 @@ fn observed_radius(refined: &Refined) -> Option<ObservedRadius> {
     let BoardEdges::Rims(_) = refined.problem.edges else { return None };
     let inverse_radius = scale / radius;
     let (mut sum, mut count) = (0.0, 0_usize);
-    // The mean over both polarities: what delays events moves them to opposite sides.
+    // The mean over both polarities, because a delay of events shifts them to opposite sides.
     let mut of_polarity = [(0.0, 0_usize); 2];
     for event in refined.problem.segments.iter().flat_map(|segment| &segment.events) {
         let class = usize::from(event.class);

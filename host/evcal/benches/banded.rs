@@ -1,4 +1,4 @@
-//! Time of the banded Cholesky at the size of the joint solve: six parameters a control point, cubic.
+//! Time of the banded Cholesky at the size of the joint solve: six parameters per control point, cubic.
 
 use divan::Bencher;
 use evcal_geometry::numerics::banded::BandedCholesky;

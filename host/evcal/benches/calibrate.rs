@@ -1,11 +1,11 @@
-//! What a whole calibration costs, stage by stage: processor time, its share, and memory.
+//! Processor time and memory of a calibration, by stage.
 //!
 //! ```text
 //! cargo bench -p evcal --bench calibrate [-- RECORDING BOARD MODEL]
 //! ```
 //!
-//! Without arguments it calibrates the fixture. Processor time is that of all threads; a busy machine hardly changes it.
-//! The report is a stage of its own, as in `evcal calibrate`. Needs Linux's `/proc`.
+//! Without arguments it calibrates the fixture. Processor times are sums over all threads, so a busy machine hardly changes them.
+//! The report is a separate stage, as in `evcal calibrate`. Needs Linux's `/proc`.
 
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -17,7 +17,7 @@ use evcal_calibrate::initial::model_choice::ModelRequest;
 use evcal_core::camera::ModelKind;
 use event_recordings::RecordingOptions;
 
-/// Ticks of processor time a second in `/proc/self/stat`: the same on all of Linux.
+/// Ticks of processor time per second in `/proc/self/stat`: the same on every Linux.
 const TICKS: f64 = 100.0;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -61,16 +61,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// User and system time of this process (s).
+/// Returns user plus system time of this process (s).
 fn processor_time() -> Result<f64, Box<dyn std::error::Error>> {
     let text = std::fs::read_to_string("/proc/self/stat")?;
-    // After the program's name, which may hold blanks; user time is field 14, system time field 15.
+    // Fields follow the program's name, which may contain blanks; field 14 is the user time, field 15 the system time.
     let (_, fields) = text.rsplit_once(')').ok_or("no fields in /proc/self/stat")?;
     let ticks = fields.split_whitespace().skip(11).take(2).map(str::parse::<f64>).sum::<Result<f64, _>>()?;
     Ok(ticks / TICKS)
 }
 
-/// Largest resident memory so far (MB).
+/// Returns the peak resident memory (MB).
 fn peak_memory() -> Result<f64, Box<dyn std::error::Error>> {
     let text = std::fs::read_to_string("/proc/self/status")?;
     let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:")).ok_or("no VmHWM in /proc/self/status")?;

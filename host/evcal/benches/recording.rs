@@ -16,7 +16,7 @@ const EVENTS: u32 = 1_000_000;
 const FORMATS: [OutputFormat; 5] =
     [aedat4::OUTPUT_UNCOMPRESSED, aedat4::OUTPUT_LZ4, aedat4::OUTPUT, text::OUTPUT, event_calib::OUTPUT];
 
-/// Pixels in no order, times about 1 µs apart.
+/// Events at random pixels, about one per microsecond.
 fn events() -> Vec<Event> {
     (0..EVENTS)
         .map(|index| {

@@ -1,4 +1,4 @@
-//! Writes the tables of `docs/settings.md` anew: `cargo run -p evcal --example settings_document`.
+//! Updates the tables of `docs/settings.md`: `cargo run -p evcal --example settings_document`.
 
 use std::error::Error;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Simulates a fisheye that looks at a moving board, and counts the events of each 25 ms.
+//! Simulates a fisheye camera in front of a moving board, and counts the events per 25 ms.
 //!
 //!     cargo run --release --example simulate
 

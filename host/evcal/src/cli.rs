@@ -1,7 +1,7 @@
-//! The command line: parsing, exit codes, and one module a subcommand. No algorithm is here.
+//! The command line: parsing, exit codes, and one module per subcommand.
 //!
-//! Exit codes: 0 done, 1 failed with a reason on standard error, 2 wrong usage, 3 done, but the answer is no: calibrated, but not
-//! well enough; not the same camera; not good for a calibration.
+//! Exit codes: 0 success; 1 failure, with the reason on standard error; 2 wrong usage; 3 a negative result: the calibration is not good
+//! enough, the calibrations are not of the same camera, or the recording is not ready for a calibration.
 
 mod advice;
 mod board;
@@ -47,7 +47,7 @@ use evcal_files::shell_word::shell_word;
 struct Arguments {
     #[command(subcommand)]
     command: Command,
-    /// Threads to use, 1 to 1024; the result does not depend on it [default: one a core]
+    /// Number of threads, 1 to 1024; the result does not depend on it [default: one per core]
     #[arg(long, global = true, value_name = "COUNT", value_parser = value::count(1..=1024))]
     threads: Option<u16>,
 }
@@ -60,37 +60,37 @@ enum Command {
     /// Find the board's circles in a recording and write them to a file
     #[command(after_help = examples::DETECT)]
     Detect(detect::Arguments),
-    /// List the cameras that are plugged in
+    /// List the connected cameras
     #[command(after_help = examples::DEVICES)]
     Devices(devices::Arguments),
     /// Record a camera
     #[command(after_help = examples::RECORD)]
     Record(record::Arguments),
-    /// Record a camera until it has seen enough of the board, then calibrate it
+    /// Record a camera with guidance until the recording is good enough, then calibrate
     #[command(after_help = examples::LIVE)]
     Live(live::Arguments),
-    /// Tell what is in a recording
+    /// Show what a recording contains
     #[command(after_help = examples::INFO)]
     Info(info::Arguments),
-    /// Look at even parts of a recording: is it good for a calibration, and what to do next?
+    /// Examine samples of a recording: is it good for a calibration, and what to do next?
     #[command(after_help = examples::CHECK)]
     Check(check::Arguments),
-    /// Turn a recording into another format
+    /// Convert a recording to another format
     #[command(after_help = examples::CONVERT)]
     Convert(convert::Arguments),
     /// Compare a calibration with the truth, another calibration or a trajectory
     #[command(after_help = examples::EVALUATE)]
     Evaluate(evaluate::Arguments),
-    /// Tell whether two calibrations are of the same camera
+    /// Test whether two calibrations are of the same camera
     #[command(after_help = examples::COMPARE)]
     Compare(compare::Arguments),
-    /// Calibrate random parts of a recording, to see how repeatable the result is
+    /// Calibrate random parts of a recording to measure repeatability
     #[command(after_help = examples::REPEAT)]
     Repeat(repeat::Arguments),
-    /// Write a calibration in a form that other programs and devices read
+    /// Export a calibration for other programs and devices
     #[command(after_help = examples::EXPORT)]
     Export(export::Arguments),
-    /// Take the distortion of the lens out of recordings and pictures
+    /// Remove the distortion of the lens from recordings and pictures
     #[command(after_help = examples::UNDISTORT)]
     Undistort(undistort::Arguments),
     /// Print a board at exact scale
@@ -99,7 +99,7 @@ enum Command {
     /// Simulate an event camera in front of a board
     #[command(after_help = examples::SIMULATE)]
     Simulate(simulate::Arguments),
-    /// Print what a shell needs to complete commands and options
+    /// Print a script that lets a shell complete commands and options
     #[command(after_help = examples::COMPLETIONS)]
     Completions(completions::Arguments),
     /// Write the manual pages
@@ -109,39 +109,59 @@ enum Command {
 
 #[cfg(unix)]
 impl Command {
-    /// Whether it comes to a good end of its own when it is interrupted.
+    /// Returns whether the subcommand handles signals and ends by itself.
     fn takes_signals(&self) -> bool {
         matches!(self, Self::Record(_) | Self::Live(_))
     }
 }
 
-/// The command line as a shell would take it.
+/// Returns the command line for a shell, without the number of threads and with `DIR` as the output folder: neither changes a result, so
+/// files that contain the command stay the same.
 fn command_line() -> String {
-    let words: Vec<String> = std::env::args_os().skip(1).map(|word| shell_word(&word.to_string_lossy())).collect();
-    format!("evcal {}", words.join(" "))
+    repeatable(std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()))
 }
 
-/// What a subcommand returns; an error goes to standard error with exit code 1.
+fn repeatable(mut words: impl Iterator<Item = String>) -> String {
+    let mut command = vec!["evcal".to_owned()];
+    while let Some(word) = words.next() {
+        let name = word.split('=').next().unwrap_or_default();
+        let has_value_after = name == word && matches!(name, "--threads" | "-o" | "--output");
+        if has_value_after {
+            words.next();
+        }
+        match name {
+            "--threads" => {}
+            "--output" => command.push("-o DIR".to_owned()),
+            _ if name.starts_with("-o") => command.push("-o DIR".to_owned()),
+            _ => command.push(shell_word(&word)),
+        }
+    }
+    command.join(" ")
+}
+
+/// Result of a subcommand; `run` prints an error and sets the exit code.
 type Outcome = Result<(), Box<dyn Error>>;
 
-/// Arguments that clap alone cannot tell to be wrong; the exit code is 2.
+/// Wrong arguments that clap does not detect; the exit code is 2.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}; see --help")]
 struct UsageError(String);
 
-/// Everything went well, but the camera, or what was calibrated beside it, is not good enough; the exit code is 3.
+/// A finished calibration of the camera, the IMU or another camera that is not good enough; the exit code is 3.
 #[derive(Debug, thiserror::Error)]
-#[error("the calibration is not good enough to be used: the verdict says why; --accept-any makes the exit code 0")]
+#[error(
+    "the calibration is not good enough to be used; the verdict gives the reasons. With --accept-any the exit code is 0"
+)]
 struct NotGoodEnough;
 
-/// Two calibrations that are not known to be of the same camera; the exit code is 3.
+/// Two calibrations that may be of different cameras; the exit code is 3.
 #[derive(Debug, thiserror::Error)]
-#[error("the calibrations are not known to be of the same camera")]
+#[error("the calibrations may be of different cameras")]
 struct NotTheSame;
 
-/// A recording that is not good for a calibration yet; the exit code is 3.
+/// A recording that is not good for a calibration; the exit code is 3.
 #[derive(Debug, thiserror::Error)]
-#[error("the recording is not ready for a calibration: the last line says what to do")]
+#[error("the recording is not good for a calibration; the last line above says what to do")]
 struct NotReady;
 
 /// Runs the program.
@@ -185,16 +205,15 @@ pub fn run() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            let mut told = error.to_string();
-            print::aside(&told);
+            let mut printed = error.to_string();
+            print::aside(&printed);
             let mut source = error.source();
             while let Some(cause) = source {
-                // Many errors have their cause's text in their own.
+                // The text of many errors contains the text of their cause.
                 let text = cause.to_string();
-                if !told.contains(&text) {
-                    // The exit code holds even where nobody can read this.
+                if !printed.contains(&text) {
                     print::detail(format_args!("  because: {text}"));
-                    told = text;
+                    printed = text;
                 }
                 source = cause.source();
             }
@@ -208,6 +227,21 @@ pub fn run() -> ExitCode {
                 }
                 _ => ExitCode::FAILURE,
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn commands_have_neither_threads_nor_output_folder() {
+        for output in [&["-o", "out"][..], &["-oout"], &["--output", "out"], &["--output=out"]] {
+            let words =
+                [&["--threads", "2", "calibrate", "my a=b.csv"][..], output, &["--threads=3", "--json"]].concat();
+            let command = repeatable(words.into_iter().map(str::to_owned));
+            assert_eq!(command, "evcal calibrate 'my a=b.csv' -o DIR --json");
         }
     }
 }

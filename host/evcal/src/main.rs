@@ -1,5 +1,5 @@
-//! The `evcal` program: one file a subcommand in `cli`, no algorithm here.
-// No input makes it panic.
+//! The `evcal` program. Each subcommand is a module of `cli`; the algorithms are in the libraries.
+// No input causes a panic.
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable)]
 
 mod cli;

@@ -20,7 +20,7 @@ pub enum FolderError {
     Unusable(#[source] FileError),
     /// The folder already contains results.
     #[error("{} is there already", visible::path(.0))]
-    Taken(PathBuf),
+    Exists(PathBuf),
     /// Another run of the program is writing results into the folder.
     #[error("another run of this program is writing its results into {}", visible::path(.0))]
     Busy(PathBuf),
@@ -113,7 +113,7 @@ impl OutputFolder {
     /// [`FolderError`].
     pub fn open_new(path: &Path, is_result: impl Fn(&Path) -> bool) -> Result<Self, FolderError> {
         match files(path).into_iter().find(|file| is_result(file)) {
-            Some(file) => Err(FolderError::Taken(path.join(file))),
+            Some(file) => Err(FolderError::Exists(path.join(file))),
             None => Self::open(path),
         }
     }
@@ -128,7 +128,7 @@ impl OutputFolder {
     ///
     /// # Errors
     /// [`FolderError::Blocked`].
-    pub fn check_places(&self, is_result: impl Fn(&Path) -> bool, folders: &[&str]) -> Result<(), FolderError> {
+    pub fn check_paths(&self, is_result: impl Fn(&Path) -> bool, folders: &[&str]) -> Result<(), FolderError> {
         folders.iter().try_for_each(|folder| check_is_folder(&self.path.join(folder)))?;
         match entries(&self.path).folders.into_iter().find(|folder| is_result(folder)) {
             Some(folder) => Err(Blocked::Folder(self.path.join(folder)).into()),
@@ -311,8 +311,8 @@ mod tests {
         for name in ["a.json", "exports/b.yaml", "mine.txt"] {
             fs::write(folder.path().join(name), b"").unwrap();
         }
-        let taken = OutputFolder::open_new(folder.path(), is_result).unwrap_err().to_string();
-        assert!(taken.contains("a.json is there already"), "{taken}");
+        let existing = OutputFolder::open_new(folder.path(), is_result).unwrap_err().to_string();
+        assert!(existing.contains("a.json is there already"), "{existing}");
         let open = OutputFolder::open(folder.path()).unwrap();
         open.remove_results(is_result).unwrap();
         assert_eq!(files(folder.path()), [PathBuf::from("mine.txt")]);
@@ -358,7 +358,7 @@ mod tests {
             fs::create_dir_all(folder.path().join(old).parent().unwrap()).unwrap();
             fs::write(folder.path().join(old), "old").unwrap();
             let open = OutputFolder::open(folder.path()).unwrap();
-            let error = open.check_places(is_result, &["exports"]).unwrap_err().to_string();
+            let error = open.check_paths(is_result, &["exports"]).unwrap_err().to_string();
             assert!(error.contains(path.to_str().unwrap()) && error.contains("move it away"), "{error}");
             let error = open.replace(is_result, |new| {
                 fs::create_dir(new.join("exports")).unwrap();

@@ -20,7 +20,7 @@ pub enum Existing {
 pub enum OutputError {
     /// A file of this name exists.
     #[error("{} is there already", visible::path(.0))]
-    Taken(PathBuf),
+    Exists(PathBuf),
     /// Two results have the same path, so the second would replace the first.
     #[error("two results would be written to {}: give each a name of its own", visible::path(.0))]
     Twice(PathBuf),
@@ -59,7 +59,7 @@ pub fn check_outputs<'a>(
             return Err(OutputError::IsInput(path.to_owned()));
         }
         if existing == Existing::Keep && path.is_file() {
-            return Err(OutputError::Taken(path.to_owned()));
+            return Err(OutputError::Exists(path.to_owned()));
         }
         try_out(path)?;
     }
@@ -81,8 +81,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let [old, new] = ["old.csv", "new.csv"].map(|name| folder.path().join(name));
         fs::write(&old, "old").unwrap();
-        let taken = check_outputs([new.as_path(), &old], &[], Existing::Keep).unwrap_err().to_string();
-        assert!(taken.ends_with("old.csv is there already"), "{taken}");
+        let existing = check_outputs([new.as_path(), &old], &[], Existing::Keep).unwrap_err().to_string();
+        assert!(existing.ends_with("old.csv is there already"), "{existing}");
         check_outputs([new.as_path(), &old], &[], Existing::Replace).unwrap();
         assert_eq!(fs::read_to_string(&old).unwrap(), "old");
         assert!(!new.exists());

@@ -1,4 +1,5 @@
-//! The printed board: what the user types for it, where its points are, and what the stages of a calibration need of it.
+//! The printed board: parsing of its description, positions of its points, and the geometry used by the stages of a
+//! calibration.
 
 pub mod circles;
 pub mod homography;
@@ -20,13 +21,13 @@ use self::squares::edges::{Edge, SquareEdges};
 use self::squares::names_squares;
 pub use self::squares::{SquareBoard, SquareBoardError};
 
-/// Why the description of a board was refused.
+/// Reason why the description of a board was rejected.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BoardError {
-    /// That of a board of circles.
+    /// Error in the description of a board of circles.
     #[error("{0}")]
     Circles(#[from] CircleBoardError),
-    /// That of a board of squares.
+    /// Error in the description of a board of squares.
     #[error("{0}")]
     Squares(#[from] SquareBoardError),
 }
@@ -41,7 +42,7 @@ pub enum Board {
 }
 
 impl Board {
-    /// Number of points.
+    /// Returns the number of points.
     pub fn point_count(&self) -> usize {
         match self {
             Self::Circles(board) => board.circle_count(),
@@ -49,7 +50,7 @@ impl Board {
         }
     }
 
-    /// Point `index` on the board plane, in metres.
+    /// Returns point `index` on the board plane, in metres.
     pub fn point(&self, index: usize) -> Vector2<f64> {
         match self {
             Self::Circles(board) => board.circle_center(index),
@@ -57,7 +58,7 @@ impl Board {
         }
     }
 
-    /// The lattice on which the points lie, row by row.
+    /// Returns the lattice on which the points lie, row by row.
     pub fn lattice(&self) -> Pattern {
         match self {
             Self::Circles(board) => board.pattern,
@@ -65,7 +66,7 @@ impl Board {
         }
     }
 
-    /// The board of circles that it is.
+    /// Returns the board of circles, if it is one.
     pub fn circles(&self) -> Option<&CircleBoard> {
         match self {
             Self::Circles(board) => Some(board),
@@ -73,12 +74,12 @@ impl Board {
         }
     }
 
-    /// Radius of what stands at each point, in metres: 0 for corners.
+    /// Returns the radius of the dot at each point, in metres; 0 for corners.
     pub fn dot_radius(&self) -> f64 {
         self.circles().map_or(0.0, |board| board.radius)
     }
 
-    /// Radius of a circle, or half the side of a square or module (m).
+    /// Returns the radius of a circle, or half the side of a square or module (m).
     pub fn print_radius(&self) -> f64 {
         match self {
             Self::Circles(board) => board.radius,
@@ -86,7 +87,8 @@ impl Board {
         }
     }
 
-    /// From one circle to its nearest neighbour, or from one dark square or module to the next beyond a light one (m).
+    /// Returns the distance from one circle to its nearest neighbour, or from one dark square or module to the next
+    /// (m).
     pub fn print_period(&self) -> f64 {
         match self {
             Self::Circles(board) => board.neighbour_distance(),
@@ -94,7 +96,7 @@ impl Board {
         }
     }
 
-    /// The edges of the print as lines from point to point, in metres: rims of circles, borders between dark and light squares.
+    /// Returns the edges of the print as polylines, in metres: rims of circles, borders between dark and light squares.
     pub fn outlines(&self) -> Vec<Vec<Vector2<f64>>> {
         match self {
             Self::Circles(board) => (0..board.circle_count()).map(|index| board.rim(index)).collect(),
@@ -102,13 +104,13 @@ impl Board {
         }
     }
 
-    /// Centre of the area that the points cover, in metres.
+    /// Returns the centre of the area that the points cover, in metres.
     pub fn middle(&self) -> Vector2<f64> {
         let count = self.point_count();
         (0..count).map(|index| self.point(index)).sum::<Vector2<f64>>() / count as f64
     }
 
-    /// Lowest and highest coordinates of the points, in metres.
+    /// Returns the lowest and highest coordinates of the points, in metres.
     pub fn extent(&self) -> (Vector2<f64>, Vector2<f64>) {
         let points = (0..self.point_count()).map(|index| self.point(index));
         points.fold((Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY)), |(low, high), point| {
@@ -116,7 +118,7 @@ impl Board {
         })
     }
 
-    /// Longer side of the area that the points cover, in metres.
+    /// Returns the longer side of the area that the points cover, in metres.
     pub fn longer_side(&self) -> f64 {
         let (low, high) = self.extent();
         (high - low).max()

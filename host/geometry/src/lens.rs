@@ -1,4 +1,5 @@
-//! What is known of a lens apart from any recording: files of it, priors, differences between two, nearest equivalents.
+//! Properties of a lens independent of a recording: camera files, priors, differences between two cameras, nearest
+//! equivalents.
 
 pub mod axial_focal;
 pub mod camera_file;

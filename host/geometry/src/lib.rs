@@ -1,5 +1,5 @@
 #![doc = include_str!("../README.md")]
-// No input makes it panic; the program prints.
+// No input causes a panic; only the program prints.
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
@@ -9,5 +9,5 @@ pub mod numerics;
 pub mod timed_pose;
 pub mod tum;
 
-/// Version of evcal, which its files name.
+/// Version of evcal, written into its files.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");

@@ -1,4 +1,5 @@
-//! Mathematics that no stage owns: linear algebra, robust weights, statistics, series in time, rotations, random numbers.
+//! Mathematics shared by all stages: linear algebra, robust weights, statistics, time series, rotations, random
+//! numbers.
 
 pub mod arrow;
 pub mod banded;

@@ -1,5 +1,5 @@
-//! Trajectories in the text form of the TUM RGB-D benchmark: one pose a line,
-//! `t tx ty tz qx qy qz qw`, `#` for comments.
+//! Trajectories in the text format of the TUM RGB-D benchmark: one pose per line, `t tx ty tz qx qy qz qw`, `#` for
+//! comments.
 
 use std::io::{self, BufRead, Write};
 
@@ -7,30 +7,30 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
 use crate::timed_pose::TimedPose;
 
-/// Why a line is not a pose.
+/// Reason why a line is not a pose.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PoseLineError {
     /// More or fewer fields than a pose has.
     #[error("has {0} fields, not 8")]
     FieldCount(usize),
-    /// A field that is no number.
+    /// A field is not a number.
     #[error("{0:?} is not a finite number")]
     Number(String),
-    /// A quaternion that is no rotation; its length.
+    /// The quaternion is not a rotation; contains its length.
     #[error("the quaternion has length {0:.3}, not 1")]
     Length(f64),
-    /// Times that do not rise.
-    #[error("its time {t} is not after {before} of the pose before")]
+    /// The times do not increase.
+    #[error("its time {t} is not after that of the previous pose, {before}")]
     Order {
         /// Its time in seconds.
         t: f64,
-        /// That of the pose before.
+        /// Time of the previous pose in seconds.
         before: f64,
     },
 }
 
-/// Why a trajectory could not be read.
+/// Reason why a trajectory could not be read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TumError {
@@ -42,16 +42,16 @@ pub enum TumError {
     Line {
         /// Number of the line, from 1.
         line: usize,
-        /// What is wrong with it.
+        /// The problem.
         reason: PoseLineError,
     },
-    /// There is no pose in the file.
+    /// The file contains no pose.
     #[error("trajectory: there is no pose in the file")]
     Empty,
 }
 
-/// Reads a trajectory: fields apart by blanks or commas, times strictly rising, quaternions of a
-/// length from 0.99 to 1.01 (they are normalised).
+/// Reads a trajectory: fields separated by blanks or commas, strictly increasing times, quaternions of a length from
+/// 0.99 to 1.01 (they are normalised).
 pub fn read(reader: impl BufRead) -> Result<Vec<TimedPose>, TumError> {
     let mut poses: Vec<TimedPose> = Vec::new();
     for (index, text) in reader.lines().enumerate() {
@@ -95,7 +95,8 @@ fn parse(content: &str) -> Result<TimedPose, PoseLineError> {
     Ok(TimedPose { t, pose })
 }
 
-/// Writes a trajectory, microseconds and nanometres, with a first line that names the fields and the pose: `T_world_camera`.
+/// Writes a trajectory, to microseconds and nanometres, with a first line that names the fields and the pose:
+/// `T_world_camera`.
 pub fn write(mut writer: impl Write, pose: &str, poses: &[TimedPose]) -> io::Result<()> {
     writeln!(writer, "# t tx ty tz qx qy qz qw: seconds, {pose} in metres")?;
     for TimedPose { t, pose } in poses {
@@ -117,7 +118,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reads_what_it_writes() {
+    fn a_trajectory_survives_a_round_trip() {
         let poses: Vec<TimedPose> = (0..20)
             .map(|index| {
                 let s = f64::from(index);
@@ -140,7 +141,7 @@ mod tests {
 
     #[test]
     fn the_order_of_the_quaternion_is_x_y_z_w() {
-        // A quarter turn about z.
+        // A rotation by 90° about z.
         let text = "0.5 1 2 3 0 0 0.70710678118 0.70710678118";
         let poses = read(text.as_bytes()).unwrap();
         let turned = poses[0].pose.rotation * Vector3::x();
@@ -154,7 +155,7 @@ mod tests {
             ("1 0 0 0 0 0 0 x\n", "line 1: \"x\" is not"),
             ("1 0 0 0 0 0 0 NaN\n", "line 1: \"NaN\" is not"),
             ("1 0 0 0 0 0 0 2\n", "line 1: the quaternion has length 2.000"),
-            ("2 0 0 0 0 0 0 1\n\n2 0 0 0 0 0 0 1\n", "line 3: its time 2 is not after 2"),
+            ("2 0 0 0 0 0 0 1\n\n2 0 0 0 0 0 0 1\n", "line 3: its time 2 is not after that of the previous pose, 2"),
             ("# nothing\n", "no pose"),
         ];
         for (text, part) in cases {

@@ -1,17 +1,18 @@
-//! Workers that give way to everything else on the computer.
+//! Worker threads with low priority.
 
 use std::io;
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-/// Niceness of their threads: beside others they get a tenth of the time, and still come to an end on a busy computer.
+/// Niceness of the threads: next to other programs they get a tenth of the processor time, and still finish on a busy
+/// computer.
 #[cfg(target_os = "linux")]
 const NICE: i32 = 10;
 
-/// Workers that give way.
+/// Creates worker threads with low priority.
 ///
 /// # Errors
-/// When the system gives no threads.
+/// If the system cannot create threads.
 pub fn workers(name: &'static str) -> io::Result<ThreadPool> {
     ThreadPoolBuilder::new()
         .thread_name(move |_| name.to_owned())
@@ -20,7 +21,7 @@ pub fn workers(name: &'static str) -> io::Result<ThreadPool> {
         .map_err(io::Error::other)
 }
 
-/// From now on others go before this thread. Where that is not possible it runs as they do.
+/// Lowers the priority of this thread. If that is not possible, the thread keeps its priority.
 pub fn give_way() {
     #[cfg(target_os = "linux")]
     let _ = rustix::process::nice(NICE);

@@ -1,46 +1,46 @@
-//! Checkpoints: real calibrations of what was recorded so far, while the recording goes on.
+//! Checkpoints: full calibrations of what was recorded so far, while the recording continues.
 //!
-//! A thread of low priority makes them, with workers of its own, so that neither the recording nor the display
-//! waits for one. What a checkpoint states is what a calibration states of the same part of the recording. Between
-//! two of them the error is only estimated, from the windows that came since.
+//! A thread of low priority computes them, with its own workers, so that neither the recording nor the display waits
+//! for them. A checkpoint reports the same as a calibration of the same part of the recording. Between two checkpoints
+//! the error is only estimated, from the windows since the last one.
 
 use std::io;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
 use super::background::{give_way, workers};
 
-/// The largest error anywhere on the sensor may be so many times the target.
+/// Largest error anywhere on the sensor, as a multiple of the target.
 const LARGEST: f64 = 3.0;
-/// The next checkpoint comes when the recording is so many times as long: at least, and at most.
+/// Smallest and largest growth of the recording's length from one checkpoint to the next.
 const GROWTH: [f64; 2] = [1.3, 2.0];
-/// The same after a calibration that failed.
+/// Growth of the recording's length after a calibration that failed.
 const GROWTH_AFTER_FAILURE: f64 = 1.5;
 
-/// What a calibration states of itself.
+/// Accuracy that a calibration reports.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stated {
-    /// Error of the projection to be expected, root mean square over the sensor (px).
+    /// Expected error of the projection, root mean square over the sensor (px).
     pub rms: f64,
-    /// Greatest standard deviation of the projection anywhere on the sensor (px).
+    /// Largest standard deviation of the projection anywhere on the sensor (px).
     pub max: f64,
-    /// Whether two halves of the recording, calibrated apart, differ by no more than stated.
+    /// `true` if separate calibrations of two halves of the recording differ by no more than expected.
     pub halves_agree: bool,
 }
 
 /// A calibration of the beginning of a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Checkpoint {
-    /// End of that beginning (s since the first event).
+    /// End of the calibrated beginning (s since the first event).
     pub t: f64,
-    /// What it states, or why there is none.
+    /// The reported accuracy, or the reason why the calibration failed.
     pub stated: Result<Stated, String>,
 }
 
 impl Checkpoint {
-    /// What keeps it from being good enough, in words; nothing where it is.
+    /// Describes why the calibration is not good enough; `None` if it is.
     pub fn missing(&self, target: f64) -> Option<String> {
         match &self.stated {
             Err(reason) => Some(format!("a calibration; that of the first {:.0} s failed: {reason}", self.t)),
@@ -59,7 +59,7 @@ impl Checkpoint {
         }
     }
 
-    /// When the next one is worth its time (s since the first event): errors fall with the square root of time.
+    /// Returns the time of the next checkpoint (s since the first event); errors decrease with the square root of time.
     fn next(&self, target: f64) -> f64 {
         let growth = match &self.stated {
             Err(_) => GROWTH_AFTER_FAILURE,
@@ -73,49 +73,89 @@ impl Checkpoint {
     }
 }
 
-/// When the result of a checkpoint is told.
+/// Time at which the result of a checkpoint is reported.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Telling {
-    /// As soon as it is there.
+    /// As soon as it is ready.
     WhenReady,
-    /// When the recording is so many times as long, and it is waited for then: the same at every speed of a replay.
+    /// When the recording is this many times as long, after waiting for the result if necessary: independent of the
+    /// speed of a replay.
     AtLength(f64),
 }
 
-/// Makes checkpoints in the background, one at a time.
+/// A step of a calibration, for those who wait for it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CalibrationStep {
+    /// Name of the step.
+    pub text: String,
+    /// Finished share of the step, 0 to 1; `None` if it is not known.
+    pub done: Option<f64>,
+}
+
+/// The calibration of a checkpoint in progress, shared with other threads.
+#[derive(Debug, Default)]
+pub struct Underway {
+    stop: AtomicBool,
+    /// `true` while the recording waits for the result.
+    is_awaited: AtomicBool,
+    step: Mutex<CalibrationStep>,
+}
+
+impl Underway {
+    /// Returns `true` if the calibration should end early.
+    pub fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Reports the current step.
+    pub fn tell(&self, text: &str, done: Option<f64>) {
+        *self.step() = CalibrationStep { text: text.to_owned(), done };
+    }
+
+    /// Returns the current step while the recording waits for the result.
+    pub fn awaited(&self) -> Option<CalibrationStep> {
+        self.is_awaited.load(Ordering::Relaxed).then(|| self.step().clone())
+    }
+
+    fn step(&self) -> MutexGuard<'_, CalibrationStep> {
+        self.step.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Computes checkpoints in the background, one at a time.
 pub struct Checkpoints {
     requests: Sender<f64>,
     results: Receiver<Checkpoint>,
     telling: Telling,
     target: f64,
-    /// The first one is made so long after the board was first seen (s).
+    /// Time from the first sight of the board to the first checkpoint (s).
     first: f64,
-    /// When the one under way began.
+    /// Start of the checkpoint in progress.
     begun: Option<f64>,
-    /// When the next one begins; `None` before the board was seen.
+    /// Start of the next checkpoint; `None` before the board was seen.
     next: Option<f64>,
     latest: Option<Checkpoint>,
-    stop: Arc<AtomicBool>,
+    underway: Arc<Underway>,
 }
 
 impl Checkpoints {
-    /// `calibrate` gets the length of the beginning to calibrate (s) and should end early once the other is true. The
-    /// first is made `first` seconds after the board was first seen; later ones are as far apart as the way to `target`
-    /// (px) demands.
+    /// Starts the thread. `calibrate` receives the length of the beginning to calibrate (s), reports its steps, and should
+    /// end early once it is stopped. The first checkpoint starts `first` seconds after the board was first seen; the
+    /// interval between later ones depends on the remaining distance to `target` (px).
     ///
     /// # Errors
-    /// When the system gives no threads.
+    /// If the system cannot create threads.
     pub fn start(
         telling: Telling,
         target: f64,
         first: f64,
-        mut calibrate: impl FnMut(f64, &AtomicBool) -> Result<Stated, String> + Send + 'static,
+        mut calibrate: impl FnMut(f64, &Underway) -> Result<Stated, String> + Send + 'static,
     ) -> io::Result<Self> {
         let pool = workers("checkpoint")?;
         let (requests, wanted) = channel::<f64>();
         let (sender, results) = channel();
-        let stop = Arc::new(AtomicBool::new(false));
-        let of_thread = Arc::clone(&stop);
+        let underway = Arc::new(Underway::default());
+        let of_thread = Arc::clone(&underway);
         thread::Builder::new().name("checkpoints".to_owned()).spawn(move || {
             give_way();
             for t in wanted {
@@ -125,26 +165,31 @@ impl Checkpoints {
                 }
             }
         })?;
-        Ok(Self { requests, results, telling, target, first, begun: None, next: None, latest: None, stop })
+        Ok(Self { requests, results, telling, target, first, begun: None, next: None, latest: None, underway })
     }
 
-    /// The latest result that was told.
+    /// Returns the latest reported result.
     pub fn latest(&self) -> Option<&Checkpoint> {
         self.latest.as_ref()
     }
 
-    /// End of the beginning that is being calibrated (s since the first event).
+    /// Returns the end of the beginning that is being calibrated (s since the first event).
     pub fn under_way(&self) -> Option<f64> {
         self.begun
     }
 
-    /// Begins what is due at `now` (s since the first event); `first_seen` is when the board was seen first. A result that
-    /// is to be told now, once.
+    /// Returns the checkpoint in progress, for other threads.
+    pub fn underway(&self) -> Arc<Underway> {
+        Arc::clone(&self.underway)
+    }
+
+    /// Starts a checkpoint that is due at `now` (s since the first event); `first_seen` is the time at which the board
+    /// was first seen. Returns a result once, when it is to be reported.
     pub fn advance(&mut self, now: f64, first_seen: Option<f64>) -> Option<&Checkpoint> {
         let Some(begun) = self.begun else {
             self.next = self.next.or(first_seen.map(|seen| seen + self.first));
             if self.next.is_some_and(|next| now >= next) {
-                // A thread that has ended makes no more of them.
+                // If the thread has ended, there will be no more checkpoints.
                 self.begun = self.requests.send(now).ok().map(|()| now);
             }
             return None;
@@ -152,7 +197,12 @@ impl Checkpoints {
         let result = match self.telling {
             Telling::WhenReady => self.results.try_recv(),
             Telling::AtLength(growth) if now < growth * begun => Err(TryRecvError::Empty),
-            Telling::AtLength(_) => self.results.recv().map_err(TryRecvError::from),
+            Telling::AtLength(_) => {
+                self.underway.is_awaited.store(true, Ordering::Relaxed);
+                let result = self.results.recv().map_err(TryRecvError::from);
+                self.underway.is_awaited.store(false, Ordering::Relaxed);
+                result
+            }
         };
         match result {
             Ok(checkpoint) => {
@@ -172,8 +222,8 @@ impl Checkpoints {
 
 impl Drop for Checkpoints {
     fn drop(&mut self) {
-        // It is not waited for: the calibration that follows has the higher priority.
-        self.stop.store(true, Ordering::Relaxed);
+        // The thread is not joined, because the calibration that follows has priority.
+        self.underway.stop.store(true, Ordering::Relaxed);
     }
 }
 
@@ -207,9 +257,9 @@ mod tests {
         assert_eq!(next(Err(String::new())), 15.0);
     }
 
-    /// The sensor's times at which checkpoints began, and those at which they were told.
+    /// Returns the sensor times at which checkpoints started, and at which they were reported.
     fn told(telling: Telling) -> Vec<(f64, f64)> {
-        let work = |t: f64, _: &AtomicBool| Ok(Stated { rms: 0.2 / t.sqrt(), ..GOOD });
+        let work = |t: f64, _: &Underway| Ok(Stated { rms: 0.2 / t.sqrt(), ..GOOD });
         let mut checkpoints = Checkpoints::start(telling, 0.05, 4.0, work).unwrap();
         let mut told = Vec::new();
         for step in 0..300 {
@@ -231,12 +281,41 @@ mod tests {
         assert!(first.len() >= 2);
     }
 
-    /// Whatever a calibration does, who asks goes on at once.
+    /// A step is shown only while the recording waits for the result.
+    #[test]
+    fn an_awaited_checkpoint_reports_its_step() {
+        let (go, may_go) = channel::<()>();
+        let work = move |_: f64, underway: &Underway| {
+            underway.tell("joint solve", Some(0.25));
+            let _ = may_go.recv();
+            Ok(GOOD)
+        };
+        let mut checkpoints = Checkpoints::start(Telling::AtLength(1.5), 0.05, 2.0, work).unwrap();
+        let underway = checkpoints.underway();
+        checkpoints.advance(2.0, Some(0.0));
+        assert_eq!((checkpoints.under_way(), underway.awaited()), (Some(2.0), None));
+        let watcher = thread::spawn(move || {
+            let step = loop {
+                match underway.awaited() {
+                    Some(step) if step.done.is_some() => break step,
+                    _ => thread::yield_now(),
+                }
+            };
+            drop(go);
+            (step, underway)
+        });
+        assert!(checkpoints.advance(3.0, Some(0.0)).is_some());
+        let (step, underway) = watcher.join().unwrap();
+        assert_eq!(step, CalibrationStep { text: "joint solve".to_owned(), done: Some(0.25) });
+        assert_eq!(underway.awaited(), None);
+    }
+
+    /// Whatever a calibration does, the caller continues at once.
     #[test]
     fn a_calibration_under_way_is_not_waited_for_and_told_to_end() {
         let (ended, end) = channel();
-        let work = move |_: f64, stop: &AtomicBool| {
-            while !stop.load(Ordering::Relaxed) {
+        let work = move |_: f64, underway: &Underway| {
+            while !underway.is_stopped() {
                 thread::yield_now();
             }
             let _ = ended.send(());

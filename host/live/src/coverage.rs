@@ -1,4 +1,4 @@
-//! Where on the sensor the board was seen, and how it was tilted.
+//! Coverage of the sensor by the board, and tilts of the board.
 
 use evcal_core::sensor::Sensor;
 use nalgebra::{Matrix3, Vector2};
@@ -9,17 +9,18 @@ use evcal_calibrate::settings::LiveSettings;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::homography::{homography, pose_from_homography};
 
-/// Fewest windows with the board.
+/// Smallest number of windows with the board.
 pub(crate) const BOARDS: u64 = 200;
-/// Columns and rows of cells into which the sensor is cut.
+/// Columns and rows of the cells of the sensor.
 const COLUMNS: u16 = 8;
 const ROWS: u16 = 6;
-/// Fewest circles in a cell that was seen.
+/// Smallest number of circles in a covered cell.
 const CIRCLES_PER_CELL: u64 = 5;
-/// Smallest angle between board and sensor that counts as tilt (°).
+/// Smallest angle between board and sensor that counts as a tilt (°).
 const TILT: f64 = 15.0;
 
-/// Views whose tilts are looked at again, at most: the focal length is known better and better, but hardly changes after so many.
+/// Largest number of views whose tilts are computed again: the estimate of the focal length improves, but hardly
+/// changes after this number.
 const MOST_VIEWS: usize = 2048;
 
 /// The side of the board that is nearest to the camera.
@@ -37,10 +38,10 @@ pub enum Tilt {
 }
 
 impl Tilt {
-    /// All of them, in the order in which they are counted.
+    /// All sides, in the order in which they are counted.
     pub const ALL: [Self; 4] = [Self::Left, Self::Right, Self::Top, Self::Bottom];
 
-    /// The side as the camera sees it, or as one sees it in a mirror.
+    /// Returns the side as seen by the camera, or in a mirror.
     pub const fn seen(self, mirrored: bool) -> Self {
         match (self, mirrored) {
             (Self::Left, true) => Self::Right,
@@ -49,7 +50,7 @@ impl Tilt {
         }
     }
 
-    /// Name for the user.
+    /// Returns the name for the user.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Left => "left",
@@ -60,56 +61,56 @@ impl Tilt {
     }
 }
 
-/// How far the board was: names for the user, nearest first.
+/// Names of the board's distances for the user, nearest first.
 pub const DISTANCES: [&str; 3] = ["near", "middle", "far"];
-/// The board's longer side as a share of the sensor's shorter one, from which it counts as near, and as in the middle.
+/// Smallest ratio of the board's longer side to the sensor's shorter side that counts as near, and as middle.
 const NEAR: [f64; 2] = [0.75, 0.5];
 
-/// What was seen of the board so far, in numbers.
+/// Summary of the coverage so far.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CoverageSummary {
     /// Windows with the board.
     pub boards: u64,
-    /// Share of the sensor's cells in which circles were seen, 0 to 1.
+    /// Fraction of the sensor's cells in which circles were seen, 0 to 1.
     pub covered: f64,
     /// Columns and rows of cells.
     pub size: (u16, u16),
-    /// How full each cell is, 0 to 1, row by row.
+    /// Fill level of each cell, 0 to 1, row by row.
     pub cells: Vec<f64>,
     /// Windows with the board tilted to each side, in the order of [`Tilt::ALL`].
     pub tilts: [u64; 4],
     /// Windows with the board at each of [`DISTANCES`].
     pub distances: [u64; 3],
-    /// What is still to be done; nothing when enough was seen.
+    /// Remaining requirements; empty if enough was seen.
     pub missing: Vec<Wanted>,
-    /// How much of each criterion is fulfilled, 0 to 1: windows with the board, the share of the sensor, tilts.
+    /// Fulfilled fraction of each criterion, 0 to 1: windows with the board, coverage of the sensor, tilts.
     pub fulfilled: [f64; 3],
 }
 
-/// What was seen of the board so far.
+/// Coverage so far.
 ///
-/// Tilts need the focal length. Until it is known it follows from all views so far, as Zhang's method gives it for
-/// square pixels without distortion whose principal point is the middle of the sensor; good to some
-/// per cent, enough to tell 15° from 0°.
+/// Tilts require the focal length. While it is unknown, it is estimated from all views so far by Zhang's method for
+/// square pixels without distortion and a principal point in the middle of the sensor. The error is a few per cent,
+/// which is enough to distinguish 15° from 0°.
 #[derive(Clone, Debug)]
 pub struct LiveCoverage {
     settings: LiveSettings,
     board: Board,
     sensor: Sensor,
     cells: Vec<u64>,
-    /// Homographies from the board (in periods of its print) to pixels from the middle of the sensor, divided by
-    /// its width; the latest ones.
+    /// Homographies from the board (in periods of its print) to pixels relative to the middle of the sensor, divided by
+    /// its width, for the latest views.
     views: Vec<Matrix3<f64>>,
-    /// Tilts of those before.
+    /// Tilts of the earlier views.
     settled: [u64; 4],
     boards: u64,
     distances: [u64; 3],
-    /// Focal length in widths of the sensor, where a camera is known.
+    /// Focal length in widths of the sensor, if a camera is known.
     focal_length: Option<f64>,
 }
 
 impl LiveCoverage {
-    /// Nothing seen yet, of a sensor of this width and height.
+    /// Creates an empty coverage of a sensor of this size.
     pub fn new(settings: &LiveSettings, board: &Board, sensor: Sensor) -> Self {
         let cells = vec![0; usize::from(COLUMNS) * usize::from(ROWS)];
         Self {
@@ -125,7 +126,7 @@ impl LiveCoverage {
         }
     }
 
-    /// Takes a window with the board.
+    /// Adds a window with the board.
     pub fn add(&mut self, frame: &ReferenceFrame) {
         let (width, height) = (f64::from(self.sensor.width), f64::from(self.sensor.height));
         let cell = |position: f64, size: f64, count: u16| {
@@ -158,7 +159,8 @@ impl LiveCoverage {
         }
     }
 
-    /// The board's longer side in the image as a share of the sensor's shorter side, were it not tilted.
+    /// Returns the ratio of the board's longer side in the image to the sensor's shorter side, without the effect of
+    /// tilt.
     fn apparent_size(&self, view: &Matrix3<f64>) -> f64 {
         let middle = self.board.middle() / self.board.print_period();
         let point = view * middle.push(1.0);
@@ -168,7 +170,7 @@ impl LiveCoverage {
         scale * self.board.longer_side() / self.board.print_period() * width / width.min(height)
     }
 
-    /// What was seen so far, in numbers.
+    /// Returns a summary of the coverage so far.
     pub fn summary(&self) -> CoverageSummary {
         let (covered, tilts) = (self.covered(), self.tilts());
         let share = |count: u64, wanted: u64| if wanted == 0 { 1.0 } else { count as f64 / wanted as f64 };
@@ -190,23 +192,23 @@ impl LiveCoverage {
         }
     }
 
-    /// From now on the focal length (px) is known.
+    /// Sets the focal length (px).
     pub fn set_focal_length(&mut self, focal_length: f64) {
         self.focal_length = Some(focal_length / f64::from(self.sensor.width));
     }
 
-    /// Windows with the board.
+    /// Returns the number of windows with the board.
     pub fn boards(&self) -> u64 {
         self.boards
     }
 
-    /// Share of the sensor's cells in which circles were seen, 0 to 1.
+    /// Returns the fraction of the sensor's cells in which circles were seen, 0 to 1.
     pub fn covered(&self) -> f64 {
         let covered = self.cells.iter().filter(|&&circles| circles >= CIRCLES_PER_CELL).count();
         covered as f64 / self.cells.len() as f64
     }
 
-    /// How often the board was tilted to each side, in the order of [`Tilt::ALL`].
+    /// Returns the number of tilts to each side, in the order of [`Tilt::ALL`].
     pub fn tilts(&self) -> [u64; 4] {
         let focal_length = self.focal_length.unwrap_or_else(|| focal_length(&self.views));
         let mut counts = self.settled;
@@ -219,7 +221,7 @@ impl LiveCoverage {
         counts
     }
 
-    /// What is still to be done; nothing when enough was seen.
+    /// Returns the remaining requirements; empty if enough was seen.
     pub fn missing(&self) -> Vec<Wanted> {
         self.missing_beside(self.covered(), self.tilts())
     }
@@ -241,7 +243,8 @@ impl LiveCoverage {
         missing
     }
 
-    /// The part of the image in which least was seen: to the right and downwards from the middle (each −1, 0 or 1).
+    /// Returns the part of the image with the least coverage: to the right and downwards from the middle (each −1, 0 or
+    /// 1).
     fn emptiest(&self) -> (i8, i8) {
         const PARTS: [(i8, i8); 9] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (0, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
         let (columns, rows) = (usize::from(COLUMNS), usize::from(ROWS));
@@ -253,7 +256,7 @@ impl LiveCoverage {
                 *all += 1;
             }
         }
-        // Share against share without division; parts without cells are full.
+        // Compares fractions without division; parts without cells count as full.
         let least = PARTS.iter().zip(cells).min_by(|(_, a), (_, b)| {
             let (a, b) = if a.1 == 0 || b.1 == 0 { (b.1, a.1) } else { (a.0 * b.1, b.0 * a.1) };
             a.cmp(&b)
@@ -262,9 +265,9 @@ impl LiveCoverage {
     }
 }
 
-/// The focal length in widths of the sensor: least squares over what each view says of 1/f² (two
-/// equations a view: the images of the board's axes are perpendicular and equally long in space).
-/// One width, 53° across, where the views do not tell.
+/// Estimates the focal length in widths of the sensor, by least squares over the equations of each view for 1/f² (two
+/// per view: the images of the board's axes are perpendicular and equally long in space). Returns one width, 53°
+/// across, if the views do not determine it.
 fn focal_length(views: &[Matrix3<f64>]) -> f64 {
     let (mut square, mut product) = (0.0, 0.0);
     for view in views {
@@ -284,13 +287,13 @@ fn focal_length(views: &[Matrix3<f64>]) -> f64 {
     if (0.13..8.0).contains(&focal_length) { focal_length } else { 1.0 }
 }
 
-/// The nearest side, if the board is tilted by at least `least` (radians).
+/// Returns the nearest side, if the board is tilted by at least `least` (radians).
 fn tilt(view: &Matrix3<f64>, focal_length: f64, least: f64) -> Option<Tilt> {
     let normalised =
         Matrix3::from_diagonal(&nalgebra::Vector3::new(1.0 / focal_length, 1.0 / focal_length, 1.0)) * view;
     let normal = pose_from_homography(&normalised)?.rotation * nalgebra::Vector3::z();
     let angle = normal.xy().norm().atan2(normal.z.abs());
-    // Depth on the board falls along the normal's direction in the image.
+    // Depth on the board decreases along the normal's direction in the image.
     let side = match (normal.x.abs() > normal.y.abs(), normal.x * normal.z > 0.0, normal.y * normal.z > 0.0) {
         (true, true, _) => Tilt::Right,
         (true, false, _) => Tilt::Left,
@@ -314,7 +317,7 @@ mod tests {
         "acircles:9x4:55mm:r17.5mm".parse().unwrap()
     }
 
-    /// The board turned about its middle by `turn`, at `position`, through a pinhole of focal length
+    /// Returns a view of the board rotated about its middle by `turn`, at `position`, through a pinhole of focal length
     /// `focal` px.
     fn view(turn: Vector3<f64>, position: Vector3<f64>, focal: f64) -> ReferenceFrame {
         let board = board();
@@ -332,7 +335,7 @@ mod tests {
         Vector3::new(0.0, 0.0, 1.0)
     }
 
-    /// However long it goes on, no more is kept and looked at again.
+    /// The number of views that are stored and processed again is limited.
     #[test]
     fn of_many_views_the_older_ones_are_only_counted() {
         let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board().into(), SENSOR);
@@ -354,7 +357,7 @@ mod tests {
             for turn in [[0.0, 0.4], [0.0, -0.4], [0.4, 0.0], [-0.4, 0.0]] {
                 let turn = Vector3::new(turn[0], turn[1], 0.0);
                 let frame = view(turn, ahead(), focal);
-                // Where in the image the circles are nearer than the board's middle, 1 m away.
+                // Direction in the image in which circles are nearer than the board's middle, 1 m away.
                 let pose = Isometry3::new(ahead(), turn);
                 let mut nearer = Vector2::zeros();
                 for circle in &frame.circles {

@@ -1,4 +1,4 @@
-//! A recording's frames beside its events, for the eye.
+//! A recording's frames for display next to its events.
 
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -8,23 +8,24 @@ use std::time::Duration;
 use event_recordings::pictures::GreyImage;
 use event_recordings::{Recording, RecordingError};
 
-/// How often a frame that is not due looks whether it is.
+/// Interval at which a frame that is not due yet is checked again.
 const PATIENCE: Duration = Duration::from_millis(10);
 
-/// What the reader and whoever shows share.
+/// State shared by the reader and the display.
 #[derive(Default)]
 struct Shared {
-    /// Time of the events that are shown (µs since the first).
+    /// Time of the events shown (µs since the first).
     now: AtomicI64,
     newest: Mutex<Option<Arc<GreyImage>>>,
     ended: AtomicBool,
 }
 
-/// Reads frames of a recording on a thread of its own, each when the events beside it are shown.
+/// Reads frames of a recording on its own thread, each at the time when the events of the same time are shown.
 pub struct FrameFeed(Arc<Shared>);
 
 impl FrameFeed {
-    /// Begins to read `recording`. A recording that cannot be read has no frames here: whoever reads its events says why.
+    /// Starts to read `recording`. A recording that cannot be read has no frames here; the reader of its events reports
+    /// the error.
     pub fn start(recording: Recording) -> Self {
         let shared = Arc::new(Shared::default());
         let of_thread = Arc::clone(&shared);
@@ -43,7 +44,7 @@ impl FrameFeed {
         Self(shared)
     }
 
-    /// The latest frame at `t` (s since the first event), as far as it was read.
+    /// Returns the latest frame read up to `t` (s since the first event).
     pub fn at(&self, t: f64) -> Option<Arc<GreyImage>> {
         self.0.now.store((t * 1e6) as i64, Ordering::Relaxed);
         self.0.newest.lock().unwrap_or_else(PoisonError::into_inner).clone()
@@ -56,7 +57,7 @@ impl Drop for FrameFeed {
     }
 }
 
-/// Time of the first event (µs, as in the file).
+/// Returns the time of the first event (µs, as in the file).
 fn first_time(recording: &Recording) -> Result<i64, RecordingError> {
     let (mut reader, mut events) = (recording.open()?, Vec::new());
     while events.is_empty() && reader.next_batch(&mut events)? {}

@@ -1,13 +1,13 @@
-//! Where the board should go next: the place from which most would be learnt about the camera.
+//! Guidance for the board: the pose that would reduce the uncertainty of the camera most.
 //!
-//! Every window with the board adds its information of the intrinsics ([`evcal_calibrate::initial::information`]). A place is worth what it would
-//! take off the projection's mean variance over the sensor in a second there, averaged over where a person's hands
-//! really are (`place`); the best one becomes the *ghost*, which stays until most of its worth came in. Time is the
-//! sensor's, so the same recording gives the same hints.
+//! Every window with the board adds its information about the intrinsics ([`evcal_calibrate::initial::information`]).
+//! The value of a pose is the reduction of the projection's mean variance over the sensor by one second at this pose,
+//! averaged over the typical errors of a person's hands (`place`). The best pose becomes the *ghost*, which stays until
+//! most of its value has been gained. Time is the sensor's, so the same recording produces the same hints.
 //!
-//! The camera behind this is provisional: an ordinary lens (`radtan`) from the windows so far, made anew whenever there
-//! are twice as many. What it states of itself ([`Guidance::sigma`]) is from windows alone and therefore larger than
-//! what a calibration of the same recording states.
+//! The camera used here is provisional: an ordinary lens (`radtan`) estimated from the windows so far, and again
+//! whenever their number has doubled. Its uncertainty ([`Guidance::sigma`]) is based on windows alone and therefore
+//! larger than that of a calibration of the same recording.
 
 mod hint;
 mod place;
@@ -29,33 +29,33 @@ use evcal_geometry::board::Board;
 pub use self::hint::{Hint, Swing};
 pub use self::place::Place;
 
-/// Windows of so many seconds count once, however many there are in them.
+/// Windows within this time (s) count once.
 const WINDOW: f64 = 0.1;
-/// Windows that a second of a place is worth.
+/// Number of windows that one second at a pose is worth.
 const WINDOWS_OF_A_STAY: f64 = 10.0;
-/// Views that are kept; when there are more, every other one is left out.
+/// Largest number of views stored; when there are more, every second one is dropped.
 const MOST_VIEWS: usize = 1024;
-/// Views from which the first camera is made.
+/// Number of views from which the first camera is estimated.
 const FIRST_VIEWS: u64 = 24;
-/// Views among which those for a camera are chosen.
+/// Number of views from which those for a camera are chosen.
 const CAMERA_VIEWS: usize = 128;
-/// How often the ghost is thought over (s).
+/// Interval at which the ghost is reconsidered (s).
 const THINK: f64 = 0.5;
-/// The ghost moves on when this share of its worth has come in.
+/// The ghost moves on when this fraction of its value has been gained.
 const ENOUGH_OF_A_PLACE: f64 = 0.8;
-/// The ghost moves on when the board was near it for so long (s).
+/// The ghost moves on when the board was near it for this time (s).
 const LONGEST_VISIT: f64 = 2.0;
-/// The ghost moves on when the board has not come nearer for so long (s).
+/// The ghost moves on when the board has not come nearer for this time (s).
 const PATIENCE: f64 = 4.0;
-/// The ghost moves to another place that is worth so many times as much.
+/// The ghost moves to another pose whose value is larger by this factor.
 const WORTH_CHANGE: f64 = 1.5;
-/// The ghost does not move before it has stayed for so long (s).
+/// Shortest time for which the ghost stays (s).
 const SHORTEST_STAY: f64 = 2.0;
-/// A board that was not seen for so long is lost (s).
+/// A board that was not seen for this time is lost (s).
 const LOST: f64 = 1.0;
-/// Largest error of a board that is near the ghost, in units of what a hint leaves alone.
+/// Largest error of a board that is near the ghost, in units of the tolerance of the hints.
 const NEAR: f64 = 1.5;
-/// Points of the outline on each side of the board.
+/// Number of points of the outline on each side of the board.
 const POINTS_A_SIDE: usize = 6;
 
 /// One window with the board.
@@ -65,38 +65,38 @@ struct View {
     weight: f64,
 }
 
-/// Where the board should go.
+/// The target pose of the board.
 #[derive(Clone, Copy, Debug)]
 struct Ghost {
     place: Place,
-    /// What a window there tells.
+    /// Information of one window at this pose.
     information: Information,
-    /// Since when.
+    /// Start time.
     since: f64,
-    /// Variance of the projection when it was chosen, and what a stay would make of it (px²).
+    /// Variance of the projection when the ghost was chosen, and expected variance after one second there (px²).
     variance: (f64, f64),
-    /// The least error so far, and when it was reached.
+    /// Smallest error so far, and its time.
     nearest: (f64, f64),
-    /// When the board first was near it.
+    /// Time at which the board was first near it.
     reached: Option<f64>,
 }
 
 /// The ghost in the image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GhostOutline {
-    /// Outline of the board (px), clockwise from the corner beside the first circle as the board is printed.
+    /// Outline of the board (px), clockwise on the print from the corner next to the first circle.
     pub outline: Vec<Vector2<f64>>,
-    /// The four corners, where the lens sees them, in the same order.
+    /// The four corners that the lens sees, in the same order.
     pub corners: Vec<Vector2<f64>>,
-    /// Share of its worth that came in, 0 to 1.
+    /// Fraction of its value gained, 0 to 1.
     pub gained: f64,
-    /// How far the board is from it, in units of what is near enough; `None` while it is not seen.
+    /// Distance of the board from it, in units of the tolerance; `None` while the board is not seen.
     pub distance: Option<f64>,
-    /// How to move the board when it is there.
+    /// Motion of the board once it is there.
     pub swing: Swing,
 }
 
-/// What is known of the camera, where the board should go, and how to say so.
+/// Knowledge of the camera, target pose of the board, and current hint.
 pub struct Guidance {
     board: Board,
     sensor: Sensor,
@@ -108,21 +108,21 @@ pub struct Guidance {
     is_estimated: bool,
     measure: Option<ProjectionMeasure>,
     information: Information,
-    /// A time that was marked, and the information up to it.
+    /// The marked time, and the information up to it.
     mark: Option<(f64, Information)>,
     candidates: Vec<Candidate>,
     latest: Option<(f64, Isometry3<f64>)>,
     thought: Option<f64>,
     ghost: Option<Ghost>,
-    /// Ghosts of which enough came in.
+    /// Number of ghosts whose value has been gained.
     used_up: u64,
     hint: Hint,
 }
 
 impl Guidance {
-    /// Nothing seen yet of `board` by a camera with this sensor.
+    /// Creates a guidance for `board` and a camera with this sensor, without any view.
     pub fn new(board: &Board, sensor: Sensor, settings: &InitialSettings) -> Option<Self> {
-        // 53° across until the views tell.
+        // 53° across until the views determine it.
         let (width, height) = (f64::from(sensor.width), f64::from(sensor.height));
         let start = [width, width, 0.5 * (width - 1.0), 0.5 * (height - 1.0), 0.0, 0.0, 0.0, 0.0, 0.0];
         let camera = Camera::from_parameters(ModelKind::Radtan, &start)?;
@@ -149,57 +149,59 @@ impl Guidance {
         Some(guidance)
     }
 
-    /// The provisional camera; `None` until the views tell it.
+    /// Returns the provisional camera; `None` until the views determine it.
     pub fn camera(&self) -> Option<&Camera<f64>> {
         self.is_estimated.then_some(&self.camera)
     }
 
-    /// Root mean square over the sensor of the projection's standard deviation (px), from windows alone (the
-    /// quick estimate); `None` before the first camera.
+    /// Returns the root mean square over the sensor of the projection's standard deviation (px), from windows alone
+    /// (the quick estimate); `None` before the first camera.
     pub fn sigma(&self) -> Option<f64> {
         self.camera()?;
         self.measure.as_ref()?.sigma(&self.information)
     }
 
-    /// The same for each cell of the sensor cut into so many columns and rows, row by row; `None` where the lens sees nothing.
+    /// Returns the same for each cell of a division of the sensor into columns and rows, row by row; `None` for cells
+    /// that the lens does not see.
     pub fn sigma_in_cells(&self, columns: u16, rows: u16) -> Option<Vec<Option<f64>>> {
         sigma_in_cells(self.camera()?, self.sensor, columns, rows, &self.information)
     }
 
-    /// Another recording of the same camera begins, with a clock of its own: what is known of the camera stays.
+    /// Starts another recording of the same camera with its own clock; the knowledge of the camera is kept.
     pub fn begin_again(&mut self) {
         self.views.iter_mut().for_each(|view| view.t = f64::NEG_INFINITY);
         (self.mark, self.latest, self.thought, self.ghost) = (None, None, None, None);
         self.hint = Hint::Show;
     }
 
-    /// Marks a time: [`Guidance::ratio_since_mark`] counts from it.
+    /// Marks a time, from which [`Guidance::ratio_since_mark`] counts.
     pub fn mark(&mut self, t: f64) {
         self.mark = Some((t, self.information_until(t)));
     }
 
-    /// [`Guidance::sigma`] now over what it was at the marked time, by the camera of now: at most 1.
+    /// Returns the ratio of [`Guidance::sigma`] now to its value at the marked time, both computed with the current
+    /// camera: at most 1.
     pub fn ratio_since_mark(&self) -> Option<f64> {
         let (_, before) = self.mark.as_ref()?;
         Some((self.sigma()? / self.measure.as_ref()?.sigma(before)?).min(1.0))
     }
 
-    /// What to do with the board.
+    /// Returns the current hint for the board.
     pub fn hint(&self) -> Hint {
         self.hint
     }
 
-    /// Where the ghost is.
+    /// Returns the pose of the ghost.
     pub fn place(&self) -> Option<Place> {
         self.ghost.map(|ghost| ghost.place)
     }
 
-    /// How many ghosts there were of which enough came in.
+    /// Returns the number of ghosts whose value has been gained.
     pub fn used_up(&self) -> u64 {
         self.used_up
     }
 
-    /// The ghost in the image.
+    /// Returns the ghost in the image.
     pub fn ghost(&self) -> Option<GhostOutline> {
         let ghost = self.ghost.as_ref()?;
         let pose = ghost.place.pose(&self.board);
@@ -218,7 +220,7 @@ impl Guidance {
         })
     }
 
-    /// Takes a window with the board.
+    /// Adds a window with the board.
     pub fn add(&mut self, frame: &ReferenceFrame) {
         let since = self.latest.map_or(WINDOW, |(t, _)| frame.t() - t);
         let weight = (since / WINDOW).clamp(0.0, 1.0);
@@ -244,7 +246,7 @@ impl Guidance {
         }
     }
 
-    /// Thinks about the ghost and the hint at time `now` (s of the sensor).
+    /// Updates the ghost and the hint at time `now` (s of the sensor).
     pub fn advise(&mut self, now: f64) {
         if self.seen > 0 && self.thought.is_none_or(|thought| now - thought >= THINK) {
             self.thought = Some(now);
@@ -277,7 +279,7 @@ impl Guidance {
         Some(view_information(&self.camera, pose, points)? * view.weight)
     }
 
-    /// A new camera from the views.
+    /// Estimates a new camera from the views.
     fn estimate(&mut self) {
         let step = self.views.len().div_ceil(CAMERA_VIEWS).max(1);
         let views: Vec<&[ObservedCircle]> =
@@ -290,7 +292,7 @@ impl Guidance {
         }
     }
 
-    /// What depends on the camera.
+    /// Recomputes everything that depends on the camera.
     fn rebuild(&mut self) {
         self.measure = ProjectionMeasure::new(&self.camera, self.sensor);
         self.candidates = candidates(&self.camera, &self.board, self.sensor);
@@ -307,7 +309,7 @@ impl Guidance {
         }
     }
 
-    /// The information of the windows up to `t`.
+    /// Returns the information of the windows up to `t`.
     fn information_until(&self, t: f64) -> Information {
         let mut sum = prior(&self.camera);
         for view in self.views.iter().filter(|view| view.t <= t) {
@@ -319,13 +321,13 @@ impl Guidance {
         sum
     }
 
-    /// Mean variance of the projection (px²), now or after a stay at a place that tells this.
+    /// Returns the mean variance of the projection (px²), now or after a stay at a pose with this information.
     fn variance(&self, stay: Option<&Information>) -> Option<f64> {
         let information = stay.map_or(self.information, |stay| self.information + stay * WINDOWS_OF_A_STAY);
         Some(self.measure.as_ref()?.sigma(&information)?.powi(2))
     }
 
-    /// Share of the ghost's worth that came in.
+    /// Returns the fraction of the ghost's value that has been gained.
     fn gained(&self, ghost: &Ghost) -> Option<f64> {
         let (before, after) = ghost.variance;
         Some((before - self.variance(None)?) / (before - after))
@@ -346,7 +348,8 @@ impl Guidance {
         }
         let Some(variance) = self.variance(None) else { return };
         let worth = |information: &Information| self.variance(Some(information)).map(|after| variance - after);
-        // A place that was left is not the next one: whoever could not follow it cannot follow it now.
+        // A pose that was given up is not chosen next, because a person who could not reach it before cannot reach it
+        // now.
         let before = self.place();
         let others = self.candidates.iter().filter(|candidate| Some(candidate.place) != before);
         let mut best: Option<(f64, Candidate)> = None;
@@ -384,7 +387,7 @@ impl Guidance {
         }
     }
 
-    /// How far a board is from the ghost, in units of what is near enough.
+    /// Returns the distance of a board from the ghost, in units of the tolerance.
     fn error_of_ghost(&self, pose: &Isometry3<f64>) -> Option<f64> {
         let goal = self.ghost.as_ref()?.place.pose(&self.board);
         let errors = errors(&self.where_is(pose)?, &self.where_is(&goal)?, f64::from(self.sensor.width));
@@ -392,8 +395,8 @@ impl Guidance {
     }
 }
 
-/// Corners of the printed board (m): a spacing beyond its outermost circles, or a square or module beyond its outermost corners,
-/// clockwise as it is printed.
+/// Returns the corners of the printed board (m), clockwise on the print: a spacing beyond its outermost circles, or a
+/// square or module beyond its outermost corners.
 pub fn corners(board: &Board) -> [Vector2<f64>; 4] {
     let (low, high) = board.extent();
     let margin = match board {

@@ -1,4 +1,5 @@
-//! How the camera does: what its events tell beside the board. One stage a figure, each of a few last seconds.
+//! State of the camera, from its events independent of the board. One module per figure, each over a few recent
+//! seconds.
 
 pub mod flicker;
 pub mod focus;
@@ -17,22 +18,22 @@ use self::rates::{RateMeter, Rates};
 use evcal_calibrate::circles::reference_frame::ReferenceFrame;
 use evcal_calibrate::diagnosis::flicker::Flicker;
 
-/// The figures; `None` until there is enough to tell.
+/// The figures; `None` until there are enough events.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Health {
-    /// How many events there are.
+    /// Event rates.
     pub rates: Option<Rates>,
-    /// Events a second of a pixel before which nothing moves.
+    /// Events per second of a pixel without motion in front of it.
     pub noise: Option<f64>,
-    /// Pixels that fire on their own.
+    /// Number of hot pixels.
     pub hot_pixels: Option<u32>,
-    /// Whether the light flickers; the outer `None` until it is known.
+    /// Flicker of the light; the outer `None` until it is known.
     pub flicker: Option<Option<Flicker>>,
-    /// How sharp the circles are.
+    /// Sharpness of the circles.
     pub focus: Option<Focus>,
 }
 
-/// Looks at all events as they come.
+/// Computes the figures from all events as they arrive.
 #[derive(Clone, Debug)]
 pub struct HealthMonitor {
     rates: RateMeter,
@@ -43,7 +44,7 @@ pub struct HealthMonitor {
 }
 
 impl HealthMonitor {
-    /// Nothing seen yet by this sensor.
+    /// Creates a monitor for this sensor.
     pub fn new(sensor: Sensor) -> Self {
         Self {
             rates: RateMeter::new(sensor),
@@ -54,7 +55,7 @@ impl HealthMonitor {
         }
     }
 
-    /// Takes the next events, in order of time (µs since the first).
+    /// Adds the next events, in order of time (µs since the first).
     pub fn push(&mut self, events: &[Event]) {
         self.rates.push(events);
         self.noise.push(events);
@@ -62,12 +63,12 @@ impl HealthMonitor {
         self.flicker.push(events);
     }
 
-    /// Takes a window with the board.
+    /// Adds a window with the board.
     pub fn see(&mut self, frame: &ReferenceFrame) {
         self.focus.see(frame);
     }
 
-    /// The figures now.
+    /// Returns the current figures.
     pub fn health(&self) -> Health {
         Health {
             rates: self.rates.rates(),

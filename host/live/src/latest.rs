@@ -1,25 +1,25 @@
-//! The latest state, for those who look at it now and then.
+//! The latest state, for readers that poll it.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::observer::Seen;
 
-/// What was seen last; written by one thread, read by others, never waited for.
+/// The latest state; written by one thread, read by others, without waiting.
 #[derive(Clone, Debug)]
 pub struct Latest(Arc<Mutex<Arc<Seen>>>);
 
 impl Latest {
-    /// Begins with `seen`.
+    /// Starts with the state `seen`.
     pub fn new(seen: Seen) -> Self {
         Self(Arc::new(Mutex::new(Arc::new(seen))))
     }
 
-    /// Replaces it.
+    /// Replaces the state.
     pub fn set(&self, seen: Seen) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Arc::new(seen);
     }
 
-    /// What was seen last.
+    /// Returns the latest state.
     pub fn get(&self) -> Arc<Seen> {
         Arc::clone(&self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }

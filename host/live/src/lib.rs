@@ -1,5 +1,5 @@
 #![doc = include_str!("../README.md")]
-// No input makes it panic; the program prints.
+// No input causes a panic; only the program prints.
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
@@ -32,10 +32,12 @@ pub use self::coverage::{CoverageSummary, DISTANCES, LiveCoverage, Tilt};
 pub use self::observer::{Memory, Seen};
 pub use self::watcher::Watcher;
 
-/// Records `camera` to `path` until `watcher` has seen enough, the plan ends it or `stop` says so. `status` is told once
-/// a second how it goes and what was seen so far; `pass_on` gets every transfer once it is on the disk, and must not wait.
+/// Records `camera` to `path` until `watcher` has seen enough, the plan ends the recording, or `stop` is set. `status`
+/// is called once a second with the progress and the state; `pass_on` is called with every transfer once it is on the
+/// disk, and must not block.
 ///
 /// # Errors
+/// [`RecordingError`] if nothing can be recorded.
 /// [`RecordingError`] when nothing can be recorded.
 pub fn record_board(
     camera: &mut Camera,

@@ -1,12 +1,13 @@
-//! From events to what is known of the board right now.
+//! Converts events to the current state of the board and the camera.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
-use super::checkpoint::{Checkpoint, Checkpoints};
+use super::checkpoint::{Checkpoint, Checkpoints, Underway};
 use super::guidance::{GhostOutline, Guidance, Hint, Place, corners};
 use super::health::{Health, HealthMonitor};
 use super::obstacle::{Explainer, Explanation};
@@ -20,80 +21,83 @@ use evcal_calibrate::settings::LiveSettings;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::homography::homography;
 
-/// Chunks that are searched in one go: a fifth of a second, unless the settings say otherwise.
+/// Number of chunks that are searched at once: a fifth of a second with the default settings.
 const CHUNKS_TOGETHER: usize = 2;
-/// How often coverage is told anew, which looks at every view (s of the sensor).
+/// Interval at which the coverage is summarised, which processes every view (s of the sensor).
 const SUMMARY: f64 = 0.5;
-/// Time over which the board's motion is taken as straight (s): long enough that the noise of its outline does not count.
+/// Time over which the board's motion is assumed linear (s): long enough to average the noise of its outline.
 const STRAIGHT: f64 = 0.1;
 
-/// Progress that is told at most before enough was seen.
+/// Largest progress that is reported before enough was seen.
 const ALMOST: f64 = 0.99;
 
-/// The board in the image, and how it moves.
+/// The board in the image, and its motion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardOutline {
     /// Sensor time (s since the first event).
     pub t: f64,
-    /// Corners (px), clockwise as the board is printed, from the one beside the first circle.
+    /// Corners (px), clockwise on the print, starting next to the first circle.
     pub corners: [Vector2<f64>; 4],
     /// Velocity of each corner (px/s).
     pub velocity: [Vector2<f64>; 4],
-    /// The circles found: centre and, where known, radius (px).
+    /// The circles found: centre and, if known, radius (px).
     pub circles: Vec<(Vector2<f64>, Option<f64>)>,
 }
 
-/// What was seen so far.
+/// State of a live session.
 #[derive(Clone, Debug)]
 pub struct Seen {
     /// Sensor time of the latest event (s since the first).
     pub t: f64,
     /// Boards, coverage and tilts.
     pub coverage: CoverageSummary,
-    /// Where the board was last.
+    /// Last position of the board.
     pub board: Option<BoardOutline>,
-    /// Where it should go.
+    /// Target pose of the board.
     pub ghost: Option<GhostOutline>,
-    /// How many places it was brought to for long enough.
+    /// Number of target poses at which the board stayed long enough.
     pub used_up: u64,
-    /// What to do with it.
+    /// Current hint.
     pub hint: Hint,
     /// Expected error of the camera by the quick estimate from windows alone (px, root mean square over the sensor);
-    /// `None` before there is a camera. The calibration's own error is several times smaller.
+    /// `None` before there is a camera. The error of the calibration itself is several times smaller.
     pub sigma: Option<f64>,
     /// The latest calibration of the recording so far.
     pub checkpoint: Option<Checkpoint>,
-    /// End of the beginning that is being calibrated right now (s since the first event).
+    /// End of the beginning that is being calibrated (s since the first event).
     pub checkpoint_under_way: Option<f64>,
-    /// What a calibration would state now (px, root mean square over the sensor), estimated from the latest checkpoint
-    /// and the windows since.
+    /// Steps of that calibration, current whenever they are read.
+    pub underway: Option<Arc<Underway>>,
+    /// Expected error of a calibration now (px, root mean square over the sensor), estimated from the latest checkpoint
+    /// and the windows since then.
     pub about: Option<f64>,
-    /// Largest stated error that is good enough (px).
+    /// Largest acceptable error (px).
     pub target: f64,
-    /// Time from the first sight of the board on (s).
+    /// Time since the board was first seen (s).
     pub watched: f64,
-    /// Shortest time that it must be watched (s).
+    /// Shortest time for which the board must be seen (s).
     pub shortest: f64,
-    /// The error in each cell of the coverage (px, root mean square), row by row: what a calibration would state now, or by
-    /// the quick estimate before the first one. Nothing before there is a camera; `None` where its lens does not see.
+    /// The error in each cell of the coverage (px, root mean square), row by row: the expected error of a calibration
+    /// now, or the quick estimate before the first checkpoint. Empty before there is a camera; `None` for cells that
+    /// its lens does not see.
     pub sigma_in_cells: Vec<Option<f64>>,
     /// The provisional camera's focal lengths and principal point (px).
     pub camera: Option<[f64; 4]>,
-    /// How the camera does.
+    /// State of the camera.
     pub health: Health,
-    /// Why the board is not found, while it is not.
+    /// Reason why the board is not found, while it is not.
     pub explanation: Option<Explanation>,
-    /// Transfers that were left out because the detector was busy.
+    /// Number of transfers skipped because the detector was busy.
     pub left_out: u64,
 }
 
 impl Seen {
-    /// Whether enough was seen for a calibration: a checkpoint states it, and the board was everywhere.
+    /// Returns `true` if enough was seen for a calibration: a checkpoint is good enough, and the board was everywhere.
     pub fn is_enough(&self) -> bool {
         self.missing().is_empty()
     }
 
-    /// What is still to be done; nothing when enough was seen.
+    /// Returns the remaining requirements; empty if enough was seen.
     pub fn missing(&self) -> Vec<Wanted> {
         let mut missing = self.coverage.missing.clone();
         if self.watched < self.shortest {
@@ -107,14 +111,14 @@ impl Seen {
         missing
     }
 
-    /// How far the recording is on its way to enough, 0 to 1: the mean over all criteria, so that whatever helps shows. All of it only
-    /// with [`Seen::is_enough`].
+    /// Returns the progress, 0 to 1: the mean over all criteria, so that every improvement is visible. It is 1 only if
+    /// [`Seen::is_enough`].
     pub fn progress(&self) -> f64 {
         if self.is_enough() {
             return 1.0;
         }
         let of_time = if self.shortest > 0.0 { (self.watched / self.shortest).min(1.0) } else { 1.0 };
-        // The error falls with the square root of time.
+        // The error decreases with the square root of time.
         let of_error = self.about.map_or(0.0, |about| (self.target / about).powi(2).min(1.0));
         let [of_boards, of_sensor, of_tilts] = self.coverage.fulfilled;
         let shares = [of_boards, of_sensor, of_tilts, of_time, of_error];
@@ -122,13 +126,13 @@ impl Seen {
     }
 }
 
-/// What earlier recordings showed.
+/// Knowledge from earlier recordings.
 pub struct Memory {
     coverage: LiveCoverage,
     guidance: Option<Guidance>,
 }
 
-/// Looks for the board in events as they come.
+/// Searches for the board in events as they arrive.
 pub struct Observer<'a> {
     detection: &'a DetectionSettings,
     sensor: Sensor,
@@ -136,25 +140,25 @@ pub struct Observer<'a> {
     health: HealthMonitor,
     explainer: Explainer,
     coverage: LiveCoverage,
-    /// What was last said of it, and when.
+    /// The latest summary, and its time.
     summary: (CoverageSummary, f64),
-    /// The error in each cell of it, by the quick estimate.
+    /// The error in each cell of the summary, by the quick estimate.
     sigma_in_cells: Vec<Option<f64>>,
     guidance: Option<Guidance>,
     checkpoints: Option<Checkpoints>,
     board: Board,
     target: f64,
     shortest: f64,
-    /// When the board was seen first (s).
+    /// Time at which the board was first seen (s).
     first_seen: Option<f64>,
     latest: f64,
     outline: Option<BoardOutline>,
-    /// Where its corners were in the last [`STRAIGHT`] seconds.
+    /// Positions of its corners in the last [`STRAIGHT`] seconds.
     path: VecDeque<(f64, [Vector2<f64>; 4])>,
 }
 
 impl<'a> Observer<'a> {
-    /// Nothing seen yet by this sensor. Without [`Observer::with_checkpoints`] it never sees enough.
+    /// Creates an observer for this sensor. Without [`Observer::with_checkpoints`] it never sees enough.
     pub fn new(
         detection: &'a DetectionSettings,
         initial: &InitialSettings,
@@ -184,12 +188,12 @@ impl<'a> Observer<'a> {
         }
     }
 
-    /// Calibrations of what was recorded so far say when it is enough.
+    /// Adds checkpoints, which determine when enough was recorded.
     pub fn with_checkpoints(self, checkpoints: Checkpoints) -> Self {
         Self { checkpoints: Some(checkpoints), ..self }
     }
 
-    /// Takes the next events, with times from the first (µs) that never go back. Whether something new is known.
+    /// Adds the next events, with times from the first (µs) that never decrease. Returns `true` if the state changed.
     pub fn push(&mut self, events: &[Event]) -> bool {
         if let Some(event) = events.last() {
             self.latest = event.t as f64 * 1e-6;
@@ -228,7 +232,7 @@ impl<'a> Observer<'a> {
         self.check();
     }
 
-    /// Looks after checkpoints, also while no events come. Whether one was told.
+    /// Updates the checkpoints, also while no events arrive. Returns `true` if a result was reported.
     pub fn check(&mut self) -> bool {
         let told = self.checkpoints.as_mut().and_then(|checkpoints| checkpoints.advance(self.latest, self.first_seen));
         let told = told.map(|checkpoint| checkpoint.t);
@@ -238,7 +242,7 @@ impl<'a> Observer<'a> {
         told.is_some()
     }
 
-    /// Not one event came for so long (s), which the sensor's clock does not tell.
+    /// Reports that no event arrived for a time (s), which the sensor's clock does not show.
     pub fn silence(&mut self, seconds: f64) {
         self.explainer.silence();
         if let Some(guidance) = &mut self.guidance {
@@ -246,7 +250,7 @@ impl<'a> Observer<'a> {
         }
     }
 
-    /// Looks at all events that wait, and tells coverage as of now.
+    /// Processes all waiting events, and updates the summary.
     pub fn finish(&mut self) {
         self.search();
         self.summarise();
@@ -259,12 +263,12 @@ impl<'a> Observer<'a> {
             self.guidance.as_ref().and_then(|guidance| guidance.sigma_in_cells(size.0, size.1)).unwrap_or_default();
     }
 
-    /// What is to be remembered for another recording of the same camera, with which this one is calibrated.
+    /// Returns the knowledge for another recording of the same camera that is calibrated together with this one.
     pub fn into_memory(self) -> Memory {
         Memory { coverage: self.coverage, guidance: self.guidance }
     }
 
-    /// The recording goes on from others: what was seen in them counts.
+    /// Adds the knowledge from earlier recordings.
     pub fn with_memory(mut self, memory: Memory) -> Self {
         self.coverage = memory.coverage;
         self.guidance = memory.guidance;
@@ -275,7 +279,7 @@ impl<'a> Observer<'a> {
         self
     }
 
-    /// What was seen so far.
+    /// Returns the current state.
     pub fn seen(&self) -> Seen {
         let guidance = self.guidance.as_ref();
         let (sigma, about) = (guidance.and_then(Guidance::sigma), self.about());
@@ -292,6 +296,7 @@ impl<'a> Observer<'a> {
             sigma_in_cells: self.sigma_in_cells.iter().map(|sigma| Some(scale * (*sigma)?)).collect(),
             checkpoint: self.checkpoints.as_ref().and_then(Checkpoints::latest).cloned(),
             checkpoint_under_way: self.checkpoints.as_ref().and_then(Checkpoints::under_way),
+            underway: self.checkpoints.as_ref().map(Checkpoints::underway),
             target: self.target,
             watched: self.first_seen.map_or(0.0, |first| self.latest - first),
             shortest: self.shortest,
@@ -309,12 +314,12 @@ impl<'a> Observer<'a> {
         seen
     }
 
-    /// Where the board should go, for whoever moves it by numbers.
+    /// Returns the target pose of the board, for callers that need numbers.
     pub fn wanted_place(&self) -> Option<Place> {
         self.guidance.as_ref().and_then(Guidance::place)
     }
 
-    /// What a calibration would state now.
+    /// Returns the expected error of a calibration now.
     fn about(&self) -> Option<f64> {
         let stated = self.checkpoints.as_ref()?.latest()?.stated.as_ref().ok()?;
         Some(stated.rms * self.guidance.as_ref()?.ratio_since_mark()?)

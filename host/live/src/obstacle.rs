@@ -1,4 +1,4 @@
-//! Why nothing is found: what stands between the events of a moment and the board.
+//! Reasons why the board is not found in the events of a moment.
 
 use std::fmt;
 
@@ -14,27 +14,29 @@ use evcal_calibrate::detection::{CircleWindow, DetectionReport, DetectionStage, 
 use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::numerics::statistics::median;
 
-/// A board that was not seen for so long is explained (s), and again after the same time.
+/// Time without the board after which its absence is explained (s), also the interval between explanations.
 const PATIENCE: f64 = 1.0;
-/// Length of the moment that is looked at (s), and most events of it.
+/// Length of the analysed moment (s), and its largest number of events.
 const MOMENT: f64 = 0.3;
 const MOST_EVENTS: usize = 1_000_000;
-/// Fewer events a second are none.
+/// Event rate below which there are hardly any events, in events per second.
 const FEWEST_EVENTS: f64 = 1000.0;
-/// Windows with fewer circles hold none.
+/// Smallest number of circles in a window that counts.
 const FEWEST_CIRCLES: usize = 4;
-/// Fewest windows that count.
+/// Smallest number of windows that count.
 const FEWEST_WINDOWS: usize = 3;
-/// More than this share of the events of a scene at rest are noise.
+/// Fraction of noise events above which the scene is considered at rest.
 const MOSTLY: f64 = 0.5;
-/// Circles with a smaller radius are far away (px); where dots are still smaller, the edges of two make one about as large.
+/// Radius below which circles are far away (px); with even smaller dots, the edges of two dots together look like a
+/// circle of this size.
 const FAR: f64 = 5.0;
-/// So many pairs of clusters for each circle are refused for the size that they would have: a tenth is usual.
+/// Number of pairs of clusters rejected for their size, per circle, above which the dots are too small; a tenth is
+/// usual.
 const MANY_REFUSED: f64 = 1.0 / 3.0;
-/// Circles whose middles are nearer to the edge of the sensor, in radii, stand at it.
+/// Distance of a circle's centre from the edge of the sensor, in radii, below which it is at the edge.
 const AT_EDGE: f64 = 3.0;
 
-/// What stands between the events and the board.
+/// Reason why the board is not found.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Obstacle {
@@ -50,7 +52,7 @@ pub enum Obstacle {
     TooFar,
     /// There are circles up to the edge of the sensor, fewer than make a board.
     CutOff,
-    /// They are those of another board.
+    /// The circles belong to another board.
     OtherBoard(OtherReading),
     /// There are circles, but they are not the board's.
     NoBoard,
@@ -71,16 +73,16 @@ impl fmt::Display for Obstacle {
     }
 }
 
-/// What was seen instead of the board.
+/// Explanation of what was seen instead of the board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Explanation {
-    /// What stands between.
+    /// The reason.
     pub obstacle: Obstacle,
-    /// Circles without a place on the board: centre and radius (px), of the window with the most.
+    /// Circles that are not on the board, as centre and radius (px), of the window with the most circles.
     pub circles: Vec<(Vector2<f64>, f64)>,
 }
 
-/// Why `board` is not found in `events`, which are in order of time (µs) and of one short moment.
+/// Explains why `board` is not found in `events`, which are in order of time (µs) and from one short moment.
 pub fn explain(events: &[Event], board: &Board, sensor: Sensor, settings: &DetectionSettings) -> Explanation {
     let duration = events.first().zip(events.last()).map_or(0.0, |(first, last)| (last.t - first.t) as f64 * 1e-6);
     if (events.len() as f64) < FEWEST_EVENTS * duration.max(MOMENT) {
@@ -110,7 +112,7 @@ pub fn explain(events: &[Event], board: &Board, sensor: Sensor, settings: &Detec
     Explanation { obstacle, circles: fullest(parts) }
 }
 
-/// What windows with as many circles as half a board are.
+/// Interprets windows with at least half as many circles as the board.
 fn of_whole(windows: &[CircleWindow], report: &DetectionReport, board: &CircleBoard, sensor: Sensor) -> Obstacle {
     let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
     match other_reading(&frames, board, sensor) {
@@ -120,7 +122,7 @@ fn of_whole(windows: &[CircleWindow], report: &DetectionReport, board: &CircleBo
     }
 }
 
-/// What windows with fewer circles are.
+/// Interprets windows with fewer circles.
 fn of_parts(windows: &[CircleWindow], report: &DetectionReport, sensor: Sensor) -> Obstacle {
     let at_edge = windows.iter().filter(|window| stands_at_edge(window, sensor)).count();
     match at_edge * 2 > windows.len() {
@@ -130,13 +132,13 @@ fn of_parts(windows: &[CircleWindow], report: &DetectionReport, sensor: Sensor) 
     }
 }
 
-/// Circles of the window with the most.
+/// Returns the circles of the window with the most circles.
 fn fullest(windows: Vec<CircleWindow>) -> Vec<(Vector2<f64>, f64)> {
     let fullest = windows.into_iter().max_by_key(|window| window.circles.len());
     fullest.map_or_else(Vec::new, |window| window.circles)
 }
 
-/// Whether circles are small, or many more would be but for their size.
+/// Returns `true` if the circles are small, or many pairs were rejected only for their size.
 fn are_small(windows: &[CircleWindow], report: &DetectionReport) -> bool {
     let mut radii: Vec<f64> = windows.iter().flat_map(|window| &window.circles).map(|(_, radius)| *radius).collect();
     let refused = report.pairs_refused.get(&NoCircle::RadiusOutOfBounds).copied().unwrap_or(0);
@@ -144,7 +146,7 @@ fn are_small(windows: &[CircleWindow], report: &DetectionReport) -> bool {
         || refused as f64 > MANY_REFUSED * report.circles as f64
 }
 
-/// Share of the events that would come if nothing moved.
+/// Returns the fraction of the events that would occur without motion.
 fn share_at_rest(events: &[Event], duration: f64, sensor: Sensor) -> f64 {
     let mut meter = NoiseMeter::new(sensor);
     meter.push(events);
@@ -160,17 +162,17 @@ fn stands_at_edge(window: &CircleWindow, sensor: Sensor) -> bool {
     })
 }
 
-/// Explains a board that is not found, now and then.
+/// Explains at intervals why a board is not found.
 #[derive(Clone, Debug, Default)]
 pub struct Explainer {
     moment: Vec<Event>,
-    /// The board was seen, or its absence explained, at this time (s).
+    /// Time at which the board was last seen, or its absence last explained (s).
     settled: f64,
     explanation: Option<Explanation>,
 }
 
 impl Explainer {
-    /// Takes the next events.
+    /// Adds the next events.
     pub fn push(&mut self, events: &[Event], board: &Board, sensor: Sensor, settings: &DetectionSettings) {
         let Some(now) = events.last().map(|event| event.t as f64 * 1e-6) else { return };
         if now - self.settled < PATIENCE {
@@ -185,20 +187,20 @@ impl Explainer {
         }
     }
 
-    /// The board was seen at this time (s).
+    /// Records that the board was seen at this time (s).
     pub fn found(&mut self, t: f64) {
         self.moment.clear();
         self.explanation = None;
         self.settled = self.settled.max(t);
     }
 
-    /// Not one event came for a while.
+    /// Records that no event arrived for a while.
     pub fn silence(&mut self) {
         self.moment.clear();
         self.explanation = Some(Explanation { obstacle: Obstacle::NoEvents, circles: Vec::new() });
     }
 
-    /// Why nothing is found, as of the last look.
+    /// Returns the latest explanation.
     pub fn explanation(&self) -> Option<&Explanation> {
         self.explanation.as_ref()
     }

@@ -1,11 +1,12 @@
-//! The page of a live session: what the camera sees, where the board should go, and the result, in a browser.
+//! The web page of a live session: shows the view of the camera, the target pose of the board, and the result in a
+//! browser.
 //!
-//! It is served on this computer alone (127.0.0.1) unless another address is given. A request must name this server as its host, so that no foreign
-//! name that leads here is answered, and data and commands need a token that is new with every run and stands behind
-//! the `#` of the address, which browsers send to no one ([`gate`]).
+//! It is served on this computer only (127.0.0.1) unless another address is given. Requests must name this server as
+//! their host, to prevent DNS rebinding. Data and commands need a token that is new in every run. The token is after
+//! the `#` of the address, which browsers do not send ([`gate`]).
 //!
-//! Whoever publishes a state replaces the one before and never waits; a page asks for the newest one when it has drawn
-//! the last. A slow or frozen page therefore gets fewer states, and nothing piles up.
+//! Publishing a state replaces the previous one and never blocks; a page requests the newest state after drawing the
+//! last one. A slow or frozen page therefore receives fewer states, and no backlog builds up.
 
 mod assets;
 pub mod gate;
@@ -28,77 +29,77 @@ use tokio::sync::{oneshot, watch};
 
 use self::gate::{Gate, Secret};
 
-/// Port that is tried first, and how many after it.
+/// First port that is tried, and number of further ports.
 const PORT: u16 = 8346;
 const MORE_PORTS: u16 = 10;
 
-/// A state as the page gets it: length of the JSON and number of the state (each 4 bytes, little-endian), the JSON, and
-/// one byte for each pixel of the sensor and of the frame beside it.
+/// A state in its transmitted form: length of the JSON and number of the state (each 4 bytes, little-endian), the JSON,
+/// and one byte per pixel of the sensor and of the frame.
 #[derive(Clone, Debug, Default)]
 struct State {
     number: u32,
     body: Bytes,
 }
 
-/// What server and publishers share.
+/// State shared by the server and the publishers.
 struct Shared {
     gate: Gate,
     newest: watch::Sender<State>,
-    /// Path of the report, which nobody can guess, and the report.
+    /// Path of the report, which cannot be guessed, and the report.
     report: Mutex<Option<Bytes>>,
     report_path: String,
-    /// Where files of the results are, behind a part of the path that nobody can guess, and which there are.
+    /// Path prefix of the result files, which cannot be guessed, and the files.
     files_path: String,
     files: Mutex<Vec<ServedFile>>,
-    /// Whether the page shows frames.
+    /// `true` if the page shows frames.
     frames: AtomicBool,
     finish: AtomicBool,
     next: Mutex<Option<Next>>,
-    /// When a page last asked.
+    /// Time of the latest request of a page.
     asked: Mutex<Option<Instant>>,
 }
 
-/// A file of the results.
+/// A result file.
 #[derive(Clone, Debug)]
 struct ServedFile {
     /// Its path on the server.
     path: String,
-    /// Where it is.
+    /// Its path on the disk.
     file: PathBuf,
 }
 
-/// What comes after a recording.
+/// The user's choice after a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Next {
-    /// The end of the program.
+    /// End the program.
     Close,
-    /// Another recording in place of those so far.
+    /// Replace the recordings so far by another one.
     Again,
-    /// Another recording beside those so far.
+    /// Add another recording to those so far.
     Add,
 }
 
-/// Why the page cannot be served.
+/// Reason why the page cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub enum PageError {
-    /// No port is free.
+    /// None of the ports can be used.
     #[error("no page: ports {first} to {last} of {address} cannot be used: {error}")]
     Port {
-        /// Of this address.
+        /// The address.
         address: IpAddr,
         /// The first that was tried.
         first: u16,
         /// The last.
         last: u16,
-        /// What the system said.
+        /// Error of the operating system.
         error: io::Error,
     },
-    /// The system gave no thread or no random numbers.
+    /// The operating system provided no thread or no random numbers.
     #[error("the page cannot be served: {0}")]
     System(io::Error),
 }
 
-/// A page that is being served. It ends when this is dropped.
+/// A page that is being served until this value is dropped.
 pub struct Page {
     shared: Arc<Shared>,
     address: SocketAddr,
@@ -107,7 +108,7 @@ pub struct Page {
 }
 
 impl Page {
-    /// Serves a page at `address` of this computer, on `port` (0: any free one) or on the first free one from 8346 on.
+    /// Serves a page at `address` of this computer, on `port` (0: any free one) or on the first free port from 8346 on.
     ///
     /// # Errors
     /// [`PageError`].
@@ -138,7 +139,7 @@ impl Page {
         Ok(Self { shared, address, end: Some(end), thread: Some(thread) })
     }
 
-    /// Where it is, with the token.
+    /// Returns the address of the page, with the token.
     pub fn url(&self) -> String {
         let address = match self.address.ip().is_unspecified() {
             true => SocketAddr::new(outward(self.address.ip()).unwrap_or(self.address.ip()), self.address.port()),
@@ -147,18 +148,19 @@ impl Page {
         format!("http://{address}/#{}", self.shared.gate.token())
     }
 
-    /// Something that publishes states, for another thread.
+    /// Returns a publisher of states, for another thread.
     pub fn publisher(&self) -> Publisher {
         Publisher(Arc::clone(&self.shared))
     }
 
-    /// Makes a finished report available, and gives its path on this server.
+    /// Makes a finished report available, and returns its path on this server.
     pub fn set_report(&self, html: String) -> String {
         *self.shared.report.lock().unwrap_or_else(PoisonError::into_inner) = Some(html.into());
         self.shared.report_path.clone()
     }
 
-    /// Makes files of the folder of the results available: of those `names`, no others. Their paths on this server, in the same order.
+    /// Makes the files `names` in the folder of the results available, and no others. Returns their paths on this
+    /// server, in the same order.
     pub fn set_files(&self, folder: &Path, names: &[String]) -> Vec<String> {
         let served: Vec<ServedFile> = names
             .iter()
@@ -169,23 +171,23 @@ impl Page {
         paths
     }
 
-    /// Whether the person asked to end the recording.
+    /// Returns `true` if the user asked to end the recording.
     pub fn is_finish_asked(&self) -> bool {
         self.shared.finish.load(Ordering::Relaxed)
     }
 
-    /// What the person asked for after the recording; told once.
+    /// Returns the user's choice after the recording, once.
     pub fn take_next(&self) -> Option<Next> {
         self.shared.next.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
-    /// A recording begins: what was asked before does not count for it.
+    /// Starts a recording, and resets earlier requests.
     pub fn begin(&self) {
         self.shared.finish.store(false, Ordering::Relaxed);
         self.take_next();
     }
 
-    /// Whether a page asked for something in the last `time`.
+    /// Returns `true` if a page sent a request within the last `time`.
     pub fn is_watched(&self, time: Duration) -> bool {
         let asked = *self.shared.asked.lock().unwrap_or_else(PoisonError::into_inner);
         asked.is_some_and(|asked| asked.elapsed() < time)
@@ -195,30 +197,30 @@ impl Page {
 impl Drop for Page {
     fn drop(&mut self) {
         if let Some(end) = self.end.take() {
-            // A server that has ended listens no more.
+            // This fails if the server has already ended.
             let _ = end.send(());
         }
         if let Some(thread) = self.thread.take() {
-            // It serves nobody any more, whatever became of it.
+            // Errors of the server no longer matter.
             let _ = thread.join();
         }
     }
 }
 
-/// Replaces the state that pages see.
+/// Publishes states to the pages.
 #[derive(Clone)]
 pub struct Publisher(Arc<Shared>);
 
 impl Publisher {
-    /// Whether the page shows frames.
+    /// Returns `true` if the page shows frames.
     pub fn are_frames_wanted(&self) -> bool {
         self.0.frames.load(Ordering::Relaxed)
     }
 
-    /// Publishes a state; `pixels` are those of [`EventPicture`](crate::picture::EventPicture), `frame` those of a
-    /// frame. Never waits for a page.
+    /// Publishes a state; `pixels` are the pixels of an [`EventPicture`](crate::picture::EventPicture), `frame` those
+    /// of a frame. Never waits for a page.
     pub fn publish(&self, head: &impl Serialize, pixels: &[u8], frame: &[u8]) {
-        // What the view holds can always be written as JSON.
+        // The content of the view can always be written as JSON.
         let Ok(head) = serde_json::to_vec(head) else { return };
         self.0.newest.send_modify(|state| {
             let number = state.number.wrapping_add(1).max(1);
@@ -233,16 +235,16 @@ impl Publisher {
     }
 }
 
-/// The address of this computer that others see: that from which it would send elsewhere. Nothing is sent.
+/// Returns the address of this computer that others see, from which it would send to other networks. Nothing is sent.
 fn outward(unspecified: IpAddr) -> Option<IpAddr> {
     let socket = UdpSocket::bind((unspecified, 0)).ok()?;
-    // Addresses for documentation (RFC 5737, RFC 3849): they lead nowhere.
+    // Addresses for documentation (RFC 5737, RFC 3849), which are not routed.
     let elsewhere = if unspecified.is_ipv4() { "192.0.2.1:9" } else { "[2001:db8::1]:9" };
     socket.connect(elsewhere).ok()?;
     Some(socket.local_addr().ok()?.ip())
 }
 
-/// The first port that is free.
+/// Listens on the first free port.
 fn listen(address: IpAddr, port: Option<u16>) -> Result<TcpListener, PageError> {
     let (first, last) = port.map_or((PORT, PORT + MORE_PORTS), |port| (port, port));
     let mut failure = None;

@@ -1,4 +1,4 @@
-//! What the sensor sees, for the eye: events gathered between two pictures.
+//! Pictures of the events for display, each with the events since the previous picture.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -16,51 +16,52 @@ use event_recordings::pictures::GreyImage;
 
 /// Time between two pictures.
 pub const PICTURE_INTERVAL: Duration = Duration::from_millis(33);
-/// Most events of one polarity that a pixel counts.
+/// Largest number of events of one polarity that is counted per pixel.
 const MOST: u8 = 15;
-/// Bytes that wait to be decoded; when there are more, all of them are left out of the picture.
+/// Limit in bytes of data waiting to be decoded; beyond it all waiting data are skipped.
 const MOST_WAITING: usize = 4 << 20;
 
-/// Events of each pixel since the picture before.
+/// Events of each pixel since the previous picture.
 #[derive(Clone, Debug)]
 pub struct EventPicture {
     sensor: Sensor,
-    /// For each pixel, row by row: OFF events in the upper four bits, ON events in the lower four, at most 15 each.
+    /// Event counts of each pixel, row by row: OFF events in the upper four bits, ON events in the lower four, at most
+    /// 15 each.
     pixels: Vec<u8>,
-    /// ON and OFF events.
+    /// Number of ON and OFF events.
     counts: [u64; 2],
-    /// Times of the first event ever and of the latest one (µs), as the events have them.
+    /// Times of the very first event and of the latest one (µs, as in the events).
     times: Option<(i64, i64)>,
 }
 
 impl EventPicture {
-    /// No events yet.
+    /// Creates an empty picture.
     pub fn new(sensor: Sensor) -> Self {
         let pixels = vec![0; usize::from(sensor.width) * usize::from(sensor.height)];
         Self { sensor, pixels, counts: [0; 2], times: None }
     }
 
-    /// Width and height.
+    /// Returns the size of the sensor.
     pub fn sensor(&self) -> Sensor {
         self.sensor
     }
 
-    /// One byte a pixel, row by row: OFF events in the upper four bits, ON events in the lower four.
+    /// Returns one byte per pixel, row by row: OFF events in the upper four bits, ON events in the lower four.
     pub fn pixels(&self) -> &[u8] {
         &self.pixels
     }
 
-    /// ON and OFF events.
+    /// Returns the number of ON and OFF events.
     pub fn counts(&self) -> [u64; 2] {
         self.counts
     }
 
-    /// Time of the latest event since the first (s).
+    /// Returns the time of the latest event since the first (s).
     pub fn seconds(&self) -> f64 {
         self.times.map_or(0.0, |(first, latest)| (latest - first) as f64 * 1e-6)
     }
 
-    /// Adds events; those outside the sensor are left out.
+    /// Adds events; events outside the sensor are ignored.
     pub fn add(&mut self, events: impl IntoIterator<Item = Event>) {
         for event in events {
             let (first, latest) = self.times.unwrap_or((event.t, event.t));
@@ -84,7 +85,7 @@ impl EventPicture {
         }
     }
 
-    /// Begins the next picture.
+    /// Starts the next picture.
     pub fn clear(&mut self) {
         self.pixels.fill(0);
         self.counts = [0; 2];
@@ -105,8 +106,8 @@ struct Shared {
     filled: Condvar,
 }
 
-/// A thread that turns what a camera sends into pictures, with a decoder of its own. Whoever brings transfers never
-/// waits for it.
+/// A thread that converts the camera's transfers to pictures, with its own decoder. Passing a transfer to it never
+/// blocks.
 pub struct PictureFeed {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
@@ -114,8 +115,8 @@ pub struct PictureFeed {
 }
 
 impl PictureFeed {
-    /// Starts it for the camera that `header` describes; `show` gets a picture 30 times a second, with the latest frame while
-    /// `are_frames_wanted`.
+    /// Starts the thread for the camera in `header`; `show` is called with a picture 30 times a second, with the latest
+    /// frame while `are_frames_wanted`.
     pub fn start(
         header: &DumpHeader,
         are_frames_wanted: impl Fn() -> bool + Send + 'static,
@@ -151,12 +152,12 @@ impl PictureFeed {
         Self { shared, thread: Some(thread), left_out: AtomicU64::new(0) }
     }
 
-    /// Transfers that are in no picture because the pictures lagged behind.
+    /// Returns the number of transfers skipped because the pictures lagged behind.
     pub fn left_out(&self) -> u64 {
         self.left_out.load(Ordering::Relaxed)
     }
 
-    /// Takes a transfer. Does not wait: when the pictures lag behind, what waits for them is left out.
+    /// Accepts a transfer without blocking: if the pictures lag behind, all waiting transfers are skipped.
     pub fn take(&self, transfer: &Transfer<'_>) {
         let mut queue = self.shared.queue.lock().unwrap_or_else(PoisonError::into_inner);
         if queue.bytes + transfer.payload.len() > MOST_WAITING {
@@ -178,20 +179,20 @@ impl Drop for PictureFeed {
         self.shared.queue.lock().unwrap_or_else(PoisonError::into_inner).ended = true;
         self.shared.filled.notify_one();
         if let Some(thread) = self.thread.take() {
-            // A picture less is no loss.
+            // A missing last picture does not matter.
             let _ = thread.join();
         }
     }
 }
 
-/// A frame as the eye sees it, also one that no calibration could use.
+/// Converts a frame for display, including frames that cannot be used for calibration.
 fn grey(frame: &Frame<'_>) -> Option<GreyImage> {
-    // 8 of the 10 bits.
+    // Use 8 of the 10 bits.
     let pixels = frame.pixels.iter().map(|pixel| (pixel >> 2).min(255) as u8).collect();
     GreyImage::new(usize::from(frame.region.width), usize::from(frame.region.height), pixels)
 }
 
-/// What waits, after `patience` at most; `None` at the end.
+/// Returns the waiting transfers, after at most `patience`; `None` at the end.
 fn next(shared: &Shared, patience: Duration) -> Option<VecDeque<(bool, Vec<u8>)>> {
     let queue = shared.queue.lock().unwrap_or_else(PoisonError::into_inner);
     let waits = |queue: &mut Queue| queue.waiting.is_empty() && !queue.ended;
@@ -241,7 +242,7 @@ mod tests {
         let header = davis346_header("test", &Configuration::calibration());
         let pixels: Vec<u16> = (0..346 * 260).map(|index| (index % 1000) as u16).collect();
         let frame = Frame {
-            // Rolling: no calibration could use it, the eye can.
+            // Rolling shutter: unusable for calibration, but displayed.
             shutter: Shutter::Rolling,
             start: 0,
             end: 22_400,
@@ -264,7 +265,7 @@ mod tests {
                 },
             );
             feed.take(&transfer(&bytes));
-            // Wherever the transfer comes between two pictures.
+            // The transfer may arrive at any time between two pictures.
             let frame = frames.iter().take(if wanted { 300 } else { 3 }).find_map(|frame| frame);
             assert_eq!(frame.is_some(), wanted);
             let expected = |frame: &Vec<u8>| frame.iter().zip(&pixels).all(|(eight, ten)| u16::from(*eight) == ten / 4);

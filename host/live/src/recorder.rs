@@ -1,8 +1,8 @@
-//! Recording a live camera: every transfer goes to the disk as it comes, whatever else happens.
+//! Recording of a live camera: every transfer is written to the disk as it arrives, whatever else happens.
 //!
-//! The loop runs on the calling thread and does little: write, count, hand a transfer over. What
-//! takes longer belongs on another thread (see [`crate`]). Between camera and loop lies the
-//! queue of `usb_davis::device`, which holds more than two seconds of the camera's top rate.
+//! The loop runs on the calling thread and does little: it writes, counts, and passes a transfer on. Longer work
+//! belongs on another thread (see [`crate`]). Between camera and loop is the queue of `usb_davis::device`, which stores
+//! more than two seconds at the camera's top rate.
 
 use std::fs::{self, File, OpenOptions};
 use std::io;
@@ -17,80 +17,80 @@ use usb_davis::dump::{Compression, DumpError, DumpWriter, Growth, Transfer};
 use usb_davis::protocol::Decoder;
 use usb_davis::registers::Register;
 
-/// Longest wait for a transfer: how often the watcher is asked at least.
+/// Longest wait for a transfer, and thus the longest time between calls of the watcher.
 const PATIENCE: Duration = Duration::from_millis(50);
 /// Time between two [`Moment::Status`].
 const STATUS_INTERVAL: Duration = Duration::from_secs(1);
 
-/// What to record.
+/// Settings of a recording.
 #[derive(Clone, Debug)]
 pub struct RecordingPlan {
-    /// What the camera sends.
+    /// Streams of the camera.
     pub streams: Streams,
-    /// Transfers under way, and memory for those that wait.
+    /// Number of queued transfers, and memory for waiting ones.
     pub queue: Queue,
-    /// For how long; without it, until the watcher or the camera ends it.
+    /// Duration; without it, the watcher or the camera ends the recording.
     pub duration: Option<Duration>,
-    /// Is told how far the file is written, for those who read it meanwhile.
+    /// Progress of the file, for readers that follow it.
     pub growth: Growth,
 }
 
-/// How a recording goes.
+/// Progress of a recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct RecordingStatus {
-    /// Time since it began in seconds.
+    /// Time since the start in seconds.
     pub seconds: f64,
-    /// Bytes of the camera's stream that are in the file.
+    /// Bytes of the camera's stream in the file.
     pub bytes: u64,
-    /// Pixel events in them.
+    /// Pixel events in these bytes.
     pub events: u64,
-    /// Events per second since the status before.
+    /// Events per second since the previous status.
     pub event_rate: f64,
-    /// Events that the camera dropped since it was started, by its own counters.
+    /// Events that the camera dropped since its start, by its own counters.
     pub dropped: u64,
 }
 
-/// What the watcher of a recording is told.
+/// Notification to the watcher of a recording.
 #[derive(Clone, Copy, Debug)]
 pub enum Moment<'a> {
-    /// A transfer came and is on the disk.
+    /// A transfer arrived and is on the disk.
     Transfer(&'a Transfer<'a>),
-    /// Once a second: how it goes.
+    /// The progress, once a second.
     Status(&'a RecordingStatus),
-    /// Nothing came for a while.
+    /// Nothing arrived for a while.
     Silence,
 }
 
-/// Why a recording ended.
+/// Reason why a recording ended.
 #[derive(Debug, thiserror::Error)]
 pub enum Ending {
-    /// The watcher wanted it.
+    /// The watcher ended it.
     #[error("stopped")]
     Asked,
-    /// Its time was over.
+    /// The duration was reached.
     #[error("the time is over")]
     Duration,
-    /// The camera went away or failed.
+    /// The camera was removed or failed.
     #[error("{0}")]
     Camera(StreamError),
-    /// The file could not be written any more, most often because the disk is full.
+    /// The file could not be written, usually because the disk is full.
     #[error("the recording could not be written any more: {0}")]
     File(DumpError),
 }
 
 impl Ending {
-    /// Whether it ended as planned.
+    /// Returns `true` if the recording ended as planned.
     pub fn is_good(&self) -> bool {
         matches!(self, Self::Asked | Self::Duration)
     }
 }
 
-/// What was recorded.
+/// Result of a recording.
 #[derive(Debug)]
 pub struct RecorderReport {
     /// The file.
     pub path: PathBuf,
-    /// How it went, as of the end.
+    /// Progress at the end.
     pub status: RecordingStatus,
     /// Transfers in the file.
     pub transfers: u64,
@@ -98,26 +98,26 @@ pub struct RecorderReport {
     pub file_bytes: u64,
     /// Faults in the stream.
     pub faults: u64,
-    /// Transfers that failed on the bus: what they would have brought is lost.
+    /// Transfers that failed on the bus; their data are lost.
     pub failed: u64,
     /// Transfers that could not be queued at once because this computer was too slow.
     pub starved: u64,
-    /// Why it ended.
+    /// Reason of the end.
     pub ending: Ending,
 }
 
-/// Why nothing was recorded.
+/// Reason why nothing was recorded.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    /// The file is there already.
+    /// The file already exists.
     #[error("{} is there already and is not overwritten: choose another name", .0.display())]
     Exists(PathBuf),
-    /// The file cannot be made.
+    /// The file cannot be created.
     #[error("{}: {error}", path.display())]
     File {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         error: DumpError,
     },
     /// The camera cannot be started.
@@ -125,11 +125,11 @@ pub enum RecordingError {
     Camera(#[from] DeviceError),
 }
 
-/// Records what `camera` sends into a new file at `path`, until the time is over, `watch` breaks or
-/// the camera ends. Whatever came is in the file then; the report says why it ended.
+/// Records the transfers of `camera` into a new file at `path`, until the time is over, `watch` breaks or the camera
+/// ends. All received transfers are then in the file; the report contains the reason of the end.
 ///
 /// # Errors
-/// [`RecordingError`] if it cannot begin.
+/// [`RecordingError`] if the recording cannot start.
 pub fn record(
     camera: &mut Camera,
     path: &Path,
@@ -151,14 +151,14 @@ fn record_file(
     if fs::symlink_metadata(path).is_ok() {
         return Err(RecordingError::Exists(path.to_owned()));
     }
-    // Only a camera that runs makes a file: a start that failed can be tried again with the same name.
+    // The file is created only once the camera runs, so a failed start can be repeated with the same name.
     let mut stream = camera.start(plan.streams, plan.queue)?;
     let file = File::create_new(path).map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => RecordingError::Exists(path.to_owned()),
         _ => failed(error.into()),
     })?;
     let dump = DumpWriter::new(file, stream.header(), Compression::None).map_err(|error| {
-        // Without a header it is of no use, and in the way of the next one.
+        // A file without a header is useless and would prevent another attempt.
         let _ = fs::remove_file(path);
         failed(error)
     })?;
@@ -166,7 +166,7 @@ fn record_file(
     let mut counter = Decoder::new(stream.header().registers.layout());
     let mut progress = Progress::default();
     let ending = run(&mut stream, &mut dump, &mut counter, &mut progress, plan, &mut watch);
-    // All that came is in the file already.
+    // All transfers are already in the file.
     let _ = stream.stop();
     let (file_bytes, ending) = close(dump, path, stream.drop_counters(), ending);
     let statistics = stream.statistics();
@@ -183,8 +183,8 @@ fn record_file(
     })
 }
 
-/// Finishes the file, or cuts it behind its last whole record if it cannot be written any more. Its
-/// length, and why the recording ended.
+/// Finishes the file, or truncates it after its last whole record if it cannot be written any more. Returns its length,
+/// and the reason of the end.
 fn close(mut dump: DumpWriter<File>, path: &Path, counters: Vec<(Register, u32)>, ending: Ending) -> (u64, Ending) {
     let mut whole = dump.bytes();
     let closed = match ending {
@@ -199,13 +199,13 @@ fn close(mut dump: DumpWriter<File>, path: &Path, counters: Vec<(Register, u32)>
             .map(|length| (length, ending)),
     };
     closed.unwrap_or_else(|error| {
-        // Should it fail, a reader passes over what is left of the last record.
+        // If this fails, a reader skips the rest of the last record.
         let _ = OpenOptions::new().write(true).open(path).and_then(|file| file.set_len(whole));
         (whole, Ending::File(error))
     })
 }
 
-/// Takes transfers until the end, and what is under way then.
+/// Records transfers until the end, including those in progress then.
 fn run(
     stream: &mut Stream<'_>,
     dump: &mut DumpWriter<File>,
@@ -238,7 +238,7 @@ fn run(
         }
         let mut end = go_on.is_break().then_some(Ending::Asked);
         if progress.is_due() {
-            // Should the camera be gone, the next transfer tells.
+            // If the camera is gone, the next transfer reports it.
             let dropped = stream.read_dropped().unwrap_or_else(|_| stream.dropped()).events;
             let status = progress.status(counter.counts().events);
             if watch(Moment::Status(&RecordingStatus { dropped, ..status })).is_break() {
@@ -250,18 +250,18 @@ fn run(
         }
         if end.is_some() {
             wanted = end;
-            // What is under way still comes, then `Stopped`, also if the camera did not answer.
+            // Transfers in progress still arrive, then `Stopped`, even if the camera did not answer.
             let _ = stream.stop();
         }
     }
 }
 
-/// What is in the file so far, and the clock of a recording.
+/// Content of the file so far, and the clock of a recording.
 struct Progress {
     transfers: u64,
     bytes: u64,
     began: Instant,
-    /// When the latest status was made, and how many events there were then.
+    /// Time of the latest status, and number of events at that time.
     told: Instant,
     told_events: u64,
 }

@@ -1,7 +1,7 @@
-//! A recording as if it came from a camera right now.
+//! Replay of a recording as if it came from a camera now.
 
 use std::ops::ControlFlow;
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::mpsc::{Receiver, TrySendError, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -13,33 +13,35 @@ use super::observer::{Observer, Seen};
 use super::picture::{EventPicture, PICTURE_INTERVAL};
 use event_recordings::{Recording, RecordingError};
 
-/// Length of the pieces in which events are handed on (µs of the sensor).
+/// Length of the pieces in which events are passed on (µs of the sensor).
 const PIECE: i64 = 10_000;
-/// Pieces that wait for the detector.
+/// Number of pieces that wait for the detector.
 const PIECES_AHEAD: usize = 32;
-/// Time between two of the states that are told (s of the sensor).
+/// Time between two attempts to pass a piece to a busy detector.
+const FULL: Duration = Duration::from_millis(2);
+/// Time between two reported states (s of the sensor).
 const TOLD: f64 = 1.0;
 
-/// What was played of a recording.
+/// Result of a replay.
 #[derive(Debug)]
 pub struct ReplayReport {
-    /// Events handed on.
+    /// Number of events passed on.
     pub events: u64,
-    /// Their time (s).
+    /// Time of these events (s).
     pub seconds: f64,
-    /// What was seen at the end.
+    /// State at the end.
     pub seen: Seen,
-    /// What ended it before the end of the recording, if the recording is damaged.
+    /// Error that ended the replay before the end of the recording, if the recording is damaged.
     pub damage: Option<RecordingError>,
 }
 
 /// Plays `recording` to `observer` until it ends, enough was seen, or `show` breaks.
 ///
-/// `speed` is in seconds of the recording a second; `None` is as fast as the detector. `show` gets a picture 30 times a
-/// second; `tell` what was seen, once a second of the recording's time, whatever the speed.
+/// `speed` is in seconds of the recording per second; `None` means as fast as the detector. `show` is called with a
+/// picture 30 times a second, `tell` with the state once per second of the recording's time, whatever the speed.
 ///
 /// # Errors
-/// [`RecordingError`] when not one event can be read.
+/// [`RecordingError`] if no event can be read.
 pub fn replay(
     recording: &Recording,
     sensor: Sensor,
@@ -75,7 +77,7 @@ pub fn replay(
                     let now = Instant::now();
                     is_due = clock.wait(last, due.saturating_duration_since(now));
                     if now >= due {
-                        // Pictures that could not be shown in time are not made up for.
+                        // Pictures that could not be shown in time are skipped.
                         due = (due + PICTURE_INTERVAL).max(now);
                         if show(&picture).is_break() {
                             break 'played None;
@@ -85,21 +87,37 @@ pub fn replay(
                 }
                 picture.add(piece.iter().copied());
                 count += piece.len() as u64;
-                if sender.send(piece.to_vec()).is_err() {
-                    // Enough was seen.
-                    break 'played None;
+                let mut waiting = Some(piece.to_vec());
+                while let Some(piece) = waiting.take() {
+                    match sender.try_send(piece) {
+                        Ok(()) => {}
+                        // The detector waits for a calibration, or is slower than the recording; whoever watches sees that it goes on.
+                        Err(TrySendError::Full(piece)) => {
+                            waiting = Some(piece);
+                            thread::sleep(due.saturating_duration_since(Instant::now()).min(FULL));
+                            if Instant::now() >= due {
+                                due = Instant::now() + PICTURE_INTERVAL;
+                                if show(&picture).is_break() {
+                                    break 'played None;
+                                }
+                                picture.clear();
+                            }
+                        }
+                        // Enough was seen.
+                        Err(TrySendError::Disconnected(_)) => break 'played None,
+                    }
                 }
             }
         };
         drop(sender);
         let seen = observing.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-        // What is still in it belongs to the picture.
+        // The remaining events belong to the last picture.
         let _ = show(&picture);
         Ok(ReplayReport { events: count, seconds: last as f64 * 1e-6, seen, damage })
     })
 }
 
-/// The detector's thread.
+/// Runs the detector's thread.
 fn observe(
     mut observer: Observer<'_>,
     pieces: &Receiver<Vec<Event>>,
@@ -127,14 +145,14 @@ fn observe(
     observer.seen()
 }
 
-/// When an event is due.
+/// Clock that determines when an event is due.
 struct Clock {
     speed: Option<f64>,
     began: Instant,
 }
 
 impl Clock {
-    /// Waits for time `t` (µs) of the recording, for `patience` at most; whether it has come.
+    /// Waits for time `t` (µs) of the recording, for at most `patience`; returns `true` if it has come.
     fn wait(&mut self, t: i64, patience: Duration) -> bool {
         let Some(speed) = self.speed else { return true };
         let due = Duration::try_from_secs_f64(t as f64 * 1e-6 / speed).unwrap_or(Duration::MAX);

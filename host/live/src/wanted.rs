@@ -1,29 +1,29 @@
-//! What is still to be done, in the words of whoever holds the board.
+//! Remaining requirements, worded for the person who holds the board.
 
 use super::Tilt;
 
-/// Something that is still to be done.
+/// A remaining requirement.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Wanted {
-    /// So many windows with the board.
+    /// This many more windows with the board.
     Views(u64),
     /// The board in this part of the image: to the right and downwards from the middle (each −1, 0 or 1).
     Part(i8, i8),
-    /// The board tilted until this side is nearer by so many degrees.
+    /// The board tilted so that this side is nearer, by this angle in degrees.
     Nearer(Tilt, f64),
-    /// So many seconds with the board.
+    /// This many more seconds with the board.
     Time(f64),
-    /// Tilts from which a first camera follows.
+    /// Tilts that determine a first camera.
     OtherTilts,
     /// The first checkpoint.
     FirstCheckpoint,
-    /// What the latest checkpoint lacks, in its words.
+    /// The deficiency of the latest checkpoint, as its own text.
     Checkpoint(String),
 }
 
 impl Wanted {
-    /// In words, as the camera sees the board, or as one sees it in a mirror.
+    /// Returns the requirement in words, for a view as seen by the camera or in a mirror.
     pub fn words(&self, mirrored: bool) -> String {
         match self {
             Self::Views(count) => format!("{count} more views of the board"),
@@ -37,7 +37,7 @@ impl Wanted {
     }
 }
 
-/// All of it in words.
+/// Returns all requirements in words.
 pub fn words(wanted: &[Wanted], mirrored: bool) -> Vec<String> {
     wanted.iter().map(|wanted| wanted.words(mirrored)).collect()
 }

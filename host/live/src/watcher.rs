@@ -1,4 +1,4 @@
-//! The thread that looks for the board.
+//! The thread that searches for the board.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -19,12 +19,12 @@ use evcal_calibrate::settings::LiveSettings;
 use evcal_geometry::board::Board;
 use event_recordings::davis::{CameraClock, event};
 
-/// How often checkpoints are looked after while nothing comes.
+/// Interval at which checkpoints are updated while nothing arrives.
 const PATIENCE: Duration = Duration::from_millis(100);
-/// A camera that sends not one event for so long is told to be silent, and again after the same time.
+/// Time without an event after which the camera is reported silent, also the interval between such reports.
 const SILENCE: Duration = Duration::from_secs(1);
 
-/// A transfer on its way to the detector.
+/// A transfer queued for the detector.
 struct Piece {
     host_ns: u64,
     gap_before: bool,
@@ -47,20 +47,20 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Looks for the board in transfers while they come.
+/// Searches for the board in transfers as they arrive.
 pub struct Watcher {
     shared: Arc<Shared>,
     latest: Latest,
     thread: Option<JoinHandle<Memory>>,
     longest_wait_ns: u64,
-    /// A transfer was left out since the latest one taken.
+    /// `true` if a transfer was skipped since the latest one that was accepted.
     gap: bool,
     left_out: u64,
 }
 
 impl Watcher {
-    /// Starts a detector with these settings for the camera that `header` describes; `checkpoints` calibrate what it
-    /// records. What earlier recordings showed counts, where they are calibrated together.
+    /// Starts a detector with these settings for the camera in `header`; `checkpoints` calibrate its recording. The
+    /// knowledge from earlier recordings is used if they are calibrated together.
     pub fn start(
         detection: &DetectionSettings,
         initial: &InitialSettings,
@@ -90,7 +90,7 @@ impl Watcher {
         Self { shared, latest, thread: Some(thread), longest_wait_ns, gap: false, left_out: 0 }
     }
 
-    /// Takes a transfer, or leaves it out if the oldest one that waits is too old. Does not block.
+    /// Accepts a transfer, or skips it if the oldest waiting one is too old. Does not block.
     pub fn take(&mut self, transfer: &Transfer<'_>) {
         let host_ns = transfer.host_ns.unwrap_or(0);
         let mut queue = lock(&self.shared.queue);
@@ -106,18 +106,19 @@ impl Watcher {
         self.shared.filled.notify_one();
     }
 
-    /// What was seen so far.
+    /// Returns the current state.
     pub fn seen(&self) -> Seen {
         Seen { left_out: self.left_out, ..Seen::clone(&self.latest.get()) }
     }
 
-    /// What was seen last, for other threads; without [`Seen::left_out`].
+    /// Returns the latest state for other threads, without [`Seen::left_out`].
     pub fn latest(&self) -> Latest {
         self.latest.clone()
     }
 
-    /// Waits until everything taken has been looked at, [`LiveSettings::longest_wait`](evcal_calibrate::settings::LiveSettings::longest_wait) of it at
-    /// most. What was seen, and what is to be remembered of it.
+    /// Waits until all accepted transfers have been processed, up to
+    /// [`LiveSettings::longest_wait`](evcal_calibrate::settings::LiveSettings::longest_wait) of them. Returns the
+    /// state, and the knowledge for later recordings.
     pub fn finish(mut self) -> (Seen, Option<Memory>) {
         let memory = self.end();
         (self.seen(), memory)
@@ -126,7 +127,7 @@ impl Watcher {
     fn end(&mut self) -> Option<Memory> {
         lock(&self.shared.queue).ended = true;
         self.shared.filled.notify_one();
-        // If it panicked, what it had seen before still counts.
+        // If the thread panicked, the state before still counts.
         self.thread.take().and_then(|thread| thread.join().ok())
     }
 }
@@ -137,7 +138,7 @@ impl Drop for Watcher {
     }
 }
 
-/// The detector's thread.
+/// Runs the detector's thread.
 fn look(shared: &Shared, mut decoder: Decoder, mut observer: Observer<'_>, seen: &Latest) -> Memory {
     let (mut repair, mut clock) = (GapRepair::default(), CameraClock::default());
     let mut events: Vec<Event> = Vec::new();
@@ -184,7 +185,7 @@ fn look(shared: &Shared, mut decoder: Decoder, mut observer: Observer<'_>, seen:
     observer.into_memory()
 }
 
-/// The next piece, or none for a while; `None` when there will be no more.
+/// Returns the next piece, or no piece after a while; `None` if there will be no more.
 fn next(shared: &Shared) -> Option<Option<Piece>> {
     let mut queue = lock(&shared.queue);
     if queue.waiting.is_empty() && !queue.ended {

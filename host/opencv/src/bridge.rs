@@ -1,4 +1,4 @@
-//! The functions of OpenCV that this crate calls, over slices; `bridge.cpp` is their other side.
+//! The functions of OpenCV that this crate calls, with slices; `bridge.cpp` is the C++ side.
 
 use std::ffi::{CStr, c_int};
 use std::marker::PhantomData;
@@ -36,10 +36,10 @@ impl<'a, T> From<&'a mut [T]> for Output<'a, T> {
 }
 
 type Points<'a> = Input<'a, [f64; 2]>;
-/// What OpenCV says of a failure, up to a zero.
+/// The error message of OpenCV, terminated by a zero.
 type Message<'a> = Output<'a, u8>;
 
-/// `T_camera_world` as OpenCV has it.
+/// `T_camera_world` in OpenCV's form.
 #[repr(C)]
 #[derive(Clone, Copy, Default)]
 pub struct Pose {
@@ -57,18 +57,18 @@ struct Views<'a> {
     image: Points<'a>,
 }
 
-/// What a calibration is given beside the views.
+/// Settings of a calibration.
 #[repr(C)]
 pub struct Limits {
-    /// Size of the sensor in pixels, for the first guess of the principal point.
+    /// Size of the sensor in pixels, for the initial principal point.
     pub width: c_int,
     pub height: c_int,
-    /// Most iterations, and the relative change of the parameters that ends them.
+    /// Largest number of iterations, and the relative change of the parameters at which they end.
     pub iterations: c_int,
     pub change: f64,
 }
 
-/// Where a calibration starts, and then its result. OpenCV fills all of it or fails.
+/// Start values of a calibration, and then its result. OpenCV either fills in everything or fails.
 #[repr(C)]
 struct Solved<'a> {
     camera: [f64; 4],
@@ -78,8 +78,8 @@ struct Solved<'a> {
     poses: Output<'a, Pose>,
 }
 
-// SAFETY: these are the functions of bridge.cpp. They stay within the slices, whose lengths they are given, keep no
-// pointer, and let no exception out.
+// SAFETY: these are the functions of bridge.cpp. They stay within the slices, whose lengths they receive, keep no
+// pointer, and throw no exception.
 unsafe extern "C" {
     safe fn evcal_opencv_calibrate_pinhole(
         views: &Views<'_>,
@@ -125,7 +125,7 @@ unsafe extern "C" {
     ) -> c_int;
 }
 
-/// Whether OpenCV found something.
+/// Calls OpenCV; returns `true` if it found something.
 fn answered(call: &'static str, ask: impl FnOnce(Message<'_>) -> c_int) -> Result<bool, OpencvError> {
     let mut message = [0; 4096];
     match ask(message.as_mut_slice().into()) {
@@ -138,11 +138,11 @@ fn answered(call: &'static str, ask: impl FnOnce(Message<'_>) -> c_int) -> Resul
     }
 }
 
-/// Stack of the calibrations: OpenBLAS, which many machines have in place of the reference BLAS, puts
-/// work space on the stack that the usual 2 to 8 MiB cannot hold.
+/// Stack size of the calibrations: OpenBLAS, which many machines use instead of the reference BLAS, puts work space on
+/// the stack that exceeds the usual 2 to 8 MiB.
 const STACK: usize = 64 << 20;
 
-/// The calibration of all `views`, or an error unless all of it is finite and the focal lengths are positive.
+/// Calibrates from all `views`; returns an error unless the result is finite and the focal lengths are positive.
 fn calibrate(
     call: &'static str,
     views: &[&View],
@@ -183,8 +183,8 @@ fn calibrate(
     }
 }
 
-/// `calibrateCamera`; 4, 5 or 8 `coefficients`, of which p1 and p2 stay zero unless it is `tangential`. With a `guess` it
-/// starts at the camera and coefficients.
+/// Calls `calibrateCamera` with 4, 5 or 8 `coefficients`, of which p1 and p2 stay zero unless it is `tangential`. With
+/// a `guess` it starts from the given camera and coefficients.
 pub fn calibrate_pinhole(
     views: &[&View],
     limits: &Limits,
@@ -198,14 +198,14 @@ pub fn calibrate_pinhole(
     })
 }
 
-/// `fisheye::calibrate`.
+/// Calls `fisheye::calibrate`.
 pub fn calibrate_fisheye(views: &[&View], limits: &Limits) -> Result<OpencvCalibration, OpencvError> {
     calibrate("fisheye::calibrate", views, [0.0; 4], vec![0.0; 4], |views, solved, message| {
         evcal_opencv_calibrate_fisheye(views, limits, solved, message)
     })
 }
 
-/// `findCirclesGrid`: the centres in board order, which are those of `points` but for rounding.
+/// Calls `findCirclesGrid`: returns the centres in board order, which equal `points` up to rounding.
 pub fn find_circles_grid(points: &[[f64; 2]], pattern: Pattern) -> Result<Option<Vec<[f64; 2]>>, OpencvError> {
     let mut grid = vec![[0.0; 2]; pattern.circle_count()];
     let (columns, rows) = (c_int::from(pattern.columns), c_int::from(pattern.rows));
@@ -217,7 +217,7 @@ pub fn find_circles_grid(points: &[[f64; 2]], pattern: Pattern) -> Result<Option
     Ok(found.then_some(grid))
 }
 
-/// `solvePnPRansac`: indices of the points that agree with a pose; none without a pose.
+/// Calls `solvePnPRansac`: returns the indices of the points that agree with a pose; no indices if there is no pose.
 pub fn solve_pnp_ransac(
     object: &[[f64; 2]],
     image: &[[f64; 2]],
@@ -233,7 +233,7 @@ pub fn solve_pnp_ransac(
     Ok(inliers)
 }
 
-/// `solvePnPGeneric` with IPPE: both poses of a plane, the one that fits better first.
+/// Calls `solvePnPGeneric` with IPPE: returns both poses of a plane, the better one first.
 pub fn solve_ippe(object: &[[f64; 2]], image: &[[f64; 2]]) -> Result<Vec<Pose>, OpencvError> {
     let (mut poses, mut found) = (vec![Pose::default(); 2], 0);
     let solved = answered("solvePnPGeneric", |message| {

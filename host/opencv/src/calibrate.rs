@@ -1,11 +1,11 @@
-//! Cameras from views of a board.
+//! Calibration of cameras from views of a board.
 
 use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
 
 use super::{OpencvError, View, bridge, usable};
 
-/// Which distortion coefficients `calibrateCamera` may move; the others stay zero.
+/// Distortion coefficients that `calibrateCamera` estimates; the others stay zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PinholeDistortion {
     /// k1, k2, p1, p2.
@@ -19,7 +19,7 @@ pub enum PinholeDistortion {
 }
 
 impl PinholeDistortion {
-    /// Length of the coefficient vector in OpenCV's order.
+    /// Returns the length of the coefficient vector in OpenCV's order.
     pub fn coefficient_count(self) -> usize {
         match self {
             Self::RadialTangential4 => 4,
@@ -55,8 +55,8 @@ pub struct OpencvCalibration {
     pub poses: Vec<Isometry3<f64>>,
 }
 
-/// Most iterations of a calibration, and the relative change of the parameters that ends it. The
-/// bundle refinement goes on from there.
+/// Largest number of iterations of a calibration, and the relative change of the parameters at which it ends. The
+/// bundle adjustment continues from the result.
 const CALIBRATION_ITERATIONS: i32 = 40;
 const CALIBRATION_CHANGE: f64 = 1e-7;
 
@@ -65,11 +65,10 @@ fn limits(sensor: Sensor, iterations: i32) -> bridge::Limits {
     bridge::Limits { width, height, iterations, change: CALIBRATION_CHANGE }
 }
 
-/// OpenCV's `calibrateCamera` (Zhang 2000) on `views` of a planar board.
+/// Calls OpenCV's `calibrateCamera` (Zhang 2000) on `views` of a planar board.
 ///
-/// `sensor` is (width, height) in pixels and serves for the first guess of the principal point.
-/// With a `guess` the iteration starts there. Views with fewer than [`MINIMUM_POINTS`](super::MINIMUM_POINTS) points are
-/// an error: the caller chooses its views.
+/// `sensor` is the size in pixels, used for the initial principal point. With a `guess` the iteration starts there.
+/// Views with fewer than [`MINIMUM_POINTS`](super::MINIMUM_POINTS) points are an error: the caller chooses the views.
 pub fn calibrate_pinhole(
     views: &[View],
     sensor: Sensor,
@@ -95,9 +94,9 @@ fn calibrate_fisheye_once(views: &[&View], sensor: Sensor, iterations: i32) -> R
     bridge::calibrate_fisheye(views, &limits(sensor, iterations))
 }
 
-/// The views among `indices` that OpenCV's fisheye calibration can digest, found by halving.
+/// Returns the views among `indices` that OpenCV's fisheye calibration accepts, found by bisection.
 fn digestible(views: &[View], indices: &[usize], sensor: Sensor) -> Vec<usize> {
-    // Below a handful of views the calibration itself is undetermined, and a failure says nothing.
+    // With fewer views the calibration itself is undetermined, so a failure is not informative.
     const SMALLEST_SET: usize = 3;
     let chosen: Vec<&View> = indices.iter().filter_map(|&index| views.get(index)).collect();
     if calibrate_fisheye_once(&chosen, sensor, 3).is_ok() {
@@ -112,10 +111,10 @@ fn digestible(views: &[View], indices: &[usize], sensor: Sensor) -> Vec<usize> {
     kept
 }
 
-/// OpenCV's `fisheye::calibrate` (Kannala-Brandt, k1 … k4) on `views` of a planar board.
+/// Calls OpenCV's `fisheye::calibrate` (Kannala-Brandt, k1 … k4) on `views` of a planar board.
 ///
-/// It throws when a single view displeases it; such views are searched out and left away. What was
-/// used is in [`OpencvCalibration::views`].
+/// OpenCV throws an exception because of a single unsuitable view; such views are found and excluded.
+/// [`OpencvCalibration::views`] lists the views used.
 pub fn calibrate_fisheye(views: &[View], sensor: Sensor) -> Result<OpencvCalibration, OpencvError> {
     if views.is_empty() || !views.iter().all(usable) {
         return Err(OpencvError::Input { call: "fisheye::calibrate" });

@@ -5,18 +5,18 @@ use nalgebra::Vector2;
 
 use super::{OpencvError, bridge};
 
-/// OpenCV's `findCirclesGrid` on candidate centres (pixels): for every circle of the board, in board
-/// order, the index of its candidate. `None` when the board was not found.
+/// Calls OpenCV's `findCirclesGrid` on candidate centres (pixels): returns for every circle of the board, in board
+/// order, the index of its candidate. `None` if the board was not found.
 ///
-/// OpenCV does not check that the order is not mirrored; the caller does.
+/// OpenCV does not check for a mirrored order; the caller does.
 pub fn find_circles_grid(points: &[Vector2<f64>], pattern: Pattern) -> Result<Option<Vec<usize>>, OpencvError> {
     if points.len() < pattern.circle_count() || !points.iter().all(|p| p.x.is_finite() && p.y.is_finite()) {
         return Ok(None);
     }
     let candidates: Vec<[f64; 2]> = points.iter().map(|&point| point.into()).collect();
     let Some(centers) = bridge::find_circles_grid(&candidates, pattern)? else { return Ok(None) };
-    // The second of OpenCV's attempts returns points that it has moved to and fro through a
-    // homography, so they equal their candidates but for rounding.
+    // In its second attempt OpenCV transforms the points by a homography and back, so they equal their candidates only
+    // up to rounding.
     const ROUNDING: f64 = 0.01;
     let mut order = Vec::with_capacity(centers.len());
     for center in centers {

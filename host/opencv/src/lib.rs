@@ -1,5 +1,5 @@
 #![doc = include_str!("../README.md")]
-// No input makes it panic; the program prints.
+// No input causes a panic; only the program prints.
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
@@ -20,10 +20,10 @@ pub use circles_grid::find_circles_grid;
 pub use planar_pose::{RansacPose, solve_ippe, solve_pnp_ransac_ippe};
 pub use start::{Opencv, WHOLE_BOARD};
 
-/// The fewest points of a view that fix its homography.
+/// Smallest number of points of a view that determines its homography.
 pub const MINIMUM_POINTS: usize = 4;
 
-/// Why a call of OpenCV gave no result.
+/// Reason why a call of OpenCV had no result.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum OpencvError {
     /// OpenCV threw an exception.
@@ -31,16 +31,16 @@ pub enum OpencvError {
     Exception {
         /// The function called.
         call: &'static str,
-        /// What OpenCV said.
+        /// Error message of OpenCV.
         message: String,
     },
-    /// OpenCV returned, but with infinities or NaN, or a shape that its manual does not name.
-    #[error("OpenCV's {call} gave a result that is not usable")]
+    /// OpenCV's result contains infinities or NaN, or has a shape that its manual does not describe.
+    #[error("OpenCV's {call} returned an unusable result")]
     Unusable {
         /// The function called.
         call: &'static str,
     },
-    /// The views handed in cannot be calibrated.
+    /// The given views cannot be calibrated.
     #[error("{call} needs views of at least {MINIMUM_POINTS} points with as many image points as object points")]
     Input {
         /// The function called.

@@ -11,7 +11,7 @@ use evcal_geometry::numerics::statistics::median;
 
 use crate::{OpencvCalibration, OpencvError, PinholeDistortion, View, calibrate_fisheye, calibrate_pinhole};
 
-/// How often the worst views may be left out.
+/// Largest number of times that the worst views are excluded.
 const RETRIES: usize = 3;
 
 fn view_of(points: &[BoardPoint]) -> View {
@@ -28,12 +28,12 @@ enum OpencvModel {
     Fisheye,
 }
 
-/// The calibrations of OpenCV that start a camera of model `kind`; where there are several, the one
-/// with the smallest error does.
+/// Returns the calibrations of OpenCV that can start a camera of model `kind`; of several, the one with the smallest
+/// error is used.
 ///
-/// The rational model starts as the plain one with five coefficients, because its eight are hard to
-/// tell apart. What OpenCV lacks starts as what comes near: the inverse radial model as a radial one,
-/// the wide models as a fisheye or, before narrow lenses, as a pinhole camera.
+/// The rational model starts from the plain one with five coefficients, because its eight coefficients are strongly
+/// correlated. A model that OpenCV does not support starts from a similar one: the inverse radial model from a radial
+/// one, the wide models from a fisheye or, for narrow lenses, from a pinhole camera.
 fn opencv_models(kind: ModelKind) -> &'static [OpencvModel] {
     use OpencvModel::{Fisheye, Pinhole};
     match kind {
@@ -45,8 +45,8 @@ fn opencv_models(kind: ModelKind) -> &'static [OpencvModel] {
     }
 }
 
-/// The camera of model `kind` that the result of OpenCV's `model` stands for; `covered` is the distance
-/// from the principal point up to which the views reach (px).
+/// Converts the result of OpenCV's `model` to a camera of model `kind`; `covered` is the distance from the principal
+/// point up to which the views reach (px).
 fn camera_of(
     kind: ModelKind,
     model: OpencvModel,
@@ -85,13 +85,13 @@ fn calibrate(model: OpencvModel, views: &[View], sensor: Sensor) -> Result<Openc
     }
 }
 
-/// Distance from `center` up to which the views reach (px).
+/// Returns the distance from `center` up to which the views reach (px).
 fn covered_radius(views: &[View], center: [f64; 2]) -> f64 {
     let points = views.iter().flat_map(|view| &view.image);
     points.map(|[x, y]| (x - center[0]).hypot(y - center[1])).fold(0.0, f64::max)
 }
 
-/// Focal lengths that are no camera's: fields of view below 6° and above 180° by far.
+/// Returns `false` for implausible focal lengths: fields of view below 6° and far above 180°.
 fn plausible(camera: &Camera<f64>, sensor: Sensor) -> bool {
     let (width, height) = (f64::from(sensor.width), f64::from(sensor.height));
     let diagonal = width.hypot(height);
@@ -104,7 +104,7 @@ fn plausible(camera: &Camera<f64>, sensor: Sensor) -> bool {
     }
 }
 
-/// OpenCV's calibration of `views` as a camera of model `kind`.
+/// Calibrates from `views` with OpenCV, and returns the result as a camera of model `kind`.
 pub fn opencv_start(
     kind: ModelKind,
     views: &[&[BoardPoint]],
@@ -123,8 +123,8 @@ pub fn opencv_start(
     best.unwrap_or((None, OpencvStart { views: (views.len(), 0), rms: None, failure: None }))
 }
 
-/// The calibration of OpenCV's `model` as a camera of model `kind`; while its error is above the
-/// settings' bound, the worst views are left out and it is tried again.
+/// Calibrates with OpenCV's `model`, and returns the result as a camera of model `kind`. While its error exceeds the
+/// limit in the settings, the worst views are excluded and the calibration is repeated.
 fn start_from(
     kind: ModelKind,
     model: OpencvModel,
@@ -157,7 +157,8 @@ fn start_from(
         if calibration.rms <= MAX_START_RMS {
             break;
         }
-        // Half of the views are always kept, or a wrong calibration would choose its own evidence.
+        // At least half of the views are always kept, because a wrong calibration would otherwise select the views that
+        // confirm it.
         let bound = median(&mut calibration.view_rms.clone(), f64::total_cmp).unwrap_or(0.0) * 1.5;
         let kept: Vec<View> = calibration
             .views

@@ -7,19 +7,18 @@ use super::{MINIMUM_POINTS, OpencvError, bridge, isometry};
 /// Result of [`solve_pnp_ransac_ippe`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct RansacPose {
-    /// `T_camera_world`, the better solution first; a plane seen at a small angle has two that fit
-    /// almost equally well.
+    /// `T_camera_world`, the better solution first; a plane that appears small has two that fit almost
+    /// equally well.
     pub solutions: Vec<Isometry3<f64>>,
     /// Indices of the points that agree with the pose, ascending.
     pub inliers: Vec<usize>,
 }
 
-/// Pose of a plane by OpenCV's `solvePnPRansac`, then IPPE (Collins & Bartoli 2014) on its inliers.
+/// Estimates the pose of a plane by OpenCV's `solvePnPRansac`, then IPPE (Collins & Bartoli 2014) on its inliers.
 ///
-/// `object` are points on the board plane in metres, `normalised` their images x/z, y/z free of
-/// distortion, `threshold` the largest distance of an inlier in the same unit (pixels over focal
-/// length), `iterations` the largest number of samples. `Ok(None)`: no pose with at least
-/// [`MINIMUM_POINTS`] inliers.
+/// `object` are points on the board plane in metres, `normalised` their undistorted images x/z, y/z, `threshold` the
+/// largest distance of an inlier in the same unit (pixels divided by focal length), `iterations` the largest number of
+/// samples. Returns `Ok(None)` if there is no pose with at least [`MINIMUM_POINTS`] inliers.
 pub fn solve_pnp_ransac_ippe(
     object: &[[f64; 2]],
     normalised: &[[f64; 2]],
@@ -48,7 +47,7 @@ pub fn solve_pnp_ransac_ippe(
     Ok((!solutions.is_empty()).then_some(RansacPose { solutions, inliers }))
 }
 
-/// Both poses `T_camera_world` of a plane by IPPE, the one that fits better first; points as in
+/// Returns both poses `T_camera_world` of a plane by IPPE, the better one first; points as in
 /// [`solve_pnp_ransac_ippe`].
 pub fn solve_ippe(object: &[[f64; 2]], normalised: &[[f64; 2]]) -> Result<Vec<Isometry3<f64>>, OpencvError> {
     if object.len() != normalised.len() || object.len() < MINIMUM_POINTS {

@@ -1,4 +1,4 @@
-//! What a calibration takes from OpenCV.
+//! Functions of OpenCV used at the start of a calibration.
 
 use evcal_calibrate::detection::PlacedCircle;
 use evcal_calibrate::detection::no_board::NoBoard;
@@ -36,7 +36,7 @@ impl Start for Opencv {
     fn plane_pose(&self, points: &[PlanePoint], threshold: f64, iterations: u16) -> Option<PlanarPose> {
         let plane: Vec<[f64; 2]> = points.iter().map(|point| point.plane.into()).collect();
         let image: Vec<[f64; 2]> = points.iter().map(|point| point.image.into()).collect();
-        // An exception of OpenCV means that this frame has no pose, which is what the caller counts.
+        // An exception of OpenCV means that this frame has no pose, and the caller counts such frames.
         let found = solve_pnp_ransac_ippe(&plane, &image, threshold, iterations).ok()??;
         Some(PlanarPose { solutions: found.solutions, inliers: found.inliers })
     }

@@ -16,7 +16,7 @@ fn pose_of_view(view: u32) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::new(-0.12 + 0.05 * wave(1.7), -0.08 + 0.04 * wave(0.4), 0.4), tilt)
 }
 
-/// x/z, y/z of the board's points.
+/// Returns x/z, y/z of the board's points.
 fn normalised(pose: &Isometry3<f64>) -> Vec<[f64; 2]> {
     object()
         .iter()
@@ -55,7 +55,7 @@ fn equidistant([x, y]: [f64; 2]) -> [f64; 2] {
 fn pinhole_calibration_finds_the_camera_and_the_poses() {
     let calibration = calibrate_pinhole(&views(brown), SENSOR, PinholeDistortion::RadialTangential4, None).unwrap();
     let Intrinsics { focal, center, distortion } = &calibration.intrinsics;
-    // Points go to OpenCV in single precision.
+    // OpenCV receives points in single precision.
     for (found, truth) in focal.iter().chain(center).zip([345.0, 344.0, 170.0, 127.0]) {
         assert!((found - truth).abs() < 0.01, "{found} {truth}");
     }
@@ -72,9 +72,9 @@ fn pinhole_calibration_finds_the_camera_and_the_poses() {
 }
 
 #[test]
-fn fisheye_calibration_finds_the_camera_and_leaves_out_a_view_that_it_cannot_digest() {
+fn fisheye_calibration_finds_the_camera_and_excludes_an_unsuitable_view() {
     let mut views = views(equidistant);
-    // All points of a view in one: no homography, an exception from OpenCV.
+    // All points of a view coincide: there is no homography, and OpenCV throws an exception.
     let point = views[4].image[0];
     views[4].image.iter_mut().for_each(|image| *image = point);
     let calibration = calibrate_fisheye(&views, SENSOR).unwrap();
@@ -86,7 +86,7 @@ fn fisheye_calibration_finds_the_camera_and_leaves_out_a_view_that_it_cannot_dig
 }
 
 #[test]
-fn what_cannot_be_calibrated_is_an_error_and_no_abort() {
+fn impossible_calibrations_return_an_error_and_do_not_abort() {
     let line = View {
         object: (0..10).map(|index| [f64::from(index), 0.0]).collect(),
         image: (0..10).map(|index| [f64::from(index), 0.0]).collect(),
@@ -130,12 +130,12 @@ fn grid_of_clean_points_is_found_in_board_order() {
     assert_eq!(find_circles_grid(&points[..30], pattern), Ok(None));
 }
 
-/// OpenBLAS, which many machines have below OpenCV, puts more on the stack than a thread has that does not ask for it.
+/// OpenBLAS, which many machines use under OpenCV, needs more stack than a thread has by default.
 #[test]
-fn calibrations_of_opencv_bring_a_stack_of_their_own() {
+fn calibrations_of_opencv_use_their_own_stack() {
     let object: Vec<[f64; 2]> =
         (0..35).map(|index| [f64::from(index % 7) * 0.04, f64::from(index / 7) * 0.04]).collect();
-    // A pinhole camera of 345 px, the board turned about its y axis by another angle in each view.
+    // A pinhole camera of 345 px; the board is rotated about its y axis by a different angle in each view.
     let view = |index: i32| {
         let (sine, cosine) = (0.15 * f64::from(index - 4)).sin_cos();
         let place = |[x, y]: [f64; 2]| {

@@ -19,11 +19,11 @@ mod packets;
 
 use super::bytes::ByteReader;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::foreign::ForeignFormat;
 use crate::format::{FileFormat, Head, Opened, StreamSummary, Uses};
 use crate::options::RecordingOptions;
 use crate::read_report::{ReadReport, Truncation};
 use crate::reader::{Decode, RecordingInformation};
+use crate::unsupported_format::UnsupportedFormat;
 use packets::{EVENT, Header, MAGIC, POLARITY, PacketHead, header, is_known, next_head, sensor, time};
 
 /// AEDAT 3.0 and 3.1.
@@ -56,7 +56,7 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
     let mut file = ByteReader::open(path)?;
     let header = header(&Head::read(path)?.bytes).ok_or_else(|| file.damaged(0, "the header has no end"))?;
     if header.encoding.as_deref().is_some_and(|encoding| encoding != "RAW") {
-        let kind = RecordingErrorKind::Unsupported(ForeignFormat::Aedat3Compressed);
+        let kind = RecordingErrorKind::Unsupported(UnsupportedFormat::Aedat3Compressed);
         return Err(RecordingError::new(path, kind));
     }
     file.seek(header.length)?;

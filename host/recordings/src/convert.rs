@@ -11,6 +11,7 @@ use evcal_core::sensor::Sensor;
 use serde::{Serialize, Serializer};
 use usb_davis::capture::CaptureError;
 
+use super::counted::counted;
 use super::encode::{CopyTransfers, Description, Encode, OutputFormat, WriteError};
 use super::extras::{Extra, NoExtras, left_out};
 use super::given_sensor::{OtherSensor, check_outside, check_stated};
@@ -319,11 +320,12 @@ fn next(reader: &mut EventReader, events: &mut Vec<Event>, report: &mut Conversi
 impl fmt::Display for ConversionReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.transfers > 0 {
-            write!(f, "{} transfers as they were", self.transfers)?;
+            f.write_str(&counted(self.transfers, "transfer as it was", "transfers as they were"))?;
         } else {
-            write!(f, "{} events", self.events)?;
+            f.write_str(&counted(self.events, "event", "events"))?;
             if self.frames > 0 || self.inertial_samples > 0 {
-                write!(f, ", {} frames, {} inertial samples", self.frames, self.inertial_samples)?;
+                let frames = counted(self.frames, "frame", "frames");
+                write!(f, ", {frames}, {}", counted(self.inertial_samples, "inertial sample", "inertial samples"))?;
             }
         }
         let mut warnings = self.report.warnings();

@@ -37,12 +37,12 @@ pub enum WriteError {
     /// A time is outside the range of the format.
     #[error("ROS has no time of {0} us: times are from 0 on, in ROS 2 before the year 2038; write another format")]
     Time(i64),
-    /// The step in time between two elements is too long for a format that counts time in words.
+    /// The jump in time between two elements is too long for a format that counts time in words.
     #[error("its times jump from {before} us to {time} us, more than a day, which this format does not support")]
-    Leap {
-        /// Time before the step in µs.
+    Jump {
+        /// Time before the jump in µs.
         before: i64,
-        /// Time of the event, frame or sample after the step in µs.
+        /// Time of the event, frame or sample after the jump in µs.
         time: i64,
     },
     /// A camera could not have sent this data.
@@ -53,17 +53,17 @@ pub enum WriteError {
     Dump(#[from] DumpError),
 }
 
-/// Longest step forward in µs for formats that count time in words: one day. A damaged time could otherwise fill the
+/// Longest jump forward in µs for formats that count time in words: one day. A damaged time could otherwise fill the
 /// disk.
-const LONGEST_LEAP: u64 = 86_400_000_000;
+const LONGEST_JUMP: u64 = 86_400_000_000;
 
 /// Checks that a format that counts time in words can continue from the time `before` to `time` (µs).
 ///
 /// # Errors
-/// [`WriteError::Leap`].
-pub fn check_leap(before: i64, time: i64) -> Result<(), WriteError> {
-    if time > before && time.abs_diff(before) > LONGEST_LEAP {
-        return Err(WriteError::Leap { before, time });
+/// [`WriteError::Jump`].
+pub fn check_jump(before: i64, time: i64) -> Result<(), WriteError> {
+    if time > before && time.abs_diff(before) > LONGEST_JUMP {
+        return Err(WriteError::Jump { before, time });
     }
     Ok(())
 }

@@ -9,9 +9,9 @@ use usb_davis::capture::CaptureError;
 
 use super::columns::LayoutError;
 use super::counted::counted;
-use super::foreign::ForeignFormat;
 use super::options::{FormatOption, TimeUnit};
 use super::text::error::LineError;
+use super::unsupported_format::UnsupportedFormat;
 
 /// Error while reading a recording, with the file's path.
 #[derive(Debug, thiserror::Error)]
@@ -47,7 +47,7 @@ pub enum RecordingErrorKind {
     Empty,
     /// The file has a format that is recognised but not supported.
     #[error("is a {0} file, which is not supported")]
-    Unsupported(ForeignFormat),
+    Unsupported(UnsupportedFormat),
     /// The content matches no known format.
     #[error("has an unknown format (known: {}); was it cut off at its beginning?", known.join(", "))]
     UnknownFormat {

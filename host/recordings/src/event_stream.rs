@@ -19,12 +19,13 @@ use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
 use super::bytes::ByteReader;
+use crate::counted::counted;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::foreign::ForeignFormat;
 use crate::format::{FileFormat, Opened};
 use crate::options::RecordingOptions;
 use crate::read_report::{ReadReport, Truncation};
 use crate::reader::{Decode, RecordingInformation};
+use crate::unsupported_format::UnsupportedFormat;
 
 const MAGIC: &[u8] = b"Event Stream";
 /// Number of bytes before the size of the sensor: the magic, the version, and the kind.
@@ -83,12 +84,12 @@ fn open(path: &Path, _: &RecordingOptions) -> Opened {
     };
     let unsupported = |format| RecordingError::new(path, RecordingErrorKind::Unsupported(format));
     if major != 2 {
-        return Err(unsupported(ForeignFormat::EventStreamVersion));
+        return Err(unsupported(UnsupportedFormat::EventStreamVersion));
     }
     let kind = match kind {
         1 => Kind::Dvs,
         2 => Kind::Atis,
-        _ => return Err(unsupported(ForeignFormat::EventStreamKind)),
+        _ => return Err(unsupported(UnsupportedFormat::EventStreamKind)),
     };
     let Some([a, b, c, d]) = file.array()? else {
         return Err(file.damaged(HEAD as u64, "the header is incomplete"));
@@ -153,7 +154,7 @@ impl Decode for Decoder {
         }
         if !more && !self.rest.is_empty() {
             let byte = self.file.position() - self.rest.len() as u64;
-            let lost = format!("{} bytes of an event are left", self.rest.len());
+            let lost = counted(self.rest.len() as u64, "byte of an event is left", "bytes of an event are left");
             report.truncated = Some(Truncation { byte, lost });
         }
         Ok(more)

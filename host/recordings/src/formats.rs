@@ -7,7 +7,9 @@ use crate::format::{FileFormat, Head};
 #[cfg(feature = "hdf5")]
 use crate::hdf5;
 use crate::options::RecordingOptions;
-use crate::{aedat2, aedat3, aedat4, davis, event_calib, event_stream, foreign, numpy, prophesee, ros, text};
+use crate::{
+    aedat2, aedat3, aedat4, davis, event_calib, event_stream, numpy, prophesee, ros, text, unsupported_format,
+};
 
 /// Supported formats, in the order in which they are tried.
 pub const FORMATS: &[&FileFormat] = &[
@@ -34,7 +36,7 @@ fn find_format(path: &Path, head: &Head) -> Result<&'static FileFormat, Recordin
     if head.bytes.is_empty() {
         return Err(RecordingError::new(path, RecordingErrorKind::Empty));
     }
-    if let Some(format) = foreign::recognise(&head.bytes) {
+    if let Some(format) = unsupported_format::recognise(&head.bytes) {
         return Err(RecordingError::new(path, RecordingErrorKind::Unsupported(format)));
     }
     FORMATS.iter().find(|format| (format.recognise)(head)).copied().ok_or_else(|| {

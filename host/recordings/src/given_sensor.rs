@@ -85,13 +85,13 @@ pub enum OtherSensor {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exchanged {
     /// The requested sensor size.
-    InTheSizeAskedFor,
+    RequestedSize,
     /// The sensor size that the file states.
-    InTheSizeOfTheFile,
+    FileSize,
     /// The order of the columns of a table, detected or requested.
-    InTheColumns,
+    Columns,
     /// The file: the program that wrote it exchanged x and y.
-    InTheFile,
+    File,
 }
 
 /// `true` if the sensor is higher than wide, which is not the case for real sensors.
@@ -140,10 +140,10 @@ pub fn check_outside(recording: &Recording, report: &ReadReport) -> Result<(), O
     match asked.or(own) {
         Some(sensor) if report.looks_exchanged() => {
             let exchanged = match asked {
-                Some(asked) if is_portrait(asked) => Exchanged::InTheSizeAskedFor,
-                None if is_portrait(sensor) => Exchanged::InTheSizeOfTheFile,
-                _ if has_columns => Exchanged::InTheColumns,
-                _ => Exchanged::InTheFile,
+                Some(asked) if is_portrait(asked) => Exchanged::RequestedSize,
+                None if is_portrait(sensor) => Exchanged::FileSize,
+                _ if has_columns => Exchanged::Columns,
+                _ => Exchanged::File,
             };
             Err(OtherSensor::Exchanged { file, outside, total, sensor, exchanged })
         }
@@ -208,11 +208,11 @@ mod tests {
         let turned = "t_us,x,y,p\n1,259,345,1\n2,3,300,0\n";
         let upright = "t_us,x,y,p\n1,345,259,1\n2,300,3,0\n";
         for (lines, sensor, expected) in [
-            (turned, davis, Some(Exchanged::InTheColumns)),
-            (&format!("346 260\n{turned}"), None, Some(Exchanged::InTheColumns)),
-            (&format!("260 346\n{upright}"), None, Some(Exchanged::InTheSizeOfTheFile)),
+            (turned, davis, Some(Exchanged::Columns)),
+            (&format!("346 260\n{turned}"), None, Some(Exchanged::Columns)),
+            (&format!("260 346\n{upright}"), None, Some(Exchanged::FileSize)),
             (&format!("260 346\n{upright}"), davis, None),
-            (upright, Some(Sensor::new(260, 346)), Some(Exchanged::InTheSizeAskedFor)),
+            (upright, Some(Sensor::new(260, 346)), Some(Exchanged::RequestedSize)),
             (upright, davis, None),
         ] {
             match (wrong(lines, sensor), expected) {

@@ -28,17 +28,18 @@ use evcal_core::event::{Event, Polarity};
 use hdf5_reader::Dataset;
 use hdf5_reader::error::Error;
 
+pub use self::write::SubPixelEncoder;
 use super::bytes::share;
 use super::columns::{self, GuessedUnit};
 use super::counter::TimeCounter;
 use super::numbers;
 use crate::error::Usable;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::foreign::ForeignFormat;
 use crate::format::{FileFormat, Head, Opened, StreamSummary, Uses};
 use crate::options::{Column, Damage, RecordingOptions, TimeUnit};
 use crate::read_report::{ReadReport, Truncation};
 use crate::reader::{Decode, RecordingInformation};
+use crate::unsupported_format::UnsupportedFormat;
 use layout::{Contents, Found, TimedDataset};
 use table::{Row, Table};
 
@@ -223,7 +224,7 @@ fn times(path: &Path, found: &Found, options: &RecordingOptions) -> Option<(i64,
 /// file.
 fn structure(path: &Path, error: &Error) -> RecordingError {
     let kind = match (unsupported(error), filters::cut_off(path)) {
-        _ if is_virtual(error) => RecordingErrorKind::Unsupported(ForeignFormat::VirtualHdf5),
+        _ if is_virtual(error) => RecordingErrorKind::Unsupported(UnsupportedFormat::VirtualHdf5),
         (Some(filter), _) => RecordingErrorKind::Filter(filter.to_owned()),
         (None, Some((length, promised))) => RecordingErrorKind::Damaged {
             byte: length,

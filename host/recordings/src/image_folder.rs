@@ -113,6 +113,14 @@ pub enum ImageFolderError {
         /// Cause.
         error: ImageFileError,
     },
+    /// The image has a side of 0 or above 65535 pixels.
+    #[error("{} has {} x {} pixels: an image needs 1 to 65535 columns and rows", path.display(), size.0, size.1)]
+    Sides {
+        /// Path of the image.
+        path: PathBuf,
+        /// Width and height of the image in pixels.
+        size: (u32, u32),
+    },
     /// The size of the images changes.
     #[error(
         "{} has {} x {} pixels, the images before it {} x {}: give the images of one camera, in one size",
@@ -194,9 +202,8 @@ impl ImageFolder {
             what,
         })?;
         let first = entries.first().ok_or_else(|| ImageFolderError::NoImages(table.clone()))?;
-        let sensor = sensor_of(&read(&first.path)?);
-        let sensor = sensor
-            .ok_or_else(|| ImageFolderError::Image { path: first.path.clone(), error: ImageFileError::Unknown })?;
+        let size = read(&first.path)?.size;
+        let sensor = sensor_of(size).ok_or_else(|| ImageFolderError::Sides { path: first.path.clone(), size })?;
         Ok(Self { path: path.to_owned(), entries, sensor, stamps })
     }
 
@@ -227,7 +234,7 @@ impl ImageFolder {
     pub fn visit(&self, mut visit: impl FnMut(TimedImage)) -> Result<(), ImageFolderError> {
         for entry in &self.entries {
             let image = read(&entry.path)?;
-            if sensor_of(&image) != Some(self.sensor) {
+            if sensor_of(image.size) != Some(self.sensor) {
                 let (path, size, before) = (entry.path.clone(), image.size, self.sensor);
                 return Err(ImageFolderError::Size { path, size, before });
             }
@@ -321,9 +328,9 @@ fn read(path: &Path) -> Result<ImageFile, ImageFolderError> {
     image_file::read(path).map_err(|error| ImageFolderError::Image { path: path.to_owned(), error })
 }
 
-fn sensor_of(image: &ImageFile) -> Option<Sensor> {
+fn sensor_of(size: (u32, u32)) -> Option<Sensor> {
     let side = |side: u32| u16::try_from(side).ok().filter(|side| *side > 0);
-    Some(Sensor::new(side(image.size.0)?, side(image.size.1)?))
+    Some(Sensor::new(side(size.0)?, side(size.1)?))
 }
 
 /// Converts the image to 8-bit grey. Of 16 bits, the highest 8 bits in use are kept.

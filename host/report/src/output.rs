@@ -1,5 +1,6 @@
-//! Where results go: the folder of a calibration, and what the terminal says of it.
+//! The results of a calibration: its folder of files, and the summary for a terminal.
 
 pub mod failure;
 pub mod folder;
+pub mod input_files;
 mod summary;

@@ -1,9 +1,10 @@
-//! `report.html`: one file that says in words, numbers and pictures how good a calibration is.
+//! `report.html`: one page that shows in words, numbers and pictures how good a calibration is.
 //!
-//! It needs nothing beside it: style, plots (SVG) and pictures (PNG) are part of it, and nothing is loaded. Each
-//! section is a function from the calibration to a piece of the page.
+//! The page contains its style, plots (SVG) and pictures (PNG), and loads nothing. Each module makes one section of it from the
+//! calibration. Sections with tables and settings begin folded, below the pictures.
 
 mod accumulation;
+mod at_a_glance;
 mod board_places;
 mod camera_pictures;
 mod chart;
@@ -33,46 +34,51 @@ use rayon::prelude::*;
 use self::page::Section;
 use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
+use evcal_calibrate::result::calibration_file::InputFile;
 
-/// Sections that are made at the same time.
+use crate::output::input_files::input_files;
+
+/// Sections that are made in parallel.
 const TOGETHER: usize = 6;
 
-/// A file beside the report.
+/// A file in the folder of the report.
 pub struct ResultFile {
-    /// Its path from the report's folder, with `/` between folders.
+    /// Its path relative to the report's folder, with `/` between folders.
     pub name: String,
     /// Its size in bytes.
     pub length: u64,
 }
 
-/// The report of `calibrated`, which came from `task`, as HTML, to be put beside `files`. `progress` is told which part of
-/// it is done, 0 to 1.
+/// Returns the report of `calibrated`, the result of `task`, as HTML that lists `files`. It calls `progress` with the share that is done,
+/// 0 to 1.
 pub fn report(calibrated: &Calibrated, task: &Task, files: &[ResultFile], progress: &mut dyn FnMut(f64)) -> String {
-    sections(calibrated, task, progress).beside(files)
+    let sections = sections(calibrated, task, progress);
+    sections.finish(&input_files(task), files)
 }
 
-/// A report but for the list of the files beside it.
+/// The sections that do not depend on the written files.
 pub struct Sections<'a> {
     calibrated: &'a Calibrated,
     task: &'a Task<'a>,
     made: Vec<Option<Section>>,
 }
 
-/// Makes what takes time of a report; see [`report`].
+/// Makes the sections that take time; [`Sections::finish`] adds the others.
 pub fn sections<'a>(calibrated: &'a Calibrated, task: &'a Task, progress: &mut dyn FnMut(f64)) -> Sections<'a> {
     let board = task.board;
-    let sections: [&(dyn Fn() -> Option<Section> + Sync); 12] = [
+    let sections: [&(dyn Fn() -> Option<Section> + Sync); 13] = [
+        &|| at_a_glance::section(calibrated, board),
         &|| numbers::section(calibrated, board),
+        &|| accumulation::section(calibrated, task),
         &|| trusted_places::section(calibrated),
         &|| board_places::section(calibrated, board),
         &|| halves::section(calibrated),
-        &|| residuals::section(calibrated),
         &|| camera_pictures::section(calibrated, task),
-        &|| example_frames::section(calibrated, board),
-        &|| accumulation::section(calibrated, task),
-        &|| trajectory::section(calibrated),
         &|| inertial::section(calibrated),
         &|| second_camera::section(calibrated),
+        &|| example_frames::section(calibrated, board),
+        &|| residuals::section(calibrated),
+        &|| trajectory::section(calibrated),
         &|| stages::section(calibrated),
     ];
     let mut made: Vec<Option<Section>> = Vec::new();
@@ -84,10 +90,11 @@ pub fn sections<'a>(calibrated: &'a Calibrated, task: &'a Task, progress: &mut d
 }
 
 impl Sections<'_> {
-    /// The report beside these files.
-    pub fn beside(self, files: &[ResultFile]) -> String {
+    /// Returns the report, with the calibration's `inputs` and the `files` in its folder.
+    pub fn finish(self, inputs: &[InputFile], files: &[ResultFile]) -> String {
         let Self { calibrated, task, made } = self;
-        let sections = made.into_iter().chain([provenance::section(calibrated, task, files)]).flatten().collect();
+        let origin = [provenance::section(calibrated, task, inputs), provenance::settings(task, files)];
+        let sections = made.into_iter().chain(origin).flatten().collect();
         page::page(&overview::title(calibrated), &overview::head(calibrated, task), sections)
     }
 }

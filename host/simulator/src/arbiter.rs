@@ -1,10 +1,10 @@
-//! The bus that reads the events of all pixels one after the other.
+//! The bus that reads the events of all pixels one after another.
 
 use evcal_core::event::Event;
 
 use super::sensor::Arbiter;
 
-/// The bus between two slices of time.
+/// State of the bus between two time slices.
 #[derive(Clone, Debug)]
 pub struct Bus {
     arbiter: Arbiter,
@@ -13,13 +13,13 @@ pub struct Bus {
 }
 
 impl Bus {
-    /// An idle bus.
+    /// Creates an idle bus.
     pub fn new(arbiter: Arbiter) -> Self {
         Self { arbiter, free_at: f64::NEG_INFINITY, row: 0 }
     }
 
-    /// Replaces request times by the times at which the bus reads the events. `events` are in
-    /// order of request, and later calls bring later requests; so times never step back.
+    /// Replaces request times by the times at which the bus reads the events. `events` are in order of request, and
+    /// later calls contain later requests, so times never decrease.
     pub fn read(&mut self, events: &mut [Event]) {
         for event in events {
             let switch = if event.y == self.row { 0.0 } else { 1e6 * self.arbiter.row_time };

@@ -1,8 +1,8 @@
-//! The time that motion runs on: it stands still in pauses.
+//! Motion time, which stops during pauses.
 
 use serde::{Deserialize, Serialize};
 
-/// A span of time in seconds since the start of the recording.
+/// A time interval in seconds since the start of the recording.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Interval {
@@ -12,7 +12,7 @@ pub struct Interval {
     pub end: f64,
 }
 
-/// Spans in which something is fully on, with smooth ramps of fixed length before and after.
+/// Intervals with level 1, with smooth ramps of fixed length before and after.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ramps {
     spans: Vec<Interval>,
@@ -20,7 +20,7 @@ pub struct Ramps {
 }
 
 impl Ramps {
-    /// `spans` in any order; those whose ramps would overlap are joined.
+    /// Creates ramps around `spans`, which may have any order; intervals whose ramps would overlap are joined.
     pub fn new(spans: &[Interval], ramp: f64) -> Self {
         let mut sorted = spans.to_vec();
         sorted.sort_by(|a, b| a.start.total_cmp(&b.start));
@@ -34,12 +34,12 @@ impl Ramps {
         Self { spans: joined, ramp }
     }
 
-    /// 0 outside, 1 inside, twice continuously differentiable in between.
+    /// Returns the level: 0 outside, 1 inside, twice continuously differentiable in between.
     pub fn level(&self, t: f64) -> f64 {
         self.spans.iter().map(|span| self.rise(t, span.start) * self.rise(-t, -span.end)).sum()
     }
 
-    /// Integral of the level from minus infinity to `t`, in seconds.
+    /// Returns the integral of the level from minus infinity to `t`, in seconds.
     pub fn integral(&self, t: f64) -> f64 {
         self.spans.iter().map(|span| self.risen(t - span.start) - self.risen(t - span.end - self.ramp)).sum()
     }
@@ -49,7 +49,7 @@ impl Ramps {
         u * u * u * (10.0 + u * (6.0 * u - 15.0))
     }
 
-    /// Integral of a single rise that is complete at 0.
+    /// Returns the integral of a single rise that is complete at 0.
     fn risen(&self, t: f64) -> f64 {
         let u = (t / self.ramp + 1.0).clamp(0.0, 1.0);
         let ramp_part = self.ramp * u * u * u * u * (2.5 + u * (u - 3.0));

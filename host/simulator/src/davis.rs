@@ -1,4 +1,4 @@
-//! Everything that a DAVIS sends: events, frames and inertial samples of one motion.
+//! All streams of a DAVIS: events, frames and IMU samples of one motion.
 
 use evcal_core::event::Event;
 use serde::{Deserialize, Serialize};
@@ -11,65 +11,64 @@ use super::row::TICK;
 use super::{EventCounts, SLICE_TICKS, Simulation, SimulationError};
 use evcal_geometry::lens::camera_file::CameraDescription;
 
-/// What a camera sends beside its events.
+/// Settings of the streams other than events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DavisSettings {
-    /// Frames, if any.
+    /// Frames, if enabled.
     pub frames: Option<ExposureModel>,
-    /// Inertial samples, if any.
+    /// IMU samples, if enabled.
     pub imu: Option<InertialSettings>,
 }
 
 impl DavisSettings {
-    /// Tells which setting is out of its range, if one is.
+    /// Checks all settings; returns an error with the first setting that is out of range.
     pub fn check(&self) -> Result<(), SimulationError> {
         self.frames.map_or(Ok(()), |frames| frames.check())?;
         self.imu.map_or(Ok(()), |imu| imu.check())
     }
 }
 
-/// What a camera sent in 25 ms, each kind in order of time.
+/// Output of a camera in 25 ms, each stream in order of time.
 #[derive(Clone, Copy, Debug)]
 pub struct DavisSlice<'a> {
-    /// Pixel events; a few at the end may be later than `end`, but none of the next slice is
-    /// earlier.
+    /// Pixel events; a few at the end may be later than `end`, but no event of the next slice is earlier.
     pub events: &'a [Event],
-    /// Frames that begin in the slice, whole.
+    /// Complete frames that begin in the slice.
     pub frames: &'a [SimulatedFrame],
-    /// Inertial samples.
+    /// IMU samples.
     pub imu: &'a [ImuSample],
-    /// End of the slice in microseconds: the next one brings nothing earlier.
+    /// End of the slice in microseconds; the next slice contains nothing earlier.
     pub end: u64,
 }
 
-/// The streams beside the events, as `truth.json` has them.
+/// The streams other than events, as described in `truth.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DavisDescription {
-    /// How they were made.
+    /// Settings.
     pub settings: DavisSettings,
-    /// The lens of the frames, where it is not that of the events.
+    /// The lens of the frames, if it differs from that of the events.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame_camera: Option<CameraDescription>,
-    /// Constant errors of the inertial unit, if there is one.
+    /// Constant errors of the IMU, if enabled.
     pub imu_bias: Option<InertialBias>,
 }
 
-/// What is known of the streams beside the events.
+/// Ground truth of the streams other than events.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DavisTruth {
-    /// When the frames were taken.
+    /// Times of the frames.
     pub frames: Vec<FrameTimes>,
-    /// What the inertial unit should have read.
+    /// Ideal IMU readings.
     pub imu: Vec<InertialTruth>,
-    /// What it added to that, if there is one.
+    /// Constant errors of the IMU, if enabled.
     pub bias: Option<InertialBias>,
 }
 
 impl Simulation {
-    /// Simulates as [`Simulation::run`] does, with the same events, and hands what `settings` asks
-    /// for to `sink` with them. Frames that would end after the recording are left out.
+    /// Simulates like [`Simulation::run`], with the same events, and passes them together with the streams in
+    /// `settings` to `sink`. Frames that would end after the recording are omitted.
     pub fn run_davis<E>(
         &self,
         settings: &DavisSettings,
@@ -115,7 +114,7 @@ impl Simulation {
 }
 
 impl DavisTruth {
-    /// The times of the frames as CSV with a line of names.
+    /// Returns the times of the frames as CSV with a header line.
     pub fn frames_csv(&self) -> String {
         let mut text = "frame,start_us,exposure_start_us,exposure_end_us,end_us\n".to_owned();
         for (number, times) in self.frames.iter().enumerate() {
@@ -125,7 +124,7 @@ impl DavisTruth {
         text
     }
 
-    /// What the inertial unit felt, without bias and noise, as CSV with a line of names.
+    /// Returns the ideal IMU readings, without bias and noise, as CSV with a header line.
     pub fn imu_csv(&self) -> String {
         let mut text = "t_us,ax_g,ay_g,az_g,gx_deg_s,gy_deg_s,gz_deg_s\n".to_owned();
         for InertialTruth { time, acceleration: a, angular_velocity: w } in &self.imu {

@@ -1,9 +1,9 @@
-//! What is printed in place of the dots: discs, or shapes that are none and that no detector should take for them.
+//! Shapes printed as dots: discs, or shapes that a detector should reject.
 
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-/// The shape of the dots. All are of the board's radius r in size, and stand straight on the board.
+/// The shape of the dots. Their size follows from the board's radius r; they are aligned with the board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -23,10 +23,10 @@ pub enum Dots {
 const HALF: f64 = 0.5;
 
 impl Dots {
-    /// All of them.
+    /// All shapes.
     pub const ALL: &[Self] = &[Self::Circles, Self::Squares, Self::Rings, Self::Keys];
 
-    /// Its name.
+    /// Returns the name.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Circles => "circles",
@@ -36,7 +36,7 @@ impl Dots {
         }
     }
 
-    /// What it is, in a few words.
+    /// Returns a short description.
     pub const fn description(self) -> &'static str {
         match self {
             Self::Circles => "Discs",
@@ -46,13 +46,13 @@ impl Dots {
         }
     }
 
-    /// Whether they are what a board should have.
+    /// Returns `true` for discs, the shape of a correct board.
     pub(super) fn are_circles(&self) -> bool {
         *self == Self::Circles
     }
 
-    /// Signed distance of `offset` (from the centre) to the shape's edge, positive inside, and the direction out of the shape
-    /// there. Not for circles.
+    /// Returns the signed distance of `offset` (from the centre) to the shape's edge, positive inside, and the outward
+    /// direction there. Not for circles.
     pub(super) fn depth(self, offset: &Vector2<f64>, radius: f64) -> (f64, Vector2<f64>) {
         let corner = match self {
             Self::Circles | Self::Rings => radius,
@@ -68,7 +68,7 @@ impl Dots {
     }
 }
 
-/// The same of a square of side 2 `half` with corners of radius `corner`.
+/// Returns the same for a square of side 2 `half` with corners of radius `corner`.
 fn rounded_square(offset: &Vector2<f64>, half: f64, corner: f64) -> (f64, Vector2<f64>) {
     let signs = offset.map(|value| if value < 0.0 { -1.0 } else { 1.0 });
     let beyond = offset.abs().add_scalar(corner - half);
@@ -87,7 +87,7 @@ fn rounded_square(offset: &Vector2<f64>, half: f64, corner: f64) -> (f64, Vector
 mod tests {
     use super::*;
 
-    /// The direction is that in which the distance falls, everywhere but in the middle of the shape's width.
+    /// The direction is that of decreasing distance, except in the middle of the shape's width.
     #[test]
     fn the_normal_is_the_gradient_of_the_distance() {
         for dots in [Dots::Squares, Dots::Rings, Dots::Keys] {

@@ -1,18 +1,18 @@
-//! How a blurred edge looks.
+//! Intensity profile of a blurred edge.
 
-/// The profile of a straight edge under a Gaussian point-spread function: the normal distribution function, from a table. Linear
-/// interpolation, wrong by less than 1e-6.
+/// The profile of a straight edge under a Gaussian point-spread function: the normal distribution function, from a
+/// table with linear interpolation. The error is less than 1e-6.
 #[derive(Clone, Debug)]
 pub(super) struct EdgeProfile {
     table: Vec<f64>,
 }
 
 impl EdgeProfile {
-    /// Standard deviations beyond which an edge is taken as out of sight (3e-5 of the contrast).
+    /// Distance in standard deviations beyond which an edge is invisible (3e-5 of the contrast).
     pub(super) const REACH: f64 = 4.0;
     const STEPS_PER_SIGMA: f64 = 512.0;
 
-    /// The table, filled.
+    /// Computes the table.
     pub(super) fn new() -> Self {
         let steps = (2.0 * Self::REACH * Self::STEPS_PER_SIGMA) as usize;
         let value = |step: usize| {
@@ -22,7 +22,7 @@ impl EdgeProfile {
         Self { table: (0..=steps).map(value).collect() }
     }
 
-    /// Share of the light from beyond the edge, at `z` standard deviations from it.
+    /// Returns the fraction of light from beyond the edge, at `z` standard deviations from it.
     #[inline]
     pub(super) fn share(&self, z: f64) -> f64 {
         let position = (z + Self::REACH) * Self::STEPS_PER_SIGMA;

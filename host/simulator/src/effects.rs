@@ -1,4 +1,4 @@
-//! What goes wrong in a room, by name.
+//! Disturbances of the scene and the sensor, by name.
 
 use std::str::FromStr;
 
@@ -8,31 +8,31 @@ use super::sensor::SensorModel;
 use super::smudges::Smudges;
 use super::surroundings::{Hand, Texture};
 
-/// Something that a calibration should cope with, or notice.
+/// A disturbance that a calibration should tolerate or report.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Effect {
-    /// A lamp that flickers.
+    /// A flickering lamp.
     Flicker(Lamp),
-    /// A textured room that drifts by behind the board.
+    /// A textured room that drifts behind the board.
     Background,
-    /// A hand over part of the board.
+    /// A hand over a part of the board.
     Hand,
     /// The mirror image of a lamp in a glossy print.
     Glare,
     /// Dirt on the lens.
     Smudges,
-    /// A lens that gets this share less light to the corners than to the middle, in place of the usual 25 %.
+    /// Vignetting: light loss in the corners as a fraction, instead of the usual 25 %.
     Vignetting(f64),
-    /// A lens out of focus, by this standard deviation of its blur in pixels.
+    /// Defocus: standard deviation of the blur in pixels.
     Defocus(f64),
-    /// So many pixels that fire on their own.
+    /// Number of hot pixels, which fire on their own.
     HotPixels(u32),
-    /// So many columns that send nothing.
+    /// Number of columns that send nothing.
     DeadColumns(u32),
 }
 
-/// A text that names no effect.
+/// Error: a text is not the name of an effect.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{0} is no effect: write flicker:100Hz:20%, background, hand, glare, smudges, vignetting:60%, defocus:2px, hot-pixels:300 or dead-columns:5"
@@ -66,7 +66,7 @@ impl FromStr for Effect {
 }
 
 impl Effect {
-    /// Adds it to what is seen, or to what sees.
+    /// Adds the effect to the scene or to the sensor.
     pub fn apply(self, scene: &mut SceneSettings, sensor: &mut SensorModel) {
         match self {
             Self::Flicker(lamp) => scene.lamp = Some(lamp),

@@ -1,4 +1,4 @@
-//! The folder that a simulation writes.
+//! Writes the folder of a simulation.
 
 use std::path::{Path, PathBuf};
 
@@ -26,49 +26,49 @@ const FRAMES: &str = "frames.csv";
 const INERTIA: &str = "imu.csv";
 const MOTION_CAPTURE: &str = "motion_capture.txt";
 
-/// What is simulated, and into what kind of file.
+/// A simulation with the format of its recording.
 pub struct SimulatedRecording<'a> {
     /// The simulation.
     pub simulation: &'a Simulation,
-    /// The lens that it was made with.
+    /// The lens of the simulation.
     pub camera: &'a Camera<f64>,
-    /// The lens of the frames, where it is another.
+    /// The lens of the frames, if it differs.
     pub frame_camera: Option<&'a Camera<f64>>,
-    /// Frames and inertial samples.
+    /// Frames and IMU samples.
     pub davis: DavisSettings,
-    /// Motion capture of the camera, where there is any.
+    /// Motion capture of the camera, if enabled.
     pub motion_capture: Option<MotionCaptureSettings>,
-    /// A second camera, where there is one.
+    /// A second camera, if enabled.
     pub second_camera: Option<&'a SecondCamera>,
-    /// Kind of the recording.
+    /// Format of the recording.
     pub format: RecordingFormat,
 }
 
 impl SimulatedRecording<'_> {
-    /// How many slices are simulated, of all cameras.
+    /// Returns the number of simulated slices of all cameras.
     pub fn slice_count(&self) -> usize {
         self.simulation.slice_count() * if self.second_camera.is_some() { 2 } else { 1 }
     }
 }
 
-/// What was written.
+/// Result of writing a folder.
 #[derive(Clone, Debug)]
 pub struct WrittenFolder {
     /// The files.
     pub files: Vec<PathBuf>,
     /// The content of `truth.json`.
     pub truth: Truth,
-    /// How many events there are.
+    /// Number of events.
     pub counts: EventCounts,
-    /// Frames and inertial samples.
+    /// Frames and IMU samples.
     pub davis: DavisTruth,
 }
 
-/// A file of the folder could not be written.
+/// Error: a file of the folder could not be written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SimulatedFolderError {
-    /// The system says so.
+    /// Input or output failed.
     #[error("{0}")]
     File(#[from] FileError),
     /// The recording cannot be written.
@@ -76,7 +76,7 @@ pub enum SimulatedFolderError {
     Recording {
         /// The recording.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         error: WriteError,
     },
 }
@@ -90,7 +90,7 @@ impl NamesFile for SimulatedFolderError {
     }
 }
 
-/// The folders that [`write_folder`] makes in its folder.
+/// Returns the subfolders that [`write_folder`] creates.
 pub fn folders(second_camera: Option<&SecondCamera>) -> &'static [&'static str] {
     match second_camera.and_then(SecondCamera::frames) {
         Some(_) => &[frame_camera::FOLDER],
@@ -98,7 +98,7 @@ pub fn folders(second_camera: Option<&SecondCamera>) -> &'static [&'static str] 
     }
 }
 
-/// Whether a file of a folder is one that [`write_folder`] writes.
+/// Returns `true` if a file of a folder is one that [`write_folder`] writes.
 pub fn is_result(file: &Path) -> bool {
     let others = [TRUTH, TRAJECTORY, FRAMES, INERTIA, MOTION_CAPTURE];
     let is_recording = |format: &RecordingFormat| {
@@ -113,11 +113,11 @@ pub fn is_result(file: &Path) -> bool {
         || others.iter().any(|name| Path::new(name) == file)
 }
 
-/// Simulates, and writes `events.aedat4` (or `.dvraw`, `.csv`, `.bin`), `truth.json`, `trajectory.txt` (TUM, 1000
-/// poses a second), and with frames `frames.csv`, with inertial samples `imu.csv`, with motion
-/// capture `motion_capture.txt` (TUM, `T_mocap_body`), with a second camera `second.aedat4` (or `.csv`, `.bin`), or of
-/// frames the folder `second`. What was there of
-/// an earlier simulation goes when all of this one is written. `progress` is called with the number of slices done ([`SimulatedRecording::slice_count`] in all).
+/// Simulates, and writes `events.aedat4` (or `.dvraw`, `.csv`, `.bin`, `.raw`), `truth.json` and `trajectory.txt` (TUM, 1000
+/// poses per second); with frames `frames.csv`; with IMU samples `imu.csv`; with motion capture `motion_capture.txt`
+/// (TUM, `T_mocap_body`); with a second camera `second.aedat4` (or `.csv`, `.bin`), or the folder `second` for a second
+/// camera with frames. Files of an earlier simulation are removed once all files of this one are written. `progress` is
+/// called with the number of finished slices, of [`SimulatedRecording::slice_count`] in total.
 ///
 /// # Errors
 /// [`SimulatedFolderError`] names the file that could not be written.
@@ -133,7 +133,7 @@ pub fn write_folder(
     Ok(written)
 }
 
-/// Writes the files into `folder`; they are told by their names in it.
+/// Writes the files into `folder`; returns their names in it.
 fn write_files(
     folder: &Path,
     recorded: &SimulatedRecording,
@@ -185,7 +185,7 @@ fn write_files(
     Ok(WrittenFolder { files: written, truth, counts, davis: davis_truth })
 }
 
-/// Writes the recording of a second camera: a file, or of one that takes frames a folder. Its name in `folder`.
+/// Writes the recording of a second camera: a file, or a folder for a camera with frames. Returns its name in `folder`.
 fn write_second(
     folder: &Path,
     simulation: &Simulation,
@@ -196,7 +196,7 @@ fn write_second(
     if let Some(frames) = second.frames() {
         let name = PathBuf::from(frame_camera::FOLDER);
         let files = second.write_frames(simulation, frames, &folder.join(&name), progress)?;
-        // One of them is the table.
+        // One of the files is the table.
         let count = files.len().saturating_sub(1);
         return Ok((name, SecondCameraDescription::new(second, EventCounts::default(), Some(count))));
     }

@@ -1,11 +1,12 @@
-//! The frame sensor that shares the pixels of a DAVIS: ordinary pictures beside the events.
+//! The frame sensor that shares the pixels of a DAVIS, which takes ordinary pictures.
 //!
-//! With a global shutter a frame is: all pixels reset and their reset levels read, the exposure,
-//! the signal levels read. A pixel's value is the mean of the light over the exposure, taken at
-//! evenly spaced moments, so that moving edges blur; with shot noise of the electrons collected,
-//! noise of the two reads and a fixed pattern of pixels and columns.
+//! With a global shutter a frame consists of these steps: all pixels are reset and their reset levels read, the
+//! exposure, the signal levels are read. A pixel's value is the mean of the light over the exposure, sampled at evenly
+//! spaced moments, so that moving edges blur. Shot noise of the collected electrons, noise of the two reads and a fixed
+//! pattern of pixels and columns are added.
 //!
-//! Rates, times and noise are near those of recordings made with real DAVIS346: 25 Hz, 9.2 ms to
+//! Rates, times and noise are close to recordings of real DAVIS346 cameras: 25 Hz, 9.2 ms to read all pixels, noise of
+//! 2 to 7 steps of 1023 from frame to frame.
 //! read all pixels, 2 to 7 steps of 1023 of noise from frame to frame.
 
 use evcal_core::sensor::Sensor;
@@ -23,36 +24,35 @@ use evcal_geometry::numerics::random::normal;
 
 /// Largest value of a pixel: 10 bits.
 pub const FULL_SCALE: u16 = 1023;
-/// The stream of random numbers that draws the fixed pattern.
+/// Stream of random numbers for the fixed pattern.
 const PATTERN_STREAM: u64 = u64::MAX - 2;
-/// The first stream of the frames' noise: one for each frame and row, above those of rows of events.
+/// First stream of random numbers for the frames' noise: one per frame and row, above the streams of rows of events.
 const FRAME_STREAM: u64 = 1 << 32;
 
-/// How the frame sensor is set up. Values of pixels run from 0 to [`FULL_SCALE`].
+/// Settings of the frame sensor. Pixel values range from 0 to [`FULL_SCALE`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExposureModel {
-    /// Time from frame to frame in microseconds.
+    /// Time between the starts of consecutive frames in microseconds.
     pub interval: u32,
     /// Exposure time in microseconds.
     pub exposure: u32,
-    /// Time in microseconds to read the reset levels of all pixels, before the exposure, and their
-    /// signal levels after it.
+    /// Time in microseconds to read the reset levels of all pixels before the exposure, and again to read their signal
+    /// levels after it.
     pub readout: u32,
-    /// Moments within the exposure at which the scene is rendered.
+    /// Number of moments within the exposure at which the scene is rendered.
     pub moments: u16,
-    /// Value of a white sheet at the image centre.
+    /// Pixel value of a white sheet at the image centre.
     pub white: f64,
-    /// Electrons that make one step of value: the more, the less shot noise; `None` for no shot noise.
+    /// Electrons per step of the pixel value: more electrons mean less shot noise; `None` for no shot noise.
     pub electrons_per_step: Option<f64>,
-    /// Standard deviation of a value from reading it twice.
+    /// Standard deviation of a pixel value from the two reads.
     pub read_noise: f64,
-    /// Standard deviation of the values in the dark from pixel to pixel.
+    /// Standard deviation of the dark values from pixel to pixel.
     pub pixel_offset: f64,
-    /// Standard deviation of the values in the dark from column to column of the chip (rows of the
-    /// image of a DAVIS346).
+    /// Standard deviation of the dark values from column to column of the chip (rows of the image of a DAVIS346).
     pub column_offset: f64,
-    /// Standard deviation of the sensitivity from pixel to pixel, as a share.
+    /// Relative standard deviation of the sensitivity from pixel to pixel.
     pub gain_spread: f64,
 }
 
@@ -74,12 +74,12 @@ impl Default for ExposureModel {
 }
 
 impl ExposureModel {
-    /// Dim light: a long exposure that still gets little of it.
+    /// Dim light: a long exposure with little signal.
     pub fn low_light() -> Self {
         Self { exposure: 20_000, moments: 32, white: 300.0, read_noise: 5.0, ..Self::default() }
     }
 
-    /// Blur by motion and quantisation only.
+    /// Motion blur and quantisation only.
     pub fn ideal() -> Self {
         Self {
             electrons_per_step: None,
@@ -91,7 +91,7 @@ impl ExposureModel {
         }
     }
 
-    /// Tells which setting is out of its range, if one is.
+    /// Checks all settings; returns an error with the first setting that is out of range.
     pub fn check(&self) -> Result<(), SimulationError> {
         let not_negative = |value: f64| value >= 0.0 && value.is_finite();
         const NOT_NEGATIVE: &str = "0 or above";
@@ -120,21 +120,21 @@ impl ExposureModel {
     }
 }
 
-/// When a frame was taken, in microseconds since the start of the recording.
+/// Times of a frame, in microseconds since the start of the recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FrameTimes {
-    /// The reset levels begin to be read.
+    /// Start of reading the reset levels.
     pub start: u64,
-    /// All pixels begin to collect light.
+    /// Start of the exposure.
     pub exposure_start: u64,
-    /// All pixels stop.
+    /// End of the exposure.
     pub exposure_end: u64,
-    /// The last signal level is read.
+    /// End of reading the signal levels.
     pub end: u64,
 }
 
 impl FrameTimes {
-    /// The times of frame `number` (from 0), which follow each other from the recording's start on.
+    /// Returns the times of frame `number`, counted from 0 at the start of the recording.
     pub fn new(settings: &ExposureModel, number: u32) -> Self {
         let start = u64::from(number) * u64::from(settings.interval);
         let exposure_start = start + u64::from(settings.readout);
@@ -146,23 +146,23 @@ impl FrameTimes {
 /// A picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SimulatedFrame {
-    /// When it was taken.
+    /// Times of the frame.
     pub times: FrameTimes,
-    /// Values of all pixels row by row, 0 dark to [`FULL_SCALE`].
+    /// Values of all pixels row by row, from 0 (dark) to [`FULL_SCALE`].
     pub pixels: Vec<u16>,
 }
 
-/// A frame sensor with its fixed pattern.
+/// A frame sensor with a fixed pattern.
 #[derive(Clone, Debug)]
 pub struct FrameSensor {
     settings: ExposureModel,
     seed: u64,
-    /// Value in the dark and relative sensitivity of each pixel, row by row.
+    /// Dark value and relative sensitivity of each pixel, row by row.
     pattern: Vec<(f64, f64)>,
 }
 
 impl FrameSensor {
-    /// The sensor on `stage`, its fixed pattern drawn from `seed`.
+    /// Creates the sensor on `stage`, with a fixed pattern from `seed`.
     pub fn new(stage: &Stage, settings: ExposureModel, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(PATTERN_STREAM);
@@ -178,13 +178,13 @@ impl FrameSensor {
         Self { settings, seed, pattern }
     }
 
-    /// Frame `number` of a camera that moves along `pose` (`T_world_camera` at a time in seconds).
+    /// Takes frame `number` of a camera that moves along `pose` (`T_world_camera` at a time in seconds).
     pub fn expose(&self, stage: &Stage, pose: impl Fn(f64) -> Isometry3<f64> + Sync, number: u32) -> SimulatedFrame {
         self.expose_rolling(stage, pose, number, 0.0)
     }
 
-    /// The same with a rolling shutter: each row is exposed `line_delay` (µs) later than the one above it, the first one at the
-    /// times of the frame.
+    /// Takes a frame with a rolling shutter: each row is exposed `line_delay` (µs) later than the row above, the first
+    /// row at the times of the frame.
     pub fn expose_rolling(
         &self,
         stage: &Stage,
@@ -226,10 +226,10 @@ impl FrameSensor {
         SimulatedFrame { times, pixels }
     }
 
-    /// The value that an intensity (1 for white at the image centre) is read as.
+    /// Returns the pixel value of an intensity (1 for white at the image centre), with noise.
     fn value(&self, intensity: f64, offset: f64, rng: &mut ChaCha8Rng) -> u16 {
         let mean = self.settings.white * intensity;
-        // Shot noise of n electrons is their square root; the two noises are independent.
+        // The shot noise of n electrons is √n; the two noises are independent.
         let shot = self.settings.electrons_per_step.map_or(0.0, |electrons| mean.max(0.0) / electrons);
         let variance = shot + self.settings.read_noise * self.settings.read_noise;
         let noise = if variance > 0.0 { variance.sqrt() * normal(rng) } else { 0.0 };
@@ -254,7 +254,7 @@ mod tests {
         Stage { rays: Rays::new(&radtan(), Sensor::new(346, 260)), scene, sensor, stepping: STEPPING }
     }
 
-    /// In front of the board's middle, sideways at 0.5 m/s: 1 px in 4 ms at 0.7 m.
+    /// In front of the board's middle, moving sideways at 0.5 m/s: 1 px in 4 ms at 0.7 m.
     fn sliding(t: f64) -> Isometry3<f64> {
         let position = board().middle().push(-0.7) + Vector3::new(0.5 * t, 0.0, 0.0);
         Isometry3::from_parts(Translation3::from(position), nalgebra::UnitQuaternion::identity())
@@ -269,7 +269,7 @@ mod tests {
             frame.times,
             FrameTimes { start: 120_000, exposure_start: 129_200, exposure_end: 133_200, end: 142_400 }
         );
-        // Simpson's rule over 100 spans, from the scene alone.
+        // Simpson's rule over 100 intervals, computed from the scene alone.
         let weight = |step: i32| match step {
             0 | 100 => 1.0,
             step if step % 2 == 1 => 4.0,
@@ -292,7 +292,7 @@ mod tests {
         assert!(blurred > 20, "{blurred}");
     }
 
-    /// Noise from frame to frame has the variance of read and shot noise; what stays is the pattern.
+    /// Noise from frame to frame has the variance of read and shot noise; the mean over frames is the pattern.
     #[test]
     fn noise_has_its_variance() {
         let stage = stage();
@@ -311,15 +311,15 @@ mod tests {
             count += 1.0;
         }
         assert!(count > 5000.0);
-        // 9 of the reads, 700 / 30 of the electrons, 1/12 of rounding.
+        // 9 from the reads, 700 / 30 from the electrons, 1/12 from rounding.
         let expected = 9.0 + 700.0 / 30.0 + 1.0 / 12.0;
         assert!((variance / count - expected).abs() < 0.02 * expected, "{}", variance / count);
-        // 4² of pixels, 2² of columns, 7² of gain, and what is left of the noise in a mean of 40.
+        // 4² from pixels, 2² from columns, 7² from gain, and the remaining noise in a mean of 40 frames.
         let expected = 16.0 + 4.0 + 49.0 + expected / 40.0;
         assert!((pattern / count - expected).abs() < 0.05 * expected, "{}", pattern / count);
     }
 
-    /// Each row is that of a frame with a global shutter at the row's own time.
+    /// Each row equals the row of a global-shutter frame at the row's own time.
     #[test]
     fn rows_of_a_rolling_shutter_have_times_of_their_own() {
         let stage = stage();

@@ -1,5 +1,5 @@
-//! A second camera that takes ordinary frames, with a global or a rolling shutter, as a folder of images in the form of EuRoC data
-//! sets.
+//! A second camera that takes ordinary frames, with a global or a rolling shutter, as a folder of images in the format
+//! of EuRoC data sets.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ use evcal_files::FileError;
 use event_recordings::image_file::{ImageFile, Samples};
 use event_recordings::image_folder::{HEADER, IMAGES, Stamps, TABLE};
 
-/// Name of the folder in that of a simulation.
+/// Name of the subfolder in the folder of a simulation.
 pub const FOLDER: &str = "second";
 
 /// A frame camera.
@@ -25,14 +25,14 @@ pub struct FrameCameraSettings {
     pub sensor: Sensor,
     /// Rate, exposure and noise.
     pub exposure: ExposureModel,
-    /// How much later each row is exposed than the one above it, in microseconds: 0 for a global shutter.
+    /// Delay of each row's exposure relative to the row above, in microseconds: 0 for a global shutter.
     pub line_delay: f64,
-    /// What the time stamp of a frame stands for: the start, the middle or the end of the exposure of its first row.
+    /// Meaning of a frame's timestamp: start, middle or end of the exposure of its first row.
     pub stamps: Stamps,
 }
 
 impl Default for FrameCameraSettings {
-    /// 30 frames a second with a global shutter.
+    /// 30 frames per second with a global shutter.
     fn default() -> Self {
         let exposure = ExposureModel { interval: 33_333, readout: 0, moments: 4, ..ExposureModel::default() };
         Self { sensor: Sensor::new(640, 512), exposure, line_delay: 0.0, stamps: Stamps::Middle }
@@ -40,7 +40,7 @@ impl Default for FrameCameraSettings {
 }
 
 impl FrameCameraSettings {
-    /// Tells which setting is out of its range, if one is.
+    /// Checks all settings; returns an error with the first setting that is out of range.
     pub fn check(&self) -> Result<(), SimulationError> {
         self.exposure.check()?;
         let Sensor { width, height } = self.sensor;
@@ -61,7 +61,7 @@ impl FrameCameraSettings {
         }
     }
 
-    /// Time of a stamp (µs).
+    /// Returns the time of a frame's timestamp (µs).
     fn stamped(&self, times: FrameTimes) -> f64 {
         let (start, end) = (times.exposure_start as f64, times.exposure_end as f64);
         match self.stamps {
@@ -72,8 +72,9 @@ impl FrameCameraSettings {
     }
 }
 
-/// Takes the frames of `simulation` from `begin` (µs) on into the folder at `path`, stamped in ns by a clock that shows `own_time`
-/// at a time in µs, and gives the names of the files in it. `progress` is called with the number of slices done.
+/// Writes the frames of `simulation` from `begin` (µs) on into the folder at `path`, with timestamps in ns of a clock
+/// that shows `own_time` at a time in µs. Returns the names of the files in the folder. `progress` is called with the
+/// number of finished slices.
 pub(super) fn write(
     simulation: &Simulation,
     settings: &FrameCameraSettings,

@@ -1,10 +1,9 @@
-//! The inertial measurement unit of a DAVIS: what gyroscope and accelerometer feel of the motion.
+//! The IMU of a DAVIS: readings of gyroscope and accelerometer during the motion.
 //!
-//! It sits in the camera's projection centre, its axes are the camera's (x right, y down, z along
-//! the line of sight), and the board hangs upright: gravity points along the world's y. At rest
-//! with the image upright it reads −1 g on y, as a real one does. Noise and bias are those of an
-//! MPU-9250 on real cameras. With a [`mount`](super::mount) it sits beside the camera and has filters, scale and misalignment
-//! as well.
+//! The IMU is at the camera's projection centre, its axes are the camera's (x right, y down, z along the line of
+//! sight), and the board hangs upright: gravity points along the world's y. At rest with the image upright it reads −1
+//! g on y, as a real one does. Noise and bias are those of an MPU-9250 on real cameras. With a [`mount`](super::mount)
+//! it is offset from the camera and has filters, scale errors and misalignment as well.
 
 use nalgebra::{Isometry3, Vector3};
 use rand::SeedableRng;
@@ -17,30 +16,30 @@ use super::inertial_truth::InertialTruth;
 use super::mount::{Mount, MountSettings, MountTruth};
 use evcal_geometry::numerics::random::normal;
 
-/// The stream of random numbers that draws biases and noise.
+/// Stream of random numbers for biases and noise.
 const INERTIA_STREAM: u64 = u64::MAX - 3;
 
-/// How the inertial measurement unit is set up.
+/// Settings of the IMU.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InertialSettings {
-    /// Whole milliseconds from sample to sample, 1 to 256.
+    /// Time between samples in whole milliseconds, 1 to 256.
     pub interval: u16,
     /// 0 to 3: ±2, ±4, ±8, ±16 g.
     pub accelerometer_scale: u8,
     /// 0 to 3: ±250, ±500, ±1000, ±2000 °/s.
     pub gyroscope_scale: u8,
-    /// Standard deviation of a sample of the accelerometer in g.
+    /// Standard deviation of an accelerometer sample in g.
     pub accelerometer_noise: f64,
-    /// Standard deviation of a sample of the gyroscope in °/s.
+    /// Standard deviation of a gyroscope sample in °/s.
     pub gyroscope_noise: f64,
-    /// Standard deviation in g from which the constant error of each axis is drawn.
+    /// Standard deviation in g of the distribution from which each axis' constant error is drawn.
     pub accelerometer_bias: f64,
-    /// Standard deviation in °/s from which the constant error of each axis is drawn.
+    /// Standard deviation in °/s of the distribution from which each axis' constant error is drawn.
     pub gyroscope_bias: f64,
     /// Temperature of the chip in °C.
     pub temperature: f64,
-    /// What a real unit adds; without it, a perfect one sits in the camera.
+    /// Additional properties of a real IMU; without them, a perfect IMU is at the camera.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mount: Option<MountSettings>,
 }
@@ -62,7 +61,7 @@ impl Default for InertialSettings {
 }
 
 impl InertialSettings {
-    /// Neither noise nor bias.
+    /// Returns an IMU without noise and bias.
     pub fn ideal() -> Self {
         Self {
             accelerometer_noise: 0.0,
@@ -73,9 +72,9 @@ impl InertialSettings {
         }
     }
 
-    /// The unit of a DAVIS346: beside the camera, with its filters, scale and misalignment.
+    /// Returns the IMU of a DAVIS346: offset from the camera, with filters, scale errors and misalignment.
     pub fn davis346() -> Self {
-        // Noise comes from the mount.
+        // The mount adds the noise.
         Self {
             accelerometer_noise: 0.0,
             gyroscope_noise: 0.0,
@@ -84,7 +83,7 @@ impl InertialSettings {
         }
     }
 
-    /// Tells which setting is out of its range, if one is.
+    /// Checks all settings; returns an error with the first setting that is out of range.
     pub fn check(&self) -> Result<(), SimulationError> {
         let not_negative = |value: f64| value >= 0.0 && value.is_finite();
         const NOT_NEGATIVE: &str = "0 or above";
@@ -106,20 +105,20 @@ impl InertialSettings {
     }
 }
 
-/// Constant errors of a unit.
+/// Constant errors of an IMU.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InertialBias {
-    /// Of the accelerometer, in g.
+    /// Bias of the accelerometer, in g.
     pub acceleration: [f64; 3],
-    /// Of the gyroscope, in °/s.
+    /// Bias of the gyroscope, in °/s.
     pub angular_velocity: [f64; 3],
-    /// The other errors of a real unit.
+    /// The other errors of a real IMU.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mount: Option<MountTruth>,
 }
 
-/// An inertial measurement unit with its biases.
+/// An IMU with its biases.
 #[derive(Clone, Debug)]
 pub struct InertialUnit {
     settings: InertialSettings,
@@ -129,7 +128,7 @@ pub struct InertialUnit {
 }
 
 impl InertialUnit {
-    /// A unit whose biases and noise come from `seed`.
+    /// Creates an IMU with biases and noise from `seed`.
     pub fn new(settings: InertialSettings, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(INERTIA_STREAM);
@@ -142,13 +141,13 @@ impl InertialUnit {
         Self { settings, bias, mount, rng }
     }
 
-    /// Its constant errors.
+    /// Returns the constant errors.
     pub fn bias(&self) -> InertialBias {
         self.bias
     }
 
-    /// What it should feel at `time` µs along `pose` (`T_world_camera` at a time in seconds), and what it reads; `None` where
-    /// the sample gets lost. Times must increase.
+    /// Returns the ideal readings at `time` µs along `pose` (`T_world_camera` at a time in seconds), and the actual
+    /// readings; `None` if the sample is lost. Times must increase.
     pub fn sample(&mut self, pose: impl Fn(f64) -> Isometry3<f64>, time: u64) -> Option<(InertialTruth, ImuSample)> {
         let Some(mount) = &mut self.mount else {
             let felt = InertialTruth::new(pose, time);
@@ -159,7 +158,7 @@ impl InertialUnit {
         Some((felt, self.read(&InertialTruth { time, acceleration, angular_velocity })))
     }
 
-    /// What it reads where `truth` is true. Each reading brings new noise.
+    /// Returns the actual readings for the ideal readings `truth`. Each call adds new noise.
     pub fn read(&mut self, truth: &InertialTruth) -> ImuSample {
         let Self { settings, bias, rng, .. } = self;
         let scale = ImuScale { accelerometer: settings.accelerometer_scale, gyroscope: settings.gyroscope_scale };
@@ -180,7 +179,7 @@ impl InertialUnit {
             time: truth.time,
             acceleration: Some(acceleration),
             angular_velocity: Some(angular_velocity),
-            // The data sheet's formula: 333.87 steps a degree from 21 °C on.
+            // Formula of the data sheet: 333.87 steps per degree, zero at 21 °C.
             temperature: Some(quantise((settings.temperature - 21.0) * 333.87)),
             scale,
             model: ImuModel::Mpu9250,
@@ -188,7 +187,7 @@ impl InertialUnit {
     }
 }
 
-/// The nearest number of 16 bits; readings beyond the scale stay at its end.
+/// Returns the nearest 16-bit number; readings beyond the range are clamped.
 fn quantise(value: f64) -> i16 {
     libm::round(value).clamp(f64::from(i16::MIN), f64::from(i16::MAX)) as i16
 }
@@ -214,7 +213,7 @@ mod tests {
         }
     }
 
-    /// Dead reckoning from the true readings leads along the trajectory.
+    /// Integrating the ideal readings reproduces the trajectory.
     #[test]
     fn readings_integrate_to_the_motion() {
         let motion =
@@ -252,7 +251,7 @@ mod tests {
             angular_velocity: Vector3::new(100.0, -30.0, 0.0),
         };
         let sample = InertialUnit::new(InertialSettings::ideal(), 1).read(&truth);
-        // 8192 steps per g, 65.536 per °/s; beyond ±4 g it is at the end of its scale.
+        // 8192 steps per g, 65.536 per °/s; readings beyond ±4 g are clamped.
         assert_eq!(sample.acceleration, Some([4096, -8192, 32767]));
         assert_eq!(sample.angular_velocity, Some([6554, -1966, 0]));
         assert!((sample.temperature_celsius().unwrap() - 29.0).abs() < 0.01);

@@ -1,25 +1,25 @@
-//! What a perfect inertial measurement unit at the camera would measure.
+//! Readings of a perfect IMU at the camera.
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 
-/// Half the time over which the motion is differentiated, in seconds.
+/// Half the time interval over which the motion is differentiated, in seconds.
 const STEP: f64 = 1e-4;
 
-/// What the unit would measure without bias, noise and filters, in its axes.
+/// Ideal readings, without bias, noise and filters, in the axes of the IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InertialTruth {
     /// Time in microseconds since the start of the recording.
     pub time: u64,
-    /// Acceleration less gravity, in g.
+    /// Acceleration minus gravity, in g.
     pub acceleration: Vector3<f64>,
     /// Angular velocity in °/s.
     pub angular_velocity: Vector3<f64>,
 }
 
 impl InertialTruth {
-    /// Of a camera that moves along `pose` (`T_world_camera` at a time in seconds), at `time` µs.
+    /// Computes the readings at `time` µs for a camera that moves along `pose` (`T_world_camera` at a time in seconds).
     pub fn new(pose: impl Fn(f64) -> Isometry3<f64>, time: u64) -> Self {
         let t = time as f64 * 1e-6;
         let [before, now, after] = [t - STEP, t, t + STEP].map(pose);

@@ -3,7 +3,7 @@
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 
-/// A model refuses these parameters.
+/// Error: a model rejects the parameters.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error(
     "model {kind} takes {} parameters {}, all finite, with positive focal lengths; {given} were given",
@@ -15,15 +15,15 @@ pub struct LensError {
     given: usize,
 }
 
-/// The lens with these parameters.
+/// Creates the lens with these parameters.
 ///
 /// # Errors
-/// [`LensError`] if they are too few, too many or out of their range.
+/// [`LensError`] if there are too few or too many parameters, or one is out of range.
 pub fn lens(kind: ModelKind, parameters: &[f64]) -> Result<Camera<f64>, LensError> {
     Camera::from_parameters(kind, parameters).ok_or(LensError { kind, given: parameters.len() })
 }
 
-/// A radtan lens with a horizontal field of view of about 60 degrees and visible barrel distortion.
+/// Returns a radtan lens with a horizontal field of view of about 60 degrees and visible barrel distortion.
 ///
 /// # Errors
 /// [`LensError`] for a sensor without pixels.

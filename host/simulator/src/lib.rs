@@ -1,9 +1,9 @@
 #![doc = include_str!("../README.md")]
 //!
-//! Time runs in slices of 25 ms that bound the memory, slices in ticks of 50 µs at which poses are
-//! known; each pixel looks at the ticks it needs.
+//! Time is divided into slices of 25 ms, which limit the memory, and slices into ticks of 50 µs, at which poses are
+//! computed; each pixel is evaluated at the ticks that it needs.
 
-// No input makes it panic; the program prints.
+// No input causes a panic; only the program prints.
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
@@ -61,10 +61,10 @@ mod tests;
 
 pub use settings::{SimulationError, SimulationSettings};
 
-/// Ticks in a slice.
+/// Number of ticks in a slice.
 const SLICE_TICKS: usize = 500;
 
-/// How many events came out.
+/// Number of events by polarity.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EventCounts {
     /// OFF events.
@@ -77,14 +77,14 @@ pub struct EventCounts {
 #[derive(Clone, Debug)]
 pub struct Simulation {
     stage: Stage,
-    /// What the frames see, where it is not what the events see.
+    /// The scene and lens of the frames, if they differ from those of the events.
     frame_stage: Option<Stage>,
     motion: Motion,
     settings: SimulationSettings,
 }
 
 impl Simulation {
-    /// A camera with the given `rays` before `board`.
+    /// Creates the simulation of a camera with the given `rays` in front of `board`.
     pub fn new(rays: Rays, board: Board, settings: SimulationSettings) -> Result<Self, SimulationError> {
         settings.check()?;
         if board.circles().is_none() && !settings.scene.dots.are_circles() {
@@ -97,15 +97,15 @@ impl Simulation {
         Ok(Self { stage, frame_stage: None, motion, settings })
     }
 
-    /// The same, but frames look through a lens with these `rays`: no camera does, which a calibration
-    /// should notice.
+    /// Uses different `rays` for the frames than for the events. No real camera does that, so a calibration should
+    /// notice it.
     pub fn with_frame_rays(mut self, rays: Rays) -> Self {
         self.frame_stage = Some(Stage { rays, ..self.stage.clone() });
         self
     }
 
-    /// A second camera with these `rays` that is carried along at `T_first_second`, with pixels of the same kind and a `seed` of
-    /// its own.
+    /// Returns the simulation of a second camera with these `rays`, fixed to the first at `T_first_second`, with pixels
+    /// of the same kind and its own `seed`.
     pub fn second(&self, rays: Rays, first_second: Isometry3<f64>, seed: u64) -> Self {
         Self {
             stage: Stage { rays, ..self.stage.clone() },
@@ -115,32 +115,32 @@ impl Simulation {
         }
     }
 
-    /// What is simulated.
+    /// Returns the settings.
     pub fn settings(&self) -> &SimulationSettings {
         &self.settings
     }
 
-    /// The rays of the sensor.
+    /// Returns the rays of the sensor.
     pub fn rays(&self) -> &Rays {
         &self.stage.rays
     }
 
-    /// The board and its surroundings.
+    /// Returns the board and its surroundings.
     pub fn scene(&self) -> &Scene {
         &self.stage.scene
     }
 
-    /// The motion of the camera.
+    /// Returns the motion of the camera.
     pub fn motion(&self) -> &Motion {
         &self.motion
     }
 
-    /// `T_world_camera` at `t` seconds.
+    /// Returns `T_world_camera` at `t` seconds.
     pub fn pose(&self, t: f64) -> Isometry3<f64> {
         self.motion.pose(t)
     }
 
-    /// The poses at `rate` hertz, from 0 to the end of the recording.
+    /// Returns the poses at `rate` hertz, from 0 to the end of the recording.
     pub fn trajectory(&self, rate: f64) -> Vec<TimedPose> {
         let count = (self.settings.duration * rate).floor() as usize;
         (0..=count)
@@ -155,21 +155,20 @@ impl Simulation {
         (self.settings.duration * 1e6 / TICK).round() as usize
     }
 
-    /// Number of slices, which is how often [`Simulation::run`] calls its sink.
+    /// Returns the number of slices, which is the number of calls that [`Simulation::run`] makes to its sink.
     pub fn slice_count(&self) -> usize {
         self.tick_count().div_ceil(SLICE_TICKS)
     }
 
-    /// Simulates and hands the events of each slice of 25 ms to `sink`, in the order of their
-    /// times; without an arbiter events of one microsecond are in the order of y, then x. An error
-    /// of the sink ends the simulation.
+    /// Simulates and passes the events of each slice of 25 ms to `sink`, in order of time; without an arbiter, events
+    /// of the same microsecond are in the order of y, then x. An error of the sink ends the simulation.
     pub fn run<E>(&self, sink: impl FnMut(&[Event]) -> Result<(), E>) -> Result<EventCounts, E> {
         self.run_along(|t| self.motion.pose(t), sink)
     }
 
-    /// Simulates as [`Simulation::run`] does, with another motion of the camera: `pose` gives `T_world_camera` at any time
-    /// in seconds, up to a tenth of a millisecond before and after the slice that is being made. It may depend on the events
-    /// of earlier slices, as the hand of a person does who looks at them.
+    /// Simulates like [`Simulation::run`] with another motion of the camera: `pose` returns `T_world_camera` at any
+    /// time in seconds, up to 0.1 ms before and after the current slice. It may depend on the events of earlier slices,
+    /// like the hand of a person who watches them.
     pub fn run_along<E>(
         &self,
         pose: impl Fn(f64) -> Isometry3<f64>,
@@ -188,7 +187,7 @@ impl Simulation {
                 events.append(&mut row.events);
             }
             events.sort_unstable_by_key(|event| (event.t, event.y, event.x, event.polarity));
-            // Requests later than the slice wait for those of the next one.
+            // Requests later than the slice are processed with the next one.
             let end = if last == ticks { i64::MAX } else { (last as f64 * TICK) as i64 };
             let ready = events.partition_point(|event| event.t < end);
             let later = events.split_off(ready);
@@ -229,7 +228,7 @@ impl Simulation {
     }
 }
 
-/// Gives each event the time of the first scan that is not before it. Scans are `interval` seconds apart.
+/// Sets the time of each event to the first scan that is not before it. Scans are `interval` seconds apart.
 fn wait_for_scan(events: &mut [Event], interval: f64) {
     let interval = ((1e6 * interval).round() as i64).max(1);
     for event in events {
@@ -237,7 +236,7 @@ fn wait_for_scan(events: &mut [Event], interval: f64) {
     }
 }
 
-/// The stream of random numbers that places the hot pixels; rows of pixels use the streams from 0.
+/// Stream of random numbers for the positions of hot pixels; rows of pixels use the streams from 0.
 const HOT_PIXEL_STREAM: u64 = u64::MAX - 1;
-/// The stream of random numbers that places the dead columns.
+/// Stream of random numbers for the positions of dead columns.
 const DEAD_COLUMN_STREAM: u64 = u64::MAX - 3;

@@ -1,34 +1,34 @@
-//! Lamps: their flicker, and their mirror image in a glossy print.
+//! Lamps: their flicker, and their reflection in a glossy print.
 
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Light that swings about its mean, as that of lamps on mains does.
+/// Light that oscillates about its mean, like a lamp on mains.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lamp {
-    /// Frequency in hertz: twice that of the mains.
+    /// Frequency in hertz: twice the mains frequency.
     pub frequency: f64,
-    /// Amplitude as a share of the mean, 0 to below 1 (percent flicker).
+    /// Amplitude as a fraction of the mean, from 0 to below 1 (percent flicker).
     pub depth: f64,
 }
 
 impl Lamp {
-    /// The light at time `t` (µs), 1 on average.
+    /// Returns the light at time `t` (µs), 1 on average.
     pub fn light(&self, t: f64) -> f64 {
         1.0 + self.depth * libm::sin(std::f64::consts::TAU * 1e-6 * self.frequency * t)
     }
 }
 
-/// The mirror image of a lamp on the sheet: a bright spot that moves with the camera.
+/// The reflection of a lamp on the sheet: a bright spot that moves with the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Glare {
-    /// Radiance of the spot's middle, added to that of the print.
+    /// Radiance at the centre of the spot, added to the print.
     pub strength: f64,
     /// Standard deviation of the spot on the sheet, in metres.
     pub spread: f64,
-    /// Place of the lamp from the board's middle, in metres: along x, along y, and towards the camera.
+    /// Position of the lamp relative to the board's middle, in metres: along x, along y, and towards the camera.
     pub lamp: [f64; 3],
 }
 
@@ -39,14 +39,14 @@ impl Default for Glare {
 }
 
 impl Glare {
-    /// Distance from the spot's middle, in spreads, beyond which it is dark.
+    /// Distance from the centre of the spot, in standard deviations, beyond which it is dark.
     const REACH: f64 = 5.0;
 
-    /// The radiance that a camera at `position` sees added at `point` of the board, whose middle is `middle`.
+    /// Returns the radiance added at `point` of the board, whose middle is `middle`, for a camera at `position`.
     pub(super) fn radiance(&self, position: &Vector3<f64>, middle: &Vector2<f64>, point: &Vector2<f64>) -> f64 {
         let [x, y, height] = self.lamp;
         let lamp = middle + Vector2::new(x, y);
-        // The camera, at z < 0, sees the lamp as far behind the board as it is before it.
+        // The camera, at z < 0, sees the lamp as far behind the board as it is in front of it.
         let share = -position.z / (height - position.z);
         let spot = position.xy() + (lamp - position.xy()) * share;
         let square = (point - spot).norm_squared() / (self.spread * self.spread);
@@ -58,12 +58,12 @@ impl Glare {
 mod tests {
     use super::*;
 
-    /// Angle of incidence is angle of reflection.
+    /// The angle of incidence equals the angle of reflection.
     #[test]
     fn the_spot_is_where_a_mirror_has_it() {
         let glare = Glare { strength: 1.0, spread: 0.01, lamp: [0.3, 0.0, 1.5] };
         let (camera, middle) = (Vector3::new(-0.2, 0.1, -0.5), Vector2::new(0.2, 0.1));
-        // From x = -0.2 to the lamp at x = 0.5, a quarter of the way by height.
+        // From x = -0.2 to the lamp at x = 0.5, a quarter of the way according to the heights.
         let spot = Vector2::new(-0.2 + 0.7 * 0.25, 0.1);
         assert!((glare.radiance(&camera, &middle, &spot) - 1.0).abs() < 1e-12);
         assert!(glare.radiance(&camera, &middle, &(spot + Vector2::new(0.01, 0.0))) < 0.61);

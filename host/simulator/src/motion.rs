@@ -1,11 +1,10 @@
-//! Hand-like motion of a camera before the board, smooth and known at any time.
+//! Hand-like motion of a camera in front of the board, smooth and defined at any time.
 //!
-//! The motion is written in what the camera sees: where in the image the board's middle is, how
-//! far away and how tilted and turned it is. Each of these six is a sum of two sinusoids with
-//! frequencies and phases from the seed, bounded so that the print stays in view while it reaches
-//! every edge of the sensor. A tremor of the hand comes on top. How fast the sinusoids run is set
-//! such that the board's mean speed in the image is the stated one. Motions that leave something open, such as
-//! those without any turning, have the same places of the board in the image with a [`Turning`] of their own.
+//! The motion is defined in terms of the image: the position of the board's middle, its distance, its tilt and its
+//! rotation. Each of these six is a sum of two sinusoids with frequencies and phases from the seed, bounded so that the
+//! print stays in view while it reaches every edge of the sensor. A tremor of the hand is added. The frequency of the
+//! sinusoids is chosen such that the board's mean speed in the image has the required value. Degenerate motions, such
+//! as those without rotation, have the same positions of the board in the image but their own [`Turning`].
 
 mod settings;
 mod turning;
@@ -26,7 +25,7 @@ use evcal_geometry::numerics::random::{uniform, uniform_in};
 
 const PAUSE_RAMP: f64 = 0.2;
 const ABSENCE_RAMP: f64 = 0.8;
-/// Frequency of the rise and fall of the speed in hertz.
+/// Frequency of the speed variation in hertz.
 const VARIATION_FREQUENCY: f64 = 0.5;
 /// Columns and rows of the cells of the sensor in which image speeds are measured.
 pub const SPEED_GRID: (u16, u16) = (18, 14);
@@ -35,7 +34,7 @@ pub const SPEED_GRID: (u16, u16) = (18, 14);
 struct Sinusoid {
     amplitude: f64,
     frequency: f64,
-    /// Where in its cycle it begins, 0 to 1.
+    /// Phase at the start, in cycles, 0 to 1.
     offset: f64,
 }
 
@@ -61,7 +60,7 @@ impl Wave {
     }
 }
 
-/// The motion of a camera, a function of time.
+/// The motion of a camera as a function of time.
 #[derive(Clone, Debug)]
 pub struct Motion {
     settings: MotionSettings,
@@ -74,17 +73,17 @@ pub struct Motion {
     tilt: [Wave; 2],
     roll: Wave,
     tremor: [Wave; 3],
-    /// Cycles of the fundamental waves per second.
+    /// Cycles of the fundamental sinusoids per second.
     pace: f64,
     pauses: Ramps,
     absences: Ramps,
-    /// Where a second camera is on the one that is moved: `T_first_second`.
+    /// Pose of a second camera on the moving one: `T_first_second`.
     mount: Option<Isometry3<f64>>,
 }
 
 impl Motion {
-    /// Motion before `board` of a camera with these `rays`, for a recording of `duration` seconds
-    /// (over which the mean speed is set). Fails when the lens has no usable field of view.
+    /// Creates the motion in front of `board` of a camera with these `rays`, for a recording of `duration` seconds
+    /// (over which the mean speed is set). Returns `None` if the lens has no usable field of view.
     pub fn new(settings: &MotionSettings, board: &Board, rays: &Rays, duration: f64, seed: u64) -> Option<Self> {
         let (center, half_view) = field_of_view(rays)?;
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -117,8 +116,8 @@ impl Motion {
             absences: Ramps::new(&settings.absences, ABSENCE_RAMP),
             mount: None,
         };
-        // Speed grows with the pace but for the tremor, and a short recording sees another part of
-        // the path at another pace: a few rounds settle both.
+        // Without the tremor, the speed is proportional to the pace, and in a short recording the part of the path
+        // depends on the pace: a few iterations converge.
         for _ in 0..8 {
             let speed = motion.mean_speed(board, rays, duration);
             if speed <= 0.0 {
@@ -129,23 +128,23 @@ impl Motion {
         Some(motion)
     }
 
-    /// The motion of a second camera that is carried along, at `T_first_second`.
+    /// Returns the motion of a second camera that is fixed to the first at `T_first_second`.
     pub fn carrying(&self, first_second: Isometry3<f64>) -> Self {
         Self { mount: Some(first_second), ..self.clone() }
     }
 
-    /// How the camera moves.
+    /// Returns the settings.
     pub fn settings(&self) -> &MotionSettings {
         &self.settings
     }
 
-    /// `T_world_camera` at `t` seconds: metres, board in the plane z = 0, camera at z < 0.
+    /// Returns `T_world_camera` at `t` seconds: metres, board in the plane z = 0, camera at z < 0.
     pub fn pose(&self, t: f64) -> Isometry3<f64> {
         let moved = self.moved(t);
         self.mount.map_or(moved, |mount| moved * mount)
     }
 
-    /// The pose of the camera that the hand moves.
+    /// Returns the pose of the camera that the hand moves.
     fn moved(&self, t: f64) -> Isometry3<f64> {
         let active = t - self.pauses.integral(t);
         let omega = std::f64::consts::TAU * VARIATION_FREQUENCY;
@@ -193,8 +192,8 @@ impl Motion {
             .inverse()
     }
 
-    /// Mean speed in pixels per second of the board's points in view, over the time in which the
-    /// camera neither pauses nor looks away. Zero when the board is never in view.
+    /// Returns the mean speed in pixels per second of the board's points in view, over the time in which the camera
+    /// neither pauses nor looks away. Zero if the board is never in view.
     pub fn mean_speed(&self, board: &Board, rays: &Rays, duration: f64) -> f64 {
         const TIMES: u32 = 300;
         let (mut sum, mut count) = (0.0, 0u32);
@@ -215,15 +214,15 @@ impl Motion {
     }
 }
 
-/// Time that runs to and fro with this `period`, as fast as `t` in the middle of each way.
+/// Returns a time that runs back and forth with this `period`, as fast as `t` in the middle of each sweep.
 fn to_and_fro(t: f64, period: f64) -> f64 {
     let omega = std::f64::consts::TAU / period;
     libm::sin(omega * t) / omega
 }
 
-/// How fast the board plane passes the image at time `t`, in pixels per second, and at which of its points, where `pose` is
-/// `T_world_camera`: in the middle of each cell of [`SPEED_GRID`], row by row. `None` where a pixel does not look at the
-/// plane.
+/// Returns the image speed of the board plane at time `t`, in pixels per second, with the point of the plane, in the
+/// middle of each cell of [`SPEED_GRID`], row by row; `pose` returns `T_world_camera`. `None` for a pixel that does not
+/// see the plane.
 pub fn image_speeds(pose: impl Fn(f64) -> Isometry3<f64>, rays: &Rays, t: f64) -> Vec<Option<(Vector2<f64>, f64)>> {
     const STEP: f64 = 1e-4;
     let before = View::new(&pose(t - STEP));
@@ -238,11 +237,11 @@ pub fn image_speeds(pose: impl Fn(f64) -> Isometry3<f64>, rays: &Rays, t: f64) -
     rays.grid(columns, rows).map(|ray| speed(ray?)).collect()
 }
 
-/// The stream of random numbers that draws the motion; rows of pixels use the streams from 0.
+/// Stream of random numbers for the motion; rows of pixels use the streams from 0.
 const MOTION_STREAM: u64 = u64::MAX;
 
-/// Azimuth and elevation of the middle of the field of view, and half its width and height, in
-/// radians, along the sensor's middle row and column.
+/// Returns azimuth and elevation of the middle of the field of view, and half its width and height, in radians, along
+/// the sensor's middle row and column.
 fn field_of_view(rays: &Rays) -> Option<(Vector2<f64>, Vector2<f64>)> {
     let Sensor { width, height } = rays.sensor();
     let azimuths =
@@ -253,7 +252,7 @@ fn field_of_view(rays: &Rays) -> Option<(Vector2<f64>, Vector2<f64>)> {
     let (left, right) = range(azimuths);
     let (top, bottom) = range(elevations);
     let half = 0.5 * Vector2::new(right - left, bottom - top);
-    // Beyond this half angle a flat board cannot fill the image; the motion need not either.
+    // Beyond this half angle a flat board cannot fill the image, so the motion need not do so either.
     const WIDEST: f64 = 1.2;
     (half.x > 0.01 && half.y > 0.01)
         .then(|| (0.5 * Vector2::new(right + left, bottom + top), half.map(|angle| angle.min(WIDEST))))

@@ -1,4 +1,4 @@
-//! Motion capture of the simulated camera: a body of markers on it, in a room with its own frame and clock.
+//! Motion capture of the simulated camera: a marker body on the camera, in a room with its own frame and clock.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
@@ -9,39 +9,39 @@ use super::{Simulation, SimulationError};
 use evcal_geometry::numerics::random::{normal, uniform};
 use evcal_geometry::timed_pose::TimedPose;
 
-/// The stream of random numbers that draws noise and dropouts.
+/// Stream of random numbers for noise and dropouts.
 const CAPTURE_STREAM: u64 = u64::MAX - 5;
-/// Usual length of a dropout (s).
+/// Typical length of a dropout (s).
 const DROPOUT: f64 = 0.1;
 
-/// A capture system and the body that it follows.
+/// Settings of a capture system and of the marker body.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MotionCaptureSettings {
-    /// Poses a second.
+    /// Poses per second.
     pub rate: f64,
     /// σ of a position along each axis in metres.
     pub position_noise: f64,
     /// σ of a rotation about each axis in degrees.
     pub rotation_noise: f64,
-    /// Share of the poses that are missing, in dropouts of some 0.1 s.
+    /// Fraction of the poses that are missing, in dropouts of about 0.1 s.
     pub dropouts: f64,
-    /// Where the body is in the camera's frame, in metres: the translation of `T_camera_body`.
+    /// Position of the marker body in the camera's frame, in metres: the translation of `T_camera_body`.
     pub body_position: [f64; 3],
-    /// How it is turned, as a rotation vector in degrees: the rotation of `T_camera_body`.
+    /// Rotation of the marker body, as a rotation vector in degrees: the rotation of `T_camera_body`.
     pub body_rotation: [f64; 3],
-    /// Where the board is in the capture's frame, in metres: the translation of `T_mocap_world`.
+    /// Position of the board in the capture's frame, in metres: the translation of `T_mocap_world`.
     pub world_position: [f64; 3],
-    /// How it is turned, as a rotation vector in degrees: the rotation of `T_mocap_world`.
+    /// Rotation of the board, as a rotation vector in degrees: the rotation of `T_mocap_world`.
     pub world_rotation: [f64; 3],
     /// t_mocap − t_events at the start of the recording, in seconds.
     pub clock_offset: f64,
-    /// By how much the capture's clock is faster, in parts per million.
+    /// Amount by which the capture's clock is faster, in parts per million.
     pub clock_drift: f64,
 }
 
 impl Default for MotionCaptureSettings {
-    /// A system of infrared cameras with a body some centimetres above the camera.
+    /// A system of infrared cameras with a marker body a few centimetres above the camera.
     fn default() -> Self {
         Self {
             rate: 120.0,
@@ -64,7 +64,7 @@ fn pose(position: [f64; 3], rotation: [f64; 3]) -> Isometry3<f64> {
 }
 
 impl MotionCaptureSettings {
-    /// Tells which setting is out of its range, if one is.
+    /// Checks all settings; returns an error with the first setting that is out of range.
     pub fn check(&self) -> Result<(), SimulationError> {
         let numbers = [self.body_position, self.body_rotation, self.world_position, self.world_rotation].concat();
         let checks = [
@@ -94,17 +94,17 @@ impl MotionCaptureSettings {
         }
     }
 
-    /// `T_camera_body`.
+    /// Returns `T_camera_body`.
     pub fn camera_body(&self) -> Isometry3<f64> {
         pose(self.body_position, self.body_rotation)
     }
 
-    /// `T_mocap_world`.
+    /// Returns `T_mocap_world`.
     pub fn mocap_world(&self) -> Isometry3<f64> {
         pose(self.world_position, self.world_rotation)
     }
 
-    /// What the system sees of the camera in `simulation`, on its own clock: `T_mocap_body`.
+    /// Returns the poses `T_mocap_body` that the system measures in `simulation`, on its own clock.
     pub fn capture(&self, simulation: &Simulation) -> Vec<TimedPose> {
         let settings = simulation.settings();
         let mut random = ChaCha8Rng::seed_from_u64(settings.seed);
@@ -132,7 +132,7 @@ impl MotionCaptureSettings {
     }
 }
 
-/// How a capture was made, as `truth.json` has it.
+/// Description of a capture in `truth.json`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MotionCaptureDescription {
@@ -147,7 +147,7 @@ pub struct MotionCaptureDescription {
 }
 
 impl MotionCaptureDescription {
-    /// Of a capture with these settings.
+    /// Describes a capture with these settings.
     pub fn new(settings: MotionCaptureSettings) -> Self {
         let rows = |pose: Isometry3<f64>| pose.to_homogeneous().transpose().into();
         Self { settings, camera_body: rows(settings.camera_body()), mocap_world: rows(settings.mocap_world()) }

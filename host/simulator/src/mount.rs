@@ -1,9 +1,9 @@
-//! What a real inertial unit adds to a perfect one: where it sits, how it is turned, its filters, its scale and
-//! misalignment, noise, walks and lost samples.
+//! Properties of a real IMU compared with a perfect one: position, rotation, filters, scale errors, misalignment,
+//! noise, random walks and lost samples.
 //!
-//! The axes of the accelerometer are those of the unit, as in Kalibr's model with scale and misalignment:
-//! it reads M_a f + b_a, the gyroscope M_g C ω + b_g, with lower triangular M and a rotation C from the unit's axes to the
-//! gyroscope's. Both go through a low-pass filter of two equal poles, and so does their noise.
+//! The axes of the accelerometer are those of the IMU, as in Kalibr's model with scale and misalignment: it reads
+//! M_a f + b_a, the gyroscope M_g C ω + b_g, with lower triangular M and a rotation C from the IMU's axes to the
+//! gyroscope's. Both readings, and their noise, pass a low-pass filter with two equal poles.
 
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
@@ -14,42 +14,42 @@ use super::SimulationError;
 use super::inertial_truth::InertialTruth;
 use evcal_geometry::numerics::random::{normal, uniform, uniform_in};
 
-/// The stream of random numbers that draws scales, misalignments, noise and losses.
+/// Stream of random numbers for scale errors, misalignments, noise and losses.
 const MOUNT_STREAM: u64 = u64::MAX - 4;
-/// Steps in which the filters run, in microseconds.
+/// Time step of the filters, in microseconds.
 const STEP: u64 = 250;
 
-/// A real unit.
+/// Settings of a real IMU.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MountSettings {
-    /// Where it is in the camera's frame, in metres.
+    /// Position in the camera's frame, in metres.
     pub position: [f64; 3],
-    /// How it is turned, as a rotation vector in degrees: R_imu_camera is its exponential.
+    /// Rotation, as a rotation vector in degrees: R_imu_camera is its exponential.
     pub rotation: [f64; 3],
-    /// Entries of M differ from those of the unit matrix by up to this.
+    /// Largest deviation of the entries of M from the unit matrix.
     pub scale_error: f64,
-    /// The gyroscope's axes are turned against the accelerometer's by up to this about each of them, in degrees.
+    /// Largest rotation of the gyroscope's axes relative to the accelerometer's, about each axis, in degrees.
     pub gyroscope_turn: f64,
-    /// By how much the accelerometer's filter delays, in seconds.
+    /// Delay of the accelerometer's filter, in seconds.
     pub accelerometer_delay: f64,
-    /// By how much the gyroscope's filter delays, in seconds.
+    /// Delay of the gyroscope's filter, in seconds.
     pub gyroscope_delay: f64,
-    /// White noise of the accelerometer before its filter, in g/√Hz: standard deviation of a sample over the root of the
-    /// sampling rate.
+    /// White noise of the accelerometer before its filter, in g/√Hz: standard deviation of a sample divided by the
+    /// square root of the sampling rate.
     pub accelerometer_noise_density: f64,
     /// White noise of the gyroscope before its filter, in °/s/√Hz.
     pub gyroscope_noise_density: f64,
-    /// How fast the accelerometer's bias walks, in g/√s.
+    /// Random walk of the accelerometer's bias, in g/√s.
     pub accelerometer_walk: f64,
-    /// How fast the gyroscope's bias walks, in °/s/√s.
+    /// Random walk of the gyroscope's bias, in °/s/√s.
     pub gyroscope_walk: f64,
-    /// Share of the samples that get lost.
+    /// Fraction of the samples that are lost.
     pub lost: f64,
 }
 
 impl Default for MountSettings {
-    /// The unit of a DAVIS346, an MPU-6500 with its usual filters.
+    /// Returns the IMU of a DAVIS346, an MPU-6500 with its usual filters.
     fn default() -> Self {
         Self {
             position: [0.003, -0.002, -0.020],
@@ -68,7 +68,7 @@ impl Default for MountSettings {
 }
 
 impl MountSettings {
-    /// Tells which setting is out of its range, if one is.
+    /// Checks all settings; returns an error with the first setting that is out of range.
     pub fn check(&self) -> Result<(), SimulationError> {
         let finite = |values: [f64; 3]| if values.iter().all(|value| value.is_finite()) { 0.0 } else { f64::NAN };
         const NOT_NEGATIVE: &str = "0 or above";
@@ -92,14 +92,14 @@ impl MountSettings {
         }
     }
 
-    /// The pose of the camera in the frame of the unit, T_imu_camera.
+    /// Returns the pose of the camera in the frame of the IMU, T_imu_camera.
     pub fn imu_from_camera(&self) -> Isometry3<f64> {
         let rotation = UnitQuaternion::new(Vector3::from(self.rotation).map(f64::to_radians));
         Isometry3::from_parts(Translation3::from(-(rotation * Vector3::from(self.position))), rotation)
     }
 }
 
-/// What was drawn for a real unit, as `truth.json` has it.
+/// Random properties of a real IMU, as in `truth.json`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MountTruth {
@@ -113,10 +113,10 @@ pub struct MountTruth {
     pub gyroscope_from_imu: [[f64; 3]; 3],
 }
 
-/// Two equal poles in a row.
+/// A low-pass filter with two equal poles.
 #[derive(Clone, Copy, Debug)]
 struct LowPass {
-    /// What a step leaves of the old state.
+    /// Fraction of the old state that remains after a step.
     kept: f64,
     state: Option<[Vector3<f64>; 2]>,
 }
@@ -127,8 +127,8 @@ impl LowPass {
         Self { kept, state: None }
     }
 
-    /// `input` is the mean over the step that ends now, as far as a trapezium tells; so the filter delays by its poles
-    /// and not by half a step more.
+    /// Filters the next input. `input` is the mean over the step that ends now, by the trapezium rule, so that the
+    /// delay is that of the poles of the filter without an additional half step.
     fn push(&mut self, input: Vector3<f64>) -> Vector3<f64> {
         let [first, second] = self.state.unwrap_or([input; 2]);
         let next_first = input + (first - input) * self.kept;
@@ -139,7 +139,7 @@ impl LowPass {
     }
 }
 
-/// A real unit at work.
+/// State of a real IMU.
 #[derive(Clone, Debug)]
 pub struct Mount {
     settings: MountSettings,
@@ -154,7 +154,7 @@ pub struct Mount {
 }
 
 impl Mount {
-    /// A unit whose errors come from `seed`.
+    /// Creates an IMU with errors from `seed`.
     pub fn new(settings: MountSettings, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(MOUNT_STREAM);
@@ -188,19 +188,20 @@ impl Mount {
         }
     }
 
-    /// What was drawn.
+    /// Returns the random properties.
     pub fn truth(&self) -> MountTruth {
         self.truth
     }
 
-    /// What a perfect unit in its place would feel at `time` µs; `pose` is T_world_camera at a time in seconds.
+    /// Returns the ideal readings of a perfect IMU at the same position at `time` µs; `pose` is T_world_camera at a
+    /// time in seconds.
     pub fn felt(&self, pose: impl Fn(f64) -> Isometry3<f64>, time: u64) -> InertialTruth {
         let camera_from_imu = self.settings.imu_from_camera().inverse();
         InertialTruth::new(|t| pose(t) * camera_from_imu, time)
     }
 
-    /// Acceleration (g) and angular velocity (°/s) that it gives out at `time` µs but for its constant bias; `None` where
-    /// the sample gets lost. Times must increase.
+    /// Returns acceleration (g) and angular velocity (°/s) at `time` µs without the constant bias; `None` if the sample
+    /// is lost. Times must increase.
     pub fn output(&mut self, pose: impl Fn(f64) -> Isometry3<f64>, time: u64) -> Option<[Vector3<f64>; 2]> {
         let mut output = [Vector3::zeros(); 2];
         while self.time < time {
@@ -221,7 +222,7 @@ impl Mount {
         std::array::from_fn(|sensor| {
             let mut noise = |size: f64| Vector3::from_fn(|_, _| size * normal(&mut self.rng));
             self.walks[sensor] += noise(walks[sensor] * length.sqrt());
-            // A filter is given the mean over the step; without one, the reading is that of the moment.
+            // A filter receives the mean over the step; without a filter, the reading is the current value.
             let smooth =
                 if self.filters[sensor].kept > 0.0 { (before[sensor] + now[sensor]) * 0.5 } else { now[sensor] };
             let input = smooth + noise(noises[sensor] / length.sqrt());
@@ -285,7 +286,8 @@ mod tests {
         }
     }
 
-    /// White noise has the stated density: over 50 ms, long against the filters, the mean has the variance density² / T.
+    /// White noise has the specified density: over 50 ms, long compared with the filters, the mean has the variance
+    /// density² / T.
     #[test]
     fn noise_has_the_stated_density() {
         let settings = MountSettings { accelerometer_noise_density: 0.001, gyroscope_noise_density: 0.01, ..quiet() };

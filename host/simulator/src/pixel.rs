@@ -6,21 +6,21 @@ use rand_chacha::ChaCha8Rng;
 use super::sensor::SensorModel;
 use evcal_geometry::numerics::random::{exponential, normal, uniform, uniform_in};
 
-/// Length of a sub-step over which a relaxing photoreceptor is taken as linear, in time constants.
+/// Length of a sub-step over which a settling photoreceptor is treated as linear, in time constants.
 const RELAXATION_STEP: f64 = 0.3;
-/// Departure from steady tracking, in log intensity, below which no sub-steps are needed.
+/// Deviation from steady tracking, in log intensity, below which no sub-steps are needed.
 const RELAXATION_TOLERANCE: f64 = 0.02;
-/// Distance of the photoreceptor from its input, in log intensity, at which it has arrived.
+/// Distance of the photoreceptor from its input, in log intensity, at which it has settled.
 const SETTLED: f64 = 1e-5;
-/// Smallest threshold that mismatch can leave.
+/// Smallest threshold after mismatch.
 const LEAST_THRESHOLD: f64 = 0.05;
 
-/// Log intensity at the input of a pixel, and how fast the photoreceptor follows it.
+/// Log intensity at the input of a pixel, and cut-off of the photoreceptor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Input {
     /// Natural logarithm of the intensity.
     log_intensity: f64,
-    /// Cut-off of the photoreceptor in radians per microsecond; infinite for none.
+    /// Cut-off of the photoreceptor in radians per microsecond; infinite without a photoreceptor delay.
     rate: f64,
 }
 
@@ -42,17 +42,17 @@ pub struct Pixel {
     reset_until: f64,
 }
 
-/// Where the events of a row go, and its randomness.
+/// Output of a row and its random numbers.
 pub struct RowOutput<'a> {
     /// Random numbers of the row.
     pub rng: &'a mut ChaCha8Rng,
-    /// Events of the row in the present slice, in no order.
+    /// Events of the row in the current slice, in no particular order.
     pub events: &'a mut Vec<Event>,
 }
 
 impl Pixel {
-    /// A pixel at rest in the light of `radiance`, with its share of mismatch. `gain` is its light
-    /// relative to the image centre; `hot` makes it fire on its own.
+    /// Creates a pixel at rest in the light of `radiance`, with random mismatch. `gain` is its light relative to the
+    /// image centre; a `hot` pixel fires on its own.
     pub fn new(
         x: u16,
         y: u16,
@@ -64,7 +64,7 @@ impl Pixel {
     ) -> Self {
         let [off, on] = [sensor.threshold_off, sensor.threshold_on]
             .map(|threshold| (threshold + sensor.threshold_mismatch * normal(rng)).max(LEAST_THRESHOLD));
-        // Less half the variance, for the mean of all pixels to be the stated rate.
+        // Subtract half the variance, so that the mean of all pixels is the specified rate.
         let deviation = sensor.noise_spread * std::f64::consts::LN_10;
         let spread = libm::exp(deviation * normal(rng) - 0.5 * deviation * deviation);
         let [slowest, fastest] = sensor.hot_rate;
@@ -88,14 +88,13 @@ impl Pixel {
         };
         pixel.input = pixel.input_at(sensor, radiance);
         pixel.output = pixel.input.log_intensity;
-        // The leak of each pixel is somewhere in its cycle when the recording starts.
+        // The leak of each pixel starts at a random point of its cycle.
         let cycle = if sensor.leak_rate > 0.0 { uniform(rng) } else { 0.0 };
         pixel.memory = pixel.output - cycle * on;
         pixel
     }
 
-    /// Lets the light go to `radiance` from `start` to `end` (log intensity in a straight line), and
-    /// fires.
+    /// Changes the light to `radiance` from `start` to `end` (linear in log intensity), and emits events.
     #[inline]
     pub fn see(&mut self, sensor: &SensorModel, start: f64, end: f64, radiance: f64, out: &mut RowOutput<'_>) {
         if radiance == self.radiance && (self.output - self.input.log_intensity).abs() < SETTLED {
@@ -126,8 +125,8 @@ impl Pixel {
             self.compare(sensor, start, end, input.log_intensity, out);
             return;
         }
-        // First-order low-pass of a ramp, exact for a constant rate: the output tracks the ramp
-        // behind by its slope over the rate, plus a transient that dies out.
+        // First-order low-pass of a ramp, exact for a constant rate: the output follows the ramp with a lag of its
+        // slope divided by the rate, plus a transient that decays.
         let rate = 0.5 * (from.rate + input.rate);
         let rise = input.log_intensity - from.log_intensity;
         let mut rest = rate * (end - start);
@@ -146,7 +145,7 @@ impl Pixel {
         self.compare(sensor, time, end, output, out);
     }
 
-    /// Lets the photoreceptor's output go to `output` in a straight line, and fires at thresholds.
+    /// Changes the photoreceptor's output linearly to `output`, and emits events at thresholds.
     #[inline]
     fn compare(&mut self, sensor: &SensorModel, start: f64, end: f64, output: f64, out: &mut RowOutput<'_>) {
         let from = std::mem::replace(&mut self.output, output);
@@ -162,7 +161,7 @@ impl Pixel {
         self.fire_between(sensor, start, from, end, output, out);
     }
 
-    /// Fires at thresholds on the straight line of the output from `from` at `start` to `output` at `end`.
+    /// Emits events at thresholds on the straight line of the output from `from` at `start` to `output` at `end`.
     fn fire_between(
         &mut self,
         sensor: &SensorModel,
@@ -229,8 +228,8 @@ impl Pixel {
         out.events.push(Event { t: (time + delay) as i64, x: self.x, y: self.y, polarity });
     }
 
-    /// Fires the noise events up to `end`. They leave the pixel's memory alone, so that the stated
-    /// rates hold whatever the scene does.
+    /// Emits noise events up to `end`. They do not affect the pixel's memory, so that the specified rates hold for any
+    /// scene.
     #[inline]
     pub fn make_noise(&mut self, sensor: &SensorModel, end: f64, out: &mut RowOutput<'_>) {
         let refractory = (sensor.refractory * 1e6).min(self.noise_interval);
@@ -263,7 +262,7 @@ mod tests {
         let (mut pixel, mut rng) = pixel(&sensor, 1.0);
         let mut events = Vec::new();
         let mut out = RowOutput { rng: &mut rng, events: &mut events };
-        // Log intensity falls by 2 in 1 ms: by 0.43 every 215 µs.
+        // Log intensity decreases by 2 in 1 ms: by 0.43 every 215 µs.
         pixel.see(&sensor, 0.0, 1000.0, libm::exp(-2.0), &mut out);
         pixel.see(&sensor, 1000.0, 2000.0, libm::exp(-2.0), &mut out);
         let times: Vec<(i64, Polarity)> = events.iter().map(|event| (event.t, event.polarity)).collect();
@@ -276,7 +275,7 @@ mod tests {
         let (mut pixel, mut rng) = pixel(&sensor, 1.0);
         let mut events = Vec::new();
         let mut out = RowOutput { rng: &mut rng, events: &mut events };
-        // A slope of 1/ms: threshold after 430 µs, then 300 µs of reset, and so on.
+        // With a slope of 1/ms, the threshold is reached after 430 µs, followed by 300 µs of reset, and so on.
         pixel.see(&sensor, 0.0, 2500.0, libm::exp(-2.5), &mut out);
         let times: Vec<i64> = events.iter().map(|event| event.t).collect();
         assert_eq!(times, [430, 1160, 1890]);
@@ -295,7 +294,7 @@ mod tests {
         assert!((times[0] - 400).abs() <= 1 && (times[1] - 900).abs() <= 1, "{times:?}");
     }
 
-    /// The response to a step of light of a first-order low-pass, one long look or many short ones.
+    /// The response to a step of light equals that of a first-order low-pass, for one long look or many short ones.
     #[test]
     fn the_photoreceptor_is_a_first_order_low_pass() {
         let photoreceptor = Some(Photoreceptor { bandwidth: 500.0, offset: 1e9 });
@@ -315,7 +314,7 @@ mod tests {
             assert_eq!(events.len(), 5);
             for (index, event) in (1..).zip(&events) {
                 let expected = -time_constant * libm::log(1.0 - 0.3 * f64::from(index) / rise);
-                // Straight lines over 0.3 time constants are good to 1 % of the step.
+                // Straight lines over 0.3 time constants are accurate to 1 % of the step.
                 let tolerance = 2.0 + 0.012 * rise / (rise - 0.3 * f64::from(index)) * time_constant;
                 assert!((event.t as f64 - expected).abs() < tolerance, "{} and {expected}", event.t);
             }

@@ -9,7 +9,7 @@ use super::inertia::InertialSettings;
 use super::motion::{MotionSettings, Turning};
 use super::sensor::SensorModel;
 
-/// How the camera moves.
+/// Motion of the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum MotionPreset {
@@ -21,30 +21,30 @@ pub enum MotionPreset {
     Blur,
     /// 850 px/s, with jerks.
     Violent,
-    /// 350 px/s, with pauses, and looks away from the board.
+    /// 350 px/s, with pauses and looks away from the board.
     Interrupted,
     /// 350 px/s, with a pause of two seconds in the middle.
     Paused,
-    /// 350 px/s, the board far away.
+    /// 350 px/s, with the board far away.
     Far,
-    /// 350 px/s, the board hardly tilted.
+    /// 350 px/s, with the board hardly tilted.
     HeadOn,
     /// 350 px/s, in one corner of the image only.
     Corner,
-    /// 350 px/s, without any turning.
+    /// 350 px/s, without rotation.
     Slide,
-    /// 350 px/s, turned about the camera's y axis only.
+    /// 350 px/s, with rotation about the camera's y axis only.
     OneAxis,
-    /// 350 px/s, turned about the line of sight, at the same rate all the time.
+    /// 350 px/s, with rotation about the line of sight at a constant rate.
     EvenTurn,
-    /// 350 px/s, turned by a few degrees only.
+    /// 350 px/s, with rotations of a few degrees only.
     LittleTurns,
-    /// 350 px/s, to and fro along the same path every two seconds.
+    /// 350 px/s, back and forth along the same path every two seconds.
     ToAndFro,
 }
 
 impl MotionPreset {
-    /// All of them.
+    /// All motions.
     pub const ALL: &[Self] = &[
         Self::Slow,
         Self::Fast,
@@ -62,7 +62,7 @@ impl MotionPreset {
         Self::ToAndFro,
     ];
 
-    /// Its name.
+    /// Returns the name.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Slow => "slow",
@@ -82,7 +82,7 @@ impl MotionPreset {
         }
     }
 
-    /// What it is, in a few words.
+    /// Returns a short description.
     pub const fn description(self) -> &'static str {
         match self {
             Self::Slow => "150 px/s",
@@ -102,7 +102,7 @@ impl MotionPreset {
         }
     }
 
-    /// The motion in a recording of `duration` seconds.
+    /// Returns the motion in a recording of `duration` seconds.
     pub fn settings(self, duration: f64) -> MotionSettings {
         match self {
             Self::Slow => MotionSettings::slow(),
@@ -123,23 +123,23 @@ impl MotionPreset {
     }
 }
 
-/// How good the light and the pixels are.
+/// Quality of light and pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum LightPreset {
     /// A DAVIS346-like sensor in a well-lit room.
     Default,
-    /// The same in dim light: slow pixels, strong noise.
+    /// The same sensor in dim light: slow pixels, strong noise.
     Low,
-    /// Neither noise nor delay nor mismatch.
+    /// No noise, delay or mismatch.
     Ideal,
 }
 
 impl LightPreset {
-    /// All of them.
+    /// All light presets.
     pub const ALL: &[Self] = &[Self::Default, Self::Low, Self::Ideal];
 
-    /// Its name.
+    /// Returns the name.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Default => "default",
@@ -148,7 +148,7 @@ impl LightPreset {
         }
     }
 
-    /// What it is, in a few words.
+    /// Returns a short description.
     pub const fn description(self) -> &'static str {
         match self {
             Self::Default => "A DAVIS346-like sensor in a well-lit room",
@@ -157,7 +157,7 @@ impl LightPreset {
         }
     }
 
-    /// The pixels of events.
+    /// Returns the event pixels.
     pub fn sensor(self) -> SensorModel {
         match self {
             Self::Default => SensorModel::default(),
@@ -166,7 +166,7 @@ impl LightPreset {
         }
     }
 
-    /// Frames, `rate` a second.
+    /// Returns the frame settings for `rate` frames per second.
     pub fn frames(self, rate: f64) -> ExposureModel {
         let frames = match self {
             Self::Default => ExposureModel::default(),
@@ -176,7 +176,7 @@ impl LightPreset {
         ExposureModel { interval: (1e6 / rate).round() as u32, ..frames }
     }
 
-    /// The inertial unit.
+    /// Returns the IMU settings.
     pub fn inertia(self) -> InertialSettings {
         match self {
             Self::Default | Self::Low => InertialSettings::default(),

@@ -1,4 +1,4 @@
-//! What every pixel looks at: its bearing and how the bearing turns from pixel to pixel.
+//! Bearings of all pixels and their derivatives.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
@@ -9,19 +9,19 @@ use nalgebra::{Vector2, Vector3};
 pub struct Ray {
     /// Unit bearing of the pixel centre.
     pub bearing: Vector3<f64>,
-    /// Derivative of the bearing by x, per pixel.
+    /// Derivative of the bearing with respect to x, per pixel.
     pub along_x: Vector3<f64>,
-    /// Derivative of the bearing by y, per pixel.
+    /// Derivative of the bearing with respect to y, per pixel.
     pub along_y: Vector3<f64>,
-    /// Second derivatives of the bearing by xx, xy and yy, per squared pixel. Single precision is
-    /// plenty: they matter within a few pixels only.
+    /// Second derivatives of the bearing with respect to xx, xy and yy, per squared pixel. Single precision is
+    /// sufficient because they are used within a few pixels only.
     bends: [Vector3<f32>; 3],
-    /// Largest turn of the bearing in any direction of the image, in radians per pixel.
+    /// Largest rotation of the bearing in any direction of the image, in radians per pixel.
     pub turn: f64,
 }
 
 impl Ray {
-    /// The ray `step` pixels beside the pixel centre, right to second order in `step`.
+    /// Returns the ray at a distance of `step` pixels from the pixel centre, correct to second order in `step`.
     #[inline]
     pub fn beside(&self, step: &Vector2<f64>) -> Self {
         let [xx, xy, yy] = self.bends.map(|bend| bend.cast::<f64>());
@@ -44,8 +44,8 @@ pub struct Rays {
 }
 
 impl Rays {
-    /// The rays of `sensor` behind the lens `camera`. A pixel outside the lens
-    /// model's domain has no ray: it sees constant light.
+    /// Computes the rays of `sensor` behind the lens `camera`. A pixel outside the lens model's domain has no ray: it
+    /// sees constant light.
     pub fn new(camera: &Camera<f64>, sensor: Sensor) -> Self {
         let ray = |x: u16, y: u16| {
             let seen = camera.unproject_with_jacobians(&Vector2::new(f64::from(x), f64::from(y)))?;
@@ -61,12 +61,12 @@ impl Rays {
         Self { sensor, rays }
     }
 
-    /// Size of the sensor in pixels.
+    /// Returns the size of the sensor in pixels.
     pub fn sensor(&self) -> Sensor {
         self.sensor
     }
 
-    /// The ray of pixel (x, y); `None` where the lens has no bearing or outside the sensor.
+    /// Returns the ray of pixel (x, y); `None` if the lens has no bearing there or the pixel is outside the sensor.
     pub fn get(&self, x: u16, y: u16) -> Option<&Ray> {
         if x >= self.sensor.width {
             return None;
@@ -74,7 +74,7 @@ impl Rays {
         self.rays.get(usize::from(y) * usize::from(self.sensor.width) + usize::from(x))?.as_ref()
     }
 
-    /// The rays in the middle of `columns` × `rows` equal cells of the sensor, row by row.
+    /// Returns the rays in the middle of `columns` × `rows` equal cells of the sensor, row by row.
     pub fn grid(&self, columns: u16, rows: u16) -> impl Iterator<Item = Option<&Ray>> {
         let position = |index: u16, count: u16, size: u16| {
             ((2 * u32::from(index) + 1) * u32::from(size) / (2 * u32::from(count.max(1)))) as u16
@@ -85,8 +85,8 @@ impl Rays {
     }
 }
 
-/// Second derivatives of the bearing at a pixel, by differences of the first ones; zero where the lens
-/// ends within half a pixel.
+/// Returns the second derivatives of the bearing at a pixel, by differences of the first derivatives; zero if the
+/// domain of the lens ends within half a pixel.
 fn bends(camera: &Camera<f64>, x: u16, y: u16) -> [Vector3<f32>; 3] {
     let by_pixel = |u: f64, v: f64| {
         Some(camera.unproject_with_jacobians(&Vector2::new(f64::from(x) + u, f64::from(y) + v))?.by_pixel)

@@ -1,4 +1,4 @@
-//! A simulation as a file.
+//! Writes a simulation as a recording.
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
@@ -18,61 +18,65 @@ use event_recordings::davis::dump::{COMPRESSION, DumpEncoder, davis346_header};
 use event_recordings::encode::{Encode, WriteError};
 use event_recordings::extras::{Frame, InertialSample, OtherStreams};
 use event_recordings::write::EventWriter;
-use event_recordings::{aedat4, event_calib, text};
+use event_recordings::{aedat4, event_calib, prophesee, text};
 
 /// Size of the sensor of a DAVIS346.
 pub const DAVIS346_SENSOR: Sensor = Sensor::new(346, 260);
-/// Who wrote a dump, in its header; recordings that were simulated before have it too.
+/// Writer in the header of a dump; existing simulated recordings contain the same.
 const WRITER: &str = "evcal simulate";
-/// Name of the camera in files that have a place for it.
+/// Name of the camera in file formats that contain one.
 const CAMERA_NAME: &str = "evcal simulator";
 /// Serial number of the camera in dumps.
 const SERIAL: &str = "evcalsim";
 
-/// What kind of file to write.
+/// File format of a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum RecordingFormat {
     /// AEDAT4 with all streams.
     Aedat4,
-    /// What a DAVIS346 sends over USB, as `.dvraw`, with all streams.
+    /// The USB stream of a DAVIS346, as `.dvraw`, with all streams.
     Davis346,
     /// Events as text.
     Text,
     /// Events as EventCalib binary.
     EventCalib,
+    /// Events as Prophesee RAW.
+    PropheseeRaw,
 }
 
 impl RecordingFormat {
-    /// All of them.
-    pub const ALL: &[Self] = &[Self::Aedat4, Self::Davis346, Self::Text, Self::EventCalib];
+    /// All formats.
+    pub const ALL: &[Self] = &[Self::Aedat4, Self::Davis346, Self::Text, Self::EventCalib, Self::PropheseeRaw];
 
-    /// Its name, which is the extension of its files.
+    /// Returns the name, which is the extension of the files.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Aedat4 => "aedat4",
             Self::Davis346 => "dvraw",
             Self::Text => "csv",
             Self::EventCalib => "bin",
+            Self::PropheseeRaw => "raw",
         }
     }
 
-    /// What it is, in a few words.
+    /// Returns a short description.
     pub const fn description(self) -> &'static str {
         match self {
             Self::Aedat4 => "AEDAT4, as iniVation's software writes it",
             Self::Davis346 => "What a DAVIS346 sends over USB",
             Self::Text => "Text, events only",
             Self::EventCalib => "EventCalib binary, events only",
+            Self::PropheseeRaw => "Prophesee RAW (EVT 3.0), events only",
         }
     }
 
-    /// Name of the recording in the folder of a simulation.
+    /// Returns the name of the recording in the folder of a simulation.
     pub(super) fn file_name(self) -> String {
         format!("events.{}", self.name())
     }
 
-    /// The same, or, where only one camera has a place in it, AEDAT4.
+    /// Returns the format for a second camera: the same, or AEDAT4 if the format supports only one camera.
     pub(super) const fn of_second_camera(self) -> Self {
         match self {
             Self::Davis346 => Self::Aedat4,
@@ -80,18 +84,17 @@ impl RecordingFormat {
         }
     }
 
-    /// Whether frames and inertial samples have a place in it.
+    /// Returns `true` if the format contains frames and IMU samples.
     pub const fn holds_more_than_events(self) -> bool {
         matches!(self, Self::Aedat4 | Self::Davis346)
     }
 }
 
-/// Runs `simulation`, with what `davis` asks for, into the file at `path`. `progress` is called with
-/// the number of slices done ([`Simulation::slice_count`] in all).
+/// Writes `simulation` with the streams in `davis` into the file at `path`. `progress` is called with the number of
+/// finished slices, of [`Simulation::slice_count`] in total.
 ///
 /// # Errors
-/// When the file cannot be written, or the sensor is not that of a DAVIS346 where the format asks for
-/// it.
+/// If the file cannot be written, or if the format requires the sensor of a DAVIS346 and the sensor differs.
 pub fn write(
     simulation: &Simulation,
     davis: &DavisSettings,
@@ -117,6 +120,7 @@ pub fn write(
     match format {
         RecordingFormat::Text => events_only(text::OUTPUT),
         RecordingFormat::EventCalib => events_only(event_calib::OUTPUT),
+        RecordingFormat::PropheseeRaw => events_only(prophesee::RAW_OUTPUT),
         RecordingFormat::Aedat4 if *davis == DavisSettings::default() => events_only(aedat4::OUTPUT),
         RecordingFormat::Aedat4 => {
             let output = BufWriter::with_capacity(1 << 18, File::create(path)?);
@@ -135,7 +139,7 @@ pub fn write(
             }
             let configuration = configuration(davis);
             let mut header = davis346_header(SERIAL, &configuration);
-            // Neither version nor time: the same settings give the same bytes.
+            // Neither version nor time, so that the same settings produce the same bytes.
             header.writer = WRITER.to_owned();
             header.note = "simulated".to_owned();
             let clocks = header.registers.clocks();
@@ -154,11 +158,11 @@ pub fn write(
     }
 }
 
-/// Runs `simulation` and writes of the events what `stamped` makes of them into the file at `path`, and gives their number.
-/// `progress` is called with the number of slices done.
+/// Runs `simulation` and writes its events, transformed by `stamped`, into the file at `path`. Returns their number.
+/// `progress` is called with the number of finished slices.
 ///
 /// # Errors
-/// When the file cannot be written.
+/// If the file cannot be written.
 pub(super) fn write_events(
     simulation: &Simulation,
     path: &Path,
@@ -169,6 +173,7 @@ pub(super) fn write_events(
     let format = match format {
         RecordingFormat::Text => text::OUTPUT,
         RecordingFormat::EventCalib => event_calib::OUTPUT,
+        RecordingFormat::PropheseeRaw => prophesee::RAW_OUTPUT,
         RecordingFormat::Aedat4 | RecordingFormat::Davis346 => aedat4::OUTPUT,
     };
     let mut writer = EventWriter::create(path, format, simulation.rays().sensor(), CAMERA_NAME)?;
@@ -186,7 +191,7 @@ pub(super) fn write_events(
     Ok(counts)
 }
 
-/// The settings of a camera that sends this.
+/// Returns the settings of a camera that sends these streams.
 fn configuration(davis: &DavisSettings) -> Configuration {
     let mut configuration = Configuration::calibration();
     if let Some(frames) = davis.frames {
@@ -281,7 +286,7 @@ mod tests {
         Simulation::new(Rays::new(&radtan(), Sensor::new(width, 260)), board(), settings).unwrap()
     }
 
-    /// Everything that the simulation hands over.
+    /// Returns everything that the simulation produces.
     fn everything(simulation: &Simulation) -> (Vec<Event>, Vec<SimulatedFrame>, Vec<ImuSample>) {
         let (mut events, mut frames, mut samples) = (Vec::new(), Vec::new(), Vec::new());
         let collect = |slice: DavisSlice<'_>| {

@@ -1,8 +1,8 @@
-//! A row of pixels through a slice of time: when each of them looks at the scene.
+//! Simulates a row of pixels through a time slice, and chooses the times at which each pixel samples the scene.
 //!
-//! A pixel looks only at the ticks it needs: few while no edge is near, and where an edge passes so
-//! many that it moves a fifth of a pixel in between. Looking at every tick instead moves events by
-//! less than 0.005 px in the mean and 0.05 px rms (a test holds it to that).
+//! A pixel samples the scene only at the ticks it needs: rarely while no edge is near, and often enough while an edge
+//! passes that the edge moves a fifth of a pixel between two samples. The mean difference to sampling at every tick is
+//! less than 0.005 px, and the rms difference less than 0.05 px (checked by a test).
 
 use std::collections::BTreeSet;
 
@@ -22,44 +22,44 @@ use super::view::View;
 
 /// Time between two ticks, in microseconds.
 pub const TICK: f64 = 50.0;
-/// Distance in pixels up to which the pixel's linear map is trusted to tell how far an edge is.
+/// Distance in pixels up to which the pixel's linear map predicts the distance of an edge.
 const TRUSTED_DISTANCE: f64 = 30.0;
-/// Longest time over which the light of lamps is taken to change in a straight line (µs).
+/// Longest time over which the light of lamps is assumed to change linearly (µs).
 const LAMP_STEP: f64 = 500.0;
-/// What the linear map and the sampled speeds may be wrong by, as a factor on a skip.
+/// Safety factor on a skip for errors of the linear map and the sampled speeds.
 const SKIP_SAFETY: f64 = 0.75;
 
-/// How often a pixel looks.
+/// Sampling rate of a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Stepping {
-    /// Distance in pixels that an edge moves between two looks of a pixel that sees it.
+    /// Distance in pixels that an edge moves between two samples of a pixel that sees it.
     pub step: f64,
-    /// Share of the way to the middle of the edge's profile that a look further out may skip.
+    /// Fraction of the distance to the middle of the edge's profile that a sample farther out may skip.
     pub far_step: f64,
-    /// Longest time between two looks of a pixel that sees an edge, in ticks.
+    /// Longest time between two samples of a pixel that sees an edge, in ticks.
     pub longest_step: usize,
-    /// Longest time between two looks of a pixel far from any edge, in ticks.
+    /// Longest time between two samples of a pixel far from any edge, in ticks.
     pub longest_skip: usize,
 }
 
-/// How often pixels look, unless a test wants more.
+/// Default sampling rate; tests may use a higher one.
 pub const STEPPING: Stepping = Stepping { step: 0.2, far_step: 1.0, longest_step: 40, longest_skip: 160 };
 
-/// What all rows share.
+/// Data shared by all rows.
 #[derive(Clone, Debug)]
 pub struct Stage {
-    /// Where the pixels look.
+    /// Rays of the pixels.
     pub rays: Rays,
     /// The board.
     pub scene: Scene,
     /// The pixels.
     pub sensor: SensorModel,
-    /// How often pixels look.
+    /// Sampling rate of the pixels.
     pub stepping: Stepping,
 }
 
 impl Stage {
-    /// What pixel (x, y) sees from `view`.
+    /// Returns the light that pixel (x, y) sees from `view`.
     #[inline]
     pub fn look(&self, view: &View, x: u16, y: u16) -> Sample {
         match self.rays.get(x, y) {
@@ -68,7 +68,7 @@ impl Stage {
         }
     }
 
-    /// Share of the light at pixel (x, y) that dirt on the lens scatters.
+    /// Returns the fraction of the light at pixel (x, y) that dirt on the lens scatters.
     pub fn scatter(&self, x: u16, y: u16) -> f64 {
         let Sensor { width, height } = self.rays.sensor();
         let (width, height) = (f64::from(width), f64::from(height));
@@ -77,7 +77,7 @@ impl Stage {
         })
     }
 
-    /// Light at pixel (x, y) relative to the middle of the image.
+    /// Returns the light at pixel (x, y) relative to the middle of the image.
     pub fn gain(&self, x: u16, y: u16) -> f64 {
         let middle = |size: u16| 0.5 * (f64::from(size) - 1.0);
         let (half_width, half_height) = (middle(self.rays.sensor().width), middle(self.rays.sensor().height));
@@ -87,19 +87,20 @@ impl Stage {
     }
 }
 
-/// Turn of the bearing from pixel to pixel of a usual lens, in radians.
+/// Rotation of the bearing from pixel to pixel for a usual lens, in radians.
 const USUAL_TURN: f64 = 3e-3;
 
-/// The views at all ticks of a slice, its first and last tick included.
+/// The views at all ticks of a slice, including the first and last tick.
 pub struct Slice {
     first_tick: usize,
     views: Vec<View>,
-    /// Bounds of the image speed in the cells of [`SPEED_GRID`], in pixels per tick.
+    /// Upper bounds of the image speed in the cells of [`SPEED_GRID`], in pixels per tick.
     speeds: Vec<f64>,
 }
 
 impl Slice {
-    /// The slice from tick `first` to tick `last` before the `scene`, where `pose` is `T_world_camera` at a time in seconds.
+    /// Creates the slice from tick `first` to tick `last` in front of the `scene`; `pose` returns `T_world_camera` at a
+    /// time in seconds.
     pub fn new(pose: impl Fn(f64) -> Isometry3<f64>, scene: &Scene, rays: &Rays, first: usize, last: usize) -> Self {
         const LOOKS: usize = 5;
         let seconds = |tick: usize| tick as f64 * TICK * 1e-6;
@@ -119,7 +120,7 @@ impl Slice {
                 *fastest = speed.map_or(*fastest, |(_, speed)| fastest.max(speed * TICK * 1e-6));
             }
         }
-        // A cell takes the greatest speed of its neighbours too: speed varies within cells.
+        // A cell uses the largest speed of its neighbours too, because the speed varies within cells.
         let (columns, rows) = (usize::from(SPEED_GRID.0), usize::from(SPEED_GRID.1));
         let around = |cell: usize| {
             let (column, row) = (cell % columns, cell / columns);
@@ -135,7 +136,7 @@ impl Slice {
         Self { first_tick: first, views, speeds }
     }
 
-    /// Bound of the image speed at pixel (x, y), in pixels per tick.
+    /// Returns an upper bound of the image speed at pixel (x, y), in pixels per tick.
     fn speed(&self, rays: &Rays, x: u16, y: u16) -> f64 {
         let cell =
             |position: u16, size: u16, cells: u16| usize::from(position) * usize::from(cells) / usize::from(size);
@@ -149,24 +150,24 @@ impl Slice {
     }
 }
 
-/// A pixel and what it saw last.
+/// A pixel and its last sample.
 #[derive(Clone, Debug)]
 struct Site {
     pixel: Pixel,
-    /// Share of its light that dirt on the lens scatters.
+    /// Fraction of its light that dirt on the lens scatters.
     scatter: f64,
-    /// Radiance at the last look in steady light.
+    /// Radiance at the last sample in constant light.
     radiance: f64,
-    /// Whether its column sends nothing.
+    /// `true` if its column sends nothing.
     dead: bool,
     /// Signed distance of the nearest edge in pixels.
     edge: f64,
-    /// How fast the edge moved, in pixels per tick; infinite where that is not known.
+    /// Speed of the edge, in pixels per tick; infinite if unknown.
     speed: f64,
 }
 
 impl Site {
-    /// Lets the pixel see the light go to `radiance` in steady light, in the light that `scene` has.
+    /// Changes the light of the pixel to `radiance` in constant light, multiplied by the light of the `scene`.
     #[inline]
     fn see(&mut self, stage: &Stage, start: f64, end: f64, radiance: f64, out: &mut RowOutput<'_>) {
         let radiance = scattered(radiance, self.scatter);
@@ -186,7 +187,7 @@ impl Site {
         }
     }
 
-    /// Ticks until the next look.
+    /// Returns the number of ticks until the next sample.
     fn step(&self, reach: f64, fastest: f64, stepping: Stepping) -> usize {
         let distance = self.edge.abs();
         if distance > reach {
@@ -194,17 +195,17 @@ impl Site {
             let skip = ((clear * SKIP_SAFETY).max(stepping.step) / fastest) as usize;
             skip.clamp(1, stepping.longest_skip)
         } else {
-            // The outer half of the reach sees little change: there a step may lead to the inner.
+            // The outer half of the reach sees little change, so a step there may lead to the inner half.
             let step = stepping.step.max(stepping.far_step * (distance - 0.5 * reach));
             ((step / self.speed.min(fastest)) as usize).clamp(1, stepping.longest_step)
         }
     }
 }
 
-/// Pixels that do not do what they should.
+/// Defective pixels.
 #[derive(Clone, Debug)]
 pub struct BadPixels {
-    /// They fire on their own: column, row.
+    /// Hot pixels: column, row.
     pub hot: BTreeSet<(u16, u16)>,
     /// Columns that send nothing.
     pub dead_columns: BTreeSet<u16>,
@@ -216,13 +217,13 @@ pub struct Row {
     y: u16,
     sites: Vec<Site>,
     rng: ChaCha8Rng,
-    /// Events of the last slice, in no order.
+    /// Events of the last slice, in no particular order.
     pub events: Vec<Event>,
 }
 
 impl Row {
-    /// Row `y` of the sensor at rest before `view`, with its own stream of the random numbers of
-    /// `seed`. `bad` holds the pixels that fire on their own, and the columns that send nothing.
+    /// Creates row `y` of the sensor at rest in front of `view`, with its own stream of the random numbers of `seed`.
+    /// `bad` contains the hot pixels, and the columns that send nothing.
     pub fn new(stage: &Stage, view: &View, y: u16, bad: &BadPixels, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(u64::from(y));
@@ -240,7 +241,7 @@ impl Row {
         Self { y, sites, rng, events: Vec::new() }
     }
 
-    /// Lets the pixels of the row live through `slice`.
+    /// Simulates the pixels of the row through `slice`.
     pub fn advance(&mut self, stage: &Stage, slice: &Slice) {
         let reach = stage.scene.reach();
         let last = slice.views.len().saturating_sub(1);

@@ -1,19 +1,18 @@
-//! The light that a pixel gets from the board: exact rendering, no pixel grid.
+//! The light that a pixel receives from the board: exact rendering without a pixel grid.
 //!
-//! The scene is a white sheet with black circles or squares on a grey background. All edges lie in the plane
-//! z = 0, so a pixel's radiance is a sum of edge profiles: the sheet and the print, each blurred
-//! by the point-spread function, a Gaussian of `point_spread` pixels.
+//! The scene is a white sheet with black circles or squares on a grey background. All edges lie in the plane z = 0, so
+//! a pixel's radiance is a sum of edge profiles of the sheet and the print, each blurred by the point-spread function,
+//! a Gaussian of `point_spread` pixels.
 //!
-//! What is exact to what: the ray through the pixel centre meets the board exactly, for any lens.
-//! The distance to a circle's rim or a square's edge follows perspective and lens to second order in the distance, and
-//! the blur of a curved rim is exact to second order in blur / radius. Edges of squares are as straight, and meet at the same angle,
-//! as the pixel's linear map has them. That map is all there is of the sheet's edge, and its corners are right-angled in the image.
-//! A test compares every kind of view with a numeric integral of the point-spread function over the
-//! true scene. It matters: a focal length that is to be known to 0.01 % asks for rims that are
-//! right to 0.002 px.
+//! Accuracy: the ray through the pixel centre meets the board exactly, for any lens. The distance to a circle's rim or
+//! a square's edge follows perspective and lens to second order in the distance, and the blur of a curved rim is exact
+//! to second order in blur / radius. Edges of squares are straight and meet at the angle given by the pixel's linear
+//! map. For the sheet's edge only that map is used, and its corners are right-angled in the image. A test compares
+//! every kind of view with a numeric integral of the point-spread function over the true scene. This accuracy is
+//! needed: to determine a focal length to 0.01 %, rims must be correct to 0.002 px.
 //!
-//! What a room adds ([`super::effects`]) is there to be coped with, not to be measured by: a hand, glare, a texture behind the
-//! board, and dots of other shapes, whose edges are blurred as straight ones.
+//! Disturbances ([`super::effects`]) need less accuracy, because nothing is measured from them: a hand, glare, a
+//! texture behind the board, and dots of other shapes, whose edges are blurred like straight ones.
 
 mod squares;
 
@@ -39,27 +38,27 @@ pub struct SceneSettings {
     pub white: f64,
     /// Radiance of a circle or dark square.
     pub black: f64,
-    /// Radiance beside the sheet.
+    /// Radiance outside the sheet.
     pub background: f64,
-    /// Distance from the outermost circle centres to the sheet's edge, in lattice spacings; of boards of squares from the outermost
-    /// squares, in sides of a square or gaps between tags.
+    /// Distance from the outermost circle centres to the sheet's edge, in lattice spacings; for boards of squares from
+    /// the outermost squares, in sides of a square or gaps between tags.
     pub margin: f64,
     /// Shape of the dots; boards of squares have none.
     #[serde(default, skip_serializing_if = "Dots::are_circles")]
     pub dots: Dots,
-    /// The board as it is printed, where that is not as it is stated.
+    /// The shape of the printed board, if it differs from the nominal shape.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub printed: Option<BoardShape>,
-    /// A lamp that flickers.
+    /// A flickering lamp.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lamp: Option<Lamp>,
-    /// A textured room in place of the even background.
+    /// A textured room instead of the uniform background.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub texture: Option<Texture>,
     /// A hand over the board.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hand: Option<Hand>,
-    /// The mirror image of a lamp.
+    /// The reflection of a lamp.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub glare: Option<Glare>,
 }
@@ -81,17 +80,17 @@ impl Default for SceneSettings {
     }
 }
 
-/// What a pixel sees at one time.
+/// A sample of the scene at one pixel and time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
     /// Radiance, blurred by the point-spread function.
     pub radiance: f64,
-    /// Signed distance to the nearest edge in pixels, positive on the inner side, and on both sides of a square's edge. Where `|edge|`
-    /// is large it is a lower bound of the distance, in the pixel's linear map.
+    /// Signed distance to the nearest edge in pixels, positive on the inner side; positive on both sides of a square's
+    /// edge. If `|edge|` is large, it is a lower bound of the distance, in the pixel's linear map.
     pub edge: f64,
 }
 
-/// The board, ready to be looked at.
+/// The board, prepared for rendering.
 #[derive(Clone, Debug)]
 pub struct Scene {
     stated: Board,
@@ -107,7 +106,7 @@ pub struct Scene {
     half_height: f64,
 }
 
-/// What is printed.
+/// The printed pattern.
 #[derive(Clone, Debug)]
 enum Print {
     Circles(Circles),
@@ -117,7 +116,7 @@ enum Print {
 /// A board of circles.
 #[derive(Clone, Debug)]
 struct Circles {
-    /// The stated one with its circles as large as they are printed.
+    /// The nominal board with its circles as large as printed.
     board: CircleBoard,
     per_spacing: f64,
     per_radius: f64,
@@ -127,7 +126,7 @@ struct Circles {
 impl Circles {
     fn new(stated: &CircleBoard, radius: f64, dots: Dots) -> Self {
         let board = CircleBoard { radius, ..*stated };
-        // Shapes that are not round reach further than the radius.
+        // Shapes that are not round extend further than the radius.
         let extent = if dots.are_circles() { board.radius } else { board.radius * std::f64::consts::SQRT_2 };
         Self {
             board,
@@ -137,7 +136,7 @@ impl Circles {
         }
     }
 
-    /// Centre of the circle nearest to `point`, if there is one within about a spacing.
+    /// Returns the centre of the circle nearest to `point`, if there is one within about a spacing.
     #[inline]
     fn nearest_center(&self, point: &Vector2<f64>) -> Option<Vector2<f64>> {
         let place = point * self.per_spacing;
@@ -154,14 +153,14 @@ impl Circles {
     }
 }
 
-/// A white sheet and what is printed on it.
+/// A white sheet and its print.
 struct Sheet {
     print: Print,
     /// Lowest and highest coordinates of the sheet in metres.
     lower: Vector2<f64>,
     upper: Vector2<f64>,
     middle: Vector2<f64>,
-    /// Half the shorter side of what is printed, in metres.
+    /// Half the shorter side of the print, in metres.
     half_height: f64,
 }
 
@@ -202,8 +201,7 @@ impl Sheet {
 }
 
 impl Scene {
-    /// The scene of `board` seen through a point-spread function of `point_spread` pixels
-    /// (standard deviation).
+    /// Creates the scene of `board` seen through a point-spread function of `point_spread` pixels (standard deviation).
     pub fn new(stated: Board, settings: SceneSettings, point_spread: f64) -> Self {
         let printed = settings.printed.unwrap_or(BoardShape::stated(&stated));
         let surface = (!printed.is_flat()).then(|| Surface::new(&CircleArea::new(&stated), &printed));
@@ -226,17 +224,18 @@ impl Scene {
         }
     }
 
-    /// The board as it is stated.
+    /// Returns the nominal board.
     pub fn stated_board(&self) -> &Board {
         &self.stated
     }
 
-    /// Whether the nearest edge to a pixel stays the nearest while it is in sight, so that its distance tells how fast it passes.
+    /// Returns `true` if the nearest edge to a pixel remains the nearest while it is visible, so that its distance
+    /// determines its speed.
     pub fn has_lone_edges(&self) -> bool {
         matches!(self.print, Print::Circles(_))
     }
 
-    /// Where a ray meets the board.
+    /// Returns the intersection of a ray with the board.
     #[inline]
     fn gaze(&self, view: &View, ray: &Ray) -> Option<Gaze> {
         match &self.surface {
@@ -245,24 +244,24 @@ impl Scene {
         }
     }
 
-    /// Radiances and size of the sheet.
+    /// Returns the radiances and the size of the sheet.
     pub fn settings(&self) -> &SceneSettings {
         &self.settings
     }
 
-    /// Distance from an edge, in pixels, beyond which the edge does not change the radiance.
+    /// Returns the distance from an edge, in pixels, beyond which the edge does not change the radiance.
     pub fn reach(&self) -> f64 {
         EdgeProfile::REACH * self.point_spread + 1e-3
     }
 
-    /// The light of the lamps at time `t` (µs), 1 on average.
+    /// Returns the light of the lamps at time `t` (µs), 1 on average.
     #[inline]
     pub fn light(&self, t: f64) -> f64 {
         self.settings.lamp.map_or(1.0, |lamp| lamp.light(t))
     }
 
-    /// How fast things that move on their own pass the image between two views, in pixels a second, for a pixel of about
-    /// `turn` radians.
+    /// Returns the image speed between two views of objects that move on their own, in pixels per second, for a pixel
+    /// of about `turn` radians.
     pub fn own_speed(&self, from: &View, to: &View, turn: f64) -> f64 {
         let hand = self.settings.hand.map_or(0.0, |hand| {
             let nearest = from.position.z.abs().min(to.position.z.abs()).max(1e-3);
@@ -276,7 +275,7 @@ impl Scene {
         hand + room
     }
 
-    /// What a pixel sees from `view`.
+    /// Renders the light that a pixel sees from `view`.
     #[inline]
     pub fn sample(&self, view: &View, ray: &Ray) -> Sample {
         let SceneSettings { texture, hand, glare, .. } = self.settings;
@@ -286,7 +285,7 @@ impl Scene {
         };
         let mut sample = self.print(view, ray, background);
         if texture.is_some() && sample.edge < -self.reach() {
-            // There is always a patch of the room close by.
+            // There is always a patch of the room nearby.
             sample.edge = -self.reach() - CLOSE;
         }
         if hand.is_none() && glare.is_none() {
@@ -309,7 +308,7 @@ impl Scene {
         let added = glare.radiance(&view.position, &self.middle, &gaze.point);
         if added > 0.0 {
             sample.radiance += added;
-            // The spot has no edge, but must be looked at often enough.
+            // The spot has no edge, but must be sampled often enough.
             let nearer = sample.edge.abs().min(self.reach() + CLOSE);
             sample.edge = nearer.copysign(sample.edge);
         }
@@ -328,7 +327,7 @@ impl Scene {
         }
     }
 
-    /// The board before the `background`. A pixel that does not look at the board plane sees the background.
+    /// Renders the board in front of the `background`. A pixel that does not see the board plane sees the background.
     #[inline]
     fn print(&self, view: &View, ray: &Ray, background: f64) -> Sample {
         let SceneSettings { white, black, .. } = self.settings;
@@ -369,7 +368,7 @@ impl Scene {
         }
     }
 
-    /// The board with dots that are no circles, on or near the sheet.
+    /// Renders the board with dots that are not circles, on or near the sheet.
     fn shape(&self, circles: &Circles, view: &View, ray: &Ray, gaze: &Gaze, background: f64) -> Sample {
         let SceneSettings { white, black, dots, .. } = self.settings;
         let jacobian = view.jacobian(ray, gaze);
@@ -390,7 +389,7 @@ impl Scene {
         }
     }
 
-    /// A board of squares, on or near the sheet.
+    /// Renders a board of squares, on or near the sheet.
     fn squares(&self, squares: &Squares, view: &View, ray: &Ray, gaze: &Gaze, background: f64) -> Sample {
         let SceneSettings { white, black, .. } = self.settings;
         let metres_per_pixel = gaze.metres_per_pixel(ray);
@@ -431,8 +430,8 @@ impl Scene {
         }
     }
 
-    /// Distance of `point` from the sheet's edge in metres, positive on the sheet; outside it a
-    /// lower bound.
+    /// Returns the distance of `point` from the sheet's edge in metres, positive on the sheet; outside it a lower
+    /// bound.
     #[inline]
     fn sheet_depth(&self, point: &Vector2<f64>) -> f64 {
         let low = point - self.lower;
@@ -440,7 +439,7 @@ impl Scene {
         low.x.min(high.x).min(low.y.min(high.y))
     }
 
-    /// Share of the pixel that the sheet covers, and the signed distance to its edge in pixels.
+    /// Returns the fraction of the pixel that the sheet covers, and the signed distance to its edge in pixels.
     #[inline]
     fn sheet(&self, point: &Vector2<f64>, jacobian: &Matrix2<f64>) -> (f64, f64) {
         let scale_x = 1.0 / jacobian.row(0).norm();
@@ -455,7 +454,7 @@ impl Scene {
         (sides.iter().map(|&side| self.blurred(side)).product(), edge)
     }
 
-    /// Share of the pixel that the circle at `center` covers, and the signed distance to its rim in
+    /// Returns the fraction of the pixel that the circle at `center` covers, and the signed distance to its rim in
     /// pixels. `offset` is the pixel's point relative to the centre.
     #[inline]
     fn circle(
@@ -471,7 +470,7 @@ impl Scene {
         if distance < 1e-9 * radius {
             return (1.0, radius / jacobian.norm());
         }
-        // Newton's step to the rim in the pixel's linear map, then the rim's tangent as it is there.
+        // Newton's step to the rim in the pixel's linear map, then the tangent of the rim at that point.
         let gradient = jacobian.tr_mul(offset) / distance;
         let step = gradient * ((radius - distance) / gradient.norm_squared());
         let at_rim = ray.beside(&step);
@@ -484,8 +483,8 @@ impl Scene {
         let gradient = jacobian.tr_mul(&offset) / distance;
         let per_slope = 1.0 / gradient.norm();
         let edge = (gradient.dot(&step) + radius - distance) * per_slope;
-        // A Gaussian spread along the rim sees it bend away: E[Φ((d − κ t²/2) / σ)] to second order in
-        // κ σ, with the tangential offset t and the curvature κ of the rim in the image.
+        // A Gaussian that extends along the rim sees the rim's curvature: E[Φ((d − κ t²/2) / σ)] to second order in κ
+        // σ, with the tangential offset t and the curvature κ of the rim in the image.
         let stretch = jacobian.determinant() * per_slope * self.point_spread;
         let bend = stretch * stretch * per_slope * circles.per_radius * self.per_point_spread;
         let standard = edge * self.per_point_spread;
@@ -498,10 +497,10 @@ impl Scene {
     }
 }
 
-/// Where light changes without an edge, an edge is taken to be this many pixels out of reach.
+/// If light changes without an edge, an edge is assumed this many pixels beyond the reach.
 const CLOSE: f64 = 1.0;
 
-/// The integer nearest to `value`, without the call that rounding takes on older processors.
+/// Returns the integer nearest to `value`, without the function call that rounding needs on older processors.
 #[inline]
 fn nearest(value: f64) -> i32 {
     const OFFSET: i32 = 1 << 20;

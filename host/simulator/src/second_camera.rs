@@ -1,5 +1,5 @@
-//! A second camera, of events or of frames, that is fixed to the simulated one: another lens, noise of its own, and a clock of its
-//! own.
+//! A second camera, for events or frames, that is rigidly fixed to the simulated one, with its own lens, noise and
+//! clock.
 
 use std::path::{Path, PathBuf};
 
@@ -17,36 +17,36 @@ use evcal_files::FileError;
 use evcal_geometry::lens::camera_file::CameraDescription;
 use event_recordings::encode::WriteError;
 
-/// The lens of a second camera where none is named: focal lengths over those of the first, and by how much of the sensor's width
-/// the principal point is beside that of the first.
+/// The default lens of a second camera: ratio of its focal lengths to the first camera's, and offset of its principal
+/// point from the first camera's as a fraction of the sensor's width.
 const FOCAL_RATIO: f64 = 1.02;
 const ASIDE: [f64; 2] = [0.012, -0.008];
 
-/// Where a second camera is, how it looks and when.
+/// Settings of a second camera: pose, lens and clock.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SecondCameraSettings {
-    /// Where the first camera is in the frame of the second, in metres: the translation of `T_second_first`.
+    /// Position of the first camera in the frame of the second, in metres: the translation of `T_second_first`.
     pub position: [f64; 3],
-    /// How it is turned, as a rotation vector in degrees: the rotation of `T_second_first`.
+    /// Rotation of the first camera, as a rotation vector in degrees: the rotation of `T_second_first`.
     pub rotation: [f64; 3],
-    /// The lens; without it one that is a little longer than that of the first.
+    /// The lens; by default one with a slightly longer focal length than the first.
     pub camera: Option<CameraDescription>,
-    /// What its seed is above that of the first camera.
+    /// Difference of its seed to the seed of the first camera.
     pub seed_above: u64,
-    /// How much later its recording begins, in seconds.
+    /// Delay of the start of its recording, in seconds.
     pub begins_later: f64,
     /// t_second − t_first at the start of the first recording, in seconds.
     pub clock_offset: f64,
-    /// By how much its clock is faster, in parts per million.
+    /// Amount by which its clock is faster, in parts per million.
     pub clock_drift: f64,
-    /// For a camera that takes frames in place of events: its sensor and its shutter.
+    /// Sensor and shutter, for a camera that takes frames instead of events.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<FrameCameraSettings>,
 }
 
 impl Default for SecondCameraSettings {
-    /// A hand's breadth to the right, looking a little inwards.
+    /// A camera a hand's breadth to the right, rotated slightly inwards.
     fn default() -> Self {
         Self {
             position: [-0.1, 0.004, 0.007],
@@ -61,7 +61,7 @@ impl Default for SecondCameraSettings {
     }
 }
 
-/// A second camera, ready to be simulated.
+/// A second camera, ready for simulation.
 #[derive(Clone, Debug)]
 pub struct SecondCamera {
     settings: SecondCameraSettings,
@@ -71,10 +71,11 @@ pub struct SecondCamera {
 }
 
 impl SecondCamera {
-    /// With these `settings`, beside a `first` one with a sensor of this size and this `seed`.
+    /// Creates a second camera with these `settings`, for a `first` camera with a sensor of this size and this `seed`.
     ///
     /// # Errors
-    /// [`SimulationError::Setting`] names what is out of its range, [`SimulationError::SecondLens`] that the lens is none.
+    /// [`SimulationError::Setting`] names a setting that is out of range, [`SimulationError::SecondLens`] reports an
+    /// invalid lens.
     pub fn new(
         settings: SecondCameraSettings,
         first: &Camera<f64>,
@@ -105,23 +106,24 @@ impl SecondCamera {
         Ok(Self { settings, camera, sensor, seed })
     }
 
-    /// `T_second_first`.
+    /// Returns `T_second_first`.
     pub fn second_first(&self) -> Isometry3<f64> {
         let SecondCameraSettings { position, rotation, .. } = self.settings;
         let rotation = UnitQuaternion::new(Vector3::from(rotation).map(f64::to_radians));
         Isometry3::from_parts(Translation3::from(Vector3::from(position)), rotation)
     }
 
-    /// How it takes frames, where it sends no events.
+    /// Returns the frame settings, if it takes frames instead of events.
     pub fn frames(&self) -> Option<&FrameCameraSettings> {
         self.settings.frames.as_ref()
     }
 
-    /// Simulates the events that it sends while `first` runs, into the file at `path`; what has no place for events of a second
-    /// clock, as dumps of a DAVIS346, is AEDAT4 here. `progress` is called with the number of slices done.
+    /// Simulates the events that it sends while `first` runs, into the file at `path`; formats without support for a
+    /// second clock, such as dumps of a DAVIS346, are replaced by AEDAT4. `progress` is called with the number of
+    /// finished slices.
     ///
     /// # Errors
-    /// When the file cannot be written.
+    /// If the file cannot be written.
     pub fn write(
         &self,
         first: &Simulation,
@@ -137,11 +139,11 @@ impl SecondCamera {
         recording::write_events(&self.simulation(first), path, format.of_second_camera(), stamped, progress)
     }
 
-    /// Simulates the frames that it takes as `settings` say while `first` runs, as a folder of images at `path`, and gives the
-    /// names of the files in it. `progress` is called with the number of slices done.
+    /// Simulates the frames that it takes according to `settings` while `first` runs, as a folder of images at `path`.
+    /// Returns the names of the files in it. `progress` is called with the number of finished slices.
     ///
     /// # Errors
-    /// When a file cannot be written.
+    /// If a file cannot be written.
     pub fn write_frames(
         &self,
         first: &Simulation,
@@ -157,35 +159,35 @@ impl SecondCamera {
         first.second(Rays::new(&self.camera, self.sensor), self.second_first().inverse(), self.seed)
     }
 
-    /// When its recording begins (µs of the first clock).
+    /// Returns the start of its recording (µs of the first clock).
     fn begin(&self) -> i64 {
         (1e6 * self.settings.begins_later) as i64
     }
 
-    /// Microseconds of its own clock at `t` of the first one's.
+    /// Converts microseconds `t` of the first clock to microseconds of its own clock.
     fn stamp(&self, t: i64) -> i64 {
         self.own_time(t as f64).round() as i64
     }
 
-    /// The same, not rounded.
+    /// Converts like [`SecondCamera::stamp`], without rounding.
     fn own_time(&self, t: f64) -> f64 {
         let SecondCameraSettings { clock_offset, clock_drift, .. } = self.settings;
         1e6 * clock_offset + t * (1.0 + 1e-6 * clock_drift)
     }
 }
 
-/// Name of the recording of a second camera in the folder of a simulation.
+/// Returns the name of the recording of a second camera in the folder of a simulation.
 pub(super) fn recording_name(format: RecordingFormat) -> String {
     format!("second.{}", format.of_second_camera().name())
 }
 
-/// A lens a little longer than `first`, for a `sensor` in place of that `of_first`.
+/// Returns a lens with a slightly longer focal length than `first`, converted from the sensor `of_first` to `sensor`.
 fn beside(first: &Camera<f64>, of_first: Sensor, sensor: Sensor) -> Option<Camera<f64>> {
     let mut parameters = first.parameters();
     let wider = f64::from(sensor.width) / f64::from(of_first.width.max(1));
     let higher = f64::from(sensor.height) / f64::from(of_first.height.max(1));
     let aside = ASIDE.map(|aside| aside * f64::from(sensor.width));
-    // Pixels are counted from their middles.
+    // Pixel coordinates refer to pixel centres.
     let middle = |scale: f64| 0.5 * (scale - 1.0);
     let focal = FOCAL_RATIO * wider;
     let changes = [(focal, 0.0), (focal, 0.0), (wider, middle(wider) + aside[0]), (higher, middle(higher) + aside[1])];
@@ -195,7 +197,7 @@ fn beside(first: &Camera<f64>, of_first: Sensor, sensor: Sensor) -> Option<Camer
     Camera::from_parameters(first.kind(), &parameters)
 }
 
-/// A second camera as `truth.json` has it.
+/// Description of a second camera in `truth.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SecondCameraDescription {
@@ -214,13 +216,13 @@ pub struct SecondCameraDescription {
     pub off_events: u64,
     /// Number of ON events.
     pub on_events: u64,
-    /// Number of frames, where it takes frames.
+    /// Number of frames, if it takes frames.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame_count: Option<usize>,
 }
 
 impl SecondCameraDescription {
-    /// Of `second`, which gave these `counts` of events or so many frames.
+    /// Describes `second`, which sent these `counts` of events or this number of frames.
     pub fn new(second: &SecondCamera, counts: EventCounts, frame_count: Option<usize>) -> Self {
         Self {
             settings: second.settings.clone(),
@@ -281,7 +283,8 @@ mod tests {
         assert!((second.second_first().translation.vector.norm() - 0.1).abs() < 1e-3);
     }
 
-    /// In the place of the first camera, with its lens and seed, it sees the same, on its own clock and from its beginning on.
+    /// At the pose of the first camera, with its lens and seed, it sees the same, on its own clock and from the start
+    /// of its recording.
     #[test]
     fn its_events_are_stamped_by_its_own_clock() {
         let settings = SecondCameraSettings {
@@ -326,7 +329,7 @@ mod tests {
         let folder = ImageFolder::open(directory.path(), frames.stamps).unwrap();
         let mut images = Vec::new();
         folder.visit(|image| images.push(image)).unwrap();
-        // At 66.7, 100, 133 and 167 ms; the one at 33 is before its beginning, that at 200 after the end.
+        // At 66.7, 100, 133 and 167 ms; the frame at 33 ms is before the start, the one at 200 ms after the end.
         assert_eq!((images.len(), written.len(), folder.sensor()), (4, 5, Sensor::new(64, 48)));
         for (index, image) in images.iter().enumerate() {
             let time = 33_333.0 * (index + 2) as f64;

@@ -1,36 +1,36 @@
-//! The numbers that describe the pixels of an event camera.
+//! Parameters of the pixels of an event camera.
 
 use serde::{Deserialize, Serialize};
 
 use super::smudges::Smudges;
 
-/// Pixels of an event camera. Intensities are in units of a white sheet at the image centre.
+/// Pixels of an event camera. Intensities are relative to a white sheet at the image centre.
 ///
-/// | preset | for |
+/// | preset | sensor |
 /// |---|---|
 /// | [`SensorModel::default`] | a DAVIS346-like sensor in a well-lit room |
-/// | [`SensorModel::low_light`] | the same in dim light: slow photoreceptor, strong noise |
-/// | [`SensorModel::ideal`] | thresholds and blur only: neither noise nor delay nor mismatch |
+/// | [`SensorModel::low_light`] | the same sensor in dim light: slow photoreceptor, strong noise |
+/// | [`SensorModel::ideal`] | thresholds and blur only: no noise, delay or mismatch |
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SensorModel {
     /// Standard deviation of the point-spread function (lens and pixel area) in pixels.
     pub point_spread: f64,
-    /// Rise of log intensity that makes an ON event.
+    /// Increase of log intensity that triggers an ON event.
     pub threshold_on: f64,
-    /// Fall of log intensity that makes an OFF event, positive.
+    /// Decrease of log intensity that triggers an OFF event, positive.
     pub threshold_off: f64,
     /// Standard deviation of the thresholds from pixel to pixel.
     pub threshold_mismatch: f64,
-    /// Standard deviation of a pixel's threshold from event to event, as a share of it.
+    /// Relative standard deviation of a pixel's threshold from event to event.
     pub threshold_jitter: f64,
-    /// Low-pass of the photoreceptor; `None` for one without delay.
+    /// Low-pass of the photoreceptor; `None` for no delay.
     pub photoreceptor: Option<Photoreceptor>,
     /// Time after an event in which the pixel is held in reset, in seconds.
     pub refractory: f64,
     /// Dark current as an intensity, added to all light.
     pub dark: f64,
-    /// Loss of light in the corners of the image, as a share.
+    /// Light loss in the corners of the image, as a fraction.
     pub vignette: f64,
     /// ON events per second and pixel from the leaking reset switch.
     pub leak_rate: f64,
@@ -38,7 +38,7 @@ pub struct SensorModel {
     pub noise_rate: f64,
     /// Standard deviation of the decimal logarithm of the noise rate from pixel to pixel.
     pub noise_spread: f64,
-    /// Number of pixels that fire on their own.
+    /// Number of hot pixels, which fire on their own.
     pub hot_pixels: u32,
     /// Lowest and highest rate of a hot pixel in events per second.
     pub hot_rate: [f64; 2],
@@ -48,10 +48,10 @@ pub struct SensorModel {
     /// Dirt on the lens.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub smudges: Option<Smudges>,
-    /// The read-out that puts events of all pixels in a row; `None` for one without delay.
+    /// The read-out that serialises the events of all pixels; `None` for no delay.
     pub arbiter: Option<Arbiter>,
-    /// Time between two scans of the whole sensor, in seconds: an event waits for the next one and has its time. `None` for
-    /// sensors that read pixels when they ask for it.
+    /// Time between two scans of the whole sensor, in seconds: an event gets the time of the next scan. `None` for
+    /// sensors that read pixels on request.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scan: Option<f64>,
 }
@@ -62,24 +62,24 @@ pub struct SensorModel {
 pub struct Photoreceptor {
     /// Cut-off frequency at white (I = 1) in hertz.
     pub bandwidth: f64,
-    /// Intensity that stands for the bandwidth left in the dark.
+    /// Intensity that corresponds to the bandwidth in the dark.
     pub offset: f64,
 }
 
-/// A bus that reads one event after the other.
+/// A bus that reads one event after another.
 ///
-/// The default needs 110 ns for an event in another row than the one before: nine a microsecond, as many as real DAVIS346
-/// recordings have at most. Within a row it needs 45 ns.
+/// The default takes 110 ns for an event in another row than the previous one, which allows nine events per
+/// microsecond, the highest rate in real DAVIS346 recordings. Within a row it takes 45 ns.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Arbiter {
-    /// Least time from the pixel's request to the time stamp, in seconds.
+    /// Shortest time from the pixel's request to the timestamp, in seconds.
     pub latency: f64,
-    /// Standard deviation of an extra delay, in seconds.
+    /// Standard deviation of an additional delay, in seconds.
     pub jitter: f64,
     /// Time on the bus per event, in seconds.
     pub event_time: f64,
-    /// Extra time when the next event is in another row, in seconds.
+    /// Additional time if the next event is in another row, in seconds.
     pub row_time: f64,
 }
 
@@ -114,7 +114,7 @@ impl Default for SensorModel {
 }
 
 impl SensorModel {
-    /// Dim light: the photoreceptor is slow, the dark current eats contrast, noise is strong.
+    /// Dim light: the photoreceptor is slow, the dark current reduces contrast, noise is strong.
     pub fn low_light() -> Self {
         Self {
             threshold_mismatch: 0.035,
@@ -128,12 +128,12 @@ impl SensorModel {
         }
     }
 
-    /// No noise, no delay, no mismatch: an event marks where the blurred log intensity crossed a
-    /// threshold, to the microsecond.
+    /// No noise, delay or mismatch: an event marks the time at which the blurred log intensity crossed a threshold, to
+    /// the microsecond.
     pub fn ideal() -> Self {
         Self {
             point_spread: 0.6,
-            // Equal thresholds would bring a pixel back to the very edge of firing in plain white.
+            // With equal thresholds, a pixel in plain white would return to the very edge of firing.
             threshold_on: 0.4,
             threshold_off: 0.43,
             threshold_mismatch: 0.0,

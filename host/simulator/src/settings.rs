@@ -1,4 +1,4 @@
-//! Everything that decides a simulated recording but the lens and the board.
+//! All settings of a simulated recording except the lens and the board.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,33 +7,33 @@ use super::motion::MotionSettings;
 use super::scene::SceneSettings;
 use super::sensor::{Arbiter, SensorModel};
 
-/// What to simulate.
+/// Settings of a simulation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SimulationSettings {
     /// Length of the recording in seconds, rounded to 50 µs.
     pub duration: f64,
-    /// Seed of all that is random.
+    /// Seed of all random numbers.
     pub seed: u64,
     /// Radiances and size of the sheet.
     pub scene: SceneSettings,
     /// Pixels.
     pub sensor: SensorModel,
-    /// How the camera moves.
+    /// Motion of the camera.
     pub motion: MotionSettings,
 }
 
-/// Why a simulation cannot be set up.
+/// Reason why a simulation cannot be set up.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SimulationError {
     /// The lens sees nothing along the middle row or column.
     #[error("the camera model has no bearing for most of the sensor: check its parameters and the sensor size")]
     NoFieldOfView,
-    /// The lens of a second camera is none.
+    /// The lens of the second camera is invalid.
     #[error("second_camera.camera is no lens: take it from a truth.json or calibration.json")]
     SecondLens,
-    /// Dots of a shape on a board of squares.
+    /// A shape of dots was set for a board of squares.
     #[error("simulation setting scene.dots is {0}; a board of squares has no dots")]
     NoDots(&'static str),
     /// A setting is outside its range.
@@ -43,13 +43,13 @@ pub enum SimulationError {
         name: &'static str,
         /// Its value.
         value: f64,
-        /// What it may be.
+        /// Allowed range.
         range: &'static str,
     },
 }
 
 impl SimulationSettings {
-    /// Tells which setting is out of its range, if one is.
+    /// Checks all settings; returns an error with the first setting that is out of range.
     pub fn check(&self) -> Result<(), SimulationError> {
         let Self { duration, scene, sensor, motion, .. } = self;
         let positive = |value: f64| value > 0.0 && value.is_finite();

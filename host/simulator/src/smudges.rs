@@ -1,16 +1,17 @@
-//! Dirt on the lens: smudges far out of focus that scatter light.
+//! Dirt on the lens: smudges, far out of focus, that scatter light.
 
 use serde::{Deserialize, Serialize};
 
-/// Smudges on the lens. Behind a smudge a share of the light is that of the whole surroundings: dots lose contrast there.
+/// Smudges on the lens. Behind a smudge, a fraction of the light is averaged over the whole surroundings, so that dots
+/// lose contrast.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Smudges {
-    /// How many there are.
+    /// Number of smudges.
     pub count: u32,
-    /// Standard deviation of a smudge, as a share of the sensor's width.
+    /// Standard deviation of a smudge, as a fraction of the sensor's width.
     pub spread: f64,
-    /// Share of the light that is scattered in the middle of a smudge.
+    /// Fraction of the light that is scattered in the middle of a smudge.
     pub scatter: f64,
 }
 
@@ -20,14 +21,14 @@ impl Default for Smudges {
     }
 }
 
-/// Radiance of the surroundings on average.
+/// Mean radiance of the surroundings.
 const MEAN_RADIANCE: f64 = 0.5;
-/// Steps of the golden ratio, and of its two-dimensional kin, spread places evenly over the sensor.
+/// Steps of the two-dimensional golden ratio, which spread positions evenly over the sensor.
 const STEPS: [f64; 2] = [0.754_877_666, 0.569_840_291];
 
 impl Smudges {
-    /// The share of light that is scattered at (x, y), both from 0 to 1 along the sensor's width and height; `aspect` is its
-    /// height over its width.
+    /// Returns the fraction of light that is scattered at (x, y), both from 0 to 1 along the sensor's width and height;
+    /// `aspect` is its height divided by its width.
     pub fn share(&self, x: f64, y: f64, aspect: f64) -> f64 {
         let smudge = |number: u32| {
             let place = STEPS.map(|step| (0.3 + step * f64::from(number)).fract());
@@ -38,7 +39,7 @@ impl Smudges {
     }
 }
 
-/// The radiance that is left where this `share` is scattered.
+/// Returns the radiance that remains if this `share` is scattered.
 #[inline]
 pub(super) fn scattered(radiance: f64, share: f64) -> f64 {
     radiance + share * (MEAN_RADIANCE - radiance)

@@ -1,18 +1,18 @@
-//! What else moves before the camera: a textured room behind the board, a hand over it.
+//! Other objects that move in front of the camera: a textured room behind the board, a hand over it.
 
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// A far room with things in it, dark and bright patches of random form, which drifts by as the room of a board in a hand
-/// does, and turns with the camera.
+/// A distant room with dark and bright patches of random shape, which drifts as it would for a board held in a hand,
+/// and rotates with the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Texture {
     /// Radiance of dark and bright patches.
     pub radiance: [f64; 2],
-    /// Size of a patch, in radians.
+    /// Angular size of a patch, in radians.
     pub patch: f64,
-    /// How fast the room drifts sideways, in radians per second.
+    /// Sideways drift of the room, in radians per second.
     pub drift: f64,
 }
 
@@ -22,13 +22,13 @@ impl Default for Texture {
     }
 }
 
-/// Cosine of the angle to the board's normal below which the room has no more patches.
+/// Cosine of the angle to the board's normal below which the room has no patches.
 const SIDE: f64 = 0.1;
-/// How steep the edges of patches are: they are a sixth of a patch wide.
+/// Steepness of the edges of patches: they are a sixth of a patch wide.
 const STEEPNESS: f64 = 3.0;
 
 impl Texture {
-    /// Radiance in a direction of the world at time `t` (s).
+    /// Returns the radiance in a direction of the world at time `t` (s).
     pub(super) fn radiance(&self, direction: &Vector3<f64>, t: f64) -> f64 {
         let [dark, bright] = self.radiance;
         let mean = 0.5 * (dark + bright);
@@ -49,7 +49,7 @@ impl Texture {
     }
 }
 
-/// A number from 0 to 1 for each place of a lattice (the finaliser of MurmurHash3).
+/// Returns a number from 0 to 1 for each point of a lattice (the finaliser of MurmurHash3).
 fn random(x: i64, y: i64) -> f64 {
     let mut bits = (x as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ (y as u64).wrapping_mul(0xc2b2_ae3d_27d4_eb4f);
     for factor in [0xff51_afd7_ed55_8ccd, 0xc4ce_b9fe_1a85_ec53] {
@@ -58,15 +58,15 @@ fn random(x: i64, y: i64) -> f64 {
     (bits >> 33) as f64 / f64::from(1u32 << 31)
 }
 
-/// A hand flat on the board that moves to and fro: a palm with four fingers, over about a quarter of it.
+/// A hand flat on the board that moves back and forth: a palm with four fingers, over about a quarter of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Hand {
     /// Radiance of the skin.
     pub radiance: f64,
-    /// How far it moves to each side, as a share of the board's half height.
+    /// Amplitude of the motion to each side, as a fraction of the board's half height.
     pub reach: f64,
-    /// How often a second it moves to and fro.
+    /// Frequency of the motion in hertz.
     pub frequency: f64,
 }
 
@@ -84,11 +84,11 @@ const FINGER_RADIUS: f64 = 0.09;
 const FINGERS: [f64; 4] = [-0.45, -0.15, 0.15, 0.45];
 
 impl Hand {
-    /// Signed distance of a point of the board to the hand's edge at time `t` (s), positive on the hand, and the direction away
-    /// from the hand. `middle` is that of the board, `half` its half height.
+    /// Returns the signed distance of a point of the board to the hand's edge at time `t` (s), positive on the hand,
+    /// and the direction away from the hand. `middle` is the middle of the board, `half` its half height.
     pub(super) fn depth(&self, point: &Vector2<f64>, middle: &Vector2<f64>, half: f64, t: f64) -> (f64, Vector2<f64>) {
         let angle = std::f64::consts::TAU * self.frequency * t;
-        // From the lower right, the fingers up.
+        // From the lower right, with the fingers up.
         let sway = Vector2::new(libm::sin(angle), 0.5 * libm::sin(0.77 * angle));
         let palm = middle + (Vector2::new(0.45, 1.0) + sway * self.reach) * half;
         let mut best = away(point, &palm, &Vector2::zeros(), PALM * half);
@@ -102,13 +102,14 @@ impl Hand {
         best
     }
 
-    /// The fastest that it moves, in metres per second.
+    /// Returns the largest speed of the hand, in metres per second.
     pub(super) fn top_speed(&self, half: f64) -> f64 {
         std::f64::consts::TAU * self.frequency * self.reach * half * 1.1
     }
 }
 
-/// Depth in, and direction away from, all that is within `radius` of the line from `start` to `start` + `along`.
+/// Returns the depth in, and the direction away from, the region within `radius` of the line from `start` to `start` +
+/// `along`.
 fn away(point: &Vector2<f64>, start: &Vector2<f64>, along: &Vector2<f64>, radius: f64) -> (f64, Vector2<f64>) {
     let from = point - start;
     let length = along.norm_squared();
@@ -134,7 +135,7 @@ mod tests {
         let share = |of: &dyn Fn(f64) -> bool| values.iter().filter(|&&value| of(value)).count() as f64 / 1e4;
         assert!(share(&|value| value < 0.2) > 0.15 && share(&|value| value > 0.7) > 0.15);
         assert!(values.iter().all(|value| (0.1..=0.8).contains(value)));
-        // After 0.1 s the room is 0.03 further.
+        // After 0.1 s the room has moved by 0.03.
         assert!(
             (0..9_700)
                 .filter(|step| step % 100 < 97)

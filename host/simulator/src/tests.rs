@@ -1,4 +1,4 @@
-//! The simulator as a whole, against the geometry and the rates that it must show.
+//! The whole simulator, compared with the expected geometry and rates.
 
 use std::collections::BTreeMap;
 
@@ -45,7 +45,7 @@ fn simulation_of(board: Board, sensor: SensorModel, motion: MotionSettings, dura
     Simulation::new(rays, board, settings(sensor, motion, duration)).unwrap()
 }
 
-/// All events in their order, and their number as the simulation tells it.
+/// Returns all events in their order, and their number according to the simulation.
 fn run(simulation: &Simulation) -> (Vec<Event>, EventCounts) {
     let mut events = Vec::new();
     let mut calls = 0;
@@ -68,8 +68,8 @@ fn by_pixel(events: &[Event]) -> BTreeMap<(u16, u16), Vec<Event>> {
     pixels
 }
 
-/// Distance of a point on the board from the rim of the nearest circle in metres, positive inside. `None` further than 1.4 radii from
-/// any centre.
+/// Returns the distance of a point on the board from the rim of the nearest circle in metres, positive inside; `None`
+/// if it is farther than 1.4 radii from any centre.
 fn circle_depth(point: &Vector2<f64>) -> Option<f64> {
     let board = board();
     let distances = (0..board.point_count()).map(|index| (board.point(index) - point).norm());
@@ -77,8 +77,8 @@ fn circle_depth(point: &Vector2<f64>) -> Option<f64> {
     (depth > -0.4 * board.print_radius()).then_some(depth)
 }
 
-/// Distance of a point on the board from the nearest edge of a raster in metres, positive in the dark. `None` within 8 mm of a corner and
-/// further than 8 mm from any edge.
+/// Returns the distance of a point on the board from the nearest edge of a raster in metres, positive in the dark;
+/// `None` within 8 mm of a corner and farther than 8 mm from any edge.
 fn square_depth(raster: &Raster, point: &Vector2<f64>) -> Option<f64> {
     const NEAR: f64 = 0.008;
     let nearest = |lines: &[f64], place: f64| {
@@ -92,8 +92,8 @@ fn square_depth(raster: &Raster, point: &Vector2<f64>) -> Option<f64> {
     is_alone.then(|| if raster.is_dark_at([point.x, point.y]) { depth } else { -depth })
 }
 
-/// Signed distance in pixels from the nearest edge of the print, straight from the camera, the pose and the `depth` of a point of the
-/// board.
+/// Returns the signed distance in pixels from the nearest edge of the print, computed from the camera, the pose and the
+/// `depth` of a point of the board.
 fn edge_distance(
     camera: &Camera<f64>,
     pose: &Isometry3<f64>,
@@ -112,12 +112,12 @@ fn edge_distance(
     Some(here / gradient.norm())
 }
 
-/// Where the log intensity of a pixel that crosses a straight rim between white and black has this
-/// value, in pixels from the rim, positive inside.
+/// Returns the position at which the log intensity of a pixel that crosses a straight rim between white and black has
+/// this value, in pixels from the rim, positive inside.
 fn distance_at(log_intensity: f64, point_spread: f64) -> f64 {
     let black = SceneSettings::default().black;
     let black_share = (1.0 - log_intensity.exp()) / (1.0 - black);
-    // The inverse of the normal distribution by bisection.
+    // Inverts the normal distribution by bisection.
     let (mut low, mut high) = (-8.0, 8.0);
     for _ in 0..60 {
         let middle: f64 = 0.5 * (low + high);
@@ -131,14 +131,15 @@ struct RimEvent {
     polarity: Polarity,
     /// Distance from the rim in pixels, positive in the dark.
     distance: f64,
-    /// Where an ideal pixel that was in plain light at the start fires, in pixels from a straight rim.
+    /// Position at which an ideal pixel that was in plain light at the start emits this event, in pixels from a
+    /// straight rim.
     expected: f64,
-    /// The pixel is moving into the dark.
+    /// `true` if the pixel moves into the dark.
     inwards: bool,
 }
 
-/// The events at rims of one in `step` pixels that see plain light at the start, where `depth` is how far in the dark a point of the
-/// board is.
+/// Returns the events at rims of every `step`-th pixel that sees plain light at the start; `depth` returns the depth in
+/// the dark of a point of the board.
 fn rim_events(
     simulation: &Simulation,
     events: &[Event],
@@ -194,7 +195,7 @@ fn events_of_an_ideal_sensor_sit_where_log_thresholds_put_them() {
         assert!((error - 0.023).abs() < 0.005, "{polarity:?}: {error}");
         assert!(rms < 0.015, "{polarity:?}: {rms}");
         assert!(inside > 0.1 && inside < 0.6, "{polarity:?}: {inside}");
-        // OFF where a circle comes, ON where it goes.
+        // OFF at the leading edge of a circle, ON at its trailing edge.
         let right = of_polarity().filter(|event| event.inwards == (polarity == Polarity::Off)).count();
         assert!(right as f64 > 0.998 * of_polarity().count() as f64);
     }
@@ -232,10 +233,10 @@ fn slow_pixels_fire_behind_the_edge() {
             .map(|polarity| mean(rim.iter().filter(|event| event.polarity == polarity).map(|event| event.distance)))
     };
     let ([off, on], [late_off, late_on]) = (inside(&ideal), inside(&delayed));
-    // A pixel on its way into a circle is further inside when it fires late.
+    // A pixel that moves into a circle is further inside if it fires late.
     let (lag_off, lag_on) = (late_off - off, on - late_on);
     println!("lag: OFF {lag_off:.3} px, ON {lag_on:.3} px at 350 px/s");
-    // 80 µs at white and 490 µs at black; OFF events see more of the dark.
+    // 80 µs at white and 490 µs at black; OFF events occur in darker light.
     assert!(lag_off > lag_on && lag_off < 0.17, "{lag_off}");
     assert!(lag_on > 0.01, "{lag_on}");
 }
@@ -252,7 +253,7 @@ fn an_ideal_pixel_fires_contrast_over_threshold_times() {
     for (y, x) in (0..260).step_by(3).flat_map(|y| (0..346).step_by(3).map(move |x| (y, x))) {
         let ray = simulation.rays().get(x, y).unwrap();
         let light: Vec<f64> = views.iter().map(|view| simulation.scene().sample(view, ray).radiance).collect();
-        // Pixels that start in plain white and go straight to plain black.
+        // Pixels that start in plain white and change monotonically to plain black.
         let Some(end) = light.iter().position(|light| *light <= black) else { continue };
         if light[0] < white || light[..=end].windows(2).any(|pair| pair[1] > pair[0]) {
             continue;
@@ -286,7 +287,7 @@ fn without_motion_there_is_only_noise_at_its_rate() {
         let (noise, leak) = (sensor.noise_rate, sensor.leak_rate);
         let sensor = SensorModel { hot_pixels: 0, ..sensor };
         let (_, counts) = run(&simulation(sensor.clone(), still.clone(), duration));
-        // Poisson noise, and a noise level that scatters from pixel to pixel by 36 %.
+        // Poisson noise, and a noise level that varies from pixel to pixel by 36 %.
         let tolerance = |expected: f64| 5.0 * (expected + 0.13 * expected * noise * duration).sqrt();
         let off = 0.5 * noise * pixels;
         let on = off + leak * pixels;

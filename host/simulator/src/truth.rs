@@ -1,4 +1,4 @@
-//! What is known of a simulated recording, beside its events and its trajectory.
+//! Ground truth of a simulated recording, except its events and its trajectory.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
@@ -10,15 +10,15 @@ use super::second_camera::SecondCameraDescription;
 use super::{EventCounts, Simulation, SimulationSettings};
 use evcal_geometry::lens::camera_file::CameraDescription;
 
-/// Everything that makes a simulated recording, and what came out. As JSON it is a camera file too
-/// (see [`evcal_geometry::lens::camera_file`]).
+/// All parameters of a simulated recording and its event counts. In JSON it is also a camera file (see
+/// [`evcal_geometry::lens::camera_file`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
     /// Size of the sensor.
     pub sensor: Sensor,
     /// The lens.
     pub camera: CameraDescription,
-    /// The board, as on the command line.
+    /// Description of the board, as on the command line.
     pub board: String,
     /// Scene, pixels, motion, seed and duration.
     pub settings: SimulationSettings,
@@ -28,20 +28,20 @@ pub struct Truth {
     pub off_events: u64,
     /// Number of ON events.
     pub on_events: u64,
-    /// Frames and inertial samples, if there are any.
+    /// Frames and IMU samples, if enabled.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub davis: Option<DavisDescription>,
-    /// Motion capture, if there is any.
+    /// Motion capture, if enabled.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub motion_capture: Option<MotionCaptureDescription>,
-    /// A second camera, if there is one.
+    /// A second camera, if enabled.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub second_camera: Option<SecondCameraDescription>,
 }
 
 impl Truth {
-    /// The truth of `simulation` through the lens `camera`, which gave these `counts` of events and
-    /// nothing else.
+    /// Creates the ground truth of `simulation` through the lens `camera`, which produced these `counts` of events and
+    /// no other streams.
     pub fn new(camera: &Camera<f64>, simulation: &Simulation, counts: EventCounts) -> Self {
         let settings = simulation.settings().clone();
         let board = simulation.scene().stated_board();

@@ -1,11 +1,11 @@
-//! Where the rays of a camera at one pose meet the board.
+//! Intersections of the rays of a camera at one pose with the board.
 
 use nalgebra::{Isometry3, Matrix2, Matrix3, Vector2, Vector3};
 
 use super::rays::Ray;
 use evcal_geometry::board::shape::Surface;
 
-/// The board from one camera pose.
+/// The board seen from one camera pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     pub(super) rotation: Matrix3<f64>,
@@ -15,7 +15,7 @@ pub struct View {
 }
 
 impl View {
-    /// The board from the pose `T_world_camera` (metres, board in the plane z = 0).
+    /// Creates the view from the pose `T_world_camera` (metres, board in the plane z = 0).
     pub fn new(world_from_camera: &Isometry3<f64>) -> Self {
         Self {
             rotation: *world_from_camera.rotation.to_rotation_matrix().matrix(),
@@ -24,12 +24,13 @@ impl View {
         }
     }
 
-    /// The same at time `t` (s), which matters where something else than the camera moves.
+    /// Returns the same view at time `t` (s), for scenes in which something other than the camera moves.
     pub fn at(self, t: f64) -> Self {
         Self { time: t, ..self }
     }
 
-    /// Where a ray meets the board plane; `None` when it looks along it or away from it.
+    /// Returns the intersection of a ray with the board plane; `None` if the ray is parallel to it or points away from
+    /// it.
     #[inline]
     pub fn gaze(&self, ray: &Ray) -> Option<Gaze> {
         let direction = self.rotation * ray.bearing;
@@ -44,7 +45,7 @@ impl View {
         Some(Gaze { point, slope, distance: -self.position.z * inverse, relief: flat })
     }
 
-    /// The same for a board with a `surface` of its own; points are those of the print.
+    /// Returns the intersection with a board that has a `surface` of its own; points are positions on the print.
     #[inline]
     pub(super) fn gaze_at(&self, ray: &Ray, surface: &Surface) -> Option<Gaze> {
         let direction = self.rotation * ray.bearing;
@@ -58,7 +59,7 @@ impl View {
         (met.depth.is_finite() && met.inverse.is_finite()).then_some(gaze)
     }
 
-    /// Derivative of the point that a ray meets by the pixel, in metres per pixel.
+    /// Returns the derivative of the intersection with respect to the pixel, in metres per pixel.
     #[inline]
     pub fn jacobian(&self, ray: &Ray, gaze: &Gaze) -> Matrix2<f64> {
         let column = |along: &Vector3<f64>| {
@@ -73,30 +74,30 @@ impl View {
 /// Sine of the angle to the board plane below which a ray does not count as meeting it.
 const GRAZING: f64 = 0.02;
 
-/// Where a ray meets the board.
+/// Intersection of a ray with the board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gaze {
     /// Point on the print in metres.
     pub point: Vector2<f64>,
-    /// Metres along the board for each metre along its normal.
+    /// Metres along the board per metre along its normal.
     pub(super) slope: Vector2<f64>,
     /// Distance from the camera in metres.
     pub(super) distance: f64,
-    /// How the board lies there.
+    /// Local relief of the board.
     relief: Relief,
 }
 
-/// How a board that is not as stated lies at a point.
+/// Local scale and slope of a board that differs from the nominal one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Relief {
-    /// Metres of the print for each metre on the board, along x and y.
+    /// Metres of the print per metre on the board, along x and y.
     scale: Vector2<f64>,
     /// Slope of its surface.
     slope: Vector2<f64>,
 }
 
 impl Gaze {
-    /// Bound of how fast the point moves over the board, in metres per pixel.
+    /// Returns an upper bound of the displacement of the point on the board, in metres per pixel.
     #[inline]
     pub(super) fn metres_per_pixel(&self, ray: &Ray) -> f64 {
         let Relief { scale, slope } = self.relief;

@@ -1,4 +1,4 @@
-//! What an event costs until it is in pictures, and what a picture costs until its board is found.
+//! Cost per event of the reconstruction of pictures, and cost per picture of finding its board.
 
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
@@ -14,12 +14,12 @@ const EVENTS: i64 = 2_000_000;
 const SQUARE: usize = 24;
 
 fn main() {
-    // On one core: the figures are processor time.
+    // On one core, so that the figures are processor time.
     rayon::ThreadPoolBuilder::new().num_threads(1).build_global().unwrap();
     divan::main();
 }
 
-/// One event per microsecond: rows of an edge that moves, every fourth anywhere on the sensor.
+/// Returns one event per microsecond: rows of an edge that moves, every fourth anywhere on the sensor.
 fn events() -> Vec<Event> {
     let mut state = 1_u64;
     let mut random = |below: u64| {
@@ -49,7 +49,7 @@ fn reconstruction(bencher: Bencher) {
     });
 }
 
-/// A board of 6 × 9 inner corners without perspective.
+/// Returns a board of 6 × 9 inner corners without perspective.
 fn checkerboard() -> Picture {
     let (width, height) = (usize::from(SENSOR.width), usize::from(SENSOR.height));
     let value = |index: usize| {

@@ -1,33 +1,34 @@
-//! The position of a tag whose pattern is known: least squares between the picture and the pattern.
+//! Position of a tag with a known pattern, by least squares between the picture and the pattern.
 //!
-//! All edges of the tag count, its inner ones as well, so that a side that is hardly visible (because it is parallel to the motion,
-//! in a picture made of events) does not spoil two corners. The steps are those of Lucas and Kanade (1981) with gain and offset, for
-//! a homography. The slopes are those of the picture: an edge that is not visible in it does not count.
+//! All edges of the tag are used, inner ones as well, so that a hardly visible side (in a picture made of events, a
+//! side parallel to the motion) does not spoil two corners. The steps are those of Lucas and Kanade (1981) with gain
+//! and offset, for a homography. The slopes are taken from the picture, so an edge that is not visible there has no
+//! weight.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use crate::picture::Picture;
 use crate::quads::Quad;
 
-/// Width in pixels of the box that stands for all blur: of the camera, of a pixel, of the smoothing.
+/// Width in pixels of the box filter that models all blur: of the camera, of a pixel, of the smoothing.
 const BLUR: f64 = 3.2;
-/// The same width in modules is at most this.
+/// Upper limit of the same width in modules.
 const MOST_BLUR: f64 = 1.4;
-/// Samples are this part of the box's width before, on and after each border between modules.
+/// Positions of samples around each border between modules, as a fraction of the box's width.
 const SAMPLES: [f64; 3] = [-0.3, 0.0, 0.3];
 /// With modules smaller than this many pixels there are two samples per module, which reach half a module beyond the tag.
 const SMALL_MODULE: f64 = 3.2;
-/// Most steps, and the step in pixels below which the position is reached.
+/// Largest number of steps, and the step in pixels below which the position has converged.
 const STEPS: usize = 12;
 const REACHED: f64 = 0.01;
-/// A corner may move by this many pixels, and this many modules, at most.
+/// Largest motion of a corner, in pixels and in modules.
 const FARTHEST: f64 = 1.5;
 const FARTHEST_IN_MODULES: f64 = 0.5;
 
-/// Parameters of a homography, and with gain and offset.
+/// Number of parameters of a homography, and with gain and offset.
 const MAP: usize = 8;
 const UNKNOWNS: usize = MAP + 2;
-/// The diagonal of the normal equations is greater by this part, for what the pattern hardly determines.
+/// Relative increase of the diagonal of the normal equations, for parameters that the pattern hardly determines.
 const DAMPING: f64 = 1e-3;
 
 /// The map from the unit square to a quadrilateral whose corners belong to (0, 0), (1, 0), (1, 1), (0, 1) (Heckbert 1989).
@@ -66,7 +67,7 @@ pub(crate) struct Pattern<'a> {
 }
 
 impl Pattern<'_> {
-    /// The positions of the samples in modules, the same along both sides, for modules of this size in pixels.
+    /// Returns the positions of the samples in modules, the same along both sides, for modules of this size in pixels.
     fn positions(&self, module: f64) -> Vec<f64> {
         if module < SMALL_MODULE {
             return (0..2 * self.side + 2).map(|index| 0.5 * index as f64 - 0.25).collect();
@@ -74,7 +75,7 @@ impl Pattern<'_> {
         (0..=self.side).flat_map(|border| SAMPLES.map(|part| border as f64 + part * BLUR / module)).collect()
     }
 
-    /// The pattern blurred by so many modules, at each pair of positions.
+    /// Returns the pattern blurred by `blur` modules, at each pair of positions.
     fn samples(&self, positions: &[f64], blur: f64) -> Vec<Sample> {
         let side = self.side as isize;
         let light = |row: isize, column: isize| {
@@ -83,7 +84,7 @@ impl Pattern<'_> {
             if light { 1.0 } else { -1.0 }
         };
         let at_border = |position: f64| position.min(self.side as f64 - position) < 0.5 * blur;
-        // The modules that a box around each position covers, with their parts.
+        // The modules that a box around each position covers, with their fractions.
         let covered = |position: &f64| -> Vec<(isize, f64)> {
             let (low, high) = (position - 0.5 * blur, position + 0.5 * blur);
             let part = |module: isize| (high.min(module as f64 + 1.0) - low.max(module as f64)).max(0.0) / blur;
@@ -93,7 +94,7 @@ impl Pattern<'_> {
         let mut samples = Vec::with_capacity(positions.len().pow(2));
         for (v, rows) in positions.iter().zip(&covered) {
             for (u, columns) in positions.iter().zip(&covered) {
-                // What is beyond a corner depends on the board.
+                // The brightness beyond a corner depends on the board.
                 if at_border(*u) && at_border(*v) {
                     continue;
                 }
@@ -107,7 +108,7 @@ impl Pattern<'_> {
     }
 }
 
-/// The brightness of the blurred pattern at a place, which counts in modules from the top left.
+/// The brightness of the blurred pattern at a position, in modules from the top left.
 struct Sample {
     place: Vector2<f64>,
     brightness: f64,
@@ -117,7 +118,7 @@ struct Sample {
 pub(crate) struct Slopes {
     width: usize,
     height: usize,
-    /// Value, slope along x, slope along y, nothing: four values are added at once.
+    /// Value, slope along x, slope along y, and zero: four values are added at once.
     pixels: Vec<[f32; 4]>,
 }
 
@@ -135,9 +136,9 @@ impl Slopes {
         Self { width, height, pixels: (0..values.len()).map(pixel).collect() }
     }
 
-    /// Value and slopes at a position between pixels.
+    /// Returns value and slopes at a position between pixels.
     fn at(&self, place: Vector2<f64>) -> [f32; 4] {
-        // A position that is not a number becomes 0.
+        // A NaN becomes 0.
         let x = (place.x as f32).max(0.0).min((self.width - 1) as f32);
         let y = (place.y as f32).max(0.0).min((self.height - 1) as f32);
         let (column, row) = (x as usize, y as usize);
@@ -155,12 +156,12 @@ impl Slopes {
     }
 }
 
-/// The corners of the tag near `start`; `None` if the pattern is not there.
+/// Returns the corners of the tag near `start`; `None` if the pattern is not there.
 pub(crate) fn align(slopes: &Slopes, pattern: &Pattern, start: &Quad) -> Option<Quad> {
     let start = start.map(|corner| corner.map(f64::from));
     let module = mean_side(&start) / pattern.side as f64;
     let mut samples = pattern.samples(&pattern.positions(module), (BLUR / module).min(MOST_BLUR));
-    // Places count from the middle of the tag in halves of its side.
+    // Positions are relative to the middle of the tag, in halves of its side.
     for sample in &mut samples {
         sample.place = sample.place / (0.5 * pattern.side as f64) - Vector2::new(1.0, 1.0);
     }
@@ -189,7 +190,7 @@ pub(crate) fn align(slopes: &Slopes, pattern: &Pattern, start: &Quad) -> Option<
             normal[(unknown, unknown)] *= 1.0 + DAMPING;
         }
         let step = normal.cholesky()?.solve(&right);
-        // A negative gain is a tag in negative.
+        // A negative gain means a tag in negative.
         if step[MAP].is_nan() || step[MAP] <= 0.0 {
             return None;
         }
@@ -207,7 +208,7 @@ pub(crate) fn align(slopes: &Slopes, pattern: &Pattern, start: &Quad) -> Option<
     Some(corners(&map).map(|corner| [corner.x as f32, corner.y as f32]))
 }
 
-/// The images of the corners of a tag, whose sides go from −1 to 1.
+/// Returns the images of the corners of a tag, whose sides extend from −1 to 1.
 fn corners(map: &Matrix3<f64>) -> [Vector2<f64>; 4] {
     [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|[u, v]| {
         let image = map * Vector3::new(u, v, 1.0);
@@ -215,7 +216,7 @@ fn corners(map: &Matrix3<f64>) -> [Vector2<f64>; 4] {
     })
 }
 
-/// The greatest distance between corresponding corners.
+/// Returns the largest distance between corresponding corners.
 fn farthest(from: &[Vector2<f64>; 4], to: &[Vector2<f64>; 4]) -> f64 {
     from.iter().zip(to).map(|(from, to)| (from - to).norm()).fold(0.0, f64::max)
 }

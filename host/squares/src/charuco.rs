@@ -1,4 +1,4 @@
-//! The chessboard corners of a ChArUco board: predicted from its tags, positioned by their own four quadrants.
+//! Chessboard corners of a ChArUco board: predicted from its tags, refined by the four quadrants around them.
 
 use nalgebra::Vector2;
 
@@ -7,15 +7,15 @@ use crate::picture::Picture;
 use crate::saddles::{SaddleTest, refine_saddle};
 use crate::tags::{FoundTag, TagFinder};
 
-/// Half the window for the position of a corner as a part of its distance to the nearest tag along x or y, and its bounds in
-/// pixels. The light quadrants have tags in them, which must not count.
+/// Half the window for refining a corner as a fraction of its distance to the nearest tag along x or y, and its limits
+/// in pixels. The window must exclude the tags in the light quadrants.
 const WINDOW: f32 = 0.9;
 const WINDOWS: [f32; 2] = [2.0, 6.0];
-/// A corner is within this part of the same distance from where it is predicted, or within a pixel.
+/// Largest distance of a corner from its prediction as a fraction of the same distance, but at least one pixel.
 const FARTHEST: f32 = 0.6;
 
-/// Finds the corners between the squares of a ChArUco board whose tags were found in the picture, by rising index. `corners` are
-/// their places on the board, in the order of their indices.
+/// Finds the corners between the squares of a ChArUco board whose tags were found in the picture, by increasing index.
+/// `corners` are their positions on the board, in the order of their indices.
 pub fn find_corners(
     picture: &Picture,
     finder: &TagFinder,
@@ -28,7 +28,7 @@ pub fn find_corners(
         let map = finder.map_of(&near)?;
         let predicted = map.pixel(*corner);
         let distance = |of_tag: Vector2<f64>| (Vector2::from(map.pixel(of_tag)) - Vector2::from(predicted)).norm();
-        // The nearest corner of a tag is as far away along x as along y.
+        // The nearest corner of a tag is equally far away along x and y.
         let tag = finder.tags().get(near.first()?.index)?;
         let nearest = tag.corners.map(|corner| distance(corner.into())).into_iter().fold(f32::INFINITY, f32::min);
         let margin = nearest / std::f32::consts::SQRT_2;
@@ -54,7 +54,7 @@ mod tests {
         (row + column).is_multiple_of(2)
     }
 
-    /// The tags of a board of squares of side 1, in its light squares.
+    /// Returns the tags of a board of squares of side 1, in its light squares.
     fn tags() -> Vec<Tag> {
         let squares = (0..ROWS * COLUMNS).map(|index| (index / COLUMNS, index % COLUMNS));
         let light = squares.filter(|&(row, column)| !is_dark_square(row, column));

@@ -1,7 +1,8 @@
-//! Checkerboards: saddle points put in the order of the board's inner corners.
+//! Checkerboards: saddle points in the order of the board's inner corners.
 //!
-//! The corners of a board form a symmetric lattice, so the lattice finder of `evcal-core` orders them. It accepts boards that are
-//! visible only in part, if ends of the board are visible or their place is predicted. The shades around every corner must alternate.
+//! The corners of a board form a symmetric lattice, so the lattice finder of `evcal-core` orders them. A partly visible
+//! board is accepted if ends of the board are visible or its position is predicted. The shades around the corners must
+//! alternate.
 
 mod placement;
 
@@ -17,23 +18,23 @@ use crate::picture::Picture;
 use crate::saddles::{Saddle, SaddleTest, find_saddles, refine_saddle};
 use placement::{LatticeCorner, Placement, place_by_ends};
 
-/// Saddles that the lattice finder has room for.
+/// Capacity of the lattice finder in saddles.
 const CAPACITY: usize = 512;
-/// Least part of the corners whose shades must be the board's.
+/// Smallest fraction of the corners whose shades must match the board.
 const LEAST_ALTERNATING: f64 = 0.85;
-/// Half the window for a corner's position as a part of the distance to its neighbours, and its bounds in pixels at the
-/// scale in which the corner was found.
+/// Half the window for refining a corner as a fraction of the distance to its neighbours, and its limits in pixels at
+/// the scale at which the corner was found.
 const WINDOW: f32 = 0.45;
 const WINDOWS: [f32; 2] = [2.0, 6.0];
 
-/// If there is no board, it is looked for in the picture at half the scale, down to this width or height in pixels.
+/// If no board is found, the search is repeated at half the scale, down to this width or height in pixels.
 const LEAST_PICTURE: usize = 200;
 
 /// The reason why a picture has no checkerboard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoCheckerboard {
-    /// Boards have at least two rows and columns of corners, and at most as many corners as the finder has room for.
+    /// Boards must have at least two rows and columns of corners, and at most as many corners as the finder's capacity.
     #[error("boards of {rows} x {columns} inner corners are not supported")]
     BoardSize {
         /// Rows of inner corners.
@@ -41,7 +42,7 @@ pub enum NoCheckerboard {
         /// Columns of inner corners.
         columns: u8,
     },
-    /// There are fewer saddle points than corners are needed.
+    /// There are fewer saddle points than needed corners.
     #[error("{found} saddle points found, {needed} corners needed")]
     TooFewSaddles {
         /// Saddle points found.
@@ -66,30 +67,30 @@ pub enum NoCheckerboard {
     /// Dark and light squares do not alternate.
     #[error("dark and light squares do not alternate")]
     NotAlternating,
-    /// The lattice continues beyond the board: its size is another one.
-    #[error("{outside} corners beyond the board: its size is another one")]
+    /// The lattice continues beyond the board: the board has another size.
+    #[error("{outside} corners beyond the board: the board has another size")]
     BesideBoard {
         /// Corners beyond the board.
         outside: usize,
     },
-    /// The board is cut by the border of the picture and could be in several places.
-    #[error("the board could be in two places: {best} or {runner_up} corners agree")]
+    /// The board is cut by the border of the picture and fits at several positions.
+    #[error("the position of the board is ambiguous: {best} corners fit the best position, {runner_up} the next")]
     PlaceUncertain {
-        /// Corners that agree with the best place.
+        /// Number of corners that agree with the best position.
         best: usize,
-        /// Corners that agree with the next best.
+        /// Number of corners that agree with the second best.
         runner_up: usize,
     },
     /// A whole checkerboard is visible, of another size.
-    #[error("a checkerboard of {rows} x {columns} inner corners, or {columns} x {rows}")]
+    #[error("the board has {rows} x {columns} inner corners, or {columns} x {rows}")]
     OtherSize {
         /// The smaller number of inner corners.
         rows: usize,
         /// The greater number of inner corners.
         columns: usize,
     },
-    /// There is a lattice, but not where the board is expected.
-    #[error("the corners are not where the board is expected")]
+    /// There is a lattice, but not at the expected position.
+    #[error("the corners are not at the expected position of the board")]
     NotAsExpected,
 }
 
@@ -107,18 +108,19 @@ impl From<GridError> for NoCheckerboard {
     }
 }
 
-/// Finds the inner corners of a checkerboard with `rows` × `columns` of them, indexed row by row, by rising index. Not all
-/// corners need be visible.
+/// Finds the inner corners of a checkerboard with `rows` × `columns` of them, by increasing index; indices count row by
+/// row. Some corners may be invisible.
 ///
-/// The order is that of OpenCV's `findChessboardCorners`. If one of the counts is odd and the other even, there is one order: the
-/// square at the outside of the first corner is dark. If not, the board looks the same after a half turn (a square board with even
-/// counts also after a quarter turn); then the order is the one nearest to `expected`, the positions of the corners in a
-/// neighbouring picture by index, and without them the one whose first corner is nearest to the top left.
+/// The order is that of OpenCV's `findChessboardCorners`. If one of the counts is odd and the other even, the order is
+/// unique: the square outside the first corner is dark. Otherwise the board looks the same after a rotation by 180° (a
+/// square board with even counts also after 90°); then the order is the one nearest to `expected`, the positions of the
+/// corners in a neighbouring picture by index, and without `expected` the one whose first corner is nearest to the top
+/// left.
 ///
-/// `expected` also decides which corners are visible if the border of the picture cuts the board.
+/// `expected` also determines which corners are visible if the border of the picture cuts the board.
 ///
 /// # Errors
-/// [`NoCheckerboard`] if there is no board for certain.
+/// Returns [`NoCheckerboard`] unless a board is found with certainty.
 pub fn find_checkerboard(
     picture: &Picture,
     rows: u8,
@@ -144,19 +146,20 @@ pub fn find_checkerboard(
     Ok(corners.iter().map(position).collect())
 }
 
-// What the workspace is made in must not be part of the frames of a recursion.
+// A separate function, so that the temporary workspace is not part of the stack frames of a recursion.
 #[inline(never)]
 fn workspace() -> Box<GridWorkspace<f64, CAPACITY>> {
     Box::new(GridWorkspace::new())
 }
 
-/// Corners of the board by index, and the factor by which the picture was reduced to find them.
+/// Corners of the board by index, and the factor by which the picture was reduced.
 struct OrderedCorners {
     corners: Vec<(usize, Saddle)>,
     scale: f32,
 }
 
-/// The corners of the board. Blurred corners of a large picture are not saddles within a few pixels, but they are in a smaller one.
+/// Finds the corners of the board. Blurred corners of a large picture are not saddles within a few pixels, but become
+/// saddles in a smaller picture.
 fn corners_at_scales(
     picture: &Picture,
     pattern: &Pattern,
@@ -191,7 +194,7 @@ fn corners_at_scales(
     }
 }
 
-/// The saddles of a picture that are corners of the board, by index.
+/// Returns the saddles of a picture that are corners of the board, by index.
 fn ordered(
     picture: &Picture,
     pattern: &Pattern,
@@ -227,11 +230,11 @@ fn ordered(
     oriented(corners, pattern, expected)
 }
 
-/// Finds a checkerboard in pictures of one moment: the corners of the picture with most of them, and from the others those that it
-/// lacks. Parameters and order are those of [`find_checkerboard`].
+/// Finds a checkerboard in several pictures of one moment: takes the corners of the picture with most corners, and adds
+/// missing ones from the others. Parameters and order are those of [`find_checkerboard`].
 ///
 /// # Errors
-/// [`NoCheckerboard`] if there is none in any picture: the reason of the picture that looks most like the board.
+/// Returns [`NoCheckerboard`] if no picture has a board, with the reason of the picture that looks most like the board.
 pub fn find_checkerboard_in_any(
     pictures: &[Picture],
     rows: u8,
@@ -269,10 +272,10 @@ pub fn find_checkerboard_in_any(
     }
 }
 
-/// The points of `found` and those of `others` that it lacks, by rising index.
+/// Adds to `found` the points of `others` that it lacks; sorted by index.
 fn completed(mut found: Vec<FoundPoint>, others: Vec<FoundPoint>) -> Vec<FoundPoint> {
     found.extend(others);
-    // The sort is stable: of two the first stays.
+    // The sort is stable: of two points with the same index the first stays.
     found.sort_by_key(|point| point.index);
     found.dedup_by_key(|point| point.index);
     found
@@ -289,8 +292,8 @@ fn corners(found: &FoundGrid<f64, CAPACITY>, saddles: &[Saddle]) -> Vec<(usize, 
     found.circles.iter().filter_map(corner).collect()
 }
 
-/// How much the shades around the corners are those of a board: from 1, if the square at the outside of the first corner is dark, to
-/// −1, if it is bright.
+/// Returns the agreement of the shades around the corners with a board: from 1, if the square outside the first corner
+/// is dark, to −1, if it is bright.
 fn shades(corners: &[(usize, Saddle)], columns: usize) -> f64 {
     let at = |index: usize| {
         corners.binary_search_by_key(&index, |corner| corner.0).ok().and_then(|place| corners.get(place))
@@ -307,7 +310,7 @@ fn shades(corners: &[(usize, Saddle)], columns: usize) -> f64 {
         let along = direction((column > 0).then(|| index - 1), (column + 1 < columns).then_some(index + 1));
         let across = direction(index.checked_sub(columns), Some(index + columns));
         let (Some(along), Some(across)) = (along, across) else { continue };
-        // The quadrant between both directions has the shade of the opposite one.
+        // The quadrant between both directions has the same shade as the opposite one.
         let quadrant = libm::atan2f(along[1] + across[1], along[0] + across[0]);
         let bright = libm::cosf(2.0 * (quadrant - saddle.bright)) > 0.0;
         sum += if bright == ((row + column) % 2 == 1) { 1 } else { -1 };
@@ -316,7 +319,7 @@ fn shades(corners: &[(usize, Saddle)], columns: usize) -> f64 {
     f64::from(sum) / f64::from(count.max(1))
 }
 
-/// The corners in the order that the shades and the expectation determine, by rising index.
+/// Returns the corners in the order that the shades and the expectation determine, by increasing index.
 fn oriented(
     corners: Vec<(usize, Saddle)>,
     pattern: &Pattern,
@@ -334,7 +337,7 @@ fn oriented(
     }
     let any_dark = turns.iter().any(|(shades, _)| *shades > 0.0);
     let right = turns.into_iter().filter(|(shades, _)| *shades > 0.0 || !any_dark).map(|(_, corners)| corners);
-    // The first is the one that is found without an expectation; later ones must be better.
+    // The first order is the one without an expectation; another order must be better.
     let cost = |corners: &[(usize, Saddle)]| {
         let Some(expected) = expected else { return top_left(corners, pattern) };
         let off = corners.iter().filter_map(|&(index, saddle)| {
@@ -347,7 +350,7 @@ fn oriented(
     best.map(|(_, corners)| corners).ok_or(NoCheckerboard::NotAlternating)
 }
 
-/// Smaller if the first corner is nearer to the top left: the slope of x + y over the board.
+/// Returns a value that is smaller if the first corner is nearer to the top left: the slope of x + y over the board.
 fn top_left(corners: &[(usize, Saddle)], pattern: &Pattern) -> f64 {
     let count = corners.len().max(1) as f64;
     let place = |index: usize| {
@@ -367,8 +370,8 @@ mod tests {
 
     const SQUARE: f64 = 0.025;
 
-    /// The brightness of a board with `rows` × `columns` inner corners, the first at the origin; the square at its outside is
-    /// dark or not.
+    /// Returns the brightness of a board with `rows` × `columns` inner corners, the first at the origin; `dark` is the
+    /// shade of the square outside it.
     fn board(rows: i32, columns: i32, dark: bool) -> impl Fn(f64, f64) -> f32 {
         move |x, y| {
             let (column, row) = ((x / SQUARE).floor() as i32 + 1, (y / SQUARE).floor() as i32 + 1);
@@ -385,14 +388,14 @@ mod tests {
         view.pixel(Vector2::new((index % columns) as f64 * SQUARE, (index / columns) as f64 * SQUARE))
     }
 
-    /// Root mean square distance from the truth in pixels.
+    /// Returns the root mean square distance from the ground truth in pixels.
     fn error(found: &[FoundPoint], view: &View, columns: usize) -> f32 {
         let square = |point: &FoundPoint| distance(point.pixel, truth(view, columns, point.index)).powi(2);
         (found.iter().map(square).sum::<f32>() / found.len() as f32).sqrt()
     }
 
     #[test]
-    fn corners_are_where_they_are_and_in_order() {
+    fn corners_are_accurate_and_in_order() {
         for turn in [0.0, 1.6, 3.1, -1.5] {
             let view = View::new(middle(6, 9), 0.45, [0.4, -0.3, turn]);
             let picture = view.render(board(6, 9, true));
@@ -407,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn large_blurred_pictures_have_their_corners() {
+    fn corners_are_found_in_large_blurred_pictures() {
         let view = View::new(middle(6, 9), 0.45, [0.4, -0.3, 0.2]);
         let picture = view.render(board(6, 9, true)).enlarged(4).blurred(3.5);
         let found = find_checkerboard(&picture, 6, 9, None).unwrap();
@@ -428,7 +431,7 @@ mod tests {
     }
 
     #[test]
-    fn boards_that_a_half_turn_does_not_change_follow_the_expectation() {
+    fn boards_with_rotational_symmetry_follow_the_expectation() {
         let view = View::new(middle(5, 7), 0.4, [0.3, 0.2, 2.4]);
         let picture = view.render(board(5, 7, true));
         let alone = find_checkerboard(&picture, 5, 7, None).unwrap();
@@ -448,7 +451,7 @@ mod tests {
     #[test]
     fn a_board_cut_by_the_border_is_placed_by_its_ends() {
         let brightness = board(6, 9, true);
-        // Two columns are outside, or some at the left and at the right; or a corner of the board is.
+        // Two columns are outside, or some columns on both sides, or a corner of the board.
         for (x, y, turn) in
             [(-110.0, 0.0, 0.0), (100.0, 0.0, 3.0), (110.0, 60.0, 0.1), (-90.0, 60.0, 0.0), (0.0, -80.0, 1.4)]
         {
@@ -491,12 +494,12 @@ mod tests {
     }
 
     #[test]
-    fn other_patterns_are_refused_with_their_reason() {
+    fn other_patterns_are_rejected_with_their_reason() {
         let view = View::new(middle(6, 9), 0.45, [0.2, -0.3, 0.1]);
         let refused = |picture: &Picture| find_checkerboard(picture, 6, 9, None).unwrap_err();
         let other = |rows, columns| NoCheckerboard::OtherSize { rows, columns };
         assert_eq!(refused(&view.render(board(8, 9, true))), other(8, 9));
-        // Squares that are counted in place of corners.
+        // The numbers of squares instead of corners.
         assert_eq!(find_checkerboard(&view.render(board(6, 9, true)), 7, 10, None), Err(other(6, 9)));
         let dots = |x: f64, y: f64| {
             let off = [x, y].map(|place| (place / SQUARE).round() * SQUARE - place);
@@ -504,7 +507,7 @@ mod tests {
         };
         refused(&view.render(dots));
         assert!(matches!(refused(&view.render(|_, _| 0.5)), NoCheckerboard::TooFewSaddles { found: 0, .. }));
-        // Saddles everywhere, but all of one kind.
+        // Saddles everywhere, but all of the same kind.
         let kites = |x: f64, y: f64| {
             let [a, b] = [x + y, x - y].map(|place| (place / SQUARE).rem_euclid(1.0) - 0.5);
             if a.abs().max(b.abs()) < 0.25 || a.abs().min(b.abs()) > 0.25 { 0.1 } else { 0.9 }

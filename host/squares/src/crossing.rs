@@ -1,8 +1,9 @@
 //! Corners between four squares, fitted to the shades around them.
 //!
-//! The edges lead to a corner only as far as they are smooth. In a picture that counts events they are not: a pixel has all of them or
-//! few, and bright squares are larger than they are. So the picture of two bright squares that touch is fitted, with lines that need
-//! not be at right angles, and with the width by which the bright squares have grown.
+//! The usual refinement, which follows the edges, needs smooth edges. In a picture that counts events they are not
+//! smooth: a pixel has all of the events of an edge or few of them, and bright squares appear enlarged. Therefore a
+//! model of two bright squares that touch is fitted to the shades, with lines at any angle, and with the width by which
+//! the bright squares are enlarged.
 
 use evcal_geometry::numerics::levenberg_marquardt::{Costed, Schedule, minimise};
 use nalgebra::{SMatrix, SVector, Vector2};
@@ -10,19 +11,21 @@ use nalgebra::{SMatrix, SVector, Vector2};
 use crate::found_point::FoundPoint;
 use crate::picture::Picture;
 
-/// Radius that is looked at as a part of the distance to the nearest neighbour, and least radius in pixels.
+/// Radius of the fitted region as a fraction of the distance to the nearest neighbour, and smallest radius in pixels.
 const REACH: f64 = 0.5;
 const LEAST_REACH: f64 = 2.0;
-/// A corner that moves further is wrong (px).
+/// Largest motion of a corner (px); a larger one is wrong.
 const FARTHEST: f64 = 1.5;
-/// Steepness of an edge (1/px): that of a sharp edge, of which each pixel has its share. Free, it fits the noise.
+/// Steepness of an edge (1/px), for a sharp edge averaged over each pixel. It is fixed because an estimated value would
+/// fit the noise.
 const STEEPNESS: f64 = 2.0;
-/// Growth of a bright square before it is fitted (px).
+/// Initial enlargement of a bright square (px).
 const GROWTH: f64 = 0.2;
 const SCHEDULE: Schedule =
     Schedule { first_damping: 1e-3, smallest_damping: 1e-9, largest_damping: 1e6, most_steps: 40, smallest_gain: 1e-7 };
 
-/// Column and row of the corner, angles of both lines, dark shade, difference to the bright one, growth of the bright squares.
+/// Column and row of the corner, angles of both lines, dark shade, difference to the bright one, enlargement of the
+/// bright squares.
 type Parameters = SVector<f64, 7>;
 
 /// A pixel near a corner and its shade.
@@ -31,7 +34,8 @@ struct Shade {
     value: f64,
 }
 
-/// Fits the corners of a checkerboard that has so many `columns` of them. A corner that cannot be fitted, or moves far, stays.
+/// Refines the corners of a checkerboard with this number of `columns`. A corner that cannot be fitted, or would move
+/// far, is unchanged.
 pub fn fit_corners(picture: &Picture, corners: &mut [FoundPoint], columns: usize) {
     let place = |index: usize| corners.iter().find(|corner| corner.index == index).map(|corner| double(corner.pixel));
     let fitted: Vec<Option<[f32; 2]>> = corners
@@ -59,14 +63,14 @@ fn double(pixel: [f32; 2]) -> Vector2<f64> {
     Vector2::from(pixel).cast()
 }
 
-/// The corner near `start`, with the steps to its neighbours.
+/// Returns the corner near `start`, with the steps to its neighbours.
 fn fit(picture: &Picture, start: Vector2<f64>, along: Vector2<f64>, across: Vector2<f64>) -> Option<Vector2<f64>> {
     let reach = (REACH * along.norm().min(across.norm())).max(LEAST_REACH);
     let shades = shades(picture, start, reach);
     let values = || shades.iter().map(|shade| shade.value);
     let (dark, bright) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
     let angle = |direction: Vector2<f64>| libm::atan2(direction.y, direction.x);
-    // The bright squares are between both directions, or not.
+    // Two starts: the bright squares lie between both directions, or do not.
     let starts = [0.0, std::f64::consts::PI].map(|turn| {
         let (along, across) = (angle(along), angle(across) + turn);
         Parameters::from([start.x, start.y, along, across, dark, bright - dark, GROWTH])
@@ -91,7 +95,7 @@ fn fit(picture: &Picture, start: Vector2<f64>, along: Vector2<f64>, across: Vect
     (shades.len() > Parameters::zeros().len() && (place - start).norm() < FARTHEST).then_some(place)
 }
 
-/// The pixels within `reach` of `center`.
+/// Returns the pixels within `reach` of `center`.
 fn shades(picture: &Picture, center: Vector2<f64>, reach: f64) -> Vec<Shade> {
     let range = |center: f64, size: usize| {
         let first = (center - reach).ceil().max(0.0) as usize;
@@ -108,7 +112,7 @@ fn shades(picture: &Picture, center: Vector2<f64>, reach: f64) -> Vec<Shade> {
     pixels.filter_map(shade).collect()
 }
 
-/// How far a fit is from a shade, and its derivatives.
+/// Difference between a fit and a shade, and its derivatives.
 struct Residual {
     error: f64,
     by_parameters: Parameters,
@@ -124,14 +128,14 @@ fn residual(shade: &Shade, at: &Parameters) -> Residual {
         (distance, SVector::<f64, 3>::new(sine, -cosine, -offset.x * cosine - offset.y * sine))
     };
     let ((first, by_first), (second, by_second)) = (line(along), line(across));
-    // How far a place is inside an edge, 0 to 1, and the derivative.
+    // Depth of a position inside an edge, 0 to 1, and its derivative.
     let inside = |distance: f64| {
         let tanh = libm::tanh(STEEPNESS * distance);
         (0.5 * (1.0 + tanh), 0.5 * STEEPNESS * (1.0 - tanh * tanh))
     };
     let square = |first: f64, second: f64| {
         let ((a, by_a), (b, by_b)) = (inside(first), inside(second));
-        // The share, and its derivatives by both distances.
+        // The bright fraction, and its derivatives with respect to both distances.
         (a * b, by_a * b, a * by_b)
     };
     let (one, one_first, one_second) = square(first + growth, second + growth);
@@ -177,9 +181,10 @@ mod tests {
         (a[0] - b[0]).hypot(a[1] - b[1])
     }
 
-    /// Pixels of a bright square have all of its events as soon as a fifth of them is bright: bright squares have grown.
+    /// A pixel of a bright square has all of its events as soon as a fifth of the pixel is bright, so bright squares
+    /// are enlarged.
     #[test]
-    fn corners_of_squares_that_have_grown_are_where_they_are() {
+    fn corners_of_enlarged_squares_are_accurate() {
         let view = View::new([4.0, 2.5], 20.0, [0.4, -0.3, 0.3]);
         let bright = |x: f64, y: f64| f32::from(((x.floor() + y.floor()) as i32).rem_euclid(2) == 0);
         let picture = view.render(bright);
@@ -197,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_are_those_of_the_residual() {
+    fn derivatives_agree_with_differences_of_the_residual() {
         let shade = Shade { pixel: Vector2::new(3.0, 4.0), value: 0.4 };
         let at = Parameters::from([2.6, 4.3, 0.3, 1.9, 0.1, 0.8, 0.15]);
         let derivatives = residual(&shade, &at).by_parameters;
@@ -213,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_is_to_be_fitted_corners_stay() {
+    fn corners_that_cannot_be_fitted_are_unchanged() {
         let flat = Picture::new(40, 40, vec![0.5; 1600]).unwrap();
         let pixels = [[10.0, 10.0], [20.0, 10.0], [10.0, 20.0], [f32::NAN, 3.0]];
         let mut corners: Vec<FoundPoint> =

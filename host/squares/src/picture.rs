@@ -1,6 +1,6 @@
-//! Grey pictures: sampling between pixels, smoothing, enlarging.
+//! Grey-scale pictures: sampling between pixels, smoothing, enlarging.
 
-/// A grey picture. Pixel (0, 0) is the centre of the top-left pixel; beyond the border the nearest pixel counts.
+/// A grey-scale picture. Pixel (0, 0) is the centre of the top-left pixel; beyond the border the nearest pixel counts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     width: usize,
@@ -9,41 +9,43 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// A picture of `values`, row by row; `None` if there are not `width` × `height` of them, or no pixels at all.
+    /// Creates a picture from `values`, row by row; `None` if there are not `width` × `height` values, or no pixels at
+    /// all.
     pub fn new(width: usize, height: usize, values: Vec<f32>) -> Option<Self> {
         let size = width.checked_mul(height)?;
         (size > 0 && values.len() == size).then_some(Self { width, height, values })
     }
 
-    /// A picture of bytes, row by row, as of a camera; `None` as for [`Picture::new`].
+    /// Creates a picture from bytes of a camera, row by row; `None` as for [`Picture::new`].
     pub fn from_bytes(width: usize, height: usize, bytes: &[u8]) -> Option<Self> {
         Self::new(width, height, bytes.iter().map(|&byte| byte.into()).collect())
     }
 
-    /// Pixels in a row.
+    /// Returns the number of pixels in a row.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Pixels in a column.
+    /// Returns the number of pixels in a column.
     pub fn height(&self) -> usize {
         self.height
     }
 
-    /// The pixels, row by row.
+    /// Returns the pixels, row by row.
     pub fn values(&self) -> &[f32] {
         &self.values
     }
 
-    /// `true` if a pixel position is at least `margin` away from the border's pixel centres.
+    /// Returns `true` if a pixel position is at least `margin` away from the pixel centres at the border.
     pub fn contains(&self, pixel: [f32; 2], margin: f32) -> bool {
         let inside = |value: f32, size: usize| value >= margin && value <= (size - 1) as f32 - margin;
         inside(pixel[0], self.width) && inside(pixel[1], self.height)
     }
 
-    /// The difference between bright and dark: the range of the pixels without the brightest and the darkest 5 %.
+    /// Returns the difference between bright and dark: the range of the pixels without the brightest and the darkest 5
+    /// %.
     pub fn contrast(&self) -> f32 {
-        // A part of the pixels is enough; 7 divides no usual width.
+        // A subset of the pixels is enough; 7 does not divide any usual width.
         let step = if self.values.len() > 10_000 { 7 } else { 1 };
         let mut values: Vec<f32> = self.values.iter().copied().step_by(step).collect();
         let (rank, last) = (values.len() / 20, values.len() - 1);
@@ -56,9 +58,9 @@ impl Picture {
         &self.values[start..start + self.width]
     }
 
-    /// The value at a position between pixels, linear in x and y.
+    /// Returns the value at a position between pixels, linear in x and y.
     pub fn bilinear(&self, x: f32, y: f32) -> f32 {
-        // A position that is not a number becomes 0.
+        // A NaN becomes 0.
         let x = x.max(0.0).min((self.width - 1) as f32);
         let y = y.max(0.0).min((self.height - 1) as f32);
         let (column, row) = (x as usize, y as usize);
@@ -70,7 +72,7 @@ impl Picture {
         upper + b * (lower - upper)
     }
 
-    /// The picture after a Gaussian filter with this standard deviation in pixels; unchanged for 0.
+    /// Returns the picture after a Gaussian filter with this standard deviation in pixels; unchanged for 0.
     pub fn blurred(&self, sigma: f32) -> Self {
         if sigma.is_nan() || sigma <= 0.0 {
             return self.clone();
@@ -83,8 +85,8 @@ impl Picture {
         self.filtered(&half)
     }
 
-    /// The picture with one pixel for 2 × 2 of its own, their mean. Pixel p of it is at 2 p + 0.5 of this one. `None` if there is
-    /// less than one such pixel.
+    /// Returns the picture at half the size, each pixel the mean of 2 × 2 pixels. Pixel p of the result is at 2 p + 0.5
+    /// of the original. `None` if the result has no pixel.
     pub fn halved(&self) -> Option<Self> {
         let (width, height) = (self.width / 2, self.height / 2);
         let pixel = |index: usize| {
@@ -95,18 +97,18 @@ impl Picture {
         Self::new(width, height, (0..width * height).map(pixel).collect())
     }
 
-    /// The picture with left and right exchanged.
+    /// Returns the picture with left and right exchanged.
     pub fn mirrored(&self) -> Self {
         let values = self.values.chunks_exact(self.width).flat_map(|row| row.iter().rev()).copied().collect();
         Self { values, ..*self }
     }
 
-    /// The picture with another value for each.
+    /// Returns the picture with `value` applied to each pixel.
     pub fn map(&self, value: impl Fn(f32) -> f32) -> Self {
         Self { values: self.values.iter().copied().map(value).collect(), ..*self }
     }
 
-    /// The picture with the darkest of 3 × 3 pixels for each of its own.
+    /// Returns the picture with each pixel replaced by the darkest of its 3 × 3 neighbourhood.
     pub fn darkest_neighbours(&self) -> Self {
         let darkest_of_row = |index: usize| {
             let (row, x) = (self.row(index / self.width), index % self.width);
@@ -122,8 +124,8 @@ impl Picture {
         Self { values: (0..self.values.len()).map(darkest).collect(), ..*self }
     }
 
-    /// The picture after a symmetric filter along x and along y: `half` has the weight of the middle and of its neighbours on
-    /// one side.
+    /// Returns the picture after a symmetric filter along x and along y: `half` contains the weight of the middle and
+    /// of its neighbours on one side.
     fn filtered(&self, half: &[f32]) -> Self {
         let radius = half.len() - 1;
         let mut along_x = vec![0.0; self.values.len()];
@@ -158,14 +160,14 @@ impl Picture {
         Self { width: self.width, height: self.height, values }
     }
 
-    /// The picture with `factor` × `factor` pixels for each of its own, by cubic convolution (Keys 1981, a = −0.5). Pixel p of
-    /// this picture is at (p + 0.5) · `factor` − 0.5 of the enlarged one.
+    /// Returns the picture enlarged by `factor`, by cubic convolution (Keys 1981, a = −0.5). Pixel p of this picture is
+    /// at (p + 0.5) · `factor` − 0.5 of the enlarged one.
     pub fn enlarged(&self, factor: usize) -> Self {
         if factor <= 1 {
             return self.clone();
         }
         let width = self.width * factor;
-        // Three pixels more at each end of a row, for the cubic.
+        // Three additional pixels at each end of a row, for the cubic.
         let mut padded = vec![0.0; self.width + 6];
         let mut wide = vec![0.0; width * self.height];
         for (row, out) in self.values.chunks_exact(self.width).zip(wide.chunks_exact_mut(width)) {
@@ -195,8 +197,8 @@ impl Picture {
     }
 }
 
-/// For the enlarged pixel number `phase` of a pixel: the second of the four pixels that it is made of, counted from this one, and
-/// the weights of the four.
+/// For the enlarged pixel number `phase` of a pixel, returns the second of the four source pixels, relative to this
+/// one, and the weights of the four.
 fn cubic(phase: usize, factor: usize) -> (isize, [f32; 4]) {
     let position = (phase as f32 + 0.5) / factor as f32 - 0.5;
     let first = position.floor();
@@ -247,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn dark_places_grow_by_a_pixel_to_each_side() {
+    fn dark_regions_grow_by_a_pixel_to_each_side() {
         let dot = picture(9, 7, |x, y| if (x, y) == (8.0, 3.0) { 0.0 } else { 1.0 });
         let dark = |(index, value): (usize, &f32)| (*value < 0.5).then_some((index % 9, index / 9));
         let found: Vec<_> = dot.darkest_neighbours().values().iter().enumerate().filter_map(dark).collect();
@@ -255,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn places_beyond_the_border_have_its_value() {
+    fn positions_beyond_the_border_have_its_value() {
         let one = picture(1, 1, |_, _| 4.0);
         for (x, y) in [(-5.0, 2.0), (0.4, f32::NAN), (f32::INFINITY, 0.0)] {
             assert_eq!(one.bilinear(x, y), 4.0);

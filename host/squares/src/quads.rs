@@ -1,29 +1,29 @@
-//! Dark quadrilaterals of a picture: places where a tag may be.
+//! Dark quadrilaterals of a picture, which are candidates for tags.
 //!
-//! Pixels darker than the mean of their surroundings, for surroundings of several sizes, fall into connected regions. The outermost
-//! pixels of a region are taken off first, because the corners of tags may touch dark squares. A region whose convex hull is nearly
-//! a quadrilateral is a candidate.
+//! Pixels darker than the mean of their surroundings, for surroundings of several sizes, form connected regions. The
+//! outermost pixels of a region are removed first, because the corners of tags may touch dark squares. A region is a
+//! candidate if its convex hull is nearly a quadrilateral.
 
 use crate::picture::Picture;
 
 /// The picture is enlarged by this factor.
 const ENLARGEMENT: usize = 2;
-/// Smoothing before, standard deviation in pixels.
+/// Standard deviation in pixels of the smoothing before the search.
 const SMOOTHING: f32 = 0.7;
 /// For large quadrilaterals the search is repeated in the picture at half the scale, down to this width or height in pixels.
 const LEAST_PICTURE: usize = 100;
 /// Half the side of the surroundings in enlarged pixels.
 const SURROUNDINGS: [usize; 4] = [7, 13, 22, 36];
-/// A pixel is dark if it is darker than its surroundings by this part of the contrast.
+/// A pixel is dark if it is darker than its surroundings by this fraction of the contrast.
 const DARKER: f32 = 0.03;
-/// Least side of a quadrilateral in pixels of the picture.
+/// Smallest side of a quadrilateral in pixels of the picture.
 const LEAST_SIDE: f32 = 8.0;
-/// Least part of the quadrilateral that the hull of the region fills.
+/// Smallest fraction of the quadrilateral that the hull of the region fills.
 const LEAST_FILLED: f32 = 0.8;
-/// What was taken off of the regions, and half a pixel, in enlarged pixels.
+/// Width removed from the regions plus half a pixel, in enlarged pixels.
 const TAKEN_OFF: f32 = 1.2;
 
-/// The corners of a quadrilateral, clockwise as seen (x to the right, y down).
+/// The corners of a quadrilateral, clockwise in the picture (x to the right, y down).
 pub type Quad = [[f32; 2]; 4];
 
 /// Finds dark quadrilaterals; the same one may be found several times.
@@ -40,7 +40,7 @@ pub fn find_quads(picture: &Picture) -> Vec<Quad> {
     quads
 }
 
-/// The quadrilaterals that the surroundings suit.
+/// Finds the quadrilaterals whose size matches the surroundings.
 fn quads_at_scale(picture: &Picture) -> Vec<Quad> {
     let large = picture.blurred(SMOOTHING).enlarged(ENLARGEMENT);
     let sums = sums(&large);
@@ -58,7 +58,7 @@ fn quads_at_scale(picture: &Picture) -> Vec<Quad> {
     quads
 }
 
-/// Sums over the rectangles from the top left corner to each pixel; the first row and column are 0.
+/// Returns the sums over the rectangles from the top left corner to each pixel; the first row and column are 0.
 fn sums(picture: &Picture) -> Vec<f64> {
     let width = picture.width() + 1;
     let mut sums = vec![0.0; width * (picture.height() + 1)];
@@ -74,11 +74,11 @@ fn sums(picture: &Picture) -> Vec<f64> {
     sums
 }
 
-/// The pixels that are darker by `darker` than the mean of their surroundings, 1 for each.
+/// Returns 1 for each pixel that is darker by `darker` than the mean of its surroundings.
 fn dark_pixels(picture: &Picture, sums: &[f64], half: usize, darker: f32) -> Vec<u8> {
     let (width, height) = (picture.width(), picture.height());
     let mut dark = vec![0; width * height];
-    // With columns of zeros and of the last value beside it, a row of sums is read at equal steps.
+    // The padding with zeros and with the last value makes the steps between columns uniform.
     let mut column_sums = vec![0.0; width + 1 + 2 * half];
     for (y, (row, out)) in picture.values().chunks_exact(width).zip(dark.chunks_exact_mut(width)).enumerate() {
         let (top, bottom) = (y.saturating_sub(half), (y + half + 1).min(height));
@@ -98,7 +98,7 @@ fn dark_pixels(picture: &Picture, sums: &[f64], half: usize, darker: f32) -> Vec
     dark
 }
 
-/// The pixels whose eight neighbours are set too.
+/// Returns the pixels whose eight neighbours are set too.
 fn shrunk(set: &[u8], width: usize) -> Vec<u8> {
     let mut along = vec![0; set.len()];
     for (row, out) in set.chunks_exact(width).zip(along.chunks_exact_mut(width)) {
@@ -127,7 +127,7 @@ struct Run {
     parent: usize,
 }
 
-/// The convex hulls of the connected regions that are large enough, clockwise as seen.
+/// Returns the convex hulls of the connected regions that are large enough, clockwise in the picture.
 fn hulls(set: &[u8], width: usize) -> Vec<Vec<[f32; 2]>> {
     let mut runs: Vec<Run> = Vec::new();
     let mut above = 0..0;
@@ -180,12 +180,13 @@ fn join(runs: &mut [Run], a: usize, b: usize) {
     runs[a.max(b)].parent = a.min(b);
 }
 
-/// The cross product of the steps from `a` to `b` and on to `c`: positive for a turn to the right as seen.
+/// Returns the cross product of the steps from `a` to `b` and on to `c`: positive for a turn to the right in the
+/// picture.
 fn turn(a: [f32; 2], b: [f32; 2], c: [f32; 2]) -> f32 {
     (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
 }
 
-/// The convex hull (Andrew's monotone chain), clockwise as seen.
+/// Returns the convex hull (Andrew's monotone chain), clockwise in the picture.
 fn convex_hull(mut points: Vec<[f32; 2]>) -> Vec<[f32; 2]> {
     points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
     let mut hull: Vec<[f32; 2]> = Vec::new();
@@ -198,7 +199,7 @@ fn convex_hull(mut points: Vec<[f32; 2]>) -> Vec<[f32; 2]> {
             }
             hull.push(point);
         }
-        // The last point begins the way back.
+        // The last point is the first of the other half.
         hull.pop();
     }
     hull
@@ -209,7 +210,7 @@ fn area(polygon: &[[f32; 2]]) -> f32 {
     0.5 * polygon.iter().zip(next).map(|(a, b)| a[0] * b[1] - a[1] * b[0]).sum::<f32>()
 }
 
-/// The point where the lines through `a`, `b` and through `c`, `d` meet.
+/// Returns the intersection of the lines through `a`, `b` and through `c`, `d`.
 fn meeting(a: [f32; 2], b: [f32; 2], c: [f32; 2], d: [f32; 2]) -> Option<[f32; 2]> {
     let (u, v) = ([b[0] - a[0], b[1] - a[1]], [d[0] - c[0], d[1] - c[1]]);
     let cross = u[0] * v[1] - u[1] * v[0];
@@ -217,10 +218,10 @@ fn meeting(a: [f32; 2], b: [f32; 2], c: [f32; 2], d: [f32; 2]) -> Option<[f32; 2
     along.is_finite().then(|| [a[0] + along * u[0], a[1] + along * u[1]])
 }
 
-/// The quadrilateral around a hull, if the hull nearly fills it.
+/// Returns the quadrilateral around a hull, if the hull nearly fills it.
 fn quad_of(mut hull: Vec<[f32; 2]>) -> Option<Quad> {
     let filled = area(&hull);
-    // Takes away one edge after the other, always the one whose neighbours meet after adding the least area.
+    // Removes one edge after another, always the one whose neighbours meet after adding the least area.
     while hull.len() > 4 {
         let count = hull.len();
         let without = |edge: usize| {
@@ -249,7 +250,7 @@ fn quad_of(mut hull: Vec<[f32; 2]>) -> Option<Quad> {
     good.then_some(quad)
 }
 
-/// The quadrilateral with its sides moved outwards.
+/// Returns the quadrilateral with its sides moved outwards.
 fn outset(quad: &Quad, by: f32) -> Option<Quad> {
     let mut lines = [[[0.0; 2]; 2]; 4];
     for (index, line) in lines.iter_mut().enumerate() {

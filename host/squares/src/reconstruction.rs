@@ -1,11 +1,12 @@
-//! Pictures of log intensity made of events.
+//! Reconstruction of log-intensity pictures from events.
 //!
-//! For each pixel, the events before a moment add up with a leak (time constant τ), and so do the events after it, taken
-//! backwards with opposite sign. The mean of both is the log intensity without its slow changes. Because past and future count
-//! alike, an edge is where it is at that moment: the response to a frequency ω is ω² / (ω² + 1/τ²), which has no phase. (The leaky
-//! integral alone, as in Scheerlinck et al., ACCV 2018, smears every edge to where it came from.)
+//! For each pixel, the events before a moment are summed with a leak (time constant τ), and the events after it are
+//! summed backwards with opposite sign. The mean of both is the log intensity without its slow changes. Because past
+//! and future have the same weight, edges appear at their true position at that moment: the response to a frequency ω
+//! is ω² / (ω² + 1/τ²), which has no phase. (The leaky integral alone, as in Scheerlinck et al., ACCV 2018, smears
+//! every edge backwards along its path.)
 //!
-//! A short τ suits fast motion, a long one slow motion, so every moment has one picture per τ.
+//! A short τ suits fast motion, a long one slow motion, so there is one picture per τ at every moment.
 
 use std::collections::VecDeque;
 
@@ -15,31 +16,32 @@ use rayon::prelude::*;
 
 use crate::picture::Picture;
 
-/// Events later than this many time constants after a moment do not count.
+/// Events later than this many time constants after a moment are ignored.
 const REACH: f64 = 3.0;
-/// Pictures that are made at once have at most this many bytes. (The more at once, the fewer events are added several times.)
+/// Memory limit in bytes of the pictures that are computed at once. (The more pictures at once, the fewer events are
+/// processed several times.)
 const BLOCK_BYTES: usize = 64 << 20;
-/// Parts of an interval in which all events have the same weight.
+/// Parts of an interval within which all events have the same weight.
 const SLOTS: u16 = 128;
-/// ON and OFF thresholds of a sensor differ by less than this factor.
+/// Largest ratio of the ON and OFF thresholds of a sensor.
 const MOST_RATIO: f64 = 8.0;
 
-/// Which pictures to make.
+/// Settings of the reconstruction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReconstructionOptions {
     /// Size of the sensor; events outside it are ignored.
     pub sensor: Sensor,
-    /// Time from one picture to the next in microseconds, at least 1.
+    /// Time between pictures in microseconds, at least 1.
     pub interval: u32,
     /// Time constants τ in seconds, at least one millisecond each.
     pub time_constants: Vec<f64>,
-    /// The integral of a pixel stays within ± this many OFF thresholds, so that a pixel that does not stop firing, or one that missed
-    /// events, is soon like the others again.
+    /// Limit of the integral of a pixel in OFF thresholds, so that a hot pixel, or a pixel that missed events, soon
+    /// returns to normal.
     pub limit: f32,
 }
 
 impl ReconstructionOptions {
-    /// A picture every 20 ms, with time constants for medium, slow and fast motion.
+    /// Returns options for a picture every 20 ms, with time constants for medium, slow and fast motion.
     pub fn new(sensor: Sensor) -> Self {
         Self { sensor, interval: 20_000, time_constants: vec![0.1, 0.3, 0.05], limit: 6.0 }
     }
@@ -62,25 +64,25 @@ struct Change {
     on: bool,
 }
 
-/// Makes pictures of a stream of events. Pictures are passed on up to six times the longest τ after their moment; memory grows
-/// with the events of that time, never with the length of the recording.
+/// Reconstructs pictures from a stream of events. Pictures are returned up to six times the longest τ after their
+/// moment; memory grows with the events of that time, not with the length of the recording.
 pub struct Reconstruction {
     options: ReconstructionOptions,
     bands: Vec<Band>,
-    /// Beginning of the first of the intervals, microseconds.
+    /// Beginning of the first interval in microseconds.
     start: Option<i64>,
-    /// Complete intervals whose pictures are still to be made, and the events of those after them.
+    /// Complete intervals whose pictures are not computed yet, and the events of the intervals after them.
     intervals: VecDeque<Vec<Change>>,
     /// The interval that events are added to.
     current: Vec<Change>,
-    /// Intervals whose pictures are made at once.
+    /// Number of intervals whose pictures are computed at once.
     block: usize,
-    /// Intervals after a block whose events count.
+    /// Number of intervals after a block whose events count.
     reach: usize,
 }
 
 impl Reconstruction {
-    /// Begins a stream. Options out of their range count as the nearest within it.
+    /// Creates a reconstruction at the beginning of a stream. Options out of range are clamped.
     pub fn new(mut options: ReconstructionOptions) -> Self {
         options.interval = options.interval.max(1);
         let interval = f64::from(options.interval) * 1e-6;
@@ -96,14 +98,14 @@ impl Reconstruction {
         Self { options, bands, start: None, intervals: VecDeque::new(), current: Vec::new(), block, reach }
     }
 
-    /// Adds events, in the order of time, and passes every picture that is complete to `each`, in the order of time. An event
-    /// earlier than the one before it counts as simultaneous.
+    /// Adds events, in order of time, and passes every complete picture to `each`, in order of time. An event earlier
+    /// than the previous one counts as simultaneous.
     pub fn push(&mut self, events: &[Event], mut each: impl FnMut(Moment)) {
         let Sensor { width, height } = self.options.sensor;
         let interval = i64::from(self.options.interval);
         for event in events.iter().filter(|event| event.x < width && event.y < height) {
             let mut start = self.start.unwrap_or(event.t);
-            // A long silence ends the pictures; they begin again with the next event.
+            // A long silence ends the pictures; they resume with the next event.
             let silence = interval.saturating_mul((self.intervals.len() + 2 * self.reach) as i64);
             if event.t.saturating_sub(start) > silence {
                 self.finish(&mut each);
@@ -123,7 +125,7 @@ impl Reconstruction {
         }
     }
 
-    /// Passes the pictures that are left to `each`: the events are over. What follows begins a new stream.
+    /// Ends the stream, and passes the remaining pictures to `each`. Later events begin a new stream.
     pub fn finish(&mut self, mut each: impl FnMut(Moment)) {
         if self.start.is_some() {
             self.intervals.push_back(std::mem::take(&mut self.current));
@@ -150,7 +152,7 @@ impl Reconstruction {
         }
     }
 
-    /// Makes the pictures at the ends of the first intervals and removes those.
+    /// Computes the pictures at the ends of the first intervals, and removes these intervals.
     fn make(&mut self, each: &mut impl FnMut(Moment)) {
         let intervals = self.intervals.make_contiguous();
         let block = self.block.min(intervals.len());
@@ -170,7 +172,8 @@ impl Reconstruction {
     }
 }
 
-/// OFF events per ON event: what an ON event counts, because over time a pixel becomes brighter by as much as darker.
+/// Returns the number of OFF events per ON event, which is the weight of an ON event, because over time a pixel becomes
+/// brighter by as much as darker.
 fn on_weight(intervals: &[Vec<Change>]) -> f32 {
     let all: usize = intervals.iter().map(Vec::len).sum();
     let on: usize = intervals.iter().map(|changes| changes.iter().filter(|change| change.on).count()).sum();
@@ -178,19 +181,19 @@ fn on_weight(intervals: &[Vec<Change>]) -> f32 {
     ratio.clamp(1.0 / MOST_RATIO, MOST_RATIO) as f32
 }
 
-/// The pictures of one time constant.
+/// State of the pictures of one time constant.
 ///
-/// Within an interval the state does not leak. Instead, weight and limit of an event grow with its time, and at the end of the
-/// interval all is scaled down at once.
+/// Within an interval the state does not leak. Instead, weight and limit of an event grow with its time, and at the end
+/// of the interval everything is scaled down at once.
 struct Band {
-    /// Intervals of the future that count.
+    /// Number of future intervals that count.
     reach: usize,
     /// The growth exp(t/τ) from an end of the interval to the middle of each slot.
     growth: [f32; SLOTS as usize],
     /// The leak of a whole interval.
     leak: f32,
     limit: f32,
-    /// The integral over the past at the end of the last interval whose picture was made.
+    /// The integral over the past at the end of the last interval whose picture was computed.
     past: Vec<f32>,
 }
 
@@ -206,7 +209,7 @@ impl Band {
         }
     }
 
-    /// The pictures at the ends of the first `block` intervals.
+    /// Returns the pictures at the ends of the first `block` intervals.
     fn pictures(&mut self, intervals: &[Vec<Change>], block: usize, on_weight: f32) -> Vec<Vec<f32>> {
         let mut state = vec![0.0; self.past.len()];
         let mut pictures = Vec::with_capacity(block);
@@ -234,7 +237,7 @@ impl Band {
         pictures
     }
 
-    /// Adds the changes of an interval to the state and lets it leak; `weights` are those of OFF and ON.
+    /// Adds the changes of an interval to the state and applies the leak; `weights` are the weights of OFF and ON.
     fn add<'a>(
         &self,
         state: &mut [f32],
@@ -263,8 +266,9 @@ mod tests {
     /// Width of the dark bar in pixels.
     const BAR: f64 = 12.0;
 
-    /// A dark bar moves over the sensor at `speed` (px/s); its left edge is at column 30 at `middle` (s). A pixel fires six
-    /// OFF events as the bar comes and `on` ON events as it goes, while the edge crosses it.
+    /// Returns the events of a dark bar that moves over the sensor at `speed` (px/s); its left edge is at column 30 at
+    /// `middle` (s). A pixel emits six OFF events at the leading edge and `on` ON events at the trailing edge, while
+    /// the edge crosses it.
     fn bar(speed: f64, middle: f64, on: u32) -> Vec<Event> {
         let mut events = Vec::new();
         for (x, y) in (0..SENSOR.height).flat_map(|y| (0..SENSOR.width).map(move |x| (x, y))) {
@@ -292,7 +296,7 @@ mod tests {
         moments
     }
 
-    /// The columns where a row falls into the bar and rises out of it, through the middle between both sides of the edge.
+    /// Returns the columns at which a row crosses the level halfway between both sides of each edge.
     fn edges(row: &[f32]) -> [f64; 2] {
         let darkest = (0..row.len()).min_by(|&a, &b| row[a].total_cmp(&row[b])).unwrap();
         let crossing = |outward: isize| {
@@ -307,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn edges_are_where_they_are_at_that_moment() {
+    fn edges_are_at_their_position_of_that_moment() {
         let options = ReconstructionOptions { limit: 20.0, ..ReconstructionOptions::new(SENSOR) };
         for speed in [150.0, -150.0] {
             let events = bar(speed, 0.4, 6);

@@ -1,4 +1,4 @@
-//! Pictures of boards with a known truth, for tests.
+//! Pictures of boards with a known ground truth, for tests.
 
 use evcal_geometry::board::tag::Tag;
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
@@ -15,8 +15,8 @@ pub struct View {
 }
 
 impl View {
-    /// The board's `middle` (x, y) is in the middle of the picture, `distance` away and turned by `rotation` (radians about x, y,
-    /// z); f is 330 px.
+    /// Creates a view with the board's `middle` (x, y) in the middle of the picture, at `distance` and rotated by
+    /// `rotation` (radians about x, y, z); f is 330 px.
     pub fn new(middle: [f64; 2], distance: f64, rotation: [f64; 3]) -> Self {
         let turn = Rotation3::from_euler_angles(rotation[0], rotation[1], rotation[2]).into_inner();
         let middle = Vector3::new(middle[0], middle[1], 0.0);
@@ -25,7 +25,7 @@ impl View {
         Self { to_image: camera * Matrix3::from_columns(&[turn.column(0).into(), turn.column(1).into(), translation]) }
     }
 
-    /// The view moved in the picture.
+    /// Returns the view moved in the picture.
     pub fn moved(self, x: f64, y: f64) -> Self {
         Self { to_image: Matrix3::new(1.0, 0.0, x, 0.0, 1.0, y, 0.0, 0.0, 1.0) * self.to_image }
     }
@@ -35,7 +35,7 @@ impl View {
         [(image.x / image.z) as f32, (image.y / image.z) as f32]
     }
 
-    /// What the camera sees of a board with this brightness at (x, y), slightly blurred.
+    /// Renders a board with this brightness at (x, y), slightly blurred.
     pub fn render(&self, brightness: impl Fn(f64, f64) -> f32) -> Picture {
         const PARTS: usize = 8;
         let to_board = self.to_image.try_inverse().unwrap();
@@ -51,7 +51,7 @@ impl View {
     }
 }
 
-/// Adds the same noise in ± `amplitude` in every run.
+/// Adds noise within ± `amplitude`, the same in every run.
 pub fn noisy(picture: &Picture, amplitude: f32) -> Picture {
     let mut state = 12345_u32;
     let mut noise = || {
@@ -62,7 +62,8 @@ pub fn noisy(picture: &Picture, amplitude: f32) -> Picture {
     Picture::new(picture.width(), picture.height(), values).unwrap()
 }
 
-/// Tags 0 to 23 of the family 36h11, as OpenCV turns them: 6 × 6 modules, light ones set, row by row from the highest bit.
+/// Tags 0 to 23 of the family 36h11, in OpenCV's orientation: 6 × 6 modules, light ones set, row by row from the
+/// highest bit.
 const CODES: [u64; 24] = [
     0x2_1a14_6bab,
     0x9_2d18_fe9b,
@@ -101,11 +102,11 @@ pub struct TagGrid {
     pub gap: f64,
     pub corner_squares: bool,
     pub first_id: usize,
-    /// `true` if y runs upwards on the print, as Kalibr has it.
+    /// `true` if y runs upwards on the print, as in Kalibr.
     pub upwards: bool,
 }
 
-/// A tag of this id whose top left corner is at (x, y).
+/// Returns a tag of this id whose top left corner is at (x, y).
 pub fn tag(id: usize, border: usize, x: f64, y: f64, length: f64) -> Tag {
     let side = 6 + 2 * border;
     let light = |index: usize| {
@@ -117,7 +118,7 @@ pub fn tag(id: usize, border: usize, x: f64, y: f64, length: f64) -> Tag {
     Tag { id: id as u16, corners, side, light: (0..side * side).map(light).collect() }
 }
 
-/// `true` if this place of a tag's square is dark, counted from its top left corner in sides.
+/// Returns `true` if this position in a tag's square is dark, in sides from its top left corner.
 pub fn is_dark(tag: &Tag, x: f64, y: f64) -> bool {
     let [column, row] = [x, y].map(|place| ((place * tag.side as f64) as usize).min(tag.side - 1));
     !tag.light[row * tag.side + column]

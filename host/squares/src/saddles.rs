@@ -1,4 +1,5 @@
-//! Saddle points of a picture: places where two dark and two bright quadrants meet, as at the inner corners of a checkerboard.
+//! Saddle points of a picture: points between two dark and two bright quadrants, as at the inner corners of a
+//! checkerboard.
 
 use std::f32::consts::PI;
 
@@ -6,25 +7,27 @@ use crate::picture::Picture;
 
 /// Standard deviation in pixels of the smoothing before the search.
 const SMOOTHING: f32 = 1.2;
-/// A saddle between quadrants of less than this part of the picture's contrast is noise.
+/// Smallest contrast between the quadrants of a saddle, as a fraction of the picture's contrast; weaker saddles are
+/// noise.
 const LEAST_CONTRAST: f32 = 0.08;
-/// Radius in pixels of the ring around a saddle that is looked at, and pixels on it.
+/// Radius in pixels of the ring around a saddle that is examined, and number of pixels on it.
 const RING_RADIUS: f32 = 3.5;
 const RING: usize = 16;
-/// Least part of the ring's variance that two dark and two bright quadrants explain (8/π² for sharp quadrants of 90°).
+/// Smallest fraction of the ring's variance that two dark and two bright quadrants explain (8/π² for sharp quadrants of
+/// 90°).
 const LEAST_EXPLAINED: f32 = 0.5;
-/// Half the side in pixels of the window that is used for the position before the neighbours of a saddle are known.
+/// Half the side in pixels of the window for the position, before the neighbours of a saddle are known.
 const WINDOW: usize = 3;
-/// A position that moves further than this from where the search began is wrong: in pixels, and as a part of half the window.
+/// Largest motion of a position from its start, in pixels and as a fraction of half the window.
 const FARTHEST: f32 = 2.0;
 const FARTHEST_IN_WINDOW: f32 = 0.5;
-/// Slopes at neighbouring pixels have pixels in common, so that there are fewer independent ones by this factor.
+/// Slopes at neighbouring pixels share pixels, so the number of independent slopes is smaller by this factor.
 const CORRELATION: f32 = 2.0;
-/// Most steps to a position, and the step in pixels below which it is reached.
+/// Largest number of steps to a position, and the step in pixels below which it has converged.
 const STEPS: usize = 30;
 const REACHED: f32 = 0.004;
 
-/// A place where two dark and two bright quadrants meet.
+/// A point between two dark and two bright quadrants.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Saddle {
     /// Position in the picture.
@@ -60,7 +63,7 @@ pub fn find_saddles(picture: &Picture) -> Vec<Saddle> {
     saddles
 }
 
-/// Tells saddles of a picture from other places.
+/// Test for saddles of a picture.
 pub(crate) struct SaddleTest {
     smooth: Picture,
     least_contrast: f32,
@@ -73,17 +76,18 @@ impl SaddleTest {
         Self { smooth, least_contrast }
     }
 
-    /// The saddle at a pixel, if its quadrants differ enough.
+    /// Returns the saddle at a pixel, if its quadrants differ enough.
     fn saddle(&self, x: f32, y: f32) -> Option<Saddle> {
         quadrants(&self.smooth, x, y).filter(|found| found.strength > self.least_contrast)
     }
 
-    /// `true` if all that is looked at around this place is in the picture.
+    /// Returns `true` if the examined region around this position is in the picture.
     pub(crate) fn covers(&self, pixel: [f32; 2]) -> bool {
         self.smooth.contains(pixel, RING_RADIUS)
     }
 
-    /// `true` if one quadrant around this place differs from the other three, by half of this contrast at least.
+    /// Returns `true` if one quadrant around this position differs from the other three, by at least half of this
+    /// contrast.
     pub(crate) fn is_outer_corner(&self, pixel: [f32; 2], contrast: f32) -> bool {
         let ring = ring(&self.smooth, pixel[0], pixel[1]);
         let low = ring.iter().copied().fold(f32::INFINITY, f32::min);
@@ -95,13 +99,13 @@ impl SaddleTest {
         changes == 2 && high - low >= 0.5 * contrast && (RING / 8..=RING * 7 / 16).contains(&quadrant)
     }
 
-    /// `true` if there are two dark and two bright quadrants around this place.
+    /// Returns `true` if there are two dark and two bright quadrants around this position.
     pub(crate) fn is_saddle(&self, pixel: [f32; 2]) -> bool {
         self.saddle(pixel[0], pixel[1]).is_some()
     }
 }
 
-/// Minus the determinant of the second derivatives: greatest in the middle of a saddle.
+/// Returns minus the determinant of the second derivatives, which is largest in the middle of a saddle.
 fn saddle_response(smooth: &Picture) -> Vec<f32> {
     let (width, height) = (smooth.width(), smooth.height());
     let mut response = vec![0.0; width * height];
@@ -122,7 +126,7 @@ fn saddle_response(smooth: &Picture) -> Vec<f32> {
     response
 }
 
-/// `true` if no pixel within two pixels has a greater response; of equal ones the first counts.
+/// Returns `true` if no pixel within two pixels has a greater response; of equal ones the first counts.
 fn is_greatest(response: &[f32], width: usize, x: usize, y: usize) -> bool {
     let place = y * width + x;
     let value = response[place];
@@ -134,7 +138,7 @@ fn is_greatest(response: &[f32], width: usize, x: usize, y: usize) -> bool {
     })
 }
 
-/// The values on a ring around a place, from x towards y.
+/// Returns the values on a ring around a position, from x towards y.
 fn ring(smooth: &Picture, x: f32, y: f32) -> [f32; RING] {
     std::array::from_fn(|index| {
         let (sine, cosine) = libm::sincosf(index as f32 * 2.0 * PI / RING as f32);
@@ -142,7 +146,7 @@ fn ring(smooth: &Picture, x: f32, y: f32) -> [f32; RING] {
     })
 }
 
-/// The saddle at a pixel, if the ring around it has two dark and two bright parts.
+/// Returns the saddle at a pixel, if the ring around it has two dark and two bright parts.
 fn quadrants(smooth: &Picture, x: f32, y: f32) -> Option<Saddle> {
     let ring = ring(smooth, x, y);
     let mean = ring.iter().sum::<f32>() / RING as f32;
@@ -169,12 +173,13 @@ fn quadrants(smooth: &Picture, x: f32, y: f32) -> Option<Saddle> {
 pub struct SaddlePosition {
     /// Position in the picture.
     pub pixel: [f32; 2],
-    /// Standard deviation along one axis in pixels, from how well the edges agree about the position.
+    /// Standard deviation along one axis in pixels, from the agreement of the edges about the position.
     pub sigma: f32,
 }
 
-/// The position of the saddle near `start`: the point to which all edges in the window of `half` pixels to each side lead
-/// (Förstner and Gülch 1987; with the weights of OpenCV's `cornerSubPix`). `None` if there is no such point near by.
+/// Refines the position of the saddle near `start`: the point to which all edges in the window of `half` pixels to each
+/// side point (Förstner and Gülch 1987; with the weights of OpenCV's `cornerSubPix`). Returns `None` if there is no
+/// such point nearby.
 pub fn refine_saddle(picture: &Picture, start: [f32; 2], half: usize) -> Option<SaddlePosition> {
     let half = half.clamp(1, 20) as isize;
     let farthest = FARTHEST.max(FARTHEST_IN_WINDOW * half as f32);
@@ -208,7 +213,7 @@ pub fn refine_saddle(picture: &Picture, start: [f32; 2], half: usize) -> Option<
             }
         }
         let determinant = xx * yy - xy * xy;
-        // All edges in one direction leave the position along them open.
+        // If all edges have one direction, they do not determine the position along it.
         if determinant.is_nan() || determinant <= 1e-3 * (xx + yy).powi(2) {
             return None;
         }

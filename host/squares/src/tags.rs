@@ -1,12 +1,13 @@
-//! Boards of square tags, also in blurred pictures whose tags no decoder reads.
+//! Finds boards of square tags, also in blurred pictures in which no decoder can read the tags.
 //!
 //! 1. Dark quadrilaterals are candidates.
-//! 2. The modules in a candidate are compared with the tags of this board only: the correlation must be good, and clearly better than
-//!    with any other tag.
-//! 3. Tags that disagree with the others about the board's position are left out.
-//! 4. From the tags that were found, the others are predicted through a local homography. One whose modules correlate is found too.
+//! 2. The modules in a candidate are compared with the tags of this board only: the correlation must be good, and
+//!    clearly better than with any other tag.
+//! 3. Tags that disagree with the others about the board's position are excluded.
+//! 4. From the tags found, the others are predicted through a local homography. A predicted tag is accepted if its
+//!    modules correlate.
 //!
-//! The corners of a tag come from all its edges together (`alignment`).
+//! The corners of a tag are determined from all its edges together (`alignment`).
 
 use evcal_geometry::board::homography::homography;
 use evcal_geometry::board::tag::Tag;
@@ -17,38 +18,40 @@ use crate::picture::Picture;
 use crate::quads::{Quad, find_quads};
 use crate::saddles::{SaddleTest, refine_saddle};
 
-/// Smoothing before tags are compared and aligned, standard deviation in pixels.
+/// Standard deviation in pixels of the smoothing before tags are compared and aligned.
 const SMOOTHING: f32 = 0.7;
-/// Least correlation of the modules of a candidate with a tag before its position is improved, and after.
+/// Smallest correlation of the modules of a candidate with a tag before its position is refined, and after.
 const LEAST_AT_FIRST: f32 = 0.4;
 const LEAST: f32 = 0.6;
-/// By how much the correlation must be better than with any other tag.
+/// Smallest difference of the correlation to that with any other tag.
 const LEAST_MARGIN: f32 = 0.12;
-/// Least correlation where the tag is predicted.
+/// Smallest correlation at the predicted position of a tag.
 const LEAST_PREDICTED: f32 = 0.55;
-/// The board around a tag is brighter than the tag's border by at least this part of the tag's contrast.
+/// Smallest difference in brightness between the board around a tag and the tag's border, as a fraction of the tag's
+/// contrast.
 const LEAST_AROUND: f32 = 0.25;
 /// Usual widths of a tag's dark border in modules.
 const BORDERS: [usize; 3] = [1, 2, 3];
-/// Uncertainty of a corner that follows from all edges of its tag: a standard deviation in pixels.
+/// Standard deviation in pixels of a corner that follows from all edges of its tag.
 const SIGMA: f32 = 0.5;
-/// Half the window for a corner that is a saddle in modules, and its bounds in pixels.
+/// Half the window for a corner that is a saddle, in modules, and its limits in pixels.
 const WINDOW: f64 = 1.3;
 const WINDOWS: [f64; 2] = [2.0, 5.0];
-/// Distance in pixels that corners keep from the border of the picture.
+/// Smallest distance in pixels of corners from the border of the picture.
 const BORDER: f32 = 1.0;
-/// Two quadrilaterals are the same if their middles are nearer than this part of the side.
+/// Two quadrilaterals are the same if their middles are closer than this fraction of the side.
 const SAME: f64 = 0.1;
-/// Tags agree if one predicts the other's middle to within this part of its side per side of distance.
+/// Two tags agree if one predicts the other's middle to within this fraction of its side per side of distance.
 const AGREEMENT: f64 = 0.25;
-/// A prediction uses this many tags. The nearest of them is at most so far away, in distances of neighbouring tags.
+/// Number of tags used for a prediction, and largest distance of the nearest of them, in distances of neighbouring
+/// tags.
 const PREDICTING: usize = 3;
 const NEIGHBOURHOOD: f64 = 1.6;
-/// For each tag found, at most this many may be missing next to those found.
+/// Largest number of missing tags next to the tags found, per tag found.
 const MOST_MISSING: usize = 1;
-/// Least correlation of a tag that is found alone.
+/// Smallest correlation of a tag that is found alone.
 const LEAST_ALONE: f32 = 0.75;
-/// With this many tags found where they were expected, candidates are not looked for.
+/// If this number of tags is found at expected positions, candidates are not searched.
 const ENOUGH: usize = 3;
 
 /// A tag of a board, found in a picture.
@@ -58,18 +61,18 @@ pub struct FoundTag {
     pub index: usize,
     /// Its corners in the picture, in the order of [`Tag::corners`].
     pub corners: [[f32; 2]; 4],
-    /// Correlation of its modules with those of the tag, at most 1.
+    /// Correlation of its modules with the tag's, at most 1.
     pub score: f32,
 }
 
-/// The reason why tags cannot be looked for.
+/// Reason why the search for tags cannot be prepared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TagsError {
     /// There are no tags.
-    #[error("a board without tags")]
+    #[error("the board has no tags")]
     NoTags,
-    /// All tags of a board have the same number of modules, three along each side or more.
+    /// All tags of a board must have the same number of modules, at least three along each side.
     #[error("tag {id} does not have {side} x {side} modules")]
     Modules {
         /// Number of the tag in its family.
@@ -79,28 +82,29 @@ pub enum TagsError {
     },
 }
 
-/// The reason why a picture has no tags of a board.
+/// Reason why a picture has no tags of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoTags {
-    /// Nothing looks like a tag.
-    #[error("no dark square that could be a tag")]
+    /// No dark square could be a tag.
+    #[error("no dark square could be a tag")]
     NoQuads,
     /// There are dark squares, but they are not tags of this board.
     #[error("no tag of this board among {quads} dark quadrilaterals")]
     OtherTags {
-        /// Dark quadrilaterals; the same one may count several times.
+        /// Number of dark quadrilaterals; the same one may count several times.
         quads: usize,
     },
-    /// Single squares look like tags of this board, but those next to them do not: another family, width of the border or spacing.
-    #[error("{found} tags look like those of this board, {missing} next to them do not")]
+    /// Single squares match tags of this board, but the squares next to them do not: the board has another family,
+    /// border width or spacing.
+    #[error("{found} tags match this board, but {missing} next to them do not")]
     OtherBoard {
-        /// Tags that look like those of the board.
+        /// Number of tags that match the board.
         found: usize,
-        /// Places next to them without the board's tag.
+        /// Number of positions next to them without the board's tag.
         missing: usize,
     },
-    /// The dark border of the tags has another width than the board's.
+    /// The dark border of the tags has a different width than on the board.
     #[error("the dark border of the tags is {border} modules wide")]
     OtherBorder {
         /// Its width in modules.
@@ -109,7 +113,7 @@ pub enum NoTags {
     /// The tags are mirror images of the board's.
     #[error("{tags} tags are mirrored")]
     Mirrored {
-        /// Mirrored tags found.
+        /// Number of mirrored tags.
         tags: usize,
     },
 }
@@ -125,11 +129,11 @@ pub struct TagFinder {
     patterns: Vec<Vec<f32>>,
     /// Middle and side of each tag on the board.
     places: Vec<Place>,
-    /// Greatest distance on the board over which a prediction holds, between middles.
+    /// Largest distance on the board between middles over which a prediction is valid.
     reach: f64,
 }
 
-/// A picture as tags are compared with it and aligned in it.
+/// A smoothed picture for comparing and aligning tags.
 struct Smooth {
     picture: Picture,
     slopes: Slopes,
@@ -151,7 +155,7 @@ impl BoardMap {
         image.xy() / image.z
     }
 
-    /// The position of a point of the board in the picture.
+    /// Returns the position of a point of the board in the picture.
     pub(crate) fn pixel(&self, point: Vector2<f64>) -> [f32; 2] {
         self.image(point).cast().into()
     }
@@ -163,13 +167,13 @@ struct Place {
     side: f64,
 }
 
-/// A tag, how often a candidate must be turned to be upright, and the correlation then.
+/// A tag, the number of rotations that bring a candidate upright, and its correlation.
 #[derive(Clone, Copy)]
 struct Match {
     tag: usize,
     turn: usize,
     score: f32,
-    /// The best correlation with another tag.
+    /// Best correlation with another tag.
     other: f32,
 }
 
@@ -177,7 +181,7 @@ impl TagFinder {
     /// Prepares the search for these tags.
     ///
     /// # Errors
-    /// [`TagsError`] if there are none, or not all of one size in modules.
+    /// Returns [`TagsError`] if there are no tags, or if they differ in their number of modules.
     pub fn new(tags: &[Tag]) -> Result<Self, TagsError> {
         let side = tags.first().ok_or(TagsError::NoTags)?.side;
         let wrong = |tag: &&Tag| side < 3 || tag.side != side || side.checked_mul(side) != Some(tag.light.len());
@@ -201,7 +205,7 @@ impl TagFinder {
             others(index).map(|(_, other)| (other.middle - place.middle).norm()).fold(f64::INFINITY, f64::min)
         };
         let neighbours = places.iter().enumerate().map(neighbour).fold(f64::INFINITY, f64::min);
-        // As far as the outer modules of all tags are dark.
+        // Determines how far the outer modules of all tags are dark.
         let dark = |border: &usize| {
             let outer = |index: usize| {
                 [index % side, index / side].iter().any(|place| (*place).min(side - 1 - place) < *border)
@@ -212,11 +216,11 @@ impl TagFinder {
         Ok(Self { tags: tags.to_vec(), side, border, patterns, places, reach: NEIGHBOURHOOD * neighbours })
     }
 
-    /// Finds the tags in a picture, by rising index. `expected` are the tags of a neighbouring picture, if there is one, moved to
-    /// where they are expected.
+    /// Finds the tags in a picture, by increasing index. `expected` are the tags of a neighbouring picture, if there is
+    /// one, moved to their expected positions.
     ///
     /// # Errors
-    /// [`NoTags`] if there is none.
+    /// Returns [`NoTags`] if no tag is found.
     pub fn find(&self, picture: &Picture, expected: &[FoundTag]) -> Result<Vec<FoundTag>, NoTags> {
         let smooth = Smooth::new(picture);
         let mut found = vec![None; self.tags.len()];
@@ -252,11 +256,11 @@ impl TagFinder {
         }
     }
 
-    /// Finds the tags in pictures of one moment, by rising index; each tag is the one of the picture where it correlates best.
-    /// `expected` as for [`TagFinder::find`].
+    /// Finds the tags in several pictures of one moment, by increasing index; each tag is taken from the picture in
+    /// which it correlates best. `expected` as for [`TagFinder::find`].
     ///
     /// # Errors
-    /// [`NoTags`] if there is none in any picture: the reason of the picture that looks most like the board.
+    /// Returns [`NoTags`] if no picture has a tag, with the reason of the picture that looks most like the board.
     pub fn find_in_any(&self, pictures: &[Picture], expected: &[FoundTag]) -> Result<Vec<FoundTag>, NoTags> {
         let mut best = vec![None; self.tags.len()];
         let mut reason = NoTags::NoQuads;
@@ -272,9 +276,9 @@ impl TagFinder {
         if found.is_empty() { Err(reason) } else { Ok(found) }
     }
 
-    /// The tags with better corners, if dark squares touch them, as on an AprilGrid. A corner is then a saddle too, and its position
-    /// the mean of the saddle's and the tag's, weighted by their uncertainties: the saddle is better in pictures without noise,
-    /// because the lens bends the sides of a tag.
+    /// Returns the tags with refined corners, if dark squares touch them, as on an AprilGrid. A corner is then a saddle
+    /// too, and its position is the mean of the saddle's and the tag's, weighted by their uncertainties. The saddle is
+    /// better in pictures without noise, because the lens bends the sides of a tag.
     fn sharpened(&self, picture: &Picture, tags: Vec<FoundTag>) -> Vec<FoundTag> {
         let test = SaddleTest::new(picture);
         let saddle = |corner: [f32; 2], side: f64| {
@@ -295,11 +299,11 @@ impl TagFinder {
         };
         let better: Vec<(FoundTag, usize)> = tags.iter().map(sharpened).collect();
         let saddles: usize = better.iter().map(|(_, saddles)| saddles).sum();
-        // Fewer are chance.
+        // A smaller number may be a coincidence.
         if saddles > 2 * tags.len() { better.into_iter().map(|(tag, _)| tag).collect() } else { tags }
     }
 
-    /// The width of the border with which the modules within it correlate best.
+    /// Returns the width of the border for which the inner modules correlate best.
     fn best_border(&self, picture: &Picture, found: &[FoundTag]) -> usize {
         let inner = self.side - 2 * self.border;
         let score = |border: usize| -> f32 {
@@ -327,9 +331,9 @@ impl TagFinder {
         }
     }
 
-    /// The modules in a quadrilateral, with mean 0 and norm 1.
+    /// Returns the modules in a quadrilateral, normalised to mean 0 and norm 1.
     fn modules(&self, picture: &Picture, quad: &Quad) -> Vec<f32> {
-        // Each module is the mean of four places in it.
+        // Each module is the mean of four samples in it.
         const PLACES: [[f64; 2]; 4] = [[0.3, 0.3], [0.7, 0.3], [0.3, 0.7], [0.7, 0.7]];
         let map = SquareMap::new(&quad.map(|corner| corner.map(f64::from)));
         let mut values = Vec::with_capacity(self.side * self.side);
@@ -347,8 +351,8 @@ impl TagFinder {
         values
     }
 
-    /// `true` if the tag lies within the picture and ends where it should: around it the board is light. (A tag with a wider border
-    /// is dark there.)
+    /// Returns `true` if the tag lies within the picture and has a light surround. (A tag with a wider border is dark
+    /// there.)
     fn is_whole(&self, picture: &Picture, tag: &FoundTag) -> bool {
         if !within(picture, &tag.corners) {
             return false;
@@ -359,7 +363,7 @@ impl TagFinder {
             let [x, y] = map.at(u / side, v / side);
             picture.bilinear(x as f32, y as f32)
         };
-        // The mean of the modules along the four sides, this far outside.
+        // The mean of the modules along the four sides, at this distance outside.
         let around = |outside: f64| {
             let of_module = |index: usize| {
                 let along = index as f64 + 0.5;
@@ -381,7 +385,7 @@ impl TagFinder {
         self.patterns.get(tag).map_or(0.0, |pattern| pattern.iter().zip(modules).map(|(a, b)| a * b).sum())
     }
 
-    /// The tag that correlates best with the modules, turned in any way.
+    /// Returns the tag that correlates best with the modules, in any of the four rotations.
     fn best_match(&self, mut modules: Vec<f32>) -> Match {
         let mut best = Match { tag: 0, turn: 0, score: -1.0, other: -1.0 };
         for turn in 0..4 {
@@ -399,7 +403,7 @@ impl TagFinder {
         best
     }
 
-    /// The tag in a candidate, if there is one for certain.
+    /// Returns the tag in a candidate, if it is certain.
     fn recognised(&self, smooth: &Smooth, quad: &Quad) -> Option<FoundTag> {
         let first = self.best_match(self.modules(&smooth.picture, quad));
         if first.score < LEAST_AT_FIRST {
@@ -414,7 +418,7 @@ impl TagFinder {
         (certain && same && self.is_whole(&smooth.picture, &found)).then_some(found)
     }
 
-    /// The tag where it is predicted, if it is there.
+    /// Returns the tag at its predicted position, if it is there.
     fn verified(&self, smooth: &Smooth, tag: usize, predicted: &Quad) -> Option<FoundTag> {
         if !within(&smooth.picture, predicted) {
             return None;
@@ -429,7 +433,7 @@ impl TagFinder {
         align(&smooth.slopes, &Pattern { side: self.side, light: &self.tags.get(tag)?.light }, start)
     }
 
-    /// Keeps the largest group of tags that agree about where the board is.
+    /// Keeps the largest group of tags that agree about the position of the board.
     fn leave_out_disagreeing(&self, found: &mut [Option<FoundTag>]) {
         let tags: Vec<FoundTag> = found.iter().flatten().copied().collect();
         let maps: Vec<Option<BoardMap>> = tags.iter().map(|tag| self.map_of(&[*tag])).collect();
@@ -463,12 +467,13 @@ impl TagFinder {
         }
     }
 
-    /// The tags.
+    /// Returns the tags.
     pub fn tags(&self) -> &[Tag] {
         &self.tags
     }
 
-    /// The tags found that are nearest to a place on the board, as many as a prediction uses; `None` if all are too far away.
+    /// Returns the tags found that are nearest to a position on the board, as many as a prediction uses; `None` if all
+    /// are too far away.
     pub(crate) fn nearest(&self, found: &[FoundTag], place: Vector2<f64>) -> Option<Vec<FoundTag>> {
         let distance =
             |tag: &FoundTag| self.places.get(tag.index).map_or(f64::INFINITY, |known| (known.middle - place).norm());
@@ -478,7 +483,7 @@ impl TagFinder {
         (distance(near.first()?) <= self.reach).then_some(near)
     }
 
-    /// The map from the board to the picture that fits the corners of some tags.
+    /// Returns the map from the board to the picture that fits the corners of some tags.
     pub(crate) fn map_of(&self, tags: &[FoundTag]) -> Option<BoardMap> {
         let plane: Vec<Vector2<f64>> = tags
             .iter()
@@ -490,11 +495,11 @@ impl TagFinder {
         Some(BoardMap(homography(&plane, &image)?))
     }
 
-    /// Looks for the tags next to those found, until there are no more. Returns how many should be there, but are not.
+    /// Searches for the tags next to those found, until no more are found. Returns the number of missing ones.
     fn grow(&self, smooth: &Smooth, found: &mut [Option<FoundTag>]) -> usize {
         let mut news = true;
         let mut missing = vec![false; found.len()];
-        // The tags that the last prediction was made from, so that none is made twice.
+        // The tags used in the last prediction, so that no prediction is repeated.
         let mut tried: Vec<Vec<usize>> = vec![Vec::new(); found.len()];
         while news {
             news = false;
@@ -519,7 +524,8 @@ impl TagFinder {
         missing.into_iter().filter(|missing| *missing).count()
     }
 
-    /// The number of tags that are mirror images of the board's; one alone may be chance and does not count.
+    /// Returns the number of tags that are mirror images of the board's; a single one may be a coincidence and does not
+    /// count.
     fn mirrored(&self, picture: &Picture, quads: &[Quad]) -> usize {
         let mirror = |[x, y]: [f32; 2]| [(picture.width() - 1) as f32 - x, y];
         let looks_mirrored = |quad: &&Quad| {
@@ -542,7 +548,7 @@ impl TagFinder {
     }
 }
 
-/// `true` if the tags are enough for certainty, with so many missing next to them.
+/// Returns `true` if the tags are enough for certainty, with `missing` tags next to them.
 fn is_board(tags: &[FoundTag], missing: usize) -> bool {
     match tags {
         [] => false,
@@ -564,7 +570,7 @@ fn keep_better(found: &mut [Option<FoundTag>], tag: Option<FoundTag>) {
     }
 }
 
-/// Mean 0 and norm 1; all 0 if all are equal.
+/// Normalises to mean 0 and norm 1; all 0 if all values are equal.
 fn normalise(values: &mut [f32]) {
     let mean = values.iter().sum::<f32>() / values.len() as f32;
     values.iter_mut().for_each(|value| *value -= mean);
@@ -573,7 +579,7 @@ fn normalise(values: &mut [f32]) {
     values.iter_mut().for_each(|value| *value *= scale);
 }
 
-/// The modules of a candidate as they are if its next corner is the first.
+/// Returns the modules of a candidate rotated so that its next corner becomes the first.
 fn turned(modules: &[f32], side: usize) -> Vec<f32> {
     (0..side * side).map(|index| modules[index % side * side + side - 1 - index / side]).collect()
 }
@@ -603,13 +609,13 @@ mod tests {
         TagFinder::new(&grid.tags()).unwrap()
     }
 
-    /// A view of the whole grid; upright if y runs upwards as well.
+    /// Returns a view of the whole grid, upright even if y runs upwards.
     fn view(grid: &TagGrid, distance: f64, rotation: [f64; 3]) -> View {
         let [a, b, c] = rotation;
         View::new(grid.middle(), distance, if grid.upwards { [a + std::f64::consts::PI, b, c] } else { rotation })
     }
 
-    /// Root mean square distance of the corners from the truth in pixels.
+    /// Returns the root mean square distance of the corners from the ground truth in pixels.
     fn error(found: &[FoundTag], grid: &TagGrid, view: &View) -> f32 {
         let tags = grid.tags();
         let corners = found.iter().flat_map(|tag| tag.corners.into_iter().zip(tags[tag.index].corners));
@@ -620,7 +626,7 @@ mod tests {
     }
 
     #[test]
-    fn tags_are_found_whichever_way_they_are_turned_and_numbered() {
+    fn tags_are_found_in_any_rotation_and_numbering() {
         for (grid, distance) in [(KALIBR, 10.5), (SHEET, 8.0)] {
             for turn in [0.1, 1.5, 3.0, -1.7] {
                 for upwards in [true, false] {
@@ -658,7 +664,7 @@ mod tests {
     }
 
     #[test]
-    fn tags_are_found_where_they_are_expected() {
+    fn tags_are_found_at_their_expected_positions() {
         let view = view(&SHEET, 7.0, [0.2, 0.3, 0.2]);
         let picture = view.render(SHEET.brightness());
         let finder = finder(&SHEET);
@@ -676,7 +682,7 @@ mod tests {
     fn pictures_of_one_moment_complete_each_other() {
         let view = view(&SHEET, 8.0, [0.2, 0.3, 0.2]);
         let brightness = SHEET.brightness();
-        // Each of the pictures lacks another part of the board.
+        // Each of the pictures lacks a different part of the board.
         let hidden =
             |left: f64, right: f64| view.render(|x, y| if x > left && x < right { 0.5 } else { brightness(x, y) });
         let pictures = [hidden(-1.0, 1.1), hidden(2.4, 6.0), view.render(|_, _| 0.5)];
@@ -693,14 +699,14 @@ mod tests {
     }
 
     #[test]
-    fn a_board_that_is_partly_outside_has_its_other_tags() {
+    fn the_visible_tags_of_a_board_partly_outside_are_found() {
         let view = view(&SHEET, 7.0, [0.2, 0.3, 0.2]).moved(-90.0, 0.0);
         let found = finder(&SHEET).find(&view.render(SHEET.brightness()), &[]).unwrap();
         assert!((4..12).contains(&found.len()) && error(&found, &SHEET, &view) < 0.1);
     }
 
     #[test]
-    fn other_boards_are_refused_with_their_reason() {
+    fn other_boards_are_rejected_with_their_reason() {
         let refused = |grid: &TagGrid, shown: &TagGrid| {
             let picture = view(shown, 8.0, [0.2, 0.3, 0.2]).render(shown.brightness());
             finder(grid).find(&picture, &[]).unwrap_err()
@@ -720,7 +726,7 @@ mod tests {
     }
 
     #[test]
-    fn tags_of_different_sizes_are_no_board() {
+    fn tags_of_different_sizes_are_rejected() {
         let mut tags = SHEET.tags();
         tags[3].side = 7;
         assert_eq!(TagFinder::new(&tags).unwrap_err(), TagsError::Modules { id: 3, side: 8 });

@@ -1,11 +1,11 @@
-//! No picture makes a finder panic.
+//! No picture causes a panic in a finder.
 
 use evcal_geometry::board::tag::Tag;
 use evcal_squares::checkerboard::find_checkerboard;
 use evcal_squares::picture::Picture;
 use evcal_squares::tags::TagFinder;
 
-/// A tag of 3 × 3 modules with a light middle.
+/// Creates a finder for a tag of 3 × 3 modules with a light middle.
 fn finder() -> TagFinder {
     let light = (0..9).map(|index| index == 4).collect();
     let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];

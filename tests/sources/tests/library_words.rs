@@ -1,5 +1,5 @@
-//! No library speaks the words of the command line: its texts and its documentation name no option and no subcommand of `evcal`.
-//! What to do about an error is said by the program (`host/evcal/src/cli/advice.rs`) and by Python, each in its own words.
+//! Checks that no library names an option or a subcommand of `evcal` in its messages and documentation. The program
+//! (`host/evcal/src/cli/advice.rs`) and the Python package add advice about errors, each in its own terms.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use proc_macro2::{TokenStream, TokenTree};
 use syn::visit::{self, Visit};
 use syn::{Attribute, File, Item, Lit, LitStr, Macro, Meta};
 
-/// Crates that speak for themselves. `host/evcal` is the program.
+/// Crates that must not name options. `host/evcal` is the program.
 const CRATES: &[&str] = &[
     "core",
     "firmware/link",
@@ -23,7 +23,7 @@ const CRATES: &[&str] = &[
     "usb-davis",
 ];
 
-/// Words of others that look like options, and whose they are.
+/// Words that look like options but belong to other programs, and where they come from.
 const OF_OTHERS: &[(&str, &str)] = &[
     ("--compression-mode", "ros2 bag record"),
     ("--x", ROS_TRANSFORM),
@@ -35,17 +35,12 @@ const OF_OTHERS: &[(&str, &str)] = &[
     ("--qw", ROS_TRANSFORM),
     ("--frame-id", ROS_TRANSFORM),
     ("--child-frame-id", ROS_TRANSFORM),
-    ("--on", STYLE_SHEET),
-    ("--off", STYLE_SHEET),
-    ("--third", STYLE_SHEET),
-    ("--fourth", STYLE_SHEET),
 ];
-/// Commands that are names in files.
-const NAMES_IN_FILES: &[(&str, &str)] = &[("evcal simulate", "who wrote a simulated dump, in its header")];
+/// Commands that are part of a file's content.
+const NAMES_IN_FILES: &[(&str, &str)] = &[("evcal simulate", "the writer of a simulated dump, in its header")];
 const ROS_TRANSFORM: &str = "ros2 run tf2_ros static_transform_publisher, a line of an exported file";
-const STYLE_SHEET: &str = "a colour of the report's style sheet";
 
-/// The program's options of one letter.
+/// The program's single-letter options.
 const SHORT_OPTIONS: &[&str] = &["-c", "-o"];
 
 const SUBCOMMANDS: &[&str] = &[
@@ -68,7 +63,7 @@ const SUBCOMMANDS: &[&str] = &[
     "undistort",
 ];
 
-/// Words of the command line in a text.
+/// Returns the options and commands of the program that `text` names.
 fn words_of_the_command_line(text: &str) -> Vec<String> {
     let is_part = |letter: char| letter.is_alphanumeric() || letter == '-' || letter == '_';
     let words: Vec<&str> = text.split(|letter| !is_part(letter)).filter(|word| !word.is_empty()).collect();
@@ -94,12 +89,12 @@ fn is_test(attributes: &[Attribute]) -> bool {
     })
 }
 
-/// What a file says outside of its tests.
+/// Texts of a source file outside its tests.
 #[derive(Default)]
 struct Texts {
-    /// Literals and documentation.
+    /// String literals and documentation.
     found: Vec<String>,
-    /// Modules that are compiled for tests only, and are files of their own.
+    /// Modules that are compiled for tests only and have their own file.
     tests: Vec<String>,
 }
 
@@ -145,7 +140,7 @@ impl<'a> Visit<'a> for Texts {
 
     fn visit_attribute(&mut self, attribute: &'a Attribute) {
         match &attribute.meta {
-            // What a derive is given, such as the text of an error, has no syntax tree.
+            // Arguments of a derive, such as the text of an error, have no syntax tree.
             Meta::List(list) => self.tokens(list.tokens.clone()),
             _ => visit::visit_attribute(self, attribute),
         }
@@ -160,7 +155,7 @@ impl<'a> Visit<'a> for Texts {
     }
 }
 
-/// The words in `file` and in the files of its modules, but for tests.
+/// Collects the options and commands named in `file` and in the files of its modules, except tests.
 fn wrong_in(file: &Path, folder: &Path, wrong: &mut Vec<String>) {
     let texts = Texts::of(&std::fs::read_to_string(file).unwrap());
     wrong.extend(texts.wrong().into_iter().map(|word| format!("{}: {word}", file.display())));
@@ -187,7 +182,7 @@ fn libraries_name_no_option_and_no_subcommand() {
 }
 
 #[test]
-fn words_are_found_wherever_a_library_can_say_them() {
+fn options_are_found_in_documentation_attributes_and_literals() {
     let source = r##"
         /// Says `--device`.
         #[derive(thiserror::Error)]

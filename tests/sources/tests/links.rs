@@ -1,9 +1,9 @@
-//! Links between the documents: every file and every heading that one names is there, and so is every source file.
+//! Checks that every file, heading and source file that a document links to or names exists.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// All Markdown files of the repository that people read, without those of what is built.
+/// Collects the Markdown files of the repository, without build output.
 fn documents(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -18,30 +18,30 @@ fn documents(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// The anchor that a heading gets: words in small letters, joined by hyphens.
+/// Returns the anchor of a heading: its words in lower case, joined by hyphens.
 fn anchor(heading: &str) -> String {
     let kept = heading.trim().chars().filter(|character| character.is_alphanumeric() || "-_ ".contains(*character));
     kept.collect::<String>().to_lowercase().replace(' ', "-")
 }
 
-/// Targets of the links in `text`: what stands in `](…)`, beside addresses of the web.
+/// Returns the targets of the links in `text`, which are written as `](…)`, except web addresses.
 fn targets(text: &str) -> Vec<String> {
     let after = text.split("](").skip(1);
     let inside = after.filter_map(|rest| rest.split(')').next());
     inside.filter(|target| !target.contains(':') && !target.contains(' ')).map(str::to_owned).collect()
 }
 
-/// Paths of this repository's sources that `text` names in code, as in `core/src/spline.rs`.
+/// Returns the paths of this repository's sources that `text` names in code, such as `core/src/spline.rs`.
 fn sources(text: &str) -> impl Iterator<Item = &str> {
     let roots = ["core/", "firmware/", "fuzz/", "host/", "python/", "tests/", "tools/", "usb-davis/"];
     let is_path = |word: &&str| word.chars().all(|letter| letter.is_ascii_alphanumeric() || "_-./".contains(letter));
     let is_source = move |word: &&str| roots.iter().any(|root| word.starts_with(root)) && is_path(word);
-    // NAME stands for a file that the reader is to write.
+    // NAME is a placeholder for a file that the reader writes.
     text.split('`').skip(1).step_by(2).filter(is_source).filter(|word| !word.contains("NAME"))
 }
 
 #[test]
-fn every_source_that_is_named_is_there() {
+fn every_named_source_file_exists() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let mut found = Vec::new();
     documents(&root, &mut found);
@@ -49,7 +49,7 @@ fn every_source_that_is_named_is_there() {
     for document in &found {
         let text = fs::read_to_string(document).unwrap();
         for source in sources(&text) {
-            // A crate's own documents name files of the crate.
+            // Documents of a crate name files relative to the crate.
             let folder = document.parent().unwrap();
             count += 1;
             if !root.join(source).exists() && !folder.join(source).exists() {
@@ -62,7 +62,7 @@ fn every_source_that_is_named_is_there() {
 }
 
 #[test]
-fn every_link_leads_somewhere() {
+fn every_link_target_exists() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let mut found = Vec::new();
     documents(&root, &mut found);

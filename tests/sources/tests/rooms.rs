@@ -1,7 +1,7 @@
-//! The crates and the rooms of `host/calibrate/src` use each other as the tables in `docs/architecture.md` say, and the files of
-//! no crate import each other in circles.
+//! Checks that the crates, and the top-level modules of `host/calibrate/src` (rooms), use only what the tables in
+//! `docs/architecture.md` allow, and that no crate has import cycles between its files.
 //!
-//! `make rooms` prints what was looked at. Tests within the sources may import what they like.
+//! `make rooms` prints what was checked. Tests within the sources may import anything.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -9,25 +9,25 @@ use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 use syn::{Attribute, File, Item, Macro, UseTree};
 
-/// A module by its path within the crate, `["solve", "levenberg"]`; the root is empty.
+/// Path of a module within its crate, such as `["solve", "levenberg"]`; empty for the crate's root.
 type Module = Vec<String>;
-/// For each module the modules that it imports from.
+/// The modules that each module imports from.
 type Imports = BTreeMap<Module, BTreeSet<Module>>;
 
 const ARCHITECTURE: &str = include_str!("../../../docs/architecture.md");
-/// How the headings of the two tables begin.
+/// Beginnings of the headings of the two tables.
 const CRATES: &str = "## Crates";
 const ROOMS: &str = "### `host/calibrate/src`";
-/// The crate that has rooms.
+/// The crate whose top-level modules are checked.
 const WITH_ROOMS: &str = "host/calibrate";
-/// A crate beside those of the table whose files must not import each other in circles.
-const BESIDE: &str = "python";
+/// A crate that is not in the table and must not have import cycles either.
+const NOT_IN_TABLE: &str = "python";
 
-/// What a row of a table says.
+/// A row of a table: a crate or a room.
 struct Room {
-    /// The folder of a crate, the name of a room.
-    place: String,
-    /// The name of a package; of a room nothing.
+    /// Folder of the crate, or name of the room.
+    name: String,
+    /// Name of the package; empty for a room.
     package: String,
     may_use: MayUse,
 }
@@ -38,7 +38,7 @@ enum MayUse {
 }
 
 impl MayUse {
-    fn holds(&self, room: &str) -> bool {
+    fn contains(&self, room: &str) -> bool {
         match self {
             Self::Everything => true,
             Self::Rooms(rooms) => rooms.contains(room),
@@ -46,7 +46,7 @@ impl MayUse {
     }
 }
 
-/// The rows of the table below `heading` in their order.
+/// Returns the rows of the table below `heading`, in order.
 fn table(document: &str, heading: &str) -> Vec<Room> {
     let lines = document.lines().skip_while(|line| !line.starts_with(heading));
     let rows = lines.skip_while(|line| !line.starts_with("|---")).skip(1).take_while(|line| line.starts_with('|'));
@@ -60,14 +60,14 @@ fn table(document: &str, heading: &str) -> Vec<Room> {
         };
         let name = |cell: &str| cell.trim_matches('`').to_owned();
         let package = if cells.len() == 4 { name(cells[1]) } else { String::new() };
-        Room { place: name(cells[0]), package, may_use }
+        Room { name: name(cells[0]), package, may_use }
     })
     .collect()
 }
 
-/// The packages of the workspace that the crate at `place` depends on, without those of its tests.
-fn dependencies(place: &str, packages: &BTreeSet<String>) -> BTreeSet<String> {
-    let path = root().join(place).join("Cargo.toml");
+/// Returns the packages of the workspace that the crate in `folder` depends on, except for its tests.
+fn dependencies(folder: &str, packages: &BTreeSet<String>) -> BTreeSet<String> {
+    let path = root().join(folder).join("Cargo.toml");
     let manifest = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let mut found = BTreeSet::new();
     let mut section = "";
@@ -82,12 +82,12 @@ fn dependencies(place: &str, packages: &BTreeSet<String>) -> BTreeSet<String> {
     found
 }
 
-/// The folder of the workspace.
+/// Returns the folder of the workspace.
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// Paths that a file names, as their segments.
+/// Segments of the paths that a file names.
 #[derive(Default)]
 struct Paths {
     found: Vec<Vec<String>>,
@@ -112,7 +112,7 @@ impl Paths {
         }
     }
 
-    /// Paths in what a macro is given, where there is no syntax tree: `crate :: a :: b`.
+    /// Finds paths in the arguments of a macro, which have no syntax tree: `crate :: a :: b`.
     fn tokens(&mut self, tokens: proc_macro2::TokenStream) {
         let mut path: Vec<String> = Vec::new();
         let mut colons = 0;
@@ -158,10 +158,10 @@ impl<'a> Visit<'a> for Paths {
     }
 }
 
-/// The place of a module's path in its crate; `None` where it leads out of the crate.
+/// Resolves a path that `module` names to a module of its crate; `None` if it leads out of the crate.
 fn resolve(module: &Module, path: &[String], modules: &BTreeSet<Module>) -> Option<Module> {
     let mut rest = path;
-    let mut place: Module = match path.first().map(String::as_str) {
+    let mut found: Module = match path.first().map(String::as_str) {
         Some("crate") => Vec::new(),
         Some("self" | "super") => module.clone(),
         // A path may begin with a module that the file declares itself.
@@ -174,31 +174,31 @@ fn resolve(module: &Module, path: &[String], modules: &BTreeSet<Module>) -> Opti
         match first.as_str() {
             "crate" | "self" => {}
             "super" => {
-                place.pop();
+                found.pop();
             }
             _ => break,
         }
         rest = &rest[1..];
     }
     for name in rest {
-        place.push(name.clone());
-        if !modules.contains(&place) {
-            place.pop();
+        found.push(name.clone());
+        if !modules.contains(&found) {
+            found.pop();
             break;
         }
     }
-    Some(place)
+    Some(found)
 }
 
-/// What every module of a crate imports, from the text of its files.
+/// Returns the imports of every module of a crate, from the text of its files.
 fn imports(files: &BTreeMap<Module, String>) -> Imports {
     let modules: BTreeSet<Module> = files.keys().cloned().collect();
     let of_file = |(module, text): (&Module, &String)| {
         let file: File = syn::parse_file(text).unwrap_or_else(|error| panic!("{}: {error}", module.join("::")));
         let mut paths = Paths::default();
         paths.visit_file(&file);
-        let places = paths.found.iter().filter_map(|path| resolve(module, path, &modules));
-        (module.clone(), places.filter(|place| place != module).collect())
+        let imported = paths.found.iter().filter_map(|path| resolve(module, path, &modules));
+        (module.clone(), imported.filter(|other| other != module).collect())
     };
     files.iter().filter(|(module, _)| module.last().is_none_or(|name| name != "tests")).map(of_file).collect()
 }
@@ -214,7 +214,7 @@ fn walk(folder: &Path, files: &mut Vec<PathBuf>) {
     }
 }
 
-/// The source files of a crate by module.
+/// Reads the source files of a crate, by module.
 fn sources(name: &str) -> BTreeMap<Module, String> {
     let root = root().join(name).join("src");
     let mut files = Vec::new();
@@ -222,8 +222,8 @@ fn sources(name: &str) -> BTreeMap<Module, String> {
     files
         .into_iter()
         .map(|file| {
-            let place = file.strip_prefix(&root).unwrap().with_extension("");
-            let mut module: Module = place.iter().map(|part| part.to_str().unwrap().to_owned()).collect();
+            let path = file.strip_prefix(&root).unwrap().with_extension("");
+            let mut module: Module = path.iter().map(|part| part.to_str().unwrap().to_owned()).collect();
             if module == ["lib"] {
                 module.clear();
             }
@@ -232,19 +232,19 @@ fn sources(name: &str) -> BTreeMap<Module, String> {
         .collect()
 }
 
-/// Imports that the table does not allow.
+/// Returns the imports that the table does not allow.
 fn outside_of_rows(imports: &Imports, rooms: &[Room]) -> Vec<String> {
     let mut wrong = Vec::new();
-    for (module, places) in imports {
+    for (module, imported) in imports {
         let Some(own) = module.first() else { continue };
-        let Some(room) = rooms.iter().find(|room| room.place == *own) else {
-            wrong.push(format!("{} is in no room of the table", module.join("::")));
+        let Some(room) = rooms.iter().find(|room| room.name == *own) else {
+            wrong.push(format!("{} has no row in the table", module.join("::")));
             continue;
         };
-        for place in places {
-            match place.first() {
-                Some(other) if other != own && !room.may_use.holds(other) => {
-                    wrong.push(format!("{} imports from {}", module.join("::"), place.join("::")));
+        for other_module in imported {
+            match other_module.first() {
+                Some(other) if other != own && !room.may_use.contains(other) => {
+                    wrong.push(format!("{} imports from {}", module.join("::"), other_module.join("::")));
                 }
                 _ => {}
             }
@@ -253,12 +253,12 @@ fn outside_of_rows(imports: &Imports, rooms: &[Room]) -> Vec<String> {
     wrong
 }
 
-/// Groups of files that import each other in circles. A file may use what the files above it in its own branch
-/// define (`super`), and that is no circle.
-fn circles(imports: &Imports) -> Vec<Vec<Module>> {
+/// Returns the groups of files that import each other in a cycle. Imports from the modules that contain the file (`super`) do
+/// not count.
+fn cycles(imports: &Imports) -> Vec<Vec<Module>> {
     let below = |module: &Module| -> Vec<&Module> {
-        let places = imports.get(module).into_iter().flatten();
-        places.filter(|place| !module.starts_with(place)).collect()
+        let imported = imports.get(module).into_iter().flatten();
+        imported.filter(|other| !module.starts_with(other)).collect()
     };
     let reached = |from: &Module| -> BTreeSet<&Module> {
         let mut seen = BTreeSet::new();
@@ -290,15 +290,16 @@ fn written(group: &[Module]) -> String {
 }
 
 #[test]
-fn crates_depend_only_on_what_their_row_allows() {
+fn crates_depend_only_on_the_crates_in_their_row() {
     let crates = table(ARCHITECTURE, CRATES);
     let packages: BTreeSet<String> = crates.iter().map(|row| row.package.clone()).collect();
     let mut wrong = Vec::new();
     for row in &crates {
-        let used = dependencies(&row.place, &packages);
+        let used = dependencies(&row.name, &packages);
         println!("{} uses {}", row.package, used.iter().cloned().collect::<Vec<_>>().join(", "));
-        wrong
-            .extend(used.iter().filter(|name| !row.may_use.holds(name)).map(|name| format!("{}: {name}", row.package)));
+        wrong.extend(
+            used.iter().filter(|name| !row.may_use.contains(name)).map(|name| format!("{}: {name}", row.package)),
+        );
     }
     assert!(wrong.is_empty(), "not allowed by docs/architecture.md:\n{}", wrong.join("\n"));
 }
@@ -308,13 +309,13 @@ fn every_crate_of_the_host_has_a_row() {
     let folders = std::fs::read_dir(root().join("host")).unwrap();
     let there: BTreeSet<String> =
         folders.map(|entry| format!("host/{}", entry.unwrap().file_name().to_str().unwrap())).collect();
-    let rows = table(ARCHITECTURE, CRATES).into_iter().map(|row| row.place);
-    let rows: BTreeSet<String> = rows.filter(|place| place.starts_with("host/")).collect();
+    let rows = table(ARCHITECTURE, CRATES).into_iter().map(|row| row.name);
+    let rows: BTreeSet<String> = rows.filter(|name| name.starts_with("host/")).collect();
     assert_eq!(there, rows, "folders of host (left) and crates of docs/architecture.md (right)");
 }
 
 #[test]
-fn rooms_use_only_what_their_row_allows() {
+fn rooms_use_only_the_rooms_in_their_row() {
     let rooms = table(ARCHITECTURE, ROOMS);
     let imports = imports(&sources(WITH_ROOMS));
     let wrong = outside_of_rows(&imports, &rooms);
@@ -323,47 +324,47 @@ fn rooms_use_only_what_their_row_allows() {
 }
 
 #[test]
-fn every_room_of_the_table_is_there() {
+fn rooms_and_rows_of_the_table_are_the_same() {
     let files = sources(WITH_ROOMS);
     let there: BTreeSet<&str> = files.keys().filter_map(|module| module.first().map(String::as_str)).collect();
     let rooms = table(ARCHITECTURE, ROOMS);
-    let rooms: BTreeSet<&str> = rooms.iter().map(|room| room.place.as_str()).collect();
+    let rooms: BTreeSet<&str> = rooms.iter().map(|room| room.name.as_str()).collect();
     assert_eq!(there, rooms, "rooms of {WITH_ROOMS} (left) and of docs/architecture.md (right)");
 }
 
 #[test]
-fn a_row_names_only_what_stands_above_it() {
+fn a_row_names_only_rows_above_it() {
     for heading in [CRATES, ROOMS] {
         let rows = table(ARCHITECTURE, heading);
         assert!(rows.len() > 10, "{heading}: {} rows", rows.len());
         for (index, row) in rows.iter().enumerate() {
             let MayUse::Rooms(may_use) = &row.may_use else { continue };
             for other in may_use {
-                let above = rows[..index].iter().any(|above| above.place == *other || above.package == *other);
-                assert!(above, "{}: {other} does not stand above it", row.place);
+                let above = rows[..index].iter().any(|above| above.name == *other || above.package == *other);
+                assert!(above, "{}: {other} is not above it", row.name);
             }
         }
     }
 }
 
 #[test]
-fn no_crate_imports_in_circles() {
+fn no_crate_has_import_cycles() {
     let mut all = Vec::new();
-    let crates = table(ARCHITECTURE, CRATES).into_iter().map(|row| row.place);
-    for name in crates.chain([BESIDE.to_owned()]) {
+    let crates = table(ARCHITECTURE, CRATES).into_iter().map(|row| row.name);
+    for name in crates.chain([NOT_IN_TABLE.to_owned()]) {
         let imports = imports(&sources(&name));
-        let groups = circles(&imports);
-        println!("{name}: {} files, {} import circles", imports.len(), groups.len());
+        let groups = cycles(&imports);
+        println!("{name}: {} files, {} import cycles", imports.len(), groups.len());
         all.extend(groups.iter().map(|group| format!("{name}: {}", written(group))));
     }
     assert!(all.is_empty(), "{}", all.join("\n"));
 }
 
-/// The checks above on sources with a known fault.
+/// Tests of the checks above, on sources with a known fault.
 mod checks {
     use super::*;
 
-    const TABLE: &str = "### `host/calibrate/src`: the rooms\n\n| room | lives in it | may use |\n|---|---|---|\n\
+    const TABLE: &str = "### `host/calibrate/src`\n\n| room | content | may use |\n|---|---|---|\n\
         | `numerics` | x | |\n| `solve` | x | `numerics` |\n| `cli` | x | everything |\n";
 
     fn crate_of(files: &[(&str, &str)]) -> Imports {
@@ -372,7 +373,7 @@ mod checks {
     }
 
     #[test]
-    fn a_wrong_import_is_found_however_it_is_written() {
+    fn a_wrong_import_is_found_in_every_syntax() {
         for text in [
             "use crate::solve::step;",
             "use crate::{solve::step, other};",
@@ -388,7 +389,7 @@ mod checks {
     }
 
     #[test]
-    fn allowed_imports_and_those_of_tests_pass() {
+    fn allowed_imports_and_imports_of_tests_pass() {
         let imports = crate_of(&[
             ("numerics", "#[cfg(test)] mod tests { use crate::solve::step; }"),
             ("solve", "use crate::numerics::huber; use std::fmt; mod part; use part::Part;"),
@@ -396,23 +397,23 @@ mod checks {
             ("cli", "use evcal_calibrate::solve::step;"),
         ]);
         assert_eq!(outside_of_rows(&imports, &table(TABLE, ROOMS)), Vec::<String>::new());
-        assert_eq!(circles(&imports), Vec::<Vec<Module>>::new());
+        assert_eq!(cycles(&imports), Vec::<Vec<Module>>::new());
     }
 
     #[test]
-    fn a_module_without_a_room_is_found() {
+    fn a_module_without_a_row_is_found() {
         let imports = crate_of(&[("attic::box", "")]);
-        assert_eq!(outside_of_rows(&imports, &table(TABLE, ROOMS)), ["attic::box is in no room of the table"]);
+        assert_eq!(outside_of_rows(&imports, &table(TABLE, ROOMS)), ["attic::box has no row in the table"]);
     }
 
     #[test]
-    fn circles_are_found_through_several_files() {
+    fn cycles_across_several_files_are_found() {
         let imports = crate_of(&[
             ("a", "use crate::b::B;"),
             ("b", "use crate::c::C;"),
             ("c", "use super::a::A;"),
             ("d", "use crate::a::A;"),
         ]);
-        assert_eq!(circles(&imports).iter().map(|group| written(group)).collect::<Vec<_>>(), ["a, b, c"]);
+        assert_eq!(cycles(&imports).iter().map(|group| written(group)).collect::<Vec<_>>(), ["a, b, c"]);
     }
 }

@@ -1,7 +1,7 @@
-//! No function takes a tuple that stands for a structure: what belongs together has a type with names.
+//! Checks that no function takes a tuple instead of a structure with named fields.
 //!
-//! Two numbers of one type under one name, as the size of an image or a span of time, are a pair and no such tuple. Functions that
-//! implement a trait take what the trait says.
+//! Two numbers of one type under one name, such as the size of an image or a time span, are allowed. Functions that implement a
+//! trait are exempt because the trait prescribes their parameters.
 
 use std::path::{Path, PathBuf};
 
@@ -19,19 +19,19 @@ struct Functions {
 }
 
 impl Functions {
-    fn look_at(&mut self, signature: &Signature) {
+    fn check(&mut self, signature: &Signature) {
         self.seen += 1;
-        let stands_for_a_structure = |argument: &FnArg| match argument {
+        let is_structure = |argument: &FnArg| match argument {
             FnArg::Typed(typed) => tuple(&typed.ty).is_some_and(|tuple| !is_pair(typed, tuple)),
             FnArg::Receiver(_) => false,
         };
-        if signature.inputs.iter().any(stands_for_a_structure) {
+        if signature.inputs.iter().any(is_structure) {
             self.with_tuples.push(signature.ident.to_string());
         }
     }
 }
 
-/// The tuple that a parameter is, or refers to.
+/// Returns the tuple type of a parameter, also behind a reference.
 fn tuple(parameter: &Type) -> Option<&TypeTuple> {
     match parameter {
         Type::Tuple(tuple) => Some(tuple).filter(|tuple| !tuple.elems.is_empty()),
@@ -41,7 +41,7 @@ fn tuple(parameter: &Type) -> Option<&TypeTuple> {
     }
 }
 
-/// Whether a parameter with this type is two numbers of one type under one name.
+/// `true` if a parameter with this type is two numbers of one type under one name.
 fn is_pair(parameter: &PatType, tuple: &TypeTuple) -> bool {
     let number = |element: &Type| match element {
         Type::Path(path) => path.path.get_ident().map(ToString::to_string).filter(|name| {
@@ -57,17 +57,17 @@ fn is_pair(parameter: &PatType, tuple: &TypeTuple) -> bool {
 
 impl<'a> Visit<'a> for Functions {
     fn visit_item_fn(&mut self, item: &'a ItemFn) {
-        self.look_at(&item.sig);
+        self.check(&item.sig);
         visit::visit_item_fn(self, item);
     }
 
     fn visit_impl_item_fn(&mut self, item: &'a ImplItemFn) {
-        self.look_at(&item.sig);
+        self.check(&item.sig);
         visit::visit_impl_item_fn(self, item);
     }
 
     fn visit_trait_item_fn(&mut self, item: &'a TraitItemFn) {
-        self.look_at(&item.sig);
+        self.check(&item.sig);
         visit::visit_trait_item_fn(self, item);
     }
 
@@ -98,7 +98,7 @@ fn sources(folder: &Path, files: &mut Vec<PathBuf>) {
 }
 
 #[test]
-fn no_parameter_is_a_tuple_that_stands_for_a_structure() {
+fn no_parameter_is_a_tuple_instead_of_a_structure() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let mut files = Vec::new();
     FOLDERS.iter().for_each(|folder| sources(&root.join(folder), &mut files));
@@ -107,15 +107,15 @@ fn no_parameter_is_a_tuple_that_stands_for_a_structure() {
         let text = std::fs::read_to_string(&path).unwrap();
         let functions = functions(&syn::parse_file(&text).unwrap());
         seen += functions.seen;
-        let place = path.strip_prefix(&root).unwrap().display();
-        found.extend(functions.with_tuples.iter().map(|name| format!("{place}: {name}")));
+        let name = path.strip_prefix(&root).unwrap().display();
+        found.extend(functions.with_tuples.iter().map(|function| format!("{name}: {function}")));
     }
-    println!("{seen} functions, {} with tuples for structures", found.len());
+    println!("{seen} functions, {} with tuples instead of structures", found.len());
     assert!(found.is_empty(), "give these parameters a type with names:\n{}", found.join("\n"));
 }
 
 #[test]
-fn tuples_are_found_wherever_functions_are() {
+fn tuples_are_found_in_all_kinds_of_functions() {
     let with_tuples = |text: &str| functions(&syn::parse_file(text).unwrap()).with_tuples;
     let faults = "
         fn f((a, b): (&A, &B)) {}
@@ -123,8 +123,8 @@ fn tuples_are_found_wherever_functions_are() {
         trait T { fn h(one: &(f64, A)); }
         mod inner { fn outer() { fn i(three: (f64, f64, f64)) {} } }";
     assert_eq!(with_tuples(faults), ["f", "g", "h", "i"]);
-    let none = "
+    let allowed = "
         fn f(size: (u16, u16), span: (i64, i64), nothing: ()) -> (A, B) { let g = |(a, b): (A, B)| a; }
         impl T for S { fn h(one: &(f64, A)) {} }";
-    assert_eq!(with_tuples(none), Vec::<String>::new());
+    assert_eq!(with_tuples(allowed), Vec::<String>::new());
 }

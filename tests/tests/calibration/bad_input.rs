@@ -1,5 +1,4 @@
-//! Input that is damaged, wrong or for another board: the exit code and the reason, and what could
-//! be read is used.
+//! Damaged or wrong input, and recordings of another board: exit code and message. Data before the damage is used.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,12 +7,12 @@ use evcal_tests::lens::RADTAN4;
 use evcal_tests::{BOARD, Finished, evcal, read_json, succeed, text};
 use tempfile::TempDir;
 
-/// One second of events.
+/// Returns the path of a recording of one second.
 fn recording() -> PathBuf {
     RADTAN4.simulation("second", &["--motion", "fast", "--duration", "1s"]).join("events.aedat4")
 }
 
-/// The same events as text.
+/// Returns the same events as text.
 fn recording_as_text() -> String {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("events.csv");
@@ -21,7 +20,7 @@ fn recording_as_text() -> String {
     fs::read_to_string(file).unwrap()
 }
 
-/// The calibration from one second of events.
+/// Returns the folder of the calibration from this recording.
 fn reference() -> PathBuf {
     RADTAN4.calibration("second-calibration", &[&recording()])
 }
@@ -37,8 +36,8 @@ fn calibrate_text(directory: &TempDir, name: &str, content: &str) -> (Finished, 
     (calibrate(&events, BOARD, &output), output)
 }
 
-/// The run failed for a reason that has these words in it, and wrote nothing.
-fn assert_refused(finished: &Finished, output: &Path, words: &[&str]) {
+/// Checks that the run failed with a message that contains these words, and wrote nothing.
+fn assert_rejected(finished: &Finished, output: &Path, words: &[&str]) {
     assert_failed(finished, words);
     assert!(!output.exists(), "{} was written", output.display());
 }
@@ -52,7 +51,7 @@ fn assert_failed(finished: &Finished, words: &[&str]) {
     assert_eq!(finished.stdout, "");
 }
 
-/// The camera and what it was before the joint solve.
+/// Reads the camera, and the camera before the joint solve.
 fn cameras(calibration: &Path) -> [serde_json::Value; 2] {
     let mut result = read_json(&calibration.join("calibration.json"));
     ["camera", "initial_camera"].map(|name| result[name].take())
@@ -67,7 +66,7 @@ fn events_read(calibration: &Path) -> u64 {
 }
 
 #[test]
-fn a_recording_cut_short_is_calibrated_from_what_is_left() {
+fn a_truncated_recording_is_calibrated_from_the_rest() {
     let directory = tempfile::tempdir().unwrap();
     let bytes = fs::read(recording()).unwrap();
     let (cut, output) = (directory.path().join("cut.aedat4"), directory.path().join("cut"));
@@ -81,7 +80,7 @@ fn a_recording_cut_short_is_calibrated_from_what_is_left() {
 }
 
 #[test]
-fn text_gives_the_camera_of_the_binary_recording_and_events_outside_the_sensor_change_nothing() {
+fn text_gives_the_same_camera_as_the_binary_recording_and_events_outside_the_sensor_change_nothing() {
     let directory = tempfile::tempdir().unwrap();
     let mut events = String::new();
     let mut strays = 0;
@@ -105,7 +104,7 @@ fn text_gives_the_camera_of_the_binary_recording_and_events_outside_the_sensor_c
 }
 
 #[test]
-fn what_stands_before_a_line_that_is_no_event_is_used() {
+fn events_before_an_invalid_line_are_used() {
     let directory = tempfile::tempdir().unwrap();
     let whole = recording_as_text();
     let lines: Vec<&str> = whole.split_inclusive('\n').collect();
@@ -116,13 +115,13 @@ fn what_stands_before_a_line_that_is_no_event_is_used() {
     assert_eq!(undamaged.code, Some(0), "{undamaged:?}");
     let (damaged, output) = calibrate_text(&directory, "nan", &format!("{before}nan,12,34,1\n{after}"));
     assert_eq!(damaged.code, Some(0), "{damaged:?}");
-    let told = damaged.stdout.contains("nan.csv") && damaged.stdout.contains(&format!("line {}", kept + 1));
-    assert!(told, "{}", damaged.stdout);
+    let named = damaged.stdout.contains("nan.csv") && damaged.stdout.contains(&format!("line {}", kept + 1));
+    assert!(named, "{}", damaged.stdout);
     assert_eq!(cameras(&output), cameras(&before_output));
 }
 
 #[test]
-fn nothing_but_damage_is_refused() {
+fn files_without_usable_events_are_rejected() {
     let directory = tempfile::tempdir().unwrap();
     let head = "# sensor 346 x 260\nt_us,x,y,p\n";
     for (name, content, words) in [
@@ -135,25 +134,25 @@ fn nothing_but_damage_is_refused() {
         ("sizeless", "t_us,x,y,p\n10,1,2,1\n20,3,4,0\n".to_owned(), &["sizeless.csv", "--sensor"]),
     ] {
         let (finished, output) = calibrate_text(&directory, name, &content);
-        assert_refused(&finished, &output, words);
+        assert_rejected(&finished, &output, words);
     }
 }
 
 #[test]
-fn events_in_no_order_are_refused() {
+fn unsorted_events_are_rejected() {
     let directory = tempfile::tempdir().unwrap();
     let whole = recording_as_text();
     let (head, events): (Vec<&str>, Vec<&str>) =
         whole.split_inclusive('\n').partition(|line| !line.starts_with(|first: char| first.is_ascii_digit()));
-    // A prime that does not divide the count visits every line once.
+    // Steps of a prime number that does not divide the count visit every line once.
     let count = (0..events.len()).rev().find(|count| count % 7919 != 0).unwrap();
     let shuffled: String = (0..count).map(|index| events[index * 7919 % count]).collect();
     let (finished, output) = calibrate_text(&directory, "shuffled", &(head.concat() + &shuffled));
-    assert_refused(&finished, &output, &["shuffled.csv", "not in order", "sorted by time"]);
+    assert_rejected(&finished, &output, &["shuffled.csv", "not in order", "sorted by time"]);
 }
 
 #[test]
-fn a_board_that_is_not_there_is_not_found() {
+fn a_board_that_is_not_in_the_recording_is_not_found() {
     let directory = tempfile::tempdir().unwrap();
     let output = directory.path().join("never");
     for board in ["circles:9x4:55mm:r17.5mm", "acircles:7x3:55mm:r17.5mm", "acircles:11x5:55mm:r17.5mm"] {
@@ -163,16 +162,16 @@ fn a_board_that_is_not_there_is_not_found() {
     }
 }
 
-/// The uncertainty would be that of twice as many events.
+/// The uncertainty would be too small, as if there were twice as many events.
 #[test]
-fn a_recording_given_twice_is_refused() {
+fn a_recording_given_twice_is_rejected() {
     let directory = tempfile::tempdir().unwrap();
     let text_form = directory.path().join("again.csv");
     fs::write(&text_form, recording_as_text()).unwrap();
     let output = directory.path().join("output");
     let once = recording();
     let finished = evcal(&["calibrate", text(&once), text(&text_form), "--board", BOARD, "-o", text(&output)]);
-    assert_refused(&finished, &output, &["again.csv", "the same events as", "give each recording once"]);
+    assert_rejected(&finished, &output, &["again.csv", "the same events as", "give each recording once"]);
 }
 
 #[test]
@@ -188,11 +187,11 @@ fn a_circle_track_calibrates_like_its_recording() {
 }
 
 #[test]
-fn settings_out_of_range_are_refused_before_anything_is_read() {
+fn settings_out_of_range_are_rejected_before_anything_is_read() {
     let directory = tempfile::tempdir().unwrap();
     let (settings, output) = (directory.path().join("settings.toml"), directory.path().join("never"));
     fs::write(&settings, "[detection.cluster]\nepsilon = 6.0\n").unwrap();
     let arguments = ["calibrate", "missing.aedat4", "--board", BOARD, "--settings", text(&settings)];
     let finished = evcal(&[&arguments[..], &["-o", text(&output)]].concat());
-    assert_refused(&finished, &output, &["settings.toml", "epsilon is 6", "from 1 to 4.99 px"]);
+    assert_rejected(&finished, &output, &["settings.toml", "epsilon is 6", "from 1 to 4.99 px"]);
 }

@@ -1,4 +1,4 @@
-//! The camera's own frames: a calibration of their own, a witness, and a partner of the events.
+//! The camera's own frames: calibration from frames alone, cross-check of the events, and joint calibration with the events.
 
 use std::path::Path;
 
@@ -8,28 +8,28 @@ use evcal_tests::{BOARD, evcal, read_json, text};
 use serde_json::Value;
 
 const LENS: Lens = RADTAN4;
-/// A lens 1 % longer, with its middle elsewhere.
+/// A lens with a focal length 1 % longer and another principal point.
 const WRONG_LENS: &str = "334.5,334.0,175.6,126.4,-0.33,0.12,0.0006,-0.0004";
 
-fn witness(calibration: &Path) -> Value {
+fn cross_check(calibration: &Path) -> Value {
     read_json(&calibration.join("calibration.json"))["frames"]["witness"].clone()
 }
 
 fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+    value.as_f64().unwrap_or_else(|| panic!("{value} is not a number"))
 }
 
 #[test]
 fn frames_and_events_of_one_recording_agree_within_their_uncertainty() {
     let recording = LENS.recording_with_frames();
-    let witness = witness(&LENS.calibration_with("frames-witness", &recording, &[]));
-    assert_eq!(witness["agreement"], "agrees", "{witness}");
-    assert!(number(&witness["ratio"]) <= 2.0, "{witness}");
-    // An agreement means something only where a disagreement would have shown.
-    assert!(number(&witness["expected"]["rms"]) < 0.2, "{witness}");
-    // The stated uncertainty holds the truth.
+    let check = cross_check(&LENS.calibration_with("frames-witness", &recording, &[]));
+    assert_eq!(check["agreement"], "agrees", "{check}");
+    assert!(number(&check["ratio"]) <= 2.0, "{check}");
+    // The cross-check is precise enough to show a disagreement.
+    assert!(number(&check["expected"]["rms"]) < 0.2, "{check}");
+    // The errors are within the reported uncertainty.
     let truth = read_json(&recording.join("truth.json"));
-    for parameter in witness["parameters"].as_array().unwrap() {
+    for parameter in check["parameters"].as_array().unwrap() {
         let name = parameter["name"].as_str().unwrap();
         let error = number(&parameter["frames"]) - number(&truth["camera"]["parameters"][name]);
         assert!(error.abs() <= 4.0 * number(&parameter["frames_sigma"]), "{name} is off by {error}: {parameter}");
@@ -37,16 +37,16 @@ fn frames_and_events_of_one_recording_agree_within_their_uncertainty() {
 }
 
 #[test]
-fn another_lens_on_the_frames_is_noticed() {
+fn frames_through_another_lens_disagree() {
     let options = ["--motion", "fast", "--duration", "4s", "--frames", "--frame-lens", WRONG_LENS];
     let recording = LENS.simulation("frames-wrong-lens", &options);
     let calibration = LENS.calibration_with("frames-wrong-lens-witness", &recording, &[]);
-    let witness = witness(&calibration);
-    assert_eq!(witness["agreement"], "disagrees", "{witness}");
-    assert!(number(&witness["ratio"]) > 5.0, "{witness}");
+    let check = cross_check(&calibration);
+    assert_eq!(check["agreement"], "disagrees", "{check}");
+    assert!(number(&check["ratio"]) > 5.0, "{check}");
     let stages = std::fs::read_to_string(calibration.join("stages.txt")).unwrap();
     assert!(stages.contains("DISAGREE"), "{stages}");
-    // The events are as right as ever.
+    // The calibration from events is not affected.
     assert!(Accuracy::of(&calibration, &recording).projection_rms <= 0.1);
 }
 
@@ -57,7 +57,7 @@ fn frames_alone_calibrate_the_camera() {
     let accuracy = Accuracy::of(&calibration, &recording);
     assert!(accuracy.focal <= 1e-3 && accuracy.center <= 0.5, "{accuracy:?}");
     assert!(accuracy.projection_rms <= 0.1 && accuracy.projection_max <= 0.3, "{accuracy:?}");
-    // Each frame has its own pose, at the middle of its exposure.
+    // Each frame has its own pose, in the middle of its exposure.
     assert!(accuracy.position <= 2e-3, "{accuracy:?}");
     for file in ["camera.yaml", "circles.csv", "settings.toml", "stages.txt", "trajectory.txt"] {
         assert!(calibration.join(file).exists(), "{file}");
@@ -76,19 +76,19 @@ fn frames_and_events_are_solved_together() {
     assert!(accuracy.projection_rms <= 0.1 && accuracy.projection_max <= 0.3, "{accuracy:?}");
     let joint = &read_json(&calibration.join("calibration.json"))["joint_frames"];
     assert!(number(&joint["dots"]) > 1000.0, "{joint}");
-    // Pixels answer late: the events of a moment come after the frame of that moment.
+    // Because of the pixel latency, events lag behind the frames.
     let (offset, sigma) = (number(&joint["time_offset"]), number(&joint["time_offset_sigma"]));
     assert!(offset > 0.0 && offset < 3e-3 && sigma < 1e-4, "{joint}");
 }
 
 #[test]
-fn a_recording_without_frames_says_so() {
+fn a_recording_without_frames_is_rejected() {
     let events = LENS.recording().join("events.aedat4");
     for option in ["--frames-only", "--joint-frames"] {
         let folder = tempfile::tempdir().unwrap();
         let output = text(folder.path());
         let finished = evcal(&["calibrate", text(&events), "--board", BOARD, option, "-o", output]);
         assert_eq!(finished.code, Some(1), "{option}: {}", finished.stderr);
-        assert!(finished.stderr.contains("holds no frames"), "{option}: {}", finished.stderr);
+        assert!(finished.stderr.contains("contains no frames"), "{option}: {}", finished.stderr);
     }
 }

@@ -1,4 +1,5 @@
-//! The inertial unit beside the camera, from a simulated recording: found where it is, and mistakes in its samples named.
+//! Calibration of an IMU on the camera from a simulated recording: the estimate is close to the truth, and faulty samples are
+//! reported.
 
 use std::fs;
 use std::ops::ControlFlow;
@@ -29,7 +30,7 @@ use serde_json::Value;
 
 const LENS: Lens = RADTAN4;
 
-/// What was simulated: the bias of both sensors in SI units, and the rest of `truth.json`.
+/// Ground truth of the simulation, from `truth.json`; the biases of both sensors in SI units.
 struct Truth {
     gyroscope_bias: Vector3<f64>,
     accelerometer_bias: Vector3<f64>,
@@ -52,29 +53,32 @@ impl Truth {
         }
     }
 
-    /// Errors of rotation (rad, axes of the camera) and place (m, camera frame).
+    /// Returns the errors of rotation (rad, axes of the camera) and position (m, camera frame).
     fn errors(&self, found: &InertialCalibration) -> (Vector3<f64>, Vector3<f64>) {
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(
             self.imu_from_camera.fixed_view::<3, 3>(0, 0).into_owned(),
         ));
-        let place = -(rotation.inverse() * self.imu_from_camera.fixed_view::<3, 1>(0, 3).into_owned());
-        ((rotation.inverse() * found.parameters.rotation).scaled_axis(), found.parameters.position - place)
+        let position = -(rotation.inverse() * self.imu_from_camera.fixed_view::<3, 1>(0, 3).into_owned());
+        ((rotation.inverse() * found.parameters.rotation).scaled_axis(), found.parameters.position - position)
     }
 }
 
 fn check(found: &InertialCalibration, truth: &Truth) {
-    let (rotation, place) = truth.errors(found);
+    let (rotation, position) = truth.errors(found);
     let within = |name: &str, first: usize, errors: &[f64], bound: f64| {
         for (axis, error) in errors.iter().enumerate() {
             let sigma = found.sigma(first + axis);
-            assert!(error.abs() < bound && error.abs() < 4.5 * sigma, "{name} {axis}: off by {error}, stated {sigma}");
+            assert!(
+                error.abs() < bound && error.abs() < 4.5 * sigma,
+                "{name} {axis}: off by {error}, reported σ {sigma}"
+            );
             assert!(sigma < bound, "{name} {axis}: σ {sigma}");
         }
     };
     within("rotation", ROTATION, rotation.as_slice(), 0.1f64.to_radians());
-    within("place", POSITION, place.as_slice(), 1.5e-3);
+    within("position", POSITION, position.as_slice(), 1.5e-3);
     let parameters = &found.parameters;
-    // Pixels answer 0.1 to 0.2 ms late, which cannot be told from an earlier unit; between its sensors it can.
+    // The delay includes the pixel latency of 0.1 to 0.2 ms; the delay between the sensors of the IMU does not.
     let (gyroscope, accelerometer) = (parameters.gyroscope_delay, parameters.accelerometer_delay);
     assert!((2.5e-3..2.95e-3).contains(&gyroscope), "{gyroscope}");
     assert!((gyroscope - accelerometer - 1e-3).abs() < 1e-4, "{gyroscope} {accelerometer}");
@@ -83,7 +87,7 @@ fn check(found: &InertialCalibration, truth: &Truth) {
     within("gyroscope's bias", GYROSCOPE_BIAS, bias.as_slice(), 0.05f64.to_radians());
     let bias = parameters.accelerometer_bias - truth.accelerometer_bias;
     within("accelerometer's bias", ACCELEROMETER_BIAS, bias.as_slice(), 3e-3 * STANDARD_GRAVITY);
-    let entries = |matrix: Matrix3<f64>| TRIANGLE.map(|place| matrix[place]);
+    let entries = |matrix: Matrix3<f64>| TRIANGLE.map(|index| matrix[index]);
     within(
         "accelerometer's scale",
         ACCELEROMETER_MATRIX,
@@ -96,7 +100,7 @@ fn check(found: &InertialCalibration, truth: &Truth) {
     assert!((parameters.board_scale - 1.0).abs() < 3e-3, "{}", parameters.board_scale);
 }
 
-/// Calibrates with other samples.
+/// A calibrated camera with IMU samples, which the tests change before they calibrate the IMU.
 struct Bench<'a> {
     calibrated: &'a Calibrated,
     samples: Vec<Sample>,
@@ -118,14 +122,14 @@ impl Bench<'_> {
         )
     }
 
-    fn refused(&self, words: &str, change: impl Fn(&mut Sample)) {
+    fn rejected(&self, words: &str, change: impl Fn(&mut Sample)) {
         let error = self.with(|samples| samples.iter_mut().for_each(&change)).err().map(|error| error.to_string());
         assert!(error.as_ref().is_some_and(|error| error.contains(words)), "wanted {words:?}: {error:?}");
     }
 }
 
 #[test]
-fn the_unit_is_found_where_it_is_and_mistakes_are_named() {
+fn the_imu_is_estimated_correctly_and_faulty_samples_are_reported() {
     let folder = recording();
     let truth = Truth::new(&read_json(&folder.join("truth.json")));
     let board = BOARD.parse().unwrap();
@@ -135,11 +139,11 @@ fn the_unit_is_found_where_it_is_and_mistakes_are_named() {
     let found = calibrate_inertial(&calibrated, &inputs, &InertialRequest::default(), None).unwrap();
     check(&found, &truth);
     assert!(found.camera_moved.unwrap() < 2.0, "the camera moved by {:?} σ", found.camera_moved);
-    assert_eq!(found.findings, [], "nothing speaks against it");
+    assert_eq!(found.findings, [], "there are no findings");
 
     let Input::Events(recording) = &inputs[0] else { panic!("a recording") };
     let bench = Bench { calibrated: &calibrated, samples: read(recording).unwrap().samples };
-    mistakes(&bench);
+    wrong_units_and_axes(&bench);
     other_clocks_and_axes(&bench, &found, &truth);
     drifting(&bench, &found);
     losing(&bench, &found);
@@ -156,9 +160,9 @@ fn recording() -> PathBuf {
     LENS.simulation("inertial", &["--motion", "fast", "--duration", "8s", "--imu", "davis346"])
 }
 
-/// A board whose spacing is stated 1 % too large.
+/// The nominal spacing of the board is 1 % too large.
 #[test]
-fn a_spacing_that_is_stated_wrong_is_told() {
+fn a_wrong_nominal_spacing_is_reported() {
     let board = "acircles:9x4:55.55mm:r17.675mm".parse().unwrap();
     let inputs = [Input::open(&recording().join("events.aedat4"), &RecordingOptions::default(), &board).unwrap()];
     let task = Task { pictures: PictureUse::Ignore, ..Task::new(&inputs, &board) };
@@ -168,23 +172,24 @@ fn a_spacing_that_is_stated_wrong_is_told() {
     assert!((scale - 1.0 / 1.01).abs() < 3e-3 && *sigma < 3.5e-3, "{scale} ± {sigma}");
 }
 
-/// What to do is told, and the camera is calibrated all the same. Other such motions are in the tests of `evcal-calibrate`.
+/// The message names the axis, and the camera is calibrated nevertheless. The tests of `evcal-calibrate` cover other such
+/// motions.
 #[test]
-fn a_motion_that_leaves_something_open_is_refused() {
+fn a_motion_that_does_not_determine_the_imu_is_rejected() {
     let scratch = tempfile::tempdir().unwrap();
     let (events, result) = (one_axis().join("events.aedat4"), scratch.path().join("result"));
     let finished = evcal(&["calibrate", text(&events), "--board", BOARD, "--accept-any", "-o", text(&result), "--imu"]);
     assert_eq!(finished.code, Some(1), "{}", finished.stdout);
     let words = "about one axis only, its y axis (downwards)";
     assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
-    assert!(!finished.stdout.contains("inertial unit"), "{}", finished.stdout);
+    assert!(!finished.stdout.contains("IMU, from"), "{}", finished.stdout);
     let file = read_json(&result.join("calibration.json"));
     assert!(file["inertial"].is_null() && file["camera"].is_object());
 }
 
-/// A unit that slips by a degree in the middle of the recording: the camera is good, the unit is not, and the exit code says so.
+/// The IMU slips by one degree in the middle of the recording: the camera is good, the IMU is not, and the exit code is 3.
 #[test]
-fn a_loose_unit_has_the_exit_code_of_what_is_not_good_enough() {
+fn a_loose_imu_has_the_exit_code_for_not_good_enough() {
     let scratch = tempfile::tempdir().unwrap();
     let simulation = recording();
     let table = fs::read_to_string(simulation.join("imu.csv")).unwrap();
@@ -207,17 +212,21 @@ fn a_loose_unit_has_the_exit_code_of_what_is_not_good_enough() {
     let options = ["--board", BOARD, "--imu", text(&samples), "-o", text(&result)];
     let finished = evcal(&[&["calibrate", text(&events)], &options[..]].concat());
     assert_eq!(finished.code, Some(3), "{}", finished.stderr);
-    assert!(finished.stdout.contains("parts of the recording disagree on where the unit is"), "{}", finished.stdout);
+    assert!(
+        finished.stdout.contains("parts of the recording disagree on the position of the IMU"),
+        "{}",
+        finished.stdout
+    );
     let file = read_json(&result.join("calibration.json"));
     assert_eq!(file["inertial"]["grade"], "not-good");
     assert_ne!(file["verdict"]["grade"], "not-good");
-    // The report says it before anything else.
+    // The report begins with both verdicts.
     let report = fs::read_to_string(result.join("report.html")).unwrap();
     let head = report.split("<dl").next().unwrap_or_default();
     let verdicts: Vec<&str> = head.split("<div class=\"verdict ").skip(1).collect();
     assert!(
         matches!(verdicts.as_slice(), [camera, unit]
-        if camera.contains("Camera: ") && unit.starts_with("not-good") && unit.contains("Inertial unit: Not good enough")),
+        if camera.contains("Camera: ") && unit.starts_with("not-good") && unit.contains("IMU: Not good enough")),
         "{head}"
     );
 }
@@ -226,29 +235,29 @@ fn slip() -> UnitQuaternion<f64> {
     UnitQuaternion::new(Vector3::new(1f64.to_radians(), 0.0, 0.0))
 }
 
-fn mistakes(bench: &Bench) {
-    bench.refused("m/s², and were read as g", |sample| sample.acceleration *= STANDARD_GRAVITY);
-    bench.refused("°/s, and were read as rad/s", |sample| sample.angular_velocity *= 1f64.to_degrees());
-    bench.refused("rad/s, and were read as °/s", |sample| sample.angular_velocity *= 1f64.to_radians());
-    bench.refused("left-handed", |sample| {
+fn wrong_units_and_axes(bench: &Bench) {
+    bench.rejected("m/s², and were read as g", |sample| sample.acceleration *= STANDARD_GRAVITY);
+    bench.rejected("°/s, and were read as rad/s", |sample| sample.angular_velocity *= 1f64.to_degrees());
+    bench.rejected("rad/s, and were read as °/s", |sample| sample.angular_velocity *= 1f64.to_radians());
+    bench.rejected("left-handed", |sample| {
         sample.acceleration.x *= -1.0;
         sample.angular_velocity.x *= -1.0;
     });
-    bench.refused("end of their scale", |sample| {
+    bench.rejected("are saturated", |sample| {
         sample.angular_velocity = sample.angular_velocity.map(|rate| rate.clamp(-0.5, 0.5));
     });
     // Gyroscope and accelerometer of different axes.
-    bench.refused("gravity comes out as", |sample| sample.acceleration = sample.acceleration.yzx());
+    bench.rejected("gravity is estimated as", |sample| sample.acceleration = sample.acceleration.yzx());
     let backwards = bench.with(|samples| {
         let end = samples.last().map_or(0.0, |last| last.t);
         samples.reverse();
         samples.iter_mut().for_each(|sample| sample.t = end - sample.t);
     });
     let error = backwards.unwrap_err().to_string();
-    assert!(error.contains("does not turn as the camera does"), "{error}");
+    assert!(error.contains("does not match the camera"), "{error}");
 }
 
-/// A unit that slips by a degree in the middle of the recording.
+/// The IMU slips by one degree in the middle of the recording.
 fn loose(bench: &Bench) {
     let found = bench.with(|samples| {
         let half = samples.len() / 2;
@@ -266,7 +275,7 @@ fn loose(bench: &Bench) {
     );
 }
 
-/// A clock 4 s off, the axes turned by 120°.
+/// The IMU's clock is 4 s ahead, and its axes are rotated by 120°.
 fn other_clocks_and_axes(bench: &Bench, before: &InertialCalibration, truth: &Truth) {
     let turned = UnitQuaternion::new(Vector3::repeat(120f64.to_radians() / 3f64.sqrt()));
     let found = bench.with(|samples| {
@@ -279,16 +288,16 @@ fn other_clocks_and_axes(bench: &Bench, before: &InertialCalibration, truth: &Tr
     let found = found.unwrap();
     let mut other_axes = Truth { imu_from_camera: truth.imu_from_camera, ..*truth };
     other_axes.imu_from_camera = turned.to_homogeneous() * truth.imu_from_camera;
-    let (rotation, place) = other_axes.errors(&found);
-    // Its matrices are triangular in other axes now, which turns what is called the unit's axes by a misalignment.
-    assert!(rotation.norm() < 4f64.to_radians() && place.norm() < 2e-3, "{rotation} {place}");
+    let (rotation, position) = other_axes.errors(&found);
+    // The sensor matrices are triangular in the rotated axes, so the definition of the IMU's axes changes by the misalignment.
+    assert!(rotation.norm() < 4f64.to_radians() && position.norm() < 2e-3, "{rotation} {position}");
     assert!((found.parameters.position - before.parameters.position).norm() < 1e-3);
     assert_eq!(found.findings, []);
     let delay = found.parameters.gyroscope_delay - before.parameters.gyroscope_delay;
     assert!((delay - 4.0).abs() < 1e-3, "{delay}");
 }
 
-/// A clock that gains 200 ppm.
+/// The IMU's clock is 200 ppm too fast.
 fn drifting(bench: &Bench, before: &InertialCalibration) {
     let found = bench.with(|samples| samples.iter_mut().for_each(|sample| sample.t *= 1.0 + 200e-6)).unwrap();
     let [Finding::ClockDrift { drift, sigma }] = found.findings.as_slice() else { panic!("{:?}", found.findings) };
@@ -296,7 +305,7 @@ fn drifting(bench: &Bench, before: &InertialCalibration) {
     assert!((found.parameters.position - before.parameters.position).norm() < 1e-3);
 }
 
-/// A twentieth of the samples is lost.
+/// One sample in 20 is lost.
 fn losing(bench: &Bench, before: &InertialCalibration) {
     let found = bench.with(|samples| {
         *samples = samples.iter().enumerate().filter(|(index, _)| index * 7 % 20 != 3).map(|(_, one)| *one).collect();
@@ -307,7 +316,7 @@ fn losing(bench: &Bench, before: &InertialCalibration) {
     assert!((found.parameters.position - before.parameters.position).norm() < 1e-3);
 }
 
-/// A range of the gyroscope that is reached now and then.
+/// The gyroscope occasionally reaches the limit of its range.
 fn at_its_limit(bench: &Bench, before: &InertialCalibration) {
     let mut rates: Vec<f64> = bench.samples.iter().map(|sample| sample.angular_velocity.x).collect();
     rates.sort_by(f64::total_cmp);
@@ -321,7 +330,7 @@ fn at_its_limit(bench: &Bench, before: &InertialCalibration) {
     assert!((found.parameters.position - before.parameters.position).norm() < 1.5e-3);
 }
 
-/// The readings of a program that takes gravity off.
+/// The accelerations do not contain gravity.
 fn without_gravity(bench: &Bench, before: &InertialCalibration) {
     let Evidence::Events(events) = &bench.calibrated.evidence else { panic!("no trajectory") };
     let parameters = &before.parameters;
@@ -335,7 +344,7 @@ fn without_gravity(bench: &Bench, before: &InertialCalibration) {
         });
     });
     let error = error.unwrap_err().to_string();
-    assert!(error.contains("gravity seems to be removed"), "{error}");
+    assert!(error.contains("gravity seems to have been removed"), "{error}");
 }
 
 fn files(calibrated: &Calibrated, task: &Task) {
@@ -355,7 +364,7 @@ fn files(calibrated: &Calibrated, task: &Task) {
             "{index}: {row:?}"
         );
     }
-    // The middle of 8 s.
+    // The delays refer to the middle of the recording of 8 s.
     assert!((json["delays_at"].as_f64().unwrap() - calibrated.starts[0] - 4.0).abs() < 0.5, "{}", json["delays_at"]);
     let focal = |text: &str| {
         let line = text.lines().find_map(|line| line.trim().strip_prefix("intrinsics: "));
@@ -381,6 +390,6 @@ fn files(calibrated: &Calibrated, task: &Task) {
         assert!(folder.join("exports").join(name).exists(), "{name}");
     }
     let report = std::fs::read_to_string(folder.join("report.html")).unwrap();
-    assert!(report.contains("Axes of the camera and of the inertial unit."));
-    assert!(report.contains("The inertial unit") && report.contains("Spectrum of the residuals"));
+    assert!(report.contains("Axes of the camera and of the IMU."));
+    assert!(report.contains("<h2 id=\"imu-heading\">IMU</h2>") && report.contains("Spectrum of the residuals"));
 }

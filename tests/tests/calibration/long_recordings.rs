@@ -1,4 +1,4 @@
-//! Recordings with more of the board than the joint solve has room for.
+//! Recordings that are longer than the limit of the joint solve.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -6,15 +6,15 @@ use std::fs;
 use evcal_tests::accuracy::Accuracy;
 use evcal_tests::{lens, read_json, text};
 
-/// Of four seconds the joint solve takes two, one of each half; the trajectory goes on over all four, as exact as ever.
+/// The joint solve uses two of four seconds, one of each half. The trajectory covers all four with the same accuracy.
 #[test]
-fn what_the_joint_solve_has_no_room_for_is_followed_with_its_camera() {
+fn the_trajectory_covers_the_time_outside_the_joint_solve() {
     let directory = tempfile::tempdir().unwrap();
     let settings = directory.path().join("settings.toml");
     fs::write(&settings, "[refinement]\nmost_seconds = 2.0\n").unwrap();
     let lens = lens::RADTAN;
     let (recording, whole) = (lens.recording(), lens.own_calibration());
-    let short = lens.calibration_with("short-of-room", &recording, &["--settings", text(&settings)]);
+    let short = lens.calibration_with("limited", &recording, &["--settings", text(&settings)]);
     let result = read_json(&short.join("calibration.json"));
     let chosen = &result["chosen_seconds"];
     assert_eq!(chosen["seconds"], 4);
@@ -31,7 +31,7 @@ fn what_the_joint_solve_has_no_room_for_is_followed_with_its_camera() {
     }
     assert!(read_json(&whole.join("calibration.json")).get("chosen_seconds").is_none());
 
-    // Nearly all poses that are written otherwise are there, each once.
+    // Nearly all poses of the unlimited calibration are in the trajectory, each once.
     let times = |folder: &std::path::Path| -> BTreeSet<String> {
         let file = fs::read_to_string(folder.join("trajectory.txt")).unwrap();
         let lines = file.lines().filter(|line| !line.starts_with('#'));
@@ -46,5 +46,5 @@ fn what_the_joint_solve_has_no_room_for_is_followed_with_its_camera() {
     let accuracy = Accuracy::of(&short, &recording);
     assert!(accuracy.focal < 5e-4 && accuracy.projection_rms < 0.06, "{accuracy:?}");
     assert!(accuracy.position < 1e-3, "{accuracy:?}");
-    assert!(fs::read_to_string(short.join("report.html")).unwrap().contains("What is in the joint solve"));
+    assert!(fs::read_to_string(short.join("report.html")).unwrap().contains("Seconds in the joint solve"));
 }

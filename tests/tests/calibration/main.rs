@@ -1,4 +1,4 @@
-//! Recordings and their calibrations: how true they are, and what the program says of them.
+//! Calibrations of simulated and real recordings: accuracy, uncertainty, verdicts and error messages.
 
 mod accuracy;
 mod bad_input;

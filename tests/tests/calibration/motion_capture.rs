@@ -1,4 +1,5 @@
-//! A simulated camera with markers on it: where they are is found, and the error of the trajectory is the true one.
+//! Comparison with simulated motion capture: the pose of the marker body on the camera and the reported error of the
+//! trajectory are close to the truth.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -25,15 +26,15 @@ fn compared(capture: &Path) -> Value {
 }
 
 #[test]
-fn the_body_is_found_where_it_is() {
+fn the_pose_of_the_marker_body_is_estimated_correctly() {
     let folder = simulation();
     let truth = &read_json(&folder.join("truth.json"))["motion_capture"];
     let found = compared(&folder.join("motion_capture.txt"));
     for (name, position, angle) in [("T_camera_body", 3e-4, 0.03f64), ("T_mocap_world", 1e-3, 0.05)] {
         let (is, was) = (pose(&found[name]["matrix"]), pose(&truth[name]));
         let shift = is.translation.vector - was.translation.vector;
-        let turn = (was.rotation.inverse() * is.rotation).scaled_axis();
-        let pairs = [("translation_sigma", shift, position), ("rotation_sigma", turn, angle.to_radians())];
+        let rotation = (was.rotation.inverse() * is.rotation).scaled_axis();
+        let pairs = [("translation_sigma", shift, position), ("rotation_sigma", rotation, angle.to_radians())];
         for (sigma, error, bound) in pairs {
             let sigma = Vector3::from_vec(numbers(&found[name][sigma]));
             assert!(error.amax() < bound, "{name}: off by {error}, σ {sigma}");
@@ -43,7 +44,7 @@ fn the_body_is_found_where_it_is() {
             );
         }
     }
-    // t_mocap = clock_offset + t (1 + drift), less what pixels take to answer, here 0.1 to 0.2 ms.
+    // t_mocap = clock_offset + t (1 + drift), minus the pixel latency, here 0.1 to 0.2 ms.
     let settings = &truth["settings"];
     let clock = |t: f64| numbers(&settings["clock_offset"])[0] + t * 1e-6 * numbers(&settings["clock_drift"])[0];
     let offset = numbers(&found["offset"]["value"])[0] - clock(6.0);
@@ -53,10 +54,10 @@ fn the_body_is_found_where_it_is() {
     assert!(numbers(&found["rate"])[0].round() == 120.0, "{}", found["rate"]);
 }
 
-/// What is left without the capture's noise is the error against the truth, after the alignment and the shift of the clock that no
-/// capture can tell.
+/// The held-out error, without the noise of the capture, is the error against the ground truth after alignment and the best time
+/// shift, neither of which motion capture can determine.
 #[test]
-fn the_error_that_is_held_out_is_the_true_one() {
+fn the_held_out_error_is_the_true_error() {
     let folder = simulation();
     let found = &compared(&folder.join("motion_capture.txt"))["held_out"]["position"];
     let against = json(&["evaluate", text(&calibration()), "--truth", text(&folder), "--json"]);
@@ -64,18 +65,18 @@ fn the_error_that_is_held_out_is_the_true_one() {
     let (error, sigma) = (numbers(&found["error"]["value"])[0], numbers(&found["error"]["sigma"])[0]);
     assert!((error / truth - 1.0).abs() < 0.1, "{error} ± {sigma}, truth {truth}");
     assert!(sigma < 0.2 * truth, "{sigma} {truth}");
-    // The noise is 0.3 mm along each axis, and 0.2 degrees times the distance of the markers on top.
+    // The noise is 0.3 mm along each axis, plus 0.2 degrees times the distance of the markers.
     let noise = numbers(&found["noise"])[0];
     assert!((5.0e-4..7.0e-4).contains(&noise), "{noise}");
     assert!(numbers(&found["sizes"]["rmse"])[0] > 1.5 * truth);
 }
 
 #[test]
-fn mistakes_in_the_file_are_named() {
+fn wrong_units_orders_and_clocks_are_rejected() {
     let folder = simulation();
     let capture = fs::read_to_string(folder.join("motion_capture.txt")).unwrap();
     let scratch = tempfile::tempdir().unwrap();
-    let refused = |words: &str, change: fn(&[f64]) -> Vec<f64>| {
+    let rejected = |words: &str, change: fn(&[f64]) -> Vec<f64>| {
         let lines = capture.lines().filter(|line| !line.starts_with('#')).map(|line| {
             let fields: Vec<f64> = line.split(' ').map(|field| field.parse().unwrap()).collect();
             change(&fields).iter().map(f64::to_string).collect::<Vec<_>>().join(" ") + "\n"
@@ -86,18 +87,18 @@ fn mistakes_in_the_file_are_named() {
         assert_eq!(finished.code, Some(1), "{}", finished.stderr);
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
     };
-    refused("in millimetres", |f| vec![f[0], 1e3 * f[1], 1e3 * f[2], 1e3 * f[3], f[4], f[5], f[6], f[7]]);
-    refused("w first", |f| vec![f[0], f[1], f[2], f[3], f[7], f[4], f[5], f[6]]);
-    refused("times in seconds", |f| vec![1e3 * f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7]]);
-    // Ever faster, which no camera was.
-    refused("recordings of the same session", |f| {
+    rejected("in millimetres", |f| vec![f[0], 1e3 * f[1], 1e3 * f[2], 1e3 * f[3], f[4], f[5], f[6], f[7]]);
+    rejected("w first", |f| vec![f[0], f[1], f[2], f[3], f[7], f[4], f[5], f[6]]);
+    rejected("times in seconds", |f| vec![1e3 * f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7]]);
+    // A clock that accelerates does not belong to any recording of the camera.
+    rejected("recordings of the same session", |f| {
         vec![(f[0] - 12.3).powi(2) / 12.0, f[1], f[2], f[3], f[4], f[5], f[6], f[7]]
     });
 }
 
-/// A motion that leaves open where the body sits, and what to do. Other such motions are in the tests of `evcal-calibrate`.
+/// The tests of `evcal-calibrate` cover other such motions.
 #[test]
-fn a_motion_that_leaves_the_body_open_is_refused() {
+fn a_motion_that_does_not_determine_the_marker_body_is_rejected() {
     let simulation = one_axis();
     let events = simulation.join("events.aedat4");
     let options = ["--board", BOARD, "--model", "radtan4", "--accept-any"];
@@ -105,6 +106,6 @@ fn a_motion_that_leaves_the_body_open_is_refused() {
     let capture = simulation.join("motion_capture.txt");
     let finished = evcal(&["evaluate", text(&calibration), "--motion-capture", text(&capture)]);
     assert_eq!(finished.code, Some(1), "{}", finished.stdout);
-    let words = "the camera turned about one axis only, its y axis";
+    let words = "the camera rotated about one axis only, its y axis";
     assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
 }

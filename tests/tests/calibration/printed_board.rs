@@ -1,4 +1,4 @@
-//! Boards that are not as they are stated, flat ones, and parameters that the user holds.
+//! Boards that differ from their nominal dimensions, flat boards, and parameters that the user fixes.
 
 use std::path::Path;
 
@@ -8,10 +8,10 @@ use evcal_tests::{BOARD, evcal, json, read_json, text};
 use serde_json::Value;
 
 fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+    value.as_f64().unwrap_or_else(|| panic!("{value} is not a number"))
 }
 
-/// A parameter of the board that was estimated is within 4 σ of the truth, of which there is a useful one.
+/// Checks that a parameter of the board was estimated, within 4 σ of the truth and with σ below `largest_sigma`.
 fn assert_estimated(calibration: &Path, name: &str, truth: f64, largest_sigma: f64) {
     let board = &read_json(&calibration.join("calibration.json"))["printed_board"];
     let parameter = &board[name];
@@ -28,7 +28,7 @@ fn a_bent_board_printed_unevenly_is_estimated_with_the_camera() {
     assert_estimated(&calibration, "bend_x", 2e-3, 5e-5);
     assert_estimated(&calibration, "bend_y", -1e-3, 5e-5);
     assert_estimated(&calibration, "print_ratio", 1.003, 3e-4);
-    // Taken as it is stated, the board puts the focal length off by more than 1 %.
+    // With the nominal board the focal length would be wrong by more than 0.2 %.
     let result = read_json(&calibration.join("calibration.json"));
     let board = &result["printed_board"];
     assert_eq!(board["radius"]["estimated"], false, "{board}");
@@ -36,10 +36,13 @@ fn a_bent_board_printed_unevenly_is_estimated_with_the_camera() {
     assert!((number(&board["camera_as_stated"]["parameters"]["fx"]) / focal - 1.0).abs() > 2e-3, "{board}");
     let accuracy = Accuracy::of(&calibration, &recording);
     assert!(accuracy.focal <= 1e-3 && accuracy.projection_rms <= 0.1 && accuracy.position <= 2e-3, "{accuracy:?}");
-    // It is said.
+    // The verdict reports the bend.
     let findings = result["verdict"]["findings"].as_array().unwrap();
-    let told = findings.iter().find(|finding| finding["cause"] == "board-not-as-stated").unwrap();
-    assert!(told["reason"].as_str().is_some_and(|reason| reason.starts_with("your board is bent by 2.0")), "{told}");
+    let finding = findings.iter().find(|finding| finding["cause"] == "board-not-as-stated").unwrap();
+    assert!(
+        finding["reason"].as_str().is_some_and(|reason| reason.starts_with("your board is bent by 2.0")),
+        "{finding}"
+    );
     let evaluation = json(&["evaluate", text(&calibration), "--truth", text(&recording), "--json"]);
     assert_eq!(evaluation["board"]["bend_x"]["truth"], 2e-3, "{evaluation}");
 }
@@ -55,22 +58,22 @@ fn circles_of_another_radius_are_estimated() {
 }
 
 #[test]
-fn a_flat_board_is_taken_as_it_is_stated() {
+fn a_flat_board_keeps_its_nominal_dimensions() {
     let calibration = RADTAN.own_calibration();
     let board = &read_json(&calibration.join("calibration.json"))["printed_board"];
     for name in ["print_ratio", "bend_x", "bend_y", "radius"] {
         assert_eq!(board[name]["estimated"], false, "{board}");
     }
     assert!(board["camera_as_stated"].is_null());
-    // Of a board that is not free there still is an opinion.
+    // The estimate that the bend would have if it were estimated is reported as well.
     assert!(number(&board["bend_x"]["if_free"]["sigma"]) < 5e-5, "{board}");
 }
 
 #[test]
-fn what_is_held_stays_and_what_is_free_is_estimated() {
+fn fixed_parameters_stay_and_freed_parameters_are_estimated() {
     let recording = RADTAN.recording();
     let options = ["--fix", "k3=0", "--fix", "radius=17.4mm", "--free", "bend-y"];
-    let calibration = RADTAN.calibration_with("held-and-free", &recording, &options);
+    let calibration = RADTAN.calibration_with("fixed-and-free", &recording, &options);
     let result = read_json(&calibration.join("calibration.json"));
     assert_eq!(number(&result["camera"]["parameters"]["k3"]), 0.0);
     assert_eq!(number(&result["sigma"]["parameters"]["k3"]), 0.0);
@@ -80,7 +83,7 @@ fn what_is_held_stays_and_what_is_free_is_estimated() {
 }
 
 #[test]
-fn an_unknown_parameter_lists_those_that_exist() {
+fn the_message_about_an_unknown_parameter_lists_all_parameters() {
     let events = RADTAN.recording().join("events.aedat4");
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("out");

@@ -1,4 +1,4 @@
-//! The fixtures: raw dumps of a DAVIS346 are recordings like any other. See `fixtures/README.md`.
+//! The fixtures, which are raw dumps of a DAVIS346 (see `fixtures/README.md`), are read like any other recording.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -17,19 +17,19 @@ fn fixtures() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("fixtures")
 }
 
-/// Runs a command to its good end and returns what it printed.
+/// Runs a command, which must succeed, and returns its output.
 fn succeed(command: &mut Command) -> String {
     let output = command.stderr(Stdio::piped()).output().expect("it starts");
     assert!(output.status.success(), "{command:?}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).expect("it prints text")
 }
 
-/// Runs evcal with words and paths.
+/// Runs evcal, which must succeed, and returns its output.
 fn evcal(arguments: &[&dyn AsRef<OsStr>]) -> String {
     succeed(Command::new(program()).args(arguments.iter().map(|argument| argument.as_ref())))
 }
 
-/// The files of a folder and the folders in it, and what is in them.
+/// Reads all files below a folder, by name.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let entries = std::fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
     let mut files = BTreeMap::new();
@@ -45,7 +45,7 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     files
 }
 
-/// Both folders hold the same files.
+/// Checks that both folders contain the same files.
 fn assert_same(left: &BTreeMap<String, Vec<u8>>, right: &BTreeMap<String, Vec<u8>>) {
     assert!(!left.is_empty());
     assert!(left.keys().eq(right.keys()), "{:?} and {:?}", left.keys(), right.keys());
@@ -65,21 +65,21 @@ fn events(path: &Path) -> Vec<Event> {
 }
 
 #[test]
-fn the_simulated_session_is_made_again_byte_for_byte() {
+fn the_simulated_session_is_reproduced_byte_for_byte() {
     let directory = TempDir::new().unwrap();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("tools").join("fixtures/make.sh");
     succeed(Command::new("sh").arg(script).env("EVCAL", program()).env("FIXTURES", directory.path()));
     assert_same(&files(&directory.path().join("board")), &files(&session()));
 }
 
-/// The exit code and what goes to standard error.
-fn refused(arguments: &[&str]) -> (Option<i32>, String) {
+/// Runs `evcal simulate` and returns the exit code and standard error.
+fn simulate(arguments: &[&str]) -> (Option<i32>, String) {
     let output = Command::new(program()).arg("simulate").args(arguments).output().expect("it starts");
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
 #[test]
-fn what_no_davis346_sends_is_refused() {
+fn data_that_a_davis346_cannot_send_is_rejected() {
     let directory = TempDir::new().unwrap();
     let output = directory.path().join("out");
     let to = ["-o", output.to_str().unwrap()];
@@ -89,7 +89,7 @@ fn what_no_davis346_sends_is_refused() {
         (&["--format", "dvraw", "--frames=-1"], 2, "0.1 to 1000"),
         (&["--format", "dvraw", "--sensor", "320x240"], 1, "346x260"),
     ] {
-        let (found, message) = refused(&[arguments, &to].concat());
+        let (found, message) = simulate(&[arguments, &to].concat());
         assert_eq!(found, Some(code), "{arguments:?}: {message}");
         assert!(message.contains(words), "{arguments:?}: {message}");
     }
@@ -97,22 +97,22 @@ fn what_no_davis346_sends_is_refused() {
 }
 
 #[test]
-fn a_dump_calibrates_as_its_events_in_aedat4_do() {
+fn a_dump_and_its_conversion_to_aedat4_have_the_same_calibration() {
     let directory = TempDir::new().unwrap();
     let at = |name: &str| directory.path().join(name);
-    // With the frames, which both calibrations take for a witness.
+    // The conversion keeps the frames, which both calibrations use as a cross-check.
     evcal(&[&"convert", &session().join("events.dvraw"), &at("events.aedat4")]);
     evcal(&[&"calibrate", &at("events.aedat4"), &"--board", &BOARD, &"--accept-any", &"-o", &at("from-aedat4")]);
     let from_dump = session_calibration();
     let [dump_files, aedat4_files] = [&from_dump, &at("from-aedat4")].map(|folder| {
         let mut files = files(folder);
-        // It names the recording and the command line.
+        // The report names the recording and the command line.
         files.remove("report.html").expect("calibrate writes a report");
         files
     });
     assert_same(&dump_files, &aedat4_files);
 
-    // Both could be wrong: they are not.
+    // The calibration is also correct.
     let evaluation = evcal(&[&"evaluate", &from_dump, &"--truth", &session(), &"--json"]);
     let evaluation: Value = serde_json::from_str(&evaluation).unwrap();
     for (name, tolerance) in [("fx", 1e-3 * 332.16), ("fy", 1e-3 * 332.16), ("cx", 0.5), ("cy", 0.5)] {
@@ -121,8 +121,7 @@ fn a_dump_calibrates_as_its_events_in_aedat4_do() {
     }
 }
 
-/// FNV-1a, 64 bits, of the events: time in µs since the first one (i64), x, y (u16), ON (u8), all
-/// little-endian.
+/// Returns the 64-bit FNV-1a hash of the events: time in µs since the first one (i64), x, y (u16), ON (u8), all little-endian.
 fn digest(events: &[Event]) -> u64 {
     let first = events.first().map_or(0, |event| event.t);
     let mut hash = 0xcbf2_9ce4_8422_2325_u64;
@@ -136,7 +135,7 @@ fn digest(events: &[Event]) -> u64 {
     hash
 }
 
-/// Number and digest of the original's events as iniVation's dv-processing 2.0.4 reads them.
+/// Number and digest of the events that iniVation's dv-processing 2.0.4 reads from the original recording.
 const ORIGINAL: (usize, u64) = (319_512, 0x4910_52a0_4e81_de6b);
 
 #[test]
@@ -145,8 +144,7 @@ fn the_real_recording_has_the_events_of_the_original() {
     assert_eq!((events.len(), digest(&events)), ORIGINAL);
 }
 
-/// The balls are of one size, hang in a row, and cannot overlap: where two were found beside each
-/// other their centres are a ball's width apart.
+/// The balls have one size, hang in a row and cannot overlap, so the centres of neighbours are one diameter apart.
 #[test]
 fn the_balls_of_the_real_recording_are_found() {
     let directory = TempDir::new().unwrap();
@@ -157,15 +155,15 @@ fn the_balls_of_the_real_recording_are_found() {
     let text = std::fs::read_to_string(&output).unwrap();
     let mut lines = text.lines().filter(|line| !line.starts_with('#'));
     let names: Vec<&str> = lines.next().unwrap().split(',').collect();
-    let place = |name: &str| names.iter().position(|other| *other == name).unwrap();
-    let columns = ["frame", "x_px", "y_px", "radius_px"].map(place);
+    let index = |name: &str| names.iter().position(|other| *other == name).unwrap();
+    let columns = ["frame", "x_px", "y_px", "radius_px"].map(index);
     let mut windows: BTreeMap<u32, Vec<[f64; 2]>> = BTreeMap::new();
     let mut circles = 0;
     for line in lines {
         let fields: Vec<f64> = line.split(',').map(|field| field.parse().unwrap()).collect();
         let [frame, x, y, radius] = columns.map(|column| fields[column]);
         circles += 1;
-        // The row of the balls in the image, and their radius.
+        // Circles with the radius of the balls, in their row of the image.
         if (radius - 20.0).abs() < 2.0 && (y - 157.0).abs() < 10.0 {
             windows.entry(frame as u32).or_default().push([x, y]);
         }

@@ -1,13 +1,12 @@
-//! Defects that were found and mended, one test each, in the order in which they were: the test fails as the program
-//! did. Here are those that need a whole calibration; the others are in `host/evcal/tests/cli/regressions.rs`.
+//! Regression tests that need a whole calibration, one per bug. The others are in `host/evcal/tests/cli/regressions.rs`.
 
 use std::fs;
 
 use evcal_tests::lens::RADTAN4;
 use evcal_tests::{BOARD, read_json, succeed, text};
 
-/// Frames farther apart than those of the detection are still one trajectory: files of circles from elsewhere fell apart
-/// into segments too short for any spline.
+/// Frames with longer intervals than the detection's are still one trajectory. They used to be split into segments that were too
+/// short for a spline.
 #[test]
 fn a_circle_track_with_few_frames_is_calibrated() {
     let directory = tempfile::tempdir().unwrap();
@@ -34,9 +33,9 @@ fn a_circle_track_with_few_frames_is_calibrated() {
     assert!((focal / 331.2 - 1.0).abs() < 0.01, "{focal}");
 }
 
-/// A calibration from frames alone has no trajectory: its report spoke of 0 segments, and of halves that could not be.
+/// A calibration from frames alone has neither a trajectory nor a split-half check, so the report omits both.
 #[test]
-fn the_report_of_frames_alone_leaves_out_what_they_do_not_have() {
+fn the_report_of_frames_alone_omits_the_trajectory() {
     let recording = RADTAN4.recording_with_frames();
     let report = |name: &str, options: &[&str]| {
         let folder = RADTAN4.calibration_with(name, &recording, options);

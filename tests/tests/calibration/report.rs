@@ -1,5 +1,5 @@
-//! `report.html` of a calibration, without a browser: complete, by itself, small, and nothing in it that a file name
-//! could smuggle in. `tools/report/check.sh` looks at it in a browser.
+//! Checks `report.html` without a browser: it is complete, self-contained and small, and file names cannot inject HTML.
+//! `tools/report/check.sh` checks it in a browser.
 
 use std::fs;
 use std::path::Path;
@@ -12,20 +12,20 @@ fn report(folder: &Path) -> String {
     fs::read_to_string(folder.join("report.html")).expect("calibrate writes report.html")
 }
 
-/// The values of all attributes of that name.
+/// Returns the values of all attributes with this name.
 fn attributes<'a>(html: &'a str, name: &str) -> Vec<&'a str> {
     let start = format!(" {name}=\"");
     html.split(&start).skip(1).map(|rest| rest.split('"').next().unwrap_or_default()).collect()
 }
 
 #[test]
-fn the_report_needs_nothing_beside_it() {
+fn the_report_needs_no_other_files() {
     let html = report(&session_calibration());
     assert!(html.len() <= LARGEST, "{} bytes", html.len());
     for link in attributes(&html, "href") {
         assert!(link.starts_with('#') || link.starts_with("data:"), "{link}");
         if let Some(id) = link.strip_prefix('#') {
-            assert!(html.contains(&format!("id=\"{id}\"")), "{link} leads nowhere");
+            assert!(html.contains(&format!("id=\"{id}\"")), "{link} has no target");
         }
     }
     let pictures = attributes(&html, "src");
@@ -36,26 +36,26 @@ fn the_report_needs_nothing_beside_it() {
     for forbidden in ["<script", "@import", "url(", "<link rel=\"stylesheet"] {
         assert!(!html.contains(forbidden), "{forbidden}");
     }
-    // The name of SVG's namespace is no address. Four letters of a picture in base64 may be anything.
+    // The name of the SVG namespace is not a link, and base64 may contain any four letters by chance.
     let text = pictures.iter().fold(html.clone(), |text, picture| text.replace(&picture[..], ""));
     assert_eq!(text.matches("http").count(), text.matches("xmlns=\"http://www.w3.org/2000/svg\"").count() + 1);
     assert_eq!(html.matches("http-equiv").count(), 1);
     let plots = html.matches("<svg ").count();
     assert!(plots >= 8, "{plots} plots");
-    assert_eq!(html.matches("role=\"img\" aria-label=\"").count(), plots, "every plot says what it shows");
-    assert_eq!(attributes(&html, "alt").len(), pictures.len(), "every picture says what it shows");
+    assert_eq!(html.matches("role=\"img\" aria-label=\"").count(), plots, "every plot has an alternative text");
+    assert_eq!(attributes(&html, "alt").len(), pictures.len(), "every image has an alternative text");
 }
 
 #[test]
-fn the_report_tells_what_calibration_json_holds() {
+fn the_report_shows_the_values_of_calibration_json() {
     let folder = session_calibration();
     let html = report(&folder);
     let calibration = read_json(&folder.join("calibration.json"));
     for name in ["fx", "fy", "cx", "cy"] {
         let value = calibration["camera"]["parameters"][name].as_f64().unwrap();
         let row = html.split(&format!("<code>{name}</code></th>")).nth(1).expect("the parameter has a row");
-        let told: f64 = row.split(['<', '>']).nth(2).unwrap().parse().unwrap();
-        assert!((told - value).abs() < 0.006, "{name}: {told} for {value}");
+        let shown: f64 = row.split(['<', '>']).nth(2).unwrap().parse().unwrap();
+        assert!((shown - value).abs() < 0.006, "{name}: {shown} instead of {value}");
     }
     for count in [&calibration["residuals"]["count"], &calibration["stages"]["detection"]["found"]] {
         let digits = count.as_u64().unwrap().to_string();
@@ -65,7 +65,7 @@ fn the_report_tells_what_calibration_json_holds() {
 }
 
 #[test]
-fn the_report_has_what_is_copied_from_it_and_names_its_files() {
+fn the_report_has_text_to_copy_and_names_its_files() {
     let folder = session_calibration();
     let html = report(&folder);
     let parameters = &read_json(&folder.join("calibration.json"))["camera"]["parameters"];
@@ -75,28 +75,28 @@ fn the_report_has_what_is_copied_from_it_and_names_its_files() {
     for part in [
         "distortion_model: plumb_bob",
         "camera_model: pinhole",
-        "Distortion: how far",
+        "image from the principal point, towards the farthest corner",
         "Reprojection errors of circles",
     ] {
         assert!(html.contains(part), "{part}");
     }
-    assert!(html.contains("<details><summary>Which parameters are correlated"), "correlations are folded");
+    assert!(html.contains("<details><summary>Correlation of the parameters"), "correlations are folded");
     for angle in ["roll (about x)", "pitch (about y)", "yaw (about z)"] {
         assert!(html.contains(angle), "{angle}");
     }
     for name in ["calibration.json", "camera.yaml", "exports/camchain.yaml", "circles.csv", "trajectory.csv"] {
         let row = html.split(&format!("<th class=\"path\" scope=\"row\">{name}</th>")).nth(1).unwrap_or_default();
-        let told: f64 = row.split(['<', '>']).nth(2).unwrap_or_default().parse().expect(name);
+        let shown: f64 = row.split(['<', '>']).nth(2).unwrap_or_default().parse().expect(name);
         let length = fs::metadata(folder.join(name)).unwrap().len() as f64 / 1e3;
-        assert!((told - length).abs() < 0.06, "{name}: {told} kB for {length}");
+        assert!((shown - length).abs() < 0.06, "{name}: {shown} kB instead of {length}");
     }
-    // Nothing at the top is a σ beside a figure of 95 %.
+    // The uncertainties at the top are 95 % bounds, not σ.
     let top = html.split("<dl class=\"figures\">").nth(1).unwrap().split("</dl>").next().unwrap();
     assert!(top.matches("95 of 100").count() == 2 && !top.contains("±"), "{top}");
 }
 
 #[test]
-fn names_of_files_are_text_and_not_part_of_the_page() {
+fn file_names_are_escaped() {
     let folder = tempfile::tempdir().unwrap();
     let circles = folder.path().join("<b onload=alert(1)>&amp; \"circles\".csv");
     fs::copy(session_calibration().join("circles.csv"), &circles).unwrap();
@@ -115,7 +115,7 @@ fn names_of_files_are_text_and_not_part_of_the_page() {
     let html = report(&output);
     assert!(!html.contains("<b onload"), "a file name became an element");
     assert!(html.contains("&lt;b onload=alert(1)&gt;&amp;amp; &quot;circles&quot;.csv"));
-    // Circles have neither event classes nor events to show.
+    // A calibration from circles has neither event classes nor pictures of events.
     assert!(
         html.contains("id=\"residuals\"") && !html.contains("id=\"frames\"") && !html.contains("id=\"accumulation\"")
     );

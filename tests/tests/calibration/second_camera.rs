@@ -1,5 +1,5 @@
-//! Two simulated cameras on one mount, the second of events or of frames: where the second one is, how its clock goes, and mistakes
-//! named.
+//! Two simulated cameras on one mount; the second records events or frames. Its pose and clock are estimated correctly, and
+//! wrong input is rejected.
 
 use std::fs;
 use std::fs::File;
@@ -29,7 +29,7 @@ fn calibration() -> PathBuf {
     made("second-camera-calibrated", &["calibrate", text(&first), "--with", text(&second), "--board", BOARD])
 }
 
-/// The transform is within so many metres and 0.02° of the truth, σ as well, and within a few σ.
+/// Checks that the transform is within `metres` and 0.02° of the truth and within 4.5 σ, and that σ is below these bounds.
 fn check_transform(found: &Value, truth: &Value, metres: f64) {
     let (is, was) = (pose(&found["T_second_first"]), pose(&truth["T_second_first"]));
     let moved = is.translation.vector - was.translation.vector;
@@ -42,7 +42,7 @@ fn check_transform(found: &Value, truth: &Value, metres: f64) {
     }
 }
 
-/// The true offset of the clocks at the time for which one was found: t_second = clock_offset + t_first (1 + drift).
+/// Returns the true clock offset at the time of the estimated one: t_second = clock_offset + t_first (1 + drift).
 fn clock_offset(found: &Value, truth: &Value) -> f64 {
     let settings = &truth["settings"];
     let rate = 1e-6 * numbers(&settings["clock_drift"])[0];
@@ -50,41 +50,41 @@ fn clock_offset(found: &Value, truth: &Value) -> f64 {
     at - (at - numbers(&settings["clock_offset"])[0]) / (1.0 + rate)
 }
 
-/// How far the offset that was found is from `offset`, and its σ (s).
+/// Returns the error of the estimated clock offset against `offset`, and its σ (s).
 fn offset_error(found: &Value, offset: f64) -> (f64, f64) {
     let of = |name| numbers(&found["time_offset"][name])[0];
     (of("value") - offset, of("sigma"))
 }
 
 #[test]
-fn the_second_camera_is_found_where_it_is() {
+fn the_pose_of_the_second_camera_is_estimated_correctly() {
     let truth = &read_json(&simulation().join("truth.json"))["second_camera"];
     let found = &read_json(&calibration().join("calibration.json"))["second_cameras"][0];
     check_transform(found, truth, 2e-4);
-    // Pixels of both answer equally late.
+    // Both cameras have the same pixel latency.
     let (error, sigma) = offset_error(found, clock_offset(found, truth));
     assert!(error.abs() < 4.5 * sigma && error.abs() < 6e-5 && sigma < 6e-5, "{error} ± {sigma}");
     assert!(found["clock_rate"].is_null(), "9 s are too short to state it");
-    // The lens of the second camera is another one.
+    // The second camera has another lens.
     let focal = |camera: &Value| numbers(&camera["parameters"]["fx"])[0];
     let (lens, was) = (focal(&found["solved_together"][1]["camera"]), focal(&truth["camera"]));
     assert!((lens - was).abs() < 0.3, "{lens} {was}");
 }
 
 #[test]
-fn what_was_found_is_in_words_and_files() {
+fn the_result_is_in_the_summary_and_the_files() {
     let folder = calibration();
     let report = fs::read_to_string(folder.join("report.html")).unwrap();
-    assert!(report.contains("The second camera") && report.contains("t_second = t_first + 3.21"));
+    assert!(report.contains("Second camera</h2>") && report.contains("t_second = t_first + 3.21"));
     let files = ["camchain-cameras.yaml", "stereo.yaml", "static_transforms.yaml"];
     for name in files {
         assert!(folder.join("exports").join(name).exists() && report.contains(name), "{name}");
     }
 }
 
-/// With both lenses held at the true ones, the transform is the true one all the more.
+/// With both lenses fixed to the truth, the transform is at least as accurate.
 #[test]
-fn intrinsics_can_be_held() {
+fn intrinsics_can_be_fixed() {
     let folder = simulation();
     let (first, second) = (folder.join("events.aedat4"), folder.join("second.aedat4"));
     let truth = &read_json(&folder.join("truth.json"));
@@ -92,15 +92,15 @@ fn intrinsics_can_be_held() {
     let of_second = &truth["second_camera"];
     let sensor = &truth["sensor"];
     fs::write(&lens, serde_json::json!({ "sensor": sensor, "camera": of_second["camera"] }).to_string()).unwrap();
-    let held = ["--camera", text(&folder), "--with-camera", text(&lens)];
+    let fixed = ["--camera", text(&folder), "--with-camera", text(&lens)];
     let scratch = tempfile::tempdir().unwrap();
     let result = scratch.path().join("result");
     let options = ["--board", BOARD, "-o", text(&result)];
-    let finished = evcal(&[&["calibrate", text(&first), "--with", text(&second)], &held[..], &options[..]].concat());
+    let finished = evcal(&[&["calibrate", text(&first), "--with", text(&second)], &fixed[..], &options[..]].concat());
     assert_eq!(finished.code, Some(0), "{}", finished.stderr);
-    // The truth has no σ.
+    // The ground truth has no σ.
     assert_eq!(finished.said().len(), 2, "{}", finished.stderr);
-    assert!(finished.said().iter().all(|line| line.contains("has no σ for the intrinsics")), "{}", finished.stderr);
+    assert!(finished.said().iter().all(|line| line.contains("contains no σ of the intrinsics")), "{}", finished.stderr);
     let found = &read_json(&result.join("calibration.json"))["second_cameras"][0];
     assert_eq!(found["held"], serde_json::json!([true, true]));
     for (solved, was) in [(0, &truth["camera"]), (1, &of_second["camera"])] {
@@ -115,25 +115,25 @@ fn intrinsics_can_be_held() {
     assert!(sigma.norm() < 1.1 * free.norm(), "{sigma} {free}");
 
     let other = scratch.path().join("other");
-    let refused = |words: &str, arguments: &[&str]| {
+    let rejected = |words: &str, arguments: &[&str]| {
         let options = ["--board", BOARD, "-o", text(&other)];
         let finished = evcal(&[&["calibrate", text(&first)], arguments, &options].concat());
         assert_ne!(finished.code, Some(0));
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
     };
-    refused("--camera works only together with --imu, --with or --with-frames", &["--camera", text(&folder)]);
-    refused(
+    rejected("--camera works only together with --imu, --with or --with-frames", &["--camera", text(&folder)]);
+    rejected(
         "there are more --with-camera than --with",
         &["--with", text(&second), "--with-camera", "a", "--with-camera", "b"],
     );
 }
 
 #[test]
-fn mistakes_are_named() {
+fn wrong_second_recordings_are_rejected() {
     let folder = simulation();
     let (first, second) = (folder.join("events.aedat4"), folder.join("second.aedat4"));
     let scratch = tempfile::tempdir().unwrap();
-    let refused = |words: &str, arguments: &[&str]| {
+    let rejected = |words: &str, arguments: &[&str]| {
         let result = scratch.path().join(words.replace([' ', ':'], "-"));
         let options = ["--board", BOARD, "--accept-any", "-o", text(&result)];
         let finished = evcal(&[&["calibrate"], arguments, &options].concat());
@@ -141,23 +141,23 @@ fn mistakes_are_named() {
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
         result
     };
-    refused("a camera that is there already", &[text(&first), "--with", text(&first)]);
-    refused("give one recording before --with", &[text(&first), text(&second), "--with", text(&second)]);
-    // Known by its events, not by its name; the first camera is calibrated all the same.
+    rejected("a camera that was already given", &[text(&first), "--with", text(&first)]);
+    rejected("give one recording before --with", &[text(&first), text(&second), "--with", text(&second)]);
+    // Recognised by its events, not by its name; the first camera is calibrated nevertheless.
     let session = session().join("events.dvraw");
     let copy = scratch.path().join("copy.dvraw");
     fs::copy(&session, &copy).unwrap();
-    let result = refused("there already: give the recording", &[text(&session), "--with", text(&copy)]);
+    let result = rejected("there already: give the recording", &[text(&session), "--with", text(&copy)]);
     assert!(result.join("calibration.json").exists());
     let other = made(
         "second-camera-other",
         &["simulate", "--board", BOARD, "--motion", "fast", "--duration", "3s", "--seed", "33"],
     );
     let other = other.join("events.aedat4");
-    refused("recordings of the same session", &[text(&session), "--with", text(&other)]);
+    rejected("recordings of the same session", &[text(&session), "--with", text(&other)]);
 }
 
-/// Pixels of events that answer at once, so that nothing but the clocks is in the offset.
+/// Event pixels without latency, so that the offset contains only the difference of the clocks.
 const FRAMES: [&str; 11] =
     ["simulate", "--board", BOARD, "--motion", "fast", "--duration", "5s", "--seed", "41", "--light", "ideal"];
 
@@ -175,17 +175,17 @@ fn calibrated_with_frames(name: &str, simulation: &Path, options: &[&str]) -> Pa
     made(name, &[&["calibrate", text(&first), "--with", text(&second), "--board", BOARD], options].concat())
 }
 
-/// Transform within 0.02° and 0.5 mm and a few σ, offset within 0.1 ms.
+/// Checks that the transform is within 0.02°, 0.5 mm and 4.5 σ of the truth, and the offset within 0.1 ms.
 fn check_frame_camera(found: &Value, truth: &Value, line_delay: f64) {
     check_transform(found, truth, 5e-4);
-    // Stamps are those of the first row, and the offset is that of the middle one, which is later.
+    // The timestamps are of the first row, whereas the offset refers to the middle row, which is exposed later.
     let rows = 0.5 * (numbers(&found["sensor"]["height"])[0] - 1.0);
     let (error, sigma) = offset_error(found, clock_offset(found, truth) - line_delay * rows);
     assert!(error.abs() < 1e-4 && sigma < 1e-4, "{error} ± {sigma}");
 }
 
 #[test]
-fn a_camera_of_frames_is_found_where_it_is() {
+fn the_pose_of_a_frame_camera_is_estimated_correctly() {
     let simulation = frame_simulation();
     let folder = calibrated_with_frames("second-frames-calibrated", &simulation, &[]);
     let found = &read_json(&folder.join("calibration.json"))["second_cameras"][0];
@@ -203,7 +203,7 @@ fn a_camera_of_frames_is_found_where_it_is() {
     assert!(report.contains("a global shutter") && report.contains("stereo.yaml"));
 }
 
-/// The events and the images of `simulation` in one bag.
+/// Writes the events and images of `simulation` into one bag.
 fn bag(simulation: &Path) -> PathBuf {
     let path = simulation.join("both.bag");
     let images = Images::open(&simulation.join("second"), None, Damage::Refuse, Stamps::Middle).unwrap().unwrap();
@@ -238,9 +238,9 @@ fn bag(simulation: &Path) -> PathBuf {
     path
 }
 
-/// The same from a bag with the events of the first camera and the images of the second.
+/// A bag with the events of the first camera and the images of the second has the same result as the folder.
 #[test]
-fn a_topic_of_images_gives_what_the_folder_gives() {
+fn an_image_topic_gives_the_same_result_as_a_folder() {
     let simulation = frame_simulation();
     let bag = bag(&simulation);
     let images = ["--with", text(&bag), "--with-stream", "/dvs/image_raw", "--board", BOARD];
@@ -255,19 +255,19 @@ fn a_topic_of_images_gives_what_the_folder_gives() {
     }
     assert!(of_bag["recording"].as_str().unwrap().ends_with("both.bag, /dvs/image_raw"), "{}", of_bag["recording"]);
 
-    let refused = |words: &str, options: &[&str]| {
+    let rejected = |words: &str, options: &[&str]| {
         let options = [&["calibrate", text(&bag), "--with", text(&bag)], options].concat();
         let scratch = tempfile::tempdir().unwrap();
         let finished = evcal(&[&options[..], &["--board", BOARD, "-o", text(&scratch.path().join("out"))]].concat());
         assert_eq!(finished.code, Some(1), "{}", finished.stderr);
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
     };
-    refused("a camera that is there already", &[]);
-    refused("no topic \"/up\"", &["--with-stream", "/up"]);
+    rejected("a camera that was already given", &[]);
+    rejected("no topic \"/up\"", &["--with-stream", "/up"]);
 }
 
 #[test]
-fn a_rolling_shutter_is_measured_where_it_is_declared_and_refused_where_not() {
+fn a_rolling_shutter_is_measured_if_declared_and_rejected_otherwise() {
     let simulation = rolling_simulation();
     let folder = calibrated_with_frames("second-rolling-calibrated", &simulation, &["--rolling-shutter"]);
     let found = &read_json(&folder.join("calibration.json"))["second_cameras"][0];
@@ -284,21 +284,20 @@ fn a_rolling_shutter_is_measured_where_it_is_declared_and_refused_where_not() {
     let options = ["--imu", "--board", BOARD, "-o", text(&result)];
     let finished = evcal(&[&["calibrate", text(&first), "--with", text(&second)], &options[..]].concat());
     assert_eq!(finished.code, Some(1));
-    // Neither keeps the other from being tried.
-    for words in ["2 were not calibrated", "the inertial unit: ", "holds no inertial samples", "add --rolling-shutter"]
-    {
+    // The failure of one does not prevent the attempt at the other.
+    for words in ["2 were not calibrated", "the IMU: ", "contains no IMU samples", "add --rolling-shutter"] {
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
     }
-    // The first camera is calibrated all the same.
+    // The first camera is calibrated nevertheless.
     assert!(read_json(&result.join("calibration.json"))["second_cameras"].as_array().is_none_or(Vec::is_empty));
 }
 
 #[test]
-fn mistakes_in_a_folder_of_frames_are_named() {
+fn wrong_folders_of_frames_are_rejected() {
     let scratch = tempfile::tempdir().unwrap();
     let first = frame_simulation().join("events.aedat4");
     let result = scratch.path().join("result");
-    let refused = |words: &str| {
+    let rejected = |words: &str| {
         let folder = scratch.path().join("cam1");
         let finished =
             evcal(&["calibrate", text(&first), "--with", text(&folder), "--board", BOARD, "-o", text(&result)]);
@@ -306,21 +305,22 @@ fn mistakes_in_a_folder_of_frames_are_named() {
         assert!(finished.stderr.contains(words), "wanted {words:?}: {}", finished.stderr);
     };
     fs::create_dir(scratch.path().join("cam1")).unwrap();
-    refused("holds no data.csv");
+    rejected("holds no data.csv");
     fs::write(scratch.path().join("cam1/data.csv"), "#timestamp [ns],filename\n1000,1000.png\n").unwrap();
-    refused("data.csv: line 2: there is no file");
+    rejected("data.csv: line 2: there is no file");
 }
 
-/// Frames and events of a DAVIS come through the same lens.
+/// Frames and events of a DAVIS have the same optical centre, so the transform is the identity.
 #[test]
-fn own_frames_are_where_the_events_are() {
+fn the_cameras_own_frames_have_the_pose_of_the_events() {
     let recording = session().join("events.dvraw");
     let folder = made("own-frames", &["calibrate", text(&recording), "--board", BOARD, "--with-frames"]);
     let found = &read_json(&folder.join("calibration.json"))["second_cameras"][0];
     assert_eq!(found["from_identity"]["agrees"], true, "{found}");
     let pose = pose(&found["T_second_first"]);
-    let [turn, place] = ["rotation_sigma", "translation_sigma"].map(|name| Vector3::from_vec(numbers(&found[name])));
-    assert!(turn.amax() < 0.1f64.to_radians() && place.amax() < 1e-3, "σ {turn} {place}");
-    assert!(pose.rotation.scaled_axis().component_div(&turn).amax() < 3.5, "{pose} σ {turn}");
-    assert!(pose.translation.vector.component_div(&place).amax() < 3.5, "{pose} σ {place}");
+    let [rotation, translation] =
+        ["rotation_sigma", "translation_sigma"].map(|name| Vector3::from_vec(numbers(&found[name])));
+    assert!(rotation.amax() < 0.1f64.to_radians() && translation.amax() < 1e-3, "σ {rotation} {translation}");
+    assert!(pose.rotation.scaled_axis().component_div(&rotation).amax() < 3.5, "{pose} σ {rotation}");
+    assert!(pose.translation.vector.component_div(&translation).amax() < 3.5, "{pose} σ {translation}");
 }

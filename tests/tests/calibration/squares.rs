@@ -1,9 +1,9 @@
-//! Boards of squares: the lens comes out as it went in, whatever the board.
+//! Boards of squares: the estimated lens is close to the simulated one with every kind of board.
 
 use evcal_tests::accuracy::Accuracy;
 use evcal_tests::{made, read_json, text};
 
-/// Three seconds before a hand-moved `board`.
+/// Checks the calibration from three seconds of a hand-moved `board`.
 fn calibrates(name: &str, board: &str) {
     let lens = ["--model", "radtan4", "--parameters", "332,332,173.3,128.6,-0.35,0.15,0,0"];
     let simulated = [&["simulate", "--board", board, "--motion", "fast", "--duration", "3s"][..], &lens].concat();
@@ -17,8 +17,8 @@ fn calibrates(name: &str, board: &str) {
     assert!(accuracy.focal <= 1e-3, "{board}: {accuracy:?}");
     assert!(accuracy.projection_rms <= 0.1, "{board}: {accuracy:?}");
     let result = read_json(&calibration.join("calibration.json"));
-    let stated = result["uncertainty"]["projection_rms_95"].as_f64().unwrap();
-    assert!(accuracy.projection_rms <= stated, "{board}: {accuracy:?}, stated {stated}");
+    let bound = result["uncertainty"]["projection_rms_95"].as_f64().unwrap();
+    assert!(accuracy.projection_rms <= bound, "{board}: {accuracy:?}, reported bound {bound}");
 }
 
 #[test]

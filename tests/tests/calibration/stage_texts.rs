@@ -1,17 +1,16 @@
-//! `stages.txt`, which a person reads, word for word. What the words say is tested elsewhere; here nothing gets lost or
-//! garbled by the way.
+//! Compares the wording of `stages.txt` with a snapshot. Other tests check the values.
 //!
-//! A change that is meant: `INSTA_UPDATE=always cargo test -p evcal-tests --release stage_texts`, and the new text is
-//! in `tests/tests/calibration/snapshots`.
+//! After a deliberate change, `INSTA_UPDATE=always cargo test -p evcal-tests --release stage_texts` writes the new text to
+//! `tests/tests/calibration/snapshots`.
 
 use std::fs;
 
 use evcal_tests::session_calibration;
 
-/// Stages that no number of OpenCV goes into: the same on every machine.
+/// Stages whose numbers do not depend on OpenCV, so they are the same on every machine.
 const EXACT: [&str; 5] = ["Recording", "Board in time windows", "Circles", "Board in the camera's frames", "Dots"];
 
-/// Numbers as `#`, whatever their sign and length; the space before the line stays.
+/// Replaces all numbers by `#`, whatever their sign and length, and keeps the indentation.
 fn without_numbers(line: &str) -> String {
     let words = line.split_whitespace().map(|word| {
         let number = word.trim_matches(['(', ')', ',', ';', ':']);

@@ -1,4 +1,4 @@
-//! What `evcal calibrate` says of good and of bad recordings.
+//! Verdicts of `evcal calibrate` on good and bad recordings.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -10,19 +10,19 @@ use evcal_tests::{BOARD, camera, evcal, json, made, read_json, text};
 use event_recordings::{Recording, RecordingOptions};
 use serde_json::Value;
 
-/// The verdict on a calibration from `events`.
+/// Calibrates from `events` and returns the verdict.
 fn verdict(name: &str, events: &Path, board: &str) -> Value {
     let options = ["--board", board, "--model", RADTAN.model, "--accept-any"];
     let calibration = made(name, &[&["calibrate", text(events)][..], &options].concat());
     read_json(&calibration.join("calibration.json"))["verdict"].clone()
 }
 
-/// Events of three seconds of this motion.
+/// Returns the path of a recording of three seconds of this motion.
 fn events(motion: &str) -> PathBuf {
     RADTAN.simulation(motion, &["--motion", motion, "--duration", "3s", "--seed", "4"]).join("events.aedat4")
 }
 
-/// Whether the verdict's sentence tells this cause.
+/// `true` if the verdict's sentence contains the reason of a finding with this cause.
 fn names(verdict: &Value, cause: &str) -> bool {
     let findings = verdict["findings"].as_array().expect("findings");
     findings.iter().any(|finding| {
@@ -32,7 +32,7 @@ fn names(verdict: &Value, cause: &str) -> bool {
 }
 
 #[test]
-fn nothing_speaks_against_a_good_recording() {
+fn a_good_recording_has_a_good_verdict() {
     for lens in lens::ALL {
         let verdict = read_json(&lens.own_calibration().join("calibration.json"))["verdict"].clone();
         assert_eq!(verdict["grade"], "good", "{}: {verdict:#}", lens.model);
@@ -42,7 +42,7 @@ fn nothing_speaks_against_a_good_recording() {
 #[test]
 fn a_board_far_away() {
     let verdict = verdict("far", &events("far"), BOARD);
-    // The sentence tells what is worst: how little is known. Why stands below it.
+    // The sentence contains the worst finding, the uncertainty; the distance is its cause and a separate finding.
     assert!(names(&verdict, "uncertain"), "{verdict:#}");
     let findings = verdict["findings"].as_array().expect("findings");
     assert!(findings.iter().any(|finding| finding["cause"] == "far-away"), "{verdict:#}");
@@ -61,12 +61,12 @@ fn a_board_in_one_corner() {
     assert!(verdict["sentence"].as_str().unwrap().contains("at the lower right"), "{verdict:#}");
 }
 
-/// A lens with a model that is not its own: the verdict names one that follows it, and the bound holds the error.
+/// A lens calibrated with an unsuitable model: the verdict recommends a suitable one, and the error is within the reported bound.
 #[test]
-fn a_model_that_cannot_follow_the_lens() {
+fn a_model_that_cannot_describe_the_lens() {
     for (lens, model, right) in [
         (lens::KANNALA_BRANDT, "radtan", &["kannala-brandt", "radtan8", "eucm", "double-sphere"][..]),
-        // Half a pixel off in the corners, where the board hardly comes, and next to nothing elsewhere.
+        // The model is wrong by half a pixel in the corners, which the board rarely covers, and almost exact elsewhere.
         (lens::RADTAN8, "radtan4", &["radtan", "radtan8"][..]),
     ] {
         let simulation = lens.simulation("wrong-model", &["--motion", "fast", "--duration", "4s", "--seed", "7"]);
@@ -85,7 +85,7 @@ fn a_model_that_cannot_follow_the_lens() {
         let evaluation = json(&["evaluate", text(&folder), "--truth", text(&simulation), "--json"]);
         let error = evaluation["projection_difference"]["rms_px"].as_f64().expect("a number");
         let bound = calibration["uncertainty"]["projection_rms_95"].as_f64().expect("a number");
-        assert!(error <= bound, "{model}: {error} px beyond the stated {bound} px");
+        assert!(error <= bound, "{model}: the error of {error} px exceeds the reported bound of {bound} px");
     }
 }
 
@@ -96,7 +96,8 @@ fn two_seconds() {
     assert!(names(&verdict, "short"), "{verdict:#}");
 }
 
-/// Events of the recording in the folder `simulation` as a sensor sends them that can read so many a millisecond.
+/// Writes the events of the recording in the folder `simulation` as a sensor sends them that can read `per_millisecond` events
+/// per millisecond.
 fn read_out(simulation: &Path, per_millisecond: f64, file: &Path) {
     let recording = Recording::new(simulation.join("events.aedat4"), RecordingOptions::default()).unwrap();
     let mut reader = recording.open().unwrap();
@@ -112,7 +113,7 @@ fn read_out(simulation: &Path, per_millisecond: f64, file: &Path) {
     fs::write(file, csv).unwrap();
 }
 
-/// Two sensors too slow for a fast hand: one now and then, one nearly always.
+/// Two sensors are too slow for the motion: one occasionally, the other nearly always.
 #[test]
 fn a_saturated_readout() {
     let options = ["--motion", "fast", "--duration", "3s", "--seed", "4"];
@@ -129,16 +130,16 @@ fn a_saturated_readout() {
     };
     let (sometimes, always) = (run(2000.0, "sometimes"), run(1300.0, "always"));
     let verdict = |folder: &Path| read_json(&folder.join("calibration.json"))["verdict"].clone();
-    let told = verdict(&sometimes);
-    assert!(names(&told, "saturated") && told["grade"] != "not-good", "{told:#}");
+    let verdict_of_run = verdict(&sometimes);
+    assert!(names(&verdict_of_run, "saturated") && verdict_of_run["grade"] != "not-good", "{verdict_of_run:#}");
     let figures = json(&["evaluate", text(&sometimes), "--truth", text(&simulation), "--json"]);
     let furthest = figures["trajectory"]["best_time_shift"]["as_is_m"]["max"].as_f64().unwrap();
     assert!(furthest < 5e-3, "{furthest} m: late events are in the trajectory");
-    let told = verdict(&always);
-    assert!(names(&told, "saturated") && told["grade"] == "not-good", "{told:#}");
+    let verdict_of_run = verdict(&always);
+    assert!(names(&verdict_of_run, "saturated") && verdict_of_run["grade"] == "not-good", "{verdict_of_run:#}");
 }
 
-/// A radius and a spacing that are wrong by a tenth: only their ratio can be seen.
+/// The nominal radius or spacing is wrong by 10 %. Only their ratio can be measured.
 #[test]
 fn circles_of_another_size() {
     let events = RADTAN.recording().join("events.aedat4");
@@ -154,7 +155,7 @@ fn circles_of_another_size() {
     }
 }
 
-/// A script notices by the exit code; the results are there all the same.
+/// The exit code informs scripts; the results are written nevertheless.
 #[test]
 fn not_good_enough_has_an_exit_code_of_its_own() {
     let events = RADTAN.recording().join("events.aedat4");
@@ -167,8 +168,8 @@ fn not_good_enough_has_an_exit_code_of_its_own() {
     assert_eq!(read_json(&output.join("calibration.json"))["verdict"]["grade"], "not-good");
 }
 
-/// The circles of a mirrored print are where those of a good one are: the camera is the same. Here it is the
-/// image that is mirrored, and with it the camera's principal point.
+/// A mirrored print has its circles at the same positions, so the camera is the same. The test mirrors the image instead of the
+/// print, which also mirrors the principal point.
 #[test]
 fn a_mirrored_print_gives_the_same_camera() {
     let board = "acircles:8x4:55mm:r17.5mm";
@@ -178,7 +179,7 @@ fn a_mirrored_print_gives_the_same_camera() {
     let csv = fs::read_to_string(recording.join("events.csv")).unwrap();
     let mirrored = csv.lines().map(|line| {
         let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
-        // The header has no number there.
+        // The header has no number in this column.
         if let Some(cell) = cells.get_mut(1)
             && let Ok(x) = cell.parse::<u16>()
         {
@@ -201,7 +202,8 @@ fn a_mirrored_print_gives_the_same_camera() {
     assert!((direct[3] - mirrored[3]).abs() < 0.1, "{direct:?} {mirrored:?}");
 }
 
-/// With a row or a column fewer than the board has, the camera comes out, but not the origin; the verdict names the whole board.
+/// The given board has one row or column fewer than the real board: the camera is correct, the origin is not, and the verdict
+/// names the whole board.
 #[test]
 fn a_part_of_the_board() {
     let events = RADTAN.recording().join("events.aedat4");
@@ -209,10 +211,10 @@ fn a_part_of_the_board() {
     {
         let verdict = verdict(name, &events, board);
         let findings = verdict["findings"].as_array().expect("findings");
-        let told: Vec<&Value> = findings.iter().filter(|finding| finding["cause"] == "larger-board").collect();
-        assert_eq!(told.len(), 1, "{board}: {verdict:#}");
-        assert_eq!(told[0]["severity"], "warning", "{board}: {verdict:#}");
-        assert!(told[0]["advice"].as_str().expect("advice").contains(&format!("--board {BOARD},")), "{verdict:#}");
+        let larger: Vec<&Value> = findings.iter().filter(|finding| finding["cause"] == "larger-board").collect();
+        assert_eq!(larger.len(), 1, "{board}: {verdict:#}");
+        assert_eq!(larger[0]["severity"], "warning", "{board}: {verdict:#}");
+        assert!(larger[0]["advice"].as_str().expect("advice").contains(&format!("--board {BOARD},")), "{verdict:#}");
     }
     let whole = read_json(&RADTAN.own_calibration().join("calibration.json"))["verdict"].clone();
     assert!(whole["findings"].as_array().expect("findings").iter().all(|finding| finding["cause"] != "larger-board"));

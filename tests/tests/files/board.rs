@@ -1,4 +1,4 @@
-//! Printed boards: rendered by programs that render PDF and SVG, found and measured by OpenCV.
+//! Printed boards: the PDF and SVG files are rendered by other programs, and OpenCV finds and measures the dots.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use tempfile::TempDir;
 
 const MILLIMETRES_PER_INCH: f64 = 25.4;
 
-/// Boards, papers and resolutions (dots an inch).
+/// Boards, papers and resolutions (dots per inch).
 const SHEETS: [(&str, &str, &str, f64); 4] = [
     ("acircles:9x4:23mm:r7.3mm", "a4", "210x297", 300.0),
     ("acircles:4x9:13.5mm:r4mm", "letter", "279.4x215.9", 600.0),
@@ -33,7 +33,7 @@ fn render(folder: &Path, index: usize, dpi: f64) -> [PathBuf; 2] {
 }
 
 #[test]
-fn opencv_finds_and_measures_what_was_asked_for() {
+fn opencv_finds_and_measures_the_requested_board() {
     let folder = TempDir::new().unwrap();
     let mut questions = Vec::new();
     let mut expected = Vec::new();
@@ -54,7 +54,7 @@ fn opencv_finds_and_measures_what_was_asked_for() {
             }));
             expected.push((board, dpi, report.clone()));
         }
-        // The size of the page, and the board's own text.
+        // The size of the page, and the text that names the board.
         let information = run("pdfinfo", &[text(&pdf)]);
         let page = information.lines().find_map(|line| line.strip_prefix("Page size:")).unwrap();
         let points: Vec<f64> = page.split_whitespace().filter_map(|word| word.parse().ok()).collect();
@@ -86,8 +86,8 @@ fn check(answer: &Value, text: &str, dpi: f64, report: &Value) {
     let mut largest: f64 = 0.0;
     for (index, center) in centers.iter().enumerate() {
         let index = if turned { centers.len() - 1 - index } else { index };
-        let place = board.circle_center(index) * 1e3;
-        let ideal = [first[0] + place.x, first[1] + place.y].map(pixels);
+        let center_mm = board.circle_center(index) * 1e3;
+        let ideal = [first[0] + center_mm.x, first[1] + center_mm.y].map(pixels);
         largest = largest.max((center[0] - ideal[0]).hypot(center[1] - ideal[1]));
     }
     // 0.1 % of the spacing.
@@ -109,14 +109,14 @@ fn check(answer: &Value, text: &str, dpi: f64, report: &Value) {
 fn without_a_board_the_paper_is_filled() {
     let folder = TempDir::new().unwrap();
     let pdf = folder.path().join("board.pdf");
-    let said = succeed(&["board", "--paper", "a3", "--pdf", text(&pdf)]);
-    let board = said.split("--board ").nth(1).unwrap().trim();
-    assert!(board.starts_with("acircles:9x4:3"), "{said}");
+    let printed = succeed(&["board", "--paper", "a3", "--pdf", text(&pdf)]);
+    let board = printed.split("--board ").nth(1).unwrap().trim();
+    assert!(board.starts_with("acircles:9x4:3"), "{printed}");
     assert!(run("pdftotext", &[text(&pdf), "-"]).contains(board));
 }
 
 #[test]
-fn what_does_not_fit_and_wrong_use_are_told() {
+fn a_board_larger_than_the_paper_and_wrong_options_are_rejected() {
     for (arguments, code, part) in [
         (
             &["--board", evcal_tests::BOARD, "--pdf", "/nonexistent/b.pdf"][..],
@@ -128,7 +128,7 @@ fn what_does_not_fit_and_wrong_use_are_told() {
         (&["--paper", "b9", "--pdf", "b.pdf"], 2, "600x400mm"),
         (&["--margin=-1", "--svg", "b.svg"], 2, "--margin"),
     ] {
-        let refused = evcal(&[&["board"], arguments].concat());
-        assert!(refused.code == Some(code) && refused.stderr.contains(part), "{arguments:?}: {refused:?}");
+        let failed = evcal(&[&["board"], arguments].concat());
+        assert!(failed.code == Some(code) && failed.stderr.contains(part), "{arguments:?}: {failed:?}");
     }
 }

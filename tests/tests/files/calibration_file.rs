@@ -1,4 +1,4 @@
-//! `calibration.json` is one type: what is written is read, and written again the same; exports take all they need from it.
+//! `calibration.json` is one type: a file that is read and written again is identical, and exports need nothing else.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ fn recording() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("fixtures").join("board/events.dvraw")
 }
 
-/// The file as it is read; written again it has the same bytes.
+/// Reads the file and checks that writing it again yields the same bytes.
 fn round_trip(folder: &Path) -> CalibrationFile {
     let written = fs::read_to_string(folder.join("calibration.json")).unwrap();
     let read: CalibrationFile = serde_json::from_str(&written).unwrap();
@@ -19,7 +19,7 @@ fn round_trip(folder: &Path) -> CalibrationFile {
 }
 
 #[test]
-fn events_with_pictures_as_a_witness() {
+fn events_with_a_cross_check_by_frames() {
     let file = round_trip(&session_calibration());
     assert!(matches!(file.frames, Some(FramesResult::Witness(_))));
     assert!(file.residual_pattern.is_some() && file.stages.detection.is_some() && !file.event_classes.is_empty());
@@ -53,13 +53,13 @@ fn circles_and_a_model_that_was_chosen() {
 }
 
 #[test]
-fn an_export_of_the_file_is_that_of_the_calibration() {
+fn an_export_of_the_file_equals_the_export_of_the_calibration() {
     let folder = session_calibration();
     let calibration = folder.join("calibration.json");
     for (format, file) in
         [("opencv-yaml", "camera.yaml"), ("ros", "exports/camera_info.yaml"), ("kalibr", "exports/camchain.yaml")]
     {
-        // Kalibr lacks the model: that is noted on standard error.
+        // Kalibr does not have the model, which is noted on standard error.
         let exported = evcal(&["export", text(&calibration), "--format", format]);
         assert_eq!(exported.code, Some(0), "{}", exported.stderr);
         assert_eq!(exported.stdout, fs::read_to_string(folder.join(file)).unwrap(), "{format}");

@@ -1,5 +1,5 @@
-//! The camera models against OpenCV's `projectPoints` and `fisheye::projectPoints`: pixels and all
-//! derivatives. OpenCV's fisheye is defined in front of the camera only, so are the points here.
+//! Compares pixels and derivatives of the camera models with OpenCV's `projectPoints` and `fisheye::projectPoints`. All points
+//! are in front of the camera, because OpenCV's fisheye model is defined only there.
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_tests::readers::{ask, python};
@@ -33,7 +33,7 @@ struct Seen {
     point: Vector3<f64>,
 }
 
-/// Points at depths from 0.5 to 1.5 that are seen all over a DAVIS346.
+/// Returns points at depths from 0.5 to 1.5 whose pixels cover a DAVIS346.
 fn points(camera: &Camera<f64>) -> Vec<Seen> {
     (0..=25)
         .flat_map(|row| (0..=34).map(move |column| Vector2::new(f64::from(column) * 10.0, f64::from(row) * 10.0)))
@@ -70,7 +70,7 @@ fn pixels_and_derivatives_agree_with_opencv() {
             let projection = camera.project_with_jacobians(point).unwrap();
             let opencv = Vector2::from(opencv);
             assert!((projection.pixel - opencv).norm() < 1e-10, "{camera:?} {point} {opencv}");
-            // The bearing of the pixel is that point's.
+            // `unproject` inverts the projection.
             assert!((pixel - opencv).norm() < 1e-9, "{camera:?} {pixel} {opencv}");
             for (row, opencv) in derivatives.iter().enumerate() {
                 let (by_point, by_parameters) = (projection.by_point.row(row), projection.by_parameters.row(row));

@@ -1,4 +1,4 @@
-//! `camera.yaml` is read by OpenCV, and then OpenCV projects as `calibration.json` says.
+//! OpenCV reads `camera.yaml` and projects like the camera in `calibration.json`.
 
 use std::fs;
 use std::path::Path;
@@ -12,7 +12,7 @@ use evcal_tests::{camera, read_json};
 use nalgebra::{Vector2, Vector3};
 use serde_json::json;
 
-/// The distances between pixels all over the sensor and where OpenCV, with the camera in `file`, sees their bearings.
+/// Returns the distances between `pixels` and OpenCV's projections of their bearings with the camera in `file`.
 fn distances(file: &Path, camera: &Camera<f64>, pixels: impl Iterator<Item = Vector2<f64>>) -> Vec<f64> {
     let (pixels, bearings): (Vec<Vector2<f64>>, Vec<Vector3<f64>>) =
         pixels.filter_map(|pixel| Some((pixel, camera.unproject(&pixel)?))).unzip();
@@ -57,7 +57,7 @@ fn kannala_brandt() {
     agrees(KANNALA_BRANDT);
 }
 
-/// OpenCV has no such model: the file holds the nearest that it has, and says how near that is.
+/// OpenCV does not have this model: the file contains the closest OpenCV model and its deviation.
 #[test]
 fn inverse_radial() {
     let folder = INVERSE_RADIAL.own_calibration();
@@ -74,6 +74,6 @@ fn inverse_radial() {
     assert!(distances.len() > 500 && max < 0.1, "{} pixels, {max} px", distances.len());
     let largest = distances.iter().copied().fold(0.0, f64::max);
     let mean_square = distances.iter().map(|distance| distance * distance).sum::<f64>() / distances.len() as f64;
-    // The file speaks of every pixel.
+    // The file states the deviation over all pixels; the test uses every tenth.
     assert!(largest <= max && mean_square.sqrt() < 1.2 * rms, "{largest} and {} px", mean_square.sqrt());
 }

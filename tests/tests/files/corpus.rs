@@ -1,4 +1,4 @@
-//! What is fuzzed (`fuzz/src/targets.rs`) reads the corpus again: as it is, cut off, and with changed bytes.
+//! The fuzz targets (`fuzz/src/targets.rs`) read the corpus: unchanged, truncated, and with changed bytes.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,8 +8,8 @@ mod targets;
 
 use targets::{TARGETS, Target};
 
-/// Places at which a file is cut, and at which a byte is changed; all where it has no more bytes.
-const PLACES: usize = 400;
+/// Largest number of positions per file at which it is cut, or at which a byte is changed.
+const MOST_POSITIONS: usize = 400;
 
 fn files(target: &Target) -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/corpus").join(target.name);
@@ -22,27 +22,27 @@ fn files(target: &Target) -> Vec<PathBuf> {
     files
 }
 
-/// Whether no fuzzer found it.
+/// `true` if the file is a seed and was not found by a fuzzer.
 fn is_seed(file: &Path) -> bool {
     file.file_name().unwrap().to_str().unwrap().starts_with("seed")
 }
 
-fn places(length: usize) -> impl Iterator<Item = usize> {
-    (0..length).step_by(length.div_ceil(PLACES).max(1))
+fn positions(length: usize) -> impl Iterator<Item = usize> {
+    (0..length).step_by(length.div_ceil(MOST_POSITIONS).max(1))
 }
 
 #[test]
-fn the_corpus_is_read_as_it_is() {
+fn the_corpus_is_read_unchanged() {
     for target in TARGETS {
         for file in files(target) {
             let read = target.run(&fs::read(&file).unwrap());
-            // Of another format is only what a fuzzer found.
-            assert!(read || !is_seed(&file), "{} is no {}", file.display(), target.name);
+            // Only files that a fuzzer found may have another format.
+            assert!(read || !is_seed(&file), "{} is not a {}", file.display(), target.name);
         }
     }
 }
 
-/// Cut off or of another kind, a seed would lead a fuzzer nowhere.
+/// A seed that is truncated or has another format would not help a fuzzer.
 #[test]
 fn the_seeds_of_recordings_are_read_to_their_end() {
     for target in TARGETS {
@@ -53,7 +53,7 @@ fn the_seeds_of_recordings_are_read_to_their_end() {
     }
 }
 
-/// Images are kept whatever comes of them: those of the seeds are to be read.
+/// The target keeps folders whose images cannot be read; the images of the seeds must be readable.
 #[test]
 fn the_seeds_of_image_folders_are_images() {
     let target = TARGETS.iter().find(|target| target.name == "image-folder").unwrap();
@@ -64,11 +64,11 @@ fn the_seeds_of_image_folders_are_images() {
 }
 
 #[test]
-fn the_corpus_is_read_cut_off() {
+fn the_corpus_is_read_truncated() {
     for target in TARGETS {
         for file in files(target) {
             let bytes = fs::read(&file).unwrap();
-            for end in places(bytes.len()) {
+            for end in positions(bytes.len()) {
                 target.run(&bytes[..end]);
             }
         }
@@ -80,11 +80,11 @@ fn the_corpus_is_read_with_changed_bytes() {
     for target in TARGETS {
         for file in files(target) {
             let mut bytes = fs::read(&file).unwrap();
-            for place in places(bytes.len()) {
+            for position in positions(bytes.len()) {
                 for change in [0x01, 0x80, 0xFF] {
-                    bytes[place] ^= change;
+                    bytes[position] ^= change;
                     target.run(&bytes);
-                    bytes[place] ^= change;
+                    bytes[position] ^= change;
                 }
             }
         }

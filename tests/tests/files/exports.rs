@@ -1,4 +1,4 @@
-//! Every export format, read by the program that it is for, projects as the calibration does.
+//! Every export format projects like the calibration when the program that it is meant for reads it.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -12,7 +12,7 @@ use nalgebra::{Vector2, Vector3};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// Format, its reader, and the precision of that (px).
+/// Format, its reader, and the precision of the reader (px).
 const READERS: [(&str, &str, f64); 9] = [
     ("opencv-yaml", "OpenCV", 1e-6),
     ("opencv-xml", "OpenCV", 1e-6),
@@ -20,17 +20,17 @@ const READERS: [(&str, &str, f64); 9] = [
     ("ros", "PyYAML and OpenCV", 1e-6),
     ("kalibr", "PyYAML, Kalibr's rules", 1e-6),
     ("basalt", "JSON, basalt's rules", 1e-6),
-    // It computes in single precision.
+    // dv-processing computes in single precision.
     ("dv-xml", "dv-processing", 2e-4),
     ("dv-processing", "dv-processing", 2e-4),
     ("mrcal", "mrcal", 1e-6),
 ];
 
-/// Where the board was seen: all but the outermost corners.
+/// Region in which the board was seen: the sensor without its corners.
 const COVERED: [[f64; 2]; 8] =
     [[60., 0.], [285., 0.], [345., 50.], [345., 210.], [285., 259.], [60., 259.], [0., 210.], [0., 50.]];
 
-/// A calibration of `lens`.
+/// Writes a calibration of `lens` and returns its path.
 fn calibration(lens: &Lens, folder: &Path) -> std::path::PathBuf {
     let kind = lens.model.parse::<evcal_core::camera::ModelKind>().unwrap();
     let values = lens.parameters.split(',').map(|value| value.parse::<f64>().unwrap());
@@ -48,7 +48,7 @@ fn calibration(lens: &Lens, folder: &Path) -> std::path::PathBuf {
     file
 }
 
-/// Pixels where the board was seen, and their bearings.
+/// Returns pixels in the covered region and their bearings.
 fn pixels_and_bearings(camera: &Camera<f64>) -> (Vec<Vector2<f64>>, Vec<Vector3<f64>>) {
     let pixels = (0..=51).flat_map(|row| (0..=69).map(move |column| Vector2::new(column as f64, row as f64) * 5.0));
     let seen = |pixel: &Vector2<f64>| {
@@ -100,7 +100,7 @@ fn every_reader_projects_the_same_pixels() {
         let written = refit.as_ref().map_or(model, |refit| refit["model"].as_str().unwrap());
         let _ = writeln!(table, "{reader} | {format} | {model} | {written} | {worst:.2e} / {stated:.2e}");
         assert!(worst <= stated + precision, "{format} of {model}: {worst} px, {stated} px stated: {refit:?}");
-        // A statement that covers anything is none. The lenses' hardest pixels may lie between those asked for.
+        // The stated deviation must not be too large either. The worst pixel may lie between the sampled ones, hence the factor.
         assert!(worst >= 0.5 * stated - precision, "{format} of {model}: {worst} px, {stated} px stated: {refit:?}");
     }
     println!("{table}");
@@ -122,7 +122,7 @@ fn file_name(format: &str) -> &str {
 }
 
 #[test]
-fn a_table_holds_the_parameters_as_they_are() {
+fn the_csv_table_contains_the_exact_parameters() {
     let folder = TempDir::new().unwrap();
     for lens in lens::ALL {
         let file = calibration(&lens, folder.path());
@@ -138,11 +138,11 @@ fn a_table_holds_the_parameters_as_they_are() {
 }
 
 #[test]
-fn what_cannot_be_written_is_told() {
+fn a_format_that_cannot_contain_the_lens_is_rejected() {
     let folder = TempDir::new().unwrap();
     let wide = Lens { model: "kannala-brandt", parameters: "60,60,172.5,129.5,0,0,0,0" };
     let file = calibration(&wide, folder.path());
-    // It sees what lies behind it; no pinhole camera does.
+    // The lens sees points behind the camera, which a pinhole model cannot project.
     let failed = evcal(&["export", text(&file), "--format", "mrcal"]);
     assert_eq!(failed.code, Some(1), "{failed:?}");
     assert!(failed.stderr.contains("mrcal has no model that comes near this kannala-brandt"), "{failed:?}");
@@ -156,7 +156,7 @@ fn what_cannot_be_written_is_told() {
         (&["--camera-name", "x", "--c-header", "x.h"], "--format"),
         (&["--format", "ros", "--json"], "-o FILE"),
     ] {
-        let refused = evcal(&[&["export", text(&file)], arguments].concat());
-        assert!(refused.code == Some(2) && refused.stderr.contains(part), "{arguments:?}: {refused:?}");
+        let rejected = evcal(&[&["export", text(&file)], arguments].concat());
+        assert!(rejected.code == Some(2) && rejected.stderr.contains(part), "{arguments:?}: {rejected:?}");
     }
 }

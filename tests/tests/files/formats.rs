@@ -1,4 +1,4 @@
-//! Recordings that other programs write and read.
+//! Recordings that other programs write or read.
 
 use std::fs::{self, File};
 use std::io::BufWriter;
@@ -20,7 +20,7 @@ const SENSOR: Sensor = Sensor::new(346, 260);
 /// 10 September 2026 in µs.
 const UNIX_TIME: i64 = 1_789_000_000_000_000;
 
-/// Bursts, several events a microsecond, and rests.
+/// Returns events in bursts of several events per microsecond, with pauses.
 fn events(start: i64) -> Vec<Event> {
     let mixed = |index: i64| (index as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32;
     (0..20_000)
@@ -42,7 +42,7 @@ fn read(path: &Path, options: RecordingOptions) -> Vec<Event> {
     all_events(&mut reader)
 }
 
-/// Files of these programs, with these extensions, that hold `events`.
+/// Lets these programs write `events` to files with these extensions.
 fn written_by(programs: &[(&str, &str)], events: &[Event]) -> (TempDir, Vec<PathBuf>) {
     let folder = TempDir::new().unwrap();
     let path = |(program, extension): &(&str, &str)| folder.path().join(format!("{program}.{extension}"));
@@ -55,7 +55,7 @@ fn written_by(programs: &[(&str, &str)], events: &[Event]) -> (TempDir, Vec<Path
 }
 
 #[test]
-fn bags_and_arrays_of_their_own_writers_are_read() {
+fn bags_and_numpy_arrays_of_other_programs_are_read() {
     let programs = [
         ("rosbags-none", "bag"),
         ("rosbags-bz2", "bag"),
@@ -112,7 +112,7 @@ fn hdf5_of_all_layouts_and_compressions_is_read() {
 }
 
 #[test]
-fn compressions_of_hdf5_that_are_not_read_are_named() {
+fn unsupported_compressions_of_hdf5_are_named() {
     let programs = [
         ("hdf5-blosc2", "Blosc 2 (filter 32026)"),
         ("hdf5-bitshuffle", "Bitshuffle (filter 32008)"),
@@ -122,8 +122,8 @@ fn compressions_of_hdf5_that_are_not_read_are_named() {
     for (path, (_, name)) in paths.iter().zip(programs) {
         let error = Recording::new(path, RecordingOptions::default()).unwrap().open().err().unwrap().to_string();
         assert!(error.contains(name), "{error}");
-        let refused = evcal(&["info", text(path)]).stderr;
-        assert!(refused.contains(name) && refused.contains("h5repack"), "{refused}");
+        let failed = evcal(&["info", text(path)]).stderr;
+        assert!(failed.contains(name) && failed.contains("h5repack"), "{failed}");
     }
 }
 
@@ -144,15 +144,15 @@ fn frames_and_samples_of_mvsec_are_read() {
     assert_eq!((first.acceleration, first.angular_velocity), ([0.0, 1.0, -0.5], [180.0, 0.0, -90.0]));
     assert_eq!((frame.size, frame.channels, frame.pixels.len()), ((346, 260), 1, 346 * 260));
     assert!(frame.pixels.iter().enumerate().all(|(index, pixel)| usize::from(*pixel) == index % 251));
-    let told = converted(&paths[0], &folder.path().join("target.aedat4"));
-    assert!(told.contains("20000 events, 2 frames, 3 inertial samples") && !told.contains("not kept"), "{told}");
-    let told = converted(&paths[0], &folder.path().join("target.csv"));
-    assert!(told.contains("not kept: 2 frames") && told.contains("not kept: 3 inertial samples"), "{told}");
+    let report = converted(&paths[0], &folder.path().join("target.aedat4"));
+    assert!(report.contains("20000 events, 2 frames, 3 inertial samples") && !report.contains("not kept"), "{report}");
+    let report = converted(&paths[0], &folder.path().join("target.csv"));
+    assert!(report.contains("not kept: 2 frames") && report.contains("not kept: 3 inertial samples"), "{report}");
 }
 
 #[test]
 fn files_of_faery_are_read() {
-    // faery's files begin at 0.
+    // Times in faery's files begin at 0.
     let expected = events(0);
     let (_folder, paths) = written_by(&[("faery", "es"), ("faery", "dat")], &expected);
     for path in paths {
@@ -176,7 +176,7 @@ fn sample(t: i64) -> InertialSample {
     InertialSample { t, temperature: 31.0, acceleration: [1.0, -0.25, 0.0], angular_velocity: [90.0, -180.0, 0.5] }
 }
 
-/// A recording with events, frames and inertial samples.
+/// Writes a recording with events, frames and IMU samples.
 fn recording(path: &Path, start: i64) {
     let others = OtherStreams { frames: true, imu: true };
     let output = BufWriter::new(File::create(path).unwrap());
@@ -194,7 +194,7 @@ fn converted(source: &Path, target: &Path) -> String {
     finished.stdout
 }
 
-/// What `program` finds in the file at `path`.
+/// Reads the file at `path` with `program` and returns the content that it reports.
 fn read_by(program: &str, path: &Path) -> Value {
     let tasks = json!([{"action": "read", "program": program, "path": path}]);
     ask(&python(), "recordings.py", &json!({"tasks": tasks, "events": [], "size": [346, 260]}))[0].take()
@@ -211,8 +211,11 @@ fn written_bags_are_read_by_rosbags_and_mcap_with_frames_and_samples() {
     recording(&source, UNIX_TIME);
     for (program, extension) in [("rosbags", "bag"), ("mcap", "mcap")] {
         let target = folder.path().join(format!("target.{extension}"));
-        let told = converted(&source, &target);
-        assert!(told.contains("20000 events, 5 frames, 50 inertial samples") && told.contains("exposures"), "{told}");
+        let report = converted(&source, &target);
+        assert!(
+            report.contains("20000 events, 5 frames, 50 inertial samples") && report.contains("exposures"),
+            "{report}"
+        );
         assert_eq!(read(&target, RecordingOptions::default()), events(UNIX_TIME));
         let found = read_by(program, &target);
         assert!(found["events"] == rows(&events(UNIX_TIME)), "{program}");
@@ -233,7 +236,7 @@ fn written_bags_are_read_by_rosbags_and_mcap_with_frames_and_samples() {
                 "{values:?}"
             );
         }
-        // The way back keeps all that the bag holds.
+        // Converting back keeps the whole content of the bag.
         let again = folder.path().join(format!("{extension}.aedat4"));
         assert!(converted(&target, &again).contains("20000 events, 5 frames, 50 inertial samples"));
         assert_eq!(read(&again, RecordingOptions::default()), events(UNIX_TIME));
@@ -271,9 +274,9 @@ fn written_evt3_is_read_by_faery() {
     for start in [0, 123_456_789, UNIX_TIME] {
         let (source, target) = (folder.path().join("source.aedat4"), folder.path().join("target.raw"));
         recording(&source, start);
-        let told = converted(&source, &target);
+        let report = converted(&source, &target);
         let zero = if start == UNIX_TIME { UNIX_TIME } else { 0 };
-        assert_eq!(told.contains("times count from"), zero != 0, "{told}");
+        assert_eq!(report.contains("times count from"), zero != 0, "{report}");
         let expected = events(start - zero);
         assert_eq!(read(&target, RecordingOptions::default()), expected);
         let found = read_by("faery", &target);

@@ -1,4 +1,4 @@
-//! Images of a frame camera in bags that rosbags wrote, their JPEG and PNG by OpenCV.
+//! Images of a frame camera in bags written by rosbags, with JPEG and PNG images written by OpenCV.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use event_recordings::images::Images;
 use event_recordings::pictures::GreyImage;
 use serde_json::{Value, json};
 
-/// The only image of a topic.
+/// Reads the only image of a topic.
 fn image(bag: &Path, topic: &str, written: &Value) -> GreyImage {
     let images = Images::open(bag, Some(topic), Damage::Refuse, Stamps::Middle).unwrap().unwrap();
     let mut found = Vec::new();
@@ -23,7 +23,7 @@ fn image(bag: &Path, topic: &str, written: &Value) -> GreyImage {
     image
 }
 
-/// The middle of what is dark.
+/// Returns the centroid of the dark region.
 fn middle(image: &GreyImage) -> [f64; 2] {
     let paper = f64::from(image.pixels[0]);
     let mut sums = [0.0; 3];
@@ -50,7 +50,7 @@ fn images_of_other_writers_are_read() {
                 let expected = grey.as_bytes().as_chunks::<2>().0.iter();
                 let expected = expected.map(|pair| u8::from_str_radix(str::from_utf8(pair).unwrap(), 16).unwrap());
                 let most = found.pixels.iter().zip(expected).map(|(one, other)| one.abs_diff(other)).max();
-                // Two decoders of JPEG round differently.
+                // The two JPEG decoders round differently.
                 assert!(most <= Some(if topic.contains("jpeg") { 3 } else { 1 }), "{topic} of {ending}: {most:?}");
             }
             let middle = middle(&found);

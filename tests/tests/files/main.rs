@@ -1,4 +1,4 @@
-//! Files that evcal reads and writes, and its camera models, against other programs.
+//! Comparison of evcal's files and camera models with other programs.
 
 mod board;
 mod calibration_file;

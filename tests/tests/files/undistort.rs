@@ -1,4 +1,4 @@
-//! `evcal undistort` against OpenCV, on events and pictures.
+//! Comparison of `evcal undistort` with OpenCV, on events and images.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use event_recordings::{Recording, RecordingOptions};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// A recording of 0.3 s with frames through this lens.
+/// Returns the folder of a simulated recording of 0.3 s with frames through this lens.
 fn recording(lens: &Lens) -> PathBuf {
     lens.simulation("short", &["--motion", "fast", "--duration", "300ms", "--frames"])
 }
@@ -22,14 +22,14 @@ fn events(path: &Path) -> Vec<Event> {
     all_events(&mut reader)
 }
 
-/// fx 0 cx, 0 fy cy, 0 0 1 of a camera file, and the coefficients.
+/// Reads the camera matrix (fx 0 cx, 0 fy cy, 0 0 1) and the distortion coefficients of a camera file.
 fn matrix_and_distortion(file: &Path) -> (Value, Vec<f64>) {
     let parameters = evcal_tests::camera(file).parameters();
     let [fx, fy, cx, cy] = parameters[..4] else { panic!("four parameters come first") };
     (json!([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]), parameters[4..].to_vec())
 }
 
-/// A picture with soft waves: bilinear interpolation is nearly exact, and every error of place shows.
+/// Writes an image of smooth waves: bilinear interpolation is nearly exact, and any position error changes grey values.
 fn picture(folder: &Path) -> PathBuf {
     let path = folder.join("waves.png");
     let wave = |x: u32, y: u32| 128.0 + 50.0 * (f64::from(x) * 0.13).sin() + 50.0 * (f64::from(y) * 0.11).cos();
@@ -54,7 +54,7 @@ fn agrees(lens: Lens, alpha: Option<&str>) {
     };
 
     let sub_pixel = folder.path().join("sub-pixel.csv");
-    let told = undistort(&aedat4, &sub_pixel, &["--subpixel"]);
+    let report = undistort(&aedat4, &sub_pixel, &["--subpixel"]);
     let before = events(&aedat4);
     let waves = picture(folder.path());
     let straight = folder.path().join("straight.png");
@@ -72,7 +72,7 @@ fn agrees(lens: Lens, alpha: Option<&str>) {
     });
     let opencv = ask(&python(), "undistort.py", &question);
 
-    // Events, in their order, without those beyond the image.
+    // Events, in order, without those outside the image.
     let expected: Vec<[f64; 2]> = serde_json::from_value(opencv["points"].clone()).unwrap();
     let on_image = |[x, y]: [f64; 2]| (-0.5..345.5).contains(&x) && (-0.5..259.5).contains(&y);
     let lines = fs::read_to_string(&sub_pixel).unwrap();
@@ -90,14 +90,14 @@ fn agrees(lens: Lens, alpha: Option<&str>) {
         }
         let row = rows.next().unwrap();
         assert_eq!((row[0], row[3]), (event.t as f64, f64::from(event.polarity.index() as u8)));
-        let apart = (row[1] - expected[0]).hypot(row[2] - expected[1]);
-        assert!(apart < 1e-4, "{} {event:?}: {row:?}, {expected:?}", lens.model);
+        let distance = (row[1] - expected[0]).hypot(row[2] - expected[1]);
+        assert!(distance < 1e-4, "{} {event:?}: {row:?}, {expected:?}", lens.model);
     }
-    assert_eq!(told["recording"]["events"], written.len());
-    assert_eq!(told["recording"]["events_outside"], before.len() - written.len());
+    assert_eq!(report["recording"]["events"], written.len());
+    assert_eq!(report["recording"]["events_outside"], before.len() - written.len());
     assert!(alpha == Some("1") || outside > 0, "no event leaves the image");
 
-    // The picture.
+    // The image.
     let rows: Vec<Vec<f64>> = serde_json::from_value(opencv["picture"].clone()).unwrap();
     let Samples::Eight(found) = image_file::read(&straight).unwrap().samples else { panic!("8 bits stay 8 bits") };
     let differences =
@@ -109,7 +109,7 @@ fn agrees(lens: Lens, alpha: Option<&str>) {
     println!("{} alpha {alpha:?}: {} events, picture within {worst} grey levels", lens.model, written.len());
 
     if let (Some(_), Some(optimal)) = (alpha, opencv["optimal"].as_array()) {
-        // OpenCV inverts its distortion by five steps of a fixed-point iteration only.
+        // OpenCV inverts its distortion with only five steps of a fixed-point iteration.
         for (row, column) in [(0, 0), (1, 1), (0, 2), (1, 2)] {
             let (ours, theirs) = (new_matrix[row][column].as_f64().unwrap(), optimal[row][column].as_f64().unwrap());
             assert!((ours - theirs).abs() < 0.01 * 346.0, "{row} {column}: {ours} {theirs}");
@@ -128,7 +128,7 @@ fn radtan_without_black_corners() {
 }
 
 #[test]
-fn radtan_loses_nothing() {
+fn radtan_without_lost_pixels() {
     agrees(RADTAN, Some("1"));
 }
 
@@ -158,19 +158,20 @@ fn recordings_are_written_in_every_format_with_their_frames() {
             Some((t as i64, x, y))
         })
         .collect();
+    assert_eq!(undistort("fractions.h5", &["--subpixel"]).0["recording"]["events"], fractions.len());
     for extension in ["aedat4", "csv", "bin", "dvraw", "bag", "mcap", "raw", "npz", "h5"] {
-        // The camera that goes with them has their name without its ending.
+        // The camera file is named after the recording without its extension, so each recording needs a name of its own.
         let name = format!("{extension}-events.{extension}");
-        let (told, path) = undistort(&name, &[]);
-        assert_eq!(told["recording"]["events"], fractions.len(), "{name}");
+        let (report, path) = undistort(&name, &[]);
+        assert_eq!(report["recording"]["events"], fractions.len(), "{name}");
         let holds_frames = ["aedat4", "dvraw", "bag", "mcap"].contains(&extension);
-        assert_eq!(told["recording"]["frames"].as_u64().unwrap() > 0, holds_frames, "{name}: {told}");
+        assert_eq!(report["recording"]["frames"].as_u64().unwrap() > 0, holds_frames, "{name}: {report}");
         if !["bin", "dvraw"].contains(&extension) {
             let written = events(&path);
             assert_eq!(written.len(), fractions.len());
             for (event, &(t, x, y)) in written.iter().zip(&fractions) {
-                // The text has four decimals.
-                let near = |pixel: u16, place: f64| (f64::from(pixel) - place).abs() <= 0.5 + 1e-4;
+                // The CSV file has four decimals.
+                let near = |pixel: u16, position: f64| (f64::from(pixel) - position).abs() <= 0.5 + 1e-4;
                 assert!(event.t == t && near(event.x, x) && near(event.y, y), "{name}: {event:?}, {x}, {y}");
             }
         }
@@ -183,7 +184,7 @@ fn recordings_are_written_in_every_format_with_their_frames() {
 }
 
 #[test]
-fn what_cannot_be_undistorted_is_told() {
+fn wrong_inputs_and_options_are_rejected() {
     let folder = TempDir::new().unwrap();
     let source = recording(&RADTAN);
     let (truth, aedat4) = (source.join("truth.json"), source.join("events.aedat4"));
@@ -195,14 +196,14 @@ fn what_cannot_be_undistorted_is_told() {
     for (input, output, options, code, part) in [
         (&small, &folder.path().join("o.png"), &[][..], 1, "64 x 48"),
         (&aedat4, &there, &[], 1, "already"),
-        (&aedat4, &new, &["--subpixel"], 1, ".bin (EventCalib)"),
+        (&aedat4, &new, &["--subpixel"], 1, ".h5, .hdf5 or .bin (EventCalib)"),
         (&aedat4, &new, &["--alpha", "2"], 2, "--alpha"),
         (&aedat4, &new, &["--sensor", "640x480"], 1, "640 x 480"),
         (&aedat4, &new, &["--model", "fisheye"], 2, "equidistant"),
     ] {
         let arguments = ["undistort", text(input), "-c", text(&truth), "-o", text(output)];
-        let refused = evcal(&[&arguments, options].concat());
-        assert!(refused.code == Some(code) && refused.stderr.contains(part), "{options:?}: {refused:?}");
+        let failed = evcal(&[&arguments, options].concat());
+        assert!(failed.code == Some(code) && failed.stderr.contains(part), "{options:?}: {failed:?}");
     }
     assert!(!new.exists());
 }

@@ -1,8 +1,8 @@
-//! A checksum of events, to compare what two programs received.
+//! A checksum of events, for comparing the events that two programs received.
 
 use std::fmt;
 
-/// Sum over events that depends on their order.
+/// Checksum of events that depends on their order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Checksum {
     count: u64,
@@ -17,7 +17,7 @@ impl Checksum {
         self.sum = self.sum.wrapping_mul(0x100_0000_01B3).wrapping_add(event);
     }
 
-    /// How many events were added.
+    /// Returns the number of events added.
     pub fn count(&self) -> u64 {
         self.count
     }

@@ -1,5 +1,5 @@
-//! Receives events from the first camera with the crate neuromorphic-drivers, and prints how many
-//! there were and a checksum: `usb-davis-compatibility COUNT`.
+//! Receives events from the first camera with the crate neuromorphic-drivers, and prints their number and a checksum:
+//! `usb-davis-compatibility COUNT`.
 
 use std::error::Error;
 use std::time::{Duration, Instant};

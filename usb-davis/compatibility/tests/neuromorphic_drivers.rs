@@ -36,8 +36,8 @@ fn receives_the_same_events() {
     for PolarityEvent { time, x, y, polarity } in (0..COUNT).map(event) {
         expected.add(time, x, y, polarity == Polarity::On);
     }
-    // This driver starts the camera before it queues its transfers, and gives each its place when it
-    // queues it: transfers that complete meanwhile would come out of order.
+    // This driver starts the camera before it queues its transfers, and numbers each transfer when it queues it, so
+    // transfers that complete in between would be out of order.
     let model = Model::new("00000042", source).with_delay(Duration::from_millis(500));
     let bus = EmulatedBus::start(model).expect("the bus starts");
     let output = Command::new(env!("CARGO_BIN_EXE_usb-davis-compatibility"))

@@ -1,19 +1,20 @@
-//! Plugs a DAVIS346 in software into this computer, for trying a driver without a camera: every program sees it in
+//! Emulates a DAVIS346 on this computer, for testing a driver without a camera: every program sees the camera in
 //! `/dev/bus/usb`. Needs root and the kernel's virtual USB controller (`modprobe vhci-hcd`).
 //!
-//! `davis-emulate RECORDING [OPTION]…` sends the recording (`.dvraw`, pcap, pcapng or bare payload) whenever the camera is
-//! started, as the recorded camera and at its pace, until Ctrl-C. Exit status: 1 when that fails, 2 for wrong arguments.
+//! `davis-emulate RECORDING [OPTION]…` sends the recording (`.dvraw`, pcap, pcapng or bare payload) whenever the camera
+//! is started, with the identity and timing of the recorded camera, until Ctrl-C. Exit status: 1 after a failure, 2 for
+//! wrong arguments.
 //!
-//! | option | what happens |
+//! | option | effect |
 //! |---|---|
-//! | `full` | sent as fast as the program takes it; nothing is dropped |
-//! | `serial=TEXT` | another serial number; with it, several cameras can be emulated at a time |
-//! | `device=BUS.DEVICE` | of a pcap or pcapng capture with several cameras, this one |
-//! | `unplug-at=BYTES` | unplugged when it has sent so much |
-//! | `plug-in-after=SECONDS` | plugged in again so long after that, with its first registers |
-//! | `stall-at=BYTES` | the data endpoint halts until the program clears it |
-//! | `cuts=LENGTH,…` | transfers of these lengths, over and over, odd ones included |
-//! | `bad-word-every=WORDS` | of so many words, the last is replaced by one that no camera sends |
+//! | `full` | sends as fast as the program reads; nothing is dropped |
+//! | `serial=TEXT` | sets another serial number, so that several cameras can be emulated at the same time |
+//! | `device=BUS.DEVICE` | chooses a device in a pcap or pcapng capture with several cameras |
+//! | `unplug-at=BYTES` | unplugs the camera after this many bytes were sent |
+//! | `plug-in-after=SECONDS` | plugs the camera in again this long after that, with its initial registers |
+//! | `stall-at=BYTES` | halts the data endpoint until the program clears the halt |
+//! | `cuts=LENGTH,…` | uses transfers of these lengths, repeatedly, odd lengths included |
+//! | `bad-word-every=WORDS` | replaces the last of every WORDS words by a word that no camera sends |
 #![cfg_attr(not(target_os = "linux"), allow(unused, reason = "only Linux has the virtual USB controller"))]
 
 use std::error::Error;
@@ -33,13 +34,13 @@ use usb_davis::emulator::{CapturePieces, Faults, Model, Pace, Piece};
 
 const USAGE: &str = "usage: davis-emulate RECORDING [full] [serial=TEXT] [device=BUS.DEVICE] [unplug-at=BYTES] \
      [plug-in-after=SECONDS] [stall-at=BYTES] [cuts=LENGTH,...] [bad-word-every=WORDS]";
-/// How often to look what has happened.
+/// Interval at which the state of the camera is checked.
 const POLL: Duration = Duration::from_millis(50);
 /// Longest wait for the kernel to number the camera.
 const ENUMERATION: Duration = Duration::from_secs(10);
-/// Pieces that are read ahead.
+/// Number of pieces that are read ahead.
 const AHEAD: usize = 64;
-/// Serial number of a camera whose recording names none.
+/// Serial number of the camera if the recording contains none.
 const SERIAL: &str = "00000000";
 
 #[derive(Clone)]
@@ -56,7 +57,7 @@ struct Arguments {
     faults: Faults,
 }
 
-/// The value of an option.
+/// Parses the value of an option.
 fn value<T: FromStr<Err: Display>>(option: &str, text: &str) -> Result<T, String> {
     text.parse().map_err(|error| format!("{option}: {error}"))
 }
@@ -88,7 +89,7 @@ fn parse(arguments: &[String]) -> Result<Arguments, String> {
             Some(("bad-word-every", text)) => {
                 parsed.faults.bad_word_every = Some(value::<NonZeroU64>(option, text)?.get());
             }
-            _ => return Err(format!("{option} is no option\n{USAGE}")),
+            _ => return Err(format!("unknown option {option}\n{USAGE}")),
         }
     }
     if parsed.plug_in_after.is_some() && parsed.faults.unplug_at.is_none() {
@@ -97,7 +98,7 @@ fn parse(arguments: &[String]) -> Result<Arguments, String> {
     Ok(parsed)
 }
 
-/// Reads a recording to its end, or until nobody takes the pieces.
+/// Reads a recording to its end, or until the receiver of the pieces is gone.
 fn read(recording: &Recording, pieces: &SyncSender<Piece>) -> Result<(), CaptureError> {
     for piece in CapturePieces::new(Capture::open_device(&recording.path, recording.device)?) {
         if pieces.send(piece?).is_err() {
@@ -107,8 +108,8 @@ fn read(recording: &Recording, pieces: &SyncSender<Piece>) -> Result<(), Capture
     Ok(())
 }
 
-/// Starts to read the recording with each call, in a thread: neither a slow disk nor a long capture delays the camera.
-/// `failures` gets what ends the reading too early.
+/// Returns a function that starts to read the recording, in a thread of its own, so that neither a slow disk nor a long
+/// capture delays the camera. Errors that end the reading early are sent to `failures`.
 fn plays(recording: Recording, failures: Sender<CaptureError>) -> impl FnMut() -> mpsc::IntoIter<Piece> + Send {
     move || {
         let (sender, pieces) = mpsc::sync_channel(AHEAD);
@@ -150,7 +151,7 @@ fn emulate(arguments: Arguments) -> Result<(), Box<dyn Error>> {
     }
 }
 
-/// Tells where the camera is.
+/// Prints the bus and address of the camera.
 #[cfg(target_os = "linux")]
 fn announce(camera: &VirtualCamera, serial: &str) -> Result<(), Box<dyn Error>> {
     let end = Instant::now() + ENUMERATION;
@@ -158,7 +159,7 @@ fn announce(camera: &VirtualCamera, serial: &str) -> Result<(), Box<dyn Error>> 
         match camera.location()? {
             Some(location) => break location,
             None if Instant::now() < end => sleep(POLL),
-            None => return Err("the kernel does not enumerate the camera; `dmesg` tells why".into()),
+            None => return Err("the kernel does not enumerate the camera; see `dmesg` for the reason".into()),
         }
     };
     println!(

@@ -1,7 +1,8 @@
-//! Records a DAVIS346 into a `.dvraw` file: the smallest program that uses the camera.
+//! Records a DAVIS346 into a `.dvraw` file; a minimal program that uses the camera.
 //!
-//! `davis-record` lists cameras; `davis-record OUT.dvraw [SECONDS] [frames] [bytes=LIMIT]` records for
-//! that long or until that much was received. What happened is printed as one line of JSON. Exit status: 0 recorded, 1 not, or not to the end.
+//! `davis-record` lists cameras; `davis-record OUT.dvraw [SECONDS] [frames] [bytes=LIMIT]` records for that time or
+//! until that many bytes were received. It prints one line of JSON with the result. Exit status: 0 if the recording is
+//! complete, 1 otherwise.
 
 use std::error::Error;
 use std::fs::File;
@@ -30,7 +31,7 @@ fn cameras() -> Result<Value, Box<dyn Error>> {
 fn record(path: &str, duration: Duration, limit: u64, streams: Streams) -> Result<(Value, bool), Box<dyn Error>> {
     let mut camera = Camera::open(&Selector::default())?;
     camera.configure(&Configuration::calibration())?;
-    // Only a camera that runs makes a file.
+    // The file is created only once the camera runs.
     let mut stream = camera.start(streams, Queue::default())?;
     let mut dump = DumpWriter::new(File::create(path)?, stream.header(), Compression::None)?;
     let end = Instant::now() + duration;

@@ -1,4 +1,4 @@
-//! Packets of a pcap or pcapng file, one at a time.
+//! Reads packets of a pcap or pcapng file, one at a time.
 //!
 //! ```text
 //! pcap    magic (gives byte order and ns or µs) · version · 8 bytes · snap length · link type
@@ -14,9 +14,9 @@ use std::io::{self, Read};
 
 use super::CaptureError;
 
-/// Longest packet or block: more is damage.
+/// Largest length of a packet or block; a larger one indicates damage.
 const LENGTH_MOST: u32 = 1 << 26;
-/// Most interfaces of a section: more is damage, and each is kept.
+/// Largest number of interfaces in a section; more indicate damage, and each takes memory.
 const INTERFACES_MOST: usize = 1 << 16;
 
 /// One captured packet.
@@ -26,7 +26,7 @@ pub(super) struct Packet<'a> {
     /// ns since 1970.
     pub(super) time_ns: u64,
     pub(super) big_endian: bool,
-    /// The file holds fewer bytes than there were.
+    /// `true` if the file contains fewer bytes than the packet had.
     pub(super) cut: bool,
     pub(super) data: &'a [u8],
 }
@@ -34,11 +34,11 @@ pub(super) struct Packet<'a> {
 #[derive(Clone, Copy, Debug)]
 struct Interface {
     link_type: u16,
-    /// Length of a tick, as ticks per second.
+    /// Clock ticks per second.
     ticks_per_second: u64,
 }
 
-/// What kind of packet file it is, with the interfaces that it names.
+/// Format of a packet file, with the interfaces that it defines.
 enum PacketFile {
     Pcap(Interface),
     PcapNg(Vec<Interface>),
@@ -50,10 +50,10 @@ pub(super) struct PacketReader<R> {
     file: PacketFile,
     big_endian: bool,
     data: Vec<u8>,
-    /// Offset of the packet or block that is read, and of what is read next.
+    /// Offset of the current packet or block, and of the next byte to be read.
     begin: u64,
     position: u64,
-    /// The file ends within a packet.
+    /// `true` if the file ends within a packet.
     ends_within: bool,
 }
 
@@ -95,7 +95,7 @@ impl Fields<'_> {
 
 const SECTION: u32 = 0x0A0D_0D0A;
 
-/// Whether these first four bytes are those of a pcap or pcapng file.
+/// Returns `true` if the first four bytes are those of a pcap or pcapng file.
 pub(super) fn is_packet_file(magic: [u8; 4]) -> bool {
     let magic = u32::from_be_bytes(magic);
     [magic, magic.swap_bytes()].iter().any(|magic| matches!(magic, 0xA1B2_C3D4 | 0xA1B2_3C4D)) || magic == SECTION
@@ -135,17 +135,17 @@ impl<R: Read> PacketReader<R> {
         Ok(reader)
     }
 
-    /// Bytes of a packet within which the file ended.
+    /// Returns the number of bytes of an incomplete packet at the end of the file.
     pub(super) fn unfinished(&self) -> u64 {
         if self.ends_within { self.position - self.begin } else { 0 }
     }
 
-    /// An error about the packet or block that is read.
+    /// Returns an error at the current packet or block.
     fn damaged(&self, what: impl Into<String>) -> CaptureError {
         CaptureError::Damaged { byte: self.begin, what: what.into() }
     }
 
-    /// The next packet; `None` at the end of the file or of its last whole packet.
+    /// Returns the next packet; `None` at the end of the file or after its last whole packet.
     pub(super) fn next(&mut self) -> Result<Option<Packet<'_>>, CaptureError> {
         match self.file {
             PacketFile::Pcap(interface) => self.next_pcap(interface),
@@ -153,27 +153,27 @@ impl<R: Read> PacketReader<R> {
         }
     }
 
-    /// Reads `length` bytes into `data`; false if the file ends before.
+    /// Reads `length` bytes into `data`; returns `false` if the file ends before.
     fn take(&mut self, length: u32) -> Result<bool, CaptureError> {
         if length > LENGTH_MOST {
             return Err(self.damaged(format!("a packet of {length} bytes")));
         }
         self.data.clear();
-        // Grows with what is there, for the length may be a lie.
+        // The buffer grows with the data that exist, because `length` may be wrong.
         let got = self.input.by_ref().take(length.into()).read_to_end(&mut self.data)?;
         self.position += got as u64;
         self.ends_within |= got < length as usize;
         Ok(got == length as usize)
     }
 
-    /// Reads a head of `N` bytes; `None` if the file ends before.
+    /// Reads a header of `N` bytes; `None` if the file ends before.
     fn head<const N: usize>(&mut self) -> Result<Option<[u8; N]>, CaptureError> {
         let mut head = [0; N];
         let mut got = 0;
         while let Some(rest) = head.get_mut(got..).filter(|rest| !rest.is_empty()) {
             match self.input.read(rest) {
                 Ok(0) => {
-                    // An end between packets is none within one.
+                    // An end between two packets is regular.
                     self.ends_within |= self.position > self.begin;
                     return Ok(None);
                 }
@@ -203,7 +203,7 @@ impl<R: Read> PacketReader<R> {
         Ok(Some(Packet { link_type: interface.link_type, time_ns, big_endian, cut, data: &self.data }))
     }
 
-    /// The rest of a section block whose type was read; false if the file ends before.
+    /// Reads the rest of a section block after its type; returns `false` if the file ends before.
     fn section(&mut self) -> Result<bool, CaptureError> {
         let Some(head) = self.head::<8>()? else { return Ok(false) };
         let [_, _, _, _, magic @ ..] = head;
@@ -231,7 +231,7 @@ impl<R: Read> PacketReader<R> {
             let kind = Fields { bytes: &kind, big_endian }.u32(0);
             let Some(length) = self.head::<4>()? else { return Ok(None) };
             let length = Fields { bytes: &length, big_endian }.u32(0);
-            // What stands around the bytes of a packet.
+            // Bytes around the data of a packet.
             let least = match kind {
                 3 => 16,
                 6 => 32,
@@ -287,7 +287,7 @@ impl<R: Read> PacketReader<R> {
     }
 }
 
-/// Ticks per second of an interface block: its option 9, else 10^6.
+/// Returns the ticks per second of an interface block: its option 9, or 10^6 without it.
 fn resolution(fields: Fields<'_>, length: u32) -> u64 {
     let mut at = 8;
     while at + 4 <= length as usize {

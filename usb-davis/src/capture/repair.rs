@@ -1,57 +1,55 @@
-//! Puts the time right after bytes were lost.
+//! Corrects the time after bytes were lost.
 //!
-//! The stream tells time by 15 bits and by words that count how often these wrapped, every 32.8 ms.
-//! If such words are lost, all later times are short by a multiple of 2^15 µs. The computer's clock
-//! tells how many: a transfer arrives about as long after its last word as transfers before the gap
-//! did after theirs.
+//! Times in the stream consist of 15 bits and of wrap words that count their overflows, every 32.8 ms. If wrap words
+//! are lost, all later times are too small by a multiple of 2^15 µs. The host clock determines the multiple: a transfer
+//! arrives about as long after its last word as the transfers before the gap did after theirs.
 //!
-//! A transfer that was kept waiting looks like one wrap more. Those after it then seem to arrive before
-//! they were sent, which contradicts it: the wrap is taken back at the next gap over which the time need
-//! not run back for that.
+//! A delayed transfer looks like one more wrap. The following transfers then seem to arrive before they were sent,
+//! which disproves the wrap. It is taken back at the next gap that is long enough for the time not to run back.
 
 use crate::dump::{Transfer, TransferStatus};
 use crate::protocol::word::{Special, Word};
 use crate::protocol::{Decoder, Message};
 
-/// Time between wraps in µs.
+/// Time between wraps, in µs.
 const WRAP: i64 = 1 << 15;
-/// Arrivals this much earlier than expected still count to the same wrap; later ones may be late by
-/// the rest of a wrap (µs).
+/// Arrivals up to this much earlier than expected still count to the same wrap; arrivals may be late by up to the rest
+/// of a wrap (µs).
 const EARLY: i64 = 8192;
-/// How far back arrivals are compared, and for how long after a gap they may contradict what was done
-/// about it: longer would mix in the drift of the clocks (µs).
+/// Period over which arrivals are compared, and within which arrivals after a gap may disprove its correction. A longer
+/// period would include the drift of the clocks (µs).
 const MEMORY: i64 = 1_000_000;
 
-/// Gaps, and what was done about the time.
+/// Number of gaps and amount of the corrections.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RepairCounts {
-    /// Gaps.
+    /// Number of gaps.
     pub gaps: u64,
-    /// Gaps in which wrap words had been lost.
+    /// Number of gaps in which wrap words were lost.
     pub repaired: u64,
-    /// Time that they stood for, in µs.
+    /// Total time of the lost wrap words, in µs.
     pub restored_us: u64,
-    /// Time that was too much and was taken back at a later gap, in µs.
+    /// Excess time that was taken back at a later gap, in µs.
     pub taken_back_us: u64,
 }
 
-/// A gap in which wrap words had been lost.
+/// A gap in which wrap words were lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Repair {
-    /// The first time after it, put right, in µs since the camera's latest timestamp reset.
+    /// First time after the gap, corrected, in µs since the camera's latest timestamp reset.
     pub time: u64,
-    /// By how much this and all later times were put later, in µs.
+    /// Amount added to this and all later times, in µs.
     pub restored_us: u64,
-    /// So much of that was too much, as later transfers show, in µs: times up to the gap at which it
-    /// is taken back are late by it.
+    /// Part of the amount that later transfers proved excessive, in µs. Times are too large by it until the gap at
+    /// which it is taken back.
     pub excess_us: u64,
 }
 
-/// The smallest difference between the computer's clock and the camera's of late: transfers that
-/// waited for the computer have a larger one.
+/// The smallest recent difference between host clock and camera clock. Transfers that were delayed by the host have a
+/// larger difference.
 #[derive(Clone, Copy, Debug, Default)]
 struct Offset {
-    /// Since when `recent` is kept, in µs of the computer's clock.
+    /// Start of the period of `recent`, in µs of the host clock.
     since: i64,
     recent: Option<i64>,
     before: Option<i64>,
@@ -71,52 +69,50 @@ impl Offset {
     }
 }
 
-/// What was done about the latest gap, while later transfers may contradict it.
+/// Correction of the latest gap, while later transfers may disprove it.
 #[derive(Clone, Copy, Debug)]
 struct Doubt {
-    /// The difference of the clocks before the gap, and the smallest since.
+    /// Difference of the clocks before the gap, and smallest difference since.
     before: i64,
     since: i64,
-    /// Until when transfers count, in µs of the computer's clock.
+    /// End of the period in which transfers count, in µs of the host clock.
     until: i64,
-    /// Wraps that were restored.
+    /// Number of wraps that were restored.
     wraps: i64,
 }
 
-/// Decodes transfers, and puts the time right after each gap.
+/// Decodes transfers, and corrects the time after each gap.
 ///
-/// Lost wrap words are counted by the host times of the transfers. A transfer that reaches the
-/// computer more than 24 ms late right after a gap is taken for one wrap more, until transfers in the
-/// second after it contradict that: then the wrap is taken back at the next gap that is long enough.
-/// Without host times, or before the first good transfer, the time still never runs back over a gap. It
-/// runs on at least to the first time that the stream then tells.
+/// The number of lost wrap words follows from the host times of the transfers. A transfer that arrives more than 24 ms
+/// late right after a gap counts as one more wrap. If transfers in the second after it disprove that, the wrap is taken
+/// back at the next gap that is long enough. Without host times, or before the first good transfer, the time still
+/// never runs back over a gap: it advances at least to the first time in the following stream.
 #[derive(Clone, Debug, Default)]
 pub struct GapRepair {
-    /// Between the computer's clock and what the camera's would be if it were not ahead.
+    /// Difference between the host clock and the camera clock without excess wraps.
     offset: Offset,
-    /// Wraps by which the time is known to be ahead.
+    /// Number of wraps by which the time is known to be ahead.
     ahead: i64,
     doubt: Option<Doubt>,
-    /// A gap after which no word has told time yet.
+    /// `true` after a gap until a word carries time.
     open: bool,
     counts: RepairCounts,
     repairs: Vec<Repair>,
 }
 
 impl GapRepair {
-    /// What was done so far.
+    /// Returns the number of gaps and the amount of the corrections so far.
     pub fn counts(&self) -> RepairCounts {
         self.counts
     }
 
-    /// The gaps after which the time was put right, in order.
+    /// Returns the gaps after which the time was corrected, in order.
     pub fn repairs(&self) -> &[Repair] {
         &self.repairs
     }
 
-    /// Gives a transfer to a decoder: a gap first if bytes were lost, the payload if it can be
-    /// trusted, a gap instead of it if not. That the camera went away ends the stream but makes no
-    /// gap in it.
+    /// Passes a transfer to a decoder: first a gap if bytes were lost, then the payload, or a gap instead of the
+    /// payload if the transfer failed. The removal of the camera ends the stream but is not a gap.
     pub fn decode<S: AsRef<[u16]> + AsMut<[u16]>>(
         &mut self,
         transfer: &Transfer<'_>,
@@ -134,10 +130,10 @@ impl GapRepair {
         }
         let host = transfer.host_ns.and_then(|host| i64::try_from(host / 1000).ok());
         if self.open
-            && let Some(told) = Told::new(transfer.payload)
+            && let Some(times) = StreamTimes::new(transfer.payload)
         {
             self.open = false;
-            self.restore(&told, host, decoder);
+            self.restore(&times, host, decoder);
         }
         let resets = decoder.counts().timestamp_resets;
         decoder.decode(transfer.payload, sink);
@@ -149,7 +145,7 @@ impl GapRepair {
         }
     }
 
-    /// Takes note of when a transfer arrived whose last time is `camera`.
+    /// Records the arrival of a transfer whose last time is `camera`.
     fn compare(&mut self, host: i64, camera: i64) {
         let Some(doubt) = self.doubt.as_mut() else { return self.offset.add(host, camera - self.ahead * WRAP) };
         doubt.since = doubt.since.min(host - (camera - self.ahead * WRAP));
@@ -167,20 +163,25 @@ impl GapRepair {
         }
     }
 
-    fn restore<S: AsRef<[u16]> + AsMut<[u16]>>(&mut self, told: &Told, host: Option<i64>, decoder: &mut Decoder<S>) {
+    fn restore<S: AsRef<[u16]> + AsMut<[u16]>>(
+        &mut self,
+        times: &StreamTimes,
+        host: Option<i64>,
+        decoder: &mut Decoder<S>,
+    ) {
         let signed = |time: u64| i64::try_from(time).unwrap_or(i64::MAX);
         let (wrap, time) = (signed(decoder.wrap_time()), signed(decoder.time()));
         // The time must not run back.
-        let fewest = (time.saturating_sub(wrap).saturating_sub(told.first) + WRAP - 1).div_euclid(WRAP);
+        let fewest = (time.saturating_sub(wrap).saturating_sub(times.first) + WRAP - 1).div_euclid(WRAP);
         let known = self.offset.get().zip(host);
         let expected = known.map(|(offset, host)| {
             let end = host.saturating_sub(offset);
-            end.saturating_sub(wrap).saturating_sub(told.last).saturating_add(EARLY).div_euclid(WRAP)
+            end.saturating_sub(wrap).saturating_sub(times.last).saturating_add(EARLY).div_euclid(WRAP)
         });
         let wraps = fewest.max(expected.unwrap_or(0)).max(0);
         self.doubt = None;
         if let Some(expected) = expected {
-            // No more can be too much than was restored.
+            // The excess cannot be larger than the amount restored.
             let restored = i64::try_from(self.counts.restored_us >> 15).unwrap_or(i64::MAX);
             let ahead = (wraps - expected).clamp(0, restored);
             self.counts.taken_back_us += u64::try_from(self.ahead - ahead).unwrap_or(0) << 15;
@@ -191,7 +192,7 @@ impl GapRepair {
         let restored_us = count.saturating_mul(1 << 15);
         self.counts.repaired += 1;
         self.counts.restored_us = self.counts.restored_us.saturating_add(restored_us);
-        let first = u64::try_from(told.first).unwrap_or(0);
+        let first = u64::try_from(times.first).unwrap_or(0);
         self.repairs.push(Repair { time: decoder.wrap_time().saturating_add(first), restored_us, excess_us: 0 });
         self.doubt = known.map(|(before, host)| {
             let until = host.saturating_add(MEMORY);
@@ -200,15 +201,14 @@ impl GapRepair {
     }
 }
 
-/// The first and the last time that a piece of stream tells, in µs since a wrap before it, up to a
-/// restart of the time.
-struct Told {
+/// First and last time in a piece of stream, in µs since a wrap before it, up to a timestamp reset.
+struct StreamTimes {
     first: i64,
     last: i64,
 }
 
-impl Told {
-    /// `None` if no word tells time.
+impl StreamTimes {
+    /// Returns `None` if no word carries time.
     fn new(payload: &[u8]) -> Option<Self> {
         let (mut first, mut last, mut wrap) = (None, 0, 0);
         let (words, _) = payload.as_chunks::<2>();
@@ -219,7 +219,7 @@ impl Told {
                     wrap += i64::from(times) * WRAP;
                     wrap
                 }
-                // Nothing was lost that a new time would need.
+                // A lost wrap word before a reset does not affect the times after it.
                 Word::Special(Special::TimestampReset) => break,
                 _ => continue,
             };
@@ -234,10 +234,10 @@ mod tests {
     use super::*;
     use crate::protocol::{Encoder, Layout, Polarity, PolarityEvent};
 
-    /// A transfer: its time in µs, and its bytes.
+    /// A transfer: time in µs, and bytes.
     type Timed = (u64, Vec<u8>);
 
-    /// Transfers of one event each ms, or at `times`.
+    /// Returns transfers of one event per ms, or at `times`.
     fn transfers(times: impl IntoIterator<Item = u64>) -> Vec<Timed> {
         let mut encoder = Encoder::new(Layout::DAVIS346);
         let transfer = |time| {
@@ -249,8 +249,8 @@ mod tests {
         times.into_iter().map(transfer).collect()
     }
 
-    /// Plays transfers: those whose number `lost` names are lost, `delay` is by how much the computer
-    /// is late. The times that come out, and the repairs.
+    /// Plays transfers without the numbers in `lost`; `delay` returns the delay of the host. Returns the decoded times
+    /// and the repairs.
     fn play(
         all: &[Timed],
         lost: impl Fn(usize) -> bool,
@@ -287,7 +287,7 @@ mod tests {
             let lost = |index: usize| (500..500 + length).contains(&index);
             let (times, counts) = play(&all, lost, jitter, true);
             let kept = all.iter().enumerate().filter(|(index, _)| !lost(*index)).map(|(_, transfer)| transfer.0);
-            // A transfer after a gap that tells no time of its own gives no event.
+            // A transfer after a gap that carries no time of its own contributes no event.
             let missing = kept.clone().filter(|time| !times.contains(time)).count();
             assert!(missing <= 1, "{length}: {missing}");
             assert!(times.iter().all(|time| kept.clone().any(|kept| kept == *time)), "{length}");
@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failed_transfer_is_such_a_gap_and_a_restart_of_the_time_is_none() {
+    fn a_failed_transfer_is_a_gap_and_a_timestamp_reset_is_not() {
         let all = transfers((1..300).map(|index| index * 1000));
         let mut decoder = Decoder::new(Layout::DAVIS346);
         let mut repair = GapRepair::default();
@@ -328,14 +328,14 @@ mod tests {
         };
         repair.decode(&transfer(900_000_000, true, &bytes), &mut decoder, |_| {});
         assert_eq!((decoder.time(), repair.counts().repaired), (0, 1));
-        // The difference of the clocks is another one now.
+        // The difference of the clocks has changed.
         repair.decode(&transfer(901_000_000, false, &all[0].1), &mut decoder, |_| {});
         repair.decode(&transfer(921_000_000, true, &all[20].1), &mut decoder, |_| {});
         assert_eq!((decoder.time(), repair.counts().repaired), (21_000, 1));
     }
 
-    /// What `play` gives for transfers 1 ms apart of which those in `gaps` are lost, and whose arrival
-    /// the computer delays from number `late` on for 30 ms.
+    /// Returns the result of `play` for transfers 1 ms apart without those in `gaps`, where the host delays the
+    /// transfers from number `late` on by 30 ms.
     fn play_late(gaps: &[std::ops::Range<usize>], late: usize) -> (Vec<Timed>, Vec<u64>, RepairCounts) {
         let all = transfers((1..3000).map(|index| index * 1003));
         let lost = |index: usize| gaps.iter().any(|gap| gap.contains(&index));
@@ -348,8 +348,8 @@ mod tests {
     }
 
     #[test]
-    fn a_wrap_too_much_is_taken_back_at_the_next_gap() {
-        // Number 510 is late and looks like a wrap later; the gap of a second's third loses ten wraps.
+    fn an_excess_wrap_is_taken_back_at_the_next_gap() {
+        // Number 510 is late and looks like one more wrap; the later gap of a third of a second loses ten wraps.
         let (all, times, counts) = play_late(&[500..510, 1500..1830], 510);
         assert!(times.is_sorted());
         for (time, shift) in [(all[499].0, 0), (all[600].0, 32_768), (all[1499].0, 32_768), (all[1900].0, 0)] {
@@ -358,7 +358,7 @@ mod tests {
         let (last, expected) = (times[times.len() - 1000..].to_vec(), all[all.len() - 1000..].iter());
         assert!(last.iter().eq(expected.map(|(time, _)| time)));
         assert_eq!((counts.gaps, counts.repaired, counts.taken_back_us), (2, 2, 32_768));
-        // The gap in which it is taken back may be the next one after the next.
+        // The gap at which the wrap is taken back may be the one after the next.
         let (all, times, counts) = play_late(&[500..510, 700..705, 1500..1830], 510);
         assert!(times.is_sorted() && times.ends_with(&[all[all.len() - 1].0]));
         assert_eq!(counts.taken_back_us, 32_768);
@@ -368,11 +368,11 @@ mod tests {
     }
 
     #[test]
-    fn the_times_that_were_put_right_are_known() {
+    fn corrected_times_are_reported() {
         let all = transfers((1..3000).map(|index| index * 1003));
         let (mut decoder, mut repair) = (Decoder::new(Layout::DAVIS346), GapRepair::default());
         for (index, (time, payload)) in all.iter().enumerate().filter(|(index, _)| !(500..600).contains(index)) {
-            // The computer is busy when the stream goes on.
+            // The host is busy when the stream resumes.
             let late = if index < 630 { 30_000u64.saturating_sub(1003 * index.saturating_sub(600) as u64) } else { 0 };
             let late = if index < 600 { 0 } else { late };
             let (host_ns, status) = (Some((time + late) * 1000), TransferStatus::Completed);

@@ -1,6 +1,6 @@
-//! Control requests of a capture that have begun and not ended, of the kinds that say something of a camera.
+//! Unfinished control requests of a capture, of the kinds that describe a camera.
 //!
-//! A capture may hold any number of requests that never end, so only the latest are kept.
+//! A capture may contain any number of requests that never end, so only the latest are kept.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -9,9 +9,9 @@ use crate::registers::{REQUEST_REGISTER, REQUEST_REGISTERS};
 
 pub(super) const GET_DESCRIPTOR: u8 = 6;
 
-/// Most requests that are kept: far more than are under way at a time.
+/// Largest number of requests kept, far more than are under way at the same time.
 const MOST: usize = 4096;
-/// Most bytes that are kept of each: neither Linux nor Windows lets a program send more in one.
+/// Largest number of bytes kept per request; neither Linux nor Windows lets a program send more in one.
 const BYTES_MOST: usize = 4096;
 
 /// Device and number of a request.
@@ -27,14 +27,14 @@ pub(super) struct Request {
 /// Requests under way.
 #[derive(Debug, Default)]
 pub(super) struct Requests {
-    /// Each with its place in `order`.
+    /// Each request with its position in `order`.
     requests: HashMap<Key, (u64, Request)>,
     order: BTreeMap<u64, Key>,
     begun: u64,
 }
 
 impl Requests {
-    /// One begins; an earlier one of the same key never ended.
+    /// Records the beginning of a request; an earlier request with the same key never ended.
     pub(super) fn begin(&mut self, key: Key, setup: [u8; 8], data: &[u8]) {
         self.end(key);
         if !matters(setup) {
@@ -51,7 +51,7 @@ impl Requests {
         self.begun += 1;
     }
 
-    /// One ends; `None` if it does not matter or its beginning is not known.
+    /// Returns the request that ends; `None` if it is irrelevant or its beginning is unknown.
     pub(super) fn end(&mut self, key: Key) -> Option<Request> {
         let (place, request) = self.requests.remove(&key)?;
         self.order.remove(&place);
@@ -59,7 +59,7 @@ impl Requests {
     }
 }
 
-/// Whether the answer may say something of a camera.
+/// Returns `true` if the request or its answer may describe a camera.
 fn matters([request_type, request, ..]: [u8; 8]) -> bool {
     matches!(
         (request_type, request),
@@ -92,12 +92,12 @@ mod tests {
     }
 
     #[test]
-    fn a_number_stands_for_the_request_that_began_last() {
+    fn a_number_means_the_request_that_began_last() {
         let mut requests = Requests::default();
         requests.begin(key(1), WRITE, &[1]);
         requests.begin(key(1), WRITE, &[2]);
         assert_eq!(requests.end(key(1)), Some(Request { setup: WRITE, sent: vec![2] }));
-        // Setting an address says nothing, but ends what had the number before.
+        // Setting an address does not describe a camera, but ends the earlier request with the same number.
         requests.begin(key(1), WRITE, &[1]);
         requests.begin(key(1), [0, 5, 3, 0, 0, 0, 0, 0], &[]);
         assert_eq!(requests.end(key(1)), None);

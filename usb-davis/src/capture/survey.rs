@@ -1,4 +1,4 @@
-//! Which of the devices in a capture is the camera, and what its control traffic says of it.
+//! Identifies the camera among the devices of a capture, and collects its description from the control traffic.
 
 use std::collections::{BTreeMap, HashMap};
 use std::io::Read;
@@ -11,22 +11,22 @@ use crate::dump::{DumpHeader, Identity};
 use crate::registers::{REGISTERS_RECORD, REQUEST_REGISTER, REQUEST_REGISTERS, Register, RegisterSnapshot};
 use crate::{PRODUCT_ID, VENDOR_ID};
 
-/// Most devices that are looked at: eight full buses.
+/// Largest number of devices examined: eight full buses.
 const DEVICES_MOST: usize = 1024;
-/// Most registers and texts that are kept of a device; the camera has a few hundred and three.
+/// Largest number of registers and texts kept per device; the camera has a few hundred registers and three texts.
 const REGISTERS_MOST: usize = 1024;
 const STRINGS_MOST: usize = 16;
 /// Most UTF-16 units of a text: the length of its descriptor is one byte.
 const STRING_MOST: usize = 126;
 
-/// What was seen of one device.
+/// Data collected about one device.
 #[derive(Debug, Default)]
 struct Device {
     identity: Option<Identity>,
     serial_index: u8,
     strings: HashMap<u8, String>,
     registers: RegisterSnapshot,
-    /// Vendor requests that only this family knows.
+    /// Vendor requests that exist only in this camera family.
     register_requests: u64,
     payload: u64,
     first_ns: u64,
@@ -39,7 +39,7 @@ impl Device {
             .is_some_and(|identity| identity.vendor_id == VENDOR_ID && identity.product_id == PRODUCT_ID)
     }
 
-    /// A control transfer that went well.
+    /// Processes a successful control transfer.
     fn control(&mut self, setup: [u8; 8], data: &[u8]) {
         let [request_type, request, v0, v1, i0, i1, ..] = setup;
         let (value, index) = (u16::from_le_bytes([v0, v1]), u16::from_le_bytes([i0, i1]));
@@ -62,7 +62,7 @@ impl Device {
         }
     }
 
-    /// The snapshot is that of the first payload: what is switched off at the end does not count.
+    /// Records a register. The snapshot is taken at the first payload, so that switching off at the end does not count.
     fn register(&mut self, register: Register, value: u32) {
         let counts = match self.registers.get(register) {
             Some(_) => self.payload == 0,
@@ -100,7 +100,7 @@ pub(super) struct Survey {
     pub(super) header: DumpHeader,
 }
 
-/// The devices that were met, as many as are looked at.
+/// The devices found, up to the limit.
 #[derive(Debug, Default)]
 struct Devices(BTreeMap<DeviceAddress, Device>);
 
@@ -112,8 +112,7 @@ impl Devices {
         Ok(self.0.entry(address).or_default())
     }
 
-    /// Takes note of all packets of `wanted`, or of all devices, up to the end or to damage, which is
-    /// given back.
+    /// Processes all packets of `wanted`, or of all devices, up to the end or to damage, which is returned.
     fn read<R: Read>(
         &mut self,
         mut packets: PacketReader<R>,
@@ -130,7 +129,7 @@ impl Devices {
             let Some(usb) = UsbPacket::parse(&packet) else { continue };
             match wanted {
                 Some(wanted) if wanted != usb.address => continue,
-                // Whatever it says, it is there.
+                // The device exists, even if no packet describes it.
                 Some(wanted) => {
                     self.at(wanted)?;
                 }
@@ -159,15 +158,14 @@ impl Devices {
     }
 }
 
-/// Reads the whole capture, or what is before damage in it, and chooses the camera: `wanted` if given,
-/// else the one whose descriptors say so, else the only one with register requests, else the only one
-/// with payload.
+/// Reads the whole capture, or the part before damage, and chooses the camera: `wanted` if given, otherwise the device
+/// with matching descriptors, otherwise the only one with register requests, otherwise the only one with payload.
 pub(super) fn survey<R: Read>(packets: PacketReader<R>, wanted: Option<DeviceAddress>) -> Result<Survey, CaptureError> {
     let mut devices = Devices::default();
     let damage = devices.read(packets, wanted)?;
     let Devices(mut devices) = devices;
     let address = choose(&devices, wanted).map_err(|error| match (error, damage) {
-        // The camera may be behind the damage.
+        // The camera may come after the damage.
         (CaptureError::NoCamera | CaptureError::NoSuchDevice(_), Some(damage)) => damage,
         (error, _) => error,
     })?;
@@ -195,7 +193,7 @@ fn choose(
         [Device::is_camera, |device| device.register_requests > 0, |device| device.payload > 0];
     for test in tests {
         let matching: Vec<(&DeviceAddress, &Device)> = devices.iter().filter(|(_, device)| test(device)).collect();
-        // A camera that was opened but sent nothing does not compete with one that did.
+        // A camera that was opened but sent nothing does not compete with one that sent data.
         let sending: Vec<DeviceAddress> =
             matching.iter().filter(|(_, device)| device.payload > 0).map(|(address, _)| **address).collect();
         match (&sending[..], &matching[..]) {
@@ -216,7 +214,7 @@ mod tests {
     const COMPLETION: u8 = b'C';
     const READ_REGISTER: [u8; 8] = [0xC0, REQUEST_REGISTER, 0, 0, 0, 0, 4, 0];
 
-    /// A packet of usbmon as a pcap file has it.
+    /// A usbmon packet in a pcap file.
     struct Sent<'a> {
         bus: u16,
         device: u8,
@@ -254,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn addresses_that_say_nothing_of_a_camera_are_not_kept() {
+    fn devices_without_camera_traffic_are_not_kept() {
         let others = (0..10u16).flat_map(|bus| (0..255).map(move |device| (bus, device))).flat_map(|(bus, device)| {
             // A mouse that moves, and a request that never ends.
             let moved = Sent { transfer: 1, endpoint: 0x81, ..payload(bus, device) };
@@ -267,13 +265,13 @@ mod tests {
         assert!(devices.read(PacketReader::new(&file[..]).unwrap(), None).unwrap().is_none());
         assert_eq!(devices.0.keys().collect::<Vec<_>>(), [&camera]);
         assert_eq!(found(&file, None).unwrap(), camera);
-        // Nor is one of them unknown when it is asked for.
+        // Such a device can still be requested.
         let mouse = DeviceAddress { bus: 9, device: 1 };
         assert_eq!(found(&file, Some(mouse)).unwrap(), mouse);
     }
 
     #[test]
-    fn of_too_many_devices_one_has_to_be_chosen() {
+    fn with_too_many_devices_one_has_to_be_chosen() {
         let all = || (0..5u16).flat_map(|bus| (0..255).map(move |device| payload(bus, device)));
         let few = found(&capture(all().take(100)), None).unwrap_err().to_string();
         assert!(few.contains("(0.0, 0.1, ") && few.contains("0.15, 84 others)"), "{few}");
@@ -286,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_kept_of_a_device_has_an_end() {
+    fn the_data_kept_per_device_are_limited() {
         let mut device = Device::default();
         for module in 0..=255 {
             for parameter in 0..=255 {
@@ -296,7 +294,7 @@ mod tests {
         }
         assert_eq!((device.registers.len(), device.strings.len()), (REGISTERS_MOST, STRINGS_MOST));
         assert!(device.strings.values().all(|text| text.chars().count() == STRING_MOST));
-        // What is known may still change until payload comes.
+        // Known registers may still change until payload arrives.
         device.control([0xC0, REQUEST_REGISTER, 0, 0, 5, 0, 4, 0], &[0, 0, 0, 2]);
         assert_eq!(device.registers.get(Register::new(0, 5)), Some(2));
     }

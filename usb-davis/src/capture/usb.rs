@@ -1,4 +1,4 @@
-//! What a captured packet says of USB.
+//! Interpretation of captured packets as USB transfers.
 //!
 //! ```text
 //! usbmon (Linux; link type 220 has 64 bytes of header, 189 the first 48; byte order of the host)
@@ -22,12 +22,12 @@ use crate::dump::TransferStatus;
 pub(super) const CONTROL: u8 = 2;
 pub(super) const BULK: u8 = 3;
 
-/// A device on a bus, as the capture numbers them.
+/// A device on a bus, numbered as in the capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct DeviceAddress {
     /// Number of the bus.
     pub bus: u16,
-    /// Number of the device on it.
+    /// Number of the device on the bus.
     pub device: u16,
 }
 
@@ -37,9 +37,9 @@ impl fmt::Display for DeviceAddress {
     }
 }
 
-/// A text that is no [`DeviceAddress`].
+/// Error: a text is not a [`DeviceAddress`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{0:?} is no device: write the numbers of bus and device, such as 2.5")]
+#[error("{0:?} is not a device: write the numbers of bus and device, such as 2.5")]
 pub struct DeviceAddressError(String);
 
 impl FromStr for DeviceAddress {
@@ -59,17 +59,17 @@ pub(super) struct UsbPacket<'a> {
     pub(super) id: u64,
     pub(super) completion: bool,
     pub(super) transfer: u8,
-    /// With direction bit.
+    /// Endpoint with direction bit.
     pub(super) endpoint: u8,
     pub(super) status: TransferStatus,
     pub(super) setup: Option<[u8; 8]>,
     pub(super) data: &'a [u8],
-    /// There was more data than the capture holds.
+    /// `true` if there was more data than the capture contains.
     pub(super) cut: bool,
 }
 
 impl<'a> UsbPacket<'a> {
-    /// `None` if the packet is not of USB or is too short.
+    /// Returns `None` if the packet is not a USB packet or is too short.
     pub(super) fn parse(packet: &Packet<'a>) -> Option<Self> {
         match packet.link_type {
             189 => Self::usbmon(packet, 48),
@@ -88,7 +88,7 @@ impl<'a> UsbPacket<'a> {
         let completion = kind != b'S';
         let transfer = fields.u8(9);
         let endpoint = fields.u8(10);
-        // Only the side that carries data says how much there was: a read's end, a write's beginning.
+        // The length is given only where the data are: at the end of a read and at the beginning of a write.
         let carries = completion == (endpoint & 0x80 != 0);
         let mut setup = [0; 8];
         setup.iter_mut().zip(head.iter().skip(40)).for_each(|(to, from)| *to = *from);

@@ -1,8 +1,7 @@
-//! What has come and not been read yet, and the memory that it may take.
+//! Received transfers that have not been read yet, within a memory limit.
 //!
-//! Memory is counted in bytes: a transfer that is not even half full is copied into memory of its own
-//! length, and its buffer is used again at once. A camera hands over what it has every millisecond, so
-//! most transfers are short.
+//! Memory is counted in bytes: a transfer that fills less than half of its buffer is copied into memory of its own
+//! length, and the buffer is reused at once. A camera sends its data every millisecond, so most transfers are short.
 
 use std::collections::VecDeque;
 
@@ -12,48 +11,47 @@ use crate::dump::TransferStatus;
 /// Transfers and memory of a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Queue {
-    /// Transfers queued at a time, 8 to 32 (cut to that).
+    /// Number of transfers queued at the same time, clamped to 8 to 32.
     pub transfers: usize,
-    /// Bytes of each, rounded up to packets of 1024, at least one.
+    /// Bytes per transfer, rounded up to packets of 1024, at least one.
     pub transfer_bytes: usize,
-    /// Memory in bytes of what may wait for the reader, beside the transfers queued. It is taken only
-    /// when it is needed.
+    /// Memory limit in bytes for transfers that wait for the reader, in addition to the queued transfers. Memory is
+    /// allocated only when needed.
     pub waiting_bytes: usize,
 }
 
 impl Default for Queue {
-    /// 32 transfers of 128 KiB, 4 MiB of the 16 that Linux grants by default: at 50 MB/s the process
-    /// may sleep for 80 ms before the camera must drop. Up to 128 MiB waiting: a disk may stand still
-    /// for 5 s at 24 MB/s.
+    /// 32 transfers of 128 KiB use 4 MiB of the 16 MiB that Linux grants by default: at 50 MB/s the process may sleep
+    /// for 80 ms before the camera must drop data. With up to 128 MiB waiting, a disk may pause for 5 s at 24 MB/s.
     fn default() -> Self {
         Self { transfers: 32, transfer_bytes: 128 * 1024, waiting_bytes: 128 << 20 }
     }
 }
 
-/// What a stream has done.
+/// Statistics of a stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StreamStatistics {
-    /// Transfers that brought something.
+    /// Transfers with data.
     pub transfers: u64,
-    /// Bytes they brought.
+    /// Bytes received.
     pub bytes: u64,
-    /// Transfers that failed. What each would have brought is lost; the next good one says so
+    /// Transfers that failed. Their data are lost; the next good transfer reports it
     /// ([`crate::dump::Transfer::gap_before`]).
     pub failed: u64,
-    /// Transfers that could not be queued again at once, because the memory for waiting ones was used
-    /// up: the reader is too slow. The camera may have dropped events then; its own counters know
+    /// Transfers that could not be queued again at once because the memory for waiting transfers was used up, that is,
+    /// the reader is too slow. The camera may have dropped events in the meantime; its own counters report this
     /// ([`super::Stream::read_dropped`]).
     pub starved: u64,
-    /// Largest memory in bytes of what waited to be read.
+    /// Largest memory in bytes of transfers that waited for the reader.
     pub waiting_most: usize,
 }
 
-/// What a waiting transfer takes beside its bytes.
+/// Memory that a waiting transfer takes in addition to its bytes.
 const OVERHEAD: usize = 64;
 
-/// A transfer that brought something.
+/// A transfer with data.
 pub(super) struct Received {
-    /// At least as long as what was brought.
+    /// At least as long as the data.
     pub(super) buffer: Vec<u8>,
     pub(super) length: usize,
     pub(super) status: TransferStatus,
@@ -61,21 +59,21 @@ pub(super) struct Received {
     pub(super) gap_before: bool,
 }
 
-/// Transfers that wait to be read, in order, and the buffers.
+/// Transfers that wait for the reader, in order, and free buffers.
 pub(super) struct Backlog {
     waiting: VecDeque<Received>,
     empty: Vec<Vec<u8>>,
-    /// Memory of what waits and of what the reader has.
+    /// Memory of the waiting transfers and of the transfer that the reader uses.
     held: usize,
     queue: Queue,
-    /// A transfer failed since the last good one, and how many did in a row.
+    /// `true` if a transfer failed since the last good one, and the number of consecutive failures.
     gap: bool,
     failures: usize,
     pub(super) statistics: StreamStatistics,
 }
 
 impl Backlog {
-    /// An empty one. The limits of `queue` are applied.
+    /// Creates an empty backlog. The limits of `queue` are applied.
     pub(super) fn new(queue: Queue) -> Self {
         let queue = Queue {
             transfers: queue.transfers.clamp(8, 32),
@@ -87,25 +85,24 @@ impl Backlog {
         Self { waiting, empty, held: 0, queue, gap: false, failures: 0, statistics }
     }
 
-    /// Transfers to be queued at a time.
+    /// Returns the number of transfers to keep queued.
     pub(super) fn transfers(&self) -> usize {
         self.queue.transfers
     }
 
-    /// A buffer for a transfer.
+    /// Returns a buffer for a transfer.
     pub(super) fn buffer(&mut self) -> Vec<u8> {
         self.empty.pop().unwrap_or_else(|| vec![0; self.queue.transfer_bytes])
     }
 
-    /// Whether a transfer may be queued again.
+    /// Returns `true` if a transfer may be queued again.
     pub(super) fn has_room(&self) -> bool {
-        // Something may wait even if nothing is granted.
+        // One transfer may wait even if the limit is zero.
         self.held < self.queue.waiting_bytes.max(1)
     }
 
-    /// Takes the `length` bytes that a transfer brought into `buffer`. After a failure they may be
-    /// anything, and are not handed over. An error: there were so many failures in a row that no
-    /// better is to be expected.
+    /// Accepts the `length` bytes that a transfer received into `buffer`. After a failure the bytes are undefined and
+    /// are dropped. Returns an error after too many consecutive failures.
     pub(super) fn take_in(
         &mut self,
         buffer: Vec<u8>,
@@ -118,7 +115,7 @@ impl Backlog {
             self.gap = true;
             self.failures += 1;
             self.statistics.failed += 1;
-            // Whatever disturbs the bus fails all queued transfers at a time.
+            // A disturbance on the bus fails all queued transfers at once.
             let give_up = self.failures > 2 * self.queue.transfers;
             return if give_up { Err(StreamError::Failed(status)) } else { Ok(()) };
         }
@@ -143,18 +140,18 @@ impl Backlog {
         Ok(())
     }
 
-    /// The oldest transfer. Its buffer comes back by [`Backlog::give_back`].
+    /// Returns the oldest transfer. Return its buffer by [`Backlog::give_back`].
     pub(super) fn pop(&mut self) -> Option<Received> {
         self.waiting.pop_front()
     }
 
-    /// The reader has no more use for this buffer.
+    /// Takes back a buffer that the reader no longer needs.
     pub(super) fn give_back(&mut self, buffer: Vec<u8>) {
         self.held = self.held.saturating_sub(buffer.capacity() + OVERHEAD);
         self.reuse(buffer);
     }
 
-    /// Keeps a buffer for the transfers to come, if they can use it.
+    /// Keeps a buffer for later transfers, if they can use it.
     fn reuse(&mut self, buffer: Vec<u8>) {
         if buffer.len() == self.queue.transfer_bytes && self.empty.len() < self.queue.transfers {
             self.empty.push(buffer);
@@ -168,7 +165,7 @@ mod tests {
 
     const QUEUE: Queue = Queue { transfers: 8, transfer_bytes: 4096, waiting_bytes: 100_000 };
 
-    /// Takes in transfers of `length` bytes until there is no room: how many.
+    /// Adds transfers of `length` bytes until there is no room; returns their number.
     fn fill(backlog: &mut Backlog, length: usize) -> usize {
         let mut count = 0;
         while backlog.has_room() {
@@ -181,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_is_counted_in_bytes_and_comes_back() {
+    fn memory_is_counted_in_bytes_and_released() {
         let mut backlog = Backlog::new(QUEUE);
         for (length, count) in [(100, 100_000usize.div_ceil(164)), (4096, 100_000usize.div_ceil(4160)), (1, 1539)] {
             assert_eq!(fill(&mut backlog, length), count, "{length}");
@@ -196,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_is_a_gap_and_a_run_of_them_the_end() {
+    fn a_failure_is_a_gap_and_many_in_a_row_end_the_stream() {
         let mut backlog = Backlog::new(QUEUE);
         let mut take = |length, status| {
             let buffer = backlog.buffer();

@@ -1,4 +1,4 @@
-//! One open camera: its registers and its configuration.
+//! An open camera with its registers and configuration.
 
 use std::sync::Arc;
 
@@ -50,8 +50,7 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Opens the first usable camera that `selector` admits. If none is usable, the error is that
-    /// of the first.
+    /// Opens the first usable camera that matches `selector`. If none is usable, returns the error of the first camera.
     pub fn open(selector: &Selector) -> Result<Self, DeviceError> {
         let context = Context::new().map_err(DeviceError::usb("starting libusb"))?;
         let mut first_error = None;
@@ -81,27 +80,27 @@ impl Camera {
         Ok(Self { context, handle: Arc::new(handle), identity, registers })
     }
 
-    /// What the descriptors say.
+    /// Returns the identity from the USB descriptors.
     pub fn identity(&self) -> &Identity {
         &self.identity
     }
 
-    /// All registers read and written so far: the camera's description and configuration.
+    /// Returns all registers read and written so far: description and configuration of the camera.
     pub fn registers(&self) -> &RegisterSnapshot {
         &self.registers
     }
 
-    /// The header of a dump that begins now. A recording has its own: [`super::Stream::header`].
+    /// Returns the header of a dump that begins now. A recording has its own header: [`super::Stream::header`].
     pub fn header(&self) -> DumpHeader {
         DumpHeader::new(Some(self.identity.clone()), self.registers.clone())
     }
 
-    /// Sizes and orientations.
+    /// Returns sizes and orientations.
     pub fn layout(&self) -> Layout {
         self.registers.layout()
     }
 
-    /// Clock rates.
+    /// Returns the clock rates.
     pub fn clocks(&self) -> Clocks {
         self.registers.clocks()
     }
@@ -120,7 +119,7 @@ impl Camera {
         Ok(())
     }
 
-    /// Writes all settings. The camera may run meanwhile.
+    /// Writes all settings, also while the camera runs.
     pub fn configure(&mut self, configuration: &Configuration) -> Result<(), DeviceError> {
         let mut writes = Vec::new();
         configuration.writes(&self.clocks(), self.layout().imu.model, |register, value| writes.push((register, value)));
@@ -138,7 +137,7 @@ impl Camera {
 
 impl Drop for Camera {
     fn drop(&mut self) {
-        // The camera may be gone: then there is nothing to release.
+        // This fails if the camera is gone, and then there is nothing to release.
         let _ = self.handle.release_interface(INTERFACE);
     }
 }

@@ -1,81 +1,81 @@
-//! What can go wrong with a camera, and what to do about it.
+//! Errors of a camera, with advice in their messages.
 
-/// Where to put [`UDEV_RULE`].
+/// Path of the file for [`UDEV_RULE`].
 pub const UDEV_RULE_FILE: &str = "/etc/udev/rules.d/65-inivation.rules";
-/// Lets whoever sits at the computer open the camera.
+/// udev rule that allows the user at the computer to open the camera.
 pub const UDEV_RULE: &str =
     r#"SUBSYSTEM=="usb", ATTR{idVendor}=="152a", ATTR{idProduct}=="84[0-1]?", MODE="0660", TAG+="uaccess""#;
 
-/// Firmware or logic that this crate does not speak to.
+/// A firmware or logic version that this crate does not support.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Unsupported {
-    /// The firmware of the USB controller.
+    /// Unsupported firmware of the USB controller.
     #[error("firmware {found} is too old, at least 6 is needed; update the camera with iniVation's Flashy")]
     Firmware {
-        /// Its version.
+        /// Version found.
         found: u8,
     },
-    /// The logic.
+    /// Unsupported version of the logic.
     #[error("logic version {found} is not 18; update the camera with iniVation's Flashy")]
     Logic {
-        /// Its version.
+        /// Version found.
         found: u32,
     },
-    /// The patch level of the logic.
+    /// Unsupported patch level of the logic.
     #[error("logic patch level {found} is too old, at least 1 is needed; update the camera with iniVation's Flashy")]
     Patch {
-        /// Its patch level.
+        /// Patch level found.
         found: u32,
     },
-    /// The sensor chip.
-    #[error("the sensor chip is number {found}, no DAVIS346 (4, 5 or 9)")]
+    /// The sensor chip is not that of a DAVIS346.
+    #[error("the sensor chip is number {found}, not a DAVIS346 (4, 5 or 9)")]
     Chip {
-        /// Its number.
+        /// Number found.
         found: u32,
     },
 }
 
-/// Why a camera cannot be used.
+/// Reason why a camera cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DeviceError {
-    /// None is there.
+    /// No matching camera is connected.
     #[error("no camera found (USB 152a:841a{wanted}); is it plugged in?")]
     NotFound {
-        /// What was asked for beyond the model, ready to be printed.
+        /// Criteria in addition to the model, formatted for the message.
         wanted: String,
     },
-    /// The user may not open it.
+    /// The user has no permission to open the camera.
     #[error(
         "the camera at bus {bus}, address {address} may not be opened: put this line into {UDEV_RULE_FILE}, then plug the camera in again:\n{UDEV_RULE}"
     )]
     Forbidden {
         /// Number of the bus.
         bus: u8,
-        /// Address on it.
+        /// Address on the bus.
         address: u8,
     },
-    /// Another program has it.
+    /// Another program uses the camera.
     #[error("the camera at bus {bus}, address {address} is used by another program; end that first")]
     Busy {
         /// Number of the bus.
         bus: u8,
-        /// Address on it.
+        /// Address on the bus.
         address: u8,
     },
-    /// This crate does not speak to its version.
+    /// The version is not supported.
     #[error("{0}")]
     Unsupported(#[from] Unsupported),
-    /// It was unplugged.
+    /// The camera was unplugged.
     #[error("the camera was unplugged")]
     Unplugged,
-    /// The bus or the operating system failed.
+    /// The bus or the operating system reported an error.
     #[error("while {doing}: {source}")]
     Usb {
-        /// What was being done.
+        /// Operation that failed.
         doing: &'static str,
-        /// What libusb says.
+        /// Error of libusb.
         source: rusb::Error,
     },
 }
@@ -89,11 +89,11 @@ impl DeviceError {
     }
 }
 
-/// Why no more transfers come. All that came before has been handed over.
+/// Reason why a stream ended. All transfers received before have been returned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum StreamError {
-    /// It was asked to.
+    /// [`super::Stream::stop`] was called.
     #[error("the stream was stopped")]
     Stopped,
     /// The camera was unplugged.
@@ -102,13 +102,13 @@ pub enum StreamError {
     /// The camera halted its data endpoint.
     #[error("the camera halted its data endpoint; start again")]
     Stalled,
-    /// The bus failed many times in a row.
+    /// Too many consecutive transfers failed.
     #[error("too many transfers in a row failed ({0:?}); check cable and hub, then start again")]
     Failed(crate::dump::TransferStatus),
-    /// libusb refuses a transfer.
+    /// libusb rejected a transfer.
     #[error("a transfer could not be queued: {0}; use fewer or smaller ones (usbfs_memory_mb limits their sum)")]
     Queue(rusb::Error),
-    /// libusb cannot tell any more what comes.
+    /// libusb's event handling failed.
     #[error("libusb could not process its events: {0}; start again")]
     Events(rusb::Error),
 }

@@ -16,17 +16,17 @@ const LOGIC: u32 = 18;
 const PATCH_LEAST: u32 = 1;
 const CHIPS: [u32; 3] = [4, 5, 9];
 
-/// Whether a camera can be used.
+/// State of a camera.
 #[derive(Debug)]
 pub enum Availability {
-    /// It can.
+    /// The camera can be used.
     Ready {
         /// Logic version.
         logic: u32,
         /// Patch level of the logic.
         patch: u32,
     },
-    /// It cannot, for this reason.
+    /// The camera cannot be used, for this reason.
     Unavailable(DeviceError),
 }
 
@@ -35,22 +35,22 @@ pub enum Availability {
 pub struct Listing {
     /// Number of the bus.
     pub bus: u8,
-    /// Address on it.
+    /// Address on the bus.
     pub address: u8,
-    /// What its descriptors say; the serial number is empty if it cannot be opened.
+    /// Identity from the descriptors; the serial number is empty if the camera cannot be opened.
     pub identity: Identity,
-    /// Whether it can be used.
+    /// State of the camera.
     pub availability: Availability,
 }
 
-/// Chooses among several cameras; the default takes the first that can be used.
+/// Criteria for choosing a camera; the default chooses the first usable one.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Selector {
-    /// Only with this serial number.
+    /// Required serial number.
     pub serial: Option<String>,
-    /// Only on this bus.
+    /// Required bus.
     pub bus: Option<u8>,
-    /// Only at this address.
+    /// Required address.
     pub address: Option<u8>,
 }
 
@@ -59,7 +59,7 @@ impl Selector {
         self.bus.is_none_or(|wanted| wanted == bus) && self.address.is_none_or(|wanted| wanted == address)
     }
 
-    /// What was asked for, to be put behind "152a:841a".
+    /// Returns the criteria as a text to be appended to "152a:841a".
     pub(super) fn text(&self) -> String {
         let mut text = String::new();
         if let Some(serial) = &self.serial {
@@ -75,7 +75,7 @@ impl Selector {
     }
 }
 
-/// All cameras on the bus. Those in use, forbidden or of another version are listed too and say so.
+/// Lists all cameras on the bus, including those that are in use, forbidden or of an unsupported version.
 pub fn list() -> Result<Vec<Listing>, DeviceError> {
     let context = Context::new().map_err(DeviceError::usb("starting libusb"))?;
     let mut listings = Vec::new();
@@ -90,7 +90,7 @@ pub fn list() -> Result<Vec<Listing>, DeviceError> {
     Ok(listings)
 }
 
-/// Devices with the camera's vendor and product, and their identity without serial number.
+/// Returns the devices with the camera's vendor and product numbers, and their identity without serial number.
 pub(super) fn cameras(context: &Context) -> Result<Vec<(Device<Context>, Identity)>, DeviceError> {
     let devices = context.devices().map_err(DeviceError::usb("listing USB devices"))?;
     let mut cameras = Vec::new();
@@ -142,7 +142,7 @@ pub(super) fn open(
     Ok((handle, Identity { serial, ..identity }))
 }
 
-/// Refuses versions that this crate does not speak to; returns that of the logic.
+/// Checks the versions of firmware and logic; returns the version of the logic.
 pub(super) fn check_versions(handle: &DeviceHandle<Context>, identity: &Identity) -> Result<Logic, DeviceError> {
     if identity.firmware() < FIRMWARE_LEAST {
         return Err(Unsupported::Firmware { found: identity.firmware() }.into());

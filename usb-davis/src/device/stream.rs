@@ -1,4 +1,4 @@
-//! A running camera: how it is started and stopped.
+//! A running camera: start, reading and stop.
 
 use std::thread::sleep;
 use std::time::{Duration, SystemTime};
@@ -12,19 +12,20 @@ use crate::configuration::Streams;
 use crate::dump::{DumpHeader, Transfer};
 use crate::registers::{DROP_COUNTERS, Dropped, Register, mux, usb};
 
-/// Pauses after switching, as libcaer makes them.
+/// Pauses after switching, as in libcaer.
 const SETTLE_QUIET: Duration = Duration::from_millis(10);
 const SETTLE_CHIP: Duration = Duration::from_millis(200);
 const SETTLE_STREAM: Duration = Duration::from_millis(50);
 
-/// Reads of what an earlier run left in the camera: as long as it takes one to find nothing.
+/// Limits for reading data that an earlier run left in the camera: time after which a read finds nothing, and number of
+/// reads.
 const STALE_TIMEOUT: Duration = Duration::from_millis(20);
 const STALE_MOST: usize = 256;
 
 impl Camera {
-    /// Starts `streams`: brings the camera to rest, empties it of what an earlier run left, queues
-    /// the transfers, then switches on chip, output, time, multiplexer and at last the streams. If the
-    /// data endpoint halts meanwhile, all that is done once more.
+    /// Starts `streams`: stops the camera, discards data of an earlier run, queues the transfers, and then switches on
+    /// chip, output, time, multiplexer and finally the streams. If the data endpoint halts in between, the start is
+    /// repeated once.
     pub fn start(&mut self, streams: Streams, queue: Queue) -> Result<Stream<'_>, DeviceError> {
         let transfers = match self.try_start(streams, queue) {
             Err(DeviceError::Usb { source: rusb::Error::Pipe, .. }) => self.try_start(streams, queue)?,
@@ -45,10 +46,10 @@ impl Camera {
         self.discard_stale()?;
         let transfers = Transfers::start(&self.context, &self.handle, DATA_ENDPOINT, queue)
             .map_err(DeviceError::usb("queueing transfers"))?;
-        // The camera's counters run on from one recording to the next: what they say now is where
-        // this one begins.
+        // The camera's counters continue from one recording to the next, so their current values are the zero of this
+        // one.
         match self.switch_on(streams).and_then(|()| self.read_counters().map(|_| ())) {
-            // What it sent before it was unplugged can be read; the stream ends by itself then.
+            // The data sent before the camera was unplugged can be read; the stream then ends by itself.
             Ok(()) | Err(DeviceError::Unplugged) => {}
             Err(error) => return Err(error),
         }
@@ -70,7 +71,7 @@ impl Camera {
         self.write_all(streams.writes())
     }
 
-    /// Bytes of an earlier run would be taken for the beginning of this one.
+    /// Discards bytes of an earlier run, which would be taken for the beginning of this one.
     fn discard_stale(&self) -> Result<(), DeviceError> {
         let mut stale = vec![0; 16 * 1024];
         for _ in 0..STALE_MOST {
@@ -93,25 +94,24 @@ pub struct Stream<'c> {
 }
 
 impl Stream<'_> {
-    /// The header of a dump of this stream: registers as they were when it had been started.
+    /// Returns the header of a dump of this stream, with the registers as they were after the start.
     pub fn header(&self) -> &DumpHeader {
         &self.header
     }
 
-    /// The next transfer, in the order of the wire, waiting for it up to `timeout`; `None` if none
-    /// came. An error says that none will come any more, after the last that came.
+    /// Returns the next transfer in the order of the wire, waiting for it up to `timeout`; `None` if none arrived.
+    /// Returns an error after the last transfer of the stream.
     pub fn next(&mut self, timeout: Duration) -> Result<Option<Transfer<'_>>, StreamError> {
         self.transfers.next(timeout)
     }
 
-    /// Stops the camera. What it had sent before can still be read; then comes
-    /// [`StreamError::Stopped`], or the reason for which it had ended already. That it is unplugged
-    /// is no error here.
+    /// Stops the camera. Data that it sent before can still be read, followed by [`StreamError::Stopped`] or the reason
+    /// why the stream had already ended. An unplugged camera is not an error here.
     pub fn stop(&mut self) -> Result<(), DeviceError> {
         if !std::mem::take(&mut self.running) {
             return Ok(());
         }
-        // At rest the counters may be cleared.
+        // Stopping may clear the counters, so they are read first.
         let counted = self.camera.read_counters().map(|_| ());
         let quiesced = self.camera.quiesce();
         self.transfers.stop();
@@ -121,30 +121,30 @@ impl Stream<'_> {
         }
     }
 
-    /// What happened so far.
+    /// Returns the statistics so far.
     pub fn statistics(&self) -> StreamStatistics {
         self.transfers.statistics()
     }
 
-    /// Asks the camera what it has dropped since the start. Nothing in the stream tells of it.
+    /// Reads from the camera how much it has dropped since the start. The stream itself does not contain this.
     pub fn read_dropped(&mut self) -> Result<Dropped, DeviceError> {
         self.camera.read_counters()?;
         Ok(self.dropped())
     }
 
-    /// What the camera had dropped since the start when it was asked last; stopping asks, too.
+    /// Returns how much the camera had dropped since the start at the last reading; stopping the camera reads it too.
     pub fn dropped(&self) -> Dropped {
         Dropped::between(&self.header.registers, self.camera.registers())
     }
 
-    /// The camera's counters of what it dropped, as of when it was asked last: fit for
-    /// [`crate::dump::DumpWriter::registers`]. They go on from where those of [`Stream::header`] were.
+    /// Returns the camera's drop counters as of the last reading, for [`crate::dump::DumpWriter::registers`]. They
+    /// continue from the values in [`Stream::header`].
     pub fn drop_counters(&self) -> Vec<(Register, u32)> {
         let value = |register| Some((register, self.camera.registers().get(register)?));
         DROP_COUNTERS.into_iter().filter_map(value).collect()
     }
 
-    /// The camera, to read or change a setting while it runs.
+    /// Returns the camera, for reading or changing a setting while it runs.
     pub fn camera(&mut self) -> &mut Camera {
         self.camera
     }
@@ -152,7 +152,7 @@ impl Stream<'_> {
 
 impl Drop for Stream<'_> {
     fn drop(&mut self) {
-        // A camera that is gone needs no stopping.
+        // This fails if the camera is gone, and then there is nothing to stop.
         let _ = self.stop();
     }
 }

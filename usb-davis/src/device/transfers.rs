@@ -1,23 +1,21 @@
-//! A queue of bulk transfers that is always full. The only `unsafe` of this crate.
+//! A queue of bulk transfers that is always full. The only module of this crate with `unsafe` code.
 //!
-//! libusb completes a transfer by a call back from whichever thread handles its events. Here that is
-//! a thread of ours, and, for as long as it waits for an answer, a thread that makes a synchronous
-//! request (a register read) with the same context. The call back puts what came into the backlog, an
-//! empty buffer into the transfer, and submits it again: the bus never waits for the reader as long as
-//! there is room.
+//! libusb completes a transfer by a callback from the thread that handles its events. Here this is our own event thread
+//! or, while it waits for an answer, a thread that makes a synchronous request (a register read) with the same context.
+//! The callback moves the received data to the backlog, puts an empty buffer into the transfer, and submits it again:
+//! the bus never waits for the reader while there is room.
 //!
 //! Invariants:
-//! 1. A transfer, the buffer it was given and [`Shared`], to which it points, are neither freed nor
-//!    moved while it is submitted. `State::submitted` counts those that are. If one never comes back,
-//!    all three and the handle are leaked, not freed.
-//! 2. [`State`], and with it transfers and buffers, is touched only under its lock. While a transfer is
-//!    submitted only libusb touches it and the bytes of its buffer; cancelling it is libusb's own.
-//! 3. Nobody holds that lock while libusb handles events, so a call back never waits for its own
-//!    thread. Submitting and cancelling call nothing back.
-//! 4. The call back does not panic: it neither indexes nor unwraps.
-//! 5. Call backs run on the event thread or on the thread that has the stream, since a request needs
-//!    the camera, which the stream borrows. So none runs any more once nothing is submitted and the
-//!    event thread has ended.
+//! 1. A transfer, its buffer and the [`Shared`] that it points to are neither freed nor moved while the transfer is
+//!    submitted. `State::submitted` counts the submitted transfers. If one never completes, all three and the handle
+//!    are leaked instead of freed.
+//! 2. [`State`], and with it transfers and buffers, is accessed only under its lock. While a transfer is submitted,
+//!    only libusb accesses it and the bytes of its buffer; cancelling a transfer is safe in libusb.
+//! 3. The lock is never held while libusb handles events, so a callback never waits for its own thread. Submitting and
+//!    cancelling invoke no callback.
+//! 4. The callback does not panic: it neither indexes nor unwraps.
+//! 5. Callbacks run on the event thread or on the thread that owns the stream, because a request needs the camera,
+//!    which the stream borrows. Therefore no callback runs once nothing is submitted and the event thread has ended.
 
 use std::os::raw::{c_int, c_uint, c_void};
 use std::ptr::null_mut;
@@ -34,38 +32,38 @@ use super::backlog::{Backlog, Queue, StreamStatistics};
 use super::error::StreamError;
 use crate::dump::{Transfer, TransferStatus};
 
-/// No transfer waits longer than this for data; it is queued again then.
+/// Longest wait of a transfer for data; it is then queued again.
 const TRANSFER_TIMEOUT_MS: c_uint = 1000;
-/// How often the event thread looks up.
+/// Interval at which the event thread checks for its end.
 const EVENT_TIMEOUT: Duration = Duration::from_millis(100);
-/// After an error of libusb's event handling: when it is tried again, and how often in a row.
+/// Pause after an error of libusb's event handling, and number of consecutive attempts.
 const EVENT_PAUSE: Duration = Duration::from_millis(10);
 const EVENT_TRIALS: u32 = 100;
-/// Longest wait for transfers that were called back.
+/// Longest wait for cancelled transfers.
 const STOP_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// A transfer and its buffer, which is empty while there is no use for it.
+/// A transfer and its buffer, which is empty while unused.
 struct Slot {
     transfer: *mut libusb_transfer,
     buffer: Vec<u8>,
 }
 
-// SAFETY: libusb does not care which thread uses a transfer; ours do so one at a time (invariant 2).
+// SAFETY: libusb accepts a transfer from any thread; ours use it one at a time (invariant 2).
 unsafe impl Send for Slot {}
 
 struct State {
     backlog: Backlog,
     slots: Vec<Slot>,
-    /// Numbers of the slots whose transfer found no room.
+    /// Numbers of the slots whose transfer is not queued for lack of room.
     idle: Vec<usize>,
     submitted: usize,
     stopping: bool,
     end: Option<StreamError>,
-    /// Nobody handles events any more: what is still submitted does not come back.
+    /// `true` once no thread handles events any more, so that submitted transfers will not complete.
     events_ended: bool,
 }
 
-/// What the reader, the event thread and the call backs share.
+/// State shared by the reader, the event thread and the callbacks.
 struct Shared {
     state: Mutex<State>,
     changed: Condvar,
@@ -84,7 +82,7 @@ pub(super) struct Transfers {
     events: Option<JoinHandle<()>>,
     context: Context,
     handle: Arc<DeviceHandle<Context>>,
-    /// The buffer that the reader has.
+    /// The buffer that the reader uses.
     current: Option<Vec<u8>>,
 }
 
@@ -110,12 +108,12 @@ impl Transfers {
         let mut transfers = Self { shared, events: None, context, handle, current: None };
         transfers.allocate(endpoint)?;
         let submitted = transfers.submit_all();
-        // Also if not all could be: those that were must be called back.
+        // Also needed if some transfers could not be submitted: the submitted ones must be cancelled.
         transfers.handle_events();
         submitted.map(|()| transfers)
     }
 
-    /// Makes the transfers. Nothing is submitted yet.
+    /// Allocates the transfers without submitting them.
     fn allocate(&self, endpoint: u8) -> Result<(), rusb::Error> {
         let mut state = self.shared.lock();
         for _ in 0..state.backlog.transfers() {
@@ -124,8 +122,8 @@ impl Transfers {
             if transfer.is_null() {
                 return Err(rusb::Error::NoMem);
             }
-            // SAFETY: the transfer is ours and not submitted; handle and `Shared` outlive it (invariant
-            // 1); buffer and length are set by `submit`.
+            // SAFETY: the transfer is ours and not submitted; handle and `Shared` outlive it (invariant 1); buffer and
+            // length are set by `submit`.
             unsafe {
                 ffi::libusb_fill_bulk_transfer(
                     transfer,
@@ -157,12 +155,12 @@ impl Transfers {
         }
     }
 
-    /// When the stream began: host times count from here.
+    /// Returns the start of the stream, the zero of host times.
     pub(super) fn started(&self) -> Instant {
         self.shared.started
     }
 
-    /// The next transfer.
+    /// Returns the next transfer.
     pub(super) fn next(&mut self, timeout: Duration) -> Result<Option<Transfer<'_>>, StreamError> {
         let deadline = Instant::now() + timeout;
         let mut state = self.shared.lock();
@@ -196,7 +194,7 @@ impl Transfers {
         }
     }
 
-    /// Whether the endpoint halted before anything came.
+    /// Returns `true` if the endpoint halted before any data arrived.
     pub(super) fn halted_at_once(&self) -> bool {
         let state = self.shared.lock();
         state.end == Some(StreamError::Stalled) && state.backlog.statistics.bytes == 0
@@ -206,15 +204,15 @@ impl Transfers {
         self.shared.lock().backlog.statistics
     }
 
-    /// Calls all transfers back and waits for them. What they bring can still be read.
+    /// Cancels all transfers and waits for them. Their data can still be read.
     pub(super) fn stop(&mut self) {
         let deadline = Instant::now() + STOP_TIMEOUT;
         let mut state = self.shared.lock();
         state.stopping = true;
         state.end.get_or_insert(StreamError::Stopped);
         for slot in &state.slots {
-            // SAFETY: the transfer is not freed (invariant 1). Cancelling one that is not submitted is
-            // an error without effect.
+            // SAFETY: the transfer is not freed (invariant 1). Cancelling a transfer that is not submitted is an error
+            // without effect.
             unsafe { libusb_cancel_transfer(slot.transfer) };
         }
         while state.submitted > 0 && !state.events_ended {
@@ -228,23 +226,23 @@ impl Drop for Transfers {
     fn drop(&mut self) {
         self.stop();
         if self.shared.lock().submitted > 0 {
-            // Invariant 1: the transfers stay as they are, and so do what they point to and the handle.
+            // Invariant 1: the transfers, the data that they point to, and the handle are leaked.
             std::mem::forget((Arc::clone(&self.shared), Arc::clone(&self.handle)));
             return;
         }
         if let Some(events) = self.events.take() {
             self.context.interrupt_handle_events();
-            // It does not panic, and it ends because nothing is submitted any more.
+            // The thread does not panic, and it ends because nothing is submitted any more.
             let _ = events.join();
         }
         for slot in self.shared.lock().slots.drain(..) {
-            // SAFETY: made by `libusb_alloc_transfer`, not submitted, and no call back runs (invariant 5).
+            // SAFETY: allocated by `libusb_alloc_transfer`, not submitted, and no callback runs (invariant 5).
             unsafe { libusb_free_transfer(slot.transfer) };
         }
     }
 }
 
-/// Handles events by `handle` until nothing is submitted any more, or it keeps failing.
+/// Handles events by `handle` until nothing is submitted any more, or until too many consecutive errors.
 fn handle_events(
     shared: &Shared,
     mut handle: impl FnMut(Duration) -> Result<(), rusb::Error>,
@@ -272,13 +270,13 @@ fn handle_events(
     shared.changed.notify_all();
 }
 
-/// Submits the transfer of a slot with an empty buffer. It is not submitted already.
+/// Submits the transfer of a slot with an empty buffer. The transfer must not be submitted already.
 fn submit(index: usize, state: &mut State) -> Result<(), rusb::Error> {
     let buffer = state.backlog.buffer();
     let Some(slot) = state.slots.get_mut(index) else { return Ok(()) };
     slot.buffer = buffer;
-    // SAFETY: the transfer is not submitted, and the state is locked (invariant 2). The buffer stays
-    // where it is until the transfer is over (invariant 1).
+    // SAFETY: the transfer is not submitted, and the state is locked (invariant 2). The buffer stays at its address
+    // until the transfer is complete (invariant 1).
     let code = unsafe {
         (*slot.transfer).buffer = slot.buffer.as_mut_ptr();
         (*slot.transfer).length = c_int::try_from(slot.buffer.len()).unwrap_or(c_int::MAX);
@@ -299,7 +297,7 @@ fn submit(index: usize, state: &mut State) -> Result<(), rusb::Error> {
     })
 }
 
-/// Submits the transfer of a slot again; puts it aside if there is no room.
+/// Submits the transfer of a slot again, or marks the slot as idle if there is no room.
 fn requeue(index: usize, state: &mut State) {
     if state.stopping || state.end.is_some() {
         return;
@@ -317,14 +315,14 @@ fn requeue(index: usize, state: &mut State) {
     }
 }
 
-/// libusb calls this when a transfer is over (invariant 5 says on which thread).
+/// Callback of libusb for a completed transfer (thread: see invariant 5).
 extern "system" fn completed(transfer: *mut libusb_transfer) {
     use ffi::constants::{
         LIBUSB_TRANSFER_CANCELLED, LIBUSB_TRANSFER_COMPLETED, LIBUSB_TRANSFER_NO_DEVICE, LIBUSB_TRANSFER_OVERFLOW,
         LIBUSB_TRANSFER_STALL, LIBUSB_TRANSFER_TIMED_OUT,
     };
-    // SAFETY: `allocate` made the transfer and pointed it to `Shared`; both live, because it was
-    // submitted until now (invariant 1). libusb has done with it.
+    // SAFETY: `allocate` created the transfer and made it point to `Shared`; both are alive because it was submitted
+    // until now (invariant 1). libusb no longer uses it.
     let (code, length, shared) = unsafe {
         ((*transfer).status, (*transfer).actual_length, &*(*transfer).user_data.cast::<Shared>().cast_const())
     };
@@ -380,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn event_handling_that_keeps_failing_ends_the_stream_after_a_while() {
+    fn persistent_errors_of_event_handling_end_the_stream() {
         let shared = shared(3);
         let (mut calls, mut paused) = (0, Duration::ZERO);
         let fail = |_| {
@@ -394,7 +392,7 @@ mod tests {
     }
 
     #[test]
-    fn event_handling_that_fails_now_and_then_goes_on_until_all_transfers_are_back() {
+    fn occasional_errors_of_event_handling_do_not_end_the_stream() {
         let shared = shared(1);
         let mut calls = 0;
         let sometimes = |_| {

@@ -1,4 +1,4 @@
-//! How far a dump has been written, for those who read it meanwhile.
+//! Progress of a dump that is read while it is being written.
 
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 
@@ -13,23 +13,23 @@ struct State {
 pub struct Growth(Arc<(Mutex<State>, Condvar)>);
 
 impl Growth {
-    /// The dump ends with a whole record at this byte.
+    /// Sets the length of the dump, which ends with a whole record.
     pub(super) fn set(&self, bytes: u64) {
         let (state, changed) = &*self.0;
         state.lock().unwrap_or_else(PoisonError::into_inner).bytes = bytes;
         changed.notify_all();
     }
 
-    /// Nothing more will be written: readers take the file as it is then. To be called however a recording ends, also if
-    /// it never began.
+    /// Marks the end of writing: readers then treat the file as complete. Call it in every case, also if the recording
+    /// failed or never began.
     pub fn end(&self) {
         let (state, changed) = &*self.0;
         state.lock().unwrap_or_else(PoisonError::into_inner).ended = true;
         changed.notify_all();
     }
 
-    /// Waits until the dump is longer than `bytes`. Its length, to the end of a whole record; `None` once nothing more
-    /// will be written.
+    /// Waits until the dump is longer than `bytes`, and returns its length up to the last whole record; `None` once
+    /// writing has ended.
     pub fn wait_beyond(&self, bytes: u64) -> Option<u64> {
         let (state, changed) = &*self.0;
         let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);

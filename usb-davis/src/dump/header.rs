@@ -1,4 +1,4 @@
-//! What a recording says of its camera.
+//! Description of the recorded camera.
 
 use std::time::SystemTime;
 
@@ -7,47 +7,47 @@ use serde::{Deserialize, Serialize};
 use crate::protocol::Decoder;
 use crate::registers::{RegisterSnapshot, sysinfo};
 
-/// What the USB descriptors say of a camera.
+/// Identity of a camera from its USB descriptors.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
     /// 0x152A for iniVation.
     pub vendor_id: u16,
     /// 0x841A for the DAVIS family on a Cypress FX3.
     pub product_id: u16,
-    /// `bcdDevice`; its low byte is the firmware's version.
+    /// `bcdDevice`; its low byte is the firmware version.
     pub device_version: u16,
     /// Serial number, at most 8 characters on this family.
     pub serial: String,
 }
 
 impl Identity {
-    /// Version of the firmware.
+    /// Returns the version of the firmware.
     pub fn firmware(&self) -> u8 {
         self.device_version.to_be_bytes()[1]
     }
 }
 
-/// Everything about a recording that its payload does not say.
+/// Information about a recording that is not in its payload.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DumpHeader {
     /// The camera, if known.
     pub identity: Option<Identity>,
-    /// The camera's registers when the recording began. Empty if not known.
+    /// The camera's registers at the beginning of the recording; empty if unknown.
     #[serde(default)]
     pub registers: RegisterSnapshot,
-    /// When it began, in ns since 1970; host times count from here. 0 if not known.
+    /// Start of the recording in ns since 1970, the zero of host times; 0 if unknown.
     #[serde(default)]
     pub start_unix_ns: u64,
-    /// What wrote it.
+    /// Program that wrote the file.
     #[serde(default)]
     pub writer: String,
-    /// Where the data come from, their licence: free text.
+    /// Free text, for example origin and licence of the data.
     #[serde(default)]
     pub note: String,
 }
 
 impl DumpHeader {
-    /// A header of now.
+    /// Creates a header with the current time.
     pub fn new(identity: Option<Identity>, registers: RegisterSnapshot) -> Self {
         let start = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         Self {
@@ -59,14 +59,14 @@ impl DumpHeader {
         }
     }
 
-    /// A decoder for this camera, with memory for its frames.
+    /// Returns a decoder for this camera, with memory for its frames.
     pub fn decoder(&self) -> Decoder<Vec<u16>> {
         let layout = self.registers.layout();
         let memory = vec![0; usize::from(layout.aps.columns) * usize::from(layout.aps.rows)];
         Decoder::with_frames(layout, memory)
     }
 
-    /// The camera's name as AEDAT4 files have it, such as `DAVIS346_00000002`.
+    /// Returns the camera's name as in AEDAT4 files, for example `DAVIS346_00000002`.
     pub fn camera_name(&self) -> String {
         let model = match self.registers.get(sysinfo::CHIP_ID) {
             Some(0..=2) => "DAVIS240",

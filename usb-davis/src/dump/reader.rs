@@ -1,4 +1,4 @@
-//! Reads a dump, however it ended.
+//! Reads a dump, even if it is incomplete or damaged.
 
 use std::io::{self, Read, Seek, SeekFrom};
 
@@ -6,13 +6,14 @@ use super::record::{HEAD, Head, Kind, MARKER, Transfer, checksum};
 use super::{DumpError, DumpHeader, Growth, INDEX_MAGIC, LENGTH_MOST, MAGIC};
 use crate::registers::Register;
 
-/// Bytes looked at in one go when searching for a record: few at first, for there may be a good record behind each byte.
+/// Bytes read at once when searching for a record: a few at first, because a good record may follow closely.
 const SEARCH: [usize; 2] = [1 << 10, 1 << 16];
-/// Bytes that may be read in vain because a head belongs to no good record: so many, and this many times the place in the file. A file
-/// may be full of heads that each claim the longest record, and to read them all would never end.
+/// Limit for bytes that are read although their head does not belong to a good record: a constant, plus this factor
+/// times the position in the file. A file may be full of heads that each claim the longest record, and reading all of
+/// them would never end.
 const IN_VAIN: u64 = 4 * LENGTH_MOST as u64;
 const IN_VAIN_FACTOR: u64 = 4;
-/// What a short record counts for: a seek.
+/// Smallest cost of reading a record, for the seek.
 const LEAST_IN_VAIN: u32 = 4096;
 
 /// A record of a dump.
@@ -25,18 +26,18 @@ pub enum Record<'a> {
     Registers(Vec<(Register, u32)>),
 }
 
-/// A record whose payload is still in the reader.
+/// A record whose payload is still in the reader's buffer.
 pub(crate) enum Advanced {
     Transfer(Transfer<'static>),
     Registers(Vec<(Register, u32)>),
 }
 
-/// What of a dump could not be read.
+/// Parts of a dump that could not be read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Damage {
-    /// Bytes passed over between good records.
+    /// Bytes skipped between good records.
     pub bytes: u64,
-    /// How many times that was necessary.
+    /// Number of places at which bytes were skipped.
     pub places: u64,
     /// Bytes of an unfinished record at the end of the file.
     pub unfinished: u64,
@@ -45,10 +46,10 @@ pub struct Damage {
 /// Reads the records of a dump in order.
 pub struct DumpReader<R> {
     input: R,
-    /// Where `input` stands: seeking without need would empty its buffer.
+    /// Current position of `input`; an unnecessary seek would discard its buffer.
     position: u64,
     header: DumpHeader,
-    /// Of the first record, of the next record, of the file's end.
+    /// Offsets of the first record, of the next record and of the end of the file.
     start: u64,
     offset: u64,
     length: u64,
@@ -56,9 +57,9 @@ pub struct DumpReader<R> {
     contents: Vec<u8>,
     damage: Damage,
     gap: bool,
-    /// Bytes read of records that were not good.
+    /// Bytes read for records that were not good.
     in_vain: u64,
-    /// While it is being written.
+    /// Progress of the writer, if the dump is still being written.
     growth: Option<Growth>,
 }
 
@@ -102,12 +103,12 @@ impl<R: Read + Seek> DumpReader<R> {
         })
     }
 
-    /// Reads a dump while it is being written: at its end so far, [`DumpReader::next_record`] waits for more.
+    /// Reads a dump while it is being written: at its current end, [`DumpReader::next_record`] waits for more.
     pub fn following(self, growth: Growth) -> Self {
         Self { growth: Some(growth), ..self }
     }
 
-    /// Takes notice of what was written since, and waits for the next record if there is none.
+    /// Updates the length of the file, and waits for the next record if necessary.
     fn follow(&mut self) -> Result<(), DumpError> {
         let Some(growth) = &self.growth else { return Ok(()) };
         match growth.wait_beyond(self.offset) {
@@ -121,17 +122,17 @@ impl<R: Read + Seek> DumpReader<R> {
         Ok(())
     }
 
-    /// What the recording says of its camera.
+    /// Returns the header.
     pub fn header(&self) -> &DumpHeader {
         &self.header
     }
 
-    /// What could not be read so far.
+    /// Returns the damage found so far.
     pub fn damage(&self) -> Damage {
         self.damage
     }
 
-    /// The next record; `None` at the end of the file or of what is readable of it.
+    /// Returns the next record; `None` at the end of the file or of its readable part.
     pub fn next_record(&mut self) -> Result<Option<Record<'_>>, DumpError> {
         Ok(match self.advance()? {
             None => None,
@@ -140,7 +141,7 @@ impl<R: Read + Seek> DumpReader<R> {
         })
     }
 
-    /// Reads the next record; the payload of a transfer is then [`DumpReader::contents`].
+    /// Reads the next record; the payload of a transfer is then available from [`DumpReader::contents`].
     pub(crate) fn advance(&mut self) -> Result<Option<Advanced>, DumpError> {
         let head = loop {
             self.follow()?;
@@ -161,13 +162,13 @@ impl<R: Read + Seek> DumpReader<R> {
         Ok(Some(Advanced::Transfer(Transfer { host_ns, gap_before, status, payload: &[] })))
     }
 
-    /// Contents of the latest record.
+    /// Returns the contents of the latest record.
     pub(crate) fn contents(&self) -> &[u8] {
         &self.contents
     }
 
-    /// Goes to a transfer at or shortly before `host_ns`. Decoding from there needs a decoder that
-    /// begins anew: the time of the first events is unknown up to the next timestamp reset.
+    /// Moves to a transfer at or shortly before `host_ns`. Use a new decoder from there: the times of the first events
+    /// are unknown up to the next timestamp reset.
     pub fn seek(&mut self, host_ns: u64) -> Result<(), DumpError> {
         self.in_vain = 0;
         let target = match self.index()? {
@@ -180,7 +181,7 @@ impl<R: Read + Seek> DumpReader<R> {
         Ok(())
     }
 
-    /// Offsets and host times of some transfers, if the dump was finished.
+    /// Returns offsets and host times of some transfers, if the dump was finished.
     fn index(&mut self) -> Result<Option<Vec<(u64, u64)>>, DumpError> {
         let mut trailer = [0; 16];
         if self.length < self.start + 16 {
@@ -209,7 +210,7 @@ impl<R: Read + Seek> DumpReader<R> {
         Ok(Some(entries.collect()))
     }
 
-    /// Offset of the last transfer at or before `host_ns`, by reading from the beginning.
+    /// Finds the offset of the last transfer at or before `host_ns` by reading from the beginning.
     fn scan_for(&mut self, host_ns: u64) -> Result<Option<u64>, DumpError> {
         let before = self.damage;
         self.offset = self.start;
@@ -226,10 +227,10 @@ impl<R: Read + Seek> DumpReader<R> {
         Ok(found)
     }
 
-    /// Reads the record at `offset` or the next good one behind it, contents into `contents`.
+    /// Reads the record at `offset` or the next good one after it, with its contents into `contents`.
     fn read(&mut self) -> Result<Option<Head>, DumpError> {
         loop {
-            // The index and the trailer end a finished file.
+            // A finished file ends with the index and the trailer.
             if self.offset + HEAD as u64 > self.length {
                 let rest = self.length.saturating_sub(self.offset);
                 if rest > 0 && !self.trailer_at(self.offset, rest)? {
@@ -266,7 +267,7 @@ impl<R: Read + Seek> DumpReader<R> {
 
     /// Reads bytes at `offset` until `buffer` is full or the file ends.
     fn read_bytes(&mut self, offset: u64, buffer: &mut [u8]) -> io::Result<usize> {
-        // Buffers keep what they hold of a place nearby.
+        // A relative seek keeps the buffer if the target is in it.
         self.input.seek_relative(offset.wrapping_sub(self.position).cast_signed())?;
         self.position = offset;
         let got = fill(&mut self.input, buffer)?;
@@ -274,7 +275,7 @@ impl<R: Read + Seek> DumpReader<R> {
         Ok(got)
     }
 
-    /// The good record at `offset`, or `None`.
+    /// Returns the good record at `offset`, or `None`.
     fn read_at(&mut self, offset: u64) -> Result<Option<Head>, DumpError> {
         let mut bytes = [0; HEAD];
         if self.read_bytes(offset, &mut bytes)? < HEAD {
@@ -291,13 +292,13 @@ impl<R: Read + Seek> DumpReader<R> {
         Ok(good.then_some(head))
     }
 
-    /// Whether the record of this head fits into the file and may be read, even in vain.
+    /// Returns `true` if the record of this head fits into the file and is within the limit for reading in vain.
     fn may_be_at(&self, offset: u64, head: &Head) -> bool {
         let most = offset.saturating_mul(IN_VAIN_FACTOR).saturating_add(IN_VAIN);
         offset + HEAD as u64 + u64::from(head.stored) <= self.length && self.in_vain + in_vain(head) <= most
     }
 
-    /// Reads what follows `head`; false if it is not good.
+    /// Reads the contents after `head`; returns `false` if the record is not good.
     fn read_contents(&mut self, head: &Head, is_whole: impl Fn(&[u8]) -> bool) -> io::Result<bool> {
         self.stored.resize(head.stored as usize, 0);
         let got = fill(&mut self.input, &mut self.stored)?;
@@ -316,7 +317,7 @@ impl<R: Read + Seek> DumpReader<R> {
         Ok(true)
     }
 
-    /// Offset of the first good record at or behind `from`.
+    /// Returns the offset of the first good record at or after `from`.
     fn find_record(&mut self, mut from: u64) -> Result<Option<u64>, DumpError> {
         let [mut size, most] = SEARCH;
         let mut window = Vec::new();
@@ -338,12 +339,12 @@ impl<R: Read + Seek> DumpReader<R> {
     }
 }
 
-/// What it costs to find that the record of this head is not good.
+/// Returns the cost of finding out that the record of this head is not good.
 fn in_vain(head: &Head) -> u64 {
     head.stored.max(head.length).max(LEAST_IN_VAIN).into()
 }
 
-/// Reads until `buffer` is full or the input ends; returns how much was read.
+/// Reads until `buffer` is full or the input ends; returns the number of bytes read.
 fn fill(input: &mut impl Read, buffer: &mut [u8]) -> io::Result<usize> {
     let mut got = 0;
     while let Some(rest) = buffer.get_mut(got..).filter(|rest| !rest.is_empty()) {

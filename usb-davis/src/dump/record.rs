@@ -5,29 +5,29 @@ use super::LENGTH_MOST;
 pub(super) const MARKER: &[u8; 4] = b"DVSR";
 pub(super) const HEAD: usize = 28;
 
-/// How a transfer ended.
+/// Result of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 #[non_exhaustive]
 pub enum TransferStatus {
-    /// All is well.
+    /// The transfer succeeded.
     Completed = 0,
-    /// Its time ran out; what it brought is good.
+    /// The transfer timed out; its data are valid.
     TimedOut = 1,
     /// The endpoint was halted.
     Stalled = 2,
-    /// The bus failed. What it brought may be anything.
+    /// The bus failed; the data are undefined.
     Error = 3,
-    /// It was called back; what it brought is good.
+    /// The transfer was cancelled; its data are valid.
     Cancelled = 4,
-    /// The camera is gone.
+    /// The camera was removed.
     NoDevice = 5,
-    /// The camera sent more than there was room for.
+    /// The camera sent more data than fit into the buffer.
     Overflow = 6,
 }
 
 impl TransferStatus {
-    /// Whether its payload can be trusted. Where it cannot, bytes were lost.
+    /// Returns `true` if the payload is valid; otherwise bytes were lost.
     pub const fn is_good(self) -> bool {
         matches!(self, Self::Completed | Self::TimedOut | Self::Cancelled)
     }
@@ -48,13 +48,13 @@ impl TransferStatus {
 /// One transfer from the data endpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Transfer<'a> {
-    /// When it arrived, in ns since the recording began. `None` in bare payload.
+    /// Time of arrival in ns since the start of the recording; `None` in bare payload.
     pub host_ns: Option<u64>,
-    /// Bytes were lost between the transfer before and this one.
+    /// `true` if bytes were lost between the previous transfer and this one.
     pub gap_before: bool,
-    /// How it ended.
+    /// Result of the transfer.
     pub status: TransferStatus,
-    /// What it brought.
+    /// Received bytes.
     pub payload: &'a [u8],
 }
 
@@ -85,7 +85,7 @@ fn u32_at<const AT: usize>(bytes: &[u8; HEAD]) -> u32 {
 }
 
 impl Head {
-    /// The head and the checksum that it claims; `None` if these bytes are no head.
+    /// Returns the head and the checksum that it claims; `None` if these bytes are not a head.
     pub(super) fn parse(bytes: &[u8; HEAD]) -> Option<(Self, u32)> {
         let [m0, m1, m2, m3, kind, flags, status, zero, ..] = *bytes;
         if [m0, m1, m2, m3] != *MARKER || flags > 3 || zero != 0 {
@@ -110,7 +110,7 @@ impl Head {
         (fits && (head.compressed || head.stored == head.length)).then_some((head, u32_at::<24>(bytes)))
     }
 
-    /// Head and stored bytes as one record, appended to `out`.
+    /// Appends head and stored bytes to `out` as one record.
     pub(super) fn emit(&self, stored: &[u8], out: &mut Vec<u8>) {
         let start = out.len();
         out.extend(MARKER);
@@ -130,7 +130,7 @@ impl Head {
     }
 }
 
-/// CRC-32 of the first 24 bytes of a head and the stored bytes.
+/// Returns the CRC-32 of the first 24 bytes of a head and the stored bytes.
 pub(super) fn checksum(head: &[u8], stored: &[u8]) -> u32 {
     let mut hasher = crc32fast::Hasher::new();
     hasher.update(head);

@@ -1,4 +1,4 @@
-//! Writes a dump, one `write` call a record.
+//! Writes a dump, with one `write` call per record.
 
 use std::io::Write;
 
@@ -6,14 +6,14 @@ use super::record::{Head, Kind, Transfer, TransferStatus};
 use super::{DumpError, DumpHeader, Growth, INDEX_MAGIC, LENGTH_MOST, MAGIC};
 use crate::registers::Register;
 
-/// Distance of entries in the index, in bytes of the file.
+/// Distance between entries of the index, in bytes of the file.
 const INDEX_EVERY: u64 = 1 << 22;
 
-/// Whether transfers are compressed, one by one.
+/// Compression of transfers, each by itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Compression {
-    /// As they are.
+    /// No compression.
     #[default]
     None,
     /// Zstandard of this level, 1 fast to 19 small.
@@ -22,9 +22,9 @@ pub enum Compression {
 
 /// Writes transfers to `W`.
 ///
-/// Nothing is held back: a record is one `write_all`, so that what was written before a crash is
-/// whole. Give it a file, not a buffered writer. Recording never waits for the disk itself; call
-/// [`DumpWriter::get_ref`]`.sync_data()` now and then if a power cut is to be feared.
+/// Nothing is buffered: each record is one `write_all`, so all records written before a crash are whole. Pass a file,
+/// not a buffered writer. Recording never waits for the disk itself; call [`DumpWriter::get_ref`]`.sync_data()` at
+/// intervals to protect the recording against a power failure.
 pub struct DumpWriter<W: Write> {
     output: W,
     compressor: Option<zstd::bulk::Compressor<'static>>,
@@ -62,13 +62,13 @@ impl<W: Write> DumpWriter<W> {
         })
     }
 
-    /// Tells `growth` how far the dump is written, from now on.
+    /// Reports the length of the dump to `growth`, from now on.
     pub fn told_to(self, growth: Growth) -> Self {
         growth.set(self.offset);
         Self { growth, ..self }
     }
 
-    /// Appends a transfer. Without a host time it gets that of the one before.
+    /// Appends a transfer. Without a host time it gets the host time of the previous one.
     pub fn transfer(&mut self, transfer: &Transfer<'_>) -> Result<(), DumpError> {
         let host_ns = transfer.host_ns.unwrap_or(self.host_ns);
         if self.offset >= self.next_entry {
@@ -95,7 +95,7 @@ impl<W: Write> DumpWriter<W> {
         self.append(head, stored, transfer.payload.len())
     }
 
-    /// Appends registers that were read or written while recording.
+    /// Appends registers that were read or written during the recording.
     pub fn registers(&mut self, registers: impl IntoIterator<Item = (Register, u32)>) -> Result<(), DumpError> {
         let mut contents = Vec::new();
         for (register, value) in registers {
@@ -131,18 +131,18 @@ impl<W: Write> DumpWriter<W> {
         Ok(())
     }
 
-    /// Bytes written so far.
+    /// Returns the number of bytes written so far.
     pub fn bytes(&self) -> u64 {
         self.offset
     }
 
-    /// What it writes to.
+    /// Returns the output.
     pub fn get_ref(&self) -> &W {
         &self.output
     }
 
-    /// Writes the index and gives back the output. A dump that is not finished can be read all the
-    /// same; only seeking takes longer.
+    /// Writes the index and returns the output. A dump that is not finished can still be read; only seeking takes
+    /// longer.
     pub fn finish(mut self) -> Result<W, DumpError> {
         let offset = self.offset;
         let index = std::mem::take(&mut self.index);

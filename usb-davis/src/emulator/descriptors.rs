@@ -15,7 +15,7 @@ const CONFIGURATION_DESCRIPTOR: &[u8] = &[
     7, 5, 0x81, 3, 0x40, 0x00, 1, 6, 0x30, 0, 0, 0x40, 0,
 ];
 
-/// USB 2 extension (link power management), SuperSpeed (full, high and super; no exit latency told).
+/// USB 2 extension (link power management), SuperSpeed (full, high and super; no exit latency given).
 const CAPABILITIES_DESCRIPTOR: &[u8] = &[
     5, 15, 22, 0, 2, //
     7, 16, 2, 0x02, 0, 0, 0, //
@@ -29,12 +29,12 @@ pub(super) fn device_descriptor(identity: &Identity) -> [u8; 18] {
     [18, DEVICE, 0x00, 0x03, 0, 0, 0, 9, v0, v1, p0, p1, d0, d1, 1, 2, 3, 1]
 }
 
-/// Device and configuration descriptor, as sysfs shows them.
+/// Returns device and configuration descriptor, as in sysfs.
 pub(super) fn descriptors(identity: &Identity) -> Vec<u8> {
     [&device_descriptor(identity)[..], CONFIGURATION_DESCRIPTOR].concat()
 }
 
-/// `None` if there is no such descriptor.
+/// Returns a descriptor; `None` if it does not exist.
 pub(super) fn descriptor(identity: &Identity, kind: u8, index: u8) -> Option<Vec<u8>> {
     match (kind, index) {
         (DEVICE, 0) => Some(device_descriptor(identity).to_vec()),
@@ -60,7 +60,7 @@ fn string_descriptor(text: &str) -> Vec<u8> {
 mod tests {
     use super::*;
 
-    /// Sums up the lengths of the descriptors of which `bytes` consist.
+    /// Returns the sum of the lengths of the descriptors in `bytes`.
     fn chain(bytes: &[u8]) -> usize {
         let mut at = 0;
         while let Some(&length) = bytes.get(at) {
@@ -71,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn lengths_are_those_of_the_contents() {
+    fn lengths_match_the_contents() {
         for (bytes, total) in [(CONFIGURATION_DESCRIPTOR, 44), (CAPABILITIES_DESCRIPTOR, 22)] {
             assert_eq!((bytes.len(), usize::from(bytes[2]), chain(bytes)), (total, total, total));
         }

@@ -1,39 +1,39 @@
-//! What goes wrong, on demand.
+//! Faults of an emulated camera.
 
-/// Faults of the camera. Bytes count from the start of the stream.
+/// Faults of the camera. Byte positions count from the start of the stream.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Faults {
     /// The camera is unplugged once this many bytes were sent; once only.
     pub unplug_at: Option<u64>,
     /// The data endpoint halts once this many bytes were sent; once only.
     pub stall_at: Option<u64>,
-    /// Lengths of the transfers, over and over, odd ones included; none: as long as asked for.
+    /// Lengths of the transfers, used repeatedly, odd lengths included; if empty, transfers have the requested length.
     pub cuts: Vec<usize>,
-    /// Of so many words of the stream, the last is replaced by one that no camera sends. None or 0:
-    /// none is.
+    /// Replaces the last of every so many words of the stream by a word that no camera sends; `None` or 0 disables it.
     pub bad_word_every: Option<u64>,
     /// The bus fails; once only.
     pub failures: Option<Failures>,
-    /// Bytes of an earlier run that are still in the camera: they come before everything else, at first
-    /// and again after each run, once no transfer is queued any more.
+    /// Bytes of an earlier run that are still in the camera. They are sent before everything else, at first and again
+    /// after each run once no transfer is queued any more.
     pub stale: Vec<u8>,
 }
 
-/// Transfers that fail one after the other. What they would have brought is lost.
+/// Consecutive transfers that fail. Their data are lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Failures {
-    /// Bytes sent before the first of them.
+    /// Bytes sent before the first failure.
     pub at: u64,
-    /// How many.
+    /// Number of transfers.
     pub transfers: u64,
 }
 
-/// Words that no camera sends, in turn: an unknown special, a row and a column outside the sensor,
-/// unknown sub-codes of the two miscellaneous words.
+/// Words that no camera sends, used in turn: an unknown special, a row and a column outside the sensor, unknown
+/// sub-codes of the two miscellaneous words.
 const BAD_WORDS: [u16; 5] = [0x0FFF, 0x1FFF, 0x2FFF, 0x5F00, 0x6C00];
 
 impl Faults {
-    /// `room` for a transfer after `sent` bytes, cut to the next fault. `cut` counts the transfers.
+    /// Returns the length of a transfer of at most `room` bytes after `sent` bytes, limited to the next fault. `cut`
+    /// counts the transfers.
     pub(super) fn limit(&self, room: usize, sent: u64, cut: usize) -> usize {
         let cut = self.cuts.get(cut % self.cuts.len().max(1)).copied().unwrap_or(room).max(1);
         let failures = self.failures.map(|failures| failures.at).filter(|&at| at > sent);
@@ -42,7 +42,7 @@ impl Faults {
         room.min(cut).min(usize::try_from(left).unwrap_or(usize::MAX))
     }
 
-    /// Whether a transfer after `sent` bytes fails. Counts it.
+    /// Returns `true` if a transfer after `sent` bytes fails, and counts the failure.
     pub(super) fn take_failure(&mut self, sent: u64) -> bool {
         let Some(failures) = self.failures.as_mut().filter(|failures| failures.at <= sent) else { return false };
         let fails = failures.transfers > 0;
@@ -50,7 +50,7 @@ impl Faults {
         fails
     }
 
-    /// Puts bad words into `bytes`, which come after `sent` bytes of the stream.
+    /// Inserts bad words into `bytes`, which come after `sent` bytes of the stream.
     pub(super) fn spoil(&self, bytes: &mut [u8], sent: u64) {
         let Some(every) = self.bad_word_every.filter(|&every| every > 0) else { return };
         for (byte, position) in bytes.iter_mut().zip(sent..) {

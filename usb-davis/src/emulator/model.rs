@@ -1,4 +1,4 @@
-//! The camera as its USB side sees it: registers, requests, endpoints.
+//! The USB side of the camera: registers, requests, endpoints.
 
 use std::time::Duration;
 
@@ -19,17 +19,17 @@ use crate::{PRODUCT_ID, VENDOR_ID};
 /// One emulated camera.
 pub struct Model {
     identity: Identity,
-    /// The registers with power just switched on.
+    /// The registers after power-on.
     factory: RegisterSnapshot,
     registers: RegisterSnapshot,
-    /// Register writes in the order in which they came.
+    /// Register writes in the order of arrival.
     log: Vec<(Register, u32)>,
     output: Output,
     halted: bool,
 }
 
 impl Model {
-    /// A camera with this serial number. Each time it is started it sends what `source` returns.
+    /// Creates a camera with this serial number. At each start it sends the pieces that `source` returns.
     pub fn new<I>(serial: &str, source: impl FnMut() -> I + Send + 'static) -> Self
     where
         I: Iterator<Item = Piece> + Send + 'static,
@@ -46,19 +46,19 @@ impl Model {
         }
     }
 
-    /// Sets what its descriptors say.
+    /// Sets the identity in the descriptors.
     pub fn with_identity(mut self, identity: Identity) -> Self {
         self.identity = identity;
         self
     }
 
-    /// Sets its serial number.
+    /// Sets the serial number.
     pub fn with_serial(mut self, serial: &str) -> Self {
         serial.clone_into(&mut self.identity.serial);
         self
     }
 
-    /// Sets registers, among them the read-only ones.
+    /// Sets registers, including read-only ones.
     pub fn with_registers(mut self, registers: impl IntoIterator<Item = (Register, u32)>) -> Self {
         for (register, value) in registers {
             self.factory.set(register, value);
@@ -67,8 +67,8 @@ impl Model {
         self
     }
 
-    /// Makes it the camera of a recording, as far as that describes it: descriptors and read-only
-    /// registers. Counters begin at zero.
+    /// Takes over descriptors and read-only registers of the camera of a recording, as far as the header contains them.
+    /// Counters begin at zero.
     pub fn with_header(self, header: &DumpHeader) -> Self {
         let is_counter = |register: Register| matches!(register.module, 0 | 1) && register.parameter > 80;
         let kept = |register: Register| register.is_read_only() && !is_counter(register);
@@ -80,62 +80,62 @@ impl Model {
         }
     }
 
-    /// Sets how fast it plays.
+    /// Sets the playback speed.
     pub fn with_pace(mut self, pace: Pace) -> Self {
         self.output.pace = pace;
         self
     }
 
-    /// Sets how long after a start the stream begins.
+    /// Sets the delay between a start and the beginning of the stream.
     pub fn with_delay(mut self, delay: Duration) -> Self {
         self.output.delay = delay;
         self
     }
 
-    /// Sets what goes wrong.
+    /// Sets the faults.
     pub fn with_faults(mut self, faults: Faults) -> Self {
         self.output.faults = faults;
         self
     }
 
-    /// What its descriptors say.
+    /// Returns the identity in the descriptors.
     pub fn identity(&self) -> &Identity {
         &self.identity
     }
 
-    /// Its registers.
+    /// Returns the registers.
     pub fn registers(&self) -> &RegisterSnapshot {
         &self.registers
     }
 
-    /// All register writes so far, in order.
+    /// Returns all register writes so far, in order.
     pub fn log(&self) -> &[(Register, u32)] {
         &self.log
     }
 
-    /// Bytes sent since the latest start.
+    /// Returns the number of bytes sent since the latest start.
     pub fn sent(&self) -> u64 {
         self.output.sent()
     }
 
-    /// Switches the power off and on: registers are as they were at first.
+    /// Switches the power off and on, which resets the registers.
     pub fn power_cycle(&mut self) {
         self.registers = self.factory.clone();
         self.output.clear();
         self.halted = false;
     }
 
-    /// Whether it is time to unplug it; true once.
+    /// Returns `true` once, when it is time to unplug the camera.
     pub(super) fn take_unplug(&mut self) -> bool {
         self.output.take_unplug()
     }
 
-    /// Device and configuration descriptor, as sysfs shows them.
+    /// Returns device and configuration descriptor, as in sysfs.
     pub(super) fn descriptors(&self) -> Vec<u8> {
         descriptors(&self.identity)
     }
 
-    /// Answers a control request: what it returns are the bytes of a read, none for a write.
+    /// Answers a control request: returns the bytes of a read, or no bytes for a write.
     pub fn control(&mut self, setup: [u8; 8], data: &[u8]) -> Result<Vec<u8>, Stall> {
         let [request_type, request, v0, v1, i0, _, l0, l1] = setup;
         let register = Register::new(v0, i0);
@@ -179,7 +179,7 @@ impl Model {
         self.registers.get(register).unwrap_or(0) != 0
     }
 
-    /// What runs, if anything does and the way from there to the bus is open.
+    /// Returns the running streams, if any module runs and the path from it to the bus is open.
     fn streams(&self) -> Option<Streams> {
         let any = |registers: &[Register]| registers.iter().any(|&register| self.is_on(register));
         let streams = Streams {
@@ -192,8 +192,7 @@ impl Model {
         (path && (streams.events || streams.frames || streams.imu || streams.signals)).then_some(streams)
     }
 
-    /// What a transfer from the data endpoint of at most `room` bytes brings now; `None` if there is
-    /// nothing yet.
+    /// Returns the result of a transfer of at most `room` bytes from the data endpoint; `None` if there is no data yet.
     pub fn bulk(&mut self, room: usize) -> Option<Result<Vec<u8>, TransferFault>> {
         if !self.halted {
             let clocks = self.registers.clocks();
@@ -209,17 +208,17 @@ impl Model {
         Some(Err(TransferFault::Stall))
     }
 
-    /// After what time it wants its next turn.
+    /// Returns the time until the next call of [`Model::turn`].
     pub(super) fn turn_interval(&self) -> Duration {
         self.output.turn_interval()
     }
 
-    /// To be called when it wants a turn.
+    /// Advances the camera; call it at the interval of [`Model::turn_interval`].
     pub(super) fn turn(&mut self) {
         self.output.turn();
     }
 
-    /// Lets time pass without a queued transfer. Counts what found no room.
+    /// Advances the time without a queued transfer. Counts the data for which there was no room.
     pub(super) fn idle(&mut self) {
         let (events, signals) = (self.is_on(mux::DROP_DVS_ON_STALL), self.is_on(mux::DROP_EXTERNAL_INPUT_ON_STALL));
         let drops = self.output.idle(events, signals);
@@ -285,7 +284,7 @@ mod tests {
         assert_eq!((model.bulk(64), status(&mut model)), (Some(Ok(vec![1; 40])), Ok(vec![0, 0])));
     }
 
-    /// The words that start all of the camera but its modules.
+    /// The register writes that start everything except the modules.
     const PATH: [Register; 4] = [mux::RUN_CHIP, usb::RUN, mux::TIMESTAMP_RUN, mux::RUN];
 
     #[test]
@@ -315,7 +314,7 @@ mod tests {
         let pulse = [0, 2, 0, 0, 0, 1, 0, 2, 0, 0, 0, 0];
         assert_eq!(model.control([0x40, 0xC2, 2, 0, 0, 0, 12, 0], &pulse), Ok(vec![]));
         assert_eq!(model.bulk(64), Some(Ok(vec![1, 0, 1, 0x80, 5, 0x10, 6, 0x20, 2, 0x80, 5, 0x10, 6, 0x20])));
-        // Switched off, it sends nothing, and says nothing of the time either.
+        // When switched off, it sends nothing, not even the time.
         model.write(dvs::RUN, 0);
         model.write(mux::TIMESTAMP_RESET, 1);
         assert_eq!(model.bulk(64), None);

@@ -1,45 +1,45 @@
-//! Which words of a stream go out: those of modules that run, for which there is room.
+//! Selection of the words of a stream that are sent: words of running modules, for which there is room.
 //!
-//! As long as all of them do, bytes pass as they are, faults included. From the first word that is held
-//! back or put in between, words are stamped anew: wrap, timestamp and row are sent when the host does
-//! not know them yet, as the camera's multiplexer does.
+//! As long as all words are sent, bytes pass unchanged, faults included. From the first word that is held back or
+//! inserted, timestamps are written again: wrap, timestamp and row are sent when the host does not know them yet, as in
+//! the camera's multiplexer.
 
 use crate::configuration::Streams;
 use crate::protocol::word::{Special, Word};
 
 /// Largest multiplier of a wrap word.
 const WRAP_MOST: u64 = 0x0FFF;
-/// Room for a word with everything that may have to go before it.
+/// Room for a word with everything that may have to precede it.
 const WORDS: usize = 16;
 
-/// What is let through.
+/// Conditions for sending words.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Gate {
-    /// Modules that run.
+    /// Running modules.
     pub(super) streams: Streams,
     /// Bytes for which there is room.
     pub(super) room: usize,
-    /// Events, or signals, that find no room are dropped (registers 0.5 and 0.4). Everything else
-    /// waits for room.
+    /// `true` to drop events, or signals, for which there is no room (registers 0.5 and 0.4). Everything else waits for
+    /// room.
     pub(super) drop_events: bool,
     pub(super) drop_signals: bool,
 }
 
 impl Gate {
-    /// Lets everything through that these modules send.
+    /// Sends everything from these modules.
     pub(super) fn without_limit(streams: Streams) -> Self {
         Self { streams, room: usize::MAX, drop_events: false, drop_signals: false }
     }
 }
 
-/// What found no room.
+/// Number of events and signals for which there was no room.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Drops {
     pub(super) events: u64,
     pub(super) signals: u64,
 }
 
-/// What makes a word.
+/// Origin of a word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Module {
     Multiplexer,
@@ -68,7 +68,7 @@ fn module(word: Word) -> Module {
     }
 }
 
-/// Whether `bytes` hold words of modules that `streams` does not run.
+/// Returns `true` if `bytes` contain words of modules that do not run in `streams`.
 pub(super) fn needs_more(bytes: &[u8], streams: Streams) -> bool {
     let (words, _) = bytes.as_chunks::<2>();
     words.iter().any(|word| match module(Word::parse(u16::from_le_bytes(*word))) {
@@ -80,7 +80,7 @@ pub(super) fn needs_more(bytes: &[u8], streams: Streams) -> bool {
     })
 }
 
-/// Time and row at a point of a stream.
+/// Time and row at a position of a stream.
 #[derive(Clone, Copy, Debug, Default)]
 struct Position {
     /// Time at the latest wrap or restart in µs, and the low 15 bits of the time.
@@ -95,18 +95,18 @@ impl Position {
     }
 }
 
-/// The multiplexer, from the start of a stream on.
+/// The multiplexer, from the start of a stream.
 #[derive(Clone, Debug)]
 pub(super) struct Multiplexer {
     /// First byte of a word whose second byte has not come yet.
     half: Option<u8>,
-    /// Every word was let through so far.
+    /// `true` while every word was sent.
     exact: bool,
     source: Position,
     sent: Position,
-    /// Time of the source that is zero for the host.
+    /// Time of the source that is the host's zero.
     zero: u64,
-    /// Whether the frame and the inertial sample under way go out.
+    /// `true` if the current frame, or IMU sample, is sent.
     frame: bool,
     sample: bool,
 }
@@ -119,7 +119,7 @@ impl Default for Multiplexer {
 }
 
 impl Multiplexer {
-    /// Takes the next bytes of the stream; what goes out is appended to `out`.
+    /// Processes the next bytes of the stream; appends the bytes to send to `out`.
     pub(super) fn take(&mut self, bytes: &[u8], gate: Gate, out: &mut Vec<u8>) -> Drops {
         let mut drops = Drops::default();
         let bytes = match (self.half, bytes) {
@@ -140,7 +140,7 @@ impl Multiplexer {
         drops
     }
 
-    /// The stream has ended: half a word goes out, too.
+    /// Ends the stream, which sends an incomplete word too.
     pub(super) fn finish(&mut self) -> Option<u8> {
         self.half.take()
     }
@@ -173,7 +173,7 @@ impl Multiplexer {
                 put(word, out);
                 (self.sent, self.zero) = (Position::default(), 0);
             }
-            // A row goes out with its first column, unless that column is held back.
+            // A row is sent with its first column, unless that column is held back.
             Word::Row(_) if new_row => self.sent.row = None,
             Word::Wrap(_) if out.len() < gate.room => self.wraps(out),
             Word::Timestamp(_) | Word::Row(_) | Word::Wrap(_) => {}
@@ -194,7 +194,7 @@ impl Multiplexer {
         }
     }
 
-    /// Whether a word is let through. Counts it if it is dropped.
+    /// Returns `true` if a word is sent; counts it if it is dropped.
     fn goes(&mut self, word: Word, gate: Gate, drops: &mut Drops, length: usize) -> bool {
         let full = length + WORDS > gate.room;
         match (module(word), word) {
@@ -224,7 +224,7 @@ impl Multiplexer {
         }
     }
 
-    /// Sends the wraps that the host does not know of.
+    /// Sends the wraps that the host does not know yet.
     fn wraps(&mut self, out: &mut Vec<u8>) {
         let mut wraps = self.source.time().saturating_sub(self.zero).saturating_sub(self.sent.wrap) >> 15;
         while wraps > 0 {
@@ -235,7 +235,7 @@ impl Multiplexer {
         }
     }
 
-    /// Sends the time, if the host does not know it.
+    /// Sends the time, if the host does not know it yet.
     fn stamp(&mut self, out: &mut Vec<u8>) {
         self.wraps(out);
         let low = (self.source.time().saturating_sub(self.zero) & 0x7FFF) as u16;
@@ -266,7 +266,7 @@ mod tests {
         }
     }
 
-    /// 10,000 events over 0.37 s; at every thousandth also a small frame, an inertial sample, a signal.
+    /// Returns 10,000 events over 0.37 s, with a small frame, an IMU sample and a signal at every thousandth.
     fn stream() -> Vec<u8> {
         let mut encoder = Encoder::new(Layout::DAVIS346);
         let mut bytes = Vec::new();
@@ -302,7 +302,7 @@ mod tests {
         bytes
     }
 
-    /// Events, and how many frames, samples and signals there are. Nothing may be faulty.
+    /// Returns the events and the numbers of frames, samples and signals, and asserts that there is no fault.
     fn decode(bytes: &[u8]) -> (Vec<PolarityEvent>, [u64; 3]) {
         let mut decoder = Decoder::with_frames(Layout::DAVIS346, vec![0; 346 * 260]);
         let mut events = Vec::new();
@@ -328,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_let_through_stays_as_it_is_whatever_it_says() {
+    fn bytes_that_pass_are_unchanged() {
         let noise: Vec<u8> = (0..9999u64).map(|at| (at.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 56) as u8).collect();
         for bytes in [stream(), noise] {
             for piece in [1, 7, 512] {
@@ -351,7 +351,7 @@ mod tests {
             assert_eq!((found, drops), (others, Drops::default()));
             assert_eq!(events, if streams.events { all.clone() } else { Vec::new() });
         }
-        // Switched on in mid-frame: that frame is not sent, the next one is.
+        // If frames are switched on during a frame, that frame is not sent, the next one is.
         let frames = |on| Gate::without_limit(Streams { frames: on, ..Streams::ALL });
         let start = stream().windows(2).position(|word| word == [11, 0]).expect("a column");
         let (bytes, _) = pass(&stream(), start + 1, |index, _| frames(index > 0));
@@ -359,10 +359,10 @@ mod tests {
     }
 
     #[test]
-    fn events_without_room_are_counted_and_everything_else_is_right() {
+    fn events_without_room_are_counted_and_the_rest_is_correct() {
         let limited = |_, length: usize| Gate {
             streams: Streams::ALL,
-            // Room for some of each piece.
+            // Room for a part of each piece.
             room: length + 60,
             drop_events: true,
             drop_signals: true,

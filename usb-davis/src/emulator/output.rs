@@ -1,4 +1,4 @@
-//! From pieces of a stream to transfers: pace, FIFO and faults of the camera's data endpoint.
+//! The camera's data endpoint: turns pieces of a stream into transfers, with pace, FIFO and faults.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -8,41 +8,40 @@ use super::multiplexer::{Drops, Gate, Multiplexer, needs_more};
 use super::piece::Piece;
 use crate::configuration::Streams;
 
-/// How fast the stream is played.
+/// Playback speed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Pace {
-    /// As fast as the client reads; nothing is ever dropped.
+    /// As fast as the client reads; nothing is dropped.
     #[default]
     Full,
-    /// By the pieces' times. Events and signals that do not fit into the FIFO, because no transfer is
-    /// queued, are dropped and counted by registers 0.83 and 0.81, as the camera does.
+    /// According to the times of the pieces. Like the camera, drops events and signals that do not fit into the FIFO
+    /// because no transfer is queued, and counts them in registers 0.83 and 0.81.
     Real,
 }
 
-/// How often the camera looks whether it has something to send, running and at rest.
+/// Interval at which the camera checks for data to send, running and at rest.
 const TURN: Duration = Duration::from_millis(1);
 const TURN_AT_REST: Duration = Duration::from_millis(20);
-/// Longest time between two turns that passes for the camera too.
+/// Largest interval between two turns that counts as camera time.
 const TURN_MOST: Duration = Duration::from_millis(5);
-/// Programs switch the camera's modules on one after the other: for so long, what a module has to send
-/// waits for it.
+/// Programs switch the camera's modules on one by one: during this time the data of a module wait for it.
 const SWITCHING: Duration = Duration::from_millis(100);
-/// Room of the camera's output.
+/// Size of the camera's output FIFO.
 const FIFO_BYTES: usize = 64 * 1024;
 
 type Pieces = Box<dyn Iterator<Item = Piece> + Send>;
 
-/// What a transfer brings.
+/// Result of a transfer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Taken {
-    /// Nothing yet.
+    /// No data yet.
     Nothing,
-    /// These bytes.
+    /// Data.
     Bytes(Vec<u8>),
-    /// Nothing: the endpoint halts.
+    /// No data: the endpoint halts.
     Halt,
-    /// Nothing: the bus fails.
+    /// No data: the bus fails.
     Failure,
 }
 
@@ -50,21 +49,21 @@ pub(super) enum Taken {
 pub(super) struct Output {
     source: Box<dyn FnMut() -> Pieces + Send>,
     pieces: Pieces,
-    /// A piece whose time has not come.
+    /// A piece whose time has not come yet.
     next: Option<Piece>,
     multiplexer: Multiplexer,
     fifo: VecDeque<u8>,
-    /// How much of the bytes of an earlier run was sent, and whether a run has ended since.
+    /// Number of stale bytes sent, and `true` if a run has ended since.
     stale: usize,
     ended: bool,
     pub(super) pace: Pace,
     pub(super) delay: Duration,
     pub(super) faults: Faults,
-    /// Modules that run, while the way from them to the bus is open.
+    /// Running modules, while the path from them to the bus is open.
     streams: Option<Streams>,
     switched: Option<Instant>,
     started: Option<Instant>,
-    /// When it was last given the processor, and for how long it was kept from it.
+    /// Time of the last turn, and total time without turns.
     turned: Option<Instant>,
     asleep: Duration,
     sent_last: Option<Instant>,
@@ -99,13 +98,13 @@ impl Output {
         }
     }
 
-    /// Bytes sent since the latest start.
+    /// Returns the number of bytes sent since the latest start.
     pub(super) fn sent(&self) -> u64 {
         self.sent
     }
 
-    /// Modules are switched on or off; `None`: nothing is sent. The stream begins anew if nothing was
-    /// before; what is in the FIFO at the end stays there.
+    /// Switches modules on or off; with `None` nothing is sent. The stream starts from the beginning if nothing was
+    /// sent before; data in the FIFO at the end stay there.
     pub(super) fn switch(&mut self, streams: Option<Streams>) {
         if streams == self.streams {
             return;
@@ -135,19 +134,19 @@ impl Output {
         }
     }
 
-    /// Loses what it holds, as without power.
+    /// Discards all data, as a power loss does.
     pub(super) fn clear(&mut self) {
         (self.streams, self.stale, self.sent) = (None, 0, 0);
         self.fifo.clear();
     }
 
-    /// Whether it is time to unplug the camera; true once.
+    /// Returns `true` once, when it is time to unplug the camera.
     pub(super) fn take_unplug(&mut self) -> bool {
         self.faults.unplug_at.take_if(|at| self.sent >= *at).is_some()
     }
 
-    /// What a transfer of at most `room` bytes brings now. A transfer that is not full waits for
-    /// `early_packet_delay` (register 9.1) after the one before.
+    /// Returns the result of a transfer of at most `room` bytes. A transfer that is not full waits for
+    /// `early_packet_delay` (register 9.1) after the previous one.
     pub(super) fn take(&mut self, room: usize, early_packet_delay: Duration) -> Taken {
         if self.faults.stall_at.take_if(|at| self.sent >= *at).is_some() {
             return Taken::Halt;
@@ -176,20 +175,20 @@ impl Output {
         if fails { Taken::Failure } else { Taken::Bytes(bytes) }
     }
 
-    /// After what time it wants its next turn: soon only while there is something to play.
+    /// Returns the time until the next turn; it is short only while there is something to play.
     pub(super) fn turn_interval(&self) -> Duration {
         if self.streams.is_some() { TURN } else { TURN_AT_REST }
     }
 
-    /// To be called every few milliseconds. Where the computer was too busy for that, the camera's
-    /// time stood still: a real camera would not have sent everything at once afterwards.
+    /// Advances the camera; call it every few milliseconds. If the computer was too busy for that, the camera's time is
+    /// stopped in between, because a real camera would not send everything at once afterwards.
     pub(super) fn turn(&mut self) {
         let now = Instant::now();
         let gap = self.turned.replace(now).map_or(Duration::ZERO, |turned| now - turned);
         self.asleep += gap.saturating_sub(TURN_MOST);
     }
 
-    /// The next piece, if its time has come.
+    /// Returns the next piece, if its time has come.
     fn due(&mut self, streams: Streams) -> Option<Piece> {
         let elapsed = self.started.map_or(Duration::ZERO, |started| started.elapsed()).saturating_sub(self.asleep);
         let elapsed = elapsed.checked_sub(self.delay)?;
@@ -218,10 +217,10 @@ impl Output {
         }
     }
 
-    /// Lets time pass without a queued transfer: what found no room in the FIFO. `drop_events` and
-    /// `drop_signals`: these do not wait for room.
+    /// Advances the time without a queued transfer, and returns the data that did not fit into the FIFO. With
+    /// `drop_events` and `drop_signals`, events and signals do not wait for room.
     pub(super) fn idle(&mut self, drop_events: bool, drop_signals: bool) -> Drops {
-        // Nobody listens to the end of the run before any more.
+        // The end of the previous run will not be read any more.
         if self.streams.is_none() && std::mem::take(&mut self.ended) {
             self.stale = 0;
         }
@@ -255,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn failed_transfers_lose_what_they_would_have_brought() {
+    fn failed_transfers_lose_their_data() {
         let pieces = vec![Piece { time: 0, bytes: (0..100).collect() }];
         let failures = Some(Failures { at: 10, transfers: 2 });
         let mut output = running(pieces, Faults { failures, ..Faults::default() });
@@ -298,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn events_that_no_transfer_takes_are_dropped_at_real_pace() {
+    fn events_without_a_queued_transfer_are_dropped_at_real_pace() {
         // Row 0, then 499 columns.
         let bytes: Vec<u8> = [0x00, 0x10].into_iter().chain([0x00, 0x20].repeat(499)).collect();
         let pieces = vec![Piece { time: 0, bytes }; 100];

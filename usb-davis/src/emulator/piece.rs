@@ -1,38 +1,37 @@
-//! Streams as pieces, each with its time.
+//! Parts of a stream, each with its time.
 
 use std::io::{Read, Seek};
 
 use crate::capture::{Capture, CaptureError};
 use crate::protocol::Decoder;
 
-/// A part of the stream and when the camera produces it.
+/// A part of the stream and the time at which the camera produces it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Piece {
     /// Time since the start in µs.
     pub time: u64,
-    /// Bytes of the stream; at [`super::Pace::Real`] at most some kilobytes, or they do not fit into
-    /// the camera's FIFO.
+    /// Bytes of the stream; at [`super::Pace::Real`] at most a few kilobytes, because more do not fit into the camera's
+    /// FIFO.
     pub bytes: Vec<u8>,
 }
 
-/// Bytes of a piece of a recording, about what the camera hands to its USB controller at a time.
+/// Size of a piece of a recording in bytes, about the amount that the camera passes to its USB controller at once.
 const PIECE_BYTES: usize = 8192;
 
-/// The transfers of a recording, cut into pieces of 8 KiB. Their times lie evenly between the arrival
-/// of the transfer before and that of their own; where the recording holds no times of arrival, they
-/// are those of the camera's clock.
+/// Transfers of a recording, cut into pieces of 8 KiB. Their times are spread evenly between the arrival of the
+/// previous transfer and of their own. If the recording contains no times of arrival, they follow the camera's clock.
 pub struct CapturePieces<R: Read + Seek> {
     capture: Capture<R>,
     decoder: Decoder<Vec<u16>>,
     payload: Vec<u8>,
-    /// How much of the payload is handed out; when it began to arrive and when it had, in µs.
+    /// Number of payload bytes already returned, and start and end of the transfer's arrival, in µs.
     taken: usize,
     began: u64,
     arrived: u64,
 }
 
 impl<R: Read + Seek> CapturePieces<R> {
-    /// Reads `capture` on from where it is.
+    /// Reads `capture` from its current position.
     pub fn new(capture: Capture<R>) -> Self {
         let decoder = capture.header().decoder();
         Self { capture, decoder, payload: Vec::new(), taken: 0, began: 0, arrived: 0 }

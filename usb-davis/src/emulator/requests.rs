@@ -1,12 +1,11 @@
-//! Requests that every USB device answers (USB 3.2, table 9-4).
+//! Standard requests of USB devices (USB 3.2, table 9-4).
 
 use super::descriptors::descriptor;
 use super::stall::Stall;
 use crate::capture::DATA_ENDPOINT;
 use crate::dump::Identity;
 
-/// Bit of the request type that says that the device answers with data; the others name what is
-/// asked.
+/// Bit of the request type for requests that the device answers with data; the other bits name the recipient.
 const IN: u8 = 0x80;
 const DEVICE: u8 = 0x00;
 const INTERFACE: u8 = 0x01;
@@ -25,7 +24,7 @@ const SET_ISOCHRONOUS_DELAY: u8 = 49;
 
 const ENDPOINT_HALT: u16 = 0;
 
-/// Answers a request. `halted`: whether the data endpoint is.
+/// Answers a request. `halted` is `true` while the data endpoint is halted.
 pub(super) fn standard_request(identity: &Identity, halted: &mut bool, setup: [u8; 8]) -> Result<Vec<u8>, Stall> {
     let [kind, request, v0, v1, i0, i1, ..] = setup;
     let data_endpoint = [i0, i1] == [DATA_ENDPOINT, 0];
@@ -38,7 +37,7 @@ pub(super) fn standard_request(identity: &Identity, halted: &mut bool, setup: [u
             }
             Ok(Vec::new())
         }
-        // Power saving: nothing is saved here.
+        // Power saving is accepted without effect.
         (DEVICE | INTERFACE, 0, CLEAR_FEATURE | SET_FEATURE) => Ok(Vec::new()),
         (DEVICE, IN, GET_DESCRIPTOR) => descriptor(identity, v1, v0).ok_or(Stall),
         // There is one configuration, and one setting of its interface.

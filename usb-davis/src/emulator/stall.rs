@@ -1,21 +1,21 @@
-//! How the camera says no.
+//! Negative answers of the camera.
 
-/// The endpoint is halted, or the request is not known.
+/// The endpoint is halted, or the request is unknown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stall;
 
-/// Why a transfer brings nothing.
+/// Reason why a transfer has no data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum TransferFault {
     /// The endpoint is halted.
     Stall,
-    /// The bus failed; what the transfer would have brought is lost.
+    /// The bus failed; the data of the transfer are lost.
     Bus,
 }
 
 impl TransferFault {
-    /// Linux's error number for it.
+    /// Returns Linux's error number for the fault.
     #[cfg(target_os = "linux")]
     pub(super) fn errno(self) -> i32 {
         match self {

@@ -1,4 +1,4 @@
-//! Transfers that clients have queued: what every transport needs.
+//! Queued transfers of clients, used by every transport.
 
 use std::collections::VecDeque;
 
@@ -12,7 +12,7 @@ struct Queued<T> {
     length: usize,
 }
 
-/// Queued transfers of any endpoint in their order. The tag says to the transport which is which.
+/// Queued transfers of any endpoint in their order. The transport identifies a transfer by its tag.
 pub(super) struct QueuedTransfers<T>(VecDeque<Queued<T>>);
 
 impl<T> Default for QueuedTransfers<T> {
@@ -27,7 +27,7 @@ impl<T> QueuedTransfers<T> {
         self.0.push_back(Queued { tag, endpoint, length });
     }
 
-    /// The first transfer that the camera has data for, and these. Only the data endpoint ever has.
+    /// Returns the first transfer for which the camera has data, and the data. Only the data endpoint has any.
     pub(super) fn next(&mut self, model: &mut Model) -> Option<(T, Result<Vec<u8>, TransferFault>)> {
         let Some(index) = self.0.iter().position(|transfer| transfer.endpoint == DATA_ENDPOINT) else {
             model.idle();
@@ -37,13 +37,13 @@ impl<T> QueuedTransfers<T> {
         self.0.remove(index).map(|transfer| (transfer.tag, data))
     }
 
-    /// Takes one back.
+    /// Removes a transfer.
     pub(super) fn remove(&mut self, matches: impl Fn(&T) -> bool) -> Option<T> {
         let index = self.0.iter().position(|transfer| matches(&transfer.tag))?;
         self.0.remove(index).map(|transfer| transfer.tag)
     }
 
-    /// Takes all back.
+    /// Removes all transfers.
     pub(super) fn drain(&mut self) -> impl Iterator<Item = T> + '_ {
         self.0.drain(..).map(|transfer| transfer.tag)
     }

@@ -1,8 +1,8 @@
-//! The emulated camera for processes that run under umockdev's preload library (Debian package
-//! `umockdev`): they see it in `/sys` and `/dev/bus/usb`, through the real libusb.
+//! The emulated camera for processes that run under umockdev's preload library (Debian package `umockdev`): they see it
+//! in `/sys` and `/dev/bus/usb`, through the real libusb.
 //!
-//! The library turns opens below `/dev` and `/sys` to a directory of ours, and sends each ioctl of
-//! a device node over a socket: three native 64-bit numbers a message.
+//! The library redirects opens below `/dev` and `/sys` to our directory, and sends each ioctl of a device node over a
+//! socket, with three native 64-bit numbers per message.
 //!
 //! ```text
 //! client: 1 request argument        an ioctl
@@ -10,8 +10,8 @@
 //!         6 address length          then bytes to be put there
 //!         3 result errno            the ioctl is answered
 //! ```
-//! The device node is a FIFO of one page: libusb waits for it to become writable, as it is while
-//! there is something to reap. A byte in it makes it full.
+//! The device node is a FIFO of one page: libusb waits for it to become writable, which signals that there is something
+//! to reap. A byte in it makes it full.
 
 mod tree;
 mod uevent;
@@ -39,11 +39,11 @@ use super::usbfs::{Memory, OpenNode};
 pub const BUS: u8 = 2;
 /// See [`BUS`].
 pub const ADDRESS: u8 = 3;
-/// Where that is.
+/// Port with that address.
 const FIRST: Port = Port(1);
 
 const PRELOAD: &str = "libumockdev-preload.so.0";
-/// How often to look for a program that opens the device.
+/// Interval at which connections of programs that open the device are accepted.
 const ACCEPT_POLL: Duration = Duration::from_millis(1);
 
 const REQUEST_IOCTL: u64 = 1;
@@ -52,15 +52,15 @@ const ANSWER_READ_MEMORY: u64 = 5;
 const ANSWER_WRITE_MEMORY: u64 = 6;
 const EINVAL: i32 = 22;
 
-/// Who may use the camera.
+/// Access to the camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Access {
-    /// Everybody.
+    /// Everybody may use the camera.
     #[default]
     Free,
-    /// Another program has it.
+    /// Another program uses the camera.
     Busy,
-    /// Only the superuser, as without a udev rule.
+    /// Only the superuser may use the camera, as without a udev rule.
     Forbidden,
 }
 
@@ -71,14 +71,14 @@ struct Bus {
     nodes: Vec<(u64, OpenNode)>,
     access: Access,
     unplugged: bool,
-    /// How many udev messages there were.
+    /// Number of udev messages sent.
     messages: u64,
     fifo: OwnedFd,
     fifo_full: bool,
 }
 
 impl Bus {
-    /// Sends what can be sent, unplugs when it is time, and shows whether there is something to reap.
+    /// Sends available data, unplugs the camera when it is time, and signals whether there is something to reap.
     fn turn(&mut self) -> io::Result<()> {
         if !self.unplugged {
             for (_, node) in &mut self.nodes {
@@ -127,7 +127,7 @@ impl Bus {
     }
 }
 
-/// An emulated camera on a bus of its own, or beside another.
+/// An emulated camera on its own bus, or on the bus of another.
 pub struct EmulatedBus {
     directory: PathBuf,
     port: Port,
@@ -151,12 +151,12 @@ impl EmulatedBus {
         let name = format!("davis-{}-{}", std::process::id(), NUMBER.fetch_add(1, Ordering::Relaxed));
         let directory = std::env::temp_dir().join(name);
         tree::make_bus(&directory)?;
-        // Programs of other users put sockets there, too, to listen to udev.
+        // Programs of other users create sockets there too, to listen to udev.
         set_mode(&directory, 0o1777)?;
         Self::plug_into(directory, FIRST, model)
     }
 
-    /// Plugs another camera into the bus of this one, at the address after it. It goes when this one does.
+    /// Plugs another camera into the bus of this one, at the next address. It disappears together with this one.
     pub fn start_beside(&self, model: Model) -> io::Result<Self> {
         Self::plug_into(self.directory.clone(), Port(self.port.0 + 1), model)
     }
@@ -193,7 +193,7 @@ impl EmulatedBus {
             while !until.load(Ordering::Relaxed) {
                 let interval = {
                     let mut bus = lock(&of_thread);
-                    // It fails when the directory is gone, and then there is no bus.
+                    // This fails if the directory is gone, and then there is no bus.
                     let _ = bus.turn();
                     bus.model.turn_interval()
                 };
@@ -203,25 +203,25 @@ impl EmulatedBus {
         Ok(Self { directory, port, bus, ended })
     }
 
-    /// Environment variables under which a process sees the camera.
+    /// Returns the environment variables with which a process sees the camera.
     pub fn environment(&self) -> [(&'static str, PathBuf); 2] {
         [("LD_PRELOAD", PathBuf::from(PRELOAD)), ("UMOCKDEV_DIR", self.directory.clone())]
     }
 
-    /// Pulls the plug. Programs see the camera go, and those that listen to udev are told.
+    /// Unplugs the camera. Programs see it disappear, and udev listeners are notified.
     pub fn unplug(&self) -> io::Result<()> {
         let mut bus = lock(&self.bus);
         bus.unplug()?;
         bus.turn()
     }
 
-    /// Plugs the camera in again, after [`EmulatedBus::unplug`] or a fault did the opposite. Its
-    /// registers are as they were at first; who had it open must open it again.
+    /// Plugs the camera in again, after [`EmulatedBus::unplug`] or a fault unplugged it. Its registers have their
+    /// initial values; programs that had it open must open it again.
     pub fn plug_in(&self) -> io::Result<()> {
         lock(&self.bus).plug_in()
     }
 
-    /// Sets who may use the camera from now on.
+    /// Sets the access to the camera from now on.
     pub fn set_access(&self, access: Access) -> io::Result<()> {
         let mut bus = lock(&self.bus);
         bus.access = access;
@@ -229,7 +229,7 @@ impl EmulatedBus {
         set_mode(&self.directory.join(self.port.node()), mode)
     }
 
-    /// Looks at the camera.
+    /// Calls `look` with the model of the camera.
     pub fn model<T>(&self, look: impl FnOnce(&mut Model) -> T) -> T {
         look(&mut lock(&self.bus).model)
     }
@@ -239,13 +239,13 @@ impl Drop for EmulatedBus {
     fn drop(&mut self) {
         self.ended.store(true, Ordering::Relaxed);
         if self.port.0 == FIRST.0 {
-            // What cannot be removed stays in the temporary directory.
+            // Files that cannot be removed stay in the temporary directory.
             let _ = fs::remove_dir_all(&self.directory);
         }
     }
 }
 
-/// Takes connections, one for each open device node.
+/// Accepts connections, one per open device node.
 fn serve(listener: &UnixListener, bus: &Arc<Mutex<Bus>>, ended: &AtomicBool) {
     let mut number = 0;
     while !ended.load(Ordering::Relaxed) {
@@ -262,7 +262,7 @@ fn serve(listener: &UnixListener, bus: &Arc<Mutex<Bus>>, ended: &AtomicBool) {
                 node.gone = bus.unplugged;
                 bus.nodes.push((id, node));
             }
-            // An error is the client's end, or that of the bus.
+            // An error is the end of the client or of the bus.
             let _ = answer(stream, &bus, id);
             let mut bus = lock(&bus);
             bus.nodes.retain(|(other, _)| *other != id);

@@ -1,6 +1,6 @@
-//! The Linux USB file system's side of an open device node: ioctls in, completions out.
+//! Implementation of an open device node of the Linux USB file system: ioctls in, completions out.
 //!
-//! Knows nothing of how ioctls travel; [`Memory`] is the client's memory.
+//! It is independent of the transport of the ioctls; [`Memory`] is the client's memory.
 
 use std::collections::VecDeque;
 use std::io;
@@ -45,7 +45,7 @@ const URB: usize = 56;
 const TYPE_CONTROL: u8 = 2;
 const TYPE_BULK: u8 = 3;
 
-/// The memory of the client whose ioctl is being answered.
+/// The memory of the client that sent the ioctl.
 pub(super) trait Memory {
     /// Reads bytes at `address`.
     fn read(&mut self, address: u64, bytes: &mut [u8]) -> io::Result<()>;
@@ -53,7 +53,7 @@ pub(super) trait Memory {
     fn write(&mut self, address: u64, bytes: &[u8]) -> io::Result<()>;
 }
 
-/// A request block and its buffer, both by their addresses in the client.
+/// A request block and its buffer, both as addresses in the client.
 struct Urb {
     address: u64,
     buffer: u64,
@@ -62,7 +62,7 @@ struct Urb {
 struct Done {
     urb: u64,
     status: i32,
-    /// Where the data go.
+    /// Destination of the data.
     buffer: u64,
     data: Vec<u8>,
     actual: usize,
@@ -74,7 +74,7 @@ pub(super) struct OpenNode {
     pending: QueuedTransfers<Urb>,
     done: VecDeque<Done>,
     pub(super) claimed: bool,
-    /// The camera of which it was the node was unplugged.
+    /// `true` once the camera of the node was unplugged.
     pub(super) gone: bool,
 }
 
@@ -92,12 +92,12 @@ impl Urb {
 }
 
 impl OpenNode {
-    /// Whether something can be reaped.
+    /// Returns `true` if something can be reaped.
     pub(super) fn is_ready(&self) -> bool {
         !self.done.is_empty()
     }
 
-    /// Completes what the camera has data for.
+    /// Completes the transfers for which the camera has data.
     pub(super) fn pump(&mut self, model: &mut Model) {
         model.turn();
         while let Some((urb, data)) = self.pending.next(model) {
@@ -114,7 +114,7 @@ impl OpenNode {
         self.done.extend(self.pending.drain().map(|urb| urb.done(-ESHUTDOWN, Vec::new())));
     }
 
-    /// Answers an ioctl: its result, or an error number. `claimed_elsewhere`: another program has
+    /// Answers an ioctl: returns its result, or an error number. `claimed_elsewhere` is `true` if another program uses
     /// the interface.
     pub(super) fn ioctl(
         &mut self,

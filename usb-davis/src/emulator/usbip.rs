@@ -1,8 +1,8 @@
-//! Messages of USB/IP, protocol version 1.1.1 (`Documentation/usb/usbip_protocol.rst` of Linux), as
-//! the kernel's virtual host controller speaks it once a device is attached.
+//! Messages of USB/IP, protocol version 1.1.1 (`Documentation/usb/usbip_protocol.rst` of Linux), as used by the
+//! kernel's virtual host controller once a device is attached.
 //!
-//! A message is a header of 48 bytes, big-endian numbers, and data: those of a write behind a
-//! submission, those of a read behind its answer.
+//! A message is a header of 48 bytes with big-endian numbers, followed by data: the data of a write after a submission,
+//! the data of a read after its answer.
 
 use std::io::{self, Read};
 
@@ -12,15 +12,15 @@ const COMMAND_UNLINK: u32 = 2;
 const ANSWER_SUBMIT: u32 = 3;
 const ANSWER_UNLINK: u32 = 4;
 const DIRECTION_IN: u32 = 1;
-/// Longest write that is accepted: more than any client of the camera sends.
+/// Largest length of a write; no client of the camera sends more.
 const WRITE_MOST: usize = 1 << 20;
 
-/// What the host wants.
+/// A command of the host.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Command {
-    /// A transfer.
+    /// Starts a transfer.
     Submit(Submission),
-    /// The transfer of this number back.
+    /// Cancels the transfer of this number.
     Unlink { number: u32, victim: u32 },
 }
 
@@ -30,11 +30,11 @@ pub(super) struct Submission {
     pub(super) number: u32,
     /// Address of the endpoint with its direction, such as 0x82.
     pub(super) endpoint: u8,
-    /// Bytes to be written, or at most to be read.
+    /// Bytes to be written, or largest number of bytes to be read.
     pub(super) length: usize,
-    /// Of a control transfer.
+    /// Setup packet of a control transfer.
     pub(super) setup: [u8; 8],
-    /// What is written.
+    /// Bytes to be written.
     pub(super) data: Vec<u8>,
 }
 
@@ -71,7 +71,7 @@ pub(super) fn read_command(input: &mut impl Read) -> io::Result<Command> {
 
 fn answer(kind: u32, sequence: u32, status: i32, actual: usize, data: &[u8]) -> Vec<u8> {
     let mut message = Vec::with_capacity(HEADER_BYTES + data.len());
-    // Device, direction and endpoint are not told in answers.
+    // Device, direction and endpoint are zero in answers.
     for number in [kind, sequence, 0, 0, 0, status as u32, actual as u32] {
         message.extend(number.to_be_bytes());
     }
@@ -80,17 +80,17 @@ fn answer(kind: u32, sequence: u32, status: i32, actual: usize, data: &[u8]) -> 
     message
 }
 
-/// The end of a read.
+/// Returns the answer that ends a read.
 pub(super) fn read_done(sequence: u32, status: i32, data: &[u8]) -> Vec<u8> {
     answer(ANSWER_SUBMIT, sequence, status, data.len(), data)
 }
 
-/// The end of a write.
+/// Returns the answer that ends a write.
 pub(super) fn write_done(sequence: u32, status: i32, written: usize) -> Vec<u8> {
     answer(ANSWER_SUBMIT, sequence, status, written, &[])
 }
 
-/// The end of an unlink: `status` is −ECONNRESET if the transfer was still queued, 0 if it had ended.
+/// Returns the answer that ends an unlink: `status` is −ECONNRESET if the transfer was still queued, 0 if it had ended.
 pub(super) fn unlink_done(sequence: u32, status: i32) -> Vec<u8> {
     answer(ANSWER_UNLINK, sequence, status, 0, &[])
 }
@@ -99,13 +99,13 @@ pub(super) fn unlink_done(sequence: u32, status: i32) -> Vec<u8> {
 mod tests {
     use super::*;
 
-    /// A header as the kernel's documentation lays it out.
+    /// Returns a header as the kernel's documentation lays it out.
     fn header(words: [u32; 10], setup: [u8; 8]) -> Vec<u8> {
         words.into_iter().flat_map(u32::to_be_bytes).chain(setup).collect()
     }
 
     #[test]
-    fn commands_are_read_and_the_connection_stays_in_step() {
+    fn commands_are_read_and_the_connection_stays_synchronised() {
         let setup = [0x40, 0xBF, 5, 0, 10, 0, 4, 0];
         let mut bytes = header([1, 7, 0x0002_0003, 0, 0, 0, 4, 0, 0, 0], setup);
         bytes.extend([1, 2, 3, 4]);
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_command_is_refused() {
+    fn unknown_commands_are_rejected() {
         let huge = header([1, 1, 0, 0, 1, 0, u32::MAX, 0, 0, 0], [0; 8]);
         for bytes in [header([5, 1, 0, 0, 0, 0, 0, 0, 0, 0], [0; 8]), huge] {
             let kind = read_command(&mut bytes.as_slice()).map_err(|error| error.kind());

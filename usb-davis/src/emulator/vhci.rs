@@ -1,8 +1,8 @@
-//! The emulated camera on the kernel's virtual USB host controller (module `vhci-hcd`): every program
-//! on the computer sees it in `/dev/bus/usb`, like one that was plugged in.
+//! The emulated camera on the kernel's virtual USB host controller (module `vhci-hcd`): every program on the computer
+//! sees it in `/dev/bus/usb`, like a real camera.
 //!
-//! The controller takes a connected socket, and speaks USB/IP over it; here its other end is the
-//! emulated camera. Neither a network nor the `usbip` tools are needed.
+//! The controller accepts a connected socket, and communicates over it by USB/IP; here the emulated camera is at the
+//! other end. Neither a network nor the `usbip` tools are needed.
 
 mod port;
 
@@ -23,15 +23,14 @@ use super::stall::Stall;
 use super::transfers::QueuedTransfers;
 use super::usbip::{Command, Submission, read_command, read_done, unlink_done, write_done};
 
-/// How often to look whether the kernel has freed the port of a camera that was unplugged, and for
-/// how long.
+/// Interval and time limit of waiting until the kernel has freed the port of an unplugged camera.
 const DETACH_POLL: Duration = Duration::from_millis(5);
 const DETACH_TIMEOUT: Duration = Duration::from_secs(5);
 const EPIPE: i32 = 32;
 const ECONNRESET: i32 = 104;
 const READS: u8 = 0x80;
 
-/// The connection to the kernel, which lasts for one plugging in.
+/// The connection to the kernel, which lasts from plugging in to unplugging.
 struct Link {
     number: u64,
     socket: UnixStream,
@@ -40,7 +39,7 @@ struct Link {
 }
 
 impl Link {
-    /// Answers a control request; queues or takes back a transfer of another endpoint.
+    /// Answers a control request; queues or cancels a transfer of another endpoint.
     fn execute(&mut self, command: Command, model: &mut Model) -> io::Result<()> {
         match command {
             Command::Unlink { number, victim } => {
@@ -62,7 +61,7 @@ impl Link {
         }
     }
 
-    /// Sends one transfer; whether there was one.
+    /// Sends one transfer; returns `false` if there was none.
     fn send(&mut self, model: &mut Model) -> io::Result<bool> {
         let Some((number, data)) = self.queued.next(model) else { return Ok(false) };
         self.socket.write_all(&match data {
@@ -79,24 +78,24 @@ struct Shared {
 }
 
 impl Shared {
-    /// What was sent before still arrives; what is queued ends with the connection.
+    /// Closes the connection. Data that were sent before still arrive; queued transfers end with the connection.
     fn unplug(&mut self) {
         if let Some(link) = self.link.take() {
-            // It may be closed by the kernel already.
+            // The kernel may have closed it already.
             let _ = link.socket.shutdown(Shutdown::Both);
         }
     }
 
-    /// Does what came over the connection of this number, which ends with an error.
+    /// Executes a command that came over the connection of this number; an error ends the connection.
     fn receive(&mut self, number: u64, command: io::Result<Command>) {
-        // Another connection may have followed it.
+        // Another connection may have replaced it.
         let Some(link) = self.link.as_mut().filter(|link| link.number == number) else { return };
         if command.and_then(|command| link.execute(command, &mut self.model)).is_err() {
             self.unplug();
         }
     }
 
-    /// Sends one transfer, unplugs when it is time. How long there is nothing to do.
+    /// Sends one transfer, and unplugs the camera when it is time. Returns the time until the next turn.
     fn turn(&mut self) -> Duration {
         self.model.turn();
         let Some(link) = &mut self.link else { return self.model.turn_interval() };
@@ -115,23 +114,22 @@ fn lock(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Where the kernel put the camera.
+/// Bus and address that the kernel assigned to the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Location {
     /// Number of the bus.
     pub bus: u8,
-    /// Address on it.
+    /// Address on the bus.
     pub address: u8,
 }
 
-/// An emulated camera that is plugged into this computer. Dropping it unplugs it, and so does the end
-/// of the process.
+/// An emulated camera that is plugged into this computer. It is unplugged when dropped, and at the end of the process.
 pub struct VirtualCamera {
     shared: Arc<Mutex<Shared>>,
     commands: Commands,
     ended: Arc<AtomicBool>,
     worker: Option<JoinHandle<()>>,
-    /// How often it was plugged in, and the latest port.
+    /// Number of times that it was plugged in, and the latest port.
     links: u64,
     port: u32,
 }
@@ -150,7 +148,7 @@ impl VirtualCamera {
         Ok(Self { shared, commands, ended, worker, links: 1, port })
     }
 
-    /// Pulls the plug, and waits until the kernel has noticed.
+    /// Unplugs the camera, and waits until the kernel has noticed.
     pub fn unplug(&self) -> Result<(), VhciError> {
         lock(&self.shared).unplug();
         let end = Instant::now() + DETACH_TIMEOUT;
@@ -163,8 +161,8 @@ impl VirtualCamera {
         Ok(())
     }
 
-    /// Plugs the camera in again, after [`VirtualCamera::unplug`] or a fault did the opposite. Its
-    /// registers are as they were at first.
+    /// Plugs the camera in again, after [`VirtualCamera::unplug`] or a fault unplugged it. Its registers have their
+    /// initial values.
     pub fn plug_in_again(&mut self) -> Result<(), VhciError> {
         if self.is_plugged_in() {
             return Ok(());
@@ -181,23 +179,23 @@ impl VirtualCamera {
         Ok(())
     }
 
-    /// Whether it is plugged in: neither unplugged nor detached by the kernel.
+    /// Returns `true` if the camera is plugged in, that is, neither unplugged nor detached by the kernel.
     pub fn is_plugged_in(&self) -> bool {
         lock(&self.shared).link.is_some()
     }
 
-    /// Number of the controller's port into which it was plugged last.
+    /// Returns the number of the controller's port into which it was plugged last.
     pub fn port(&self) -> u32 {
         self.port
     }
 
-    /// Where the kernel put it; `None` until it has and programs can open it, some 100 ms after
-    /// plugging in.
+    /// Returns bus and address of the camera; `None` until the kernel has assigned them and programs can open the
+    /// camera, about 100 ms after plugging in.
     pub fn location(&self) -> Result<Option<Location>, VhciError> {
         port::location(Path::new(port::CONTROLLER), self.port)
     }
 
-    /// Looks at the camera.
+    /// Calls `look` with the model of the camera.
     pub fn model<T>(&self, look: impl FnOnce(&mut Model) -> T) -> T {
         look(&mut lock(&self.shared).model)
     }
@@ -207,15 +205,15 @@ impl Drop for VirtualCamera {
     fn drop(&mut self) {
         self.ended.store(true, Ordering::Relaxed);
         if let Some(worker) = self.worker.take() {
-            // It does not panic.
+            // The thread does not panic.
             let _ = worker.join();
         }
-        // The port may be the next camera's only one, so it is waited for; nobody is left to be told.
+        // Wait until the port is free, because the next camera may need it; an error cannot be reported here.
         let _ = self.unplug();
     }
 }
 
-/// Gives one end of a new connection to the kernel; the other, and a second handle to read from it.
+/// Passes one end of a new connection to the kernel; returns the other, and a second handle to read from it.
 fn connect(number: u64) -> Result<(Link, UnixStream), VhciError> {
     let failed = |source| VhciError::Kernel { doing: "making a connection", source };
     let (socket, kernels) = UnixStream::pair().map_err(failed)?;
@@ -224,8 +222,7 @@ fn connect(number: u64) -> Result<(Link, UnixStream), VhciError> {
     Ok((Link { number, socket, queued: QueuedTransfers::default(), port }, reader))
 }
 
-/// Reads the kernel's commands until the connection of this number ends, which is the last that it
-/// tells.
+/// Reads the kernel's commands until the connection of this number ends; the end is reported as the last command.
 fn listen(commands: Commands, mut reader: UnixStream, number: u64) {
     thread::spawn(move || {
         loop {
@@ -238,8 +235,8 @@ fn listen(commands: Commands, mut reader: UnixStream, number: u64) {
     });
 }
 
-/// The camera's life. Commands go before data, as requests on the bus do: a long queue of transfers
-/// does not delay them.
+/// Runs the camera. Commands are processed before data, as on the bus, so that a long queue of transfers does not delay
+/// them.
 fn work(shared: &Mutex<Shared>, commands: &Receiver<(u64, io::Result<Command>)>, ended: &AtomicBool) {
     let mut interval = Duration::ZERO;
     while !ended.load(Ordering::Relaxed) {

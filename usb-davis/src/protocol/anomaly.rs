@@ -1,4 +1,4 @@
-//! What can be wrong with a stream. Nothing of it stops the decoder.
+//! Faults of a stream. None of them stops the decoder.
 
 use core::fmt;
 
@@ -15,7 +15,7 @@ macro_rules! anomalies {
             /// All kinds, in the order of their numbers.
             pub const ALL: &'static [Self] = &[$(Self::$kind),*];
 
-            /// What happened, in words.
+            /// Returns a description of the fault.
             pub const fn text(self) -> &'static str {
                 match self {
                     $(Self::$kind => $text,)*
@@ -32,39 +32,38 @@ anomalies! {
     ColumnOutOfRange: "column address beyond the sensor",
     /// A column address before any good row address; the event is dropped.
     ColumnWithoutRow: "column address without a row",
-    /// A word without meaning; it is skipped.
-    UnknownWord: "word without meaning",
-    /// A timestamp below the one before. Taken as it is.
+    /// A word that the protocol does not define; it is skipped.
+    UnknownWord: "unknown word",
+    /// A timestamp below the previous one; it is used unchanged.
     TimeBackwards: "time went back",
-    /// The source lost bytes here. Whatever was in progress is dropped.
+    /// The source lost bytes here. Incomplete items are dropped.
     Gap: "bytes lost",
-    /// An inertial sample ended with the wrong number of bytes, or none ended it; it is dropped.
-    ImuIncomplete: "inertial sample incomplete",
-    /// A word of an inertial sample outside of one; it is skipped.
-    ImuStray: "word of an inertial sample outside of one",
+    /// An IMU sample ended with the wrong number of bytes, or its end is missing; it is dropped.
+    ImuIncomplete: "IMU sample incomplete",
+    /// A word of an IMU sample outside a sample; it is skipped.
+    ImuStray: "word of an IMU sample outside a sample",
     /// The frame's exposure time or corners are incomplete. Without corners the frame is dropped.
     FrameHeaderIncomplete: "frame header incomplete",
     /// The frame reaches beyond the sensor; it is dropped.
     FrameOutOfRange: "frame region beyond the sensor",
-    /// The frame has more pixels than the memory lent for it; it is dropped.
+    /// The frame has more pixels than the memory provided for it; it is dropped.
     FrameTooLarge: "frame larger than its memory",
-    /// A frame ended with the wrong number of columns, or another began before it ended; dropped.
+    /// A frame ended with the wrong number of columns, or another frame began before it ended; it is dropped.
     FrameIncomplete: "frame with columns missing",
-    /// The camera's clock restarted within a frame, whose times would be of two clocks; it is dropped.
+    /// The camera's clock restarted during a frame, whose times would belong to two clocks; the frame is dropped.
     FrameAcrossReset: "clock restarted within a frame",
-    /// A word of a frame outside of one, or a sample or the end of a column outside of a column; it is
-    /// skipped.
+    /// A word of a frame outside a frame, or a sample or end of a column outside a column; it is skipped.
     FrameStray: "word of a frame out of place",
-    /// A column has too few samples. The frame is delivered and says so.
+    /// A column has too few samples. The frame is returned with a count of damaged columns.
     ColumnIncomplete: "frame column with samples missing",
-    /// A column has too many samples; those are dropped. The frame is delivered and says so.
+    /// A column has too many samples, which are dropped. The frame is returned with a count of damaged columns.
     ColumnOverfull: "frame column with too many samples",
     /// The word that ends a column is missing. Harmless if its samples are complete.
     ColumnEndLost: "end of a frame column lost",
 }
 
 impl AnomalyKind {
-    /// How many kinds there are.
+    /// Number of kinds.
     pub const COUNT: usize = Self::ALL.len();
 }
 
@@ -74,12 +73,12 @@ impl fmt::Display for AnomalyKind {
     }
 }
 
-/// One fault and where it is.
+/// A fault with its position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Anomaly {
-    /// What happened.
+    /// Kind of fault.
     pub kind: AnomalyKind,
-    /// Offset of the word in the payload, in bytes since the decoder was made.
+    /// Offset of the word in the payload, in bytes since the decoder was created.
     pub offset: u64,
     /// The word, 0 for [`AnomalyKind::Gap`].
     pub word: u16,
@@ -93,7 +92,7 @@ impl fmt::Display for Anomaly {
     }
 }
 
-/// How often each kind happened.
+/// Number of faults of each kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AnomalyCounts([u64; AnomalyKind::COUNT]);
 
@@ -104,17 +103,17 @@ impl Default for AnomalyCounts {
 }
 
 impl AnomalyCounts {
-    /// How often `kind` happened.
+    /// Returns the number of faults of `kind`.
     pub fn of(&self, kind: AnomalyKind) -> u64 {
         self.0.get(kind as usize).copied().unwrap_or(0)
     }
 
-    /// All of them together.
+    /// Returns the total number of faults.
     pub fn total(&self) -> u64 {
         self.0.iter().sum()
     }
 
-    /// Kinds that happened at all, with how often.
+    /// Returns the kinds that occurred, with their numbers.
     pub fn iter(&self) -> impl Iterator<Item = (AnomalyKind, u64)> + '_ {
         AnomalyKind::ALL.iter().copied().zip(self.0.iter().copied()).filter(|&(_, count)| count > 0)
     }

@@ -1,4 +1,4 @@
-//! From bytes to messages.
+//! Decodes bytes to messages.
 
 use super::anomaly::{Anomaly, AnomalyCounts, AnomalyKind};
 use super::frame::{FrameAssembly, Level};
@@ -7,38 +7,38 @@ use super::layout::Layout;
 use super::message::{Message, Polarity, PolarityEvent, Shutter, Signal, SignalEvent};
 use super::word::{Special, Word};
 
-/// No row is current.
+/// Value of `row` while no row is current.
 const NO_ROW: u16 = u16::MAX;
-/// Events decoded before they are handed over.
+/// Largest number of events decoded before they are handed over.
 const BLOCK: usize = 64;
 const NO_EVENT: PolarityEvent = PolarityEvent { time: 0, x: 0, y: 0, polarity: Polarity::Off };
 
-/// What a decoder has seen.
+/// Numbers of items and faults that a decoder has seen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DecoderCounts {
-    /// Bytes taken in.
+    /// Bytes decoded.
     pub bytes: u64,
-    /// Pixel events handed over.
+    /// Pixel events returned.
     pub events: u64,
-    /// Signals handed over.
+    /// Signals returned.
     pub signals: u64,
-    /// Inertial samples handed over.
+    /// IMU samples returned.
     pub imu_samples: u64,
-    /// Frames handed over.
+    /// Frames returned.
     pub frames: u64,
     /// Restarts of the camera's clock.
     pub timestamp_resets: u64,
-    /// Words of a frame or inertial sample that was under way when the stream (or its continuation
-    /// after a gap) began, and addresses after a gap whose time is not known: no fault.
+    /// Words of a frame or IMU sample that had already begun when the stream (or its continuation after a gap) began,
+    /// and addresses after a gap whose time is unknown. These are not faults.
     pub skipped: u64,
     /// Faults, by kind.
     pub anomalies: AnomalyCounts,
 }
 
-/// An incremental decoder: give it the stream's bytes in pieces of any size.
+/// An incremental decoder for pieces of the stream of any size.
 ///
-/// `S` is the memory in which frames are put together, at least width × height numbers: an array,
-/// a slice or a vector. With none of it (`[u16; 0]`, the default) frames are passed over.
+/// `S` is the memory in which frames are assembled, at least width × height numbers: an array, a slice or a vector.
+/// Without memory (`[u16; 0]`, the default) frames are skipped.
 ///
 /// The decoder allocates nothing and never panics, whatever the bytes.
 ///
@@ -64,7 +64,7 @@ pub struct Decoder<S = [u16; 0]> {
     wrap: u64,
     time: u64,
     row: u16,
-    /// After a gap the time of an event is not known before the next word that tells time.
+    /// `true` after a gap: the time of an event is unknown until the next word that carries time.
     resuming: bool,
     /// First byte of a word whose second byte has not come yet.
     half: Option<u8>,
@@ -76,14 +76,14 @@ pub struct Decoder<S = [u16; 0]> {
 }
 
 impl Decoder<[u16; 0]> {
-    /// A decoder that passes over frames.
+    /// Creates a decoder that skips frames.
     pub fn new(layout: Layout) -> Self {
         Self::with_frames(layout, [])
     }
 }
 
 impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
-    /// A decoder that puts frames together in `memory`.
+    /// Creates a decoder that assembles frames in `memory`.
     pub fn with_frames(layout: Layout, memory: S) -> Self {
         Self {
             layout,
@@ -99,22 +99,22 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
         }
     }
 
-    /// What was seen so far.
+    /// Returns the counts so far.
     pub fn counts(&self) -> DecoderCounts {
         DecoderCounts { bytes: self.offset + u64::from(self.half.is_some()), ..self.counts }
     }
 
-    /// The latest time in µs.
+    /// Returns the latest time in µs.
     pub fn time(&self) -> u64 {
         self.time
     }
 
-    /// What the decoder assumes of the camera.
+    /// Returns the layout of the camera that the decoder assumes.
     pub fn layout(&self) -> &Layout {
         &self.layout
     }
 
-    /// Takes the next bytes of the stream and hands over what they complete, in order.
+    /// Decodes the next bytes of the stream, and calls `sink` with the completed messages, in order.
     pub fn decode(&mut self, bytes: &[u8], mut sink: impl FnMut(Message<'_>)) {
         let bytes = match (self.half, bytes) {
             (Some(low), [high, rest @ ..]) => {
@@ -131,12 +131,12 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
         }
     }
 
-    /// Bytes were lost here: drops what is in progress, counts the loss, and takes up events again
-    /// at the next word that tells time.
+    /// Marks that bytes were lost here: drops incomplete items, counts the loss, and resumes events at the next word
+    /// that carries time.
     ///
-    /// The time goes on from the latest one. Should a wrap word be among what was lost, all later
-    /// times are too small by a multiple of 2^15 µs, which the stream itself cannot tell; who knows
-    /// how many were lost says so with [`Decoder::restore_wraps`].
+    /// The time continues from the latest one. If a wrap word was lost, all later times are too small by a multiple of
+    /// 2^15 µs, which the stream alone cannot determine; a caller who knows the number of lost wraps restores them by
+    /// [`Decoder::restore_wraps`].
     pub fn gap(&mut self, mut sink: impl FnMut(Message<'_>)) {
         self.offset += u64::from(self.half.take().is_some());
         self.row = NO_ROW;
@@ -146,14 +146,14 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
         self.anomaly(AnomalyKind::Gap, self.offset, 0, &mut sink);
     }
 
-    /// Adds `count` × 2^15 µs for wrap words that were lost, to be called right after
-    /// [`Decoder::gap`]. [`crate::capture::GapRepair`] finds the count from the computer's clock.
+    /// Adds `count` × 2^15 µs for lost wrap words; call it right after [`Decoder::gap`]. [`crate::capture::GapRepair`]
+    /// determines the count from the host clock.
     pub fn restore_wraps(&mut self, count: u64) {
         self.wrap = self.wrap.saturating_add(count.saturating_mul(1 << 15));
         self.time = self.time.max(self.wrap);
     }
 
-    /// The time at the latest wrap or reset in µs, to which the low 15 bits of a timestamp are added.
+    /// Returns the time at the latest wrap or reset in µs, to which the low 15 bits of a timestamp are added.
     pub fn wrap_time(&self) -> u64 {
         self.wrap
     }
@@ -188,18 +188,18 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
         self.offset = end;
     }
 
-    /// Decodes the words of pixel events at the head of `words`, at most a block of them, up to the
-    /// first that is anything else or faulty. Returns the number of events and the remaining words;
-    /// it has come to such a word if there are no events.
+    /// Decodes the words of pixel events at the beginning of `words`, at most a block of them, up to the first word
+    /// that is something else or faulty. Returns the number of events and the remaining words; if there are no events,
+    /// the first remaining word is such a word.
     ///
-    /// Which of timestamp, row and column comes next cannot be predicted, so nothing here branches
-    /// on it: every word writes an event, and only column words keep it.
+    /// The order of timestamp, row and column words cannot be predicted, so the code does not branch on it: every word
+    /// writes an event, and only column words keep it.
     fn events<'w>(&mut self, words: &'w [[u8; 2]], events: &mut [PolarityEvent; BLOCK]) -> (usize, &'w [[u8; 2]]) {
         let array = self.layout.dvs;
         let columns = if self.row == NO_ROW { 0 } else { array.columns };
-        // Data of each code must be below this: never for what is not handled here, always for
-        // timestamps, whose bit 15 makes them codes 8 and above. The first word after a gap that
-        // tells time is not handled here.
+        // The data of each code must be below this limit. The limit is zero for words not handled here, and has no
+        // effect on timestamps, whose bit 15 makes them codes 8 and above. The first word after a gap that carries time
+        // is not handled here.
         let (rows, any) = if self.resuming { (0, 0) } else { (array.rows, 0x1000) };
         let limits = [0, rows, columns, columns, 0, 0, 0, 0, any, any, any, any, any, any, any, any];
         let (wrap, mut time, mut row) = (self.wrap, self.time, self.row);
@@ -241,7 +241,7 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
         }
     }
 
-    /// All words that [`Decoder::events`] does not take, except samples.
+    /// Decodes all words that [`Decoder::events`] does not handle, except samples.
     #[inline(never)]
     fn other(&mut self, word: u16, offset: u64, sink: &mut impl FnMut(Message<'_>)) {
         let time = self.time;
@@ -301,7 +301,7 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
         }
     }
 
-    /// The first column after a row that followed none; others go through [`Decoder::events`].
+    /// Decodes the first column after a row without columns; other columns are handled by [`Decoder::events`].
     fn column(
         &mut self,
         column: u16,

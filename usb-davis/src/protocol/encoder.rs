@@ -1,8 +1,8 @@
-//! From messages to bytes: what the camera would send.
+//! Encodes messages to the bytes that the camera would send.
 //!
-//! Follows the rules of the camera's multiplexer: wrap words until the time is within 2^15 µs, a
-//! timestamp only if its low 15 bits are new and not zero, a row address with its timestamp before
-//! the columns of the same time and row.
+//! Follows the rules of the camera's multiplexer: wrap words until the time is within 2^15 µs, a timestamp only if its
+//! low 15 bits have changed and are not zero, a row address with its timestamp before the columns of the same time and
+//! row.
 
 use core::fmt;
 use core::iter;
@@ -16,11 +16,11 @@ use super::word::{Special, Word};
 /// Largest multiplier of a wrap word.
 const WRAP_MOST: u64 = 0x0FFF;
 
-/// What the encoder cannot express.
+/// Reason why an item cannot be encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum EncodeError {
-    /// The item is older than the one before; put items in order of time, or reset the time.
+    /// The item is older than the previous one; pass items in order of time, or reset the time.
     TimeBackwards {
         /// The item's time in µs.
         time: u64,
@@ -34,11 +34,11 @@ pub enum EncodeError {
         /// Row.
         y: u16,
     },
-    /// A frame has another number of pixels than its region.
+    /// The number of pixels of a frame differs from that of its region.
     PixelCount {
         /// Pixels of the region.
         expected: usize,
-        /// Pixels given.
+        /// Number of pixels given.
         given: usize,
     },
 }
@@ -47,7 +47,7 @@ impl fmt::Display for EncodeError {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::TimeBackwards { time, latest } => {
-                write!(formatter, "item of {time} µs follows one of {latest} µs; order items by time")
+                write!(formatter, "an item at {time} µs follows an item at {latest} µs; order items by time")
             }
             Self::OutOfRange { x, y } => write!(formatter, "({x}, {y}) is not on the sensor"),
             Self::PixelCount { expected, given } => {
@@ -59,7 +59,7 @@ impl fmt::Display for EncodeError {
 
 impl core::error::Error for EncodeError {}
 
-/// One piece of a frame; between them other items may be sent.
+/// One part of a frame; other items may be sent between the parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FrameStep {
     /// Frame start, exposure time and corners.
@@ -76,8 +76,8 @@ pub enum FrameStep {
     End,
 }
 
-/// The steps of `frame` in order, each with a time that spreads its columns evenly between the
-/// frame's four times. With a rolling shutter a quarter of the columns lies between reset and signal.
+/// Returns the steps of `frame` in order, each with a time that spreads its columns evenly between the frame's four
+/// times. With a rolling shutter a quarter of the columns lies between reset and signal.
 pub fn frame_steps(layout: &Layout, frame: &Frame<'_>) -> impl Iterator<Item = (u64, FrameStep)> + use<> {
     let columns = Geometry::new(&layout.aps, frame.region).columns;
     let Frame { shutter, start, end, .. } = *frame;
@@ -110,17 +110,17 @@ pub fn frame_steps(layout: &Layout, frame: &Frame<'_>) -> impl Iterator<Item = (
     iter::once((start, FrameStep::Start)).chain(slots).chain(iter::once((end, FrameStep::End)))
 }
 
-/// Writes the words of a stream, two bytes each, to anything that can be extended by bytes.
+/// Writes the words of a stream, two bytes each, to a collection of bytes.
 ///
-/// Decoding what it wrote gives what it was given, except that a mirrored −32768 of an inertial
-/// sample comes back as −32767 and a frame's damage is mended.
+/// Decoding the output returns the input, with two exceptions: a mirrored −32768 of an IMU sample becomes −32767, and
+/// the damage of a frame is not reproduced.
 #[derive(Clone, Debug)]
 pub struct Encoder {
     layout: Layout,
     /// Time in µs: latest, and at the latest wrap.
     time: u64,
     wrap: u64,
-    /// Low 15 bits the decoder holds.
+    /// Low 15 bits of the decoder's time.
     low: u16,
     /// Row of the latest address, valid at `time` only.
     row: Option<u16>,
@@ -131,17 +131,17 @@ fn put(word: Word, out: &mut impl Extend<u8>) {
 }
 
 impl Encoder {
-    /// An encoder at time 0.
+    /// Creates an encoder at time 0.
     pub fn new(layout: Layout) -> Self {
         Self { layout, time: 0, wrap: 0, low: 0, row: None }
     }
 
-    /// The latest time in µs.
+    /// Returns the latest time in µs.
     pub fn time(&self) -> u64 {
         self.time
     }
 
-    /// Lets time pass: writes the wrap words up to `time`.
+    /// Advances the time: writes the wrap words up to `time`.
     pub fn advance(&mut self, time: u64, out: &mut impl Extend<u8>) -> Result<(), EncodeError> {
         if time < self.time {
             return Err(EncodeError::TimeBackwards { time, latest: self.time });
@@ -213,7 +213,7 @@ impl Encoder {
         self.special(event.time, special, out)
     }
 
-    /// Writes an inertial sample.
+    /// Writes an IMU sample.
     pub fn imu(&mut self, sample: &ImuSample, out: &mut impl Extend<u8>) -> Result<(), EncodeError> {
         self.special(sample.time, Special::ImuStart, out)?;
         let (contents, bytes) = wire_bytes(sample, &self.layout.imu);

@@ -1,4 +1,4 @@
-//! Frames, put together from the words of their columns.
+//! Assembles frames from the words of their columns.
 //!
 //! ```text
 //! ts · 8 (global) or 9 (rolling)                               frame start
@@ -9,23 +9,23 @@
 //! per column: ts · 12 · one sample per row · ts · 13           signal levels
 //! ts · 10                                                      frame end
 //! ```
-//! A rolling shutter interleaves reset and signal columns. A pixel is reset − signal level, cut to
-//! 0..=1023, and 1023 where the reset level is below 384 or the signal 0: both mean saturation.
-//! Columns and rows of the wire are counted within the region, mirrored, then swapped.
+//! A rolling shutter interleaves reset and signal columns. The value of a pixel is reset − signal level, clamped to
+//! 0..=1023, and 1023 if the reset level is below 384 or the signal level is 0, which both indicate saturation. Columns
+//! and rows of the wire are counted within the region, mirrored, then swapped.
 
 use super::anomaly::AnomalyKind;
 use super::layout::PixelArray;
 use super::message::{Frame, Region, Shutter};
 
-/// Reset levels below this are those of a saturated pixel.
+/// Smallest reset level of a pixel that is not saturated.
 const RESET_LEVEL_LEAST: u16 = 384;
-/// A saturated pixel.
+/// Value of a saturated pixel.
 pub(super) const SATURATED: u16 = 1023;
-/// Stands for a reset level that never came.
+/// Marks a missing reset level.
 const MISSING: u16 = u16::MAX;
-/// Words that carry the exposure time.
+/// Number of words that contain the exposure time.
 const EXPOSURE_WORDS: u8 = 3;
-/// Bytes that carry the region.
+/// Number of bytes that contain the region.
 const CORNER_BYTES: usize = 8;
 
 fn pixel(reset: u16, signal: u16) -> u16 {
@@ -44,7 +44,7 @@ pub(super) enum Level {
     Signal,
 }
 
-/// A region as the wire counts it.
+/// A region in wire columns and rows.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Geometry {
     region: Region,
@@ -61,7 +61,7 @@ impl Geometry {
         Self { region, columns, rows }
     }
 
-    /// Index of the first pixel of wire column `index`, and the way from row to row.
+    /// Returns the index of the first pixel of wire column `index`, and the step from row to row.
     pub(super) fn column(&self, array: &PixelArray, index: u16) -> (usize, isize) {
         let last = |count: u16| usize::from(count.saturating_sub(1));
         let column = if array.mirror_columns {
@@ -82,7 +82,7 @@ impl Geometry {
 #[derive(Clone, Copy, Debug)]
 struct Column {
     level: Level,
-    /// Index of the next sample's pixel, and from there to the one after.
+    /// Index of the next sample's pixel, and step to the following one.
     position: usize,
     step: isize,
     samples: u16,
@@ -100,24 +100,24 @@ struct Current {
     corners: [u8; CORNER_BYTES],
     corner_bytes: usize,
     geometry: Option<Geometry>,
-    /// Cannot or need not be collected: its words are passed over.
+    /// `true` if the frame cannot or need not be collected: its words are skipped.
     discarded: bool,
     column: Option<Column>,
-    /// A column has begun and not ended, be it one that is not collected because there are too many.
+    /// `true` if a column has begun and not ended, even if it is not collected because there are too many.
     within_column: bool,
     reset_columns: u16,
     signal_columns: u16,
     damaged_columns: u16,
 }
 
-/// Collects one frame in memory lent by the user.
+/// Collects one frame in memory provided by the caller.
 #[derive(Clone, Debug)]
 pub(super) struct FrameAssembly<S> {
     memory: S,
     array: PixelArray,
-    /// A first frame has begun: from here on stray words are faults.
+    /// `true` once a first frame has begun: after that, stray words are faults.
     pub(super) synchronised: bool,
-    /// A sample out of place was reported; those right behind it are not.
+    /// `true` if a sample out of place was reported; those directly after it are not reported.
     stray: bool,
     current: Option<Current>,
 }
@@ -127,13 +127,14 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> FrameAssembly<S> {
         Self { memory, array, synchronised: false, stray: false, current: None }
     }
 
-    /// The stream cannot be trusted to continue what was begun.
+    /// Drops the incomplete frame, because the stream may not continue it.
     pub(super) fn interrupt(&mut self) {
         self.current = None;
         self.synchronised = false;
     }
 
-    /// The clock restarts: whether that costs a frame. Its remaining words are passed over.
+    /// Drops the incomplete frame when the clock restarts, and skips its remaining words. Returns `true` if there was
+    /// one.
     pub(super) fn discard(&mut self) -> bool {
         let Some(current) = self.current.as_mut().filter(|current| !current.discarded) else { return false };
         (current.discarded, current.geometry, current.column) = (true, None, None);
@@ -174,7 +175,7 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> FrameAssembly<S> {
         Ok(())
     }
 
-    /// A byte of the corners; `lower` says which half of its number it is.
+    /// Adds a byte of the corners; `lower` is `true` for the lower half of a number.
     pub(super) fn corner_byte(&mut self, byte: u8, lower: bool) -> Result<(), AnomalyKind> {
         let current = self.current.as_mut().ok_or(AnomalyKind::FrameStray)?;
         if lower != (current.corner_bytes % 2 == 1) {
@@ -225,7 +226,7 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> FrameAssembly<S> {
         }
     }
 
-    /// Samples of one column, in the order of its rows. The fault comes with the index of its word.
+    /// Adds samples of one column, in the order of its rows. A fault is returned with the index of its word.
     pub(super) fn samples(&mut self, words: &[[u8; 2]]) -> Result<(), (AnomalyKind, usize)> {
         if self.current.as_ref().is_some_and(|current| current.discarded) {
             return Ok(());
@@ -304,7 +305,7 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> FrameAssembly<S> {
     }
 }
 
-/// Marks what the open column lacks, and closes it. A surplus column has none open.
+/// Marks the missing samples of the open column, and closes it. A surplus column is not open.
 fn close_column(current: &mut Current, memory: &mut [u16], report: &mut impl FnMut(AnomalyKind)) {
     let (Some(geometry), Some(mut column)) = (current.geometry, current.column.take()) else { return };
     if column.samples == geometry.rows {
@@ -324,7 +325,7 @@ fn close_column(current: &mut Current, memory: &mut [u16], report: &mut impl FnM
     }
 }
 
-/// The region that the corners span, cut to the sensor; `None` if there is nothing to collect.
+/// Returns the region that the corners span, limited to the sensor; `None` if there is nothing to collect.
 fn region_of(
     current: &Current,
     array: &PixelArray,
@@ -347,7 +348,7 @@ fn region_of(
     }
     let region = Region { x, y, width: last_x - x + 1, height: last_y - y + 1 };
     if usize::from(region.width) * usize::from(region.height) > memory {
-        // Without any memory frames are not wanted, and that is no fault.
+        // Without memory, frames are not wanted, and this is not a fault.
         if memory > 0 {
             report(AnomalyKind::FrameTooLarge);
         }

@@ -1,4 +1,4 @@
-//! Inertial samples.
+//! IMU samples.
 //!
 //! ```text
 //! timestamp · special 5 · misc8(3, contents) · up to 14 × misc8(0, byte) · timestamp · special 7
@@ -9,12 +9,12 @@
 //!          └──┴──┴──┴────┴───┴───┘        8–13  angular velocity x y z if bit 6
 //!  A: ±2, 4, 8, 16 g      G: ±250, 500, 1000, 2000 °/s
 //! ```
-//! Parts that are switched off are absent. The sample's time is that of its last word.
+//! Measurements that are switched off are absent. The sample's time is the time of its last word.
 
 use super::anomaly::AnomalyKind;
 use super::layout::{ImuLayout, ImuModel};
 
-/// Full scales of an inertial sample.
+/// Full-scale ranges of an IMU sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ImuScale {
     /// 0..=3: ±2, ±4, ±8, ±16 g.
@@ -23,7 +23,7 @@ pub struct ImuScale {
     pub gyroscope: u8,
 }
 
-/// One inertial sample in the units of the sensor, axes negated as its mounting demands.
+/// An IMU sample in the units of the sensor, with the axes negated as its mounting requires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ImuSample {
     /// Time in µs.
@@ -34,26 +34,26 @@ pub struct ImuSample {
     pub angular_velocity: Option<[i16; 3]>,
     /// Temperature, if it was measured.
     pub temperature: Option<i16>,
-    /// Full scales.
+    /// Full-scale ranges.
     pub scale: ImuScale,
-    /// Decides the temperature's formula.
+    /// IMU model, which determines the formula for the temperature.
     pub model: ImuModel,
 }
 
 impl ImuSample {
-    /// Accelerations in g.
+    /// Returns the accelerations in g.
     pub fn acceleration_g(&self) -> Option<[f32; 3]> {
         let unit = f32::from(2u16 << self.scale.accelerometer.min(3)) / 32768.0;
         self.acceleration.map(|raw| raw.map(|value| f32::from(value) * unit))
     }
 
-    /// Angular velocities in °/s.
+    /// Returns the angular velocities in °/s.
     pub fn angular_velocity_degrees(&self) -> Option<[f32; 3]> {
         let unit = f32::from(250u16 << self.scale.gyroscope.min(3)) / 32768.0;
         self.angular_velocity.map(|raw| raw.map(|value| f32::from(value) * unit))
     }
 
-    /// Temperature in °C (data sheets of the MPU-6050 and MPU-9250).
+    /// Returns the temperature in °C (data sheets of the MPU-6050 and MPU-9250).
     pub fn temperature_celsius(&self) -> Option<f32> {
         let raw = f32::from(self.temperature?);
         match self.model {
@@ -73,14 +73,14 @@ const BYTES: usize = 14;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ImuAssembly {
     active: bool,
-    /// A first sample has begun: from here on stray words are faults.
+    /// `true` once a first sample has begun: after that, stray words are faults.
     pub(super) synchronised: bool,
     contents: Option<u8>,
     bytes: [u8; BYTES],
     next: usize,
 }
 
-/// The index at or after `next` whose byte is sent.
+/// Returns the first index at or after `next` whose byte is sent.
 fn skip_absent(contents: u8, next: usize) -> usize {
     let next = if next < 6 && contents & ACCELERATION == 0 { 6 } else { next };
     let next = if (6..8).contains(&next) && contents & TEMPERATURE == 0 { 8 } else { next };
@@ -88,7 +88,7 @@ fn skip_absent(contents: u8, next: usize) -> usize {
 }
 
 impl ImuAssembly {
-    /// The stream cannot be trusted to continue what was begun.
+    /// Drops the incomplete sample, because the stream may not continue it.
     pub(super) fn interrupt(&mut self) {
         *self = Self::default();
     }
@@ -135,7 +135,7 @@ impl ImuAssembly {
         let mounted = |axes: [i16; 3]| {
             let mut mounted = axes;
             for (value, negate) in mounted.iter_mut().zip(layout.negate) {
-                // −32768 has no counterpart: it becomes the nearest value.
+                // −32768 has no positive counterpart and becomes the nearest value.
                 *value = if negate { value.saturating_neg() } else { *value };
             }
             mounted
@@ -151,7 +151,7 @@ impl ImuAssembly {
     }
 }
 
-/// The contents byte and the data bytes of `sample`, as the camera would send them.
+/// Returns the contents byte and the data bytes of `sample`, as the camera would send them.
 pub(super) fn wire_bytes(sample: &ImuSample, layout: &ImuLayout) -> (u8, impl Iterator<Item = u8>) {
     let unmounted = |axes: [i16; 3]| {
         let mut unmounted = axes;

@@ -1,10 +1,10 @@
-//! How wire coordinates become the user's: sizes, axis swap, mirrors (see [`super`]).
+//! Conversion from wire coordinates to user coordinates: sizes, axis swap, mirrors (see [`super`]).
 
 #[cfg(feature = "std")]
 use crate::registers::RegisterSnapshot;
 use crate::registers::{Register, aps, dvs, imu};
 
-/// Widest or highest array that can be spoken of: coordinates have 12 bits, and no DAVIS comes near.
+/// Largest supported width or height of an array: coordinates have 12 bits, and every DAVIS is much smaller.
 pub const MAXIMUM_SIZE: u16 = 2048;
 
 /// One of the chip's two arrays and its orientation.
@@ -14,40 +14,40 @@ pub struct PixelArray {
     pub columns: u16,
     /// Rows on the wire.
     pub rows: u16,
-    /// The user's x is the wire's row.
+    /// `true` if the user's x is the wire's row.
     pub swap_axes: bool,
-    /// The wire's columns run against the user's axis.
+    /// `true` if the wire's columns run against the user's axis.
     pub mirror_columns: bool,
-    /// The wire's rows run against the user's axis.
+    /// `true` if the wire's rows run against the user's axis.
     pub mirror_rows: bool,
 }
 
 impl PixelArray {
-    /// Width and height as the user sees them.
+    /// Returns width and height in user coordinates.
     pub const fn size(&self) -> (u16, u16) {
         if self.swap_axes { (self.rows, self.columns) } else { (self.columns, self.rows) }
     }
 
-    /// The wire's (column, row) as the user's (x, y), without mirrors: the way of events.
+    /// Converts the wire's (column, row) of an event to the user's (x, y), without mirrors.
     pub const fn swap(&self, column: u16, row: u16) -> (u16, u16) {
         if self.swap_axes { (row, column) } else { (column, row) }
     }
 }
 
-/// The inertial measurement unit and how it is mounted.
+/// The IMU and its mounting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ImuLayout {
-    /// Register 3.0, decides the temperature's formula.
+    /// Model from register 3.0, which determines the formula for the temperature.
     pub model: ImuModel,
-    /// Axes x, y, z to negate.
+    /// `true` for each axis x, y, z to negate.
     pub negate: [bool; 3],
 }
 
-/// Register 3.0.
+/// IMU model, from register 3.0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ImuModel {
-    /// None is fitted.
+    /// No IMU.
     Absent,
     /// InvenSense MPU-6050 or 6150.
     Mpu6050,
@@ -55,26 +55,26 @@ pub enum ImuModel {
     Mpu9250,
 }
 
-/// Everything the decoder must know of a camera.
+/// Information about a camera that decoding requires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
     /// The event pixels.
     pub dvs: PixelArray,
     /// The frame pixels.
     pub aps: PixelArray,
-    /// The inertial measurement unit.
+    /// The IMU.
     pub imu: ImuLayout,
 }
 
 impl Layout {
-    /// A DAVIS346 whose frames need no mirroring: for data without registers.
+    /// A DAVIS346 whose frames need no mirroring, for data without registers.
     pub const DAVIS346: Self = {
         let array = PixelArray { columns: 260, rows: 346, swap_axes: true, mirror_columns: false, mirror_rows: false };
         Self { dvs: array, aps: array, imu: ImuLayout { model: ImuModel::Mpu9250, negate: [false; 3] } }
     };
 
-    /// Reads sizes and orientations through `read`; what is absent is as in [`Layout::DAVIS346`].
-    /// Sizes are cut to 1..=[`MAXIMUM_SIZE`].
+    /// Reads sizes and orientations through `read`; absent registers are assumed as in [`Layout::DAVIS346`]. Sizes are
+    /// clamped to 1..=[`MAXIMUM_SIZE`].
     pub fn from_registers(read: impl Fn(Register) -> Option<u32>) -> Self {
         let size = |register, assumed: u16| {
             read(register).map_or(assumed, |value| value.clamp(1, u32::from(MAXIMUM_SIZE)) as u16)
@@ -112,7 +112,7 @@ impl Layout {
 
 #[cfg(feature = "std")]
 impl RegisterSnapshot {
-    /// What they say of sizes and orientations.
+    /// Returns the sizes and orientations that the registers describe.
     pub fn layout(&self) -> Layout {
         Layout::from_registers(|register| self.get(register))
     }
@@ -123,7 +123,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn registers_decide() {
+    fn the_layout_follows_the_registers() {
         let layout = Layout::from_registers(|register| match register {
             dvs::SIZE_COLUMNS => Some(240),
             dvs::SIZE_ROWS => Some(180),

@@ -1,4 +1,4 @@
-//! What the decoder hands over, and what the encoder takes.
+//! Decoded messages, which are also the input of the encoder.
 //!
 //! Times are µs since the camera's latest timestamp reset, 64 bits.
 
@@ -13,7 +13,7 @@ pub enum Polarity {
     On,
 }
 
-/// One pixel saw its brightness change.
+/// An event: a pixel detected a change of brightness.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PolarityEvent {
     /// Time in µs.
@@ -26,7 +26,7 @@ pub struct PolarityEvent {
     pub polarity: Polarity,
 }
 
-/// What happened at a synchronisation connector.
+/// Kind of signal at a synchronisation connector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Signal {
     /// The external input rose.
@@ -41,16 +41,16 @@ pub enum Signal {
     GeneratorFalling,
 }
 
-/// A signal at a time.
+/// A signal with its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SignalEvent {
     /// Time in µs.
     pub time: u64,
-    /// What happened.
+    /// Kind of signal.
     pub signal: Signal,
 }
 
-/// How a frame is exposed.
+/// Exposure method of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shutter {
     /// All pixels at once.
@@ -75,7 +75,7 @@ pub struct Region {
 /// A picture: reset level − signal level of each pixel (correlated double sampling).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame<'a> {
-    /// How it was exposed.
+    /// Exposure method.
     pub shutter: Shutter,
     /// Time of the frame's first word in µs.
     pub start: u64,
@@ -87,28 +87,28 @@ pub struct Frame<'a> {
     pub exposure_end: Option<u64>,
     /// The exposure time that was configured, in cycles of the ADC clock.
     pub exposure_cycles: u32,
-    /// Where on the sensor it lies.
+    /// Region of the sensor.
     pub region: Region,
-    /// Columns of the wire (rows of the picture if the axes are swapped) that lacked samples.
-    /// Their missing pixels are 0.
+    /// Number of wire columns (rows of the picture if the axes are swapped) with missing samples. The missing pixels
+    /// are 0.
     pub damaged_columns: u16,
     /// `region.width × region.height` pixels row by row, 0 dark to 1023 saturated.
     pub pixels: &'a [u16],
 }
 
 impl Frame<'_> {
-    /// The middle of the exposure in µs: the time to give the picture.
+    /// Returns the middle of the exposure in µs, the timestamp of the picture.
     pub fn exposure_middle(&self) -> Option<u64> {
         let (start, end) = (self.exposure_start?, self.exposure_end?);
         Some(start.min(end) + start.abs_diff(end) / 2)
     }
 }
 
-/// One thing that the stream said.
+/// A decoded item of the stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Message<'a> {
-    /// Pixel events, in order. How many come at once depends on how the stream was cut.
+    /// Pixel events, in order. Their number depends on how the stream was split.
     Events(&'a [PolarityEvent]),
     /// A signal at a connector.
     Signal(SignalEvent),
@@ -117,10 +117,10 @@ pub enum Message<'a> {
         /// Last time before the reset in µs.
         previous: u64,
     },
-    /// An inertial sample.
+    /// An IMU sample.
     Imu(ImuSample),
     /// A picture.
     Frame(Frame<'a>),
-    /// Something that should not be; already counted and survived.
+    /// A fault, which has been counted and handled.
     Anomaly(Anomaly),
 }

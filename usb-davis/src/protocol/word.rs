@@ -1,4 +1,4 @@
-//! One 16-bit word of the stream, parsed and emitted.
+//! Parses and emits single 16-bit words of the stream.
 //!
 //! ```text
 //!  15  14 13 12  11 10  9  8   7 … 0
@@ -17,11 +17,11 @@
 //!  5    miscellaneous        bits 11–8: 0 IMU byte, 1 ROI upper byte, 2 ROI lower byte, 3 IMU
 //!                            contents and scale; bits 7–0: the byte
 //!  6    miscellaneous        bits 11–10: 0 exposure time; bits 9–0: ten bits of it, lowest first
-//!  7    timestamp wrap       how many times 2^15 µs went by
+//!  7    timestamp wrap       number of times 2^15 µs passed
 //! ```
 //!
-//! Parsing never fails: what has no meaning is [`Word::Unknown`], and
-//! `Word::parse(word).emit() == word` for all 65,536 words.
+//! Parsing never fails: an undefined word is [`Word::Unknown`], and `Word::parse(word).emit() == word` for all 65,536
+//! words.
 
 use super::Polarity;
 
@@ -37,9 +37,9 @@ pub enum Special {
     ExternalInputRising = 3,
     /// The external input pulsed.
     ExternalInputPulse = 4,
-    /// A sample of the inertial measurement unit begins.
+    /// An IMU sample begins.
     ImuStart = 5,
-    /// It ends; its time is this word's.
+    /// The IMU sample ends; its time is the time of this word.
     ImuEnd = 7,
     /// A frame with global shutter begins.
     FrameStartGlobalShutter = 8,
@@ -64,7 +64,7 @@ pub enum Special {
 }
 
 impl Special {
-    /// The special of this data, if there is one.
+    /// Returns the special of this data, if it is defined.
     pub const fn parse(data: u16) -> Option<Self> {
         Some(match data {
             1 => Self::TimestampReset,
@@ -101,24 +101,24 @@ pub enum Word {
     Column(u16, Polarity),
     /// A reset or signal level, 10 bits.
     Sample(u16),
-    /// A byte of an inertial sample.
+    /// A byte of an IMU sample.
     ImuByte(u8),
     /// Upper byte of a corner of the frame.
     RegionHigh(u8),
     /// Lower byte of a corner of the frame.
     RegionLow(u8),
-    /// Contents and scales of an inertial sample.
+    /// Contents and scales of an IMU sample.
     ImuScale(u8),
     /// Ten bits of the exposure time in cycles of the ADC clock.
     Exposure(u16),
-    /// The time's upper part grows by this many times 2^15 µs.
+    /// The upper part of the time grows by this many times 2^15 µs.
     Wrap(u16),
-    /// None of these.
+    /// An undefined word.
     Unknown(u16),
 }
 
 impl Word {
-    /// The meaning of `word`.
+    /// Returns the meaning of `word`.
     pub const fn parse(word: u16) -> Self {
         if word & 0x8000 != 0 {
             return Self::Timestamp(word & 0x7FFF);
@@ -144,7 +144,7 @@ impl Word {
         }
     }
 
-    /// The word with this meaning. Values wider than their field are cut to it.
+    /// Returns the word with this meaning. Values wider than their field are truncated.
     pub const fn emit(self) -> u16 {
         match self {
             Self::Timestamp(time) => 0x8000 | time,
@@ -169,14 +169,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_word_comes_back() {
+    fn every_word_survives_a_round_trip() {
         for word in 0..=u16::MAX {
             assert_eq!(Word::parse(word).emit(), word);
         }
     }
 
     #[test]
-    fn words_mean_what_the_table_says() {
+    fn words_agree_with_the_table() {
         assert_eq!(Word::parse(0xFFFF), Word::Timestamp(0x7FFF));
         assert_eq!(Word::parse(0x1159), Word::Row(345));
         assert_eq!(Word::parse(0x2103), Word::Column(259, Polarity::Off));

@@ -2,7 +2,7 @@
 
 use super::{RegisterSnapshot, aps, dvs, external_input, imu, mux, sysinfo};
 
-/// Registers of a DAVIS346 as far as they say something before it is configured.
+/// Returns the registers of a DAVIS346 that describe it before it is configured.
 pub fn default_registers() -> RegisterSnapshot {
     RegisterSnapshot::from_iter([
         (sysinfo::LOGIC_VERSION, 18),

@@ -1,8 +1,8 @@
-//! What the camera drops while the host reads too slowly, by its own counters.
+//! The camera's counts of data that it dropped because the host read too slowly.
 
 use super::{Register, RegisterSnapshot, dvs, mux};
 
-/// Both halves of all counters of what was dropped.
+/// Both halves of all drop counters.
 pub const DROP_COUNTERS: [Register; 6] = [
     mux::EXTERNAL_INPUT_DROPPED,
     mux::EXTERNAL_INPUT_DROPPED.next(),
@@ -12,7 +12,7 @@ pub const DROP_COUNTERS: [Register; 6] = [
     dvs::DROPPED.next(),
 ];
 
-/// What a camera dropped in a span of time.
+/// Number of items that a camera dropped in a period.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Dropped {
     /// Pixel events, before the multiplexer and in it.
@@ -22,8 +22,8 @@ pub struct Dropped {
 }
 
 impl Dropped {
-    /// From the registers at the beginning and at the end of the span. Counters that are not known are
-    /// zero: that is where they begin when the camera is plugged in.
+    /// Computes the difference from the registers at the beginning and at the end of the period. Unknown counters are
+    /// taken as zero, their value when the camera is plugged in.
     pub fn between(beginning: &RegisterSnapshot, end: &RegisterSnapshot) -> Self {
         let count = |counter| {
             let [beginning, end] = [beginning, end].map(|registers| registers.counter(counter).unwrap_or(0));
@@ -38,7 +38,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_span_begins_where_the_counters_were() {
+    fn a_period_begins_at_the_value_of_the_counters() {
         let beginning = RegisterSnapshot::from_iter([(mux::DVS_DROPPED, 1), (mux::DVS_DROPPED.next(), u32::MAX)]);
         let end = [(mux::DVS_DROPPED, 2), (mux::DVS_DROPPED.next(), 3), (dvs::DROPPED, 0), (dvs::DROPPED.next(), 10)];
         let signals = [(mux::EXTERNAL_INPUT_DROPPED, 0), (mux::EXTERNAL_INPUT_DROPPED.next(), 7)];

@@ -13,12 +13,12 @@ use super::{Clocks, Register};
 pub struct RegisterSnapshot(BTreeMap<Register, u32>);
 
 impl RegisterSnapshot {
-    /// The value of `register`, if it is known.
+    /// Returns the value of `register`, if it is known.
     pub fn get(&self, register: Register) -> Option<u32> {
         self.0.get(&register).copied()
     }
 
-    /// The 64-bit counter whose upper half is `register`.
+    /// Returns the 64-bit counter whose upper half is `register`.
     pub fn counter(&self, register: Register) -> Option<u64> {
         Some(u64::from(self.get(register)?) << 32 | u64::from(self.get(register.next())?))
     }
@@ -28,22 +28,22 @@ impl RegisterSnapshot {
         self.0.insert(register, value);
     }
 
-    /// All of them, in order.
+    /// Returns all registers with their values, in order.
     pub fn iter(&self) -> impl Iterator<Item = (Register, u32)> + '_ {
         self.0.iter().map(|(&register, &value)| (register, value))
     }
 
-    /// How many are known.
+    /// Returns the number of known registers.
     pub fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// Whether none is known.
+    /// Returns `true` if no register is known.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// What they say of clock rates.
+    /// Returns the clock rates.
     pub fn clocks(&self) -> Clocks {
         Clocks::from_registers(|register| self.get(register))
     }

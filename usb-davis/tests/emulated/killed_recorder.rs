@@ -1,4 +1,4 @@
-//! A recorder that is killed leaves a dump that is readable to its last whole record.
+//! If the recorder is killed, the dump is readable up to its last whole record.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -12,7 +12,7 @@ use usb_davis::emulator::{Faults, Model, Piece};
 const CAMERAS: u64 = 5;
 const RUNS_EACH: u64 = 20;
 
-/// Byte `at` of an endless stream that is told apart at every offset. All words are timestamps.
+/// Returns byte `at` of an endless stream that differs at every offset. All words are timestamps.
 fn byte(at: u64) -> u8 {
     (at.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 56) as u8 | if at % 2 == 1 { 0x80 } else { 0 }
 }
@@ -30,9 +30,9 @@ fn a_hundred_times_at_random_moments() {
     println!("{unfinished} of {} ended within a record", CAMERAS * RUNS_EACH);
 }
 
-/// Kills recorders of one camera; how many files ended within a record.
+/// Kills recorders of one camera; returns the number of files that ended within a record.
 fn kill_recorders(camera: u64) -> u64 {
-    // Transfers of uneven length, so that records end anywhere.
+    // Transfers of irregular length, so that records end at arbitrary positions.
     let faults = Faults { cuts: vec![8192, 513, 100, 16_384, 7], ..Faults::default() };
     let bus = EmulatedBus::start(Model::new("1", pieces).with_faults(faults)).expect("the bus starts");
     let directory = tempfile::tempdir().expect("a directory can be made");
@@ -45,7 +45,7 @@ fn kill_recorders(camera: u64) -> u64 {
             .stdout(Stdio::null())
             .spawn()
             .expect("davis-record runs");
-        // Until it records, and then for up to 5 ms more.
+        // Wait until it records, and then for up to 5 ms more.
         let begun = Instant::now();
         while std::fs::metadata(&path).map_or(0, |file| file.len()) < 10_000 {
             assert!(begun.elapsed() < Duration::from_secs(60), "nothing is recorded");
@@ -60,7 +60,7 @@ fn kill_recorders(camera: u64) -> u64 {
     unfinished
 }
 
-/// Checks every byte of a dump; how many bytes of a record that was being written it ends with.
+/// Checks every byte of a dump; returns the number of bytes of an incomplete record at its end.
 fn check(path: &Path) -> u64 {
     let length = std::fs::metadata(path).expect("it exists").len();
     let mut capture = Capture::open(path).expect("the header is whole");

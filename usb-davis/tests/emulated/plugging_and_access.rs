@@ -1,4 +1,4 @@
-//! Cameras that come, go, or may not be used: absent, forbidden and busy are told apart.
+//! Cameras that are plugged in, unplugged or not usable: absent, forbidden and busy cameras cause different errors.
 
 use std::fs::{self, Permissions};
 use std::io::{BufRead, BufReader};
@@ -21,18 +21,18 @@ use usb_davis::registers::{Register, mux};
 
 const NOBODY: u32 = 65_534;
 
-/// `davis-record` where everybody may run it, and a place for its output.
+/// Returns a directory with `davis-record` that everybody may run, which also receives its output.
 fn program() -> TempDir {
     let directory = tempfile::tempdir().expect("a directory can be made");
     fs::set_permissions(directory.path(), Permissions::from_mode(0o777)).expect("it is ours");
-    // Not `fs::copy`: another test that starts a program meanwhile would hand it the open file, and
-    // a file that somebody may write to cannot be run.
+    // Not `fs::copy`: another test that starts a program at the same time would pass the open file to it, and a file
+    // that is open for writing cannot be run.
     let copy = Command::new("cp").arg(env!("CARGO_BIN_EXE_davis-record")).arg(directory.path()).status();
     assert!(copy.expect("cp runs").success());
     directory
 }
 
-/// Runs it as a user without privileges: what it printed, and its errors.
+/// Runs `davis-record` as a user without privileges; returns its output and its errors.
 fn run(bus: &EmulatedBus, program: &Path, arguments: &[&str]) -> (String, String) {
     let mut command = Command::new(program.join("davis-record"));
     command.args(arguments).current_dir(program).envs(bus.environment());
@@ -46,7 +46,7 @@ fn run(bus: &EmulatedBus, program: &Path, arguments: &[&str]) -> (String, String
 }
 
 #[test]
-fn absent_forbidden_and_busy_cameras_are_told_apart() {
+fn absent_forbidden_and_busy_cameras_cause_different_errors() {
     let bus = EmulatedBus::start(Model::new("00000042", || events(0))).expect("the bus starts");
     let program = program();
     for (access, serial, reason) in [
@@ -74,7 +74,7 @@ fn absent_forbidden_and_busy_cameras_are_told_apart() {
 }
 
 #[test]
-fn a_camera_that_is_plugged_in_again_starts_from_its_first_state() {
+fn a_camera_that_is_plugged_in_again_starts_from_its_initial_state() {
     const COUNT: u64 = 300_000;
     let bytes = total(events(COUNT));
     let faults = Faults { unplug_at: Some(bytes / 2), ..Faults::default() };
@@ -103,7 +103,7 @@ fn a_camera_that_is_plugged_in_again_starts_from_its_first_state() {
     assert_eq!(next, COUNT);
 }
 
-/// Prints which cameras come and go.
+/// Prints cameras that are plugged in or unplugged.
 struct Printer;
 
 impl<T: UsbContext> Hotplug<T> for Printer {
@@ -134,7 +134,7 @@ fn watch() {
 }
 
 #[test]
-fn programs_are_told_of_cameras_that_come_and_go() {
+fn programs_are_notified_of_cameras_plugged_in_and_unplugged() {
     let bus = EmulatedBus::start(Model::new("1", || events(0))).expect("the bus starts");
     let mut watcher = Command::new(std::env::current_exe().expect("it has a path"))
         .args(["--ignored", "--exact", "--nocapture", "plugging_and_access::watch"])
@@ -156,7 +156,7 @@ fn programs_are_told_of_cameras_that_come_and_go() {
 }
 
 #[test]
-fn the_documented_udev_rule_is_the_one_that_errors_name() {
+fn the_documented_udev_rule_equals_the_rule_in_errors() {
     let page = include_str!("../../../docs/usb.md");
     assert!(page.contains(UDEV_RULE) && page.contains(UDEV_RULE_FILE));
 }

@@ -22,7 +22,7 @@ fn run(bus: &EmulatedBus, arguments: &[&str]) -> Output {
         .expect("davis-record runs")
 }
 
-/// Runs `davis-record FILE 60 arguments…`; its report and whether it succeeded.
+/// Runs `davis-record FILE 60 arguments…`; returns its report and `true` if it succeeded.
 fn record(bus: &EmulatedBus, file: &Path, arguments: &[&str]) -> (Value, bool) {
     let path = file.to_str().expect("UTF-8");
     let output = run(bus, &[&[path, "60"], arguments].concat());
@@ -41,7 +41,7 @@ fn refused(model: Model) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Decodes a dump: calls back for each message, returns what the decoder counted.
+/// Decodes a dump: calls `sink` for each message, returns the decoder's counts.
 fn decode(file: &Path, mut sink: impl FnMut(Message<'_>)) -> DecoderCounts {
     let mut capture = Capture::open(file).expect("it is a dump");
     let mut decoder = capture.header().decoder();
@@ -50,7 +50,7 @@ fn decode(file: &Path, mut sink: impl FnMut(Message<'_>)) -> DecoderCounts {
     decoder.counts()
 }
 
-/// Decodes a dump whose events must be those of `event`, in order, and returns how many there are.
+/// Decodes a dump whose events must equal those of `event`, in order, and returns their number.
 fn check_events(file: &Path) -> u64 {
     let mut next = 0;
     let counts = decode(file, |message| match message {
@@ -78,7 +78,7 @@ fn a_camera_is_listed() {
 }
 
 #[test]
-fn cameras_that_cannot_be_used_say_why() {
+fn unusable_cameras_are_rejected_with_a_reason() {
     let none = || Model::new("1", || events(0));
     let logic = |version| none().with_registers([(sysinfo::LOGIC_VERSION, version)]);
     for version in [17, 19] {
@@ -93,7 +93,7 @@ fn cameras_that_cannot_be_used_say_why() {
 }
 
 #[test]
-fn register_traffic_is_that_of_libcaer_and_all_events_arrive_again_and_again() {
+fn register_traffic_equals_that_of_libcaer_and_all_events_arrive_in_repeated_runs() {
     const COUNT: u64 = 200_000;
     let bytes = total(events(COUNT));
     let bus = EmulatedBus::start(Model::new("00000042", || events(COUNT))).expect("the bus starts");
@@ -218,8 +218,8 @@ fn a_halted_endpoint_ends_the_stream_and_the_next_start_clears_it() {
     assert_eq!(check_events(&file), COUNT);
 }
 
-/// Decodes a dump of events of which some are lost, but no wrap word: how many there are, and the gaps.
-/// At full pace the computer's clock tells nothing of the camera's.
+/// Decodes a dump in which some events are lost but no wrap word; returns the number of events and of gaps. At full
+/// pace the host clock is independent of the camera's clock.
 fn check_events_with_gaps(file: &Path, count: u64) -> (u64, u64) {
     let mut capture = Capture::open(file).expect("it is a dump");
     let mut decoder = capture.header().decoder();
@@ -243,7 +243,7 @@ fn check_events_with_gaps(file: &Path, count: u64) -> (u64, u64) {
 }
 
 #[test]
-fn failed_transfers_are_a_gap_and_the_recording_goes_on() {
+fn failed_transfers_are_a_gap_and_the_recording_continues() {
     const COUNT: u64 = 200_000;
     let bytes = total(events(COUNT));
     let faults =
@@ -257,12 +257,12 @@ fn failed_transfers_are_a_gap_and_the_recording_goes_on() {
     assert_eq!((report["bytes"].as_u64(), report["failed"].as_u64()), (Some(bytes - 3 * 4096), Some(3)));
     let (events, gaps) = check_events_with_gaps(&file, COUNT);
     assert_eq!(gaps, 1);
-    // The lost bytes are at most a third of what events take.
+    // The lost bytes are at most a third of the bytes of an event.
     assert!((500..=3 * 4096 / 2 + 100).contains(&(COUNT - events)), "{events}");
 }
 
 #[test]
-fn a_bus_that_keeps_failing_ends_the_recording_and_costs_nothing_before() {
+fn persistent_bus_failures_end_the_recording_and_keep_earlier_data() {
     const COUNT: u64 = 400_000;
     let faults =
         Faults { cuts: vec![4096], failures: Some(Failures { at: 409_600, transfers: 200 }), ..Faults::default() };
@@ -278,7 +278,7 @@ fn a_bus_that_keeps_failing_ends_the_recording_and_costs_nothing_before() {
 }
 
 #[test]
-fn an_endpoint_that_halts_in_the_start_is_cleared_and_the_start_made_again() {
+fn an_endpoint_that_halts_during_the_start_is_cleared_and_the_start_repeated() {
     const COUNT: u64 = 20_000;
     let bytes = total(events(COUNT));
     let faults = Faults { stall_at: Some(0), ..Faults::default() };
@@ -302,7 +302,7 @@ fn a_start_that_fails_leaves_no_file() {
 fn bytes_of_an_earlier_run_are_not_taken_for_the_beginning() {
     const COUNT: u64 = 20_000;
     let bytes = total(events(COUNT));
-    // Half a word, then an event at pixel (5, 6): the rest of it would be out of step.
+    // Half a word, then an event at pixel (5, 6): the rest would be out of step.
     let stale = [vec![0x77], [0x09, 0x80, 0x05, 0x10, 0x06, 0x20].repeat(5000)].concat();
     let model = Model::new("1", || events(COUNT)).with_faults(Faults { stale, ..Faults::default() });
     let bus = EmulatedBus::start(model).expect("the bus starts");
@@ -316,8 +316,8 @@ fn bytes_of_an_earlier_run_are_not_taken_for_the_beginning() {
 }
 
 #[test]
-fn what_is_switched_off_is_not_sent() {
-    // All but the frames: three of 3 · (2 · 260 + 4) events, a sample, a signal.
+fn modules_that_are_switched_off_send_nothing() {
+    // Everything except the frames: three times 3 · (2 · 260 + 4) events, a sample, a signal.
     let bus = EmulatedBus::start(Model::new("1", session)).expect("the bus starts");
     let directory = tempfile::tempdir().expect("a directory can be made");
     let file = directory.path().join("events.dvraw");
@@ -329,7 +329,7 @@ fn what_is_switched_off_is_not_sent() {
 }
 
 #[test]
-fn what_an_earlier_recording_lost_is_not_told_again() {
+fn losses_of_an_earlier_recording_are_not_reported() {
     const COUNT: u64 = 20_000;
     let bytes = total(events(COUNT));
     let earlier = [(mux::DVS_DROPPED, 1), (mux::DVS_DROPPED.next(), 5), (dvs::DROPPED.next(), 6)];

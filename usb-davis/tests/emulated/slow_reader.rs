@@ -1,4 +1,4 @@
-//! A reader that stands still, as one does whose disk is busy: what the camera sends meanwhile waits in memory.
+//! A reader that pauses because its disk is busy: the data that the camera sends in the meantime wait in memory.
 
 use std::process::Command;
 use std::thread::sleep;
@@ -11,7 +11,7 @@ use usb_davis::emulator::umockdev::EmulatedBus;
 use usb_davis::emulator::{Faults, Model};
 use usb_davis::protocol::{Decoder, Message};
 
-/// Three seconds of 24 and of 10.8 MB/s, and the length of the transfers at 1000 a second.
+/// Three seconds at 24 and at 10.8 MB/s, and the length of the transfers at 1000 transfers per second.
 const STALLS: [(u64, usize); 2] = [(72_000_000, 24_000), (32_400_000, 10_800)];
 
 #[test]
@@ -24,7 +24,7 @@ fn stand_still() {
     let mut stream = camera.start(Streams::EVENTS, Queue::default()).expect("it starts");
     let end = Instant::now() + Duration::from_secs(60);
     let mut before = 0;
-    // Until all has come, or no more does because there is no room.
+    // Until all bytes have arrived, or no more arrive because there is no room.
     while stream.statistics().bytes < bytes && Instant::now() < end && stream.statistics().starved == 0 {
         before = stream.statistics().bytes;
         sleep(Duration::from_millis(1));
@@ -50,7 +50,7 @@ fn stand_still() {
 }
 
 #[test]
-fn three_seconds_of_a_busy_disk_cost_nothing() {
+fn three_seconds_of_a_busy_disk_lose_nothing() {
     for (bytes, length) in STALLS {
         // A row and a column for each event, a timestamp for every third.
         let count = bytes * 3 / 14 + 1;

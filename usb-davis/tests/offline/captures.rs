@@ -32,7 +32,7 @@ fn payload(events: &[PolarityEvent]) -> Vec<u8> {
     bytes
 }
 
-/// One end of a USB transfer.
+/// Beginning or end of a USB transfer.
 struct Usb<'a> {
     device: u8,
     id: u64,
@@ -42,7 +42,7 @@ struct Usb<'a> {
     status: i32,
     setup: Option<[u8; 8]>,
     data: &'a [u8],
-    /// Length that the transfer had.
+    /// Length of the transfer.
     length: usize,
 }
 
@@ -184,7 +184,7 @@ fn pcapng(link: u32, packets: &[Usb<'_>]) -> Vec<u8> {
     writer.into_inner()
 }
 
-/// All events of a capture, and its gaps.
+/// Returns all events of a capture, and the number of its gaps.
 fn decode(file: Vec<u8>) -> (Vec<PolarityEvent>, u64, Capture<Cursor<Vec<u8>>>) {
     let mut capture = Capture::new(Cursor::new(file), None).expect("it is a capture");
     let mut decoder = capture.header().decoder();
@@ -201,7 +201,7 @@ fn decode(file: Vec<u8>) -> (Vec<PolarityEvent>, u64, Capture<Cursor<Vec<u8>>>) 
 }
 
 #[test]
-fn all_link_types_say_the_same() {
+fn all_link_types_decode_to_the_same_events() {
     let expected = events(3000);
     let payload = payload(&expected);
     let mut packets = enumeration(5);
@@ -218,7 +218,7 @@ fn all_link_types_say_the_same() {
         packets.push(bulk(4, 500, b"not of the camera"));
     }
     packets.push(Usb { status: -2, ..bulk(5, 1000, &[]) });
-    // Switching off at the end must not appear in the header.
+    // Switching off at the end must not affect the header.
     packets.extend(control(5, 7, [0x40, 0xBF, 1, 0, 3, 0, 4, 0], &[0, 0, 0, 0]));
     let mut files = vec![pcap(189, false, &packets), pcap(220, false, &packets), pcap(220, true, &packets)];
     files.extend([pcap(249, false, &packets), pcapng(220, &packets), pcapng(249, &packets)]);
@@ -253,7 +253,7 @@ fn cut_transfers_are_gaps() {
     let lost = all.len() - events.len();
     assert!((100..300).contains(&lost), "{lost} events lost");
     assert!(events.iter().all(|event| all.contains(event)));
-    // A transfer that failed brings nothing that can be trusted.
+    // The data of a failed transfer are not used.
     let failed = pieces.iter().enumerate().map(|(index, piece)| {
         let status = if index == 2 { -71 } else { 0 };
         Usb { status, ..bulk(5, index as u64, piece) }
@@ -264,16 +264,16 @@ fn cut_transfers_are_gaps() {
 }
 
 #[test]
-fn the_camera_is_found_without_enumeration_or_asked_for() {
+fn the_camera_is_found_without_enumeration_or_chosen() {
     let expected = events(100);
     let payload = payload(&expected);
-    // Only register traffic tells device 5 from device 4.
+    // Only register traffic distinguishes device 5 from device 4.
     let mut packets = enumeration(5).split_off(4);
     packets.extend([bulk(5, 1, &payload), bulk(4, 2, &payload[..20])]);
     let (events, _, capture) = decode(pcap(220, false, &packets));
     assert_eq!(events, expected);
     assert_eq!(capture.header().identity, None);
-    // Nothing tells them apart.
+    // Nothing distinguishes them.
     let file = pcap(220, false, &[bulk(5, 1, &payload), bulk(4, 2, &payload)]);
     let (four, five) = (DeviceAddress { bus: 2, device: 4 }, DeviceAddress { bus: 2, device: 5 });
     match Capture::new(Cursor::new(file.clone()), None) {
@@ -305,7 +305,7 @@ fn a_capture_that_ends_within_a_packet() {
     }
 }
 
-/// What is before damage is handed out, and then the damage is named by its byte.
+/// The data before the damage are returned, then an error names its byte.
 #[test]
 fn a_capture_is_read_up_to_its_damage() {
     let expected = events(500);
@@ -351,9 +351,9 @@ fn a_capture_whose_header_is_incomplete_is_damaged_from_its_beginning() {
     }
 }
 
-/// A simple packet of 12 bytes has no room for its length; what was left of it was less than nothing.
+/// A simple packet of 12 bytes has no room for its length; the remaining length must not underflow.
 #[test]
-fn blocks_that_are_too_short_for_a_packet_are_refused() {
+fn blocks_that_are_too_short_for_a_packet_are_rejected() {
     let block = |kind: u32, body: &[u8]| {
         let length = (body.len() as u32 + 12).to_le_bytes();
         [&kind.to_le_bytes()[..], &length, body, &length].concat()
@@ -369,7 +369,7 @@ fn blocks_that_are_too_short_for_a_packet_are_refused() {
 }
 
 #[test]
-fn bare_payload_is_known_by_its_words() {
+fn bare_payload_is_recognised_by_its_words() {
     let expected = events(100_000);
     let (events, gaps, capture) = decode(payload(&expected));
     assert_eq!((events.len(), gaps), (expected.len(), 0));

@@ -1,4 +1,4 @@
-//! The default configuration against the register traffic of libcaer.
+//! The default configuration compared with the register traffic of libcaer.
 
 use usb_davis::configuration::Configuration;
 use usb_davis::protocol::ImuModel;
@@ -15,7 +15,7 @@ fn writes_to(configuration: &Configuration, imu: ImuModel) -> Vec<(Register, u32
 }
 
 #[test]
-fn the_default_is_what_libcaer_sends() {
+fn the_default_equals_the_configuration_of_libcaer() {
     let expected: Vec<(Register, u32)> = include_str!("../data/libcaer-default-writes.txt")
         .lines()
         .filter(|line| !line.starts_with('#'))
@@ -38,7 +38,7 @@ fn calibration_differs_in_the_background_activity_filter_only() {
 }
 
 #[test]
-fn only_the_imu_that_has_it_gets_a_filter_of_the_gyroscope() {
+fn the_gyroscope_filter_is_set_only_if_the_imu_has_one() {
     let mut expected = writes(&Configuration::default());
     expected.retain(|(register, _)| *register != imu::GYROSCOPE_LOW_PASS);
     for imu in [ImuModel::Mpu6050, ImuModel::Absent] {

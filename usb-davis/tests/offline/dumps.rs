@@ -38,7 +38,7 @@ fn write(transfers: &[Owned], compression: Compression, finish: bool) -> Vec<u8>
 fn read(file: &[u8]) -> (Vec<Owned>, Damage) {
     let mut reader = DumpReader::new(Cursor::new(file)).expect("the header is whole");
     let mut transfers = Vec::new();
-    while let Some(record) = reader.next_record().expect("damage is no error") {
+    while let Some(record) = reader.next_record().expect("damage is not an error") {
         let Record::Transfer(transfer) = record else { continue };
         let host_ns = transfer.host_ns.expect("always written");
         transfers.push((host_ns, transfer.gap_before, transfer.status, transfer.payload.to_vec()));
@@ -56,7 +56,7 @@ fn transfers(count: usize) -> Vec<Owned> {
 }
 
 #[test]
-fn header_and_registers_come_back() {
+fn header_and_registers_survive_a_round_trip() {
     let mut file = Vec::new();
     let header = header();
     let mut writer = DumpWriter::new(&mut file, &header, Compression::None).expect("a vector takes it");
@@ -74,7 +74,7 @@ fn header_and_registers_come_back() {
 }
 
 #[test]
-fn readable_to_the_last_whole_record_wherever_it_was_cut() {
+fn a_truncated_dump_is_readable_to_its_last_whole_record() {
     let expected = transfers(4);
     let file = write(&expected, Compression::None, false);
     let sizes = expected.iter().map(|(.., payload)| 28 + payload.len());
@@ -98,7 +98,7 @@ fn readable_to_the_last_whole_record_wherever_it_was_cut() {
 }
 
 #[test]
-fn damage_costs_the_record_it_hits() {
+fn damage_loses_only_the_damaged_record() {
     let expected = transfers(5);
     for finish in [false, true] {
         for compression in [Compression::None, Compression::Zstd(1)] {
@@ -107,7 +107,7 @@ fn damage_costs_the_record_it_hits() {
                 file.windows(4).enumerate().filter(|(_, at)| at == b"DVSR").map(|(at, _)| at).collect();
             for byte in [0, 4, 5, 9, 17, 22, 25, 30] {
                 let mut file = file.clone();
-                // The fourth mark: the first is in the magic of the file.
+                // The fourth marker: the first is part of the magic of the file.
                 file[marks[3] + byte] ^= 0x41;
                 let (transfers, damage) = read(&file);
                 let mut rest = [&expected[..2], &expected[3..]].concat();
@@ -119,7 +119,7 @@ fn damage_costs_the_record_it_hits() {
     }
 }
 
-/// Counts what is read.
+/// A reader that counts the bytes read.
 struct Counting(Cursor<Vec<u8>>, Rc<Cell<usize>>);
 
 impl Read for Counting {
@@ -136,9 +136,9 @@ impl Seek for Counting {
     }
 }
 
-/// As much was read as each head claims: 12 GB of a file of 1 MB.
+/// Reading the length that each head claims would read 12 GB of a file of 1 MB.
 #[test]
-fn heads_without_records_are_not_read_again_and_again() {
+fn heads_without_records_are_not_read_repeatedly() {
     let mut expected = transfers(50);
     let mut file = write(&[], Compression::None, false);
     let start = file.len();
@@ -149,10 +149,10 @@ fn heads_without_records_are_not_read_again_and_again() {
     file.extend(&write(&expected, Compression::None, false)[start..]);
     let read = Rc::new(Cell::new(0));
     let mut reader = DumpReader::new(Counting(Cursor::new(file), Rc::clone(&read))).expect("the header is whole");
-    // The first good one comes after a gap.
+    // The first good record comes after a gap.
     expected[0].1 = true;
     for (_, gap_before, _, payload) in &expected {
-        let Some(Record::Transfer(transfer)) = reader.next_record().expect("damage is no error") else {
+        let Some(Record::Transfer(transfer)) = reader.next_record().expect("damage is not an error") else {
             panic!("a transfer")
         };
         assert_eq!((transfer.gap_before, transfer.payload), (*gap_before, payload.as_slice()));
@@ -161,9 +161,9 @@ fn heads_without_records_are_not_read_again_and_again() {
     assert!(read.get() < 300 << 20, "{} bytes", read.get());
 }
 
-/// For each byte between two records 64 kB were looked at.
+/// Without a short first search, 64 kB would be read for each byte between two records.
 #[test]
-fn a_record_is_searched_for_nearby_first() {
+fn the_search_for_a_record_begins_nearby() {
     let mut file = write(&[], Compression::None, false);
     let start = file.len();
     let record = write(&transfers(1), Compression::None, false).split_off(start);
@@ -172,7 +172,7 @@ fn a_record_is_searched_for_nearby_first() {
     let read = Rc::new(Cell::new(0));
     let mut reader = DumpReader::new(Counting(Cursor::new(file), Rc::clone(&read))).expect("the header is whole");
     let mut count = 0;
-    while reader.next_record().expect("damage is no error").is_some() {
+    while reader.next_record().expect("damage is not an error").is_some() {
         count += 1;
     }
     assert_eq!((count, reader.damage()), (500, Damage { bytes: 499, places: 499, unfinished: 1 }));
@@ -180,7 +180,7 @@ fn a_record_is_searched_for_nearby_first() {
 }
 
 #[test]
-fn what_is_no_dump_is_refused() {
+fn other_files_are_rejected() {
     assert!(matches!(DumpReader::new(Cursor::new(b"#!AER-DAT4.0\r\n")), Err(DumpError::Magic)));
     let mut file = write(&[], Compression::None, true);
     file[20] ^= 1;
@@ -232,7 +232,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn any_bytes_behind_the_header_are_survived(
+    fn any_bytes_after_the_header_are_accepted(
         before in 0..3usize,
         junk in proptest::collection::vec(any::<u8>(), 0..300),
         marks in proptest::collection::vec(0..300usize, 0..3),
@@ -260,12 +260,12 @@ proptest! {
     }
 }
 
-/// The transfers that a reader gets which follows the file, and the damage.
+/// Returns the transfers that a reader receives while it follows the file, and the damage.
 fn follow(path: &std::path::Path, growth: Growth) -> (Vec<Owned>, Damage) {
     let input = BufReader::new(File::open(path).expect("it is there"));
     let mut reader = DumpReader::new(input).expect("the header is whole").following(growth);
     let mut transfers = Vec::new();
-    while let Some(record) = reader.next_record().expect("damage is no error") {
+    while let Some(record) = reader.next_record().expect("damage is not an error") {
         let Record::Transfer(transfer) = record else { continue };
         let host_ns = transfer.host_ns.expect("always written");
         transfers.push((host_ns, transfer.gap_before, transfer.status, transfer.payload.to_vec()));
@@ -274,7 +274,7 @@ fn follow(path: &std::path::Path, growth: Growth) -> (Vec<Owned>, Damage) {
 }
 
 #[test]
-fn a_reader_that_follows_gets_all_however_the_recording_ends() {
+fn a_following_reader_receives_all_transfers_however_the_recording_ends() {
     let expected = transfers(60);
     let directory = tempfile::tempdir().expect("a directory can be made");
     for (number, (finish, torn)) in [(true, false), (false, false), (false, true)].into_iter().enumerate() {
@@ -288,7 +288,7 @@ fn a_reader_that_follows_gets_all_however_the_recording_ends() {
                 let transfer = Transfer { host_ns: Some(*host_ns), gap_before: *gap_before, status: *status, payload };
                 writer.transfer(&transfer).expect("the file takes it");
                 if index % 20 == 19 {
-                    // So that the reader has come to the end so far.
+                    // Lets the reader reach the current end.
                     thread::sleep(std::time::Duration::from_millis(5));
                 }
             }
@@ -305,13 +305,13 @@ fn a_reader_that_follows_gets_all_however_the_recording_ends() {
         });
         assert_eq!(read.0, expected, "{finish} {torn}");
         assert_eq!(read.1.unfinished, if torn { 16 } else { 0 });
-        // Who comes later finds the same.
+        // A later reader finds the same.
         assert_eq!(follow(&path, growth), read);
     }
 }
 
 #[test]
-fn nobody_waits_for_a_recording_that_never_began() {
+fn readers_do_not_wait_for_a_recording_that_never_began() {
     let growth = Growth::default();
     thread::scope(|scope| {
         let waiting = scope.spawn(|| growth.wait_beyond(0));

@@ -1,4 +1,4 @@
-//! What needs no camera: protocol, registers, dumps and captures.
+//! Tests that need no camera: protocol, registers, dumps and captures.
 
 mod captures;
 mod configuration;

@@ -1,5 +1,5 @@
-//! Streams that no healthy camera sends. Each expected outcome is worked out by hand from the
-//! wire words; docs/davis346-streams.md has the same list in words.
+//! Streams that no healthy camera sends. Each expected result is derived by hand from the wire words;
+//! docs/davis346-streams.md describes the same cases.
 
 use usb_davis::protocol::word::{Special, Word};
 use usb_davis::protocol::{AnomalyKind, Decoder, DecoderCounts, Layout, Message, Polarity, Signal};
@@ -54,7 +54,7 @@ fn bytes(words: &[Word]) -> Vec<u8> {
     words.iter().flat_map(|word| word.emit().to_le_bytes()).collect()
 }
 
-/// Decodes in one piece, and checks that pieces of 1, 3, 7 and 512 bytes say the same.
+/// Decodes in one piece, and asserts that pieces of 1, 2, 3, 7 and 512 bytes decode to the same.
 fn decode_as(layout: Layout, words: &[Word]) -> (Vec<Seen>, DecoderCounts) {
     let bytes = bytes(words);
     let run = |piece: usize| {
@@ -107,7 +107,7 @@ fn timestamp_reset_first_and_in_between() {
 }
 
 #[test]
-fn words_without_meaning_are_counted_and_skipped() {
+fn unknown_words_are_counted_and_skipped() {
     let unknown = [0x0000, 0x0006, 0x0012, 0x0FFF, 0x5F00, 0x5400, 0x6C01];
     for word in unknown {
         let words = [Word::Timestamp(1), Word::Row(3), Word::Unknown(word), Word::Column(4, ON)];
@@ -133,7 +133,7 @@ fn addresses_beyond_the_sensor() {
         Seen::Anomaly(AnomalyKind::ColumnOutOfRange, 6),
         Seen::Event(1, 345, 0, OFF),
         Seen::Anomaly(AnomalyKind::RowOutOfRange, 10),
-        // Whose row is unknown; to give it row 345 would be to invent an event.
+        // The row of this column is unknown; assigning it to row 345 would invent an event.
         Seen::Anomaly(AnomalyKind::ColumnWithoutRow, 12),
         Seen::Event(1, 0, 2, ON),
     ];
@@ -141,13 +141,13 @@ fn addresses_beyond_the_sensor() {
 }
 
 #[test]
-fn a_row_without_columns_is_no_fault() {
+fn a_row_without_columns_is_not_a_fault() {
     let words = [Word::Timestamp(1), Word::Row(7), Word::Timestamp(2), Word::Row(8), Word::Column(1, ON)];
     assert_eq!(decode(&words), [Seen::Event(2, 8, 1, ON)]);
 }
 
 #[test]
-fn time_going_back_is_reported_and_taken() {
+fn time_going_back_is_reported_and_used() {
     let words = [
         Word::Timestamp(500),
         Word::Row(0),
@@ -231,7 +231,7 @@ fn inertial_samples_short_long_and_broken() {
     words.truncate(9);
     words.extend(imu(0xE0, 14));
     assert_eq!(decode(&words), [Seen::Anomaly(AnomalyKind::ImuIncomplete, 20), Seen::Imu(12, a, t, g)]);
-    // The tail of a sample that began before we listened is no fault.
+    // The end of a sample that began before the stream is not a fault.
     let tail = &imu(0xE0, 14)[8..];
     let (messages, counts) = decode_as(Layout::DAVIS346, tail);
     assert_eq!((messages, counts.skipped), (vec![], 10));
@@ -247,8 +247,8 @@ fn mirrored_inertial_axes_saturate() {
     assert_eq!(decode_as(layout, &words).0, [Seen::Imu(0, Some([32767, -32768, -5]), None, None)]);
 }
 
-/// Wire words of a frame of `width × height` user pixels at (10, 20); every pixel of wire column c
-/// and row r gets reset 900 and signal 900 − (100·c + r), so that it reads 100·c + r.
+/// Returns the wire words of a frame of `width × height` user pixels at (10, 20); every pixel of wire column c and row
+/// r has reset level 900 and signal level 900 − (100·c + r), and therefore the value 100·c + r.
 fn frame(width: u16, height: u16, shutter: Special) -> Vec<Word> {
     let (columns, rows) = (height, width);
     let mut words = vec![Word::Timestamp(100), Word::Special(shutter)];
@@ -317,8 +317,8 @@ fn regions_in_all_orientations_and_both_shutters() {
             assert_eq!(messages, [whole_frame(&pixels)], "{shutter:?} {orientation:03b}");
         }
     }
-    // Without the swap wire columns are the user's: the same words are 2 columns of 3 samples, for a
-    // region of 3 columns of 2.
+    // Without the swap, wire columns are the user's columns: the same words are 2 columns of 3 samples, for a region of
+    // 3 columns of 2 samples.
     let mut layout = Layout::DAVIS346;
     layout.aps.swap_axes = false;
     let (messages, _) = decode_as(layout, &frame(3, 2, Special::FrameStartGlobalShutter));
@@ -330,10 +330,10 @@ fn saturation() {
     let mut words = frame(3, 2, Special::FrameStartGlobalShutter);
     let samples: Vec<usize> = (0..words.len()).filter(|&index| matches!(words[index], Word::Sample(_))).collect();
     let mut set = |sample: usize, level: u16| words[samples[sample]] = Word::Sample(level);
-    set(0, 383); // reset too low
+    set(0, 383); // reset level too low
     set(6, 300);
-    set(7, 0); // signal zero
-    set(2, 384); // reset just enough, and below the signal
+    set(7, 0); // signal level zero
+    set(2, 384); // reset level just high enough, and below the signal level
     set(8, 400);
     assert_eq!(decode(&words), [whole_frame(&[1023, 1023, 0, 100, 101, 102])]);
 }
@@ -350,7 +350,7 @@ fn a_lost_column_end_is_harmless() {
 }
 
 #[test]
-fn a_lost_sample_spoils_its_pixel_and_is_told() {
+fn a_lost_sample_loses_its_pixel_and_is_reported() {
     let words = frame(3, 2, Special::FrameStartGlobalShutter);
     let samples: Vec<usize> = (0..words.len()).filter(|&index| matches!(words[index], Word::Sample(_))).collect();
     for (lost, pixels) in [
@@ -383,7 +383,7 @@ fn surplus_samples_are_dropped() {
 }
 
 #[test]
-fn a_lost_column_costs_the_frame_and_no_other() {
+fn a_lost_column_loses_only_its_frame() {
     let whole = frame(3, 2, Special::FrameStartGlobalShutter);
     let start = whole.iter().position(|&word| word == Word::Special(Special::SignalColumnStart)).expect("one");
     let mut words = whole.clone();
@@ -397,7 +397,7 @@ fn a_lost_column_costs_the_frame_and_no_other() {
 }
 
 #[test]
-fn a_restart_of_the_clock_costs_the_frame_that_it_falls_into() {
+fn a_restart_of_the_clock_loses_the_frame_in_progress() {
     let whole = frame(3, 2, Special::FrameStartGlobalShutter);
     let exposure = whole.iter().position(|&word| word == Word::Special(Special::ExposureEnd)).expect("one");
     // Between the columns, before the corners, and within a column.
@@ -415,7 +415,7 @@ fn a_restart_of_the_clock_costs_the_frame_that_it_falls_into() {
 }
 
 #[test]
-fn a_surplus_end_of_a_column_is_told_and_harmless() {
+fn a_surplus_end_of_a_column_is_reported_and_harmless() {
     let whole = frame(3, 2, Special::FrameStartGlobalShutter);
     let end = whole.iter().position(|&word| word == Word::Special(Special::ColumnEnd)).expect("one");
     let first = whole.iter().position(|&word| word == Word::Special(Special::ResetColumnStart)).expect("one");
@@ -443,14 +443,14 @@ fn a_frame_cut_by_the_next_one() {
 
 #[test]
 fn a_region_beyond_the_sensor_is_cut_or_dropped() {
-    // Last y = 300: cut to 259, for which two columns are far too few.
+    // Last y = 300 is limited to 259; two columns are far too few for that region.
     let mut words = frame(3, 2, Special::FrameStartGlobalShutter);
     words[11] = Word::RegionHigh(300u16.to_be_bytes()[0]);
     words[12] = Word::RegionLow(300u16.to_be_bytes()[1]);
     let messages = decode(&words);
     assert_eq!(messages[0], Seen::Anomaly(AnomalyKind::FrameOutOfRange, 26));
     assert!(matches!(messages[1..], [Seen::Anomaly(AnomalyKind::FrameIncomplete, _)]), "{messages:?}");
-    // First x behind last x.
+    // First x after last x.
     words[6] = Word::RegionLow(20);
     words[11] = Word::RegionHigh(0);
     words[12] = Word::RegionLow(21);
@@ -458,7 +458,7 @@ fn a_region_beyond_the_sensor_is_cut_or_dropped() {
 }
 
 #[test]
-fn a_frame_under_way_when_the_stream_begins_is_no_fault() {
+fn a_frame_in_progress_when_the_stream_begins_is_not_a_fault() {
     let whole = frame(3, 2, Special::FrameStartRollingShutter);
     let (messages, counts) = decode_as(Layout::DAVIS346, &whole[9..]);
     assert_eq!(messages, []);
@@ -467,13 +467,13 @@ fn a_frame_under_way_when_the_stream_begins_is_no_fault() {
 }
 
 #[test]
-fn a_gap_drops_what_was_in_progress() {
+fn a_gap_drops_incomplete_items() {
     let whole = frame(3, 2, Special::FrameStartGlobalShutter);
     let mut decoder = Decoder::with_frames(Layout::DAVIS346, vec![0u16; 346 * 260]);
     let mut messages = Vec::new();
     let mut take = |message: Message<'_>| messages.extend(seen(message));
     let mut cut = bytes(&whole[..20]);
-    cut.extend([0x55, 0x10, 0x99]); // a row, and half a word that must not join what follows
+    cut.extend([0x55, 0x10, 0x99]); // a row, and half a word that must not be joined with the next byte
     decoder.decode(&cut, &mut take);
     decoder.gap(&mut take);
     decoder.decode(&bytes(&whole[20..]), &mut take);
@@ -491,7 +491,7 @@ fn a_gap_drops_what_was_in_progress() {
 }
 
 #[test]
-fn frames_are_passed_over_without_memory_and_refused_with_too_little() {
+fn frames_are_skipped_without_memory_and_dropped_with_too_little() {
     let stream = bytes(&frame(3, 2, Special::FrameStartGlobalShutter));
     let mut decoder = Decoder::new(Layout::DAVIS346);
     decoder.decode(&stream, |message| panic!("{message:?}"));
@@ -503,7 +503,7 @@ fn frames_are_passed_over_without_memory_and_refused_with_too_little() {
 }
 
 #[test]
-fn after_a_gap_events_wait_for_a_word_that_tells_time() {
+fn after_a_gap_events_wait_for_a_word_that_carries_time() {
     let mut decoder = Decoder::new(Layout::DAVIS346);
     let mut messages = Vec::new();
     let mut take = |message: Message<'_>| messages.extend(seen(message));

@@ -1,5 +1,5 @@
-//! Properties: what the encoder writes decodes to what it was given, however it is cut, and no
-//! bytes whatsoever stop the decoder.
+//! Properties: decoding the encoder's output returns its input, however the stream is split, and no bytes stop the
+//! decoder.
 
 use proptest::prelude::*;
 use usb_davis::protocol::{
@@ -38,7 +38,7 @@ fn items(message: Message<'_>) -> Vec<Item> {
     }]
 }
 
-/// What to append, with its distance in time from the one before.
+/// An item to append, with its distance in time from the previous one.
 #[derive(Clone, Debug)]
 enum Next {
     Event(u64, u16, u16, bool),
@@ -92,8 +92,8 @@ fn layouts() -> impl Strategy<Value = Layout> {
     })
 }
 
-/// Encodes `nexts` and says what must come back. Events of the next items fall between the steps of
-/// a frame in half of the cases, as they do on the wire.
+/// Encodes `nexts`, and returns the expected items. In half of the cases, events of the next items fall between the
+/// steps of a frame, as they do on the wire.
 fn encode(layout: Layout, nexts: &[Next]) -> (Vec<u8>, Vec<Item>) {
     let mut encoder = Encoder::new(layout);
     let (mut bytes, mut items) = (Vec::new(), Vec::new());
@@ -188,7 +188,7 @@ proptest! {
     }
 
     #[test]
-    fn any_bytes_are_survived_and_cuts_change_nothing(
+    fn any_bytes_are_accepted_and_splitting_changes_nothing(
         bytes in proptest::collection::vec(any::<u8>(), 0..4000),
         piece in 1..300usize,
         gap in any::<bool>(),

@@ -1,5 +1,5 @@
-//! A short session with everything that a camera sends: frames of both shutters with events between
-//! their columns, an inertial sample, a signal.
+//! A short session with every kind of data that a camera sends: frames of both shutters with events between their
+//! columns, an IMU sample, a signal.
 
 use usb_davis::emulator::Piece;
 use usb_davis::protocol::{
@@ -22,7 +22,7 @@ fn pixels() -> Vec<u16> {
     (0..346 * 260).map(|index| (index * 7 % 1024) as u16).collect()
 }
 
-/// The session as one piece.
+/// Returns the session as one piece.
 pub fn session() -> impl Iterator<Item = Piece> + Send + 'static {
     let pixels = pixels();
     let mut bytes = Vec::new();
@@ -51,7 +51,7 @@ pub fn session() -> impl Iterator<Item = Piece> + Send + 'static {
     std::iter::once(Piece { time: 0, bytes })
 }
 
-/// What was received of the session.
+/// Data received of the session.
 #[derive(Default)]
 pub struct Received {
     frames: Vec<(u64, Option<u64>, u64, Shutter, u16)>,
@@ -61,7 +61,7 @@ pub struct Received {
 }
 
 impl Received {
-    /// Takes a message, and checks the pixels of a frame.
+    /// Adds a message, and checks the pixels of a frame.
     pub fn take(&mut self, message: &Message<'_>) {
         match message {
             Message::Frame(frame) => {
@@ -76,7 +76,7 @@ impl Received {
         }
     }
 
-    /// Checks that it is the session, no more and no less.
+    /// Asserts that exactly the session was received.
     pub fn check(&self) {
         let expected = [
             (0, Some(7000), 15_000, Shutter::Global, 0),

@@ -1,9 +1,9 @@
-//! A stream whose every event is known by its number.
+//! A stream in which every event follows from its number.
 
 use usb_davis::emulator::Piece;
 use usb_davis::protocol::{Encoder, Layout, Polarity, PolarityEvent};
 
-/// Event number `index`: three a microsecond, all over the sensor.
+/// Returns event number `index`: three events per microsecond, all over the sensor.
 pub fn event(index: u64) -> PolarityEvent {
     let mixed = index.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32;
     PolarityEvent {
@@ -14,7 +14,7 @@ pub fn event(index: u64) -> PolarityEvent {
     }
 }
 
-/// `count` events as pieces of some 16 KiB.
+/// Returns `count` events as pieces of about 16 KiB.
 pub fn events(count: u64) -> impl Iterator<Item = Piece> + Send + 'static {
     let mut encoder = Encoder::new(Layout::DAVIS346);
     (0..count).step_by(3000).map(move |first| {
@@ -26,7 +26,7 @@ pub fn events(count: u64) -> impl Iterator<Item = Piece> + Send + 'static {
     })
 }
 
-/// Bytes of all pieces together.
+/// Returns the total number of bytes of all pieces.
 pub fn total(pieces: impl Iterator<Item = Piece>) -> u64 {
     pieces.map(|piece| piece.bytes.len() as u64).sum()
 }

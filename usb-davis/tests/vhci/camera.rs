@@ -1,4 +1,4 @@
-//! A camera on the bus, from plugging it in to unplugging it.
+//! A camera on the bus, from plugging in to unplugging.
 
 use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt;
@@ -60,12 +60,12 @@ fn receive(
             stream.stop().expect("it stops");
         }
     };
-    // No emulated camera drops at full pace.
+    // An emulated camera drops nothing at full pace.
     assert_eq!(stream.read_dropped().unwrap_or_default(), Dropped::default());
     (error, stream.statistics(), decoder.counts())
 }
 
-/// Receives events, which must be those of `event` from the first.
+/// Receives events, which must equal those of `event` from the first.
 fn receive_events(camera: &mut Camera, limit: u64) -> (StreamError, StreamStatistics, u64) {
     let mut next = 0;
     let (error, statistics, counts) = receive(camera, Streams::EVENTS, limit, |message| {
@@ -116,7 +116,7 @@ fn ten_million_events_and_none_is_lost_and_the_camera_can_be_opened_again() {
     assert_eq!((error, statistics.bytes, count), (StreamError::Stopped, bytes, COUNT));
     drop(camera);
     println!("{count} events, {bytes} bytes in {:.1} s of the machine", start.elapsed().as_secs_f64());
-    // Stopped in mid-stream, what comes is whole still; then it starts from the beginning.
+    // After a stop during the stream the received data are still correct; the next run starts from the beginning.
     for part in [bytes / 40, bytes / 30] {
         let (error, statistics, _) = receive_events(&mut open(), part);
         assert_eq!(error, StreamError::Stopped);
@@ -159,7 +159,7 @@ fn unplugged_in_mid_stream_everything_before_it_is_kept_and_it_can_be_plugged_in
     assert!((again[0].bus, again[0].address) != (first[0].bus, first[0].address));
     let (error, _, count) = receive_events(&mut open(), bytes);
     assert_eq!((error, count), (StreamError::Stopped, COUNT));
-    // Unplugged by hand, with a program that has it open.
+    // Unplugged explicitly, while a program has it open.
     let mut camera = open();
     virtual_camera.unplug().expect("it is plugged in");
     listed(0);
@@ -181,7 +181,7 @@ fn odd_transfers_and_halts_lose_nothing() {
     assert_eq!((error, statistics.bytes, count), (StreamError::Stopped, bytes, COUNT));
 }
 
-/// What `davis-record` says of the only camera, run by this user.
+/// Returns the state of the only camera according to `davis-record`, run by this user.
 fn state(program: &Path, user: u32) -> String {
     let output = Command::new(program).uid(user).gid(user).stderr(Stdio::inherit()).output().expect("it runs");
     String::from_utf8_lossy(&output.stdout).into_owned()
@@ -189,7 +189,7 @@ fn state(program: &Path, user: u32) -> String {
 
 #[test]
 #[ignore = "needs root and the module vhci-hcd: make test-usb-guest"]
-fn absent_forbidden_and_busy_cameras_are_told_apart() {
+fn absent_forbidden_and_busy_cameras_cause_different_errors() {
     let program = std::env::var_os("DAVIS_RECORD").unwrap_or_else(|| env!("CARGO_BIN_EXE_davis-record").into());
     let program = Path::new(&program);
     assert_eq!(state(program, NOBODY).trim(), "[]");
@@ -210,7 +210,7 @@ fn absent_forbidden_and_busy_cameras_are_told_apart() {
 
 #[test]
 #[ignore = "needs root and the module vhci-hcd: make test-usb-guest"]
-fn several_cameras_have_ports_of_their_own_on_several_controllers() {
+fn several_cameras_use_different_ports_on_several_controllers() {
     // Linux builds at most 15 ports into a controller, and Debian eight controllers.
     const COUNT: usize = 16;
     let serial = |index: usize| format!("{index:08}");

@@ -1,4 +1,4 @@
-//! `davis-emulate`.
+//! Tests of the program `davis-emulate`.
 
 use std::fs::{self, Permissions};
 use std::io::{BufRead, BufReader, Lines};
@@ -25,13 +25,13 @@ fn emulate(recording: &Path, arguments: &[&str]) -> Command {
     command
 }
 
-/// Runs `davis-emulate` to its end, which must be a bad one: exit code and errors.
+/// Runs `davis-emulate` to its end, which must be a failure; returns exit code and errors.
 fn refused(command: &mut Command) -> (Option<i32>, String) {
     let output = command.output().expect("davis-emulate runs");
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
-/// A file of bare payload.
+/// Returns a file of bare payload.
 fn event_file(count: u64) -> (TempDir, PathBuf) {
     let directory = tempfile::tempdir().expect("a directory can be made");
     let path = directory.path().join("events.bin");
@@ -53,13 +53,13 @@ impl Emulation {
         Self { process, lines: BufReader::new(output).lines() }
     }
 
-    /// The next line that it prints must contain this.
-    fn says(&mut self, part: &str) {
+    /// Asserts that the next printed line contains `part`.
+    fn prints(&mut self, part: &str) {
         let line = self.lines.next().expect("a line").expect("a text");
         assert!(line.contains(part), "{line}");
     }
 
-    /// Ctrl-C, which unplugs the camera.
+    /// Sends Ctrl-C, which unplugs the camera.
     fn interrupt(mut self) {
         let id = self.process.id().to_string();
         assert!(Command::new("kill").args(["-INT", &id]).status().expect("kill runs").success());
@@ -68,7 +68,7 @@ impl Emulation {
     }
 }
 
-/// Everything that the camera sends until it ends, or has sent `limit` bytes.
+/// Returns everything that the camera sends until the stream ends or has sent `limit` bytes.
 fn receive(camera: &mut Camera, limit: usize) -> (Vec<u8>, StreamError) {
     let mut stream = camera.start(Streams::ALL, Queue::default()).expect("it starts");
     let (mut received, end) = (Vec::new(), Instant::now() + PATIENCE);
@@ -85,7 +85,7 @@ fn receive(camera: &mut Camera, limit: usize) -> (Vec<u8>, StreamError) {
 }
 
 #[test]
-fn what_is_missing_is_said() {
+fn missing_arguments_are_reported() {
     let (_directory, path) = event_file(10);
     let (code, errors) = refused(&mut emulate(&path.with_extension("none"), &[]));
     assert!(code == Some(1) && errors.contains("events.none"), "{errors}");
@@ -101,7 +101,7 @@ fn what_is_missing_is_said() {
         let name = wrong[wrong.len() - 1].split('=').next().expect("a name");
         assert!(code == Some(2) && errors.contains(name), "{wrong:?}: {errors}");
     }
-    // Where the module is loaded, the tests below say more.
+    // If the module is loaded, the tests below check more.
     if !Path::new("/sys/devices/platform/vhci_hcd.0").exists() {
         let (code, errors) = refused(&mut emulate(&path, &[]));
         assert!(code == Some(1) && errors.contains("modprobe vhci-hcd"), "{errors}");
@@ -129,7 +129,7 @@ fn transfers_arrive_as_they_were_recorded() {
     registers.set(sysinfo::CLOCK_DEVIATION, 1007);
     let header = DumpHeader::new(Some(identity.clone()), registers);
     let mut dump = DumpWriter::new(Vec::new(), &header, Compression::Zstd(1)).expect("a vector");
-    // Among them words that no camera sends.
+    // Includes words that no camera sends.
     let payload: Vec<u8> = (0u32..500_001).map(|index| (index.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
     for (milliseconds, payload) in (1u64..).zip(payload.chunks(99_999)) {
         let (status, host_ns) = (TransferStatus::Completed, Some(milliseconds * 1_000_000));
@@ -137,7 +137,7 @@ fn transfers_arrive_as_they_were_recorded() {
     }
     fs::write(&path, dump.finish().expect("a vector")).expect("it can be written");
     let mut emulation = Emulation::start(&path, &["full"]);
-    emulation.says("DAVIS346 00000042 is at bus");
+    emulation.prints("DAVIS346 00000042 is at bus");
     let mut camera = Camera::open(&Selector::default()).expect("it is there");
     assert_eq!(camera.identity(), &identity);
     assert_eq!(camera.read(sysinfo::CLOCK_DEVIATION).expect("it answers"), 1007);
@@ -156,13 +156,13 @@ fn a_camera_can_be_unplugged_and_plugged_in_again() {
     let (_directory, path) = event_file(COUNT);
     let options = ["full", "unplug-at=100001", "plug-in-after=0.5", "serial=00000007", "cuts=8191,513"];
     let mut emulation = Emulation::start(&path, &options);
-    emulation.says("DAVIS346 00000007 is at bus");
+    emulation.prints("DAVIS346 00000007 is at bus");
     let mut camera = Camera::open(&Selector::default()).expect("it is there");
     let (received, error) = receive(&mut camera, usize::MAX);
     assert_eq!((received.len(), error), (100_001, StreamError::Unplugged));
     drop(camera);
-    emulation.says("unplugged, 100001 bytes after the start");
-    emulation.says("DAVIS346 00000007 is at bus");
+    emulation.prints("unplugged, 100001 bytes after the start");
+    emulation.prints("DAVIS346 00000007 is at bus");
     listed(1);
     let mut camera = Camera::open(&Selector::default()).expect("it is there again");
     let mut decoder = Decoder::new(camera.layout());

@@ -1,6 +1,6 @@
-//! The real rusb and libusb, through a real kernel, against an emulated camera on the virtual USB controller. Needs root and
-//! the module `vhci-hcd`; `make test-usb-guest` runs it in a virtual machine, `cargo test -p usb-davis --test vhci --
-//! --ignored --test-threads=1` where both are at hand.
+//! The real rusb and libusb, through a real kernel, with an emulated camera on the virtual USB controller. The tests
+//! need root and the module `vhci-hcd`; `make test-usb-guest` runs them in a virtual machine. If both are available:
+//! `cargo test -p usb-davis --test vhci -- --ignored --test-threads=1`.
 #![cfg(target_os = "linux")]
 
 mod camera;
@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use usb_davis::device::{Listing, list};
 
-/// A virtual machine without hardware support on a busy computer is slow.
+/// A virtual machine without hardware support is slow on a busy computer.
 const PATIENCE: Duration = Duration::from_secs(120);
 const NOBODY: u32 = 65_534;
 

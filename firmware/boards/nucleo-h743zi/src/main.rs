@@ -1,13 +1,13 @@
 //! Circle detector on an ST NUCLEO-H743ZI board (STM32H743, Cortex-M7 at 400 MHz).
 //!
-//! | what | where |
+//! | data | port |
 //! |---|---|
-//! | events, EVT 2.0 words, 6 Mbit/s (150 000 events a second) | USART2, PD6 |
+//! | events, EVT 2.0 words, 6 Mbit/s (150 000 events per second) | USART2, PD6 |
 //! | circle stream, 921 600 bit/s | USART3, PD8: the ST-LINK's virtual serial port, read by `evcal` |
 //!
-//! The sensor's bridge sends its words to USART2. DMA fills two buffers in turn, while the third is worked on;
-//! a detection may take as long as two buffers take to fill (54 ms). Circles leave by interrupt from a
-//! queue; a frame that has no room in it is counted and not sent.
+//! The sensor's bridge sends its words to USART2. DMA fills two buffers in turn while the third is processed; a
+//! detection may take as long as filling two buffers (54 ms). Circles are sent by interrupt from a queue; a frame that
+//! does not fit into the queue is counted and not sent.
 #![no_std]
 #![no_main]
 
@@ -26,13 +26,13 @@ use stm32h7xx_hal::pac::{self, interrupt};
 use stm32h7xx_hal::prelude::*;
 use stm32h7xx_hal::serial::Tx;
 
-/// Bytes of a DMA buffer: 4096 words.
+/// Size of a DMA buffer in bytes: 4096 words.
 const BUFFER: usize = 16 * 1024;
-/// Bytes that wait to be sent: about five windows of circles.
+/// Size of the output queue in bytes: about five windows of circles.
 const QUEUE: usize = 8192;
-/// Sensor: a GenX320.
+/// The sensor is a GenX320.
 const SENSOR: Sensor = Sensor { width: 320, height: 320 };
-/// Dots of the board.
+/// Number of dots of the board.
 const CIRCLES: u16 = 36;
 
 static STORAGE: ConstStaticCell<Storage<{ row_bytes(320) }, { row_count(320) }, 4096, 256, 8000, 6400, 1024>> =
@@ -41,7 +41,7 @@ static BUFFERS: [ConstStaticCell<[u8; BUFFER]>; 3] = [const { ConstStaticCell::n
 static OUTPUT: ConstStaticCell<Queue<u8, QUEUE>> = ConstStaticCell::new(Queue::new());
 static SENDER: Mutex<RefCell<Option<Sender>>> = Mutex::new(RefCell::new(None));
 
-/// What the interrupt sends, and how.
+/// State of the transmit interrupt.
 struct Sender {
     bytes: Consumer<'static, u8>,
     port: Tx<pac::USART3>,
@@ -49,7 +49,7 @@ struct Sender {
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    // Each can be taken once, and this is the first time; clocks and pins below are constants that fit.
+    // Each can be taken once, and this is the first time; clocks and pins below are constants that are valid.
     let (Some(core), Some(device)) = (cortex_m::Peripherals::take(), pac::Peripherals::take()) else { halt() };
     let mut core = core;
     core.SCB.enable_icache();
@@ -72,7 +72,7 @@ fn main() -> ! {
 
     let (mut output, bytes) = OUTPUT.take().split();
     free(|section| *SENDER.borrow(section).borrow_mut() = Some(Sender { bytes, port: circles.split().0 }));
-    // SAFETY: the interrupt takes what it needs in critical sections.
+    // SAFETY: the interrupt accesses shared data in critical sections.
     unsafe { cortex_m::peripheral::NVIC::unmask(pac::Interrupt::USART3) };
     let mut send = |frame: &[u8]| {
         if output.capacity() - output.len() < frame.len() {
@@ -100,7 +100,7 @@ fn main() -> ! {
     pipeline.announce(0, &mut send);
     let mut spare = spare;
     loop {
-        // Not before a buffer is full.
+        // Fails until a buffer is full.
         let received = transfer.next_transfer_with(|full, _, _| (core::mem::replace(&mut spare, full), ()));
         if received.is_err() {
             continue;
@@ -120,7 +120,7 @@ fn main() -> ! {
     }
 }
 
-/// Sends what waits, as far as the port takes it.
+/// Sends queued bytes as long as the port accepts them.
 #[interrupt]
 fn USART3() {
     free(|section| {
@@ -136,7 +136,7 @@ fn USART3() {
     });
 }
 
-/// The board is not what this program is for.
+/// Stops the program, which does not fit this board.
 fn halt() -> ! {
     loop {
         cortex_m::asm::wfi();

@@ -1,4 +1,4 @@
-//! What `qemu/src/bin/detector.rs` does, on the host: both must write the same bytes.
+//! Does the same as `qemu/src/bin/detector.rs`, on the host: both must write the same bytes.
 
 use std::error::Error;
 use std::io::Write;
@@ -22,7 +22,7 @@ fn main() -> ExitCode {
 fn run() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = env::args().skip(1).collect();
     let [input, output, format] = arguments.as_slice() else {
-        return Err("wanted: EVENTS STREAM evt2|packed".into());
+        return Err("usage: EVENTS STREAM evt2|packed".into());
     };
     let mut source = match format.as_str() {
         "evt2" => Source::evt2(),

@@ -1,6 +1,6 @@
-//! A CSV recording as `evcal simulate --format csv` writes it (`t_us,x,y,p`) to the words that a sensor sends.
+//! Converts a CSV recording of `evcal simulate --format csv` (`t_us,x,y,p`) to the words of a sensor.
 //!
-//! Times are counted from the recording's first event.
+//! Times count from the recording's first event.
 
 use std::error::Error;
 use std::io::{BufRead, Write};
@@ -26,7 +26,7 @@ fn main() -> ExitCode {
 fn run() -> Result<u64, Box<dyn Error>> {
     let arguments: Vec<String> = env::args().skip(1).collect();
     let [input, output, format] = arguments.as_slice() else {
-        return Err("wanted: EVENTS.csv WORDS evt2|packed".into());
+        return Err("usage: EVENTS.csv WORDS evt2|packed".into());
     };
     let input = io::BufReader::new(fs::File::open(input)?);
     let mut output = io::BufWriter::new(fs::File::create(output)?);
@@ -38,7 +38,7 @@ fn run() -> Result<u64, Box<dyn Error>> {
         if !line.starts_with(|first: char| first.is_ascii_digit()) {
             continue;
         }
-        let event = parse(&line).ok_or_else(|| format!("line {}: no event: {line}", number + 1))?;
+        let event = parse(&line).ok_or_else(|| format!("line {}: not an event: {line}", number + 1))?;
         let event = Event { t: event.t - *origin_us.get_or_insert(event.t), ..event };
         let words = match format.as_str() {
             "evt2" => evt2.encode(event)?,

@@ -1,6 +1,6 @@
-//! Prints how much RAM the detector takes for some sensors and windows, as a table in Markdown.
+//! Prints the RAM that the detector takes for some sensors and windows, as a table in Markdown.
 //!
-//! Sizes are those of this machine's pointers; on a microcontroller they are up to 64 bytes smaller.
+//! Sizes are for this machine's pointers; on a microcontroller they are up to 64 bytes smaller.
 
 use evcal_core::detector::Detector;
 use evcal_core::filter::FilterStorage;

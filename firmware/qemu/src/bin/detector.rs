@@ -1,7 +1,6 @@
-//! The detector: a file of events in, the circle stream out, both by semihosting.
+//! The detector: reads a file of events and writes the circle stream, both by semihosting.
 //!
-//! Arguments: EVENTS STREAM FORMAT, where FORMAT is `evt2` or `packed`. Prints its figures as
-//! `name=value`.
+//! Arguments: EVENTS STREAM FORMAT, where FORMAT is `evt2` or `packed`. Prints the results as `name=value`.
 #![no_std]
 #![no_main]
 
@@ -16,7 +15,7 @@ use semihosting::io::{Read, Write};
 use semihosting::{experimental::env, println, process};
 use static_cell::ConstStaticCell;
 
-/// A DAVIS346 and windows of 4000 events.
+/// Storage for a DAVIS346 and windows of 4000 events.
 static STORAGE: ConstStaticCell<Storage<{ row_bytes(346) }, { row_count(260) }, 2048, 128, 4000, 1452, 512>> =
     ConstStaticCell::new(Storage::new());
 static INPUT: ConstStaticCell<[u8; 1024]> = ConstStaticCell::new([0; 1024]);
@@ -42,7 +41,7 @@ fn run() -> Result<(), &'static str> {
         path.get_mut(..argument.len())?.copy_from_slice(argument.as_bytes());
         (argument.len() < path.len()).then_some(path)
     };
-    let usage = "wanted: EVENTS STREAM evt2|packed";
+    let usage = "usage: EVENTS STREAM evt2|packed";
     let (input, output, format) = (path().ok_or(usage)?, path().ok_or(usage)?, path().ok_or(usage)?);
     let text = |bytes| CStr::from_bytes_until_nul(bytes).map_err(|_| usage);
     let mut source = match text(&format)?.to_bytes() {
@@ -67,7 +66,7 @@ fn run() -> Result<(), &'static str> {
             break;
         }
         let bytes = buffer.get(..length).unwrap_or_default();
-        // Whole words, as from a DMA channel; what a file has beyond them is cut off.
+        // Whole words, as from a DMA channel; incomplete words at the end of a file are ignored.
         let (words, _) = bytes.as_chunks::<4>();
         counter.measure(&mut all, || {
             for &word in words {

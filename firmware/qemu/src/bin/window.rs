@@ -1,6 +1,6 @@
 //! Counts the instructions that DBSCAN and the circles take for windows of 4000 events.
 //!
-//! Argument: EVENTS, a file of EVT 2.0 words. Every 4000 events of it are a window. Prints `name=value`.
+//! Argument: EVENTS, a file of EVT 2.0 words. Each window consists of 4000 events. Prints `name=value`.
 #![no_std]
 #![no_main]
 
@@ -39,7 +39,7 @@ fn main() -> ! {
 
 fn run() -> Result<(), &'static str> {
     let arguments = env::args::<512>().map_err(|_| "no arguments")?;
-    let argument = (&arguments).nth(1).and_then(Result::ok).ok_or("wanted: EVENTS")?;
+    let argument = (&arguments).nth(1).and_then(Result::ok).ok_or("usage: EVENTS")?;
     let mut path = [0; 256];
     path.get_mut(..argument.len()).ok_or("the path is too long")?.copy_from_slice(argument.as_bytes());
     let path = CStr::from_bytes_until_nul(&path).map_err(|_| "the path is too long")?;
@@ -68,7 +68,7 @@ fn run() -> Result<(), &'static str> {
             let detection = counter.measure(&mut instructions, || detector.detect(SENSOR, windows.events(), &settings));
             circles += detection.map_err(|_| "the sensor is too large")?.circles.circles;
             count += 1;
-            // From the next event on.
+            // Continue with the next event.
             windows.restart(event.t);
             windows.push(event);
         }

@@ -9,11 +9,11 @@ use super::step::Step;
 use super::{PictureUse, Task, calibrate};
 use event_recordings::{Recording, RecordingError};
 
-/// Calibrates as `task` says, from its inputs and the events of the first `seconds` of `recording`. A file that grows meanwhile
-/// gives the same, as long as it was long enough at the start.
+/// Calibrates as `task` describes, from its inputs and the events of the first `seconds` of `recording`. The result does not
+/// change if the file grows meanwhile, as long as it was long enough at the start.
 ///
 /// # Errors
-/// [`CalibrateError`], as [`calibrate`] has them.
+/// [`CalibrateError`], as for [`calibrate`].
 pub fn calibrate_beginning(
     recording: &Recording,
     seconds: f64,
@@ -26,7 +26,7 @@ pub fn calibrate_beginning(
     calibrate(&Task { inputs: &inputs, pictures: PictureUse::Ignore, ..*task }, progress)
 }
 
-/// Time of the first event (µs, as in the file).
+/// Returns the time of the first event (µs, as in the file).
 fn first_time(recording: &Recording) -> Result<i64, RecordingError> {
     let (mut reader, mut events) = (recording.open()?, Vec::new());
     while events.is_empty() && reader.next_batch(&mut events)? {}

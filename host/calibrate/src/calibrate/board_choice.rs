@@ -1,4 +1,4 @@
-//! The board of a calibration: the one that the user named, or the one that is recognised in the recordings.
+//! The board of a calibration: named by the user, or recognised in the recordings.
 
 use super::input::Input;
 use crate::detection::layout::{RecognisedLayout, find_layout};
@@ -8,15 +8,15 @@ use evcal_geometry::board::request::{BoardRequest, CircleSize};
 use evcal_geometry::board::{Board, CircleBoard};
 use event_recordings::Recording;
 
-/// Why it is not known which board to look for.
+/// Reasons why the board is not known.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BoardChoiceError {
-    /// A recording cannot be searched.
+    /// A recording could not be searched.
     #[error("{0}")]
     Search(#[from] SearchError),
-    /// There are no events to recognise it in.
-    #[error("`auto` needs a recording of events to look at: name the board")]
+    /// There are no events in which a board could be recognised.
+    #[error("`auto` requires a recording of events: name the board")]
     NoEvents,
     /// No layout fits.
     #[error(
@@ -27,17 +27,17 @@ pub enum BoardChoiceError {
         file: String,
     },
     /// The layout is known, the size is not.
-    #[error("the board is {found}, but events cannot tell how large it is: {}", .found.to_measure())]
+    #[error("the board is {found}, but events do not determine its size: {}", .found.to_measure())]
     SizeUnknown {
         /// The layout.
         found: RecognisedLayout,
     },
 }
 
-/// The board that is meant by `request`, recognised in the first of the recordings in which one is.
+/// Returns the board of `request`. If it has to be recognised, the first recording with a recognisable board decides.
 ///
 /// # Errors
-/// [`BoardChoiceError`] when none is recognised, or its size is not told.
+/// [`BoardChoiceError`] if no board is recognised, or its size is not given.
 pub fn choose_board(
     request: &BoardRequest,
     recordings: &[&Recording],
@@ -56,10 +56,10 @@ pub fn choose_board(
     }
 }
 
-/// The layout of the board in the first of the recordings in which one is recognised.
+/// Returns the layout of the board in the first of the recordings in which one is recognised.
 ///
 /// # Errors
-/// [`BoardChoiceError`] when none is.
+/// [`BoardChoiceError`] if no board is recognised.
 pub fn recognise_layout(
     recordings: &[&Recording],
     settings: &DetectionSettings,
@@ -75,22 +75,22 @@ pub fn recognise_layout(
     Err(error)
 }
 
-/// The board that was printed, where `board` is only a part of it: such a part is found here and there in the whole.
+/// The printed board, if `board` is only a part of it; such a part is found in several positions of the whole.
 #[derive(Clone, Debug)]
 pub struct LargerBoard {
-    /// The layout.
+    /// Its layout.
     pub found: RecognisedLayout,
-    /// It with the stated spacing and radius.
+    /// The larger board with the stated spacing and radius.
     pub board: CircleBoard,
 }
 
-/// The board with more circles than `board` that is recognised in `inputs`, if there is one.
+/// Returns the board with more circles than `board` that is recognised in `inputs`, if there is one.
 pub fn larger_board(inputs: &[Input], board: &CircleBoard, settings: &DetectionSettings) -> Option<LargerBoard> {
     let recordings = inputs.iter().filter_map(|input| match input {
         Input::Events(recording) => Some(recording),
         Input::Images(_) | Input::Circles { .. } => None,
     });
-    // Where none is recognised there is nothing to tell.
+    // If no board is recognised, there is nothing to report.
     let found = recognise_layout(&recordings.collect::<Vec<_>>(), settings).ok()?;
     let fitting = CircleBoard { pattern: found.pattern, ..*board };
     (found.pattern.circle_count() > board.circle_count()).then_some(LargerBoard { found, board: fitting })

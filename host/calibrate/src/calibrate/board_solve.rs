@@ -1,5 +1,5 @@
-//! The joint solve with the board as it is stated, then as the observations say it is; and with those coefficients of the lens held
-//! that they do not determine.
+//! The joint solve with the nominal board, then with the board's estimated shape, and then with those coefficients of the lens
+//! fixed that the observations do not determine.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use nalgebra::DVector;
@@ -18,31 +18,32 @@ use evcal_geometry::board::shape::{BoardShape, PARAMETERS};
 use evcal_geometry::lens::distortion_prior::distortion_prior;
 use evcal_geometry::lens::held::with_held;
 
-/// Most solves in which parameters of the board join or leave.
+/// Most solves in which parameters of the board are added or removed.
 const MOST_CHANGES: usize = 3;
 
-/// A radial distortion coefficient is held at its expected value if it agrees with that value and its σ is more than this share of
-/// how much lenses of all kinds differ.
+/// A radial distortion coefficient is fixed at its expected value if it agrees with that value and its σ is more than this share
+/// of the variation between lenses.
 const UNDETERMINED: f64 = 0.25;
 
-/// A coefficient nearer to what is expected of it than this many of its σ cannot be told from that.
-const TOLD_FROM_EXPECTED: f64 = 2.0;
+/// Number of σ below which a coefficient does not differ significantly from its expected value.
+const SIGNIFICANT: f64 = 2.0;
 
-/// Coefficients are held only if the residuals do not become so many times as large by it.
+/// Coefficients are fixed only if the residuals grow by less than this factor.
 const WORSE: f64 = 1.001;
 
-/// A joint solve, and the board in it.
+/// A joint solve with the board in it.
 pub(super) struct BoardSolve {
     pub(super) refined: Refined,
     pub(super) certainty: SolveUncertainty,
     pub(super) board: BoardEstimate,
-    /// What came out with the board as it is stated, where it is not.
+    /// Result with the nominal board, if the board differs.
     pub(super) as_stated: Option<(Camera<f64>, SolveUncertainty)>,
-    /// Coefficients that the observations do not determine and that were held at what is expected of them, by their index.
+    /// Indices of the coefficients that the observations do not determine and that were fixed at their expected values.
     pub(super) undetermined: Vec<usize>,
 }
 
-/// Solves from `state` on, with what the task asks to be held or free; what the observations ask of the board is estimated.
+/// Solves from `state` on, with the parameters fixed or estimated as the task requires. Parameters of the board are estimated if
+/// the observations require it.
 ///
 /// # Errors
 /// [`CalibrateError`].
@@ -82,7 +83,7 @@ pub(super) fn solve_with_board(
     let mut undetermined = undetermined(task, &refined, &certainty);
     if !undetermined.is_empty() {
         let with_held = hold(task, with(input, free, held), &refined, &undetermined, progress)?;
-        // If it is worse they were determined after all, together.
+        // If the residuals grew, the coefficients were determined after all, in combination.
         if with_held.0.residuals.rms < WORSE * refined.residuals.rms {
             (refined, certainty) = with_held;
         } else {
@@ -94,7 +95,7 @@ pub(super) fn solve_with_board(
     Ok(BoardSolve { refined, certainty, board, as_stated, undetermined })
 }
 
-/// `input` with these parameters of the board free and these intrinsics held.
+/// Returns `input` with these estimated parameters of the board and these fixed intrinsics.
 fn with<'a>(
     input: &RefinementInput<'a, CalibrateError>,
     free_board: [bool; PARAMETERS],
@@ -104,8 +105,8 @@ fn with<'a>(
     RefinementInput { free_board, held, points: input.points.clone(), events, ..*input }
 }
 
-/// The parameters of the board that are to be estimated: those that the user wants, and those that the observations ask for, but
-/// for those that the user holds.
+/// Returns the parameters of the board that are to be estimated: those that the user requests, and those that the observations
+/// require, without those that the user fixed.
 fn asked(task: &Task, stated: &BoardShape, evidence: &BoardEvidence) -> [bool; PARAMETERS] {
     let by_evidence = evidence.asks_for(stated, task.board);
     let requests = &task.parameters;
@@ -115,19 +116,19 @@ fn asked(task: &Task, stated: &BoardShape, evidence: &BoardEvidence) -> [bool; P
     })
 }
 
-/// The shape with these parameters, but for those that have another value.
+/// Returns the shape with these parameters, replaced by those `values` that are given.
 fn shape_with(parameters: &[f64; PARAMETERS], values: &[Option<f64>; PARAMETERS]) -> BoardShape {
     BoardShape::from_parameters(std::array::from_fn(|index| values[index].unwrap_or(parameters[index])))
 }
 
-/// The stated shape with those parameters of the evidence that are `asked` for.
+/// Returns the stated shape, with the `asked` parameters replaced by the values of the evidence.
 fn shape_of(stated: &BoardShape, evidence: &BoardEvidence, asked: [bool; PARAMETERS]) -> BoardShape {
     let values = std::array::from_fn(|index| asked[index].then_some(evidence.values[index]));
     shape_with(&stated.parameters(), &values)
 }
 
-/// Whether the residuals stay in the same places of the image because the lens model cannot follow the lens, rather than because
-/// of the board, which would have this `shape` with the `asked` parameters free.
+/// Returns `true` if the residuals are systematic over the image because the lens model cannot follow the lens, rather than
+/// because of the board. The board would have this `shape` with the `asked` parameters estimated.
 fn lens_is_to_blame(
     refined: &Refined,
     certainty: &SolveUncertainty,
@@ -139,8 +140,9 @@ fn lens_is_to_blame(
     pattern.is_suspicious() && lens_explains_more(problem, state, shape, asked, certainty.intrinsics.inflation)
 }
 
-/// Coefficients whose σ leaves open what is expected of any lens, and that cannot be told from that, one after the other: with one
-/// of them held, the others are known better, and are not left open any more where they only stood in for it.
+/// Returns the coefficients whose σ is as large as the variation between lenses and that do not differ significantly from their
+/// expected values, one after the other: with one of them fixed, the others are better determined, and some no longer need to be
+/// fixed.
 fn undetermined(task: &Task, refined: &Refined, certainty: &SolveUncertainty) -> Vec<usize> {
     let camera = &refined.state.camera;
     let prior = distortion_prior(camera, refined.problem.sensor);
@@ -152,7 +154,7 @@ fn undetermined(task: &Task, refined: &Refined, certainty: &SolveUncertainty) ->
             let sigma = covariance[(index, index)].max(0.0).sqrt();
             let is_open = prior.sigma(index).is_some_and(|expected| sigma > UNDETERMINED * expected);
             let distance = (values[index] - prior.expected[index]).abs() / sigma;
-            (is_open && distance < TOLD_FROM_EXPECTED).then_some((index, distance))
+            (is_open && distance < SIGNIFICANT).then_some((index, distance))
         };
         let is_free = |index: &usize| {
             refined.problem.free.intrinsics[*index]
@@ -161,7 +163,7 @@ fn undetermined(task: &Task, refined: &Refined, certainty: &SolveUncertainty) ->
         };
         let nearest = (4..values.len()).filter(is_free).filter_map(distance).min_by(|a, b| a.1.total_cmp(&b.1));
         let Some((index, _)) = nearest else { return undetermined };
-        // What the others are when this one is as expected.
+        // The values of the others if this one has its expected value.
         let follows = covariance.column(index) / covariance[(index, index)];
         values.axpy(prior.expected[index] - values[index], &follows, 1.0);
         let row = covariance.row(index).clone_owned();
@@ -170,8 +172,8 @@ fn undetermined(task: &Task, refined: &Refined, certainty: &SolveUncertainty) ->
     }
 }
 
-/// Solves again with the `undetermined` coefficients at what is expected of them. They count as free in what is stated of the
-/// uncertainty: what they leave open stays open.
+/// Solves again with the `undetermined` coefficients fixed at their expected values. The reported uncertainty still comes from
+/// the solve in which they were estimated.
 fn hold(
     task: &Task,
     mut input: RefinementInput<CalibrateError>,
@@ -187,7 +189,7 @@ fn hold(
         input.held[index] = true;
     }
     let camera = with_held(&state.camera, &values, input.sensor).ok_or(CalibrateError::ImpossibleValues)?;
-    progress.tell("joint solve without what is not determined")?;
+    progress.tell("joint solve with undetermined parameters fixed")?;
     let (mut refined, system) = refined_from(task, &input, State { camera, ..state }, progress)?;
     progress.tell("uncertainty")?;
     for &index in undetermined {

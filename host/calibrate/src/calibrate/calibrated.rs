@@ -1,4 +1,4 @@
-//! What a calibration gives.
+//! The result of a calibration.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
@@ -25,41 +25,41 @@ use crate::trust::{EventTrust, Trust};
 use evcal_geometry::lens::covered_region::CoveredRegion;
 use event_recordings::pass::RecordingReport;
 
-/// A calibrated camera and how it came about.
+/// A calibrated camera, with the data and statistics of all stages.
 pub struct Calibrated {
     /// Sensor size in pixels.
     pub sensor: Sensor,
     /// For each input the time of its first event, circle or picture in the file (s).
     pub starts: Vec<f64>,
-    /// What each recording held.
+    /// Contents of each recording.
     pub recordings: Vec<RecordingReport>,
-    /// How the camera model was chosen, where that was left to the program.
+    /// Statistics of the choice of the camera model, if it was automatic.
     pub model_choice: Option<ModelChoice>,
-    /// How sure the result is, and what was seen.
+    /// Uncertainty and coverage.
     pub trust: Trust,
-    /// Whether it is good.
+    /// The verdict.
     pub verdict: Verdict,
-    /// What the camera was calibrated from.
+    /// Data from which the camera was calibrated.
     pub evidence: Evidence,
 }
 
-/// What a camera was calibrated from.
+/// Data from which a camera was calibrated.
 pub enum Evidence {
-    /// Events, or circles that a detector found in them, along trajectories.
+    /// Events along trajectories, or circles that a detector found in events.
     Events(Box<EventCalibration>),
-    /// The camera's own pictures alone, each with a pose of its own.
+    /// The camera's own pictures alone, each with a separate pose.
     Pictures(Box<PictureCalibration>),
 }
 
-/// The camera's own pictures, calibrated apart, and their dots along the trajectories of the events.
+/// The camera's own pictures, calibrated separately, and their dots along the trajectories of the events.
 pub struct OwnPictures {
     /// The lens.
     pub camera: Camera<f64>,
     /// Standard deviation of each of its parameters.
     pub sigma: Vec<f64>,
-    /// Centres of dots for each trajectory, at times of the events.
+    /// Centres of dots for each trajectory, at times on the clock of the events.
     pub points: Vec<Vec<PointObservation>>,
-    /// How they came about.
+    /// Statistics of their assignment to the trajectories.
     pub report: JointReport,
 }
 
@@ -70,53 +70,53 @@ pub const SAMPLE: usize = 1_000_000;
 pub struct EventCalibration {
     /// Sections 1 to 4 of method.md.
     pub detection: DetectionReport,
-    /// All reference frames found that the joint solve had room for, also those that fell away later.
+    /// All reference frames in the joint solve, including those that later stages rejected.
     pub frames: Vec<ReferenceFrame>,
-    /// Those that it had no room for.
+    /// Windows outside the joint solve.
     pub other_windows: Vec<CompactFrame>,
-    /// What it took of long recordings; `None` where there was room for all.
+    /// Choice of the seconds of a long recording; `None` if all of them are in the joint solve.
     pub choice: Option<StretchChoice>,
-    /// The poses along stretches that it did not take.
+    /// The poses along intervals outside the joint solve.
     pub followed: Vec<FollowedStretch>,
-    /// Section 5: what the joint solve started from.
+    /// Section 5: start of the joint solve.
     pub initial: InitialModel,
     /// Section 6.
     pub segments: SegmentReport,
-    /// An even sample of the events, [`SAMPLE`] of them at most: enough for pictures of the result.
+    /// An even sample of at most [`SAMPLE`] events, enough for figures of the result.
     pub sample: EventSample,
     /// Segments whose spline could not be fitted.
     pub segments_without_spline: usize,
-    /// What the joint solve observed.
+    /// The kind of observations of the joint solve.
     pub measured: Measured,
     /// Sections 8 to 11: camera, event biases and trajectories.
     pub refined: Refined,
-    /// What speaks for and against it, beside [`Calibrated::trust`].
+    /// Quality measures in addition to [`Calibrated::trust`].
     pub trust: EventTrust,
-    /// What the camera's own pictures say of it; `None` where the recordings have none.
+    /// Cross-check with the camera's own pictures; `None` if the recordings contain none.
     pub witness: Option<WitnessOutcome>,
-    /// How pictures and events were solved together, if they were.
+    /// Statistics of the joint solve of pictures and events, if there was one.
     pub joint: Option<JointReport>,
-    /// The inertial unit, where it was asked for.
+    /// The IMU, if requested.
     pub inertial: Option<InertialCalibration>,
-    /// Other cameras on the same mount, in the order in which they were asked for.
+    /// Other cameras on the same mount, in the order of the request.
     pub second_cameras: Vec<SecondCamera>,
-    /// The camera's own pictures, where they are to be taken for those of a second camera.
+    /// The camera's own pictures, if they are used as pictures of a second camera.
     pub own_pictures: Option<OwnPictures>,
 }
 
 impl Calibrated {
-    /// Model and serial number of the camera, if the recordings tell them, and all the same.
+    /// Returns model and serial number of the camera, if the recordings contain them and agree.
     pub fn camera_name(&self) -> Option<&str> {
         let first = self.recordings.first()?.camera_name.as_deref()?;
         self.recordings.iter().all(|recording| recording.camera_name.as_deref() == Some(first)).then_some(first)
     }
 
-    /// When the first recording was made, if it tells that.
+    /// Returns when the first recording was made, if it contains that.
     pub fn recorded(&self) -> Option<&str> {
         self.recordings.first()?.began.as_deref()
     }
 
-    /// The lens.
+    /// Returns the lens.
     pub fn camera(&self) -> &Camera<f64> {
         match &self.evidence {
             Evidence::Events(events) => &events.refined.state.camera,
@@ -124,12 +124,12 @@ impl Calibrated {
         }
     }
 
-    /// Standard deviation of each parameter of the camera, in the order of [`Camera::parameters`].
+    /// Returns the standard deviation of each parameter of the camera, in the order of [`Camera::parameters`].
     pub fn sigma(&self) -> Vec<f64> {
         self.trust.uncertainty.sigma()
     }
 
-    /// How far the observations are from where the result puts them.
+    /// Returns statistics of the distances of the observations from their predicted positions.
     pub fn residuals(&self) -> ResidualStatistics {
         match &self.evidence {
             Evidence::Events(events) => events.refined.residuals,
@@ -137,7 +137,7 @@ impl Calibrated {
         }
     }
 
-    /// What the residuals are distances of.
+    /// Returns the kind of distance that the residuals measure.
     pub fn measured(&self) -> Measured {
         match &self.evidence {
             Evidence::Events(events) => events.measured,
@@ -145,7 +145,7 @@ impl Calibrated {
         }
     }
 
-    /// The first camera.
+    /// Returns the first camera.
     pub fn initial(&self) -> &InitialModel {
         match &self.evidence {
             Evidence::Events(events) => &events.initial,
@@ -153,7 +153,7 @@ impl Calibrated {
         }
     }
 
-    /// All windows or pictures in which the board was found, also those that fell away later.
+    /// Returns all windows or pictures in which the board was found, including those that later stages rejected.
     pub fn frames(&self) -> &[ReferenceFrame] {
         match &self.evidence {
             Evidence::Events(events) => &events.frames,
@@ -161,7 +161,7 @@ impl Calibrated {
         }
     }
 
-    /// Those of [`Calibrated::frames`] that were used, with their poses.
+    /// Returns the used frames of [`Calibrated::frames`] with their poses.
     pub fn posed(&self) -> impl Iterator<Item = (&PosedFrame, &ReferenceFrame)> + Clone {
         let posed = match &self.evidence {
             Evidence::Events(events) => &events.initial.frames,
@@ -170,13 +170,13 @@ impl Calibrated {
         posed.iter().filter_map(|posed| Some((posed, self.frames().get(posed.frame)?)))
     }
 
-    /// Where the board's circles were seen in the frames that the calibration used.
+    /// Returns the region in which the frames of the calibration show circles of the board.
     pub fn covered_region(&self) -> CoveredRegion {
         let circles = self.posed().flat_map(|(_, frame)| &frame.circles);
         CoveredRegion::around_circles(circles.map(|circle| (circle.center, circle.radius.unwrap_or(0.0))), self.sensor)
     }
 
-    /// The best estimate of `T_world_camera` at a frame: that of the trajectory, where there is one.
+    /// Returns the best estimate of `T_world_camera` at a frame: from the trajectory, if there is one.
     pub fn best_pose(&self, posed: &PosedFrame, frame: &ReferenceFrame) -> Isometry3<f64> {
         match &self.evidence {
             Evidence::Events(events) => events.pose(frame.recording, frame.t()).unwrap_or(posed.pose),
@@ -184,7 +184,7 @@ impl Calibrated {
         }
     }
 
-    /// The calibration along trajectories, if it is one.
+    /// Returns the calibration along trajectories, if it is one.
     pub fn events(&self) -> Option<&EventCalibration> {
         match &self.evidence {
             Evidence::Events(events) => Some(events),
@@ -192,7 +192,7 @@ impl Calibrated {
         }
     }
 
-    /// What became of the camera's own pictures; `None` where there are none.
+    /// Returns the counts of the camera's own pictures; `None` if there are none.
     pub fn picture_report(&self) -> Option<&PictureReport> {
         match &self.evidence {
             Evidence::Events(events) => events.witness.as_ref().map(WitnessOutcome::report),
@@ -202,7 +202,7 @@ impl Calibrated {
 }
 
 impl EventCalibration {
-    /// `T_world_camera` at time `t` of a recording (s from its start); `None` where there is no trajectory.
+    /// Returns `T_world_camera` at time `t` of a recording (s from its start); `None` outside all trajectories.
     pub fn pose(&self, recording: usize, t: f64) -> Option<Isometry3<f64>> {
         let of_recording = self.refined.state.trajectories.iter().filter(|one| one.recording == recording);
         of_recording.filter_map(|trajectory| trajectory.pose(t)).next()

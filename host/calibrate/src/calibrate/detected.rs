@@ -29,43 +29,43 @@ use event_recordings::likely_sensor::likely_sensor_of;
 use event_recordings::pass::RecordingReport;
 use event_recordings::{Recording, RecordingError};
 
-/// Where the board was seen.
+/// Result of the search for the board.
 pub(super) struct Detected {
     pub(super) sensor: Sensor,
-    /// Windows of recordings with the board, in order of recording and time.
+    /// Windows of recordings that show the board, in order of recording and time.
     pub(super) windows: Vec<CompactFrame>,
     /// Frames of circle inputs.
     pub(super) frames: Vec<ReferenceFrame>,
     pub(super) starts: Vec<f64>,
     pub(super) recordings: Vec<RecordingReport>,
     pub(super) detection: DetectionReport,
-    /// Windows with more circles than the board has, one entry for each recording of events.
+    /// Windows with more circles than the board has, one entry per recording of events.
     pub(super) unplaced: Vec<UnplacedWindows>,
     pub(super) events: KeptEvents,
-    /// For each input whether it is known to hold no pictures.
+    /// For each input, `true` if it is known to contain no pictures.
     pub(super) without_pictures: Vec<bool>,
-    /// Stretches in which the readout was saturated.
+    /// Intervals in which the readout was saturated.
     pub(super) saturated: Vec<LeftOut>,
-    /// How the light and the pixels were, one entry for each recording.
+    /// Findings on light and pixels, one entry per recording.
     pub(super) health: Vec<Health>,
 }
 
-/// Recordings that share more than this part of their events are of the same time.
+/// Share of common events from which two recordings are of the same time.
 const SAME: f64 = 0.02;
 
-/// The joint solve uses so many events at most; about half of those that are looked at are on an edge of the board. The sample has
-/// as many times more. Where the board is seldom in view it is not enough, and the recordings are read again.
+/// Ratio of the sampled events to the most events of the joint solve. About half of the events are on an edge of the board. If
+/// the board is seldom in view, the sample is not enough and the recordings are read again.
 const SAMPLE_TIMES: usize = 3;
 
-/// What tells the recordings of a calibration from each other.
+/// Fingerprints of the recordings of a calibration, to detect duplicates.
 #[derive(Default)]
 pub(super) struct Fingerprints(Vec<(String, Fingerprint)>);
 
 impl Fingerprints {
-    /// Takes the fingerprint of `file`.
+    /// Adds the fingerprint of `file`.
     ///
     /// # Errors
-    /// [`CalibrateError::SameEvents`] when one of the others holds the same events.
+    /// [`CalibrateError::SameEvents`] if another file contains the same events.
     pub(super) fn add(&mut self, file: String, fingerprint: Fingerprint) -> Result<(), CalibrateError> {
         if let Some((other, _)) = self.0.iter().find(|(_, other)| other.shared(&fingerprint) > SAME) {
             return Err(CalibrateError::SameEvents { file, other: other.clone() });
@@ -75,10 +75,10 @@ impl Fingerprints {
     }
 }
 
-/// Looks for the board in all recordings.
+/// Searches for the board in all recordings.
 ///
 /// # Errors
-/// [`CalibrateError`] when it is nowhere, or a recording cannot be used.
+/// [`CalibrateError`] if it is not found, or a recording cannot be used.
 pub(super) fn detect(task: &Task, progress: &Progress) -> Result<Detected, CalibrateError> {
     match task.readers {
         Some(readers) => readers.install(|| detect_all(task, progress)),
@@ -105,7 +105,7 @@ fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateErr
         health: Vec::new(),
     };
     let mut fingerprints = Fingerprints::default();
-    // What the first damaged recording broke off with.
+    // The error at which the first damaged recording ends.
     let mut damage = None;
     for (index, input) in task.inputs.iter().enumerate() {
         progress.tell(format!("looking for the board in {}", input.short_name()))?;
@@ -135,8 +135,8 @@ fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateErr
 }
 
 impl Detected {
-    /// Looks for the board in recording `index`, and takes what else must be known of its events. Returns its fingerprint, and what it broke
-    /// off with.
+    /// Searches for the board in recording `index`, and collects what else is needed of its events. Returns its fingerprint, and
+    /// the error at which it ends, if it is damaged.
     fn look_through(
         &mut self,
         task: &Task,
@@ -198,7 +198,7 @@ impl Detected {
         Ok((fingerprint, pass.damage))
     }
 
-    /// Takes the circles of input `index`, with times from `start` (s).
+    /// Adds the circles of input `index`, with times from `start` (s).
     fn take_circles(
         &mut self,
         index: usize,
@@ -222,7 +222,7 @@ impl Detected {
     }
 }
 
-/// Whether ON and OFF are exchanged, from even parts of the windows.
+/// Returns whether ON and OFF are exchanged, from even parts of the windows.
 fn exchanged_in(windows: &[CompactFrame]) -> Option<Exchanged> {
     let pairs = windows.windows(2).step_by(windows.len().div_ceil(PAIRS).max(1));
     let pairs = pairs.map(|pair| pair.iter().cloned().map(ReferenceFrame::from).collect::<Vec<_>>());
@@ -230,12 +230,12 @@ fn exchanged_in(windows: &[CompactFrame]) -> Option<Exchanged> {
     exchanged(pairs.iter().filter_map(|pair| Some((pair.first()?, pair.last()?))))
 }
 
-/// As many of the windows as are looked at for the width of edges.
+/// Returns the windows in which the width of edges is measured, evenly chosen.
 fn looked_at(windows: &[CompactFrame]) -> Vec<ReferenceFrame> {
     windows.iter().step_by(windows.len().div_ceil(WINDOWS).max(1)).cloned().map(ReferenceFrame::from).collect()
 }
 
-/// The sensor of all inputs.
+/// Returns the sensor of all inputs.
 pub(super) fn common_sensor(task: &Task) -> Result<Sensor, CalibrateError> {
     let mut common = None;
     for input in task.inputs {
@@ -248,10 +248,10 @@ pub(super) fn common_sensor(task: &Task) -> Result<Sensor, CalibrateError> {
     common.ok_or(CalibrateError::NoInput)
 }
 
-/// The sensor of an input, or that which is `given` where it does not tell.
+/// Returns the sensor of an input, or the `given` one if the input does not contain it.
 fn sensor_of(input: &Input, given: Option<Sensor>) -> Result<Sensor, CalibrateError> {
     let sensor = match input {
-        // Nothing of the search in frames depends on their size.
+        // The search in frames does not depend on the sensor size.
         Input::Images(images) => return Ok(images.sensor()),
         Input::Events(recording) => {
             check_stated(recording)?;
@@ -277,7 +277,7 @@ fn sensor_of(input: &Input, given: Option<Sensor>) -> Result<Sensor, CalibrateEr
     Ok(sensor)
 }
 
-/// Whether events come as often as cameras send them.
+/// Returns an error if the event rate is implausible for the unit of the timestamps.
 fn check_units(task: &Task, reports: &[RecordingReport]) -> Result<(), CalibrateError> {
     for (input, report) in task.inputs.iter().zip(reports) {
         let Input::Events(recording) = input else { continue };
@@ -288,14 +288,14 @@ fn check_units(task: &Task, reports: &[RecordingReport]) -> Result<(), Calibrate
     Ok(())
 }
 
-/// Returns an error if the times of a recording are too coarse.
+/// Returns an error if the timestamps of a recording are too coarse.
 fn check_times(task: &Task, health: &[Health]) -> Result<(), CalibrateError> {
     let events = task.inputs.iter().filter(|input| matches!(input, Input::Events(_)));
     let coarse = events.zip(health).find_map(|(input, health)| Some((input.name(), health.coarse_times?)));
     coarse.map_or(Ok(()), |(file, times)| Err(CalibrateError::CoarseTimes { file, times }))
 }
 
-/// What the board in the recordings looks like, if not like the stated one.
+/// Checks whether the recordings show another board than the stated one.
 fn other_board(task: &Task, sensor: Sensor, progress: &Progress) -> Result<Option<OtherReading>, CalibrateError> {
     let Some(board) = task.board.circles() else { return Ok(None) };
     for (index, input) in task.inputs.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Why a calibration fails.
+//! Errors of a calibration.
 
 use super::board_choice::LargerBoard;
 use crate::check::units::OtherUnit;
@@ -20,13 +20,13 @@ use event_recordings::images::ImagesError;
 use event_recordings::likely_sensor::likely_words;
 use serde::{Serialize, Serializer};
 
-/// Why a calibration failed.
+/// Reasons why a calibration failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrateError {
-    /// The caller wanted the end.
+    /// The caller cancelled it.
     #[error("stopped before the end")]
     Stopped,
-    /// There is nothing to calibrate from.
+    /// There is no input.
     #[error("there is no recording: name at least one")]
     NoInput,
     /// A recording could not be read.
@@ -35,28 +35,28 @@ pub enum CalibrateError {
     /// The sensor size is not known.
     #[error("{file} does not say how many pixels the sensor has{}", likely_words(*.likely))]
     SensorUnknown {
-        /// The file.
+        /// The file name.
         file: String,
-        /// The smallest usual sensor that has all its pixels.
+        /// The smallest usual sensor that includes all pixels of the events.
         likely: Option<Sensor>,
     },
-    /// The sensor that was asked for is not that of a recording.
+    /// The requested sensor differs from the sensor of a recording.
     #[error("{0}")]
     OtherSensor(#[from] OtherSensor),
-    /// Events come so seldom or so often that their times are in another unit.
+    /// Event rates suggest that the timestamps have another unit.
     #[error("{file}: no board found, and {unit}")]
     TimeUnit {
-        /// The file.
+        /// The file name.
         file: String,
-        /// The unit that is more likely.
+        /// The more likely unit.
         unit: OtherUnit,
     },
-    /// Times are too coarse to find the board.
+    /// Timestamps are too coarse to find the board.
     #[error("{file}: no board found, and {times}: {}", CoarseTimes::ADVICE)]
     CoarseTimes {
-        /// The file.
+        /// The file name.
         file: String,
-        /// How coarse they are.
+        /// Resolution of the timestamps.
         times: CoarseTimes,
     },
     /// The circles are not as large as stated.
@@ -65,26 +65,26 @@ pub enum CalibrateError {
     /// ON and OFF are exchanged.
     #[error("{file}: {exchanged}; {}", Exchanged::ADVICE)]
     Exchanged {
-        /// The file.
+        /// The file name.
         file: String,
-        /// What was seen.
+        /// The evidence.
         exchanged: Exchanged,
     },
-    /// The lens or the board cannot be as the user says.
-    #[error("no lens or board has the values at which parameters are held")]
+    /// The lens or the board cannot have the given values.
+    #[error("the values of the fixed parameters are not possible for this lens or board")]
     ImpossibleValues,
-    /// Nothing fits with the values at which the lens is held.
+    /// No solution exists with the given values of the lens.
     #[error(
-        "with parameters held at these values no event lies near the board's circles: do the values belong to this lens? Those that are not held are estimated"
+        "with these fixed parameters no event is near the board's circles: do the values belong to this lens? Parameters that are not fixed are estimated"
     )]
     HeldFarOff,
-    /// The board that was looked for is a part of another one.
-    #[error("too few views fit together: is the board right? It looks like {}: {}", .0.found, .0.board)]
+    /// The stated board is a part of a larger one.
+    #[error("too few views are consistent: is the board described correctly? It looks like {}: {}", .0.found, .0.board)]
     LargerBoard(Box<LargerBoard>),
     /// The sensor is too large.
     #[error("{file} is of a sensor with {} x {} pixels; up to {} x {} are supported", .sensor.width, .sensor.height, LARGEST_SENSOR.width, LARGEST_SENSOR.height)]
     SensorTooLarge {
-        /// The file.
+        /// The file name.
         file: String,
         /// Its size.
         sensor: Sensor,
@@ -92,34 +92,34 @@ pub enum CalibrateError {
     /// The recordings are of different sensors.
     #[error("{file} is of a sensor with {} x {} pixels, the recordings before it of one with {} x {}: calibrate one camera at a time", .sensor.width, .sensor.height, .before.width, .before.height)]
     SensorsDiffer {
-        /// The file.
+        /// The file name.
         file: String,
         /// Its sensor.
         sensor: Sensor,
         /// The sensor of the recordings before it.
         before: Sensor,
     },
-    /// Two recordings hold the same events.
-    #[error("{file} holds the same events as {other}: give each recording once, and none that is part of another")]
+    /// Two recordings contain the same events.
+    #[error("{file} contains the same events as {other}: give each recording once, and none that is part of another")]
     SameEvents {
-        /// The file.
+        /// The file name.
         file: String,
-        /// The one before it.
+        /// The earlier file with the same events.
         other: String,
     },
     /// There are no events.
-    #[error("{file} holds no events")]
+    #[error("{file} contains no events")]
     Empty {
-        /// The file.
+        /// The file name.
         file: String,
     },
     /// The board was not found.
     #[error("{0}")]
     NoPattern(#[source] NoPattern),
-    /// No initial model.
+    /// There is no initial model.
     #[error("{0}")]
     Initial(#[from] InitialError),
-    /// There is no trajectory to start from.
+    /// There is no start trajectory.
     #[error("{0}")]
     FirstTrajectories(#[from] FirstTrajectoryError),
     /// The joint solve failed.
@@ -128,25 +128,27 @@ pub enum CalibrateError {
     /// Images could not be read.
     #[error("{0}")]
     Images(#[from] ImagesError),
-    /// Events are needed, and there are only frames.
-    #[error("{file} holds frames, not events: give a recording of events, and the frames as those of a second camera")]
+    /// Events are required, and there are only frames.
+    #[error(
+        "{file} contains frames, not events: give a recording of events, and calibrate the frames as a second camera"
+    )]
     OnlyFrames {
         /// The folder.
         file: String,
     },
     /// There are no pictures.
-    #[error("{file} holds no frames, and frames were asked for: record them too, or leave them out")]
+    #[error("{file} contains no frames, but frames were requested: record them too, or do not request them")]
     NoPictures {
         /// The files.
         file: String,
     },
-    /// The pictures give no calibration.
+    /// The pictures do not yield a calibration.
     #[error("no calibration from the camera's frames: {0}")]
     Pictures(NoPictureCalibration),
-    /// The views of a board that blinks give no calibration.
+    /// The views of a board that blinks do not yield a calibration.
     #[error("no calibration from a board that blinks: {0}")]
     Views(NoPictureCalibration),
-    /// Pictures and events do not show the same at the same moment.
+    /// Pictures and events of the same moment do not show the same.
     #[error("frames and events cannot be solved together: {}; {}", .0, .0.advice())]
     PicturesMisaligned(Misalignment),
     /// Pictures and events cannot be solved together.
@@ -155,7 +157,7 @@ pub enum CalibrateError {
 }
 
 impl CalibrateError {
-    /// Whether the recordings could be read, and what was seen in them tells why it failed.
+    /// Returns `true` if the recordings could be read and their content explains the failure.
     pub fn is_of_what_was_seen(&self) -> bool {
         matches!(
             self,

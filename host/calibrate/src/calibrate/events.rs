@@ -29,7 +29,7 @@ use crate::trajectory::Trajectory;
 use crate::trajectory::first::first_trajectories;
 use evcal_geometry::board::shape::BoardShape;
 
-/// Calibrates as `task` says, with pictures as a witness or a partner.
+/// Calibrates as `task` describes, with pictures as a cross-check or as additional observations.
 ///
 /// # Errors
 /// [`CalibrateError`].
@@ -101,7 +101,8 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     })
 }
 
-/// The observations of the joint solve: `events`, or the centres of circles where there are none. Nothing is held yet but the board.
+/// Returns the observations of the joint solve: `events`, or the centres of circles if there are none. Only the board is fixed so
+/// far.
 fn first_input<'a>(
     task: &Task<'a>,
     initial: &InitialModel,
@@ -122,7 +123,7 @@ fn first_input<'a>(
     }
 }
 
-/// What the joint solve starts from: the stated board, and nothing known of the events' biases.
+/// Returns the start of the joint solve: the nominal board, and unknown biases of the events.
 fn first_state(task: &Task, camera: Camera<f64>, trajectories: Vec<Trajectory>) -> State {
     State { camera, board: BoardShape::stated(task.board), bias: unknown(FIRST_SIGMA), trajectories }
 }

@@ -1,4 +1,4 @@
-//! What speaks for and against a calibration, and what against the recordings.
+//! Examination of a calibration and of its recordings.
 
 use evcal_core::sensor::Sensor;
 
@@ -18,20 +18,20 @@ use crate::trust::verdict::{Finding, Verdict, verdict};
 use crate::trust::witness::WitnessOutcome;
 use crate::trust::{EventTrust, SolveCertainty, Trust, examine};
 
-/// What the stages before the joint solve saw.
+/// Results of the stages before the joint solve.
 pub(super) struct Seen<'a> {
     pub(super) sensor: Sensor,
-    /// How the light and the pixels were.
+    /// Findings on light and pixels.
     pub(super) health: &'a [Health],
     /// Windows with more circles than the board has.
     pub(super) unplaced: &'a [UnplacedWindows],
-    /// The frames that the joint solve took.
+    /// The frames in the joint solve.
     pub(super) frames: &'a [ReferenceFrame],
     /// The first camera.
     pub(super) initial: &'a InitialModel,
 }
 
-/// A calibration and what speaks for and against it.
+/// A calibration and its quality measures.
 pub(super) struct Examined {
     pub(super) refined: Refined,
     pub(super) trust: Trust,
@@ -40,10 +40,10 @@ pub(super) struct Examined {
     pub(super) verdict: Verdict,
 }
 
-/// Examines the joint solve, in which the `saturated` stretches are, and gives the verdict on all that was seen.
+/// Examines the joint solve, which includes the `saturated` intervals, and builds the verdict on everything.
 ///
 /// # Errors
-/// [`CalibrateError::Solve`] when the observations do not determine the camera.
+/// [`CalibrateError::Solve`] if the observations do not determine the camera.
 pub(super) fn examine_calibration(
     task: &Task,
     seen: &Seen,
@@ -62,7 +62,8 @@ pub(super) fn examine_calibration(
     Ok(Examined { refined, trust, event_trust, witness, verdict })
 }
 
-/// What is to be said of the recordings once they were solved to `state`, and what their pictures say now that the board's size is known.
+/// Returns the findings on the recordings at the solution `state`, and the result of the cross-check with pictures, now that the
+/// board's size is known.
 fn findings(
     task: &Task,
     seen: &Seen,

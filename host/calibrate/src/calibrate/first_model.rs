@@ -1,4 +1,4 @@
-//! The first camera, and why there is none.
+//! The first camera, or the reason why there is none.
 
 use evcal_core::sensor::Sensor;
 
@@ -14,14 +14,14 @@ use crate::initial::{InitialModel, initial_model};
 /// The first camera, and the poses of the frames before it.
 pub(super) struct FirstModel {
     pub(super) initial: InitialModel,
-    /// How its model was chosen, where that was left to the program.
+    /// Statistics of the choice of its model, if it was automatic.
     pub(super) choice: Option<ModelChoice>,
 }
 
-/// The first camera, of the model that was asked for or that suits the recording best.
+/// Computes the first camera, of the requested model or of the one that suits the recording best.
 ///
 /// # Errors
-/// [`CalibrateError`] says what the frames show in place of a camera, or that the caller wants the end.
+/// [`CalibrateError`] names the cause if the frames show one, or that the caller cancelled.
 pub(super) fn first_model(
     task: &Task,
     frames: &[ReferenceFrame],
@@ -45,7 +45,7 @@ fn of_model(
             Ok(FirstModel { initial, choice: None })
         }
         ModelRequest::Auto => {
-            // It cannot be ended there, and is afterwards.
+            // It cannot be cancelled there; the request takes effect afterwards.
             let tell = |model| {
                 let _ = progress.tell(format!("initial model {model} from {} reference frames", frames.len()));
             };
@@ -56,13 +56,13 @@ fn of_model(
     }
 }
 
-/// Why there is no first camera, where the frames tell more than `error` does.
+/// Returns a more specific reason than `error`, if the frames show one.
 fn explained(error: CalibrateError, task: &Task, frames: &[ReferenceFrame]) -> CalibrateError {
     if !matches!(error, CalibrateError::Initial(_)) {
         return error;
     }
     let Some(board) = task.board.circles() else { return error };
-    // A wrong radius keeps circles from being confirmed, whatever else is told of them.
+    // A wrong radius prevents the confirmation of circles, whatever other cause there is.
     match other_radius(frames, board) {
         Some(other) => CalibrateError::OtherRadius(other),
         None => larger_board(task.inputs, board, &task.settings.detection)

@@ -1,4 +1,4 @@
-//! Which reference frames the joint solve takes, and which of them keep their events.
+//! Selection of the reference frames for the joint solve, and of those that keep their events.
 
 use super::stretch_choice::{ChosenSeconds, StretchChoice, second_of};
 use crate::circles::compact_frame::CompactFrame;
@@ -7,13 +7,13 @@ use crate::initial::InitialModel;
 
 /// All reference frames.
 pub(super) struct Frames {
-    /// Those that the joint solve takes, in order of recording.
+    /// Frames in the joint solve, in order of recording.
     pub(super) taken: Vec<ReferenceFrame>,
-    /// Those that it has no room for.
+    /// Frames outside the joint solve.
     pub(super) others: Vec<CompactFrame>,
 }
 
-/// Takes the frames of circle inputs, and those of the `windows` that are in the chosen seconds.
+/// Selects the frames of circle inputs, and those of the `windows` in the chosen seconds.
 pub(super) fn take_frames(
     windows: Vec<CompactFrame>,
     of_circles: Vec<ReferenceFrame>,
@@ -33,8 +33,8 @@ pub(super) fn take_frames(
     Frames { taken, others }
 }
 
-/// Drops the events of all frames but those with the smallest, the middle and the largest error, which are shown: after the first
-/// camera nothing else needs them.
+/// Drops the events of all frames except those with the smallest, the median and the largest error, which the report shows. After
+/// the first camera nothing else needs them.
 pub(super) fn keep_examples(frames: &mut [ReferenceFrame], initial: &InitialModel) {
     let with_events = |frame: usize| frames.get(frame).is_some_and(ReferenceFrame::is_shown);
     let mut ranked: Vec<(f64, usize)> =

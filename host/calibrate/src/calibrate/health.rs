@@ -1,4 +1,4 @@
-//! What the light, the lens and the pixels were like, as findings for the verdict.
+//! Findings on light, lens and pixels for the verdict.
 
 use crate::detection::focus::EdgeWidth;
 use crate::diagnosis::bad_pixels::{BadPixels, Repetition};
@@ -8,11 +8,11 @@ use crate::diagnosis::rounded::Rounded;
 use crate::diagnosis::time_steps::CoarseTimes;
 use crate::trust::verdict::{Cause, Finding, Severity};
 
-/// How a recording was made.
+/// Quality of a recording.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Health {
     pub(super) flicker: Option<Flicker>,
-    /// Whether there are as many events at any time.
+    /// `true` if the event rate is constant over the whole recording.
     pub(super) always_full: bool,
     pub(super) pixels: BadPixels,
     pub(super) disorder: Option<Disorder>,
@@ -21,14 +21,14 @@ pub(super) struct Health {
     pub(super) edges: Option<EdgeWidth>,
 }
 
-/// Flicker by which ON and OFF take turns by more than this share of all events fills the readout with bursts of even areas.
+/// Share of the events in alternating bursts of ON and OFF from which flicker saturates the readout in even areas.
 const STRONG_FLICKER: f64 = 0.75;
-/// Hot pixels that send a larger share of all events are told.
+/// Share of the events from hot pixels from which they are reported.
 const MANY_HOT: f64 = 0.02;
-/// Columns that are named.
+/// Number of columns that are named.
 const NAMED: usize = 8;
 
-/// What is to be said of all recordings, each thing once: the worst case.
+/// Returns the findings on all recordings, each kind once: the worst case.
 pub(super) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
     let flicker = recordings.iter().filter_map(|health| health.flicker).max_by(|a, b| a.share.total_cmp(&b.share));
     let hottest = recordings.iter().map(|health| &health.pixels).max_by(|a, b| a.hot_share.total_cmp(&b.hot_share));
@@ -75,7 +75,7 @@ fn always_full() -> Finding {
     Finding {
         cause: Cause::Saturated,
         severity: Severity::Failure,
-        reason: "the camera sent as many events as it can all the time: their times are late by an unknown amount".to_owned(),
+        reason: "the camera sent events at its maximum rate all the time: their times are late by an unknown amount".to_owned(),
         advice: "does the light flicker? Use daylight or a lamp on direct current; or raise the contrast thresholds of its pixels".into(),
     }
 }
@@ -91,7 +91,7 @@ fn out_of_order(disorder: Disorder) -> Finding {
 
 fn already_undistorted(rounded: Rounded) -> Finding {
     Finding {
-        // What is left of the lens is none of it.
+        // Remaining distortion does not come from the lens.
         cause: Cause::Undistorted,
         severity: Severity::Failure,
         reason: rounded.to_string(),
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn the_worst_of_all_recordings_is_told_once() {
+    fn the_worst_of_all_recordings_is_reported_once() {
         let calm = Health { edges: Some(EdgeWidth { pixels: 1.0, radii: 0.3 }), ..Health::default() };
         assert_eq!(causes(&[]), []);
         assert_eq!(causes(&[calm.clone(), calm.clone()]), []);

@@ -1,4 +1,4 @@
-//! The inertial unit, after the camera.
+//! Calibration of the IMU, after the camera.
 
 use std::path::PathBuf;
 
@@ -11,20 +11,21 @@ use crate::inertial::stream::ReadSamples;
 use crate::inertial::{FEWEST_SECONDS, RecordedSamples, calibrate_unit, csv, stream};
 use crate::solve::held_intrinsics::HeldIntrinsics;
 
-/// Which inertial unit is calibrated, and what is known of it.
+/// Request for the calibration of an IMU, with prior knowledge.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct InertialRequest {
-    /// A file of samples; without it they are those of the recordings.
+    /// A file of samples; `None` for the samples in the recordings.
     pub file: Option<PathBuf>,
-    /// What is known beforehand.
+    /// Prior knowledge and options.
     pub settings: InertialSettings,
 }
 
-/// Calibrates the inertial unit of `inputs`, from which `calibrated` was made; the camera's intrinsics are solved for too, unless they
-/// are `held`.
+/// Calibrates the IMU of `inputs`, from which `calibrated` was made. The camera's intrinsics are estimated too, unless they are
+/// fixed at `held`.
 ///
 /// # Errors
-/// [`InertialError`] says what is wrong, and what to do; the camera is calibrated all the same.
+/// [`InertialError`] names the problem and the remedy; the calibration of the camera is not affected.
+/// [`InertialError`] names the problem and the remedy; the calibration of the camera is not affected.
 pub fn calibrate_inertial(
     calibrated: &Calibrated,
     inputs: &[Input],
@@ -36,11 +37,11 @@ pub fn calibrate_inertial(
     calibrate_unit(recorded, &events.refined, &calibrated.trust.uncertainty, held, &request.settings)
 }
 
-/// Looks at the inertial samples of `inputs` as far as it takes to know that they last long enough, before the camera is calibrated.
-/// What else is wrong with them shows later.
+/// Checks before the calibration of the camera that the IMU samples of `inputs` are long enough. It reads only as many samples as
+/// needed; other problems are detected later.
 ///
 /// # Errors
-/// [`InertialError::ShortRecording`].
+/// [`InertialError::ShortRecording`] if they are too short.
 pub fn check_length(inputs: &[Input], request: &InertialRequest) -> Result<(), InertialError> {
     let seconds = match &request.file {
         Some(file) => csv::read(file)

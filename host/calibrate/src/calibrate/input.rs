@@ -1,4 +1,4 @@
-//! What a calibration is made from: recordings of events, circles that were found before, or frames.
+//! Input of a calibration: recordings of events, circles that were found before, or frames.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -24,21 +24,21 @@ use event_recordings::{ReadReport, Recording, RecordingError, RecordingOptions, 
 pub enum Input {
     /// A recording of events.
     Events(Recording),
-    /// Frames of a camera that sends no events.
+    /// Frames of a camera without events.
     Images(Images),
     /// Reference frames from a circle track or circle stream, times from `start`.
     Circles {
         /// The file or port.
         path: PathBuf,
-        /// Sensor size in pixels, if a device told it.
+        /// Sensor size in pixels, if a device reported it.
         sensor: Option<Sensor>,
         /// Its frames; their recording number is set by the calibration.
         frames: Vec<ReferenceFrame>,
-        /// Time in the file at which the frames' times count from, in seconds.
+        /// Start of the frames' times on the clock of the file, in seconds.
         start: f64,
-        /// What was taken for granted when the file was read.
+        /// Assumptions made when the file was read.
         notes: Vec<String>,
-        /// What the grid finder made of circles without a place on the board.
+        /// Report of the grid finder on circles without a position on the board.
         detection: DetectionReport,
     },
 }
@@ -50,7 +50,7 @@ impl From<Recording> for Input {
 }
 
 impl Input {
-    /// The file or port.
+    /// Returns the name of the file or port.
     pub fn name(&self) -> String {
         match self {
             Self::Events(recording) => match recording.files().len() {
@@ -62,7 +62,7 @@ impl Input {
         }
     }
 
-    /// The file or port without the folders that it is in, for who waits.
+    /// Returns the name of the file or port without its folders, for progress messages.
     pub fn short_name(&self) -> String {
         let name = self.path().file_name().unwrap_or(self.path().as_os_str());
         visible::path(name)
@@ -76,7 +76,7 @@ impl Input {
         }
     }
 
-    /// The same inputs, with files of events that continue each other as one recording in the place of the first of them.
+    /// Joins files of events that continue each other into one recording, at the index of the first of them.
     pub fn join(inputs: Vec<Self>) -> Vec<Self> {
         let events = |(place, input): (usize, &Self)| match input {
             Self::Events(recording) => Some((place, recording.clone())),
@@ -100,17 +100,18 @@ impl Input {
         joined.into_iter().flatten().collect()
     }
 
-    /// Whether both are read from one file.
+    /// Returns `true` if both are read from one file.
     pub fn is_of_file_of(&self, other: &Self) -> bool {
         let file = |input: &Self| input.path().canonicalize().unwrap_or_else(|_| input.path().to_owned());
         file(self) == file(other)
     }
 
-    /// Opens what another camera on the mount recorded: images with time stamps that are those of `stamps` (see [`Images::open`]), or
-    /// what [`Input::open`] opens. `stream` is its stream or topic; without it, that of the options counts for events.
+    /// Opens the recording of another camera on the mount: images whose timestamps mean what `stamps` says (see
+    /// [`Images::open`]), or any input of [`Input::open`]. `stream` is its stream or topic; without it, the options determine the
+    /// stream of events.
     ///
     /// # Errors
-    /// [`InputError`] when it is neither, or cannot be read.
+    /// [`InputError`] if it is neither, or cannot be read.
     pub fn open_other(
         path: &Path,
         stream: Option<&str>,
@@ -121,17 +122,17 @@ impl Input {
         if let Some(images) = Images::open(path, stream, options.damage, stamps)? {
             return Ok(Self::Images(images));
         }
-        // Those that were not said of this recording may mean nothing to it.
+        // Options that were not given for this recording may not apply to it.
         let options = options_for(path, options);
         let stream = stream.map(str::to_owned).or_else(|| options.stream.clone());
         Self::open(path, &RecordingOptions { stream, ..options }, board)
     }
 
-    /// Opens a recording, a circle track or a circle stream, whichever `path` is. Circles without a place on
-    /// the board are ordered by the grid finder.
+    /// Opens a recording, a circle track or a circle stream, whichever `path` is. Circles without a position on the board are
+    /// ordered by the grid finder.
     ///
     /// # Errors
-    /// [`InputError`] when it is neither, or cannot be read.
+    /// [`InputError`] if it is neither, or cannot be read.
     pub fn open(path: &Path, options: &RecordingOptions, board: &Board) -> Result<Self, InputError> {
         match InputKind::of(path)? {
             InputKind::Events => Ok(Self::Events(Recording::new(path, options.clone())?)),
@@ -143,10 +144,10 @@ impl Input {
         }
     }
 
-    /// Listens to a serial port; `progress` is told what came so far.
+    /// Listens to a serial port; `progress` gets a text on what was received.
     ///
     /// # Errors
-    /// [`SerialError`] when no circle comes.
+    /// [`SerialError`] if no circle is received.
     pub fn listen(address: &SerialAddress, board: &Board, progress: impl FnMut(&str)) -> Result<Self, SerialError> {
         let stream = address.receive(progress)?;
         Ok(Self::from_stream(Path::new(&address.to_string()), stream, board))
@@ -166,11 +167,10 @@ impl Input {
     }
 }
 
-/// Hands the events of an input to `visit`, with times from its first event, until it breaks off; nothing for
-/// circles.
+/// Passes the events of an input to `visit`, with times from its first event, until `visit` breaks. Circles have no events.
 ///
 /// # Errors
-/// [`RecordingError`] when the recording cannot be read.
+/// [`RecordingError`] if the recording cannot be read.
 pub fn read_events(
     inputs: &[Input],
     index: usize,
@@ -192,13 +192,13 @@ pub fn read_events(
     read_while(recording, visit)
 }
 
-/// Why an input could not be opened.
+/// Reasons why an input could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum InputError {
-    /// It is no recording that can be read.
+    /// It is not a recording that can be read.
     #[error("{0}")]
     Source(#[from] RecordingError),
-    /// It is a circle track with a mistake in it, or a circle stream without circles.
+    /// It is an invalid circle track, or a circle stream without circles.
     #[error("{0}")]
     Circles(#[from] CircleTrackError),
     /// Its images cannot be read.

@@ -1,4 +1,4 @@
-//! The joint solve, and how sure its result is.
+//! The joint solve, and the uncertainty of its result.
 
 use super::Task;
 use super::error::CalibrateError;
@@ -10,7 +10,7 @@ use crate::solve::system::System;
 use crate::trajectory::first::FirstTrajectorySettings;
 use crate::trust::uncertainty::{SolveUncertainty, uncertainty};
 
-/// The settings of the joint solve among all.
+/// Returns the settings of the joint solve.
 pub(super) fn stage_settings(settings: &Settings) -> StageSettings<'_> {
     StageSettings {
         refinement: &settings.refinement,
@@ -20,12 +20,12 @@ pub(super) fn stage_settings(settings: &Settings) -> StageSettings<'_> {
     }
 }
 
-/// The settings of the trajectories that it starts from.
+/// Returns the settings of the trajectories at its start.
 pub(super) fn trajectory_settings(settings: &Settings) -> FirstTrajectorySettings<'_> {
     FirstTrajectorySettings { segment: &settings.segment, spline: &settings.spline, knots: &settings.knots }
 }
 
-/// The joint solve from `state` on, and the system at its result.
+/// Runs the joint solve from `state` on, and returns the normal equations at its result.
 pub(super) fn refined(
     task: &Task,
     input: &RefinementInput<CalibrateError>,
@@ -37,12 +37,12 @@ pub(super) fn refined(
     Ok(refine(input, state, stage, tell)?)
 }
 
-/// How sure a joint solve is whose result has this `system`.
+/// Returns the uncertainty of a joint solve whose normal equations are `system`.
 pub(super) fn certainty(refined: &Refined, system: System) -> Result<SolveUncertainty, CalibrateError> {
     uncertainty(&refined.problem, &refined.state, system).map_err(CalibrateError::Solve)
 }
 
-/// The joint solve from `state` on, and how sure its result is.
+/// Runs the joint solve from `state` on, and computes the uncertainty of its result.
 pub(super) fn solve(
     task: &Task,
     input: &RefinementInput<CalibrateError>,

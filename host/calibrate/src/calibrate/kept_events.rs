@@ -1,4 +1,4 @@
-//! Events with their places in bursts: those that are kept in memory, and those of recordings that are read again.
+//! Events with their ranks in bursts: kept in memory, or from recordings that are read again.
 
 use evcal_core::sensor::Sensor;
 
@@ -10,22 +10,23 @@ use super::stretch_choice::{ChosenSeconds, StretchChoice, second_of};
 use crate::solve::event_sample::{EventSample, RankedEvent, Thinning};
 use crate::solve::refinement::{EventInput, ReadRecording};
 
-/// Events for each one that the joint solve uses at most.
+/// Ratio of the kept events to the most events of the joint solve.
 const SAMPLE_TIMES: usize = 2;
 
-/// The events that the rounds of association take theirs from.
+/// The events from which the rounds of association take theirs.
 pub(super) struct KeptEvents {
-    /// An even sample of them, as many as fit into memory.
+    /// An even sample of the events, as many as fit into memory.
     pub(super) sample: EventSample,
-    /// How many each input has, none in circles; `None` where all inputs are circles alone.
+    /// Number of events of each input, 0 for circles; `None` if all inputs are circles.
     pub(super) counts: Option<Vec<u64>>,
 }
 
 impl KeptEvents {
-    /// Those of the chosen seconds alone: a sample of a long recording has too few of each second for the camera.
+    /// Returns the events of the chosen seconds alone, because a sample of a long recording has too few events in each second for
+    /// the camera.
     ///
     /// # Errors
-    /// [`CalibrateError`] when a recording cannot be read, or the caller wants the end.
+    /// [`CalibrateError`] if a recording cannot be read, or the caller cancels.
     pub(super) fn of_choice(
         self,
         choice: Option<&StretchChoice>,
@@ -34,13 +35,14 @@ impl KeptEvents {
         progress: &Progress,
     ) -> Result<Self, CalibrateError> {
         let Some(choice) = choice else { return Ok(self) };
-        // There is room for one sample.
+        // Memory is enough for one sample only.
         drop(self);
         let (sample, counts) = events_of(task, &ChosenSeconds::new(choice), sensor, progress)?;
         Ok(Self { sample, counts: Some(counts) })
     }
 
-    /// Reads them for a round of association: from the sample, or from the recordings where it has too few.
+    /// Returns a function that reads events for a round of association: from the sample, or from the recordings if the sample has
+    /// too few.
     pub(super) fn reader<'a>(
         &'a self,
         task: &'a Task,
@@ -56,7 +58,7 @@ impl KeptEvents {
         })
     }
 
-    /// As what the joint solve takes.
+    /// Returns the events as input of the joint solve.
     pub(super) fn input<'a>(
         &'a self,
         read: &'a ReadRecording<'a, CalibrateError>,
@@ -65,10 +67,11 @@ impl KeptEvents {
     }
 }
 
-/// Reads the recordings once more. An even sample of the events in the `chosen` seconds, and for each input how many there are.
+/// Reads the recordings again. Returns an even sample of the events in the `chosen` seconds, and the number of these events in
+/// each input.
 ///
 /// # Errors
-/// [`CalibrateError`] when a recording cannot be read, or the caller wants the end.
+/// [`CalibrateError`] if a recording cannot be read, or the caller cancels.
 fn events_of(
     task: &Task,
     chosen: &ChosenSeconds,
@@ -97,10 +100,10 @@ fn events_of(
     Ok((sample, counts))
 }
 
-/// Reads recording number `index` once more, and hands an even `share` of 0 to 1 of its events to `visit`, in the order of time.
+/// Reads recording number `index` again, and passes an even `share` of 0 to 1 of its events to `visit`, in the order of time.
 ///
 /// # Errors
-/// [`CalibrateError`] when the recording cannot be read, or the caller wants the end.
+/// [`CalibrateError`] if the recording cannot be read, or the caller cancels.
 pub(super) fn read_share(
     task: &Task,
     index: usize,

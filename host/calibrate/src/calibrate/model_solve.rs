@@ -1,4 +1,4 @@
-//! The joint solve, with another camera model where the events ask for one.
+//! The joint solve, repeated with another camera model if the events require one.
 
 use evcal_core::camera::refit::refit;
 
@@ -11,7 +11,8 @@ use crate::solve::State;
 use crate::solve::refinement::RefinementInput;
 use crate::trust::better_model;
 
-/// Solves from `state` on, and once more with the model that the events ask for, where the model was chosen and they ask for another one.
+/// Solves from `state` on. If the model was chosen automatically and the events require another one, solves again with that
+/// model.
 ///
 /// # Errors
 /// [`CalibrateError`].

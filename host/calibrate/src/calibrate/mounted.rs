@@ -1,4 +1,4 @@
-//! Another camera on the mount of the first, as it was calibrated.
+//! Another camera on the mount of the first, after its calibration.
 
 use evcal_core::sensor::Sensor;
 
@@ -15,32 +15,32 @@ pub struct SecondCamera {
     pub file: String,
     /// Size of its sensor.
     pub sensor: Sensor,
-    /// Its lens, calibrated apart.
+    /// Its lens, calibrated separately.
     pub camera: CameraDescription,
     /// Standard deviation of each parameter of the lens.
     pub sigma: CameraDescription,
-    /// Where on its sensor the board was seen.
+    /// Region of its sensor in which the board was seen.
     pub covered: CoveredRegion,
-    /// Whether its lens, calibrated apart, is good; none where that does not matter: for the first camera's own frames, with held
-    /// intrinsics, and with a rolling shutter, whose frames no lens explains before it is known.
+    /// Grade of the separate calibration of its lens. `None` if it does not matter: for the first camera's own frames, with fixed
+    /// intrinsics, and with a rolling shutter, whose frames no lens explains before the shutter is known.
     pub lens_grade: Option<Grade>,
-    /// What the calibration of its lens says of itself.
+    /// Verdict of the calibration of its lens.
     pub lens_verdict: String,
-    /// Times of the first events of the first camera's recording and of this one, on their clocks (s).
+    /// Times of the first events of the first camera's recording and of this one, on their own clocks (s).
     pub starts: [f64; 2],
-    /// Its frames, where it takes frames.
+    /// Its frames, if it is a frame camera.
     pub frames: Option<SecondFrames>,
-    /// Where it is, and how its clock goes.
+    /// Its pose relative to the first camera, and its clock.
     pub calibration: SecondCalibration,
 }
 
 /// The frames of another camera on the mount.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SecondFrames {
-    /// How many show the board and were used.
+    /// Number of frames that show the board and were used.
     pub used: usize,
-    /// What their time stamps stand for.
+    /// Meaning of their timestamps.
     pub stamps: Stamps,
-    /// Whether they came with their exposure times.
+    /// `true` if they have exposure times.
     pub exposure_known: bool,
 }

@@ -1,4 +1,4 @@
-//! Recordings that are not of the camera of the others.
+//! Detection of recordings from another camera.
 
 use super::input::Input;
 use crate::advice::Advice;
@@ -6,14 +6,14 @@ use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::InitialModel;
 use crate::trust::verdict::{Cause, Finding, Severity};
 
-/// Recordings with fewer reference frames tell too little.
+/// Recordings with fewer reference frames are not checked.
 const FEWEST: usize = 20;
-/// A recording does not fit the camera when a smaller share of its reference frames does.
+/// Share of its reference frames that fit below which a recording does not fit the camera.
 const FITS: f64 = 0.2;
-/// The camera is that of a recording when a larger share of its reference frames fits.
+/// Share of its reference frames that fit above which a recording is of the camera.
 const OWN: f64 = 0.5;
 
-/// How many reference frames a recording has, and how many of them fit the first camera.
+/// Number of reference frames of a recording, and of those that fit the first camera.
 #[derive(Clone, Copy, Debug, Default)]
 struct Count {
     found: usize,
@@ -26,7 +26,7 @@ impl Count {
     }
 }
 
-/// A failure for each recording of which hardly a frame fits the first camera, where the frames of another one do.
+/// Returns a failure for each recording of which hardly a frame fits the first camera, if frames of another recording do.
 pub(super) fn findings_on(inputs: &[Input], frames: &[ReferenceFrame], initial: &InitialModel) -> Vec<Finding> {
     let mut counts = vec![Count::default(); inputs.len()];
     for frame in frames {
@@ -48,12 +48,14 @@ pub(super) fn findings_on(inputs: &[Input], frames: &[ReferenceFrame], initial: 
             reason: format!(
                 "only {fitting} of the {found} reference frames of {name} fit the camera of the other recordings"
             ),
-            advice: Advice::Plain(format!("is it of another camera, or was the lens turned? Calibrate without {name}")),
+            advice: Advice::Plain(format!(
+                "is it of another camera, or was the lens refocused? Calibrate without {name}"
+            )),
         })
         .collect()
 }
 
-/// Places of the recordings that do not fit.
+/// Returns the indices of the recordings that do not fit.
 fn foreign(counts: &[Count]) -> Vec<(usize, Count)> {
     if !counts.iter().any(|count| count.found >= FEWEST && count.share() > OWN) {
         return Vec::new();
@@ -66,14 +68,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_recording_is_foreign_when_another_fits_and_it_does_not() {
+    fn a_recording_is_of_another_camera_if_another_fits_and_it_does_not() {
         let places = |counts: &[(usize, usize)]| {
             let counts: Vec<Count> = counts.iter().map(|&(found, fitting)| Count { found, fitting }).collect();
             foreign(&counts).into_iter().map(|(place, _)| place).collect::<Vec<_>>()
         };
         assert_eq!(places(&[(400, 390), (300, 5)]), [1]);
         assert_eq!(places(&[(300, 0), (400, 300), (19, 0)]), [0]);
-        // All are hard, or one is short: no camera is told from another.
+        // All are difficult, or one is short: no other camera is detected.
         for counts in [&[(400, 60), (300, 5)][..], &[(400, 390)], &[(400, 390), (300, 100)]] {
             assert!(places(counts).is_empty(), "{counts:?}");
         }

@@ -1,4 +1,4 @@
-//! The trajectory along stretches that the joint solve had no room for, stretch by stretch with its camera.
+//! The trajectory along intervals outside the joint solve, interval by interval with its camera fixed.
 
 use std::convert::Infallible;
 use std::ops::Range;
@@ -25,14 +25,14 @@ use crate::trust::poses::{UncertainPose, sampled_poses};
 use crate::trust::uncertainty::POSE_MODEL_ERROR;
 use event_recordings::pass::RecordingReport;
 
-/// Stretches are solved together in lengths of this (s).
+/// Length of the intervals that are solved together (s).
 const LENGTH: f64 = 10.0;
-/// Events that are taken of a second, on average over a recording.
+/// Number of events per second, on average over a recording.
 const EVENTS_PER_SECOND: f64 = 50_000.0;
-/// Events may belong to a stretch from so long before its first window, and until so long after its last one (s).
+/// Time before the first and after the last window of an interval within which events may belong to it (s).
 const MARGIN: f64 = 0.5;
 
-/// The poses along one stretch that is not in the joint solve.
+/// The poses along one interval outside the joint solve.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FollowedStretch {
     /// Number of the recording.
@@ -41,11 +41,11 @@ pub struct FollowedStretch {
     pub poses: Vec<UncertainPose>,
 }
 
-/// Reads the recordings once more, and follows the camera of `solve` along `frames`, which are in order of recording and time.
-/// What no curve explains is added to what `solve` leaves out.
+/// Reads the recordings again, and solves the trajectory along `frames`, which are in order of recording and time, with the
+/// camera of `solve` fixed. Intervals that no curve explains are added to those that `solve` excludes.
 ///
 /// # Errors
-/// [`CalibrateError`] when a recording cannot be read, or the caller wants the end.
+/// [`CalibrateError`] if a recording cannot be read, or the caller cancels.
 pub(super) fn follow_others(
     task: &Task,
     solve: &mut BoardSolve,
@@ -57,7 +57,7 @@ pub(super) fn follow_others(
         return Ok(Vec::new());
     }
     let mut left_out = Vec::new();
-    progress.tell("trajectory of the other stretches")?;
+    progress.tell("trajectory of the other intervals")?;
     let sensor = solve.refined.problem.sensor;
     let part = |frame: &CompactFrame| (frame.t() / LENGTH).floor() as i64;
     let mut followed = Vec::new();
@@ -65,11 +65,11 @@ pub(super) fn follow_others(
         let Some(recording) = frames.first().map(|frame| frame.recording) else { continue };
         let share = reports.get(recording).map_or(1.0, share);
         let mut stretches = frames.chunk_by(|a, b| part(a) == part(b)).peekable();
-        // Follows the stretches that end before `t` (µs), and drops the events that none of the later ones needs.
+        // Solves the intervals that end before `t` (µs), and drops the events that no later interval needs.
         let mut follow_until = |events: &mut Vec<RankedEvent>, t: i64| {
             while let Some(frames) = stretches.next_if(|frames| span(frames).end <= t) {
                 let frames: Vec<ReferenceFrame> = frames.iter().map(CompactFrame::without_events).collect();
-                // Where nothing can be followed no pose is written.
+                // If an interval cannot be solved, no poses are written for it.
                 if let Some((stretch, unexplained)) = follow_stretch(task, solve, &frames, events) {
                     left_out.extend(unexplained);
                     followed.push(stretch);
@@ -90,12 +90,12 @@ pub(super) fn follow_others(
     Ok(followed)
 }
 
-/// The share of its events that is taken of a recording.
+/// Returns the share of a recording's events that is used.
 fn share(report: &RecordingReport) -> f64 {
     (EVENTS_PER_SECOND * report.duration / report.count as f64).min(1.0)
 }
 
-/// The times (µs) of the events that tell of a stretch.
+/// Returns the times (µs) of the events that belong to an interval.
 fn span(frames: &[CompactFrame]) -> Range<i64> {
     let start = frames.first().map_or(0.0, |first| first.start);
     let end = frames.last().map_or(0.0, |last| last.end);
@@ -117,7 +117,7 @@ fn follow_stretch(
     let first = first_trajectories(&initial, frames, trajectory_settings(settings)).ok()?;
     let start = first.trajectories.iter().map(|one| one.start()).fold(f64::INFINITY, f64::min);
     let end = first.trajectories.iter().map(|one| one.end()).fold(f64::NEG_INFINITY, f64::max);
-    // Events come later than their edges, by the latency of their class.
+    // Events are later than their edges, by the latency of their class.
     let place = |t: f64| events.partition_point(|event| event.t < (t * 1e6) as i64);
     let events = events.get(place(start - 0.1)..place(end + 0.1)).unwrap_or_default();
     let counts: Vec<u64> = (0..=recording).map(|one| if one == recording { events.len() as u64 } else { 0 }).collect();
@@ -138,13 +138,13 @@ fn follow_stretch(
         held: [true; MAX_PARAMETERS],
     };
     let state = State { trajectories: first.trajectories, ..solution.clone() };
-    // It fails where there are too few events, say.
+    // It fails with too few events, for example.
     let followed = follow(&input, state, problem, stage_settings(settings)).ok()?;
     let Followed { state, system, left_out: unexplained, .. } = followed;
     let reduced = system.into_reduced(0.0, &problem.free.mask()).ok()?;
     let places: Vec<usize> = reduced.places(&problem.free.mask());
     let controls = reduced.into_follows().control_covariances(&places, &certainty.formal)?;
-    // Fewer events than in the joint solve: its own poses tell what is usual.
+    // There are fewer events than in the joint solve, so the usual σ comes from the interval's own poses.
     let covariance =
         PoseCovariance::new(controls, certainty.intrinsics.inflation, &state.trajectories, POSE_MODEL_ERROR);
     let all_left_out: Vec<LeftOut> = refined.left_out.iter().chain(&unexplained).copied().collect();

@@ -1,4 +1,4 @@
-//! Parameters that the user holds at a value, or wants estimated whatever the data say.
+//! Requests to fix parameters at a value, or to estimate them whatever the data.
 
 use evcal_core::camera::{MAX_PARAMETERS, ModelKind};
 
@@ -8,46 +8,46 @@ use evcal_geometry::board::shape::PARAMETERS;
 /// Names of the board's parameters, in the order of the solve.
 pub const BOARD_NAMES: [&str; PARAMETERS] = ["print-ratio", "bend-x", "bend-y", "radius"];
 
-/// What is held, and what is free.
+/// Fixed and estimated parameters.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ParameterRequests {
-    /// Values at which intrinsics are held, in the order of the camera model.
+    /// Values at which intrinsics are fixed, in the order of the camera model.
     pub fixed_intrinsics: [Option<f64>; MAX_PARAMETERS],
     /// Intrinsics that are estimated although the data may not determine them.
     pub free_intrinsics: [bool; MAX_PARAMETERS],
-    /// Values at which parameters of the board are held (ratio, m, m, m).
+    /// Values at which parameters of the board are fixed (ratio, m, m, m).
     pub fixed_board: [Option<f64>; PARAMETERS],
     /// Parameters of the board that are estimated without a test.
     pub free_board: [bool; PARAMETERS],
 }
 
-/// Why a request was refused.
+/// Reasons why a request was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ParameterError {
-    /// Nothing has this name.
+    /// No parameter has this name.
     #[error("no parameter is called {name:?}: write one of {}", names(*.model))]
     Unknown {
-        /// What was written.
+        /// The name.
         name: String,
-        /// The camera model; `None` where it is not known yet.
+        /// The camera model; `None` if it is not known yet.
         model: Option<ModelKind>,
     },
-    /// No value was given, or none that can be read.
+    /// The value is missing or not a number.
     #[error("{0}: write NAME=VALUE, for example k3=0, bend-x=0mm or radius=17.4mm")]
     Value(String),
-    /// Nothing is left to estimate of the lens.
-    #[error("all parameters of the lens are held: leave one free")]
+    /// No parameter of the lens is left to be estimated.
+    #[error("all parameters of the lens are fixed: leave one to be estimated")]
     NothingLeft,
-    /// A parameter is held and free.
-    #[error("{0} cannot be held and free at once")]
+    /// A parameter is both fixed and estimated.
+    #[error("{0} cannot be both fixed and estimated")]
     Both(String),
-    /// The value makes no sense.
-    #[error("{0}: no board is like that")]
+    /// The value is not possible.
+    #[error("{0}: this value is not possible for a board")]
     Impossible(String),
 }
 
-/// All names that can be written.
+/// Lists all valid names.
 fn names(model: Option<ModelKind>) -> String {
     let lens = model.map_or_else(Vec::new, |model| model.parameter_names().to_vec());
     let names: Vec<&str> = lens.into_iter().chain(BOARD_NAMES).collect();
@@ -55,18 +55,17 @@ fn names(model: Option<ModelKind>) -> String {
     format!("{}{hint}", names.join(", "))
 }
 
-/// Where a parameter stands.
+/// Index of a parameter.
 enum Place {
     Intrinsic(usize),
     Board(usize),
 }
 
 impl ParameterRequests {
-    /// Requests as they are typed: `NAME=VALUE` what is held, `NAME` what is free. `model` is that of the lens, unless it is not
-    /// known.
+    /// Parses requests: `NAME=VALUE` fixes a parameter, `NAME` estimates it. `model` is the model of the lens, if it is known.
     ///
     /// # Errors
-    /// [`ParameterError`] lists the names that exist.
+    /// [`ParameterError`] lists the valid names.
     pub fn new(model: Option<ModelKind>, fix: &[String], free: &[String]) -> Result<Self, ParameterError> {
         let place = |name: &str| place(model, name);
         let mut requests = Self::default();
@@ -148,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_no_sense_is_refused() {
+    fn invalid_values_are_refused() {
         for fix in ["k3", "k3=x", "cx=nan", "bend-x=2", "print-ratio=5", "radius=-1mm"] {
             assert!(requests(&[fix], &[]).is_err(), "{fix}");
         }

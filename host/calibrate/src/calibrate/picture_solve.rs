@@ -1,4 +1,4 @@
-//! The camera's own pictures beside the events: their dots along the trajectories, and the solve of both.
+//! Use of the camera's own pictures together with the events: their dots along the trajectories, and the solve of both.
 
 use super::board_solve::BoardSolve;
 use super::calibrated::OwnPictures;
@@ -12,16 +12,16 @@ use crate::solve::FreeParameters;
 use crate::solve::refinement::RefinementInput;
 use crate::trust::board_evidence::BoardEstimate;
 
-/// A joint solve, and what the pictures have to do with it.
+/// A joint solve, with its pictures.
 pub(super) struct WithPictures {
     pub(super) solve: BoardSolve,
-    /// How pictures and events were solved together, if they were.
+    /// Statistics of the joint solve of pictures and events, if there was one.
     pub(super) joint: Option<JointReport>,
-    /// The pictures, where they are to be taken for those of a second camera.
+    /// The pictures, if they are used as pictures of a second camera.
     pub(super) own: Option<OwnPictures>,
 }
 
-/// Solves pictures and events together, or lays the pictures' dots along the trajectories of `solve`, as the task says.
+/// Solves pictures and events together, or only assigns the pictures' dots to the trajectories of `solve`, as the task requires.
 ///
 /// # Errors
 /// [`CalibrateError`].
@@ -51,7 +51,8 @@ pub(super) fn join_pictures(
     }
 }
 
-/// Solves once more from `solved` on, with the centres of dots in pictures that `input` has beside the events; free is what was free.
+/// Solves again from `solved` on, with the centres of dots in pictures that `input` contains in addition to the events. The same
+/// parameters are estimated.
 fn solve_with_pictures(
     task: &Task,
     input: RefinementInput<CalibrateError>,

@@ -1,4 +1,4 @@
-//! What the calibration does with the camera's own pictures.
+//! Use of the camera's own pictures in the calibration.
 
 use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
@@ -31,36 +31,36 @@ use event_recordings::pictures::TimedImage;
 pub(super) struct SeenPictures {
     pub(super) frames: Vec<ReferenceFrame>,
     pub(super) report: PictureSearchReport,
-    /// For each input the time from which its frames' times count (s).
+    /// For each input the start of its frames' times (s).
     pub(super) starts: Vec<f64>,
 }
 
-/// What is known of the inputs before their pictures are read.
+/// Facts about the inputs before their pictures are read.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Files<'a> {
-    /// The time from which the times of each input's pictures count (s); else it is that of its first picture.
+    /// Start of the times of each input's pictures (s); `None` for the time of its first picture.
     pub(super) starts: Option<&'a [f64]>,
-    /// For each input whether it is known to hold no pictures; may be empty.
+    /// For each input, `true` if it is known to contain no pictures; may be empty.
     pub(super) without_pictures: &'a [bool],
 }
 
-/// What pictures were calibrated to, or why they were not.
+/// The calibration from pictures, or the reason why there is none.
 pub(super) type CalibratedPictures = Result<PictureCalibration, NoPictureCalibration>;
 
-/// The camera's own pictures beside its events.
+/// The camera's own pictures, in addition to its events.
 pub(super) struct PicturesBeside {
     /// The calibration from them alone.
     pub(super) calibrated: CalibratedPictures,
-    /// How they differ from the events in what they show at the same moment.
+    /// Misalignment of pictures and events of the same moment.
     pub(super) misalignment: Option<Misalignment>,
 }
 
-/// The calibration from the pictures of recordings that hold events too, as far as the task wants it; `None` where there are no
-/// pictures, or they are of no use.
+/// Calibrates from the pictures of recordings that also contain events, if the task requires it. Returns `None` without pictures,
+/// or if they are useless.
 ///
 /// # Errors
-/// [`CalibrateError`] where the task needs them and there is no calibration from them, or they do not show what `windows` of the events
-/// show.
+/// [`CalibrateError`] if the task requires the pictures and there is no calibration from them, or if they do not show what
+/// `windows` of the events show.
 pub(super) fn calibrate_beside(
     task: &Task,
     files: Files,
@@ -86,7 +86,7 @@ pub(super) fn calibrate_beside(
     Ok(calibrated.map(|calibrated| PicturesBeside { calibrated, misalignment }))
 }
 
-/// `true` if pictures that differ from the events like that are of no use to the task.
+/// Returns `true` if pictures with this misalignment are useless for the task.
 fn is_in_the_way(pictures: PictureUse, misalignment: &Misalignment) -> bool {
     match pictures {
         PictureUse::Joint => true,
@@ -96,7 +96,7 @@ fn is_in_the_way(pictures: PictureUse, misalignment: &Misalignment) -> bool {
     }
 }
 
-/// Looks for the board in all pictures.
+/// Searches for the board in all pictures.
 fn see_pictures(task: &Task, files: Files, progress: &Progress) -> Result<SeenPictures, CalibrateError> {
     let Files { starts, without_pictures: without } = files;
     let fewest = task.settings.detection.fewest_circles(&task.board.lattice());
@@ -122,7 +122,7 @@ fn see_pictures(task: &Task, files: Files, progress: &Progress) -> Result<SeenPi
     Ok(SeenPictures { frames, report, starts: origins })
 }
 
-/// The calibration from `seen` alone; `None` where the recordings hold no frames.
+/// Calibrates from `seen` alone; `None` if the recordings contain no frames.
 fn picture_calibration(
     task: &Task,
     seen: SeenPictures,
@@ -134,14 +134,14 @@ fn picture_calibration(
     if seen.report.frames == 0 {
         return None;
     }
-    // It cannot be ended there, and is afterwards.
+    // It cannot be cancelled there; the request takes effect afterwards.
     let _ = progress.tell(format!("calibration from {} {source}", seen.frames.len()));
     Some(calibrate_pictures(seen.frames, seen.report, source, task.board, sensor, model, &task.settings.initial))
 }
 
-/// Compares the result from events with that from pictures.
+/// Compares the result from events with the one from pictures.
 pub(super) fn witness(solve: &BoardSolve, sensor: Sensor, pictures: &PicturesBeside) -> WitnessOutcome {
-    // The pictures are calibrated with the board as it is stated: so is what they are compared with.
+    // The pictures are calibrated with the nominal board, so they are compared with the result for that board.
     let (camera, certainty) = match &solve.as_stated {
         Some((camera, certainty)) => (camera, certainty),
         None => (&solve.refined.state.camera, &solve.certainty),
@@ -164,7 +164,7 @@ pub(super) fn witness(solve: &BoardSolve, sensor: Sensor, pictures: &PicturesBes
     }
 }
 
-/// The calibration from pictures, which there must be.
+/// Returns the calibration from pictures, or an error if there is none.
 pub(super) fn require<'a>(
     task: &Task,
     pictures: Option<&'a CalibratedPictures>,
@@ -176,8 +176,7 @@ pub(super) fn require<'a>(
     }
 }
 
-/// The centres of dots in the pictures as observations for the joint solve, tied to the trajectories of
-/// `refined`.
+/// Returns the centres of dots in the pictures as observations of the joint solve, assigned to the trajectories of `refined`.
 pub(super) fn observations(
     task: &Task,
     refined: &Refined,
@@ -192,11 +191,10 @@ fn no_pictures(task: &Task) -> CalibrateError {
     CalibrateError::NoPictures { file: files.join(", ") }
 }
 
-/// Calibrates from the camera's own pictures alone, as ordinary image calibration does: each picture has
-/// its own pose.
+/// Calibrates from the camera's own pictures alone, like an ordinary camera calibration: each picture has its own pose.
 ///
 /// # Errors
-/// [`CalibrateError`] says what is missing, and what to do.
+/// [`CalibrateError`] names the problem and the remedy.
 pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, CalibrateError> {
     let sensor = common_sensor(task)?;
     let seen = see_pictures(task, Files::default(), progress)?;
@@ -207,7 +205,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
 /// Calibrates from pictures that show the board.
 ///
 /// # Errors
-/// [`CalibrateError`] says what is missing.
+/// [`CalibrateError`] names the problem.
 pub(super) fn calibrate_seen(
     task: &Task,
     seen: SeenPictures,
@@ -221,7 +219,7 @@ pub(super) fn calibrate_seen(
         ModelRequest::Given(model) => (model, None),
         ModelRequest::Auto => {
             let stage = &task.settings.initial;
-            // It cannot be ended there, and is afterwards.
+            // It cannot be cancelled there; the request takes effect afterwards.
             let tell = |model| {
                 let _ = progress.tell(format!("initial model {model} from {} {source}", seen.frames.len()));
             };
@@ -243,7 +241,7 @@ pub(super) fn calibrate_seen(
     Ok(Calibrated { sensor, starts, recordings, model_choice, trust, verdict, evidence })
 }
 
-/// What recording `number` held: pictures with the board, up to the end of the last.
+/// Returns the contents of recording `number`: pictures with the board, up to the end of the last.
 fn recording_report(task: &Task, seen: &SeenPictures, number: usize) -> RecordingReport {
     let of_recording = || seen.frames.iter().filter(move |frame| frame.recording == number);
     let duration = of_recording().map(|frame| frame.end).fold(0.0, f64::max);

@@ -1,4 +1,4 @@
-//! The caller's ear: it is told what is going on, and may end it.
+//! Progress reporting and cancellation.
 
 use std::ops::ControlFlow;
 use std::sync::{Mutex, PoisonError};
@@ -10,21 +10,21 @@ use super::input::{Input, read_events};
 use super::step::Step;
 use event_recordings::pass::Pass;
 
-/// What a caller is told with, and what it answers.
+/// Callback for progress, which can cancel the calibration.
 pub(super) type Tell<'a> = dyn FnMut(Step) -> ControlFlow<()> + Send + 'a;
 
-/// Tells the caller what is going on, and remembers that it wanted the end.
+/// Reports progress to the caller, and remembers that the caller cancelled.
 pub(super) struct Progress<'a>(Mutex<State<'a>>);
 
 struct State<'a> {
     tell: &'a mut Tell<'a>,
-    /// What was told last.
+    /// The last reported text.
     text: String,
-    /// Events of each recording that was read to its end, by its place among the inputs.
+    /// Number of events of each recording that was read to its end, by input.
     known: Vec<Option<u64>>,
-    /// Which part of that is done, where it has a measure of its own.
+    /// Progress of the current step, if the step measures it.
     done: Option<f64>,
-    /// Events read since the text was told.
+    /// Number of events read since the text was reported.
     read: u64,
     stopped: bool,
 }
@@ -35,13 +35,13 @@ impl State<'_> {
         if self.stopped { Err(CalibrateError::Stopped) } else { Ok(()) }
     }
 
-    /// Events of all recordings, once each was read to its end.
+    /// Returns the number of events of all recordings, once each was read to its end.
     fn total(&self) -> Option<u64> {
         self.known.iter().copied().sum()
     }
 
-    /// Which part of a pass is done after `count` more events: of all recordings once each was read, before that of the
-    /// one of which the reader knows it.
+    /// Returns the progress of a pass after `count` more events: over all recordings once each was read, before that within the
+    /// file if the reader knows it.
     fn done(&mut self, count: usize, of_file: Option<f64>) -> Option<f64> {
         self.read += count as u64;
         if self.done.is_some() {
@@ -55,16 +55,16 @@ impl State<'_> {
 }
 
 impl<'a> Progress<'a> {
-    /// Of a calibration of so many `inputs`.
+    /// Creates the progress of a calibration of `inputs`.
     pub(super) fn new(inputs: &[Input], tell: &'a mut Tell<'a>) -> Self {
         let known = inputs.iter().map(|input| matches!(input, Input::Circles { .. }).then_some(0)).collect();
         Self(Mutex::new(State { tell, text: String::new(), done: None, known, read: 0, stopped: false }))
     }
 
-    /// Tells what begins now.
+    /// Reports the next step.
     ///
     /// # Errors
-    /// [`CalibrateError::Stopped`] once the caller wants the end; it is not asked again.
+    /// [`CalibrateError::Stopped`] once the caller cancelled; it is not asked again.
     pub(super) fn tell(&self, text: impl Into<String>) -> Result<(), CalibrateError> {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         state.text = text.into();
@@ -72,10 +72,10 @@ impl<'a> Progress<'a> {
         state.ask(None)
     }
 
-    /// Tells that of what `text` says this part is done, 0 to 1. It never goes back, and reading does not count.
+    /// Reports the progress of the step `text`, 0 to 1. It never decreases, and reading does not change it.
     ///
     /// # Errors
-    /// As [`Progress::tell`].
+    /// As for [`Progress::tell`].
     pub(super) fn tell_part(&self, text: &str, done: f64) -> Result<(), CalibrateError> {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let before = state.done.filter(|_| state.text == text).unwrap_or(0.0);
@@ -85,20 +85,20 @@ impl<'a> Progress<'a> {
         state.ask(done)
     }
 
-    /// Tells the same again: is it still to go on?
+    /// Reports the current step again, to give the caller the chance to cancel.
     ///
     /// # Errors
-    /// As [`Progress::tell`].
+    /// As for [`Progress::tell`].
     pub(super) fn go_on(&self) -> Result<(), CalibrateError> {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let done = state.done;
         state.ask(done)
     }
 
-    /// Hands all events of an input to `visit`, as [`read_events`] does, as long as the caller lets it.
+    /// Passes all events of an input to `visit`, like [`read_events`], until the caller cancels.
     ///
     /// # Errors
-    /// [`CalibrateError`] when the recording cannot be read, or the caller wants the end.
+    /// [`CalibrateError`] if the recording cannot be read, or the caller cancels.
     pub(super) fn read(
         &self,
         inputs: &[Input],
@@ -125,7 +125,7 @@ impl<'a> Progress<'a> {
             *known = Some(pass.count);
         }
         if state.total().is_some_and(|total| state.read >= total) {
-            // What follows the reading takes its time too, nobody knows how long.
+            // The steps after reading take an unknown time.
             let done = state.done;
             state.ask(done)?;
         }
@@ -149,13 +149,13 @@ mod tests {
     }
 
     #[test]
-    fn reading_ends_with_the_first_no_and_nobody_is_asked_again() {
+    fn reading_ends_when_the_caller_cancels_and_the_caller_is_not_asked_again() {
         let inputs = input();
         let (mut asked, mut visited) = (0, 0);
         let mut last = 0.0;
         let mut tell = |step: Step| {
             assert_eq!(step.text, "reading");
-            // Not known before the first events are there.
+            // Not known before the first events were read.
             assert_eq!(step.done.is_some(), asked > 0);
             assert!(step.done.is_none_or(|done| done > last && done < 1.0), "{step:?}");
             last = step.done.unwrap_or(last);
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_a_measure_of_its_own_never_goes_back_while_it_reads() {
+    fn progress_measured_by_a_step_never_decreases_while_events_are_read() {
         let inputs = input();
         let mut told: Vec<(String, Option<f64>)> = Vec::new();
         let mut tell = |step: Step| {

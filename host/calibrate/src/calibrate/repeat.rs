@@ -1,4 +1,4 @@
-//! How repeatable a calibration is: random parts of a recording, each calibrated on its own.
+//! Repeatability of a calibration: random parts of a recording, each calibrated separately.
 
 use std::ops::ControlFlow;
 
@@ -18,7 +18,7 @@ use evcal_geometry::numerics::random::uniform_in;
 use event_recordings::given_sensor::{OtherSensor, check_outside, check_stated};
 use event_recordings::{Recording, RecordingError};
 
-/// How many parts, and how long.
+/// Number, length and random seed of the parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RepeatSettings {
     /// Number of parts.
@@ -36,7 +36,7 @@ pub struct Run {
     pub start: f64,
     /// End of the part.
     pub end: f64,
-    /// Parameters in the order of the camera model, or why there are none.
+    /// Parameters in the order of the camera model, or the reason why there are none.
     pub outcome: Result<RunCamera, CalibrateError>,
 }
 
@@ -45,11 +45,11 @@ pub struct Run {
 pub struct RunCamera {
     /// Its parameters, in the order of the model.
     pub parameters: Vec<f64>,
-    /// Their stated standard deviations.
+    /// Their reported standard deviations.
     pub sigma: Vec<f64>,
-    /// Root mean square difference of its projection from that of the mean of all parts (px).
+    /// Root mean square difference of its projection from the projection of the mean of all parts (px).
     pub difference: f64,
-    /// What that difference should stay below by its stated uncertainty in 95 of 100 cases (px).
+    /// 95 % bound of that difference by its reported uncertainty (px).
     pub stated: f64,
 }
 
@@ -62,11 +62,11 @@ pub struct ParameterScatter {
     pub mean: f64,
     /// Standard deviation over the runs.
     pub scatter: f64,
-    /// Root mean square of the stated standard deviations.
+    /// Root mean square of the reported standard deviations.
     pub stated: f64,
 }
 
-/// What repetition showed.
+/// Result of the repetition.
 #[derive(Debug, Serialize)]
 pub struct Repetition {
     /// The camera model.
@@ -75,17 +75,17 @@ pub struct Repetition {
     pub runs: Vec<Run>,
     /// Every parameter; empty with fewer than two cameras.
     pub parameters: Vec<ParameterScatter>,
-    /// Root mean square over the runs of the projection's difference from that of the mean camera (px).
+    /// Root mean square over the runs of the projection difference from the mean camera (px).
     pub projection: f64,
 }
 
-/// Why a recording cannot be cut.
+/// Reasons why a recording cannot be divided.
 #[derive(Debug, thiserror::Error)]
 pub enum RepeatError {
     /// It cannot be read.
     #[error("{0}")]
     Source(#[from] RecordingError),
-    /// The sensor that was asked for is not that of the recording.
+    /// The requested sensor differs from the sensor of the recording.
     #[error("{0}")]
     OtherSensor(#[from] OtherSensor),
     /// Fewer than two parts were calibrated.
@@ -94,11 +94,11 @@ pub enum RepeatError {
         first.as_ref().map_or_else(String::new, |first| format!(" (the first that failed: {first})"))
     )]
     TooFew {
-        /// Parts with a camera.
+        /// Number of parts with a camera.
         calibrated: usize,
-        /// All parts.
+        /// Number of all parts.
         runs: usize,
-        /// Why the first part without a camera has none.
+        /// Reason why the first part without a camera failed.
         first: Option<String>,
     },
     /// It is shorter than a part.
@@ -107,23 +107,22 @@ pub enum RepeatError {
     TooShort {
         /// Its length (s).
         duration: f64,
-        /// Length wanted (s).
+        /// Requested length (s).
         seconds: f64,
     },
 }
 
-/// A length of parts (s) that fits a recording of this length (s); `None` where the recording is too short for any.
+/// Returns a length of parts (s) that suits a recording of this length (s); `None` if the recording is too short for any.
 pub fn shorter_parts(duration: f64) -> Option<f64> {
     Some((5.0 * duration).floor() / 10.0).filter(|seconds| *seconds > 0.0)
 }
 
-/// Calibrates `settings.runs` random parts of `recording`, as `task` says but for its inputs. Where the
-/// choice of the camera model is left to the program, that of the first part holds for all.
+/// Calibrates `settings.runs` random parts of `recording`, as `task` describes except for its inputs. If the camera model is
+/// chosen automatically, the model of the first part is used for all.
 ///
 /// # Errors
-/// [`RepeatError`] when the recording cannot be read or is shorter than a part, or fewer than two parts can be
-/// calibrated. A part that cannot be
-/// calibrated is a [`Run`] with its reason.
+/// [`RepeatError`] if the recording cannot be read or is shorter than a part, or if fewer than two parts can be calibrated. A
+/// part that cannot be calibrated is a [`Run`] with its reason.
 pub fn repeat(
     recording: &Recording,
     task: &Task,
@@ -228,7 +227,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nobody_is_told_to_take_parts_of_no_length() {
+    fn the_advice_never_names_parts_of_zero_length() {
         let told = |duration| RepeatError::TooShort { duration, seconds: 6.0 }.to_string();
         assert!(told(3.0).ends_with("try parts of 1.5 s"), "{}", told(3.0));
         for duration in [0.0, 0.004, 0.19] {

@@ -1,16 +1,16 @@
-//! Stretches with a saturated readout.
+//! Intervals with a saturated readout.
 
 use crate::solve::left_out::LeftOut;
 use event_recordings::pass::RecordingReport;
 
-/// They are left out unless they are a larger part of the recordings than this.
+/// Share of the recordings above which they are not excluded.
 const MOST_LEFT_OUT: f64 = 0.5;
 
-/// Stretches with a saturated readout: one of the two is empty.
+/// Intervals with a saturated readout: one of the two lists is empty.
 pub(super) struct Saturated {
-    /// Those that the joint solve leaves out.
+    /// Intervals that the joint solve excludes.
     pub(super) left_out: Vec<LeftOut>,
-    /// Those that stay in it, for they are too large a part of the recordings.
+    /// Intervals that it includes, because they are too large a part of the recordings.
     pub(super) kept: Vec<LeftOut>,
 }
 

@@ -1,4 +1,4 @@
-//! Other cameras on the mount, after the first.
+//! Calibration of other cameras on the mount, after the first.
 
 use std::ops::ControlFlow;
 
@@ -7,7 +7,7 @@ use super::error::CalibrateError;
 use super::input::Input;
 use super::mounted::{SecondCamera, SecondFrames};
 use super::step::Step;
-use super::{Task, calibrate};
+use super::{PictureUse, Task, calibrate};
 use crate::circles::reference_frame::{ObservedCircle, PointObservation, ReferenceFrame};
 use crate::initial::PosedFrame;
 use crate::second_camera::calibration::SecondCalibration;
@@ -23,11 +23,11 @@ use evcal_geometry::board::symmetry::symmetries;
 use evcal_geometry::lens::camera_file::CameraDescription;
 use event_recordings::images::Images;
 
-/// Calibrates the lens of another camera on the mount from its own recording, apart from the first camera. The rows of its frames may
-/// be exposed one after the other, which only both cameras together tell; `progress` is that of [`calibrate`].
+/// Calibrates the lens of another camera on the mount from its own recording, separately from the first camera. The rows of its
+/// frames may be exposed one after the other, which only both cameras together can show; `progress` is as in [`calibrate`].
 ///
 /// # Errors
-/// Those of [`calibrate`].
+/// As for [`calibrate`].
 pub fn calibrate_lens_apart(
     task: &Task,
     progress: impl FnMut(Step) -> ControlFlow<()> + Send,
@@ -39,11 +39,41 @@ pub fn calibrate_lens_apart(
     calibrate(&Task { settings: &settings, ..*task }, progress)
 }
 
-/// Calibrates the camera of `second` against that of `first`; both were calibrated apart before the same `board`, from one recording
-/// each, the second from `file`. Intrinsics are solved for too, unless they are in `lenses`.
+/// Returns the use of the pictures in `input`, the recording of another camera: pictures in a file of the `first` camera belong to it.
+pub fn pictures_beside(first: &[Input], input: &Input) -> PictureUse {
+    match input {
+        Input::Images(_) => PictureUse::Only,
+        _ if first.iter().any(|own| own.is_of_file_of(input)) => PictureUse::Ignore,
+        _ => PictureUse::Witness,
+    }
+}
+
+/// Calibrates the camera of `second`, which was calibrated separately from `input`, against the camera of `first`. The rows of its
+/// images may be exposed one after the other if `rolling_shutter` is `true`.
 ///
 /// # Errors
-/// [`SecondCameraError`] says what is wrong, and what to do; the cameras are calibrated all the same.
+/// [`SecondCameraError`] describes the problem and what to do; the cameras are calibrated nevertheless.
+pub fn calibrate_beside(
+    first: &Calibrated,
+    second: &Calibrated,
+    input: &Input,
+    rolling_shutter: bool,
+    board: &Board,
+    lenses: Lenses,
+) -> Result<SecondCamera, SecondCameraError> {
+    match input {
+        Input::Images(images) => calibrate_frame_camera(first, second, images, rolling_shutter, board, lenses),
+        Input::Events(_) | Input::Circles { .. } => {
+            calibrate_second_camera(first, second, &input.name(), board, lenses)
+        }
+    }
+}
+
+/// Calibrates the camera of `second` against the camera of `first`. Both were calibrated separately with the same `board`, from
+/// one recording each, the second from `file`. Intrinsics are estimated too, unless `lenses` contains them.
+///
+/// # Errors
+/// [`SecondCameraError`] names the problem and the remedy; the separate calibrations are not affected.
 pub fn calibrate_second_camera(
     first: &Calibrated,
     second: &Calibrated,
@@ -56,7 +86,7 @@ pub fn calibrate_second_camera(
     }
     let of_first = along_trajectories(first)?;
     let of_second = along_trajectories(second).map_err(|_| SecondCameraError::CirclesOfSecond)?;
-    // Whatever is calibrated from the same events comes out the same to the last bit.
+    // Two calibrations from the same events are identical to the last bit.
     if of_first.refined.state.camera == of_second.refined.state.camera
         && of_first.refined.problem.segments == of_second.refined.problem.segments
     {
@@ -71,7 +101,7 @@ pub fn calibrate_second_camera(
     Ok(mounted(first, second, file, None, calibration))
 }
 
-/// A camera that was calibrated apart, as what stands beside the first one.
+/// Returns a separately calibrated camera as another camera on the mount of the first one.
 fn mounted(
     first: &Calibrated,
     second: &Calibrated,
@@ -94,11 +124,11 @@ fn mounted(
     }
 }
 
-/// Calibrates a camera of frames against that of `first`; `second` was calibrated apart from `images` alone. Its rows
-/// may be exposed one after the other if `rolling_shutter` says so. Intrinsics are solved for too, unless they are in `lenses`.
+/// Calibrates a frame camera against the camera of `first`; `second` was calibrated separately from `images` alone. With
+/// `rolling_shutter` its rows may be exposed one after the other. Intrinsics are estimated too, unless `lenses` contains them.
 ///
 /// # Errors
-/// [`SecondCameraError`] says what is wrong, and what to do; the cameras are calibrated all the same.
+/// [`SecondCameraError`] names the problem and the remedy; the separate calibrations are not affected.
 pub fn calibrate_frame_camera(
     first: &Calibrated,
     second: &Calibrated,
@@ -128,18 +158,18 @@ pub fn calibrate_frame_camera(
     Ok(mounted(first, second, &images.name(), Some(used), calibration))
 }
 
-/// A frame with its pose and the images of its circles' centres.
+/// Returns a frame with its pose and the images of its circles' centres.
 fn seen_frame(posed: &PosedFrame, frame: &ReferenceFrame) -> SeenFrame {
     let t = frame.t();
     let circle = |circle: &ObservedCircle| PointObservation { t, pixel: circle.center, circle: circle.index };
     SeenFrame { t, pose: posed.pose, circles: posed.circles.iter().map(circle).collect() }
 }
 
-/// Calibrates the camera's own pictures against its events, as if they were those of a second camera: both come through the same lens, so that
-/// nothing should lie between them. `first` was calibrated with [`PictureUse::SecondCamera`](super::PictureUse).
+/// Calibrates the camera's own pictures against its events, as if they were pictures of a second camera. Both have the same lens,
+/// so the relative pose should be the identity. `first` was calibrated with [`PictureUse::SecondCamera`](super::PictureUse).
 ///
 /// # Errors
-/// [`SecondCameraError`] says what is wrong, and what to do.
+/// [`SecondCameraError`] names the problem and the remedy.
 pub fn calibrate_own_pictures(
     first: &Calibrated,
     held: Option<&HeldIntrinsics>,
@@ -166,7 +196,7 @@ pub fn calibrate_own_pictures(
         covered: first.covered_region(),
         lens_grade: None,
         lens_verdict: format!("calibrated from {} frames", pictures.report.frames),
-        // Times of the dots are those of the events of their moment: the frames' own stamps are earlier by the offset found before.
+        // Times of the dots are on the clock of the events; the frames' own timestamps are earlier by the offset found before.
         starts: [start, start - pictures.report.time_offset],
         frames: None,
         calibration,

@@ -1,13 +1,13 @@
-//! What is going on, for somebody who waits.
+//! The current step of a calibration, for progress messages.
 
 use std::fmt;
 
-/// What a calibration is doing.
+/// The current step of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step<'a> {
-    /// In words.
+    /// Description.
     pub text: &'a str,
-    /// Which part of it is done, 0 to 1; `None` where that is not known.
+    /// Progress of the step, 0 to 1; `None` if it is not known.
     pub done: Option<f64>,
 }
 

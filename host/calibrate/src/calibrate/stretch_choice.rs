@@ -1,10 +1,10 @@
-//! Which seconds of long recordings the joint solve takes.
+//! Choice of the seconds of long recordings for the joint solve.
 //!
-//! It has room for so many seconds with the board. A longer recording is cut into as many parts as it may take seconds; of each
-//! part the joint solve takes the second that tells most of the camera beside all others taken. So the choice is by information,
-//! and yet spread over the whole recording: what drifts slowly still shows. How much a second tells follows from the windows in
-//! it, seen by a provisional camera: where on the sensor the board is, how far away and how tilted; a board that hardly moves is
-//! found in few windows.
+//! The joint solve is limited to a number of seconds with the board. A longer recording is divided into as many parts, and from
+//! each part the joint solve takes the second that contributes most information about the camera, given all others taken. So the
+//! choice is by information, and yet spread over the whole recording, so that slow drifts still show. The information of a second
+//! follows from its windows with a provisional camera: position of the board on the sensor, distance and tilt; a board that
+//! hardly moves is found in few windows.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -23,32 +23,32 @@ use crate::initial::model_choice::ModelRequest;
 use crate::initial::provisional::{provisional_camera, provisional_pose};
 use evcal_geometry::board::Board;
 
-/// Windows that the provisional camera is from, at most.
+/// Most windows from which the provisional camera is computed.
 const VIEWS: usize = 400;
-/// Windows of a second that are looked at.
+/// Number of windows per second that are evaluated.
 const WINDOWS_OF_SECOND: usize = 8;
-/// How often every part chooses anew beside what the others chose.
+/// Number of passes over the parts; in each, every part chooses its second again, given the choices of the others.
 const SWEEPS: usize = 2;
-/// Models of the provisional camera where none is asked for.
+/// Models of the provisional camera if no model is requested.
 const LIKELY: [ModelKind; 2] = [ModelKind::Radtan, ModelKind::KannalaBrandt];
 
-/// A second of a recording that the joint solve takes.
+/// A second of a recording in the joint solve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChosenSecond {
     /// Number of the recording.
     pub recording: usize,
     /// Its start in seconds since the start of the recording.
     pub start: f64,
-    /// By which share the variance of the projection would grow without it, as far as windows tell; `None` where that was not known.
+    /// Relative increase of the projection's variance without it, as estimated from windows; `None` if it is not known.
     pub gain: Option<f64>,
 }
 
-/// What the joint solve takes of recordings that are longer than it has room for.
+/// Choice of seconds from recordings that are longer than the joint solve allows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StretchChoice {
-    /// Seconds with the board.
+    /// Number of seconds with the board.
     pub seconds: usize,
-    /// Those of them that are taken, in order of recording and time.
+    /// The chosen seconds, in order of recording and time.
     pub chosen: Vec<ChosenSecond>,
 }
 
@@ -56,14 +56,14 @@ impl fmt::Display for StretchChoice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "the board was in view for {} s: the camera is from the {} s that say most about it, the trajectory from all",
+            "the board was in view for {} s: the camera comes from the {} s with the most information about it, the trajectory from all",
             self.seconds,
             self.chosen.len()
         )
     }
 }
 
-/// The seconds that were chosen, to look up.
+/// The chosen seconds, for look-ups.
 pub(super) struct ChosenSeconds(BTreeSet<(usize, i64)>);
 
 impl ChosenSeconds {
@@ -71,13 +71,13 @@ impl ChosenSeconds {
         Self(choice.chosen.iter().map(|second| (second.recording, second.start as i64)).collect())
     }
 
-    /// Whether the second number `second` of `recording` was chosen.
+    /// Returns `true` if the second number `second` of `recording` was chosen.
     pub(super) fn has(&self, recording: usize, second: i64) -> bool {
         self.0.contains(&(recording, second))
     }
 }
 
-/// The number of the second that time `t` (s) is in.
+/// Returns the number of the second that contains time `t` (s).
 pub(super) fn second_of(t: f64) -> i64 {
     t.floor() as i64
 }
@@ -89,7 +89,7 @@ struct Second {
     frames: Range<usize>,
 }
 
-/// Chooses from `frames`, which are in order of recording and time; `None` where there is room for all of them.
+/// Chooses from `frames`, which are in order of recording and time; `None` if the joint solve allows all of them.
 pub(super) fn choose_stretches(frames: &[CompactFrame], task: &Task, sensor: Sensor) -> Option<StretchChoice> {
     let seconds = seconds(frames);
     let room = (task.settings.refinement.most_seconds as usize).max(1);
@@ -98,9 +98,9 @@ pub(super) fn choose_stretches(frames: &[CompactFrame], task: &Task, sensor: Sen
     }
     let parts: Vec<Range<usize>> =
         (0..room).map(|part| part * seconds.len() / room..(part + 1) * seconds.len() / room).collect();
-    let told = Told::new(frames, &seconds, task, sensor);
-    let (chosen, gains) = match &told {
-        Some(told) => told.choose(&parts),
+    let information = SecondInformation::new(frames, &seconds, task, sensor);
+    let (chosen, gains) = match &information {
+        Some(information) => information.choose(&parts),
         None => (parts.iter().map(|part| (part.start + part.end) / 2).collect(), vec![None; parts.len()]),
     };
     let second = |(index, gain): (usize, Option<f64>)| {
@@ -121,15 +121,15 @@ fn seconds(frames: &[CompactFrame]) -> Vec<Second> {
     frames.chunk_by(|a, b| key(a) == key(b)).filter_map(of_group).collect()
 }
 
-/// What every second tells of the camera.
-struct Told {
+/// Information of every second about the camera.
+struct SecondInformation {
     measure: ProjectionMeasure,
     prior: Information,
     seconds: Vec<Information>,
 }
 
-impl Told {
-    /// `None` where no camera can be had from the windows.
+impl SecondInformation {
+    /// Returns `None` if the windows do not yield a camera.
     fn new(frames: &[CompactFrame], seconds: &[Second], task: &Task, sensor: Sensor) -> Option<Self> {
         let settings = &task.settings.initial;
         let views: Vec<Vec<ObservedCircle>> =
@@ -163,7 +163,7 @@ impl Told {
         self.seconds.get(second).copied().unwrap_or_default()
     }
 
-    /// A second of each of the `parts`, and what each adds to the others.
+    /// Chooses a second from each of the `parts`. Returns the choices and the gain of each, given the others.
     fn choose(&self, parts: &[Range<usize>]) -> (Vec<usize>, Vec<Option<f64>>) {
         let mut chosen: Vec<usize> = parts.iter().map(|part| (part.start + part.end) / 2).collect();
         let mut sum = chosen.iter().fold(self.prior, |sum, &second| sum + self.of(second));
@@ -186,7 +186,7 @@ impl Told {
     }
 }
 
-/// What one window tells of `camera`.
+/// Returns the information of one window about `camera`.
 fn information(camera: &Camera<f64>, frame: &CompactFrame, board: &Board) -> Option<Information> {
     let circles = frame.observed();
     let pose = provisional_pose(camera, &circles, board)?;
@@ -197,8 +197,8 @@ fn information(camera: &Camera<f64>, frame: &CompactFrame, board: &Board) -> Opt
 mod tests {
     use super::*;
 
-    /// Seconds that each tell of one of two parameters, more or less.
-    fn told(amounts: &[[f64; 2]]) -> Told {
+    /// Seconds with information about one of two parameters each.
+    fn information_of_seconds(amounts: &[[f64; 2]]) -> SecondInformation {
         let camera = Camera::from_parameters(ModelKind::Radtan4, &[330.0, 330.0, 173.0, 130.0, -0.3, 0.1, 0.0, 0.0]);
         let camera = camera.unwrap();
         let second = |[focal, middle]: &[f64; 2]| {
@@ -207,7 +207,7 @@ mod tests {
             information[(2, 2)] = *middle;
             information
         };
-        Told {
+        SecondInformation {
             measure: ProjectionMeasure::new(&camera, Sensor::new(346, 260)).unwrap(),
             prior: prior(&camera),
             seconds: amounts.iter().map(second).collect(),
@@ -215,17 +215,19 @@ mod tests {
     }
 
     #[test]
-    fn each_part_gives_the_second_that_tells_most_beside_the_others() {
-        // The last part has to choose between more of what is known well and a little of what nobody else tells.
-        let told = told(&[[100.0, 0.0], [900.0, 0.0], [10.0, 0.0], [800.0, 0.0], [500.0, 0.0], [1.0, 60.0]]);
-        let (chosen, gains) = told.choose(&[0..2, 2..4, 4..6]);
+    fn each_part_yields_the_second_with_most_additional_information() {
+        // The last part has to choose between much information about a well-known parameter and a little about one that no other
+        // part determines.
+        let information =
+            information_of_seconds(&[[100.0, 0.0], [900.0, 0.0], [10.0, 0.0], [800.0, 0.0], [500.0, 0.0], [1.0, 60.0]]);
+        let (chosen, gains) = information.choose(&[0..2, 2..4, 4..6]);
         assert_eq!(chosen, [1, 3, 5]);
         let gains: Vec<f64> = gains.into_iter().map(Option::unwrap).collect();
         assert!(gains[2] > gains[0] && gains[0] > gains[1] && gains[1] > 0.0, "{gains:?}");
     }
 
     #[test]
-    fn seconds_are_those_in_which_the_board_was_seen() {
+    fn only_seconds_with_the_board_count() {
         use crate::circles::reference_frame::{ReferenceFrame, SeenIn};
         let frame = |recording: usize, t: f64| {
             let (start, end) = (t - 0.002, t + 0.002);

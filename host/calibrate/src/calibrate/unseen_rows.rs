@@ -1,4 +1,4 @@
-//! Rows and columns of the board that were never found: it may have fewer than stated.
+//! Detection of rows and columns of the board that were never found: it may have fewer than stated.
 
 use std::collections::BTreeSet;
 
@@ -8,10 +8,10 @@ use crate::advice::Advice;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::trust::verdict::{Cause, Finding, Severity};
 
-/// Fewer reference frames tell too little.
+/// Fewest reference frames for the check.
 const FEWEST: usize = 100;
 
-/// A note where `frames` never have a circle of the first or last rows or columns of `pattern`.
+/// Returns a note if `frames` never have a circle of the first or last rows or columns of `pattern`.
 pub(super) fn finding_on(pattern: Pattern, frames: &[ReferenceFrame]) -> Option<Finding> {
     let columns = usize::from(pattern.columns);
     let indices = || frames.iter().flat_map(|frame| &frame.circles).map(|circle| circle.index);
@@ -38,7 +38,7 @@ mod tests {
     use crate::circles::reference_frame::{ObservedCircle, SeenIn};
 
     #[test]
-    fn rows_that_were_never_found_are_told() {
+    fn rows_that_were_never_found_are_reported() {
         let board = |rows| Pattern { layout: Layout::Asymmetric, rows, columns: 4 };
         let circle = |index| ObservedCircle { index, t: 0.0, center: Vector2::zeros(), radius: None, velocity: None };
         let frame = ReferenceFrame {

@@ -1,4 +1,4 @@
-//! Rows and columns of the board beside the stated ones: it has more than the user said.
+//! Finding on a board that has more rows or columns than stated.
 
 use std::collections::BTreeSet;
 
@@ -14,11 +14,12 @@ use crate::trajectory::Trajectory;
 use crate::trust::verdict::{Cause, Finding, Severity};
 use evcal_geometry::board::CircleBoard;
 
-/// An origin is on a circle when it is nearer to it than this part of the distance to the circle's neighbour in the image.
+/// Distance of an origin from a circle, relative to the distance to the circle's neighbour in the image, below which the origin
+/// is on the circle.
 const ON_CIRCLE: f64 = 0.3;
 
-/// That the board in view is `larger`, of which the stated `board` is a part. Camera and trajectories are what was solved
-/// with the stated one.
+/// Reports that the board in view is `larger`, and the stated `board` is a part of it. Camera and trajectories come from the
+/// solve with the stated board.
 pub(super) fn finding_on(
     larger: &LargerPattern,
     board: &CircleBoard,
@@ -35,7 +36,7 @@ pub(super) fn finding_on(
             (Severity::Warning, ", and the trajectory's origin jumps from one circle of it to another")
         }
         Some(0) if known => (Severity::Note, ""),
-        // Of a segment in which no window shows all of the board, it is not known which part of it was taken.
+        // If no window of a segment shows all of the board, it is not known which part was taken.
         Some(0) | None => {
             (Severity::Warning, ", and the trajectory's origin may be on another circle than its first, or jump")
         }
@@ -52,7 +53,7 @@ pub(super) fn finding_on(
     }
 }
 
-/// The circles of the larger board in which the origin of a trajectory is, in the windows that tell.
+/// Returns the circles of the larger board at which the origin of a trajectory is, in the windows that show it.
 fn origins_of(trajectory: &Trajectory, larger: &LargerPattern, camera: &Camera<f64>) -> BTreeSet<usize> {
     let frames = larger.frames.iter().filter(|frame| frame.recording == trajectory.recording);
     frames
@@ -61,18 +62,18 @@ fn origins_of(trajectory: &Trajectory, larger: &LargerPattern, camera: &Camera<f
         .collect()
 }
 
-/// The circle of the larger board in `frame` that is in the origin of the trajectory; `None` where that circle was not found,
-/// or the trajectory is of another time.
+/// Returns the circle of the larger board in `frame` that is at the origin of the trajectory; `None` if that circle was not
+/// found, or the trajectory is of another time.
 fn origin_in(frame: &ReferenceFrame, camera: &Camera<f64>, trajectory: &Trajectory) -> Option<usize> {
     let pose = trajectory.pose(frame.t())?;
     let place = camera.project(&pose.inverse_transform_point(&Point3::origin()).coords)?;
     let (distance, index, center) = *ranked_from(place, frame).first()?;
-    // The nearest to it is the circle itself.
+    // The nearest one is the circle itself.
     let (to_neighbour, ..) = *ranked_from(center, frame).get(1)?;
     (distance < ON_CIRCLE * to_neighbour).then_some(index)
 }
 
-/// Distance to `place`, index and centre of all circles, the nearest first.
+/// Returns distance to `place`, index and centre of all circles, nearest first.
 fn ranked_from(place: Vector2<f64>, frame: &ReferenceFrame) -> Vec<(f64, usize, Vector2<f64>)> {
     let circles = frame.circles.iter();
     let mut ranked: Vec<_> =
@@ -81,7 +82,7 @@ fn ranked_from(place: Vector2<f64>, frame: &ReferenceFrame) -> Vec<(f64, usize, 
     ranked
 }
 
-/// The first of the circles that may be `circle`: a board that looks the same after a turn does not tell which way round it is.
+/// Returns the first of the circles equivalent to `circle`: a symmetric board does not determine its orientation.
 fn first_alike(circle: usize, pattern: Pattern) -> usize {
     (0..symmetry(&pattern)).filter_map(|turn| reorder(&pattern, circle, turn)).min().unwrap_or(circle)
 }
@@ -95,7 +96,7 @@ mod tests {
     use crate::circles::reference_frame::{ObservedCircle, SeenIn};
     use crate::trajectory::RotationControl;
 
-    /// What is said where the segments have their origins in these lattice places of the larger board.
+    /// Returns the finding if the segments have their origins at these lattice positions of the larger board.
     fn told(stated: &str, larger: &str, origins: &[(i32, i32)]) -> Finding {
         let [board, seen] = [stated, larger].map(|name| format!("{name}:55mm:r17.5mm").parse::<CircleBoard>().unwrap());
         let camera = Camera::from_parameters(ModelKind::Radtan4, &[300.0, 300.0, 173.0, 130.0, 0.0, 0.0, 0.0, 0.0]);
@@ -148,12 +149,12 @@ mod tests {
         for (stated, larger, origins, consequence) in [
             ("acircles:9x3", "acircles:9x4", &[(0, 0), (2, 0)][..], "origin jumps"),
             ("acircles:7x4", "acircles:9x4", &[(0, 2), (0, 2)], "origin is not on its first"),
-            // Half a spacing off is on no circle, and outside the board neither.
+            // Half a spacing away from a circle is on no circle, and neither is a point outside the board.
             ("acircles:9x3", "acircles:9x4", &[(1, 0), (12, 3)], "may be on another"),
             ("acircles:9x3", "acircles:9x4", &[], "may be on another"),
-            // One segment at the first circle does not tell of the others.
+            // One segment at the first circle does not determine the others.
             ("acircles:9x3", "acircles:9x4", &[(0, 0), (12, 3)], "may be on another"),
-            // A symmetric board does not tell its ends apart.
+            // The ends of a symmetric board cannot be distinguished.
             ("circles:5x5", "circles:6x5", &[(0, 0), (4, 4)], "origin jumps"),
         ] {
             let told = told(stated, larger, origins);

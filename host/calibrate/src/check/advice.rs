@@ -1,4 +1,4 @@
-//! The one thing to do next.
+//! The most important next step.
 
 use std::path::Path;
 
@@ -14,14 +14,14 @@ use crate::diagnosis::rounded::Rounded;
 use crate::diagnosis::time_steps::CoarseTimes;
 use event_recordings::Recording;
 
-/// Share of events that may lie outside the sensor, or come from hot pixels.
+/// Share of events outside the sensor, or from hot pixels, from which advice is given.
 const FEW_EVENTS: f64 = 0.05;
-/// Share of the time in which the board should be seen, and of the sensor that it should cover.
+/// Smallest share of the time in which the board should be seen, and of the sensor that it should cover.
 const ENOUGH: f64 = 0.3;
-/// Shorter recordings have too little in them (s).
+/// Shortest useful recording (s).
 const SHORT: f64 = 2.0;
 
-/// What to do with this recording, the most important thing alone.
+/// Returns the most important advice on this recording.
 pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
     let information = &checked.information;
     if let Some(error) = &information.error {
@@ -31,7 +31,7 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
     if information.events == 0 && outside == 0 {
         return "there are no events: record again, and see that the lens cap is off".into();
     }
-    // Of a few events not even the unit of their times can be told.
+    // A few events do not even determine the unit of their timestamps.
     if checked.whole && outside == 0 && information.events < FEWEST_EVENTS {
         return Advice::Plain(format!("{}: record 10 seconds", too_short(information.events)));
     }
@@ -71,7 +71,7 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
     }
 }
 
-/// What to do about many events outside the sensor.
+/// Returns advice on many events outside the sensor.
 fn advice_on_outside(information: &Information, has_columns: bool) -> Advice {
     let report = &information.report;
     if report.looks_exchanged() {
@@ -87,7 +87,7 @@ fn advice_on_outside(information: &Information, has_columns: bool) -> Advice {
     }
 }
 
-/// What to do about the board.
+/// Returns advice on the board.
 fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> Advice {
     let Seen { board, found, time_share: share, covered, failure, recognised, edges, exchanged, .. } = seen;
     if let Some(exchanged) = exchanged {
@@ -138,7 +138,7 @@ fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> Advice {
     Advice::Calibrate { recording: path.to_owned(), board: board.clone() }
 }
 
-/// What to do about a board that blinks.
+/// Returns advice on a board that blinks.
 fn next_at_rest(seen: &Seen, path: &Path) -> Advice {
     let Some(board) = &seen.board else { return Advice::NameBoard };
     if seen.found >= FEWEST_VIEWS as u64 {
@@ -182,9 +182,9 @@ mod tests {
         (0..count).map(event).collect()
     }
 
-    /// It led to the focus of the lens.
+    /// The advice used to be to focus the lens.
     #[test]
-    fn one_polarity_is_told() {
+    fn one_polarity_is_reported() {
         let on = |event: Event| Event { polarity: Polarity::On, ..event };
         let told = next_of(events(20_000).into_iter().map(on).collect(), DAVIS);
         assert_eq!(told, Advice::BothPolarities(Polarity::On));
@@ -192,9 +192,9 @@ mod tests {
         assert!(!next_of(events(20_000), DAVIS).to_string().contains("all events"));
     }
 
-    /// The advice was a larger sensor, or to calibrate.
+    /// The advice used to be a larger sensor, or to calibrate.
     #[test]
-    fn pixels_counted_from_one_are_told() {
+    fn pixels_counted_from_one_are_reported() {
         let one = |event: Event| Event { x: event.x + 1, y: event.y + 1, ..event };
         let counted: Vec<Event> = events(20_000).into_iter().map(one).collect();
         let sensor = Sensor::new(346, 260);
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn events_that_are_there_twice_are_told() {
+    fn repeated_events_are_reported() {
         let twice = events(20_000).into_iter().flat_map(|event| [event, event]).collect();
         let told = next_of(twice, DAVIS).to_string();
         assert!(
@@ -218,7 +218,7 @@ mod tests {
         );
     }
 
-    /// The advice was to move faster.
+    /// The advice used to be to move faster.
     #[test]
     fn a_few_events_are_too_short_a_recording() {
         assert_eq!(
@@ -231,12 +231,12 @@ mod tests {
         );
     }
 
-    /// The advice was to take off the lens cap.
+    /// The advice used to be to take off the lens cap.
     #[test]
-    fn columns_in_another_order_are_told() {
+    fn columns_in_another_order_are_reported() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("events.txt");
-        // x, y, time and polarity, taken for time, x, y and polarity.
+        // x, y, time and polarity, read as time, x, y and polarity.
         let lines: String =
             (0..2000).map(|index| format!("{} {} {} 1\n", index % 346, index % 260, 40_000 + index)).collect();
         std::fs::write(&path, lines).unwrap();

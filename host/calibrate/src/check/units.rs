@@ -1,4 +1,4 @@
-//! Are times in the unit that they were taken for?
+//! Check of the unit of the timestamps.
 
 use std::fmt;
 use std::ops::{ControlFlow, Range};
@@ -8,26 +8,26 @@ use serde::{Serialize, Serializer};
 use event_recordings::pass::read_while;
 use event_recordings::{Recording, RecordingOptions, TimeUnit};
 
-/// Events a second that event cameras send in front of something that moves.
+/// Usual number of events per second of event cameras in front of something that moves.
 const USUAL: Range<f64> = 3e3..3e8;
-/// A camera sends fewer events a second than this only where hardly anything moves.
+/// Number of events per second below which hardly anything moves.
 const SLOW: f64 = 1e4;
-/// Nobody shows a board for longer than this (s) with as little motion.
+/// Recordings of a board with so little motion are hardly ever longer than this (s).
 const LONG: f64 = 300.0;
-/// What is in the middle of that.
+/// A typical rate within that range.
 const MIDDLE: f64 = 1e6;
-/// Events from which a rate is taken.
+/// Number of events from which a rate is computed.
 const EVENTS: usize = 20_000;
 
-/// A unit with which the rate of events is a usual one.
+/// A unit with which the rate of events is usual.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OtherUnit {
-    /// It; `None` where the format leaves no choice.
+    /// The unit; `None` if the format has only one.
     #[serde(serialize_with = "as_words")]
     pub unit: Option<TimeUnit>,
-    /// Events a second as the times were taken.
+    /// Events per second with the assumed unit.
     pub rate: f64,
-    /// Events a second in this unit.
+    /// Events per second with this unit.
     pub other_rate: Option<f64>,
 }
 
@@ -37,7 +37,7 @@ fn as_words<S: Serializer>(unit: &Option<TimeUnit>, serializer: S) -> Result<S::
 
 impl fmt::Display for OtherUnit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} events a second are hardly what a camera sends", in_words(self.rate))?;
+        write!(f, "{} events per second are unusual for a camera", in_words(self.rate))?;
         if let (Some(unit), Some(rate)) = (self.unit, self.other_rate) {
             write!(f, "; with times in {unit} it would be {}", in_words(rate))?;
         }
@@ -53,25 +53,25 @@ fn in_words(rate: f64) -> String {
     }
 }
 
-/// What the unit of the times is more likely to be; `None` if events come at a usual `rate` (events a second) over the whole
-/// recording or at its beginning, or the unit was given.
+/// Returns the more likely unit of the timestamps. Returns `None` if events have a usual `rate` (events per second) over the
+/// whole recording or at its beginning, or the unit was given.
 pub fn unusual_unit(recording: &Recording, rate: f64) -> Option<OtherUnit> {
     unit_for(USUAL, recording, rate)
 }
 
-/// As [`unusual_unit`], for a recording in which no board was found: few events for many minutes are told too.
+/// Does the same as [`unusual_unit`], for a recording in which no board was found: few events over many minutes are reported too.
 pub fn other_unit(recording: &Recording, rate: f64) -> Option<OtherUnit> {
     let is_slow = USUAL.contains(&rate) && rate < SLOW && lasts_longer_than(recording, LONG);
     unit_for(if is_slow { SLOW..USUAL.end } else { USUAL }, recording, rate)
 }
 
-/// The unit that is more likely if cameras send events at a `usual` rate.
+/// Returns the more likely unit if cameras send events at a `usual` rate.
 fn unit_for(usual: Range<f64>, recording: &Recording, rate: f64) -> Option<OtherUnit> {
-    // Of events at one time nothing can be told.
+    // Events at a single time do not determine a rate.
     if rate <= 0.0 || !rate.is_finite() || recording.options().time_unit.is_some() {
         return None;
     }
-    // With a long time without events the rate of all is small in any unit, and only that at the beginning tells.
+    // With a long time without events the total rate is small in any unit, so the rate at the beginning is used.
     let is_pause = || rate < usual.start && first_rate(recording).is_some_and(|rate| usual.contains(&rate));
     if usual.contains(&rate) || is_pause() {
         return None;
@@ -80,7 +80,7 @@ fn unit_for(usual: Range<f64>, recording: &Recording, rate: f64) -> Option<Other
         let options = RecordingOptions { time_unit: Some(unit), ..recording.options().clone() };
         first_rate(&Recording::new(recording.path(), options).ok()?)
     };
-    // Times with decimals were taken for seconds, and are never nanoseconds.
+    // Timestamps with decimals were interpreted as seconds, and are never nanoseconds.
     let has_decimals = first_rate(recording).is_some_and(|rate| rate_in(TimeUnit::Seconds) == Some(rate));
     let units = [TimeUnit::Seconds, TimeUnit::Milliseconds, TimeUnit::Microseconds, TimeUnit::Nanoseconds];
     let units = units.into_iter().filter(|unit| !(has_decimals && *unit == TimeUnit::Nanoseconds));
@@ -90,7 +90,7 @@ fn unit_for(usual: Range<f64>, recording: &Recording, rate: f64) -> Option<Other
     Some(OtherUnit { unit: best.map(|(unit, _)| unit), rate, other_rate: best.map(|(_, rate)| rate) })
 }
 
-/// Whether there are more than `limit` seconds between the first event and the last.
+/// Returns `true` if there are more than `limit` seconds between the first and the last event.
 fn lasts_longer_than(recording: &Recording, limit: f64) -> bool {
     let mut last = 0;
     let pass = read_while(recording, &mut |batch| {
@@ -100,7 +100,7 @@ fn lasts_longer_than(recording: &Recording, limit: f64) -> bool {
     pass.is_ok() && last as f64 * 1e-6 > limit
 }
 
-/// Events a second at the beginning of a recording.
+/// Returns the number of events per second at the beginning of a recording.
 fn first_rate(recording: &Recording) -> Option<f64> {
     let mut reader = recording.open().ok()?;
     let (mut batch, mut first, mut last, mut count) = (Vec::new(), None, 0, 0);
@@ -120,7 +120,7 @@ mod tests {
 
     use super::*;
 
-    /// What is told of 30 000 events `step` apart, with `pause` before the last thousand, in µs as long as nobody says otherwise.
+    /// Result for 30 000 events `step` apart, with `pause` before the last thousand, in µs unless another unit is given.
     fn told(step: i64, pause: i64) -> Option<Option<TimeUnit>> {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("events.csv");
@@ -137,13 +137,13 @@ mod tests {
     #[test]
     fn a_pause_does_not_make_the_unit_wrong() {
         assert_eq!(told(1, 0), None);
-        // The advice was the unit in use: a year without events in a recording in µs.
+        // The advice used to be the unit in use: a year without events in a recording in µs.
         assert_eq!(told(1, 31_557_600_000_000), None);
-        // Multiples of 1000 would be taken for nanoseconds at once.
+        // Multiples of 1000 are recognised as nanoseconds at once.
         assert_eq!(told(1001, 0), Some(Some(TimeUnit::Nanoseconds)));
     }
 
-    /// 650 million events a second, after a slow beginning; nothing was told.
+    /// 650 million events per second, after a slow beginning; nothing was reported.
     #[test]
     fn too_many_events_are_suspected_whatever_the_beginning() {
         let event = |index: i64| {
@@ -156,9 +156,9 @@ mod tests {
         assert_eq!(unusual_unit(&recording, 4e8).map(|other| other.unit), Some(None));
     }
 
-    /// The advice was nanoseconds, of which 26 million a second come nearer to the middle.
+    /// The advice used to be nanoseconds, because 26 million per second are nearer to the typical rate.
     #[test]
-    fn times_with_decimals_are_no_nanoseconds() {
+    fn timestamps_with_decimals_are_not_nanoseconds() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("events.csv");
         let line = |index: i64| format!("{}.25,{},{},{}\n", 38 * index, index % 346, index % 260, index % 2);
@@ -168,7 +168,7 @@ mod tests {
         assert_eq!(other.unit, Some(TimeUnit::Microseconds));
     }
 
-    /// Nanoseconds that were taken for microseconds, of a camera with 5 million events a second.
+    /// Nanoseconds that were interpreted as microseconds, from a camera with 5 million events per second.
     #[test]
     fn few_events_for_many_minutes_are_suspected() {
         let events = |count: i64| -> Vec<Event> {
@@ -176,7 +176,7 @@ mod tests {
             (0..count).map(|index| Event { t: index * 200, x: 1, y: 2, polarity: on(index) }).collect()
         };
         let of = |count: i64| Recording::from_events("events", events(count), RecordingOptions::default());
-        // 301 s are suspected, 200 s are not; in memory there is no other unit to be tried.
+        // Recordings of 301 s are suspicious, those of 200 s are not; a recording in memory has no other unit to try.
         assert_eq!(other_unit(&of(1_505_000), 5000.0).map(|other| other.unit), Some(None));
         assert_eq!(other_unit(&of(1_000_000), 5000.0), None);
     }

@@ -1,4 +1,4 @@
-//! Reference frames of a detector in a fifth of their room, for there are some hundred a second.
+//! Reference frames of a detector in a fifth of their memory, because there are some hundred per second.
 
 use nalgebra::Vector2;
 
@@ -12,20 +12,20 @@ struct CompactCircle {
     radius: f32,
 }
 
-/// A reference frame whose circles a detector found: it works in single precision, so that nothing is lost, and all
-/// circles are of the middle of their window.
+/// A reference frame whose circles a detector found. The detector uses single precision, so nothing is lost, and all circles have
+/// the time of the middle of their window.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompactFrame {
-    /// Which recording of the camera it belongs to.
+    /// Index of the recording.
     pub recording: usize,
     /// Start of the window in seconds since the start of the recording.
     pub start: f64,
     /// End of the window.
     pub end: f64,
-    /// In what the board was found.
+    /// Kind of data in which the board was found.
     pub seen_in: SeenIn,
     circles: Box<[CompactCircle]>,
-    /// Which circles of the board they are; empty where they are its first ones in order, as when all of it was found.
+    /// Indices of the circles on the board; empty if they are its first ones in order, for example all of them.
     indices: Box<[u32]>,
 }
 
@@ -51,17 +51,17 @@ impl From<CompactFrame> for ReferenceFrame {
 }
 
 impl CompactFrame {
-    /// The time stamp of the frame: the centre of its window, in seconds.
+    /// Returns the timestamp of the frame: the centre of its window, in seconds.
     pub fn t(&self) -> f64 {
         0.5 * (self.start + self.end)
     }
 
-    /// Number of circles.
+    /// Returns the number of circles.
     pub fn circle_count(&self) -> usize {
         self.circles.len()
     }
 
-    /// Its circles.
+    /// Returns its circles.
     pub fn observed(&self) -> Vec<ObservedCircle> {
         let t = self.t();
         let observed = |(place, circle): (usize, &CompactCircle)| ObservedCircle {
@@ -74,7 +74,7 @@ impl CompactFrame {
         self.circles.iter().enumerate().map(observed).collect()
     }
 
-    /// The frame without its events.
+    /// Returns the frame without its events.
     pub fn without_events(&self) -> ReferenceFrame {
         ReferenceFrame {
             recording: self.recording,
@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_frame_of_a_detector_comes_back_as_it_was() {
+    fn a_frame_of_a_detector_is_converted_without_loss() {
         let (start, end) = (0.1, 0.1073);
         let circle = |index: usize, x: f32| ObservedCircle {
             index,

@@ -1,4 +1,4 @@
-//! Whether a file holds events, or circles that a detector found in them.
+//! Distinction of files of events from files of circles.
 
 use std::path::{Path, PathBuf};
 
@@ -6,22 +6,22 @@ use event_recordings::{Head, Recording, RecordingError, RecordingOptions};
 
 use super::{stream, track};
 
-/// What a file holds.
+/// Content of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InputKind {
-    /// Events, or something unknown.
+    /// Events, or unknown content.
     Events,
     /// Circles that a detector found: see [`track`](mod@track).
     CircleTrack,
-    /// Circles as a microcontroller sends them: see [`stream`](mod@stream).
+    /// Circles from a microcontroller: see [`stream`](mod@stream).
     CircleStream,
 }
 
 impl InputKind {
-    /// What the file at `path` holds, found from its content.
+    /// Determines the kind of the file at `path` from its content.
     ///
     /// # Errors
-    /// When it cannot be read.
+    /// [`RecordingError`] if it cannot be read.
     pub fn of(path: &Path) -> Result<Self, RecordingError> {
         if path.is_dir() {
             return Ok(Self::Events);
@@ -35,11 +35,11 @@ impl InputKind {
     }
 }
 
-/// Why a file cannot be opened for its events.
+/// Reasons why a file of events cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum EventsError {
     /// It is a circle track or stream.
-    #[error("{} holds circles, not events", .0.display())]
+    #[error("{} contains circles, not events", .0.display())]
     Circles(PathBuf),
     /// It cannot be read as a recording.
     #[error("{0}")]
@@ -49,7 +49,7 @@ pub enum EventsError {
 /// Opens the events of the file or folder at `path`.
 ///
 /// # Errors
-/// [`EventsError`] when it holds no events or cannot be read.
+/// [`EventsError`] if it contains no events or cannot be read.
 pub fn open_events(path: &Path, options: RecordingOptions) -> Result<Recording, EventsError> {
     match InputKind::of(path)? {
         InputKind::Events => Ok(Recording::new(path, options)?),

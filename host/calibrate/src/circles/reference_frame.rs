@@ -10,20 +10,20 @@ use crate::circles::event_pixel::EventPixel;
 pub struct ObservedCircle {
     /// Index on the board, row by row (see [`evcal_core::pattern::Pattern::lattice_position`]).
     pub index: usize,
-    /// Time to which the centre belongs, in seconds since the start of the recording.
+    /// Time of the centre, in seconds since the start of the recording.
     pub t: f64,
     /// Centre in pixels.
     pub center: Vector2<f64>,
-    /// Radius in pixels; `None` where a circle file does not give it.
+    /// Radius in pixels; `None` if a circle file does not contain it.
     pub radius: Option<f64>,
-    /// Velocity of the centre in pixels per second, where a circle file gives it.
+    /// Velocity of the centre in pixels per second, if a circle file contains it.
     pub velocity: Option<Vector2<f64>>,
 }
 
 /// A time window or picture in which the board was found: the paper's reference frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReferenceFrame {
-    /// Which recording of the camera it belongs to.
+    /// Index of the recording.
     pub recording: usize,
     /// Start of the window in seconds since the start of the recording.
     pub start: f64,
@@ -31,16 +31,16 @@ pub struct ReferenceFrame {
     pub end: f64,
     /// The circles found, ordered by board index, each index at most once.
     pub circles: Vec<ObservedCircle>,
-    /// In what the board was found.
+    /// Kind of data in which the board was found.
     pub seen_in: SeenIn,
 }
 
-/// In what a board was found.
+/// Kind of data in which a board was found.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SeenIn {
     /// The events of a window, one entry per pixel and polarity.
     Events(Vec<EventPixel>),
-    /// The events of a window, of which there were too many to keep them all.
+    /// The events of a window, which were not kept because there are too many.
     PassedEvents,
     /// The circles of a circle track or a circle stream.
     Circles,
@@ -51,8 +51,8 @@ pub enum SeenIn {
 }
 
 impl ReferenceFrame {
-    /// The events of the window, one entry per pixel and polarity; `None` where it was not found in events, or they are
-    /// not kept.
+    /// Returns the events of the window, one entry per pixel and polarity; `None` if the board was not found in events, or they
+    /// were not kept.
     pub fn events(&self) -> Option<&[EventPixel]> {
         match &self.seen_in {
             SeenIn::Events(pixels) => Some(pixels),
@@ -60,36 +60,36 @@ impl ReferenceFrame {
         }
     }
 
-    /// Whether there is something to show of it: its events, or a picture made of them.
+    /// Returns `true` if it has events, or a picture made of them, that can be shown.
     pub fn is_shown(&self) -> bool {
         matches!(self.seen_in, SeenIn::Events(_) | SeenIn::Reconstruction(_))
     }
 
-    /// Whether the board was found in events.
+    /// Returns `true` if the board was found in events.
     pub fn is_from_events(&self) -> bool {
         matches!(self.seen_in, SeenIn::Events(_) | SeenIn::PassedEvents | SeenIn::Reconstruction(_))
     }
 
-    /// The time stamp of the frame: the centre of its window (paper III-A), in seconds.
+    /// Returns the timestamp of the frame: the centre of its window (paper III-A), in seconds.
     pub fn t(&self) -> f64 {
         0.5 * (self.start + self.end)
     }
 }
 
-/// A circle whose place on the board is not known.
+/// A circle whose index on the board is not known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UnorderedCircle {
-    /// Time to which the centre belongs, in seconds since the origin.
+    /// Time of the centre, in seconds since the origin.
     pub t: f64,
     /// Centre in pixels.
     pub center: Vector2<f64>,
-    /// Radius in pixels, where the file gives it.
+    /// Radius in pixels, if the file contains it.
     pub radius: Option<f64>,
-    /// Velocity of the centre in pixels per second, where the file gives it.
+    /// Velocity of the centre in pixels per second, if the file contains it.
     pub velocity: Option<Vector2<f64>>,
 }
 
-/// Circles that were seen together.
+/// Circles that were observed together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct UnorderedFrame {
     /// Start of the time window in seconds since the origin.

@@ -14,33 +14,33 @@ use crate::circles::stream::{CircleStream, Receiver};
 const PREFIX: &str = "serial:";
 const DEFAULT_BAUD: u32 = 921_600;
 const DEFAULT_SECONDS: f64 = 10.0;
-/// Bytes without a circle after which none is to be expected: no more are saved.
+/// Bytes without a circle after which none is expected: no more are saved.
 const MOST_WITHOUT_CIRCLE: u64 = 4 << 20;
-/// How long a read waits before it looks at the clock.
+/// Longest wait of a read before the time is checked.
 const POLL: Duration = Duration::from_millis(50);
 
-/// Which port to listen to, and how long.
+/// Serial port and duration of the reception.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SerialAddress {
     /// Path or name of the port.
     pub port: String,
-    /// Bits per second; of no effect on a port that is USB all the way.
+    /// Bits per second; without effect on a port that is USB throughout.
     pub baud: u32,
-    /// How long to listen, in seconds.
+    /// Duration of the reception, in seconds.
     pub seconds: f64,
-    /// Where to write the bytes as they come, from the first one on.
+    /// File for the received bytes, from the first one on.
     pub save: Option<SaveTo>,
 }
 
-/// Why nothing came from a serial port.
+/// Reasons why nothing was received from a serial port.
 #[derive(Debug, thiserror::Error)]
 pub enum SerialError {
-    /// The address cannot be understood.
+    /// The address is invalid.
     #[error("{address}: {what}; write serial:PORT?baud=921600&seconds=10&save=FILE, all but the port optional")]
     Address {
         /// The address.
         address: String,
-        /// What is wrong with it.
+        /// The problem.
         what: String,
     },
     /// The port cannot be opened.
@@ -48,10 +48,10 @@ pub enum SerialError {
     Open {
         /// The port.
         port: String,
-        /// What the system said.
+        /// The error of the system.
         error: serialport::Error,
     },
-    /// What comes cannot be saved.
+    /// The received bytes cannot be saved.
     #[error("{0}")]
     Save(#[from] SaveError),
     /// No circle arrived.
@@ -59,31 +59,31 @@ pub enum SerialError {
     Nothing {
         /// The port.
         port: String,
-        /// Bytes received.
+        /// Number of received bytes.
         bytes: u64,
-        /// Messages that arrived.
+        /// Number of received messages.
         frames: u32,
-        /// What to do.
+        /// Remedy.
         advice: &'static str,
     },
 }
 
 impl SerialAddress {
-    /// Whether a file name is an address of a serial port instead.
+    /// Returns `true` if a file name is an address of a serial port instead.
     pub fn is_address(path: &Path) -> bool {
         path.to_str().is_some_and(|text| text.starts_with(PREFIX))
     }
 
-    /// Saves what comes to `folder`, as `PORT.circles` or with a number that is free, unless the address says where.
+    /// Saves the received bytes in `folder`, as `PORT.circles` or with the next free number, unless the address names a file.
     pub fn save_into(&mut self, folder: &Path) {
         let port = self.port.rsplit(['/', '\\']).next().unwrap_or_default();
         self.save.get_or_insert_with(|| SaveTo::NextIn { folder: folder.to_owned(), name: port.to_owned() });
     }
 
-    /// Listens until the time is over or the device is gone; `progress` is told what came so far.
+    /// Receives until the time is over or the device is gone; `progress` gets a text on what was received.
     ///
     /// # Errors
-    /// When the port cannot be opened, what comes cannot be saved, or no circle arrives.
+    /// [`SerialError`] if the port cannot be opened, the bytes cannot be saved, or no circle is received.
     pub fn receive(&self, mut progress: impl FnMut(&str)) -> Result<CircleStream, SerialError> {
         self.save.as_ref().map_or(Ok(()), SaveTo::check)?;
         let mut notes = Vec::new();
@@ -91,7 +91,7 @@ impl SerialAddress {
             .timeout(POLL)
             .open()
             .map_err(|error| SerialError::Open { port: self.port.clone(), error })?;
-        // A port from which nothing comes leaves no empty file.
+        // A port without data leaves no empty file.
         let mut unmade = self.save.as_ref();
         let mut file = None;
         let start = Instant::now();
@@ -109,7 +109,7 @@ impl SerialAddress {
                     if let Some(save) = unmade.take() {
                         file = Some(save.create()?);
                     }
-                    // A full disk ends the saving, not the listening.
+                    // A full disk ends the saving, not the reception.
                     if let Some(Err(error)) = file.as_mut().map(|file| file.write_all(new)) {
                         notes.push(format!("the stream could not be saved to its end: {error}"));
                         file = None;
@@ -170,7 +170,7 @@ impl FromStr for SerialAddress {
         let mut parsed = Self { port: port.to_owned(), baud: DEFAULT_BAUD, seconds: DEFAULT_SECONDS, save: None };
         for option in options.split('&').filter(|option| !option.is_empty()) {
             let (name, value) = option.split_once('=').ok_or_else(|| wrong(format!("{option:?} has no value")))?;
-            let refuse = || wrong(format!("{value:?} is no value of {name}"));
+            let refuse = || wrong(format!("{value:?} is not a valid {name}"));
             match name {
                 "baud" => parsed.baud = value.parse().ok().filter(|baud| *baud > 0).ok_or_else(refuse)?,
                 "seconds" => {
@@ -214,7 +214,7 @@ mod tests {
             ("/dev/ttyACM0", "begin"),
             ("serial:", "no port"),
             ("serial:?baud=9600", "no port"),
-            ("serial:p?baud=fast", "\"fast\" is no value of baud"),
+            ("serial:p?baud=fast", "\"fast\" is not a valid baud"),
             ("serial:p?baud=0", "baud"),
             ("serial:p?seconds=-1", "seconds"),
             ("serial:p?seconds=nan", "seconds"),
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_port_that_is_not_there_is_an_error_with_advice() {
+    fn a_missing_port_is_an_error_with_advice() {
         let address: SerialAddress = "serial:/dev/there-is-no-such-port".parse().unwrap();
         let error = address.receive(|_| {}).unwrap_err().to_string();
         assert!(error.contains("/dev/there-is-no-such-port") && error.contains("plugged in"), "{error}");

@@ -1,8 +1,8 @@
-//! Circle streams: what a detector on a microcontroller sends, from a file or a serial port.
+//! Circle streams: the data of a detector on a microcontroller, from a file or a serial port.
 //!
-//! The frames are those of `evcal-link` (`docs/formats.md` has them byte by byte). The circles of a window
-//! become a frame of a [`CircleTrack`] without places on the board, which the grid finder then gives them.
-//! Damaged, lost and unknown frames cost what they held; all of them are counted and told.
+//! The frames are defined by `evcal-link` (`docs/layouts.md` describes them byte by byte). The circles of a window become a frame
+//! of a [`CircleTrack`] without indices on the board, which the grid finder then determines. Damaged, lost and unknown frames
+//! lose their content; all of them are counted and reported.
 
 use evcal_core::sensor::Sensor;
 use std::path::Path;
@@ -14,8 +14,8 @@ use crate::circles::reference_frame::UnorderedCircle;
 use crate::circles::reference_frame::UnorderedFrame;
 use crate::circles::track::{CircleFrames, CircleTrack, CircleTrackError};
 
-/// Time from the last window before a device started anew to the first one after, in microseconds: no
-/// trajectory goes across it.
+/// Time between the last window before a device restarted and the first one after, in microseconds: longer than the largest gap
+/// within a trajectory.
 const RESTART_GAP_US: i64 = 1_000_000;
 
 /// A circle stream that was read to its end.
@@ -23,17 +23,17 @@ const RESTART_GAP_US: i64 = 1_000_000;
 pub struct CircleStream {
     /// The circles.
     pub track: CircleTrack,
-    /// Size of the sensor in pixels, if the device said it.
+    /// Size of the sensor in pixels, if the device reported it.
     pub sensor: Option<Sensor>,
-    /// What the device said of itself, last.
+    /// Last report of the device about itself.
     pub hello: Option<Hello>,
-    /// Counts of the device since it started, as it told them last.
+    /// Counts of the device since it started, as last reported.
     pub statistics: Option<Statistics>,
-    /// What came over the link.
+    /// Counts of the link.
     pub link: DecoderCounts,
 }
 
-/// Whether a file that begins with these bytes is a circle stream: a frame in it passes its checks.
+/// Returns `true` if a file that begins with these bytes is a circle stream: a frame in it passes its checks.
 pub fn is_circle_stream(head: &[u8]) -> bool {
     let mut decoder = Decoder::new();
     head.iter().any(|&byte| decoder.push(byte).is_some())
@@ -42,7 +42,7 @@ pub fn is_circle_stream(head: &[u8]) -> bool {
 /// Reads the circle stream in the file at `path`.
 ///
 /// # Errors
-/// When the file cannot be read or holds no circle.
+/// [`CircleTrackError`] if the file cannot be read or contains no circle.
 pub fn read(path: &Path) -> Result<CircleStream, CircleTrackError> {
     let bytes = std::fs::read(path).map_err(|error| CircleTrackError { path: path.to_owned(), kind: error.into() })?;
     let mut receiver = Receiver::new();
@@ -53,7 +53,7 @@ pub fn read(path: &Path) -> Result<CircleStream, CircleTrackError> {
     })
 }
 
-/// A circle and the microsecond that it belongs to.
+/// A circle and its time in microseconds.
 type TimedCircle = (i64, UnorderedCircle);
 
 /// The circles of one window, on the clock of the whole stream.
@@ -63,17 +63,17 @@ struct WindowCircles {
     circles: Vec<TimedCircle>,
 }
 
-/// Takes the bytes of a circle stream as they come.
+/// Decodes the bytes of a circle stream as they arrive.
 #[derive(Default)]
 pub struct Receiver {
     decoder: Decoder,
     hello: Option<Hello>,
     statistics: Option<Statistics>,
     windows: Vec<WindowCircles>,
-    /// Number of the window whose circles are coming in.
+    /// Number of the window whose circles are being received.
     number: Option<u32>,
     circles: Vec<TimedCircle>,
-    /// Added to times of the device; grows when it starts anew.
+    /// Added to times of the device; grows when it restarts.
     offset_us: i64,
     last_us: i64,
     restarts: u32,
@@ -82,18 +82,18 @@ pub struct Receiver {
     incomplete: u64,
     over_capacity: u64,
     losses: [u64; 7],
-    /// The first one, and the latest that was another.
+    /// The first sensor, and the latest one that differs.
     sensor: Option<Sensor>,
     other_sensor: Option<Sensor>,
 }
 
 impl Receiver {
-    /// At the beginning of a stream, or anywhere in it.
+    /// Creates a receiver for the beginning of a stream, or any position in it.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Takes the next bytes.
+    /// Decodes the next bytes.
     pub fn push(&mut self, bytes: &[u8]) {
         for &byte in bytes {
             if let Some(message) = self.decoder.push(byte) {
@@ -102,22 +102,22 @@ impl Receiver {
         }
     }
 
-    /// Windows and circles so far.
+    /// Returns the numbers of windows and circles so far.
     pub fn progress(&self) -> (usize, usize) {
         (self.windows.len(), self.windows.iter().map(|window| window.circles.len()).sum())
     }
 
-    /// Whether a circle has come.
+    /// Returns `true` if a circle was received.
     pub fn has_circle(&self) -> bool {
         !self.windows.is_empty() || !self.circles.is_empty()
     }
 
-    /// Frames of the link that passed their checks so far.
+    /// Returns the number of frames of the link that passed their checks so far.
     pub fn frames(&self) -> u32 {
         self.decoder.counts().frames
     }
 
-    /// The circles, and what became of the rest; `None` if there is no circle.
+    /// Returns the circles, and the counts of everything else; `None` if there is no circle.
     pub fn finish(mut self) -> Option<CircleStream> {
         self.close_without_end();
         let origin_us = self.windows.first()?.start_us;
@@ -195,7 +195,7 @@ impl Receiver {
         self.store(start_us, start_us.saturating_add(i64::from(end.length_us)));
     }
 
-    /// Ends a window whose end was lost: its times are those of its circles.
+    /// Ends a window whose end was lost: its times follow from its circles.
     fn close_without_end(&mut self) {
         let times = || self.circles.iter().map(|(time_us, _)| *time_us);
         if let (Some(first), Some(last)) = (times().min(), times().max()) {
@@ -204,7 +204,7 @@ impl Receiver {
         }
     }
 
-    /// Keeps the circles at hand as a window between two times of the device.
+    /// Stores the current circles as a window between two times of the device.
     fn store(&mut self, start_us: i64, end_us: i64) {
         self.number = None;
         let circles = std::mem::take(&mut self.circles);
@@ -224,7 +224,7 @@ impl Receiver {
         self.windows.push(window);
     }
 
-    /// The device's clock begins anew at `time_us`; the stream's goes on.
+    /// Handles a restart of the device's clock at `time_us`; the time of the stream continues.
     fn restart(&mut self, time_us: i64) {
         self.close_without_end();
         self.restarts += 1;
@@ -233,7 +233,7 @@ impl Receiver {
         self.last_us = i64::MIN;
     }
 
-    /// What the user should know, in sentences.
+    /// Returns notes for the user, as sentences.
     fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         if let Some(hello) = &self.hello {
@@ -250,15 +250,15 @@ impl Receiver {
         }
         let link = self.decoder.counts();
         for (count, what) in [
-            (u64::from(link.damaged), "frames of the link arrived damaged and were left out"),
+            (u64::from(link.damaged), "frames of the link arrived damaged and were dropped"),
             (u64::from(link.lost), "frames of the link are missing: damaged, lost on the way or never sent"),
-            (u64::from(link.unknown), "frames are of a kind not known here: the device is newer than this program"),
-            (u64::from(link.malformed), "frames are intact but make no sense: the device is at fault"),
-            (u64::from(self.restarts), "times the device started anew; the times after it are shifted"),
+            (u64::from(link.unknown), "frames have an unknown type: the device is newer than this program"),
+            (u64::from(link.malformed), "frames are intact but invalid: the device is faulty"),
+            (u64::from(self.restarts), "times the device restarted; the times after it are shifted"),
             (self.without_end, "windows lack their end"),
             (self.incomplete, "windows lack some of their circles"),
-            (self.not_finite, "circles are no numbers and were left out"),
-            (self.over_capacity, "windows held more than the detector has room for"),
+            (self.not_finite, "circles are not numbers and were dropped"),
+            (self.over_capacity, "windows exceeded the capacity of the detector"),
         ] {
             if count > 0 {
                 notes.push(format!("{count} {what}"));
@@ -273,19 +273,19 @@ impl Receiver {
     }
 }
 
-/// Times of a device fit 63 bits for 292 000 years.
+/// Times of a device fit into 63 bits for 292 000 years.
 fn device_time(time_us: u64) -> i64 {
     i64::try_from(time_us).unwrap_or(i64::MAX / 4).min(i64::MAX / 4)
 }
 
-/// Names and counts of what events were lost to.
+/// Returns the causes of lost events, with counts.
 fn causes(losses: &Losses) -> [(&'static str, u32); 7] {
     [
         ("undecodable", losses.undecodable),
         ("of hot pixels", losses.hot),
         ("without a neighbour", losses.background),
         ("of refractory pixels", losses.refractory),
-        ("shed for want of time", losses.shed),
+        ("dropped for lack of time", losses.shed),
         ("beyond the capacity of a window", losses.overflow),
         ("between windows", losses.in_gap),
     ]
@@ -358,13 +358,13 @@ mod tests {
             stream.track.notes,
             [
                 "sent by \"test 1\", 320 x 240 pixels",
-                "events that reached no window on the device: 9 shed for want of time"
+                "events that reached no window on the device: 9 dropped for lack of time"
             ]
         );
     }
 
     #[test]
-    fn a_lost_end_and_lost_circles_are_told() {
+    fn a_lost_end_and_lost_circles_are_reported() {
         let messages = [vec![hello(true)], window(0, 0, 2), window(1, 10_000, 2), window(2, 20_000, 2)].concat();
         let mut parts = encode(&messages);
         parts[5].clear(); // a circle of window 1
@@ -379,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn time_goes_on_when_a_device_starts_anew() {
+    fn time_continues_when_a_device_restarts() {
         let run = [vec![hello(true)], window(0, 1000, 1), window(1, 11_000, 1)].concat();
         let bytes = encode(&run).concat();
         // The first message of the second run arrives, that of the third does not.
@@ -389,10 +389,10 @@ mod tests {
         assert!(starts.is_sorted() && starts.len() == 6, "{starts:?}");
         assert!(starts[2] - starts[1] > 1.0 && starts[4] - starts[3] > 1.0, "{starts:?}");
         assert!((starts[3] - starts[2] - 0.01).abs() < 1e-9, "{starts:?}");
-        assert!(stream.track.notes.iter().any(|note| note.starts_with("2 times the device started anew")));
+        assert!(stream.track.notes.iter().any(|note| note.starts_with("2 times the device restarted")));
     }
 
-    /// The difference of times that restarts had driven to both ends did not fit in 64 bits.
+    /// The difference of times that restarts had moved to both ends did not fit into 64 bits.
     #[test]
     fn restarts_at_impossible_times_are_read() {
         let hello_at = |time_us| Message::Hello(Hello { first: true, time_us, ..Hello::default() });
@@ -408,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_of_the_sensor_is_told_by_the_first_and_the_last() {
+    fn a_change_of_the_sensor_is_reported_with_the_first_and_the_last() {
         let mut messages = window(0, 0, 1);
         for sensor_width in [320, 640, 320, 346, 320] {
             messages.push(Message::Hello(Hello { sensor_width, sensor_height: 240, ..Hello::default() }));
@@ -432,10 +432,10 @@ mod tests {
     }
 
     #[test]
-    fn circles_that_are_no_numbers_are_left_out() {
+    fn circles_that_are_not_numbers_are_dropped() {
         let bad = |x| Message::Circle(Circle { x, radius: 1.0, ..Circle::default() });
         let stream = receive(&encode(&[bad(f32::NAN), bad(f32::INFINITY), bad(3.0)]).concat()).unwrap();
         assert_eq!(stream.track.circles, 1);
-        assert!(stream.track.notes.iter().any(|note| note.starts_with("2 circles are no numbers")));
+        assert!(stream.track.notes.iter().any(|note| note.starts_with("2 circles are not numbers")));
     }
 }

@@ -1,30 +1,28 @@
-//! Circle tracks: what a detector found, as a CSV file.
+//! Circle tracks: circles from a detector, as a CSV file.
 //!
-//! The detection writes such files and a calibration reads them in place of a recording, so
-//! that a detector elsewhere (a microcontroller) can feed the calibration.
+//! The detection writes such files and a calibration reads them instead of a recording, so that a detector elsewhere (a
+//! microcontroller) can provide the circles.
 //!
-//! One line per circle, below a line of names. Columns may stand in any order; separators are
-//! commas, semicolons or tabs; lines that begin with `#` are comments.
+//! One line per circle, below a line of names. Columns may have any order; separators are commas, semicolons or tabs; lines that
+//! begin with `#` are comments.
 //!
 //! | column | | meaning |
 //! |---|---|---|
-//! | `t_s` or `t_us` | required | time to which the centre belongs, in seconds or microseconds |
+//! | `t_s` or `t_us` | required | time of the centre, in seconds or microseconds |
 //! | `x_px`, `y_px` | required | centre in pixels; (0, 0) is the centre of the top-left pixel |
-//! | `column` (or `col`), `row` | both or none | place on the board, from 0; the index of the circle is row · columns + column |
-//! | `frame` | optional | whole number that circles of one frame share |
+//! | `column` (or `col`), `row` | both or none | position on the board, from 0; the index of the circle is row · columns + column |
+//! | `frame` | optional | integer that circles of one frame share |
 //! | `radius_px` | optional | radius in pixels |
-//! | `t_start_s`, `t_end_s` (or `_us`) | optional | time window in which the events of the circle lie |
+//! | `t_start_s`, `t_end_s` (or `_us`) | optional | time window of the events of the circle |
 //! | `vx_px_per_s`, `vy_px_per_s` (or `_per_us`) | optional | velocity of the centre |
 //!
-//! Optional fields may be empty. Other columns are passed over and reported. Without `frame`, a new
-//! frame begins where the time differs from that of the line before by more than 5 ms, or where a
-//! place on the board occurs again. Without `column` and `row` the circles of a frame are in no
-//! order, and the grid finder has to put them in one.
+//! Optional fields may be empty. Other columns are ignored and reported. Without `frame`, a new frame begins where the time
+//! differs from that of the previous line by more than 5 ms, or where a position on the board is repeated. Without `column` and
+//! `row` the circles of a frame have no order, and the grid finder has to determine it.
 //!
-//! Times are those of the recording's clock less the origin, which the comment
-//! `# time_origin_us 1643243628737093` gives in microseconds (0 without it). Without that comment,
-//! times beyond 10⁶ s get the whole seconds of the first line as origin, because f64 seconds since
-//! 1970 resolve only 0.2 µs.
+//! Times are on the recording's clock, minus the origin, which the comment `# time_origin_us 1643243628737093` states in
+//! microseconds (0 without it). Without that comment, times beyond 10⁶ s get the whole seconds of the first line as origin,
+//! because f64 seconds since 1970 have a resolution of only 0.2 µs.
 
 mod parse;
 
@@ -41,7 +39,7 @@ pub use parse::{is_circle_track, parse};
 /// The frames of a circle track, in the order of time.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CircleFrames {
-    /// The file gives the place of every circle on the board.
+    /// The file contains the position of every circle on the board.
     Ordered(Vec<ReferenceFrame>),
     /// It does not.
     Unordered(Vec<UnorderedFrame>),
@@ -56,64 +54,64 @@ pub struct CircleTrack {
     pub time_origin_us: i64,
     /// Number of circles.
     pub circles: usize,
-    /// What was taken for granted, passed over or lost, in sentences for the user.
+    /// Assumptions, ignored columns and losses, as sentences for the user.
     pub notes: Vec<String>,
 }
 
-/// Why a circle track could not be read.
+/// Error of reading a circle track.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {kind}", path.display())]
 pub struct CircleTrackError {
     /// The file.
     pub path: PathBuf,
-    /// What happened.
+    /// The reason.
     pub kind: CircleTrackErrorKind,
 }
 
-/// What is wrong with a line of a circle track.
+/// Problem of a line of a circle track.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CircleLineError {
-    /// Two columns of the same meaning.
-    #[error("column {0} gives what another column gives already")]
+    /// Two columns have the same meaning.
+    #[error("column {0} has the same meaning as another column")]
     ColumnTwice(String),
-    /// More or fewer fields than names.
+    /// The line has more or fewer fields than the line of names.
     #[error("has {count} fields, not {expected} as the line of names")]
     FieldCount {
-        /// Fields of the line.
+        /// Number of fields of the line.
         count: usize,
-        /// Names.
+        /// Number of names.
         expected: usize,
     },
-    /// A field that is no number.
+    /// A field is not a number.
     #[error("{field:?} is not a valid {name}")]
     Number {
-        /// What stands there.
+        /// The text found there.
         field: String,
-        /// What it should be.
+        /// The expected quantity.
         name: &'static str,
     },
-    /// A radius that no circle has.
+    /// A radius is not positive.
     #[error("{field:?} is not a valid radius_px: a number above 0 is needed; leave it empty if it is not known")]
     Radius {
-        /// What stands there.
+        /// The text found there.
         field: String,
     },
-    /// A field that is no whole number.
+    /// A field is not an integer.
     #[error("{field:?} is not a valid {name}: a whole number from 0 is needed")]
     WholeNumber {
-        /// What stands there.
+        /// The text found there.
         field: String,
-        /// What it should be.
+        /// The expected quantity.
         name: &'static str,
     },
-    /// An empty field that is needed.
+    /// A required field is empty.
     #[error("has no {0}")]
     Missing(&'static str),
-    /// A circle without its place, where others have one.
-    #[error("has no {0} on the board; leave a circle out if its place is not known")]
+    /// A circle has no position on the board, although others have one.
+    #[error("has no {0} on the board; omit a circle if its position is not known")]
     MissingPlace(&'static str),
-    /// The same place twice in a frame.
+    /// A position is repeated within a frame.
     #[error("column {column}, row {row} occurs twice in frame {frame}")]
     PlaceTwice {
         /// Column on the board, from 0.
@@ -123,16 +121,16 @@ pub enum CircleLineError {
         /// Number of the frame.
         frame: u64,
     },
-    /// Frame numbers in some lines only.
+    /// Only some lines have frame numbers.
     #[error("has no frame number, while other lines have one")]
     FrameNumber,
 }
 
-/// What is wrong with a circle track.
+/// Problem of a circle track.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CircleTrackErrorKind {
-    /// The operating system refused.
+    /// Reading the file failed.
     #[error("cannot be read: {0}")]
     Io(#[from] io::Error),
     /// Required columns are missing.
@@ -146,15 +144,15 @@ pub enum CircleTrackErrorKind {
         /// The columns.
         missing: &'static str,
     },
-    /// A line that is no circle.
+    /// A line is not a circle.
     #[error("line {line}: {what}")]
     Line {
         /// Number of the line, from 1.
         line: u64,
-        /// What is wrong with it.
+        /// The problem.
         what: CircleLineError,
     },
-    /// A circle that the board does not have.
+    /// A circle is not on the board.
     #[error(
         "line {line}: column {column}, row {row} is not on the board {board}; \
          the file needs at least {rows}x{columns} (rows x columns): is it another board, or are rows and columns swapped?"
@@ -166,35 +164,34 @@ pub enum CircleTrackErrorKind {
         column: u32,
         /// Row on the board, from 0.
         row: u32,
-        /// The board that was expected, for example `circles 3x6`.
+        /// The expected board, for example `circles 3x6`.
         board: String,
-        /// Rows that the file needs.
+        /// Number of rows that the file requires.
         rows: u64,
-        /// Columns that the file needs.
+        /// Number of columns that the file requires.
         columns: u64,
     },
-    /// No circle at all.
-    #[error("holds no circles")]
+    /// The file contains no circle.
+    #[error("contains no circles")]
     Empty,
 }
 
-/// Reads the circle track at `path`. The circles belong to a board of this pattern, and their frames
-/// to recording number `recording` of the camera.
+/// Reads the circle track at `path`. The circles belong to a board of this pattern, and their frames to recording number
+/// `recording` of the camera.
 ///
 /// # Errors
-/// When the file cannot be read, a line is no circle or lies outside the board. A last line that is
-/// not whole is left out and noted.
+/// [`CircleTrackError`] if the file cannot be read, or a line is invalid or not on the board. An incomplete last line is ignored
+/// and noted.
 pub fn read(path: &Path, pattern: &Pattern, recording: usize) -> Result<CircleTrack, CircleTrackError> {
     let error = |kind| CircleTrackError { path: path.to_owned(), kind };
     let bytes = std::fs::read(path).map_err(|io| error(io.into()))?;
     parse(&bytes, pattern, recording).map_err(error)
 }
 
-/// Writes frames of a board of this pattern as a circle track. Every number is written so that it is
-/// read back as the same f64.
+/// Writes frames of a board of this pattern as a circle track. Every number is written so that it is read back as the same f64.
 ///
 /// # Errors
-/// When the output refuses.
+/// Errors of `output`.
 pub fn write<F: Borrow<ReferenceFrame>>(
     output: &mut impl Write,
     frames: impl IntoIterator<Item = F>,
@@ -228,10 +225,10 @@ pub fn write<F: Borrow<ReferenceFrame>>(
     output.flush()
 }
 
-/// Writes circles whose places on the board are not known as a circle track.
+/// Writes circles whose positions on the board are not known as a circle track.
 ///
 /// # Errors
-/// When the output refuses.
+/// Errors of `output`.
 pub fn write_unordered<'a>(
     output: &mut impl Write,
     frames: impl IntoIterator<Item = &'a UnorderedFrame>,
@@ -250,18 +247,18 @@ pub fn write_unordered<'a>(
     output.flush()
 }
 
-/// A length in pixels or a speed, to the millionth: far finer than circles are seen.
+/// Formats a length in pixels or a speed, rounded to a millionth, far below the accuracy of circles.
 fn rounded(value: f64) -> String {
-    // Zero has no sign.
+    // Adds 0 to remove the sign of zero.
     ((value * 1e6).round() / 1e6 + 0.0).to_string()
 }
 
-/// A time in seconds, to the nanosecond.
+/// Formats a time in seconds, rounded to a nanosecond.
 fn second(value: f64) -> String {
     ((value * 1e9).round() / 1e9 + 0.0).to_string()
 }
 
-/// Layout, rows and columns as in a board description.
+/// Returns layout, rows and columns as in a board description.
 fn describe(pattern: &Pattern) -> String {
     let layout = match pattern.layout {
         Layout::Asymmetric => "acircles",
@@ -281,7 +278,7 @@ mod tests {
 
     const PATTERN: Pattern = Pattern { layout: Layout::Symmetric, rows: 3, columns: 6 };
 
-    /// Two circles of one frame as EF-Calib's data has them: columns of another order, `col`, velocity per µs.
+    /// Two circles of one frame as in EF-Calib's data: columns in another order, `col`, velocity per µs.
     const FOREIGN: &str = "\
 frame,t_s,t_start_s,t_end_s,x_px,y_px,col,row,vx_px_per_us,vy_px_per_us
 0,0.445933,0.438582,0.450831,56.5709,114.0796,0,0,-0.000078590,-0.000273686
@@ -326,7 +323,7 @@ frame,t_s,t_start_s,t_end_s,x_px,y_px,col,row,vx_px_per_us,vy_px_per_us
     }
 
     #[test]
-    fn without_frame_column_time_gaps_and_repeated_places_part_frames() {
+    fn without_a_frame_column_time_gaps_and_repeated_positions_separate_frames() {
         let text = "\
 t_us,x_px,y_px,column,row
 1000,1,1,0,0
@@ -342,7 +339,7 @@ t_us,x_px,y_px,column,row
     }
 
     #[test]
-    fn without_places_circles_stay_unordered() {
+    fn without_positions_circles_are_unordered() {
         let text = "x_px,y_px,t_us,frame,radius_px\n5,6,1000,7,2.5\n7,8,900,7,\n1,2,100,3,1\n";
         let track = parse(text.as_bytes(), &PATTERN, 0).unwrap();
         let CircleFrames::Unordered(frames) = track.frames else { panic!("no places") };
@@ -390,7 +387,7 @@ t_us,x_px,y_px,column,row
     }
 
     #[test]
-    fn a_last_line_that_is_not_whole_is_left_out_and_told() {
+    fn an_incomplete_last_line_is_ignored_and_reported() {
         let cut = &FOREIGN[..FOREIGN.len() - 5];
         let track = parse(cut.as_bytes(), &PATTERN, 0).unwrap();
         assert_eq!(track.circles, 2);
@@ -424,7 +421,7 @@ t_us,x_px,y_px,column,row
         assert!(track.notes.iter().any(|note| note.contains("1643243628")), "{:?}", track.notes);
     }
 
-    /// Numbers as the file holds them: millionths.
+    /// Numbers with the resolution of the file: millionths.
     fn number() -> impl Strategy<Value = f64> {
         let finite = any::<f64>().prop_filter("finite", |value| value.is_finite() && value.abs() < 1e6);
         prop_oneof![-1e3f64..1e3, finite].prop_map(|value| (value * 1e6).round() / 1e6 + 0.0)
@@ -449,7 +446,7 @@ t_us,x_px,y_px,column,row
     }
 
     #[test]
-    fn a_file_has_no_more_digits_than_say_something() {
+    fn a_file_has_only_significant_digits() {
         let circle = ObservedCircle {
             index: 0,
             t: 0.032,
@@ -467,7 +464,7 @@ t_us,x_px,y_px,column,row
 
     proptest! {
         #[test]
-        fn what_is_written_is_read_back(
+        fn written_tracks_are_read_back(
             frames in prop::collection::vec(prop::collection::vec(circle(), 1..18), 1..5), origin in any::<i64>()
         ) {
             let frames: Vec<ReferenceFrame> = frames

@@ -1,4 +1,4 @@
-//! From circles to the board: the grid finder and room to work in, for windows, pictures and frames of circles.
+//! The grid finder with its workspace, for windows, pictures and frames of circles.
 
 use evcal_core::grid::{FoundGrid, GridCandidate, GridError, GridOptions, GridWorkspace, find_grid, find_grid_near};
 use evcal_core::pattern::Pattern;
@@ -6,10 +6,10 @@ use nalgebra::{RealField, Vector2};
 
 use super::no_board::NoBoard;
 
-/// Circles that the grid finder has room for.
+/// Most circles that the grid finder accepts.
 const CANDIDATES: usize = 256;
 
-/// A circle that was found to be one of the board's.
+/// A circle with its index on the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PlacedCircle {
     /// Index on the board.
@@ -18,24 +18,24 @@ pub struct PlacedCircle {
     pub candidate: usize,
 }
 
-/// Finds a board among circles.
+/// Searches circles for a board.
 pub struct BoardFinder<T> {
     pattern: Pattern,
     workspace: Box<GridWorkspace<T, CANDIDATES>>,
 }
 
 impl<T: RealField + Copy> BoardFinder<T> {
-    /// Looks for boards of `pattern`.
-    // As with the detector, what the workspace is made in must not be part of the frames of rayon's recursion.
+    /// Creates a finder of boards of `pattern`.
+    // As with the detector, the construction of the workspace must not be part of the frames of rayon's recursion.
     #[inline(never)]
     pub fn new(pattern: Pattern) -> Self {
         Self { pattern, workspace: Box::new(GridWorkspace::new()) }
     }
 
-    /// The circles of the board, by board index.
+    /// Returns the circles of the board, by board index.
     ///
     /// # Errors
-    /// [`NoBoard`] when there is none for certain.
+    /// [`NoBoard`] if there is no certain board.
     pub fn find(
         &mut self,
         candidates: &[GridCandidate<T>],
@@ -45,10 +45,10 @@ impl<T: RealField + Copy> BoardFinder<T> {
         Ok(placed(&found))
     }
 
-    /// The same near the pixel where each circle of the board is `expected`.
+    /// Does the same near the `expected` pixel of each circle of the board.
     ///
     /// # Errors
-    /// [`NoBoard`] when there is none for certain.
+    /// [`NoBoard`] if there is no certain board.
     pub fn find_near(
         &mut self,
         candidates: &[GridCandidate<T>],
@@ -65,7 +65,7 @@ fn placed<T, const N: usize>(found: &FoundGrid<T, N>) -> Vec<PlacedCircle> {
     circles.map(|circle| PlacedCircle { index: circle.board.into(), candidate: circle.candidate.into() }).collect()
 }
 
-/// The first `circles`, as far as the grid finder has room for them.
+/// Returns the first `circles`, up to the capacity of the grid finder.
 pub fn within_capacity<T>(circles: &[T]) -> &[T] {
     circles.get(..CANDIDATES).unwrap_or(circles)
 }

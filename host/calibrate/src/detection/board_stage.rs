@@ -1,4 +1,4 @@
-//! What looks for a board in the events of a recording.
+//! Search for a board of any kind in the events of a recording.
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
@@ -11,26 +11,26 @@ use super::{DetectionReport, DetectionStage};
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::ReferenceFrame;
 
-/// Time between the pictures in which squares are looked for while a camera sends events (s): searching takes a part of that.
+/// Interval of the pictures that are searched for squares while a camera sends events (s), longer than the time of a search.
 const LIVE_INTERVAL: f64 = 0.04;
-/// Pictures that make a chunk of a tenth of a second.
+/// Number of pictures per chunk of a tenth of a second.
 const PICTURES_IN_CHUNK: usize = 2;
 
 /// Searches the events of a recording, batch by batch, for a board of any kind.
 pub enum BoardStage<'a> {
-    /// For dots.
+    /// Search for circles.
     Circles(Box<DetectionStage<'a>>),
-    /// For squares.
+    /// Search for squares.
     Squares(Box<SquareStage>),
 }
 
 impl<'a> BoardStage<'a> {
-    /// Looks for `board` in recording number `recording`.
+    /// Creates a search for `board` in recording number `recording`.
     pub fn new(board: &Board, settings: &'a DetectionSettings, sensor: Sensor, recording: usize) -> Self {
         Self::with_interval(board, settings, sensor, recording, INTERVAL)
     }
 
-    /// The same for a camera that is sending events.
+    /// Creates a search in the events of a live camera.
     pub fn live(board: &Board, settings: &'a DetectionSettings, sensor: Sensor) -> Self {
         Self::with_interval(board, settings, sensor, 0, LIVE_INTERVAL)
     }
@@ -50,7 +50,7 @@ impl<'a> BoardStage<'a> {
         }
     }
 
-    /// Takes the next events in order of time (µs from the start of the recording).
+    /// Adds the next events in order of time (µs from the start of the recording).
     pub fn push(&mut self, events: &[Event]) {
         match self {
             Self::Circles(stage) => stage.push(events),
@@ -58,7 +58,7 @@ impl<'a> BoardStage<'a> {
         }
     }
 
-    /// Chunks of a tenth of a second, unless the settings say otherwise, that wait to be searched.
+    /// Returns the number of chunks that wait for the search; a chunk is a tenth of a second, unless the settings change it.
     pub fn waiting_chunks(&self) -> usize {
         match self {
             Self::Circles(stage) => stage.waiting_chunks(),
@@ -66,7 +66,7 @@ impl<'a> BoardStage<'a> {
         }
     }
 
-    /// Searches what waits, and hands out the frames found since the last time in order of time.
+    /// Searches what waits, and returns the frames found since the last call in order of time.
     pub fn take_frames(&mut self) -> Vec<ReferenceFrame> {
         match self {
             Self::Circles(stage) => stage.take_frames(),
@@ -74,7 +74,7 @@ impl<'a> BoardStage<'a> {
         }
     }
 
-    /// The frames with the board in order of time, the windows with more circles than it has, and the report.
+    /// Returns the frames with the board in order of time, the windows with more circles than the board, and the report.
     pub fn into_compact_frames(self, recording: usize) -> (Vec<CompactFrame>, UnplacedWindows, DetectionReport) {
         match self {
             Self::Circles(stage) => stage.into_compact_frames(),

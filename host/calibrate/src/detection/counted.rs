@@ -1,6 +1,6 @@
-//! A number with what it counts, in a sentence.
+//! Formatting of a number with its noun.
 
-/// `count` with `one` or `many` behind it, which may be whole parts of a sentence: `2 events are`.
+/// Formats `count` followed by `one` or `many`, which may continue the sentence: `2 events are`.
 pub fn counted(count: u64, one: &str, many: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { many })
 }

@@ -1,16 +1,16 @@
-//! Are the dots of a board round and full? The second look at a window in which the board was found.
+//! Test of the form of a board's dots: they must be round and without holes. Applied to windows in which the board was found.
 //!
-//! Single dots of a few pixels tell little, but all dots of a board have the same form. The lattice that was found gives the map
-//! from the board to the image near each dot, so that the events of all dots can be laid over each other as on the print, where
-//! perspective and lens are undone. There, with (ρ, θ) the place of an event relative to its dot's centre in radii:
+//! Single dots of a few pixels show little of their form, but all dots of a board have the same one. The lattice determines the
+//! map from the board to the image near each dot, so that the events of all dots can be overlaid on the print, without
+//! perspective and lens. With (ρ, θ) the position of an event relative to its dot's centre in radii:
 //!
-//! - the rim of a disc is ρ = 1 in all directions. A rim with four corners is ρ = 1 + a cos 4θ + b sin 4θ and more: squares, tags
-//!   and panes have √(a² + b²) = 0.11, keys with rounded corners half of that. Centre, radius and what the map cannot follow
+//! - The rim of a disc is ρ = 1 in all directions. A rim with four corners is ρ = 1 + a cos 4θ + b sin 4θ and more: squares, tags
+//!   and window panes have √(a² + b²) = 0.11, keys with rounded corners half of that. Centre, radius and deviations from the map
 //!   (one and two periods in θ) are estimated in the same least squares, window by window.
-//! - inside of a disc and around it there is nothing. The other rim of a ring or a nut, be it the hole's or the outer one, has
-//!   events of the opposite polarity on the same side of the dot. Noise has as many of either.
+//! - A disc has no events inside and around it. The other rim of a ring or a nut, either the hole's or the outer one, has events
+//!   of the opposite polarity on the same side of the dot. Noise has as many of either.
 //!
-//! Evidence of windows adds up.
+//! The evidence of windows is added up.
 
 use evcal_core::event::Polarity;
 use evcal_core::pattern::{Layout, Pattern};
@@ -19,26 +19,26 @@ use nalgebra::{DMatrix, Matrix2, Matrix2x5, Matrix5, SVector, Vector2, Vector5};
 use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 
-/// What the events of one or more windows say of the dots' form.
+/// Evidence on the form of the dots from one or more windows.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DotShape {
-    /// Normal equations of the corners' amplitudes (of cos 4θ and sin 4θ), all else eliminated.
+    /// Normal equations of the corners' amplitudes (of cos 4θ and sin 4θ), everything else eliminated.
     information: Matrix2<f64>,
     moment: Vector2<f64>,
     /// Sum of the squared residuals in ρ, without corners.
     residual: f64,
-    /// Events on rims.
+    /// Number of events on rims.
     rim: f64,
-    /// Events on the rims' flanks, where the edge is not near to sliding along itself.
+    /// Number of events on the rims' flanks, where the edge does not nearly slide along itself.
     flank: f64,
-    /// Events within a dot or around it beside the flanks: those of the opposite polarity less those of the same.
+    /// Number of events inside a dot or around it next to the flanks: those of the opposite polarity minus those of the same.
     opposite: f64,
 }
 
 /// A dot of the board in a window.
 #[derive(Clone, Copy, Debug)]
 pub struct Dot {
-    /// Its place on the board.
+    /// Index on the board.
     pub index: usize,
     /// Centre (px).
     pub center: Vector2<f64>,
@@ -46,35 +46,35 @@ pub struct Dot {
     pub radius: f64,
 }
 
-/// Events up to this many radii from the centre are looked at: a ring whose hole was found has its outer rim there.
+/// Largest distance of the events from the centre in radii: the outer rim of a ring whose hole was found is within it.
 const FAR: f64 = 2.3;
-/// From here to there they belong to the rim, whatever the dot's form.
+/// Distances within which events belong to the rim, whatever the dot's form (radii).
 const RIM_BAND: std::ops::Range<f64> = 0.55..1.45;
-/// Cosine of the angle to the dot's motion below which the edge is near to sliding along itself: on the rim, and for what is
-/// beside it.
+/// Cosine of the angle to the dot's motion below which the edge nearly slides along itself: for events on the rim, and for events
+/// next to it.
 const SLIDING: f64 = 0.25;
 const SLIDING_BESIDE: f64 = 0.5;
-/// What is nearer to the rim than this (in radii, and in pixels) belongs to it.
+/// Distance from the rim within which events belong to it (in radii, and in pixels).
 const RIM: f64 = 0.2;
 const RIM_PIXELS: f64 = 1.3;
-/// Fewest events of a dot.
+/// Fewest events per dot.
 const FEWEST: usize = 8;
-/// About so many dots of a window are looked at, and every other or third one where there are more.
+/// Approximate number of dots of a window that are evaluated; if there are more, every other or third one is.
 const MOST_DOTS: usize = 18;
-/// Fewest dots with which the map from the board is curved.
+/// Fewest dots for a map with quadratic terms.
 const CURVED: usize = 9;
 /// Largest amplitude of four corners in the rims of discs (radii). Squares have 0.11.
 const LARGEST_CORNERS: f64 = 0.02;
-/// Most events of the opposite polarity within and around discs, beyond what noise has, as a share of those on their rims.
+/// Largest number of events of the opposite polarity inside and around discs, beyond noise, as a share of those on their rims.
 /// Rings have more.
 const MOST_HOLLOW: f64 = 0.12;
-/// One window has to tell so many times as much.
+/// Factor on these limits for a single window.
 const OF_ONE_WINDOW: f64 = 2.0;
-/// Standard deviations beyond which corners are certain.
+/// Number of standard deviations from which corners are significant.
 const CERTAIN: f64 = 3.0;
 
 impl DotShape {
-    /// What a frame says of the dots of `pattern`; `None` if it holds no events.
+    /// Returns the evidence of a frame on the dots of `pattern`; `None` if it contains no events.
     pub fn of_frame(frame: &ReferenceFrame, pattern: &Pattern) -> Option<Self> {
         let circles = frame.circles.iter();
         let dot =
@@ -83,7 +83,7 @@ impl DotShape {
         Some(Self::of_dots(&dots, frame.events()?, pattern))
     }
 
-    /// What the `pixels` of a window, in their order, say of its `dots`.
+    /// Returns the evidence of the sorted `pixels` of a window on its `dots`.
     pub fn of_dots(dots: &[Dot], pixels: &[EventPixel], pattern: &Pattern) -> Self {
         let Some(map) = LatticeMap::through(dots, pattern) else { return Self::default() };
         let mut sums = RimSums::default();
@@ -101,7 +101,7 @@ impl DotShape {
             let margin = RIM.max(RIM_PIXELS / dot.radius);
             for (place, polarity) in &around {
                 let radius = place.norm();
-                // OFF where the dark dot arrives.
+                // OFF on the side towards which the dark dot moves.
                 let toward = place.dot(&heading) / radius.max(1e-9);
                 let expected = (toward > 0.0) == (*polarity == Polarity::Off);
                 if !cell(place) {
@@ -124,7 +124,7 @@ impl DotShape {
         shape
     }
 
-    /// Adds what another window says.
+    /// Adds the evidence of another window.
     pub fn add(&mut self, other: &Self) {
         self.information += other.information;
         self.moment += other.moment;
@@ -134,7 +134,7 @@ impl DotShape {
         self.opposite += other.opposite;
     }
 
-    /// Amplitude of four corners, in radii, and its standard deviation; `None` where nothing is known of it.
+    /// Returns the amplitude of four corners, in radii, and its standard deviation; `None` if it is not determined.
     pub fn corners(&self) -> Option<(f64, f64)> {
         let covariance = self.information.try_inverse()?;
         let amplitude = covariance * self.moment;
@@ -143,18 +143,18 @@ impl DotShape {
         (sigma.is_finite() && self.rim > 0.0).then(|| (amplitude.norm(), sigma))
     }
 
-    /// How many events of the opposite polarity lie inside and around the dots, beyond what noise has, as a share of those on
+    /// Returns the number of events of the opposite polarity inside and around the dots, beyond noise, as a share of those on
     /// their flanks.
     pub fn hollowness(&self) -> f64 {
         self.opposite / self.flank.max(1.0)
     }
 
-    /// Whether the dots of a board may be discs, as far as all its windows tell.
+    /// Returns `true` if the dots may be discs, by the evidence of all windows.
     pub(super) fn may_be_discs(&self) -> bool {
         self.is_below(1.0)
     }
 
-    /// The same of one window.
+    /// Returns `true` if the dots may be discs, by the evidence of one window.
     pub(super) fn may_be_discs_in_window(&self) -> bool {
         self.is_below(OF_ONE_WINDOW)
     }
@@ -165,12 +165,12 @@ impl DotShape {
     }
 }
 
-/// The places of events around a `dot`, as `to_board` takes them there, with their polarities, into `around`.
+/// Collects the positions of events around a `dot`, mapped by `to_board`, with their polarities, in `around`.
 fn gather(dot: &Dot, pixels: &[EventPixel], to_board: &Matrix2<f64>, around: &mut Vec<(Vector2<f64>, Polarity)>) {
     around.clear();
     let center = dot.center;
     let Some(to_image) = to_board.try_inverse() else { return };
-    // The ellipse that the circle of radius FAR becomes is this high and wide.
+    // Width and height of the ellipse that is the image of the circle of radius FAR.
     let (wide, high) = (FAR * to_image.row(0).norm(), FAR * to_image.row(1).norm());
     let first = (center.y - high).ceil().max(0.0) as u16;
     let mut rest = pixels.get(pixels.partition_point(|pixel| pixel.y() < first)..).unwrap_or_default();
@@ -187,7 +187,7 @@ fn gather(dot: &Dot, pixels: &[EventPixel], to_board: &Matrix2<f64>, around: &mu
     }
 }
 
-/// The direction in which a dot moves, from where its events of both polarities are; 0 if one is missing.
+/// Returns the direction of a dot's motion, from the positions of its events of both polarities; 0 if one is missing.
 fn heading(around: &[(Vector2<f64>, Polarity)]) -> Vector2<f64> {
     let mean = |wanted: Polarity| {
         let of_rim =
@@ -200,9 +200,9 @@ fn heading(around: &[(Vector2<f64>, Polarity)]) -> Vector2<f64> {
     (off - on).try_normalize(1e-9).unwrap_or_default()
 }
 
-/// Whether a place, in radii of `unit` spacings, is nearer to its dot than to the next.
+/// Returns a test whether a position, in radii of `unit` spacings, is nearer to its dot than to the next.
 fn cell_of(layout: Layout, unit: f64) -> impl Fn(&Vector2<f64>) -> bool {
-    // A little less, for the neighbour's own rim.
+    // Slightly less than half, to exclude the neighbour's own rim.
     let half = 0.48 / unit;
     move |place| match layout {
         Layout::Symmetric => place.x.abs().max(place.y.abs()) < half,
@@ -210,7 +210,7 @@ fn cell_of(layout: Layout, unit: f64) -> impl Fn(&Vector2<f64>) -> bool {
     }
 }
 
-/// The place of a circle on the lattice.
+/// Returns the position of a circle on the lattice.
 fn lattice_place(pattern: &Pattern, index: usize) -> Vector2<f64> {
     let (x, y) = pattern.lattice_position(index);
     Vector2::new(f64::from(x), f64::from(y))
@@ -225,7 +225,7 @@ struct LatticeMap {
 }
 
 impl LatticeMap {
-    /// Least squares through the dots; `None` if there are too few.
+    /// Fits the map to the dots by least squares; `None` if there are too few.
     fn through(dots: &[Dot], pattern: &Pattern) -> Option<Self> {
         let place = |dot: &Dot| lattice_place(pattern, dot.index);
         let count = dots.len();
@@ -294,7 +294,7 @@ impl RimSums {
         self.count += 1.0;
     }
 
-    /// What is left for the corners when all else is estimated too.
+    /// Eliminates everything but the corners.
     fn eliminate(&self, shape: &mut DotShape) {
         let Some(inverse) = self.plain.cholesky().map(|factor| factor.inverse()) else { return };
         let gain = self.mixed * inverse;

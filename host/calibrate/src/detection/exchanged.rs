@@ -1,4 +1,4 @@
-//! Are the dots darker than the paper? A dark dot sends OFF events where it moves to, and ON events where it comes from.
+//! Detection of exchanged polarities. A dark dot sends OFF events on the side towards which it moves, and ON events on the other.
 
 use evcal_core::event::Polarity;
 use nalgebra::Vector2;
@@ -6,40 +6,40 @@ use serde::Serialize;
 
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 
-/// Pairs of neighbouring windows that are looked at.
+/// Number of pairs of neighbouring windows that are evaluated.
 pub const PAIRS: usize = 100;
 /// Longest time between the two (s).
 const LONGEST: f64 = 0.05;
-/// Slower circles (px/s) do not tell which side is in front.
+/// Slowest speed of a circle (px/s) at which its front is known.
 const SLOWEST: f64 = 30.0;
-/// Pixels up to so many radii from the centre are those of the circle's rim.
+/// Largest distance of a pixel from the centre of its circle (radii).
 const REACH: f64 = 1.3;
 /// Fewest pixels of each polarity.
 const FEWEST_PIXELS: f64 = 4.0;
-/// Fewest circles that are looked at, and the share of them whose ON events are in front, from which polarities are exchanged.
+/// Fewest circles for a decision, and the share of them with ON events in front from which polarities are exchanged.
 const FEWEST_CIRCLES: usize = 200;
 const MOST: f64 = 0.8;
 
-/// ON events come where dots move to: polarities are exchanged, or the dots are lighter than the paper.
+/// ON events are on the side towards which dots move: polarities are exchanged, or the dots are lighter than the paper.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error, Serialize)]
 #[error(
     "ON events are in front of moving dots at {:.0} % of {circles} circles, where dark dots send OFF events: ON and OFF are exchanged in the file, or light dots are on dark paper",
     100.0 * share
 )]
 pub struct Exchanged {
-    /// Circles that were looked at.
+    /// Number of circles that were evaluated.
     pub circles: usize,
-    /// Share of them.
+    /// Share of the circles with ON events in front.
     pub share: f64,
 }
 
 impl Exchanged {
-    /// What to do.
+    /// Remedy.
     pub const ADVICE: &str =
         "write 1 for ON, where the pixel became brighter, and 0 for OFF; or print dark dots on light paper";
 }
 
-/// Looks at the circles of windows, each with the one after it.
+/// Evaluates the circles of windows, each with the following one.
 pub fn exchanged<'a>(pairs: impl Iterator<Item = (&'a ReferenceFrame, &'a ReferenceFrame)>) -> Option<Exchanged> {
     let (mut circles, mut in_front) = (0, 0);
     for (frame, next) in pairs {
@@ -83,7 +83,7 @@ mod tests {
     use crate::circles::event_pixel::EventPixel;
     use crate::circles::reference_frame::SeenIn;
 
-    /// A dot of 10 px that moves to the right, with events of `front` at its right rim.
+    /// A dot of 10 px that moves to the right, with events of polarity `front` at its right rim.
     fn frames(front: Polarity) -> Vec<ReferenceFrame> {
         let back = if front == Polarity::On { Polarity::Off } else { Polarity::On };
         let frame = |number: u16| {
@@ -111,7 +111,7 @@ mod tests {
         let of = |frames: &[ReferenceFrame]| exchanged(frames.iter().zip(frames.iter().skip(1)));
         assert_eq!(of(&frames(Polarity::Off)), None);
         assert_eq!(of(&frames(Polarity::On)), Some(Exchanged { circles: 249, share: 1.0 }));
-        // Too few to accuse the file.
+        // Too few for a decision.
         assert_eq!(of(&frames(Polarity::On)[..100]), None);
     }
 }

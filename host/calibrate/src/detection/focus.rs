@@ -1,4 +1,4 @@
-//! How sharp the circles of a window are: the width of the band of events about their rims.
+//! Sharpness of the circles of a window: the width of the band of events about their rims.
 
 use nalgebra::Vector2;
 use serde::Serialize;
@@ -7,16 +7,16 @@ use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::ReferenceFrame;
 use evcal_geometry::numerics::statistics;
 
-/// Edges wider than this, in pixels and in radii of the circle, are blurred. Those of a lens in focus are 0.8 px wide; motion
-/// across many pixels widens them on sensors that have many.
+/// Width above which edges are blurred, in pixels and in radii of the circle. With a lens in focus it is 0.8 px; motion across
+/// many pixels increases it on sensors with many pixels.
 const BLURRED: [f64; 2] = [1.6, 0.18];
-/// Pixels farther from a rim, as a share of its radius, belong to something else.
+/// Distance from a rim, as a share of its radius, beyond which pixels do not belong to it.
 const REACH: f64 = 0.6;
-/// Fewest pixels that make a width.
+/// Fewest pixels for a width.
 const FEWEST_PIXELS: usize = 100;
-/// Windows of a recording that are measured.
+/// Number of windows of a recording that are measured.
 pub const WINDOWS: usize = 100;
-/// The sharpest of so many tells how sharp a recording is: motion widens the band of the others.
+/// The sharpest of this number of windows determines the sharpness of a recording: motion widens the band of the others.
 const SHARPEST: usize = 10;
 
 /// Width of circles' edges.
@@ -29,15 +29,15 @@ pub struct EdgeWidth {
 }
 
 impl EdgeWidth {
-    /// Whether the circles are blurred.
+    /// Returns `true` if the circles are blurred.
     pub fn is_blurred(&self) -> bool {
         let [pixels, radii] = BLURRED;
         self.pixels > pixels && self.radii > radii
     }
 }
 
-/// How sharp the circles of a recording are: the width of the band that a tenth of its windows is below; `None` where too few have
-/// events.
+/// Returns the edge width of a recording: a low quantile over its windows (the sharpest one in ten), because motion
+/// widens the others; `None` if too few windows have events.
 pub fn edge_width(frames: &[ReferenceFrame]) -> Option<EdgeWidth> {
     let step = frames.len().div_ceil(WINDOWS).max(1);
     let widths = frames.iter().step_by(step).filter_map(|frame| {
@@ -50,7 +50,8 @@ pub fn edge_width(frames: &[ReferenceFrame]) -> Option<EdgeWidth> {
     widths.get(widths.len() / SHARPEST).copied()
 }
 
-/// Width of the band of `pixels` about the rims of a frame's circles (px): twice the median distance of pixels from the rim of their circle, after the rim was moved to the middle of them.
+/// Returns the width of the band of `pixels` about the rims of a frame's circles (px): twice the median distance of pixels from
+/// the rim of their circle, after the rim was moved to their middle.
 pub fn band_width(frame: &ReferenceFrame, pixels: &[EventPixel]) -> Option<f64> {
     let circles: Vec<(Vector2<f64>, f64)> =
         frame.circles.iter().filter_map(|circle| Some((circle.center, circle.radius?))).collect();

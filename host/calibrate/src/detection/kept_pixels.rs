@@ -1,23 +1,23 @@
-//! A limit to the events of windows that are kept, so that long recordings do not fill the memory.
+//! A limit on the events of windows that are kept, so that long recordings do not fill the memory.
 
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::SeenIn;
 
-/// Most pixels that are kept, four bytes each. Half a minute before a DAVIS346 stays below it.
+/// Most pixels that are kept, four bytes each. Half a minute of a DAVIS346 is below it.
 const MOST: usize = 12_000_000;
 
-/// Of recordings with more windows than this, far fewer are kept: enough to show some. Only a part of such a recording is in the
-/// joint solve, whose first camera does not need them.
+/// Number of windows from which far fewer pixels are kept, enough to show some. Only a part of such a recording is in the joint
+/// solve, whose first camera does not need them.
 const MANY_WINDOWS: usize = 12_000;
-/// Most pixels that are kept then.
+/// Most pixels that are kept of such a recording.
 const MOST_OF_MANY: usize = 1_000_000;
 
-/// What was kept of the windows so far.
+/// State of the limit.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct KeptPixels {
-    /// Of so many windows, one keeps its events.
+    /// One of this number of windows keeps its events.
     every: usize,
-    /// Windows that were looked at.
+    /// Number of windows that were checked.
     windows: usize,
     pixels: usize,
 }
@@ -30,7 +30,7 @@ impl Default for KeptPixels {
 
 impl KeptPixels {
     /// Drops the events of windows, evenly over the recording, until at most [`MOST`] are left. `found` are all windows so far;
-    /// windows were added at its end since the last time, or it was emptied.
+    /// since the last call, windows were appended, or it was emptied.
     pub(super) fn limit(&mut self, found: &mut [CompactFrame]) {
         if found.len() < self.windows {
             *self = Self::default();
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_kept_is_spread_evenly_over_all_windows() {
+    fn kept_events_are_spread_evenly_over_all_windows() {
         let (mut found, mut kept) = (Vec::new(), KeptPixels::default());
         for index in 0..1000 {
             found.push(window(index));

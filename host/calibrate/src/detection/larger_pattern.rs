@@ -1,6 +1,8 @@
-//! Whether the board is larger than stated: larger ones are tried on the windows in which the stated one has no place.
+//! Detection of a board that is larger than stated: larger boards are tried on the windows in which the stated one has no
+//! position.
 //!
-//! A window counts for a larger board only when at least half of each of its rows and columns is there: clutter makes no rows.
+//! A window counts for a larger board only if at least half of each of its rows and columns is there, because clutter does not
+//! form rows.
 
 use std::cmp::Reverse;
 
@@ -12,31 +14,31 @@ use super::order_frames;
 use super::unplaced::{UnplacedWindows, is_whole};
 use crate::circles::reference_frame::{ReferenceFrame, UnorderedFrame};
 
-/// Windows on which all larger boards are tried.
+/// Number of windows on which all larger boards are tried.
 const FIRST_SAMPLE: usize = 6;
-/// Windows on which the best of them is tried, about.
+/// Approximate number of windows on which the best of them is tried.
 const SAMPLE: usize = 40;
-/// Fewer windows with a larger board tell too little.
+/// Fewest windows with a larger board for a decision.
 const FEWEST: usize = 5;
-/// Rows and columns more than stated that are tried.
+/// Most additional rows and columns that are tried.
 const MOST_MORE: u8 = 3;
-/// A board of more circles than this times those of the fullest windows is not tried.
+/// Largest number of circles of a board, relative to the fullest windows.
 const NEARLY_WHOLE: f64 = 1.1;
 
-/// A board that goes on beside the stated one.
+/// A board that contains the stated one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LargerPattern {
     /// Its layout.
     pub pattern: Pattern,
-    /// Windows that show all of it.
+    /// Windows that show all of the board.
     pub frames: Vec<ReferenceFrame>,
 }
 
-/// The board of which `stated` is a part, if most chunks that show all of the stated board show all of that.
+/// Returns the board that contains `stated`, if most chunks that show all of the stated board show all of the larger one.
 pub fn larger_pattern(recordings: &[UnplacedWindows], stated: Pattern, sensor: Sensor) -> Option<LargerPattern> {
     let chunks: usize = recordings.iter().map(|windows| windows.chunks).sum();
     let all = chunks + recordings.iter().map(|windows| windows.as_stated).sum::<usize>();
-    // Nearly always it ends here: nothing is tried where the board is as stated.
+    // Usually it ends here: nothing is tried if the board is as stated.
     if chunks < FEWEST || 2 * chunks <= all {
         return None;
     }
@@ -54,19 +56,20 @@ pub fn larger_pattern(recordings: &[UnplacedWindows], stated: Pattern, sensor: S
         let whole = found.into_iter().filter(|frame| is_whole(frame, pattern));
         frames.extend(whole.map(|frame| ReferenceFrame { recording: *recording, ..frame }));
     }
-    // The share among all chunks, from that of those examined.
+    // Whether most of all chunks show it, extrapolated from the examined ones.
     let most = 2 * frames.len() * chunks > examined * all;
     (frames.len() >= FEWEST && most).then_some(LargerPattern { pattern, frames })
 }
 
-/// Boards of which `stated` is a part, the smallest first, for of boards that fit alike the first is taken.
+/// Returns boards that contain `stated`, the smallest first, because of boards that fit equally the first is taken.
 fn larger(stated: Pattern) -> Vec<Pattern> {
     let more = |count: u8| count..=count.saturating_add(MOST_MORE);
     let boards = more(stated.rows)
         .flat_map(|rows| more(stated.columns).map(move |columns| Pattern { rows, columns, ..stated }))
         .filter(|pattern| *pattern != stated);
     let mut boards: Vec<Pattern> = boards.collect();
-    // A symmetric board turned by a quarter fits as well: the one is named whose sides grow alike, or that is higher than wide.
+    // A symmetric board rotated by a quarter fits as well: the one is named whose sides grow by the same number, or that is
+    // higher than wide.
     boards.sort_by_key(|pattern| {
         let sides_more = [pattern.rows - stated.rows, pattern.columns - stated.columns];
         (pattern.circle_count(), sides_more.into_iter().max(), Reverse(pattern.rows))
@@ -88,7 +91,7 @@ mod tests {
         format!("{text}:55mm:r17.5mm").parse::<CircleBoard>().unwrap().pattern
     }
 
-    /// A window in which these lattice places of a tilted board are seen, and two circles beside it.
+    /// A window that shows these lattice positions of a tilted board, and two more circles.
     fn window(view: u32, places: impl Iterator<Item = (i32, i32)>) -> UnorderedFrame {
         let part = f64::from(view) / 40.0;
         let (sin, cos) = (0.6 * (part - 0.5)).sin_cos();
@@ -107,7 +110,7 @@ mod tests {
         window(view, (0..pattern.circle_count()).map(|index| pattern.lattice_position(index)))
     }
 
-    /// What is told of a recording with `larger` windows of this board, and as many chunks `as_stated`.
+    /// Returns the result for a recording with `larger` windows of this board and `as_stated` chunks of the stated one.
     fn told(stated: &str, board: &str, larger: u32, as_stated: u32) -> Option<(Pattern, usize)> {
         let mut windows = UnplacedWindows::new(3);
         (0..larger).for_each(|view| windows.take(Some(whole(view % 40, pattern(board))), true));
@@ -118,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn the_board_is_named_that_the_stated_one_is_a_part_of() {
+    fn the_larger_board_is_found() {
         for (stated, board) in [
             ("acircles:8x4", "acircles:9x4"),
             ("acircles:7x4", "acircles:9x4"),
@@ -135,16 +138,16 @@ mod tests {
     }
 
     #[test]
-    fn a_larger_board_in_few_windows_is_not_told() {
+    fn a_larger_board_in_few_windows_is_not_reported() {
         assert_eq!(told("acircles:8x4", "acircles:9x4", 20, 20), None);
         assert_eq!(told("acircles:8x4", "acircles:9x4", 4, 0), None);
         assert_eq!(told("acircles:8x4", "acircles:9x4", 0, 0), None);
     }
 
     #[test]
-    fn clutter_beside_the_stated_board_is_no_larger_one() {
+    fn clutter_next_to_the_stated_board_is_not_a_larger_one() {
         for (stated, beside) in [
-            // One circle or two in the places of a tenth row or a fifth column.
+            // One circle or two at positions of a tenth row or a fifth column.
             ("acircles:9x4", &[(1, 9)][..]),
             ("acircles:9x4", &[(8, 4)]),
             ("circles:7x6", &[(1, 7), (4, 7)]),

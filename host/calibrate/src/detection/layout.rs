@@ -1,9 +1,9 @@
-//! Which circle grid is in the image? For users who did not say, or said it wrong.
+//! Recognition of the layout of a circle grid, for users who did not state it, or stated it wrongly.
 //!
-//! Every layout of a plausible number of circles is tried on the circles of a sample of windows. A window counts for a
-//! layout by the circles that it places, less those that it misses: so a layout that is too small loses because the grid
-//! finder refuses it where the lattice goes on, and one that is too large because it is never whole. Spacing and radius
-//! cannot be told this way: the same events come from a small board nearby and a large one far away.
+//! Every layout of a plausible number of circles is tried on the circles of a sample of windows. A window counts for a layout by
+//! the circles that it places, minus those that it misses. A layout that is too small loses because the grid finder rejects it
+//! where the lattice continues, and one that is too large because it is never complete. Spacing and radius cannot be determined:
+//! a small board nearby and a large one far away have the same events.
 
 use std::fmt;
 use std::ops::ControlFlow;
@@ -20,37 +20,37 @@ use evcal_geometry::numerics::statistics::median;
 use event_recordings::pass::read_while;
 use event_recordings::{Recording, RecordingError};
 
-/// So much of a recording is looked at (µs).
+/// Length of the beginning of a recording that is evaluated (µs).
 pub(super) const LONGEST: i64 = 4_000_000;
-/// Windows with fewer circles show too little of any board.
+/// Fewest circles of a window that is evaluated.
 pub(super) const FEWEST_CIRCLES: usize = 8;
-/// Windows on which every layout is tried.
+/// Number of windows on which every layout is tried.
 const SAMPLE: usize = 40;
-/// The layout must be found in at least this share of the windows, and in so many.
+/// Smallest share and number of the windows that the layout must fit.
 const FEWEST_FITS: f64 = 0.2;
 const FEWEST_WINDOWS: usize = 5;
-/// Circles of the layouts that are tried, in parts of those in a full window. What looks like a circle beside the board makes
-/// for more, a board that is never seen whole for fewer.
+/// Range of the number of circles of the layouts, relative to a full window. Clutter adds circles; a board that is never
+/// completely in view has fewer.
 const COUNTS: std::ops::Range<f64> = 0.4..1.3;
-/// Rows and columns of the layouts that are tried.
+/// Ranges of rows and columns of the layouts.
 const ROWS: std::ops::RangeInclusive<u8> = 3..=20;
 const COLUMNS: std::ops::RangeInclusive<u8> = 2..=14;
 
-/// The circle grid that most windows fit.
+/// The layout that fits most windows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RecognisedLayout {
     /// Its layout.
     pub pattern: Pattern,
-    /// Windows that it fits.
+    /// Number of windows that it fits.
     pub fitting: usize,
-    /// Windows with enough circles.
+    /// Number of windows with enough circles.
     pub windows: usize,
-    /// Radius of the circles in parts of the spacing, as it looks in the image: a little more than the printed one.
+    /// Radius of the circles relative to the spacing, as measured in the image: slightly more than the printed one.
     pub radius: Option<f64>,
 }
 
 impl RecognisedLayout {
-    /// What to measure.
+    /// Names the lengths that the user has to measure.
     pub fn to_measure(&self) -> String {
         let spacing = match self.pattern.layout {
             Layout::Asymmetric => "the spacing (half the distance of neighbours in a row)",
@@ -60,7 +60,7 @@ impl RecognisedLayout {
         format!("measure {spacing} and the radius of a circle{about}")
     }
 
-    /// A board of this layout, as it is written.
+    /// Returns a board of this layout, as users write it.
     pub fn example(&self) -> String {
         format!("{}:55mm:r17.5mm", layout_name(&self.pattern))
     }
@@ -73,10 +73,10 @@ impl fmt::Display for RecognisedLayout {
     }
 }
 
-/// Looks for the layout of the board in the first seconds of a recording; `None` where none fits.
+/// Searches the first seconds of a recording for the layout of the board; `None` if none fits.
 ///
 /// # Errors
-/// [`RecordingError`] when it cannot be read.
+/// [`RecordingError`] if the recording cannot be read.
 pub fn find_layout(
     recording: &Recording,
     sensor: Sensor,
@@ -95,12 +95,12 @@ pub fn find_layout(
     Ok(recognise(&frames, sensor))
 }
 
-/// The events of the first seconds.
+/// Returns the events of the first seconds.
 pub(super) fn beginning(events: &[Event]) -> &[Event] {
     events.get(..events.partition_point(|event| event.t <= LONGEST)).unwrap_or_default()
 }
 
-/// The layout that most of these windows fit; `None` where none does.
+/// Returns the layout that fits most of these windows; `None` if none does.
 pub(super) fn recognise(frames: &[UnorderedFrame], sensor: Sensor) -> Option<RecognisedLayout> {
     let sample = fullest(frames);
     let mut counts: Vec<f64> = sample.iter().map(|frame| frame.circles.len() as f64).collect();
@@ -117,8 +117,8 @@ pub(super) fn recognise(frames: &[UnorderedFrame], sensor: Sensor) -> Option<Rec
     Some(RecognisedLayout { pattern, fitting: found.len(), windows: frames.len(), radius })
 }
 
-/// The one of these layouts that places most circles of the frames and misses fewest, the first of equals; `None` where all miss more
-/// than they place.
+/// Returns the layout that places most circles of the frames and misses fewest, the first of equals; `None` if all miss more than
+/// they place.
 pub(super) fn most_fitting(
     frames: &[UnorderedFrame],
     patterns: impl DoubleEndedIterator<Item = Pattern>,
@@ -129,13 +129,13 @@ pub(super) fn most_fitting(
         let (found, _) = order_frames(frames, pattern, Some(sensor));
         found.iter().map(|frame| (2 * frame.circles.len()).saturating_sub(whole)).sum::<usize>()
     };
-    // Of equals the first.
+    // The first of equals.
     let scored = patterns.map(|pattern| (score(&pattern), pattern)).rev();
     scored.max_by_key(|(score, _)| *score).filter(|best| best.0 > 0).map(|(_, pattern)| pattern)
 }
 
-/// Radius over the distance of neighbouring centres in the image, for each circle with a neighbour. Of the board, its layout
-/// alone counts.
+/// Returns the radius divided by the distance of neighbouring centres in the image, for each circle with a neighbour. Only the
+/// layout of the board is used.
 pub fn radius_ratios(frame: &ReferenceFrame, board: &CircleBoard) -> Vec<f64> {
     let nearest = board.neighbour_distance() * 1.01;
     let circles = &frame.circles;
@@ -151,7 +151,7 @@ pub fn radius_ratios(frame: &ReferenceFrame, board: &CircleBoard) -> Vec<f64> {
     circles.iter().enumerate().filter_map(ratio).collect()
 }
 
-/// Some of the half of the windows that have most circles, spread over time.
+/// Returns some of the half of the windows with most circles, spread over time.
 fn fullest(frames: &[UnorderedFrame]) -> Vec<UnorderedFrame> {
     let mut counts: Vec<usize> = frames.iter().map(|frame| frame.circles.len()).collect();
     counts.sort_unstable();
@@ -160,7 +160,7 @@ fn fullest(frames: &[UnorderedFrame]) -> Vec<UnorderedFrame> {
     full.iter().step_by(full.len().div_ceil(SAMPLE).max(1)).map(|frame| (*frame).clone()).collect()
 }
 
-/// All layouts that may be printed. A symmetric one looks the same with rows and columns exchanged.
+/// Returns all layouts that may be printed. A symmetric one looks the same with rows and columns exchanged.
 fn layouts() -> impl DoubleEndedIterator<Item = Pattern> {
     [Layout::Asymmetric, Layout::Symmetric].into_iter().flat_map(|layout| {
         ROWS.flat_map(move |rows| COLUMNS.map(move |columns| Pattern { layout, rows, columns }))
@@ -177,7 +177,7 @@ mod tests {
 
     const SENSOR: Sensor = Sensor::new(346, 260);
 
-    /// Views of a board that turns and tilts, with clutter.
+    /// Views of a board that rotates and tilts, with clutter.
     fn views(board: &CircleBoard) -> Vec<UnorderedFrame> {
         (0..60)
             .map(|view| {
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn circles_in_no_order_are_no_board() {
+    fn circles_without_order_are_not_a_board() {
         let circle = |view: u32, index: u32| {
             let at = |factor: u32, size: u32| f64::from((view * 31 + index * factor + index * index * 17) % size);
             UnorderedCircle {

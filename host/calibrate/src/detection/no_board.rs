@@ -1,4 +1,4 @@
-//! Why a window or a picture holds no board, and what to do about it.
+//! Reasons why no board was found in a window or a picture, with remedies.
 
 use std::fmt;
 
@@ -7,92 +7,91 @@ use serde::{Deserialize, Serialize};
 
 use event_recordings::pictures::NoImage;
 
-/// Why a window, a picture or a frame of circles holds no board. Declared in the order of the words, in which
-/// reports list them.
+/// Reason why no board was found in a window, a picture or a frame of circles. Sorted by their words, in the order of reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum NoBoard {
-    /// OpenCV's grid finder threw an error.
+    /// OpenCV's grid finder raised an error.
     #[serde(rename = "OpenCV failed")]
     OpencvFailed,
-    /// OpenCV's grid finder saw none.
+    /// OpenCV's grid finder found no board.
     #[serde(rename = "OpenCV found no grid")]
     OpencvFoundNone,
     /// The edges of a picture's dots are too blurred.
     #[serde(rename = "blurred")]
     Blurred,
-    /// The lattice is not near the place to which the board moved.
+    /// The lattice is not near the position to which the board moved.
     #[serde(rename = "board not where it is expected")]
     NotAsExpected,
-    /// The corners of squares are those of a larger or smaller checkerboard.
+    /// The corners of squares belong to a larger or smaller checkerboard.
     #[serde(rename = "corners beside the board")]
     CornersBesideBoard,
-    /// The corners of squares are not those of a checkerboard.
+    /// The corners of squares do not form a checkerboard.
     #[serde(rename = "corners form no checkerboard")]
     NoCheckerboard,
-    /// No tag of the board is seen.
+    /// No tag of the board was found.
     #[serde(rename = "no tags of the board")]
     NoTags,
-    /// The dark border of the tags is not as wide as stated.
+    /// The dark border of the tags has another width than stated.
     #[serde(rename = "tags with another border")]
     OtherBorder,
-    /// Some tags are those of the board, those beside them are not.
+    /// Some tags belong to the board, but their neighbours do not.
     #[serde(rename = "tags of another board")]
     OtherTags,
-    /// The board is printed as in a mirror.
+    /// The board is printed mirrored.
     #[serde(rename = "mirrored print")]
     MirroredPrint,
-    /// There are fewer corners of squares than a board needs.
+    /// There are fewer corners of squares than required.
     #[serde(rename = "too few corners")]
     TooFewCorners,
-    /// The lattice goes on where the board ends.
+    /// The lattice continues where the board ends.
     #[serde(rename = "circles beside the board")]
     BesideBoard,
-    /// Nowhere do the circles look like a lattice.
+    /// The circles do not form a lattice.
     #[serde(rename = "circles form no lattice")]
     NoLattice,
-    /// The circles are not where those of a smooth lattice are.
+    /// The circles are not at the positions of a smooth lattice.
     #[serde(rename = "circles scatter too much")]
     Scattered,
     /// The dots of the lattice have corners, or holes.
     #[serde(rename = "dots that are not round")]
     NotRound,
-    /// The pixels of a picture are stored in a way that is not read.
+    /// The encoding of a picture is not supported.
     #[serde(rename = "encoding that is not read")]
     UnreadEncoding,
-    /// Columns of a picture were lost on the way.
+    /// Columns of a picture were lost in transmission.
     #[serde(rename = "lost columns")]
     LostColumns,
-    /// The grid finder refused for a reason that has no name here.
+    /// The grid finder failed for a reason without a name here.
     #[serde(rename = "no board")]
     Unknown,
     /// A picture has no dots.
     #[serde(rename = "no dots")]
     NoDots,
-    /// A picture is neither grey nor coloured.
+    /// A picture is neither greyscale nor colour.
     #[serde(rename = "no grey or colour picture")]
     NotGrey,
-    /// There is a lattice; which part of the board it is cannot be told.
+    /// There is a lattice, but it is not known which part of the board it is.
     #[serde(rename = "not clear which part of the board", alias = "place on the board not certain")]
     PlaceUncertain,
     /// The rows of a picture were exposed one after the other.
     #[serde(rename = "rolling shutter")]
     RollingShutter,
-    /// There are fewer circles than a board needs.
+    /// There are fewer circles than required.
     #[serde(rename = "too few circles")]
     TooFewCircles,
-    /// There is a lattice of too few circles.
+    /// There is a lattice, with too few circles.
     #[serde(rename = "too few circles of a board")]
     TooFewOfBoard,
-    /// The window holds too few events to be searched.
+    /// The window contains too few events for a search.
     #[serde(rename = "too few events")]
     TooFewEvents,
-    /// There are more circles than the grid finder has room for.
+    /// There are more circles than the grid finder accepts.
     #[serde(rename = "too many circles")]
     TooManyCircles,
 }
 
 impl NoBoard {
-    /// What may help when most windows have no board for this reason; `max_interval` is that of the window policy.
+    /// Returns the advice if this is the reason in most windows; `max_interval` is the setting of the windows.
     pub fn what_helps(self, max_interval: u16) -> String {
         match self {
             Self::TooFewEvents => {
@@ -123,7 +122,7 @@ impl NoBoard {
     }
 }
 
-/// Why no circle can be found in events of this polarity alone, with what to do.
+/// Explains why no circle can be found in events of this polarity alone, with advice.
 pub fn only_one_polarity(polarity: Polarity) -> String {
     let only = match polarity {
         Polarity::On => "ON",
@@ -136,7 +135,7 @@ pub fn only_one_polarity(polarity: Polarity) -> String {
 
 impl fmt::Display for NoBoard {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // As reports have it.
+        // The same text as in reports.
         self.serialize(f)
     }
 }

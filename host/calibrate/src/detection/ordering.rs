@@ -1,4 +1,4 @@
-//! Circles that were found elsewhere, put in the board's order.
+//! Ordering of circles from a detector elsewhere by their positions on the board.
 
 use evcal_core::grid::{GridCandidate, GridOptions};
 use evcal_core::pattern::Pattern;
@@ -10,8 +10,8 @@ use super::board_finder::BoardFinder;
 use super::no_board::NoBoard;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn, UnorderedFrame};
 
-/// Puts the circles of frames from elsewhere in the board's order; frames without a board fall away, and
-/// the report says why. Without a sensor size the image is as large as the circles' extent.
+/// Orders the circles of frames from a detector elsewhere. Frames without a board are dropped, and the report contains the
+/// reasons. Without a sensor size, the extent of the circles is used.
 pub fn order_frames(
     frames: &[UnorderedFrame],
     pattern: &Pattern,

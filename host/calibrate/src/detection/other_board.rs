@@ -1,8 +1,8 @@
-//! When the board is not found: is it another one than stated?
+//! Comparison with other boards if the stated board was not found.
 //!
-//! The circles of the first seconds are read as what users mix up: rows and columns exchanged, the other
-//! layout. A reading that fits many windows is told; else any layout that does ([`super::layout`]). (A mirrored print is no such thing: the circles of one
-//! are where those of a good one are, and give the same camera.)
+//! The circles of the first seconds are compared with boards that users confuse with the stated one: rows and columns exchanged,
+//! the other layout. One that fits many windows is reported, otherwise any layout that does ([`super::layout`]). A mirrored print
+//! is not one of them: its circles have the same positions as those of a correct print, and lead to the same camera.
 
 use std::fmt;
 
@@ -16,15 +16,15 @@ use crate::circles::reference_frame::UnorderedFrame;
 use crate::detection::{CircleWindow, DetectionStage, order_frames};
 use evcal_geometry::board::CircleBoard;
 
-/// A reading must fit at least this share of the windows that hold as many circles as half the board.
+/// Smallest share of the windows with at least half as many circles as the board that another board must fit.
 const FEWEST_FITS: f64 = 0.2;
 
 /// A board that fits better than the stated one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OtherReading {
-    /// Windows that it fits.
+    /// Number of windows that it fits.
     pub fitting: usize,
-    /// Windows with enough circles.
+    /// Number of windows with enough circles.
     pub windows: usize,
     /// The board.
     pub board: CircleBoard,
@@ -45,18 +45,18 @@ pub struct OtherBoard<'a> {
 }
 
 impl<'a> OtherBoard<'a> {
-    /// For a recording in which `board` was not found.
+    /// Creates the collector for a recording in which `board` was not found.
     pub fn new(settings: &'a DetectionSettings, board: &CircleBoard, sensor: Sensor) -> Self {
         let fewest = FEWEST_CIRCLES.min(half(board));
         Self { stage: DetectionStage::for_circles(settings, sensor, fewest), board: *board, sensor }
     }
 
-    /// Takes the next events; their times count from the start of the recording.
+    /// Adds the next events; times are relative to the start of the recording.
     pub fn push(&mut self, events: &[Event]) {
         self.stage.push(beginning(events));
     }
 
-    /// What the circles look like instead; `None` when no reading fits.
+    /// Returns the board that the circles fit instead; `None` if none fits.
     pub fn finish(self) -> Option<OtherReading> {
         let (windows, _) = self.stage.into_circles();
         let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
@@ -64,8 +64,8 @@ impl<'a> OtherBoard<'a> {
     }
 }
 
-/// The board that the circles of all frames fit instead of `board`: one of those that users take for it, else any layout
-/// that is recognised; `None` when they fit none.
+/// Returns the board that the circles of all frames fit instead of `board`: one that users confuse with it, or any recognised
+/// layout; `None` if there is none.
 pub fn other_reading(all: &[UnorderedFrame], board: &CircleBoard, sensor: Sensor) -> Option<OtherReading> {
     let frames: Vec<UnorderedFrame> = all.iter().filter(|frame| frame.circles.len() >= half(board)).cloned().collect();
     let pattern = board.pattern;
@@ -86,7 +86,7 @@ pub fn other_reading(all: &[UnorderedFrame], board: &CircleBoard, sensor: Sensor
     Some(OtherReading { fitting, windows, board: CircleBoard { pattern, ..*board } })
 }
 
-/// Half of a board's circles.
+/// Returns half of a board's circles, rounded up.
 fn half(board: &CircleBoard) -> usize {
     board.circle_count().div_ceil(2)
 }

@@ -1,4 +1,4 @@
-//! The board in the camera's own pictures: dark spots, dots, search.
+//! Search for the board in the camera's own pictures: dark spots, dots, search.
 
 pub mod dark_spots;
 pub mod dot;

@@ -1,4 +1,4 @@
-//! When no frame can be used: are the circles as large as stated?
+//! Check of the stated radius, if no frame can be used.
 
 use evcal_core::pattern::Layout;
 
@@ -7,28 +7,28 @@ use crate::detection::layout::radius_ratios;
 use evcal_geometry::board::CircleBoard;
 use evcal_geometry::numerics::statistics::median;
 
-/// The stated radius, for the stated spacing, may be off by so many times before it is told. The circles found in events are
-/// a little larger than the printed ones, and smaller across than along where the board is tilted.
+/// Ratio of the stated to the observed radius, at the stated spacing, from which it is reported. Circles found in events are
+/// slightly larger than the printed ones, and narrower if the board is tilted.
 const DISAGREES: f64 = 1.3;
-/// A circle that is so many times as large as it looks was given by its diameter.
+/// Range of the ratio in which the stated radius is probably a diameter.
 const DIAMETER: std::ops::Range<f64> = 1.6..2.4;
 
-/// The circles do not look as large as stated.
+/// The circles appear to have another radius than stated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "the circles look like {:.1} mm in radius, not {:.1} mm, for the stated spacing: {}",
+    "the circles appear to have a radius of {:.1} mm, not {:.1} mm, for the stated spacing: {}",
     1e3 * .seen, 1e3 * .stated, in_words(.meant)
 )]
 pub struct OtherRadius {
-    /// The radius that they look like, for the stated spacing (m).
+    /// The observed radius, at the stated spacing (m).
     pub seen: f64,
     /// The radius stated (m).
     pub stated: f64,
-    /// The board that is meant, if the radius is its diameter or the spacing the distance of neighbours in a row.
+    /// The intended board, if the radius is a diameter or the spacing the distance of neighbours in a row.
     pub meant: Vec<(&'static str, CircleBoard)>,
 }
 
-/// Which boards may be meant.
+/// Describes the boards that may be intended.
 fn in_words(meant: &[(&'static str, CircleBoard)]) -> String {
     let meant: Vec<String> =
         meant.iter().map(|(question, board)| format!("{question} Then the board is {board}")).collect();
@@ -38,7 +38,7 @@ fn in_words(meant: &[(&'static str, CircleBoard)]) -> String {
     }
 }
 
-/// What the circles of `frames` look like, if not like those of `board`.
+/// Returns the observed radius of the circles of `frames`, if it differs from the radius of `board`.
 pub fn other_radius(frames: &[ReferenceFrame], board: &CircleBoard) -> Option<OtherRadius> {
     let mut ratios: Vec<f64> = frames.iter().flat_map(|frame| radius_ratios(frame, board)).collect();
     let seen = median(&mut ratios, f64::total_cmp)? * board.neighbour_distance();
@@ -52,7 +52,7 @@ pub fn other_radius(frames: &[ReferenceFrame], board: &CircleBoard) -> Option<Ot
     }
     if DIAMETER.contains(&(1.0 / times)) && board.pattern.layout == Layout::Asymmetric {
         meant.push((
-            "is the spacing the distance of neighbours in a row, of which half is asked for?",
+            "is the spacing the distance of neighbours in a row (half of it is required)?",
             CircleBoard { spacing: 0.5 * board.spacing, ..*board },
         ));
     }
@@ -66,7 +66,7 @@ mod tests {
     use super::*;
     use crate::circles::reference_frame::{ObservedCircle, SeenIn};
 
-    /// A board seen head-on at 2 px a millimetre.
+    /// A board seen head-on at 2 px per millimetre.
     fn frame(board: &CircleBoard) -> ReferenceFrame {
         let circle = |index| {
             let center: Vector2<f64> = board.circle_center(index) * 2000.0;

@@ -1,4 +1,4 @@
-//! What became of events, windows and circles.
+//! Statistics of events, windows and circles in the detection.
 
 use std::collections::BTreeMap;
 
@@ -12,10 +12,10 @@ use super::no_board::{NoBoard, only_one_polarity};
 use super::other_board::OtherReading;
 use crate::detection::counted::counted;
 
-/// Why a pair of clusters is no circle. Declared in the order of the words, in which reports list them.
+/// Reason why a pair of clusters is not a circle. Sorted by their words, in the order of reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum NoCircle {
-    /// Too little of the circle is seen.
+    /// The visible part of the circle is too short.
     #[serde(rename = "arc too short")]
     ArcTooShort,
     /// The clusters do not face each other.
@@ -30,7 +30,7 @@ pub enum NoCircle {
     /// A cluster has a better partner.
     #[serde(rename = "fits another cluster better", alias = "not mutual")]
     NotMutual,
-    /// The fitted radius does not go with the distance of the clusters.
+    /// The fitted radius is inconsistent with the distance of the clusters.
     #[serde(rename = "radius does not fit the distance", alias = "radius against distance")]
     RadiusAgainstDistance,
     /// The radius is too small or too large.
@@ -40,29 +40,29 @@ pub enum NoCircle {
 
 impl fmt::Display for NoCircle {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // As reports have it.
+        // The same text as in reports.
         self.serialize(f)
     }
 }
 
-/// Recordings with fewer events are too short for anything else to be said of them.
+/// Fewest events of a recording for any other statement about it.
 pub const FEWEST_EVENTS: u64 = 1000;
 
-/// What the detection took in and gave out.
+/// Statistics of the detection.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DetectionReport {
-    /// Events that came in.
+    /// Number of input events.
     pub events: u64,
-    /// Those of them that are ON; not in files, which have them only where a board was found.
+    /// Number of ON events among them; in files only if a board was found.
     #[serde(skip)]
     pub on_events: u64,
-    /// Windows with too few events to be worth a try.
+    /// Windows with too few events for a search.
     pub too_few_events: u64,
-    /// Windows tried.
+    /// Windows that were searched.
     pub windows: u64,
     /// Windows in which the board was found.
     pub found: u64,
-    /// Those of them in which only the frames around them told where the board lies.
+    /// Number of them in which only neighbouring frames determined the position of the board.
     pub found_by_neighbours: u64,
     /// Circles found in all windows.
     pub circles: u64,
@@ -70,7 +70,7 @@ pub struct DetectionReport {
     pub pairs_refused: BTreeMap<NoCircle, u64>,
     /// Windows without a board, by reason.
     pub grids_refused: BTreeMap<NoBoard, u64>,
-    /// Windows in which something did not fit the detector's capacity.
+    /// Windows in which the detector's capacity was exceeded.
     pub overflowed: u64,
     /// Circles of the frames found.
     pub board_circles: u64,
@@ -96,13 +96,13 @@ impl DetectionReport {
         }
     }
 
-    /// Why no window held the board: what most of them lacked. `max_interval` is that of the window policy,
-    /// `other` the board that the circles fit instead.
+    /// Returns the reason why no window contained the board: the one of most windows. `max_interval` is the setting of the
+    /// windows, `other` the board that the circles fit instead.
     pub fn no_pattern(&self, max_interval: u16, other: Option<OtherReading>) -> NoPattern {
         NoPattern { report: Box::new(self.clone()), max_interval, other, views: None }
     }
 
-    /// The polarity of all events, where it is one.
+    /// Returns the polarity of all events, if they have only one.
     fn only_polarity(&self) -> Option<Polarity> {
         match self.on_events {
             _ if self.events < FEWEST_EVENTS => None,
@@ -112,7 +112,7 @@ impl DetectionReport {
         }
     }
 
-    /// What most windows lacked, and how many.
+    /// Returns the most frequent reason, and its count.
     fn main_reason(&self) -> Option<(NoBoard, u64)> {
         let reasons = self.grids_refused.iter().map(|(reason, count)| (*reason, *count));
         let reasons = reasons.chain([(NoBoard::TooFewEvents, self.too_few_events)]).filter(|(_, count)| *count > 0);
@@ -142,50 +142,50 @@ impl DetectionReport {
     }
 }
 
-/// That there are so few events that no more can be said.
+/// States that the recording has too few events.
 pub fn too_short(events: u64) -> String {
     format!("the recording is too short, with only {}", counted(events, "event", "events"))
 }
 
-/// Why no window held the board.
+/// Reason why no window contained the board.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub struct NoPattern {
     report: Box<DetectionReport>,
     max_interval: u16,
     other: Option<OtherReading>,
-    /// Views of a camera at rest, if it was.
+    /// Number of views of a camera at rest, if it was at rest.
     views: Option<u64>,
 }
 
-/// The most telling cause of it.
+/// The most informative cause.
 #[derive(Clone, Debug, PartialEq)]
 pub enum NoPatternCause {
-    /// Something blinks before a camera at rest, and none of so many views shows the board.
+    /// Something blinks in front of a camera at rest, and none of this number of views shows the board.
     AtRest(u64),
     /// The circles fit another board.
     OtherBoard(OtherReading),
-    /// There are so few events that no more can be said.
+    /// There are too few events.
     TooShort,
     /// All events have this polarity.
     OnePolarity(Polarity),
-    /// So many windows lacked a board for the same reason.
+    /// This number of windows lacked a board for the same reason.
     Windows(NoBoard, u64),
     /// There were no windows.
     Nothing,
 }
 
 impl NoPattern {
-    /// What was found in place of the board.
+    /// Returns the statistics of the detection.
     pub fn report(&self) -> &DetectionReport {
         &self.report
     }
 
-    /// The same where the camera was at rest and something blinked: none of so many views shows the board.
+    /// Adds that the camera was at rest and something blinked: none of `views` views shows the board.
     pub fn at_rest(self, views: u64) -> Self {
         Self { views: Some(views), ..self }
     }
 
-    /// The most telling cause.
+    /// Returns the most informative cause.
     pub fn main_cause(&self) -> NoPatternCause {
         if let Some(views) = self.views {
             return NoPatternCause::AtRest(views);
@@ -212,7 +212,7 @@ impl fmt::Display for NoPattern {
             let views = counted(views, "view", "views");
             return write!(
                 f,
-                "something blinks before a camera at rest, and no board was found in {views} of it: is all of the board in view, and described right?"
+                "something blinks in front of a camera at rest, but no board was found in {views} of it: is all of the board in view, and described right?"
             );
         }
         write!(f, "no pattern found in {} windows", self.report.windows + self.report.too_few_events)?;
@@ -233,7 +233,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_most_windows_lacked_is_named_with_what_to_do() {
+    fn the_most_frequent_reason_is_named_with_advice() {
         let mut report = DetectionReport { windows: 9, too_few_events: 4, ..DetectionReport::default() };
         assert_eq!(
             report.no_pattern(100, None).to_string(),
@@ -251,9 +251,9 @@ mod tests {
         assert_eq!(DetectionReport::default().no_pattern(1, None).to_string(), "no pattern found in 0 windows");
     }
 
-    /// Recordings without OFF events led to the focus, and such of ten events to a faster motion.
+    /// Recordings without OFF events used to be reported as out of focus, and recordings of ten events as too slow.
     #[test]
-    fn one_polarity_or_too_few_events_come_before_what_the_windows_lacked() {
+    fn one_polarity_or_too_few_events_come_before_other_reasons() {
         let event = |polarity: Polarity| Event { t: 0, x: 1, y: 1, polarity };
         let told = |events: &[Event]| {
             let mut report = DetectionReport { windows: 9, too_few_events: 9, ..DetectionReport::default() };

@@ -1,4 +1,4 @@
-//! Looking for the board, or for circles of any kind, in one recording or circle stream.
+//! Search for the board, or for circles of any kind, in one recording or circle stream.
 
 use std::io;
 use std::ops::ControlFlow;
@@ -24,7 +24,7 @@ use event_recordings::pass::read_while;
 use event_recordings::pictures::GreyImage;
 use event_recordings::{ReadReport, Recording, RecordingError};
 
-/// What is looked for.
+/// Target of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SearchFor {
     /// A board of circles.
@@ -44,20 +44,20 @@ impl From<&Board> for SearchFor {
     }
 }
 
-/// What was found.
+/// Result of the search.
 #[derive(Clone, Debug)]
 pub struct FoundCircles {
     /// The frames or windows.
     pub content: FoundContent,
-    /// What the detection took in and gave out.
+    /// Statistics of the detection.
     pub report: DetectionReport,
-    /// What was taken for granted when the recording was read.
+    /// Assumptions made when the recording was read.
     pub notes: Vec<String>,
-    /// Time from which those of `content` count (µs).
+    /// Start of the times of `content` (µs).
     pub origin_us: i64,
 }
 
-/// Where the board or circles were found.
+/// Frames or windows with the board or circles.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum FoundContent {
@@ -69,7 +69,7 @@ pub enum FoundContent {
     Frames(Vec<UnorderedFrame>),
 }
 
-/// What a window shows.
+/// Content of a window.
 #[derive(Clone, Copy, Debug)]
 pub enum WindowContent<'a> {
     /// Its events, one entry per pixel and polarity.
@@ -78,15 +78,15 @@ pub enum WindowContent<'a> {
     Picture(&'a GreyImage),
 }
 
-/// What one window shows, and the circles or corners in it.
+/// Content of one window, and its circles or corners.
 pub struct BestWindow<'a> {
-    /// What it shows.
+    /// Content of the window.
     pub content: WindowContent<'a>,
     /// Centre and radius in pixels.
     pub circles: Vec<(Vector2<f64>, f64)>,
 }
 
-/// Why a recording cannot be searched.
+/// Reasons why a recording cannot be searched.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SearchError {
@@ -96,28 +96,28 @@ pub enum SearchError {
     /// The sensor size is not known.
     #[error("{file} does not say how many pixels the sensor has{}", likely_words(*.likely))]
     SensorUnknown {
-        /// The file.
+        /// The file name.
         file: String,
-        /// The smallest usual sensor that has all its pixels.
+        /// The smallest usual sensor that includes all pixels of the events.
         likely: Option<Sensor>,
     },
-    /// The sensor that was asked for is not that of the recording.
+    /// The requested sensor differs from the sensor of the recording.
     #[error("{0}")]
     OtherSensor(#[from] OtherSensor),
     /// The sensor is too large.
     #[error("{file} is of a sensor of {sensor} pixels; up to {} are supported", LARGEST_SENSOR)]
     SensorTooLarge {
-        /// The file.
+        /// The file name.
         file: String,
         /// Its sensor.
         sensor: Sensor,
     },
 }
 
-/// The sensor of a recording, if the detector has room for it.
+/// Returns the sensor of a recording, if the detector supports it.
 ///
 /// # Errors
-/// [`SearchError`] if not, or if the recording does not tell it.
+/// [`SearchError`] if the sensor is too large, or the recording does not contain its size.
 pub fn sensor_of(recording: &Recording) -> Result<Sensor, SearchError> {
     check_stated(recording)?;
     let file = || recording.path().display().to_string();
@@ -129,10 +129,10 @@ pub fn sensor_of(recording: &Recording) -> Result<Sensor, SearchError> {
     Ok(sensor)
 }
 
-/// Searches the events of `recording`, which are of this `sensor`.
+/// Searches the events of `recording`, which have this `sensor`.
 ///
 /// # Errors
-/// [`RecordingError`] when it cannot be read.
+/// [`RecordingError`] if the recording cannot be read.
 pub fn search_events(
     recording: &Recording,
     sensor: Sensor,
@@ -142,10 +142,11 @@ pub fn search_events(
     Ok(search(recording, sensor, wanted, settings, |_| {})?.0)
 }
 
-/// As [`search_events`] of a recording whose sensor may have been asked for; `progress` is told which part of the recording was searched, 0 to 1, where that is known.
+/// Does the same as [`search_events`] for a recording whose sensor may have been requested; `progress` gets the share of the
+/// recording that was searched, 0 to 1, if it is known.
 ///
 /// # Errors
-/// [`SearchError`] when it cannot be read, or many events lie outside of that sensor.
+/// [`SearchError`] if the recording cannot be read, or many events are outside the requested sensor.
 pub fn search_events_telling(
     recording: &Recording,
     sensor: Sensor,
@@ -158,7 +159,7 @@ pub fn search_events_telling(
     Ok(found)
 }
 
-/// Searches; what the reader met comes second.
+/// Searches; returns the result and the report of the reader.
 fn search(
     recording: &Recording,
     sensor: Sensor,
@@ -197,7 +198,7 @@ fn search(
     Ok((FoundCircles { content, report, origin_us: pass.first, notes: pass.to_report().notes }, pass.report))
 }
 
-/// Looks through the circles that a device found, in which no board of squares is. `sensor` is the size given for it, if any.
+/// Searches the circles that a device found, which never belong to a board of squares. `sensor` is the given size, if any.
 pub fn search_stream(stream: CircleStream, sensor: Option<Sensor>, wanted: SearchFor) -> FoundCircles {
     let CircleStream { track, sensor: told, .. } = stream;
     let frames = match track.frames {
@@ -228,7 +229,7 @@ impl FoundCircles {
     /// Writes the circles as a circle track.
     ///
     /// # Errors
-    /// [`FileError`].
+    /// [`FileError`] if the file cannot be written.
     pub fn write_track(&self, path: &Path) -> Result<(), FileError> {
         evcal_files::write_with(path, |file| -> io::Result<()> {
             match &self.content {
@@ -242,7 +243,7 @@ impl FoundCircles {
         })
     }
 
-    /// The window with most circles; `None` if nothing was found, or in a circle stream, which has no events.
+    /// Returns the window with most circles; `None` if nothing was found, or for a circle stream, which contains no events.
     pub fn best_window(&self) -> Option<BestWindow<'_>> {
         match &self.content {
             FoundContent::Boards(_, frames) => {

@@ -1,10 +1,8 @@
-//! Windows whose circles lie on the board in a place that the grid finder could not tell, judged by
-//! the reference frames around them.
+//! Second pass over windows whose circles fit several positions on the board, which uses neighbouring reference frames.
 //!
-//! Where the border of the image cuts the board, several placements explain the circles equally well.
-//! The frames just before or just after tell where each circle must be, if motion carries on as it was.
-//! The pass goes through the windows once forward and once backward, on one thread, so that what it
-//! places helps to place the next.
+//! If the border of the image cuts the board, several placements explain the circles equally well. The frames just before or just
+//! after predict the position of each circle, assuming constant motion. The pass goes through the windows once forward and once
+//! backward, on one thread, so that each placed window helps to place the next.
 
 use evcal_core::grid::GridCandidate;
 use evcal_core::window::Window;
@@ -12,9 +10,9 @@ use nalgebra::Vector2;
 
 use crate::circles::reference_frame::ReferenceFrame;
 
-/// A window with a lattice of which the place on the board is not certain.
+/// A window with a lattice whose position on the board is uncertain.
 pub(super) struct Uncertain {
-    /// The chunk among those searched together.
+    /// Index of the chunk among those searched together.
     pub chunk: usize,
     pub window: Window,
     pub candidates: Vec<GridCandidate<f32>>,
@@ -30,17 +28,17 @@ impl Uncertain {
     }
 }
 
-/// How far in time frames and windows are from each other.
+/// Limits on the time between frames and windows.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Spacing {
-    /// Time between two frames at least (s).
+    /// Smallest time between two frames (s).
     pub gap: f64,
-    /// Time over which circles can be predicted (s).
+    /// Longest time over which circles can be predicted (s).
     pub longest: f64,
 }
 
-/// Where the circles of the board (by index, `circles` of them) are expected in the middle of a window,
-/// from the frame nearest in time and the one beyond it; `None` if that is too long before or after.
+/// Predicts the positions of the circles of the board (by index, `circles` of them) in the middle of a window, from the frame
+/// nearest in time and the one beyond it; `None` if that frame is too far away in time.
 fn expected(
     circles: usize,
     window: &Uncertain,
@@ -71,9 +69,9 @@ fn expected(
     Some(pixels)
 }
 
-/// Adds to `found` the frames that `place` makes of `uncertain` windows and the expected pixels of the
-/// board's circles. All are in the order of time; `before` are the last two frames of what was searched
-/// before, the later one first. Returns all frames in the order of time, and how many were added.
+/// Adds to `found` the frames that `place` makes of `uncertain` windows and the expected pixels of the board's circles. All are
+/// in the order of time; `before` are the last two frames of the previous search, the later one first. Returns all frames in the
+/// order of time, and the number of added ones.
 pub(super) fn second_pass(
     circles: usize,
     before: [Option<&ReferenceFrame>; 2],
@@ -132,7 +130,7 @@ mod tests {
     const SPACING: Spacing = Spacing { gap: 0.005, longest: 0.03 };
     const WINDOW: f64 = 0.002;
 
-    /// Where circle `index` is at `t`: 300 px/s to the right, 100 px/s up.
+    /// Returns the position of circle `index` at `t`: 300 px/s to the right, 100 px/s up.
     fn truth(index: usize, t: f64) -> Vector2<f64> {
         Vector2::new(40.0 + 30.0 * index as f64 + 300.0 * t, 90.0 - 100.0 * t)
     }
@@ -149,8 +147,8 @@ mod tests {
         Uncertain { chunk: 0, window: Window { start_us, end_us, first: 0, last: 0 }, candidates: Vec::new() }
     }
 
-    /// A pass in which every window is placed that comes with expected pixels; they must be the truth.
-    /// Starts of the frames in µs, and how many were added.
+    /// A pass that places every window with expected pixels, which must be the true ones. Returns the starts of the frames in µs,
+    /// and the number of added ones.
     fn pass(before: [Option<&ReferenceFrame>; 2], found: Vec<ReferenceFrame>, starts: &[f64]) -> (Vec<i64>, u64) {
         let uncertain = starts.iter().map(|&start| window(start)).collect();
         let (frames, added) = second_pass(6, before, found, uncertain, SPACING, |window, expected| {
@@ -182,13 +180,13 @@ mod tests {
     #[test]
     fn frames_keep_their_distance() {
         let found = vec![frame(0.100, 0..5), frame(0.110, 0..5)];
-        // Too near to a frame before, to one after, to both; and longer windows from the same start.
+        // Too near to a frame before, to one after, to both; and longer windows with the same start.
         let (starts, added) = pass([None, None], found, &[0.098, 0.1045, 0.106, 0.115, 0.118, 0.118, 0.121]);
         assert_eq!((starts, added), (vec![100_000, 110_000, 118_000], 1));
     }
 
     #[test]
-    fn too_long_after_a_frame_nothing_is_known() {
+    fn too_long_after_a_frame_no_positions_are_predicted() {
         let found = vec![frame(0.100, 0..5), frame(0.110, 0..5)];
         let (starts, added) = pass([None, None], found, &[0.050, 0.150]);
         assert_eq!((starts, added), (vec![100_000, 110_000], 0));

@@ -1,4 +1,4 @@
-//! Thresholds from events to reference frames.
+//! Settings from events to reference frames.
 
 use std::borrow::Cow;
 use std::str::FromStr;
@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use super::board_finder::PlacedCircle;
 use super::no_board::NoBoard;
 
-/// How circles are ordered into the board.
+/// Method that orders circles into the board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase", try_from = "String")]
 pub enum Grid {
@@ -28,15 +28,15 @@ pub enum Grid {
     Opencv,
 }
 
-/// A text that names no grid finder.
+/// A text that is not the name of a grid finder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("no grid finder of this name: write lattice or opencv")]
 pub struct GridNameError;
 
-/// Finds the circles of a whole board among candidates.
+/// Function that finds the circles of a whole board among candidates.
 pub type FindWholeBoard = fn(&[GridCandidate<f32>], &Pattern) -> Result<Vec<PlacedCircle>, NoBoard>;
 
-/// What does so as OpenCV's `findCirclesGrid`.
+/// Implementation of OpenCV's `findCirclesGrid`.
 #[derive(Clone, Copy, Debug)]
 pub struct WholeBoardFinder(pub FindWholeBoard);
 
@@ -71,19 +71,18 @@ settings! {
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct DetectionSettings {
-        /// How a circle follows from a pair of clusters: `"hard"` fits a circle to the pixels of both, `"soft"`
-        /// takes the line between their centres as diameter.
+        /// Method that makes a circle of a pair of clusters: `"hard"` fits a circle to the pixels of both, `"soft"` takes the
+        /// line between their centres as diameter.
         pub extraction: Extraction = Extraction::Hard;
-        /// How circles are ordered into the board: `"lattice"` grows a lattice from neighbour to neighbour and
-        /// tolerates partial boards and clutter; `"opencv"` is `findCirclesGrid`, complete boards only, in builds
-        /// with OpenCV.
+        /// Method that orders circles into the board: `"lattice"` grows a lattice from neighbour to neighbour and tolerates
+        /// partial boards and clutter; `"opencv"` is `findCirclesGrid`, complete boards only, in builds with OpenCV.
         pub grid: Grid = Grid::Lattice;
-        /// OpenCV's grid finder, where it is there. Not in settings files.
+        /// OpenCV's grid finder, if it is built in. Not in settings files.
         #[serde(skip)]
         pub opencv: Option<WholeBoardFinder> = None;
-        /// Smallest share of the board's circles that makes a reference frame; never fewer than 6 circles.
+        /// Smallest share of the board's circles in a reference frame; never fewer than 6 circles.
         pub fewest_circles: f64 = 0.4, "", from_to(0.0, 1.0);
-        /// Which stretch of time is searched.
+        /// Windows of time that are searched.
         pub window: WindowSettings;
         /// DBSCAN.
         pub cluster: ClusterSettings;
@@ -92,13 +91,13 @@ settings! {
     }
 }
 
-/// No frame has fewer circles, however small the board.
+/// Fewest circles of a frame, however small the board.
 const FEWEST_CIRCLES: usize = 6;
-/// Longer side of the sensor that the defaults are for, in pixels.
+/// Longer side in pixels of the sensor for which the defaults were chosen.
 const USUAL_SIDE: f64 = 346.0;
 
 impl DetectionSettings {
-    /// The same for this sensor: on one with more pixels the same board has larger circles, and their edges more pixels.
+    /// Adapts the settings to this sensor: with more pixels, the same board has larger circles with more pixels on their edges.
     pub fn for_sensor(&self, sensor: Sensor) -> Cow<'_, Self> {
         let scale = f64::from(sensor.width.max(sensor.height)) / USUAL_SIDE;
         if scale <= 1.0 {
@@ -110,12 +109,12 @@ impl DetectionSettings {
         Cow::Owned(settings)
     }
 
-    /// The part that the core's detector takes.
+    /// Returns the settings of the core's detector.
     pub fn detector(&self) -> DetectorSettings {
         DetectorSettings { extraction: self.extraction, cluster: self.cluster, circle: self.circle }
     }
 
-    /// Fewest circles of a board that make a reference frame.
+    /// Returns the fewest circles of a board in a reference frame.
     pub fn fewest_circles(&self, pattern: &Pattern) -> usize {
         ((self.fewest_circles * pattern.circle_count() as f64).ceil() as usize).max(FEWEST_CIRCLES)
     }

@@ -1,4 +1,4 @@
-//! The points of a board of squares in the pictures of one moment.
+//! Search for the points of a board of squares in the pictures of one moment.
 
 use evcal_core::pattern::Pattern;
 use evcal_geometry::board::SquareBoard;
@@ -12,7 +12,7 @@ use nalgebra::Vector2;
 
 use super::no_board::NoBoard;
 
-/// What was found of a board.
+/// Points and tags of a board.
 #[derive(Clone, Debug)]
 pub struct FoundBoard {
     /// Its points, by rising index.
@@ -31,7 +31,7 @@ enum Kind {
     Checkerboard(Checkerboard),
     Tags {
         finder: Box<TagFinder>,
-        /// For each tag the points at its corners.
+        /// For each tag the indices of the points at its corners.
         corners: Vec<[usize; 4]>,
     },
     Charuco {
@@ -39,12 +39,12 @@ enum Kind {
         /// The inner corners of its squares, in metres on the board.
         corners: Vec<Vector2<f64>>,
     },
-    /// A board whose tags cannot be looked for.
+    /// A board with tags that cannot be searched.
     Nothing,
 }
 
 impl SquareFinder {
-    /// Finds `board`.
+    /// Creates a finder of `board`.
     pub fn new(board: &SquareBoard) -> Self {
         let kind = match board {
             SquareBoard::Checkerboard(board) => Kind::Checkerboard(*board),
@@ -54,15 +54,15 @@ impl SquareFinder {
         Self { kind, pattern: board.lattice() }
     }
 
-    /// What `pictures` of one moment show of the board together; `near` is what was found a moment before.
+    /// Combines what `pictures` of one moment show of the board; `near` is the result of the previous moment.
     ///
     /// # Errors
-    /// Why it is in none of them.
+    /// Reason why it is in none of them.
     pub fn find(&self, pictures: &[Picture], near: Option<&FoundBoard>) -> Result<FoundBoard, NoBoard> {
         match &self.kind {
             Kind::Checkerboard(board) => {
                 let mut expected = near.map(|found| self.by_index(&found.points));
-                // Boards that differ in the shade of the first square alone are the same one, half a turn from each other.
+                // Boards that differ only in the shade of the first square are the same board, rotated by half a turn.
                 let is_turned = board.first == Shade::Light && (board.rows + board.columns) % 2 == 1;
                 if is_turned && let Some(expected) = &mut expected {
                     expected.reverse();
@@ -92,7 +92,7 @@ impl SquareFinder {
     }
 }
 
-/// How to find the tags of `board`.
+/// Prepares the search for the tags of `board`.
 fn tags(board: &SquareBoard) -> Kind {
     let tags = board.tags();
     let points = board.points();
@@ -108,7 +108,7 @@ fn tags(board: &SquareBoard) -> Kind {
     }
 }
 
-/// How to find the corners of `board` from its tags.
+/// Prepares the search for the corners of `board` from its tags.
 fn charuco(board: &SquareBoard) -> Kind {
     match TagFinder::new(&board.tags()) {
         Ok(finder) => Kind::Charuco { finder: Box::new(finder), corners: board.points() },
@@ -132,7 +132,7 @@ fn find_tags(
     Ok(FoundBoard { points, tags })
 }
 
-/// The corners in the picture that shows most of them.
+/// Returns the corners in the picture that shows most of them.
 fn find_charuco(
     finder: &TagFinder,
     corners: &[Vector2<f64>],

@@ -1,7 +1,8 @@
-//! Boards of squares: pictures made of events, and the board in each of them.
+//! Search for boards of squares in pictures made of events.
 //!
-//! A square board has too few events on each edge of a short window to be found in one. So the events become pictures of log intensity
-//! (`evcal_squares::reconstruction`), one every 20 ms with several time constants, and the board is looked for in all of a moment.
+//! The edges of a square board have too few events in a short window. So the events become pictures of log intensity
+//! (`evcal_squares::reconstruction`), one every 20 ms with several time constants, and all pictures of a moment are searched for
+//! the board.
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
@@ -19,16 +20,16 @@ use super::square_finder::{FoundBoard, SquareFinder};
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
 
-/// Time from one picture to the next (s).
+/// Interval of the pictures (s).
 pub(super) const INTERVAL: f64 = 0.02;
-/// Moments that are searched in one go.
+/// Number of moments that are searched together.
 const TOGETHER: usize = 16;
-/// Longest time over which the last place of the board shows where it is (s).
+/// Longest time over which the last position of the board predicts its position (s).
 const LONGEST_PREDICTION: f64 = 0.05;
-/// Moments that are searched one after the other, beside others.
+/// Number of moments that one thread searches in turn.
 const IN_TURN: usize = 4;
 
-/// A board and when it was seen (s).
+/// A board and its time (s).
 #[derive(Clone)]
 struct Seen {
     t: f64,
@@ -43,14 +44,14 @@ pub struct SquareStage {
     interval: f64,
     waiting: Vec<Moment>,
     frames: Vec<CompactFrame>,
-    /// What was found last, and when (s).
+    /// Last detection and its time (s).
     last: Option<Seen>,
     report: DetectionReport,
     kept_pixels: KeptPixels,
 }
 
 impl SquareStage {
-    /// Looks for `board` in recording number `recording`, in one picture every `interval` (s).
+    /// Creates a search for `board` in recording number `recording`, with one picture every `interval` (s).
     pub fn new(board: &SquareBoard, sensor: Sensor, recording: usize, interval: f64) -> Self {
         let options = ReconstructionOptions { interval: (interval * 1e6) as u32, ..ReconstructionOptions::new(sensor) };
         Self {
@@ -66,7 +67,7 @@ impl SquareStage {
         }
     }
 
-    /// Takes the next events in time order; their times count from the start of the recording in microseconds.
+    /// Adds the next events in time order; their times are microseconds since the start of the recording.
     pub fn push(&mut self, events: &[Event]) {
         self.report.count_events(events);
         let waiting = &mut self.waiting;
@@ -76,18 +77,18 @@ impl SquareStage {
         }
     }
 
-    /// Pictures that wait to be searched.
+    /// Returns the number of pictures that wait for the search.
     pub fn waiting_pictures(&self) -> usize {
         self.waiting.len()
     }
 
-    /// Searches the pictures that wait, and hands out the frames found since the last time in order of time.
+    /// Searches the waiting pictures, and returns the frames found since the last call in order of time.
     pub fn take_frames(&mut self) -> Vec<ReferenceFrame> {
         self.search();
         std::mem::take(&mut self.frames).into_iter().map(ReferenceFrame::from).collect()
     }
 
-    /// The frames with the board in order of time, and the report.
+    /// Returns the frames with the board in order of time, and the report.
     pub fn finish(mut self) -> (Vec<CompactFrame>, DetectionReport) {
         let waiting = &mut self.waiting;
         self.reconstruction.finish(|moment| waiting.push(moment));
@@ -96,7 +97,7 @@ impl SquareStage {
         (self.frames, self.report)
     }
 
-    /// Drops what was found if more pictures tell that the board is another one: a part of it fits by chance here and there.
+    /// Drops all detections if more pictures show another board: a part of it may match by chance.
     fn drop_another_board(&mut self) {
         let refused = |reason: &NoBoard| self.report.grids_refused.get(reason).copied().unwrap_or(0);
         if refused(&NoBoard::CornersBesideBoard) + refused(&NoBoard::OtherTags) > self.report.found {
@@ -125,7 +126,7 @@ impl SquareStage {
         self.kept_pixels.limit(&mut self.frames);
     }
 
-    /// What is found in each of `moments`, near its place in the one before.
+    /// Searches each of `moments`, near the board's position in the previous one.
     fn search_in_turn(&self, moments: &[Moment]) -> Vec<Result<FoundBoard, NoBoard>> {
         let mut last = self.last.clone();
         let mut search = |moment: &Moment| {
@@ -159,7 +160,7 @@ impl SquareStage {
     }
 }
 
-/// What a person sees best of a moment: the picture of the middle time constant, without its darkest and brightest pixels.
+/// Returns the picture for display: the one of the middle time constant, without its darkest and brightest pixels.
 fn grey(moment: &Moment) -> Option<GreyImage> {
     let picture = moment.pictures.get(moment.pictures.len() / 2)?;
     let mut sorted = picture.values().to_vec();

@@ -1,7 +1,7 @@
-//! Windows with more circles than the board has, which have no place on it: the board may be larger than stated.
+//! Windows with more circles than the board and without a position on it: the board may be larger than stated.
 //!
-//! Where a lattice goes on beside the stated board, that lies on it in several places, or in none, and the grid finder refuses it. The
-//! fullest such window of each chunk is kept.
+//! If a lattice continues next to the stated board, the board fits several positions, or none, and the grid finder rejects it.
+//! The fullest such window of each chunk is kept.
 
 use evcal_core::pattern::Pattern;
 
@@ -13,24 +13,24 @@ const MOST: usize = 256;
 /// The windows of one recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct UnplacedWindows {
-    /// Which recording of the camera.
+    /// Index of the recording.
     pub(super) recording: usize,
-    /// Chunks with such a window.
+    /// Number of chunks with such a window.
     pub(super) chunks: usize,
-    /// Chunks without one, but with one that shows all of the stated board.
+    /// Number of chunks without one, but with one that shows all of the stated board.
     pub(super) as_stated: usize,
-    /// The window of one of so many chunks is kept.
+    /// Of this number of chunks, one window is kept.
     every: usize,
     pub(super) kept: Vec<UnorderedFrame>,
 }
 
 impl UnplacedWindows {
-    /// None yet, of recording number `recording`.
+    /// Creates an empty list for recording number `recording`.
     pub fn new(recording: usize) -> Self {
         Self { recording, chunks: 0, as_stated: 0, every: 1, kept: Vec::new() }
     }
 
-    /// Takes the fullest unplaced window of the next chunk, and whether the chunk shows all of the stated board.
+    /// Adds the fullest unplaced window of the next chunk, and whether the chunk shows all of the stated board.
     pub(super) fn take(&mut self, fullest: Option<UnorderedFrame>, as_stated: bool) {
         let Some(window) = fullest else {
             self.as_stated += usize::from(as_stated);
@@ -51,7 +51,7 @@ impl UnplacedWindows {
     }
 }
 
-/// Whether at least half of the circles of each row and of each column of `pattern` are there.
+/// Returns `true` if at least half of the circles of each row and of each column of `pattern` are there.
 pub(super) fn is_whole(frame: &ReferenceFrame, pattern: Pattern) -> bool {
     let (rows, columns) = (usize::from(pattern.rows), usize::from(pattern.columns).max(1));
     let (mut in_rows, mut in_columns) = (vec![0; rows], vec![0; columns]);
@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn long_recordings_keep_windows_of_all_their_length() {
+    fn long_recordings_keep_windows_over_their_whole_length() {
         let mut windows = UnplacedWindows::new(0);
         let window = |start| UnorderedFrame { start, end: start + 0.01, circles: Vec::new() };
         (0..2000).for_each(|chunk| windows.take(Some(window(f64::from(chunk))), false));

@@ -1,5 +1,4 @@
-//! Pixels that do not do what they should: hot ones, which send far too much, those that send an event twice, and columns that
-//! send nothing.
+//! Faulty pixels: hot pixels, which send far too many events; pixels that send an event twice; and columns without events.
 
 use std::fmt;
 
@@ -9,14 +8,14 @@ use serde::Serialize;
 
 use super::rounded::Rounded;
 
-/// A pixel with more than this many times the events of the median active pixel is hot.
+/// Ratio to the number of events of the median active pixel from which a pixel is hot.
 pub(super) const HOT_FACTOR: u64 = 10;
-/// A pixel with no more events than this is not hot.
+/// Largest number of events of a pixel that is never hot.
 const FEWEST_OF_HOT: u64 = 50;
-/// Events that repeat another are told from this share of all on. Of a recording with times rounded to 1 ms 0.02 % do, to 10 ms
+/// Share of all events from which repeated events are reported. With timestamps rounded to 1 ms, 0.02 % are repeated, with 10 ms
 /// 44 %.
 const MANY_REPEATED: f64 = 0.05;
-/// A column without events is dead if the median column has so many.
+/// Number of events of the median column from which a column without events is dead.
 const FEWEST_OF_COLUMN: u64 = 1000;
 
 /// Counts the events of each pixel.
@@ -35,31 +34,31 @@ struct Pixel {
     last: i64,
 }
 
-/// Events that have the time and the polarity of the last one of their pixel: the recording has them twice, or its times were
-/// rounded.
+/// Events with the same time and polarity as the last one of their pixel: the recording contains them twice, or its timestamps
+/// were rounded.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Repetition {
     /// Their share of all events.
     pub share: f64,
 }
 
-/// What was found.
+/// Result of the diagnosis of pixels.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BadPixels {
     /// Number of hot pixels.
     pub hot: usize,
     /// Their share of all events.
     pub hot_share: f64,
-    /// Events that repeat others, where there are many.
+    /// Repeated events, if there are many.
     pub repeated: Option<Repetition>,
-    /// Columns that send nothing.
+    /// Columns without events.
     pub dead_columns: Vec<u16>,
-    /// Pixels that undistorted events left empty.
+    /// Pixels without events, as in undistorted recordings.
     pub rounded: Option<Rounded>,
 }
 
 impl PixelCounter {
-    /// For a sensor of this size.
+    /// Creates a counter for a sensor of this size.
     pub fn new(sensor: Sensor) -> Self {
         let width = usize::from(sensor.width);
         let silent = Pixel { count: 0, polarity: Polarity::Off, last: i64::MIN };
@@ -76,7 +75,7 @@ impl PixelCounter {
         }
     }
 
-    /// What was found.
+    /// Returns the result.
     pub fn finish(&self) -> BadPixels {
         let counts = || self.pixels.iter().map(|pixel| u64::from(pixel.count));
         let limit = most_of_good(counts().filter(|count| *count > 0));
@@ -99,7 +98,7 @@ impl PixelCounter {
 }
 
 impl Repetition {
-    /// What to do.
+    /// Remedy.
     pub const ADVICE: &str = "export each event once, with its time in full microseconds";
 }
 
@@ -113,7 +112,7 @@ impl fmt::Display for Repetition {
     }
 }
 
-/// The most events of a pixel that is not hot, from the numbers of events of the active pixels.
+/// Returns the largest number of events of a pixel that is not hot, from the numbers of events of the active pixels.
 pub(super) fn most_of_good(active: impl Iterator<Item = u64>) -> u64 {
     let mut active: Vec<u64> = active.collect();
     let middle = active.len() / 2;
@@ -121,7 +120,7 @@ pub(super) fn most_of_good(active: impl Iterator<Item = u64>) -> u64 {
     median.saturating_mul(HOT_FACTOR).max(FEWEST_OF_HOT)
 }
 
-/// Those of some lines of pixels that have no events while most have many.
+/// Returns the lines of pixels without events if most lines have many.
 pub(super) fn dead_lines(events: &[u64]) -> Vec<u16> {
     let mut sorted = events.to_vec();
     sorted.sort_unstable();
@@ -150,13 +149,13 @@ mod tests {
         }
         assert_eq!(counter.finish(), BadPixels { dead_columns: vec![4, 17], ..BadPixels::default() });
         counter.push(&(0..27_000).map(|t| event(150 + t, 3, 3)).collect::<Vec<_>>());
-        // Two thirds of 150 rounds of 18 columns and 15 rows, and what was added.
+        // Two thirds of 150 rounds of 18 columns and 15 rows, and the added events.
         let found = counter.finish();
         assert_eq!(found.hot, 1);
         assert!((found.hot_share - 0.5).abs() < 0.01, "{found:?}");
     }
 
-    /// A recording with each event twice was called good, with a standard deviation that was too small.
+    /// A recording with each event twice used to be graded as good, with a standard deviation that was too small.
     #[test]
     fn events_that_repeat_others_are_counted() {
         let repeated = |events: &[Event]| {
@@ -183,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn few_events_make_no_column_dead() {
+    fn few_events_do_not_make_a_column_dead() {
         assert_eq!(dead_lines(&[0, 999, 999]), [0_u16; 0]);
         assert_eq!(dead_lines(&[0, 1000, 1000]), [0]);
         assert_eq!(dead_lines(&[]), [0_u16; 0]);

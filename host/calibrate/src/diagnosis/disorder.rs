@@ -1,15 +1,15 @@
-//! Events that are not in the order of their times.
+//! Events that are out of the order of their timestamps.
 
 use std::fmt;
 
 use event_recordings::ReadReport;
 
-/// They are told from this share of all events on.
+/// Share of all events from which they are reported.
 const MANY: f64 = 0.05;
-/// Steps back by less (µs) move no edge by as much as a pixel.
+/// Backward steps of less (µs) shift no edge by as much as a pixel.
 const LONG: i64 = 1000;
 
-/// Events that are earlier than one before them. A reader gives them the time of that one.
+/// Events that are earlier than a previous one. A reader gives them the time of the previous one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Disorder {
     /// Their share of all events.
@@ -19,14 +19,14 @@ pub struct Disorder {
 }
 
 impl Disorder {
-    /// What a pass through a recording met, if it is much.
+    /// Returns the disorder that a reader reported, if it is large.
     pub fn met(report: &ReadReport) -> Option<Self> {
         let share = report.steps_back as f64 / report.events.max(1) as f64;
         let largest = report.largest_step_back;
         (share > MANY && largest >= LONG).then_some(Self { share, largest })
     }
 
-    /// What to do.
+    /// Remedy.
     pub const ADVICE: &str = "sort the events by time";
 }
 
@@ -42,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn many_long_steps_back_are_told() {
+    fn many_long_backward_steps_are_reported() {
         let met = |steps_back, largest_step_back| {
             Disorder::met(&ReadReport { events: 1000, steps_back, largest_step_back, ..ReadReport::default() })
         };

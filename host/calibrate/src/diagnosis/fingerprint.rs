@@ -1,38 +1,38 @@
-//! Do two recordings hold the same events?
+//! Detection of recordings with the same events.
 
 use std::collections::BTreeMap;
 
 use evcal_core::event::{Event, Polarity};
 
-/// Successive events of a run. On a small sensor, pairs of neighbours 0 or 1 µs apart occur again and again in recordings of one scene
-/// that share no event; of real recordings of a blinking board, no two had a run of 4 events in common.
+/// Number of successive events of a run. On a small sensor, pairs of neighbours 0 or 1 µs apart are common to recordings of one
+/// scene without a common event; in real recordings of a blinking board, no two had a run of 4 events in common.
 const RUN: usize = 6;
-/// Runs that are kept at most. Of a longer recording, a sample of them is kept.
+/// Most runs that are kept. Of a longer recording, a sample of them is kept.
 const MOST: usize = 1 << 16;
-/// Fewer equal runs are taken for a coincidence.
+/// Fewest equal runs that are not a coincidence.
 const FEWEST: usize = 4;
 /// Odd, so that a sum of events can be multiplied by it without loss.
 const FACTOR: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// A sample of the runs of successive events, by their pixels, polarities and the times between: it stays the same when a
-/// recording is cut, converted, or set to another clock.
+/// A sample of the runs of successive events, by their pixels, polarities and time differences. It does not change when a
+/// recording is cut, converted, or shifted to another clock.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Fingerprint {
     /// Time of the last event in µs.
     last: Option<i64>,
-    /// The last events, that number `count` at place `count` modulo the length.
+    /// The last events; event number `count` has the index `count` modulo the length.
     run: [u64; RUN],
     count: usize,
-    /// Of the last events, each times a power of [`FACTOR`].
+    /// Sum over the last events, each times a power of [`FACTOR`].
     sum: u64,
-    /// Zeros at the end of the runs that are kept: one in 2^level is.
+    /// Number of trailing zero bits of the runs that are kept: one in 2^level is.
     level: u32,
-    /// The runs, with whether they occurred only once. One that a still scene repeats says nothing.
+    /// The runs, with `true` for those that occurred once. A run that a static scene repeats carries no information.
     runs: BTreeMap<u64, bool>,
 }
 
 impl Fingerprint {
-    /// Adds `events`, which follow those before.
+    /// Adds `events`, which follow the previous ones.
     pub fn push(&mut self, events: &[Event]) {
         const OLDEST: u64 = FACTOR.wrapping_pow(RUN as u32);
         for event in events {
@@ -61,12 +61,12 @@ impl Fingerprint {
         }
     }
 
-    /// The runs that occurred once and are kept at this level.
+    /// Returns the runs that occurred once and are kept at this level.
     fn singles(&self, level: u32) -> impl Iterator<Item = u64> {
         self.runs.iter().filter(move |(run, is_single)| **is_single && is_kept(**run, level)).map(|(run, _)| *run)
     }
 
-    /// The share of the events that both hold, of those of the smaller one: 0 to 1.
+    /// Returns the share of common events, relative to the smaller recording: 0 to 1.
     pub fn shared(&self, other: &Self) -> f64 {
         let level = self.level.max(other.level);
         let fewest = self.singles(level).count().min(other.singles(level).count()).max(1);
@@ -113,25 +113,25 @@ mod tests {
     }
 
     #[test]
-    fn the_same_events_are_known_again_whatever_the_clock_and_the_batches() {
+    fn the_same_events_are_recognised_whatever_the_clock_and_the_batches() {
         let whole = fingerprint(&[events(1, 0..400_000, 0)]);
         let again = fingerprint(&[events(1, 0..1000, 7_000_000), events(1, 1000..400_000, 7_000_000)]);
         assert_eq!(whole.shared(&again), 1.0);
-        // The second half of one, with as much again of something else.
+        // The second half of one, with as many other events.
         let half = fingerprint(&[events(1, 200_000..400_000, 0), events(2, 400_000..600_000, 0)]);
         let share = half.shared(&whole);
         assert!((0.35..0.65).contains(&share), "{share}");
     }
 
     #[test]
-    fn other_events_at_the_same_times_are_others() {
+    fn different_events_at_the_same_times_are_not_common() {
         let share = fingerprint(&[events(1, 0..400_000, 0)]).shared(&fingerprint(&[events(3, 0..400_000, 0)]));
         assert_eq!(share, 0.0);
     }
-    /// Of two recordings of a board on a sensor of 128 x 128 pixels, one event in 2 was followed by its neighbour within a microsecond;
-    /// they were called the same, and the calibration stopped.
+    /// In two recordings of a board on a sensor of 128 × 128 pixels, one event in 2 was followed by its neighbour within a
+    /// microsecond. They were reported as the same, and the calibration stopped.
     #[test]
-    fn neighbours_that_follow_each_other_make_no_recordings_the_same() {
+    fn neighbours_that_follow_each_other_do_not_make_recordings_the_same() {
         let scene = |seed: u64| -> Vec<Event> {
             let pair = |index: u64| {
                 let random = mixed(seed << 40 | (index + 1));
@@ -146,9 +146,10 @@ mod tests {
         assert!(share < 1e-3, "{share}");
     }
 
-    /// A board that blinks, row by row at times of whole milliseconds, with noise between: all of it but the noise repeats.
+    /// A board that blinks, row by row at times of whole milliseconds, with noise in between: everything except the noise
+    /// repeats.
     #[test]
-    fn what_a_still_scene_repeats_says_nothing() {
+    fn events_that_a_static_scene_repeats_do_not_count() {
         let blinks = |seed: u64| -> Vec<Event> {
             let blink = |index: u64| {
                 let t = 10_000 * index as i64;
@@ -167,9 +168,9 @@ mod tests {
         assert_eq!(first.shared(&first), 1.0);
     }
 
-    /// However long a recording, a part of it is known again.
+    /// A part of a recording of any length is recognised.
     #[test]
-    fn a_part_of_a_long_recording_is_known_again() {
+    fn a_part_of_a_long_recording_is_recognised() {
         let (part, whole) = (fingerprint(&[events(1, 500_000..520_000, 9)]), fingerprint(&[events(1, 0..800_000, 0)]));
         assert!(whole.runs.len() <= MOST && whole.level > 0);
         assert!(part.shared(&whole) > 0.9, "{}", part.shared(&whole));

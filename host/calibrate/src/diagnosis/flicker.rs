@@ -1,7 +1,7 @@
-//! Does the light flicker? Lamps on mains do, at twice its frequency, and every pixel sees it.
+//! Detection of flickering light. Lamps on mains flicker at twice its frequency, and every pixel sees it.
 //!
-//! While the light grows, edges send more ON events and fewer OFF events, and while it falls, the other way round, long before
-//! even areas send any. So the number of ON events less that of OFF events has a line at the lamps' frequency; with strong flicker
+//! While the light grows, edges send more ON events and fewer OFF events, and while it falls the opposite, long before even areas
+//! send any. So the number of ON events minus the number of OFF events has a line at the lamps' frequency; with strong flicker
 //! the number of all events has one too.
 
 use evcal_core::event::{Event, Polarity};
@@ -11,21 +11,21 @@ use super::time_bins::time_bins;
 
 /// Length of a bin in which events are counted (µs).
 const BIN: i64 = 1000;
-/// Bins of a stretch, whose spectrum is taken: 1 s, so that its lines are 1 Hz apart.
+/// Number of bins of an interval whose spectrum is computed: 1 s, so that its lines are 1 Hz apart.
 const STRETCH: usize = 1000;
-/// Bins that are a whole number of periods of most lamps.
+/// Number of bins that is a multiple of the period of most lamps.
 const LONG_BIN: usize = 50;
-/// Events are as many at any time if those of a long bin are never more than their mean by this factor.
+/// The rate of events is constant if the mean over long bins is at least this share of their maximum.
 const EVEN: f64 = 0.97;
 /// Frequencies of lamps and of mains (Hz).
 const LAMPS: [f64; 4] = [100.0, 120.0, 50.0, 60.0];
-/// Shortest recording that tells anything, in bins.
+/// Shortest recording that is checked, in bins.
 const SHORTEST: usize = 250;
-/// Lines beside a lamp's to compare it with (Hz, for a whole stretch).
+/// Neighbouring lines with which a lamp's line is compared (Hz, for a whole interval).
 const BESIDE: std::ops::RangeInclusive<i32> = 3..=15;
-/// A lamp's line is so many times as strong as those beside it.
+/// Smallest ratio of a lamp's line to its neighbours.
 const STRONGER: f64 = 8.0;
-/// ON and OFF take turns by at least this share.
+/// Smallest share by which ON and OFF alternate.
 const SMALLEST_SHARE: f64 = 0.05;
 
 /// The light seems to flicker.
@@ -33,9 +33,9 @@ const SMALLEST_SHARE: f64 = 0.05;
 pub struct Flicker {
     /// Frequency in hertz.
     pub frequency: f64,
-    /// By what share of all events ON outweighs OFF in turn, or by what share their rate swings, if that is more: 0 to about 1.
+    /// Share of all events by which ON and OFF alternate, or by which their rate varies, if that is larger: 0 to about 1.
     pub share: f64,
-    /// Whether there are as many events at any time, which are all that the readout can read. They are late then, and with them the
+    /// `true` if the rate of events is constant, at the limit of the readout. The events are late then, and therefore the
     /// frequency is too low.
     pub fills_readout: bool,
 }
@@ -44,20 +44,20 @@ pub struct Flicker {
 #[derive(Clone, Debug, Default)]
 pub struct RateBins {
     stretch: Vec<[i32; 2]>,
-    /// For the sum of both polarities and their difference, and each lamp, the sums over stretches of the powers of its line
-    /// and of those beside it.
+    /// For the sum of both polarities and their difference, and each lamp, the sums over intervals of the powers of its line and
+    /// of the neighbouring lines.
     powers: [[(f64, f64); LAMPS.len()]; 2],
-    /// Bins, and events in them, that were looked at.
+    /// Number of evaluated bins, and of events in them.
     bins: usize,
     events: u64,
-    /// Most events in a [`LONG_BIN`] of them.
+    /// Most events in a [`LONG_BIN`] of bins.
     fullest: u64,
     /// The bin that is being filled.
     current: i64,
 }
 
 impl RateBins {
-    /// Takes the next events; their times count from the first one (µs).
+    /// Adds the next events; times are relative to the first one (µs).
     pub fn push(&mut self, events: &[Event]) {
         for (bin, events) in time_bins(events, BIN) {
             let on = events.iter().filter(|event| event.polarity == Polarity::On).count();
@@ -68,7 +68,7 @@ impl RateBins {
         }
     }
 
-    /// Takes the next event; `t` counts from the first one (µs).
+    /// Adds the next event; `t` is relative to the first one (µs).
     pub fn add(&mut self, t: i64, polarity: Polarity) {
         let mut counts = [0; 2];
         counts[polarity.index()] = 1;
@@ -79,7 +79,7 @@ impl RateBins {
         let index = bin - self.current;
         if index >= STRETCH as i64 {
             self.close(index < 2 * STRETCH as i64);
-            // Over times without events nothing is to be learned.
+            // Intervals without events are skipped.
             self.current = bin - index % STRETCH as i64;
         }
         if self.stretch.is_empty() {
@@ -91,7 +91,7 @@ impl RateBins {
         }
     }
 
-    /// Adds the spectrum of the stretch that ended, if it is `whole`.
+    /// Adds the spectrum of the interval that ended, if it is `whole`.
     fn close(&mut self, whole: bool) {
         if whole {
             self.look(STRETCH);
@@ -99,7 +99,7 @@ impl RateBins {
         self.stretch.clear();
     }
 
-    /// Adds the spectrum of the first `length` bins of the stretch.
+    /// Adds the spectrum of the first `length` bins of the interval.
     fn look(&mut self, length: usize) {
         let stretch = self.stretch.get(..length).unwrap_or_default();
         let events: u64 = stretch.iter().flatten().map(|count| u64::from(count.unsigned_abs())).sum();
@@ -124,7 +124,7 @@ impl RateBins {
         }
     }
 
-    /// What the whole stretches show, or of a recording that has none its beginning; `None` where no lamp does.
+    /// Returns the flicker in the whole intervals, or in the beginning of a recording that has none; `None` without flicker.
     pub fn flicker(&self) -> Option<Flicker> {
         if self.bins > 0 {
             return self.strongest();
@@ -135,8 +135,8 @@ impl RateBins {
         if last < SHORTEST { None } else { beginning.strongest() }
     }
 
-    /// Whether there were as many events at any time: what moves before a camera never does that, but a readout that is full all the
-    /// time does.
+    /// Returns `true` if the rate of events was constant: objects that move in front of a camera never cause that, but a readout
+    /// at its limit does.
     pub fn is_even(&self) -> bool {
         let mean = self.events as f64 / self.bins.max(1) as f64;
         self.bins > 0 && mean * LONG_BIN as f64 >= EVEN * self.fullest as f64
@@ -147,7 +147,7 @@ impl RateBins {
         let fills_readout = self.is_even();
         let candidates = self.powers.iter().flat_map(|powers| LAMPS.iter().zip(powers));
         let candidates = candidates.filter_map(|(frequency, (line, beside))| {
-            // The amplitude of a wave whose line has this power, in stretches of one length.
+            // The amplitude of a wave whose line has this power, in intervals of one length.
             let stretches = self.bins.div_ceil(STRETCH) as f64;
             let amplitude = 2.0 * (line * stretches).sqrt() / self.bins.max(1) as f64;
             let share = amplitude / mean;
@@ -158,11 +158,11 @@ impl RateBins {
     }
 }
 
-/// Power of the line of `frequency` (Hz) in counts of a second.
+/// Returns the power of the line of `frequency` (Hz) in counts of a second.
 fn power(counts: &[i32], frequency: f64) -> f64 {
     let step = std::f64::consts::TAU * frequency * BIN as f64 * 1e-6;
     let (mut cosine, mut sine) = (0.0, 0.0);
-    // Of few events in a long time most bins are empty: the work is that of the events.
+    // With few events in a long time most bins are empty, so that the work is proportional to the events.
     for (index, count) in counts.iter().enumerate().filter(|(_, count)| **count != 0) {
         let angle = step * index as f64;
         cosine += f64::from(*count) * libm::cos(angle);
@@ -178,7 +178,8 @@ mod tests {
 
     use super::*;
 
-    /// What events at random times show, of which ON has a share that swings by `share` at `frequency`, at a rate that swings slowly.
+    /// Returns the flicker in events at random times, whose share of ON varies by `share` at `frequency`, at a rate that varies
+    /// slowly.
     fn seen(frequency: f64, share: f64, seconds: f64) -> Option<Flicker> {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let mut random = || (rng.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
@@ -196,9 +197,9 @@ mod tests {
     }
 
     #[test]
-    fn lamps_on_mains_are_seen_and_nothing_else() {
+    fn lamps_on_mains_are_detected_and_nothing_else() {
         for frequency in [100.0, 120.0, 50.0, 60.0] {
-            // Mains is never exact.
+            // Mains frequency is never exact.
             let found = seen(frequency + 0.05, 0.3, 4.0).unwrap();
             assert_eq!(found.frequency, frequency);
             assert!((found.share - 0.3).abs() < 0.05, "{found:?}");
@@ -210,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_readout_is_told() {
+    fn a_readout_at_its_limit_is_reported() {
         let mut bins = RateBins::default();
         for t in 0..2_100_000 {
             let polarity = if t / 5000 % 2 == 0 { Polarity::On } else { Polarity::Off };
@@ -231,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn long_times_without_events_are_passed_over() {
+    fn long_times_without_events_are_skipped() {
         let mut bins = RateBins::default();
         for t in [0, 10, 1_000_000_000_000, 1_000_000_000_500, i64::MAX / 2] {
             bins.add(t, Polarity::On);

@@ -1,4 +1,4 @@
-//! What a recording holds, at a glance.
+//! Summary of a recording.
 
 mod other_span;
 mod statistics;
@@ -17,9 +17,9 @@ use event_recordings::date::date;
 use event_recordings::likely_sensor::likely_sensor;
 use event_recordings::{ReadReport, Recording, RecordingError, StreamSummary};
 
-/// How many gaps and hot pixels are listed.
+/// Number of gaps and hot pixels that are listed.
 const LISTED: usize = 10;
-/// What a recording holds.
+/// Summary of a recording.
 #[derive(Debug, Serialize)]
 pub struct Information {
     /// The file.
@@ -28,13 +28,13 @@ pub struct Information {
     pub format: &'static str,
     /// Model and serial number of the camera.
     pub camera_name: Option<String>,
-    /// When it was recorded, if the file tells that.
+    /// Time of the recording, if the file contains it.
     pub began: Option<String>,
     /// Width and height of the sensor in pixels, if known.
     pub sensor: Option<Sensor>,
-    /// The smallest usual sensor that all events fit in, if the recording does not say.
+    /// The smallest usual sensor that contains all events, if the recording does not name one.
     pub likely_sensor: Option<Sensor>,
-    /// Time stamps of the first and the last event in µs.
+    /// Timestamps of the first and the last event in µs.
     pub times_us: Option<(i64, i64)>,
     /// Time from the first to the last event in seconds.
     pub duration_s: f64,
@@ -46,39 +46,39 @@ pub struct Information {
     pub mean_rate: f64,
     /// The 10 ms with the most events.
     pub peak: Option<Peak>,
-    /// When the readout had more events than it can read; `None` where it never had.
+    /// Times when the readout was saturated; `None` if it never was.
     pub saturation: Option<SaturatedReadout>,
-    /// Whether the light flickers.
+    /// Flicker of the light, if there is any.
     pub flicker: Option<Flicker>,
-    /// How coarse the times are, if they are not as fine as a camera's.
+    /// Resolution of the timestamps, if they are coarser than a camera's.
     pub coarse_times: Option<CoarseTimes>,
-    /// Number of times without events for more than 0.1 s.
+    /// Number of times without events of more than 0.1 s.
     pub gap_count: u64,
-    /// The longest of them, in the order of time.
+    /// The longest gaps, in the order of time.
     pub longest_gaps: Vec<Gap>,
     /// Number of pixels that sent an event.
     pub active_pixels: u64,
     /// Number of pixels with more than ten times the events of the median active pixel, and more than 50.
     pub hot_pixel_count: u64,
-    /// Those with the most events.
+    /// The hot pixels with the most events.
     pub hottest_pixels: Vec<HotPixel>,
-    /// Columns without a single event among those that send many.
+    /// Columns without events, if most columns have many.
     pub dead_columns: Vec<u16>,
     /// Everything in the file, by stream; empty for formats with one stream of events.
     pub streams: Vec<StreamSummary>,
-    /// Streams that span another time than the events.
+    /// Streams whose time span differs from the events' time span.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub other_spans: Vec<OtherSpan>,
-    /// What the reader met.
+    /// Statistics of the reader.
     pub report: ReadReport,
-    /// What the reader took for granted.
+    /// Assumptions of the reader.
     pub notes: Vec<String>,
-    /// Why reading stopped before the end.
+    /// Reason why reading stopped before the end.
     #[serde(serialize_with = "what_is_wrong")]
     pub error: Option<RecordingError>,
 }
 
-/// What is wrong, without the file.
+/// Serialises the error without the file name.
 fn what_is_wrong<S: Serializer>(error: &Option<RecordingError>, serializer: S) -> Result<S::Ok, S::Error> {
     error.as_ref().map(|error| error.kind.to_string()).serialize(serializer)
 }
@@ -88,27 +88,27 @@ fn what_is_wrong<S: Serializer>(error: &Option<RecordingError>, serializer: S) -
 pub struct Peak {
     /// Events per second.
     pub rate: f64,
-    /// When, in seconds after the first event.
+    /// Time in seconds after the first event.
     pub t_s: f64,
 }
 
-/// A readout with more events than it can read: they come late.
+/// Saturation of the readout, in which events are late.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct SaturatedReadout {
-    /// Events per second that it can read.
+    /// Events per second that the readout can send.
     pub rate: f64,
-    /// For how long in seconds.
+    /// Duration of the saturation in seconds.
     pub duration_s: f64,
-    /// When for the first time, in seconds after the first event.
+    /// Start of the first saturated interval, in seconds after the first event.
     pub t_s: f64,
 }
 
 /// A time without events.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Gap {
-    /// When it begins, in seconds after the first event.
+    /// Start in seconds after the first event.
     pub t_s: f64,
-    /// How long it is in seconds.
+    /// Duration in seconds.
     pub duration_s: f64,
 }
 
@@ -119,15 +119,15 @@ pub struct HotPixel {
     pub x: u16,
     /// Row.
     pub y: u16,
-    /// Its events.
+    /// Number of its events.
     pub events: u64,
 }
 
 /// Reads the whole recording once.
 ///
 /// # Errors
-/// When it cannot be opened. An error further on ends up in [`Information::error`], with the figures
-/// of what was read until then.
+/// [`RecordingError`] if it cannot be opened. A later error is stored in [`Information::error`], with the statistics of
+/// everything before it.
 pub fn gather(recording: &Recording) -> Result<Information, RecordingError> {
     let mut information = gather_events(recording)?;
     information.streams = recording.streams()?;
@@ -137,10 +137,10 @@ pub fn gather(recording: &Recording) -> Result<Information, RecordingError> {
     Ok(information)
 }
 
-/// As [`gather`], of the events alone: [`Information::streams`] stays empty.
+/// Does the same as [`gather`] for the events alone: [`Information::streams`] is empty.
 ///
 /// # Errors
-/// As there.
+/// As for [`gather`].
 pub fn gather_events(recording: &Recording) -> Result<Information, RecordingError> {
     let mut reader = recording.open()?;
     let mut statistics = Statistics::default();
@@ -195,7 +195,7 @@ fn seconds(microseconds: i64) -> f64 {
 }
 
 impl Information {
-    /// The polarity of all events, where it is one.
+    /// Returns the polarity of all events, if they have only one.
     pub fn only_polarity(&self) -> Option<Polarity> {
         match self.on_share? {
             0.0 => Some(Polarity::Off),
@@ -220,7 +220,7 @@ mod tests {
         gather(&Recording::new(path, RecordingOptions::default()).unwrap()).unwrap()
     }
 
-    /// 1000 events at 1 kev/s going round 100 pixels, 500 in 5 ms from 2 s on at (7, 7), and one at 3 s.
+    /// 1000 events at 1 kev/s cycling over 100 pixels, 500 in 5 ms from 2 s on at (7, 7), and one at 3 s.
     fn write(path: &Path, output: OutputFormat) {
         let on = |index: i64| if index % 4 == 0 { Polarity::On } else { Polarity::Off };
         let calm = (0..1000).map(|index| Event { t: index * 1000, x: index as u16 % 100, y: 9, polarity: on(index) });
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn figures_are_those_of_the_events() {
+    fn statistics_agree_with_the_events() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("recording.aedat4");
         write(&path, OutputFormat::from_extension(&path).unwrap());
@@ -257,9 +257,9 @@ mod tests {
         assert!(serde_json::to_string(&information).unwrap().contains("\"gap_count\":2"));
     }
 
-    /// A pixel of a short recording was hot with eleven events, which the verdict of a calibration did not call so.
+    /// A pixel of a short recording with eleven events must not be called hot, in agreement with the verdict of a calibration.
     #[test]
-    fn few_events_make_no_pixel_hot() {
+    fn few_events_do_not_make_a_pixel_hot() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("recording.csv");
         let lines = |count: usize| {
@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_keeps_what_was_read_before() {
+    fn an_error_keeps_the_statistics_before_it() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("recording.csv");
         std::fs::write(&path, "t_us,x,y,p\n1,2,3,1\n2,2,3,1\n3,2,3,nan\n").unwrap();

@@ -1,33 +1,33 @@
-//! Were events undistorted and rounded to pixels? Where undistortion stretches the image, lines of pixels between busy ones get no event
-//! at all, which no sensor does.
+//! Detection of events that were undistorted and rounded to pixels. Where undistortion stretches the image, lines of pixels
+//! between busy ones have no events at all, which never happens on a sensor.
 
 use std::fmt;
 
 use serde::Serialize;
 
-/// A pixel is among busy ones if the median of its neighbours has so many events: by chance, fewer than one in 2000 of them
-/// has none.
+/// Median number of events of a pixel's neighbours from which the pixel is among busy ones: by chance, fewer than one in 2000 of
+/// such pixels has no event.
 const BUSY: u32 = 8;
-/// Pixels among busy ones that are needed.
+/// Fewest pixels among busy ones for a decision.
 const FEWEST: u64 = 1000;
-/// Share of them without an event that no sensor has.
+/// Share of them without an event that does not occur on a sensor.
 const MANY_EMPTY: f64 = 0.01;
 
 /// Pixels without events among busy ones.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Rounded {
-    /// Their share of all pixels among busy ones.
+    /// Share of the pixels among busy ones.
     pub empty: f64,
 }
 
 impl Rounded {
-    /// What to do.
+    /// Remedy.
     pub const ADVICE: &str = "calibrate the events as the camera sent them";
 
-    /// From the number of events of each pixel, row by row.
+    /// Returns the empty pixels from the number of events of each pixel, row by row.
     pub fn found(events: &[u32], width: usize) -> Option<Self> {
         let rows: Vec<&[u32]> = events.chunks_exact(width.max(1)).collect();
-        // Lines that send nothing are broken, or not read.
+        // Lines without any event are broken, or not read.
         let silent_column: Vec<bool> =
             (0..width).map(|x| rows.iter().all(|row| row.get(x).is_none_or(|count| *count == 0))).collect();
         let rows: Vec<&[u32]> = rows.into_iter().filter(|row| row.iter().any(|count| *count > 0)).collect();
@@ -69,7 +69,7 @@ mod tests {
     const WIDTH: usize = 120;
     const HEIGHT: usize = 90;
 
-    /// Events of all pixels of a sensor, about 20 of each, moved by `to`.
+    /// Events of all pixels of a sensor, about 20 each, moved by `to`.
     fn found(to: impl Fn(f64, f64) -> (f64, f64), is_silent: impl Fn(usize, usize) -> bool) -> Option<Rounded> {
         let mut events = vec![0; WIDTH * HEIGHT];
         for (y, x) in (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (y, x))) {
@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn stretched_events_leave_empty_pixels_and_a_sensor_does_not() {
+    fn stretched_events_leave_empty_pixels_but_a_sensor_does_not() {
         let stretched = |x: f64, y: f64| {
             let factor = 1.0 + 0.1 * (x * x + y * y) / 3600.0;
             (x * factor, y * factor)

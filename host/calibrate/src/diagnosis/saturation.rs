@@ -1,8 +1,8 @@
-//! When the camera's readout was saturated.
+//! Detection of intervals with a saturated readout.
 //!
-//! A sensor reads its events one after the other. When more wait than it can read, they leave at the readout's own pace:
-//! their number in a millisecond is the largest of the recording, and much steadier than that of events that come by
-//! chance, whose variance is their mean. Such events are late, by as much as they had to wait.
+//! A sensor reads its events one after the other. If more events wait than it can read, they leave at the readout's own rate:
+//! their number per millisecond is the largest of the recording, and much more constant than the number of random events, whose
+//! variance equals their mean. Such events are late by their waiting time.
 
 use evcal_core::event::Event;
 
@@ -12,36 +12,36 @@ use super::time_bins::time_bins;
 const BIN: i64 = 1000;
 /// Bins within this share of the largest are near it.
 const NEAR: f64 = 0.9;
-/// So many bins in a row are a stretch.
+/// Fewest successive bins of an interval.
 const FEWEST_BINS: usize = 10;
 /// Bins within this share of the largest are at the top.
 const TOP: f64 = 0.97;
-/// At least this part of a stretch is at the top; a rate that rises and falls by itself is there for half of it.
+/// Share of an interval's bins that must be at the top; a rate that rises and falls by itself is there for half of the time.
 const AT_TOP: f64 = 0.75;
-/// Variance over mean below which the number of events in a bin is no matter of chance; 1 would be.
+/// Ratio of variance to mean below which the number of events per bin is not random, for which it would be 1.
 const STEADY: f64 = 0.3;
-/// Readouts are faster than this (events a bin).
+/// Lowest rate of a readout (events per bin).
 const FEWEST_EVENTS: u32 = 500;
-/// Later bins are not looked at: 3 h.
+/// Later bins are ignored: 3 h.
 const MOST_BINS: usize = 10_800_000;
 
-/// Counts events to find out.
+/// Counts events per bin to detect saturation.
 #[derive(Clone, Debug, Default)]
 pub struct SaturationDetector {
     counts: Vec<u32>,
 }
 
-/// The stretches in which the readout was saturated.
+/// Intervals with a saturated readout.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Saturation {
-    /// Events a second that the readout manages; 0 without a stretch.
+    /// Events per second of the saturated readout; 0 without an interval.
     pub rate: f64,
     /// Start and end of each in seconds since the start of the recording, in order of time.
     pub stretches: Vec<(f64, f64)>,
 }
 
 impl Saturation {
-    /// Length of all stretches (s).
+    /// Returns the length of all intervals (s).
     pub fn duration(&self) -> f64 {
         self.stretches.iter().map(|(start, end)| end - start).sum()
     }
@@ -68,7 +68,7 @@ impl SaturationDetector {
         }
     }
 
-    /// What was found.
+    /// Returns the result.
     pub fn finish(&self) -> Saturation {
         let most = self.counts.iter().copied().max().unwrap_or(0);
         let mut found = Saturation::default();
@@ -82,7 +82,7 @@ impl SaturationDetector {
             let is_long = run.first().copied().is_some_and(near) && run.len() >= FEWEST_BINS;
             if is_long && is_flat(run, most) && is_steady(run) {
                 let time = |bin: usize| (bin as i64 * BIN) as f64 * 1e-6;
-                // What still waits at the end comes in the next bin.
+                // Events that still wait at the end arrive in the next bin.
                 found.stretches.push((time(start.saturating_sub(1)), time(end + 1)));
                 events += run.iter().map(|&count| u64::from(count)).sum::<u64>();
                 bins += run.len();
@@ -96,13 +96,13 @@ impl SaturationDetector {
     }
 }
 
-/// Whether most counts are at the top.
+/// Returns `true` if most counts are at the top.
 fn is_flat(counts: &[u32], most: u32) -> bool {
     let top = counts.iter().filter(|&&count| f64::from(count) >= TOP * f64::from(most)).count();
     top as f64 >= AT_TOP * counts.len() as f64
 }
 
-/// Whether counts vary less than those of events that come by chance.
+/// Returns `true` if counts vary less than counts of random events.
 fn is_steady(counts: &[u32]) -> bool {
     let pairs = counts.iter().zip(counts.iter().skip(1));
     let changes: f64 = pairs.map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum();
@@ -123,7 +123,7 @@ mod tests {
         Event { t: t as i64, x: 0, y: 0, polarity: Polarity::On }
     }
 
-    /// Events that come by chance, `rate(t)` a microsecond at `t` (µs).
+    /// Random events at `rate(t)` per microsecond at `t` (µs).
     fn by_chance(duration: f64, rate: impl Fn(f64) -> f64) -> Vec<f64> {
         let mut random = ChaCha8Rng::seed_from_u64(5);
         let mut t = 0.0;
@@ -143,8 +143,8 @@ mod tests {
     }
 
     #[test]
-    fn a_readout_that_is_too_slow_is_noticed_where_it_is() {
-        // Between 100 and 150 ms twice as many as the readout takes, 3 a microsecond.
+    fn the_interval_of_a_readout_that_is_too_slow_is_found() {
+        // Between 100 and 150 ms, twice as many as the readout can send, which is 3 per microsecond.
         let requests = by_chance(300_000.0, |t| if (100_000.0..150_000.0).contains(&t) { 6.0 } else { 1.5 });
         let mut free = 0.0_f64;
         let read: Vec<f64> = requests
@@ -157,13 +157,13 @@ mod tests {
         let saturation = found(&read);
         assert!((saturation.rate - 3e6).abs() < 1e4, "{saturation:?}");
         let &[(start, end)] = saturation.stretches.as_slice() else { panic!("{saturation:?}") };
-        // Half of the surplus is read in the 100 ms after.
+        // Half of the surplus is read in the following 100 ms.
         assert!((start - 0.1).abs() < 0.003 && (end - 0.25).abs() < 0.006, "{saturation:?}");
     }
 
     #[test]
-    fn a_rate_that_rises_and_falls_smoothly_is_no_saturation() {
-        // As many events as the rate says, without chance: the edges of a board that moves.
+    fn a_rate_that_rises_and_falls_smoothly_is_not_saturation() {
+        // Events at exactly the given rate, without randomness: the edges of a moving board.
         let mut times = Vec::new();
         let (mut t, mut whole) = (0.0_f64, 0.0);
         while t < 300_000.0 {
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn many_events_that_come_by_chance_are_no_saturation() {
+    fn many_random_events_are_not_saturation() {
         assert_eq!(found(&by_chance(300_000.0, |_| 3.0)), Saturation::default());
         let wave = |t: f64| 2.0 + 1.5 * (t * 2e-5).sin();
         assert_eq!(found(&by_chance(300_000.0, wave)), Saturation::default());

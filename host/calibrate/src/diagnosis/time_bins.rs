@@ -1,8 +1,9 @@
-//! Events in bins of time.
+//! Division of events into bins of time.
 
 use evcal_core::event::Event;
 
-/// Cuts `events`, which are in the order of time, into those of each bin of `length` microseconds, with the number of the bin.
+/// Divides `events`, which are in the order of time, into bins of `length` microseconds; returns the number and the events of
+/// each bin.
 pub(super) fn time_bins(mut events: &[Event], length: i64) -> impl Iterator<Item = (i64, &[Event])> {
     std::iter::from_fn(move || {
         let bin = events.first()?.t.div_euclid(length);

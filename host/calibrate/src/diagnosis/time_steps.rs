@@ -1,4 +1,4 @@
-//! Are the times of events as fine as those of a camera?
+//! Detection of timestamps that are coarser than a camera's.
 
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -6,38 +6,40 @@ use std::ops::RangeInclusive;
 use evcal_core::event::Event;
 use serde::Serialize;
 
-/// Fewer events tell nothing of their times.
+/// Fewest events for a decision.
 const FEWEST_EVENTS: u64 = 1000;
-/// Steps between different times that are coarse (µs). Those of a DVXplorer, which scans its pixels, are 200 µs; longer ones are pauses.
+/// Steps between different timestamps that are coarse (µs). The steps of a DVXplorer, which scans its pixels, are 200 µs; longer
+/// ones are pauses.
 const COARSE: RangeInclusive<i64> = 240..=50_000;
-/// Share of steps that may be shorter.
+/// Largest share of shorter steps.
 const FEW_SHORT: f64 = 0.01;
-/// Events with one time, on average, from which on steps are those of the clock and not of the events.
+/// Mean number of events with one timestamp from which steps belong to the clock and not to the events.
 const TOGETHER: f64 = 10.0;
-/// As many events have one time on average only if times were lost: cameras read a row of at most some thousand pixels at once.
+/// Mean number of events with one timestamp above which times were lost: cameras read a row of at most some thousand pixels at
+/// once.
 const ALL: f64 = 5000.0;
 /// Seconds since 1970, from 2001 to 2096.
 const UNIX_SECONDS: RangeInclusive<i64> = 1_000_000_000..=4_000_000_000;
 
-/// Times that are too coarse.
+/// Timestamps that are too coarse.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum CoarseTimes {
-    /// They come in steps.
+    /// They have steps.
     Steps {
         /// The mean step in milliseconds.
         step_ms: f64,
         /// Events with the same time, on average.
         events: f64,
     },
-    /// Hardly two events differ in time.
+    /// Almost all events have the same timestamp.
     Equal,
-    /// The same, because seconds since 1970 were put into floating-point numbers of 32 bits, whose steps are 64 or 128 s there.
+    /// The same, because seconds since 1970 were stored in 32-bit floating-point numbers, whose steps are 64 or 128 s there.
     UnixSecondsOf32Bits,
 }
 
 impl CoarseTimes {
-    /// What to do.
+    /// Remedy.
     pub const ADVICE: &str = "export times in whole microseconds, or as floating-point numbers of 64 bits";
 }
 
@@ -56,21 +58,21 @@ impl fmt::Display for CoarseTimes {
     }
 }
 
-/// Counts the steps from one time to the next.
+/// Counts the steps between timestamps.
 #[derive(Clone, Debug, Default)]
 pub struct TimeSteps {
     latest: Option<i64>,
     events: u64,
-    /// Different times.
+    /// Number of different timestamps.
     times: u64,
-    /// Steps that are not pauses, those of them that are not coarse, and the sum of all (µs).
+    /// Number of steps that are not pauses, number of those that are not coarse, and sum of all (µs).
     steps: u64,
     short: u64,
     sum: i64,
 }
 
 impl TimeSteps {
-    /// Adds the time of the next event (µs).
+    /// Adds the timestamp of the next event (µs).
     pub fn add(&mut self, t: i64) {
         self.events += 1;
         let Some(latest) = self.latest.replace(t) else {
@@ -88,12 +90,12 @@ impl TimeSteps {
         }
     }
 
-    /// As [`Self::add`], of several events.
+    /// Adds the timestamps of several events.
     pub fn push(&mut self, events: &[Event]) {
         events.iter().for_each(|event| self.add(event.t));
     }
 
-    /// What is wrong with the times; `first` is the first of them as the file has it (µs).
+    /// Returns the problem with the timestamps, if there is any; `first` is the first of them as stored in the file (µs).
     pub fn coarse(&self, first: i64) -> Option<CoarseTimes> {
         if self.events < FEWEST_EVENTS {
             return None;
@@ -104,7 +106,7 @@ impl TimeSteps {
             let step_ms = 1e-3 * self.sum as f64 / self.steps as f64;
             return Some(CoarseTimes::Steps { step_ms, events: together });
         }
-        // Whole seconds may have been taken for microseconds.
+        // Whole seconds may have been interpreted as microseconds.
         let of_32_bits = |seconds: i64| UNIX_SECONDS.contains(&seconds) && seconds % 64 == 0;
         let are_unix = of_32_bits(first) || (first % 1_000_000 == 0 && of_32_bits(first / 1_000_000));
         match together >= ALL || self.times == 1 {
@@ -132,26 +134,27 @@ mod tests {
     }
 
     #[test]
-    fn steps_are_measured_and_fine_times_are_not_blamed() {
+    fn steps_are_measured_and_fine_timestamps_are_not_reported() {
         for step in [250, 1000, 4000, 10_000] {
             let Some(CoarseTimes::Steps { step_ms, .. }) = stepped(step) else { panic!("{step}") };
             assert!((step_ms - step as f64 * 1e-3).abs() < 1e-6, "{step_ms}");
         }
         assert_eq!(stepped(1), None);
         assert_eq!(coarse((0..500_000).map(|index| (index / 165 + index / 400) * 200)), None);
-        // A camera that scans its pixels every 200 µs, and sometimes sees nothing; few events, and pauses; rows of 1000 pixels that are read every 20 µs.
+        // A camera that scans its pixels every 200 µs, sometimes without events; few events, and pauses; rows of 1000 pixels that
+        // are read every 20 µs.
         assert_eq!(coarse((0..5000).map(|index| index * 2000 + index / 100 * 900_000)), None);
         assert_eq!(coarse((0..500_000).map(|index| index / 1000 * 20)), None);
     }
 
-    /// The calibration said that the board was not in view.
+    /// The calibration used to report that the board was not in view.
     #[test]
     fn equal_times_are_named_with_their_cause() {
         let seconds = |t: f64| f64::from((1.6e9 + t) as f32);
         let unix = |unit: f64| coarse((0..400_000).map(|index| (seconds(f64::from(index) * 2e-6) * unit) as i64));
         assert_eq!(unix(1.0), Some(CoarseTimes::UnixSecondsOf32Bits));
         assert_eq!(unix(1e6), Some(CoarseTimes::UnixSecondsOf32Bits));
-        // With the step to the next number within it.
+        // With the step to the next number in between.
         let long = coarse((0..400_000).map(|index| seconds(f64::from(index) * 1e-3) as i64));
         assert_eq!(long, Some(CoarseTimes::UnixSecondsOf32Bits));
         assert_eq!(coarse((0..2000).map(|_| 7)), Some(CoarseTimes::Equal));

@@ -1,4 +1,4 @@
-//! A calibration's trajectory against a file of motion capture.
+//! Comparison of a calibration's trajectory with a file of motion capture.
 
 use std::fs::File;
 use std::io::{self, BufReader};
@@ -15,20 +15,20 @@ use crate::motion_capture::{Compared, compare};
 use evcal_geometry::lens::camera_file::camera_path;
 use evcal_geometry::tum::{self, TumError};
 
-/// What is compared with what.
+/// The files to compare.
 #[derive(Clone, Debug)]
 pub struct CapturedFiles {
-    /// The calibration, or its folder.
+    /// The calibration file or its folder.
     pub calibration: PathBuf,
-    /// Trajectory (TUM); without it, `trajectory.txt` beside the calibration.
+    /// Trajectory (TUM); `None` for `trajectory.txt` next to the calibration.
     pub trajectory: Option<PathBuf>,
     /// The capture.
     pub capture: PathBuf,
-    /// The body on the camera, where the capture holds several.
+    /// The marker body on the camera, if the capture contains several.
     pub body: Option<String>,
 }
 
-/// Why files cannot be compared.
+/// Reasons why files cannot be compared.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CapturedError {
@@ -37,7 +37,7 @@ pub enum CapturedError {
     Open {
         /// The trajectory.
         file: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         error: io::Error,
     },
     /// The trajectory cannot be read.
@@ -45,29 +45,29 @@ pub enum CapturedError {
     Trajectory {
         /// The trajectory.
         file: PathBuf,
-        /// Why.
+        /// The reason.
         error: TumError,
     },
     /// The capture cannot be read.
     #[error("{0}")]
     Capture(#[from] CaptureFileError),
-    /// They do not fit.
+    /// Trajectory and capture are inconsistent.
     #[error("{} and {}: {error}", trajectory.display(), capture.display())]
     Compare {
         /// The trajectory.
         trajectory: PathBuf,
         /// The capture.
         capture: PathBuf,
-        /// Why.
+        /// The reason.
         error: MotionCaptureError,
     },
 }
 
-/// Compares the trajectory of a calibration with a capture; beside the result, the trajectory's file. With the camera, σ contain the
-/// error of its intrinsics.
+/// Compares the trajectory of a calibration with a capture. Returns the result and the name of the trajectory's file. If the
+/// camera is known, σ include the error of its intrinsics.
 ///
 /// # Errors
-/// [`CapturedError`] names the file, what is wrong with it, and what to do.
+/// [`CapturedError`] names the file, the problem and the remedy.
 pub fn compare_captured(
     files: &CapturedFiles,
     known: Option<&KnownCamera>,

@@ -1,4 +1,4 @@
-//! A calibration against the truth or another calibration, from their files.
+//! Comparison of a calibration with the truth or another calibration, from their files.
 
 use std::fmt;
 use std::fs::File;
@@ -15,25 +15,25 @@ use evcal_geometry::lens::projection_difference::{NoCommonView, ProjectionDiffer
 use evcal_geometry::timed_pose::TimedPose;
 use evcal_geometry::tum::{self, TumError};
 
-/// Name of the trajectory beside a calibration or truth.
+/// Name of the trajectory file next to a calibration or truth.
 pub const TRAJECTORY_FILE: &str = "trajectory.txt";
 
-/// What is compared with what.
+/// The files to compare.
 #[derive(Clone, Debug)]
 pub struct ComparedFiles {
-    /// The calibration, or its folder.
+    /// The calibration file or its folder.
     pub calibration: PathBuf,
-    /// The truth or another calibration, or its folder.
+    /// The truth or another calibration: the file or its folder.
     pub truth: PathBuf,
-    /// Estimated trajectory (TUM); without it, [`TRAJECTORY_FILE`] beside the calibration, if it is there.
+    /// Estimated trajectory (TUM); `None` for [`TRAJECTORY_FILE`] next to the calibration, if it exists.
     pub trajectory: Option<PathBuf>,
-    /// True trajectory; without it, [`TRAJECTORY_FILE`] beside the truth, if it is there.
+    /// True trajectory; `None` for [`TRAJECTORY_FILE`] next to the truth, if it exists.
     pub true_trajectory: Option<PathBuf>,
-    /// Largest constant difference of the clocks that is looked for, in seconds.
+    /// Largest constant difference of the clocks in the search, in seconds.
     pub time_shift: f64,
 }
 
-/// How far a calibration is from the truth.
+/// Comparison of a calibration with the truth.
 #[derive(Clone, Debug)]
 pub struct Comparison {
     /// The calibration's file.
@@ -42,59 +42,59 @@ pub struct Comparison {
     pub truth: PathBuf,
     /// Parameter by parameter; the truth is the first.
     pub intrinsics: IntrinsicsComparison,
-    /// Where both put the same point in the image.
+    /// Difference of the projections.
     pub projection: ProjectionDifference,
-    /// The board, where one of both says that it is not as stated.
+    /// The board, if one of the files contains a shape other than the nominal one.
     pub board: Option<BoardComparison>,
     /// The trajectories, if both have one.
     pub trajectory: ComparedTrajectories,
 }
 
-/// What became of the trajectories.
+/// Result of the comparison of the trajectories.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum ComparedTrajectories {
-    /// Not both have one.
+    /// At least one does not exist.
     Missing,
-    /// They lie beside the cameras, but not at the same times: they are of different recordings.
+    /// The files next to the cameras have no common times: they are of different recordings.
     OtherTimes {
         /// The estimated trajectory's file.
         estimate: PathBuf,
         /// The true trajectory's file.
         truth: PathBuf,
     },
-    /// The one beside a camera is empty: no pose was sure enough to be written.
+    /// The file next to a camera is empty: no pose was determined well enough.
     WithoutPoses(PathBuf),
     /// They were compared.
     Compared(Box<TrajectoryComparison>),
 }
 
-/// How far a trajectory is from the true one.
+/// Comparison of two trajectories.
 #[derive(Clone, Debug)]
 pub struct TrajectoryComparison {
     /// The estimated trajectory's file.
     pub estimate: PathBuf,
     /// The true trajectory's file.
     pub truth: PathBuf,
-    /// With the times as they are.
+    /// Error with the original times.
     pub direct: AbsoluteTrajectoryError,
-    /// With the times of the estimate shifted to fit best; `None` where too little is left.
+    /// Error with the best time shift of the estimate; `None` if too few poses are left.
     pub shifted: Option<AbsoluteTrajectoryError>,
 }
 
 impl TrajectoryComparison {
-    /// Whether both are of one recording: whether one follows the other at all.
+    /// Returns `true` if both are of one recording, that is if one follows the other.
     pub fn is_related(&self) -> bool {
         self.direct.is_related() || self.shifted.as_ref().is_some_and(AbsoluteTrajectoryError::is_related)
     }
 }
 
-/// Whose trajectory.
+/// Source of a trajectory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TrajectoryOf {
     /// The estimated one.
     Calibration,
-    /// The one that it is compared with.
+    /// The one with which it is compared.
     Truth,
 }
 
@@ -107,7 +107,7 @@ impl fmt::Display for TrajectoryOf {
     }
 }
 
-/// Why files cannot be compared.
+/// Reasons why files cannot be compared.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CompareError {
@@ -129,15 +129,15 @@ pub enum CompareError {
         /// Its sensor.
         true_sensor: Sensor,
     },
-    /// The cameras see nothing in common.
+    /// The cameras have no common field of view.
     #[error("{0}")]
     Projection(#[from] NoCommonView),
-    /// One trajectory was named, and the other is not where it is looked for.
-    #[error("there is no {TRAJECTORY_FILE} beside {}: name the trajectory of {which} too", file.display())]
+    /// One trajectory was named, and the other does not exist at its default path.
+    #[error("there is no {TRAJECTORY_FILE} next to {}: name the trajectory of {which} too", file.display())]
     NoTrajectory {
-        /// What the trajectory is not beside.
+        /// The camera file next to which the trajectory is missing.
         file: PathBuf,
-        /// Whose it is.
+        /// Source of the trajectory.
         which: TrajectoryOf,
     },
     /// A trajectory cannot be opened.
@@ -145,7 +145,7 @@ pub enum CompareError {
     Open {
         /// The trajectory.
         file: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         error: io::Error,
     },
     /// A trajectory cannot be read.
@@ -153,17 +153,17 @@ pub enum CompareError {
     Trajectory {
         /// The trajectory.
         file: PathBuf,
-        /// Why.
+        /// The reason.
         error: TumError,
     },
-    /// The trajectories have too little in common.
+    /// The trajectories have too few common times.
     #[error("{} and {}: {error}", estimate.display(), truth.display())]
     FewPoses {
         /// The estimated trajectory.
         estimate: PathBuf,
         /// The true trajectory.
         truth: PathBuf,
-        /// Why.
+        /// The reason.
         error: TooFewMatches,
     },
 }
@@ -171,7 +171,7 @@ pub enum CompareError {
 /// Compares a calibration with the truth or with another calibration.
 ///
 /// # Errors
-/// [`CompareError`] when a file cannot be read, or they are not of the same camera.
+/// [`CompareError`] if a file cannot be read, or they are not of the same camera.
 pub fn compare(files: &ComparedFiles) -> Result<Comparison, CompareError> {
     let (calibration, truth) = (camera_path(&files.calibration), camera_path(&files.truth));
     let (camera, sensor) = camera_file::read(&calibration)?;
@@ -187,7 +187,7 @@ pub fn compare(files: &ComparedFiles) -> Result<Comparison, CompareError> {
         None => ComparedTrajectories::Missing,
         Some((estimate, truth)) => match compare_trajectories(estimate, truth, files.time_shift) {
             Ok(compared) => ComparedTrajectories::Compared(Box::new(compared)),
-            // Nobody asked for them.
+            // They were not requested.
             Err(CompareError::FewPoses { estimate, truth, .. }) if !named => {
                 ComparedTrajectories::OtherTimes { estimate, truth }
             }
@@ -200,7 +200,7 @@ pub fn compare(files: &ComparedFiles) -> Result<Comparison, CompareError> {
     Ok(Comparison { calibration, truth, intrinsics, projection, board, trajectory })
 }
 
-/// The estimated and the true trajectory file; `None` when none was asked for and not both are there.
+/// Returns the estimated and the true trajectory file; `None` if none was requested and not both exist.
 fn trajectories(
     files: &ComparedFiles,
     calibration: &Path,

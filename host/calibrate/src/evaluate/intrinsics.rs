@@ -1,4 +1,4 @@
-//! The parameters of two calibrations side by side.
+//! Comparison of the parameters of two calibrations.
 
 use std::fmt;
 
@@ -14,19 +14,19 @@ pub struct ParameterPair {
     pub first: Option<f64>,
     /// Its value in the second calibration, if the model has it.
     pub second: Option<f64>,
-    /// Whether it means the same in both.
+    /// `true` if it has the same meaning in both.
     pub means_the_same: bool,
 }
 
 impl ParameterPair {
-    /// Second less first, where both have the parameter and it means the same.
+    /// Returns the second value minus the first, if both have the parameter with the same meaning.
     pub fn difference(&self) -> Option<f64> {
         if self.means_the_same { Some(self.second? - self.first?) } else { None }
     }
 }
 
-/// The parameters of two calibrations. Those of equal name mean the same only if the models do: a coefficient of one model is another
-/// thing than that of the same name in another.
+/// The parameters of two calibrations. Parameters of equal name have the same meaning only if the models are equal: coefficients
+/// of different models are not comparable.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct IntrinsicsComparison {
     /// Name of the first camera model.
@@ -37,10 +37,10 @@ pub struct IntrinsicsComparison {
     pub parameters: Vec<ParameterPair>,
 }
 
-/// Parameters that mean the same in all models whose focal length is that on the axis.
+/// Parameters with the same meaning in all models whose fx and fy are the focal lengths on the axis.
 const PINHOLE: [&str; 4] = ["fx", "fy", "cx", "cy"];
 
-/// Puts the parameters of two calibrations side by side.
+/// Compares the parameters of two calibrations.
 pub fn compare_intrinsics(first: &Camera<f64>, second: &Camera<f64>) -> IntrinsicsComparison {
     let named = |camera: &Camera<f64>| -> Vec<(&'static str, f64)> {
         camera.kind().parameter_names().iter().copied().zip(camera.parameters()).collect()
@@ -53,7 +53,7 @@ pub fn compare_intrinsics(first: &Camera<f64>, second: &Camera<f64>) -> Intrinsi
         other => other,
     };
     let alike = family(first) == family(second);
-    // Where fx is the focal length on the axis in both, it may be compared.
+    // If fx is the focal length on the axis in both, it can be compared.
     let is_plain = |camera: &Camera<f64>| {
         let axial = camera.axial_focal_lengths();
         axial.is_some_and(|[fx, _]| camera.parameters().first().is_some_and(|own| (own - fx).abs() <= 1e-9 * fx))
@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parameters_meet_by_name() {
+    fn parameters_are_paired_by_name() {
         let first = Camera::from_parameters(ModelKind::Radtan4, &[200.0, 201.0, 170.0, 130.0, -0.3, 0.1, 0.001, 0.002])
             .unwrap();
         let second =
@@ -111,7 +111,7 @@ mod tests {
         assert!(text.contains("(+0.500 %)") && text.lines().count() == 10, "{text}");
     }
 
-    /// k1 of one model less k1 of another is no error.
+    /// The difference of k1 of different models is not an error.
     #[test]
     fn coefficients_of_other_models_are_not_subtracted() {
         let first = Camera::from_parameters(ModelKind::Radtan4, &[200.0, 201.0, 170.0, 130.0, -0.3, 0.1, 0.001, 0.002])

@@ -1,7 +1,7 @@
-//! How the pose of a camera, found from the board before it, follows its intrinsics.
+//! Derivative of a camera's pose by its intrinsics, when the pose is estimated from the board.
 //!
-//! With the pixels u(X, c) of the board's circles X in the camera frame, a change of the intrinsics c is made up for by the change of the
-//! pose that keeps the pixels where they are, as well as least squares can.
+//! With the pixels u(X, c) of the board's circles X in the camera frame, a change of the intrinsics c is compensated by the
+//! change of the pose that keeps the pixels where they are, in the least-squares sense.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
@@ -9,13 +9,13 @@ use nalgebra::{DMatrix, Isometry3, Matrix2x3, SMatrix, Vector2, Vector3};
 
 use evcal_geometry::board::Board;
 
-/// Fewest circles that tell a pose.
+/// Fewest circles that determine a pose.
 const FEWEST: usize = 4;
-/// Step of a point (m), and of a parameter as a share of its size and of 1.
+/// Step of a point (m), and of a parameter relative to its size and to 1.
 const POINT_STEP: f64 = 1e-6;
 const STEP: f64 = 1e-6;
 
-/// What is known of the camera whose trajectory it is.
+/// The camera of a trajectory, with its uncertainty.
 #[derive(Clone, Debug)]
 pub struct KnownCamera {
     /// The lens.
@@ -24,12 +24,12 @@ pub struct KnownCamera {
     pub sensor: Sensor,
     /// Covariance of the intrinsics, in their order.
     pub covariance: DMatrix<f64>,
-    /// The board that it saw.
+    /// The board in its view.
     pub board: Board,
 }
 
-/// Three rows of the translation of `T_world_camera` (m, axes of the world), three of its rotation (rad, about the axes of the camera), a
-/// column for each intrinsic parameter; `None` where too few circles are in the image.
+/// Returns the derivatives: three rows of the translation of `T_world_camera` (m, axes of the world), three of its rotation (rad,
+/// about the axes of the camera), and a column for each intrinsic parameter; `None` if too few circles are in the image.
 pub fn pose_by_intrinsics(known: &KnownCamera, pose: &Isometry3<f64>) -> Option<DMatrix<f64>> {
     let KnownCamera { camera, sensor, board, .. } = known;
     let neighbours = neighbours(camera)?;
@@ -71,15 +71,15 @@ pub fn pose_by_intrinsics(known: &KnownCamera, pose: &Isometry3<f64>) -> Option<
     Some(normal.cholesky()?.solve(&right))
 }
 
-/// Cameras that have one parameter a little smaller and a little larger.
+/// Cameras with one parameter slightly smaller and slightly larger.
 struct Neighbours {
     before: Camera<f64>,
     after: Camera<f64>,
-    /// By how much the parameters differ.
+    /// Difference of the parameters.
     step: f64,
 }
 
-/// Those of each parameter.
+/// Returns the neighbours for each parameter.
 fn neighbours(camera: &Camera<f64>) -> Option<Vec<Neighbours>> {
     let parameters = camera.parameters();
     let moved = |index: usize, by: f64| {
@@ -94,7 +94,7 @@ fn neighbours(camera: &Camera<f64>) -> Option<Vec<Neighbours>> {
     parameters.iter().enumerate().map(pair).collect()
 }
 
-/// Derivatives of the pixel by the point.
+/// Returns the derivatives of the pixel by the point.
 fn by_point(camera: &Camera<f64>, point: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
     let mut by = Matrix2x3::zeros();
     for axis in 0..3 {
@@ -121,7 +121,7 @@ mod tests {
         }
     }
 
-    /// Before the middle of the board, 0.7 m away from it, tilted.
+    /// A tilted camera in front of the middle of the board, at a distance of 0.7 m.
     fn pose() -> Isometry3<f64> {
         let middle = known(300.0, 173.0).board.middle();
         let tilt = nalgebra::UnitQuaternion::from_scaled_axis(Vector3::new(0.3, -0.2, 0.1));
@@ -130,22 +130,22 @@ mod tests {
     }
 
     #[test]
-    fn a_longer_focal_length_is_a_camera_further_away() {
+    fn a_longer_focal_length_moves_the_camera_away() {
         let by = pose_by_intrinsics(&known(300.0, 173.0), &pose()).unwrap();
         // Both focal lengths 1 % longer.
         let change = (by.column(0) + by.column(1)) * 3.0;
         let shift = pose().rotation.inverse() * change.fixed_rows::<3>(0).into_owned();
         assert!((shift - Vector3::new(0.0, 0.0, -0.007)).norm() < 1e-3, "{shift}");
-        // The principal point 3 px to the right: the board seems to be further left, as if the camera were turned to the right about y
-        // by about 3 / 300.
+        // The principal point 3 px to the right: the board appears further left, as if the camera were rotated to the right about
+        // y by about 3 / 300.
         let change = by.column(2) * 3.0;
         let turn = change.fixed_rows::<3>(3).into_owned();
         assert!((turn - Vector3::new(0.0, 0.01, 0.0)).norm() < 2e-3, "{turn}");
     }
 
-    /// The pose that is found with other intrinsics from the same pixels, by Gauss and Newton, moves as the derivatives say.
+    /// The pose estimated with other intrinsics from the same pixels, by Gauss-Newton, agrees with the derivatives.
     #[test]
-    fn a_pose_from_other_intrinsics_moves_as_the_derivatives_say() {
+    fn a_pose_from_other_intrinsics_agrees_with_the_derivatives() {
         let (was, is) = (known(300.0, 173.0), known(300.3, 172.8));
         let by = pose_by_intrinsics(&was, &pose()).unwrap();
         let predicted = (by.column(0) + by.column(1)) * 0.3 + by.column(2) * -0.2;

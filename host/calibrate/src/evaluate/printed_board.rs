@@ -1,4 +1,4 @@
-//! The board as a calibration has it against the simulated one, from their files.
+//! Comparison of the calibrated with the simulated board, from their files.
 
 use std::fmt;
 use std::path::Path;
@@ -17,11 +17,11 @@ pub struct BoardPair {
     pub truth: f64,
     /// The calibrated one.
     pub calibration: f64,
-    /// Its standard deviation; `None` where it was not estimated.
+    /// Its standard deviation; `None` if it was not estimated.
     pub sigma: Option<f64>,
 }
 
-/// A calibrated board against the true one.
+/// Comparison of a calibrated with the true board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardComparison {
     /// Print ratio, bends and radius.
@@ -63,7 +63,7 @@ struct ScenePart {
     printed: Option<BoardShape>,
 }
 
-/// The boards of two files; `None` where they say nothing of it, or both that it is as stated.
+/// Compares the boards of two files; `None` if they do not contain one, or both are nominal.
 pub fn compare_boards(calibration: &Path, truth: &Path) -> Option<BoardComparison> {
     let CalibrationPart { printed_board: board } = read(calibration)?;
     let TruthPart { board: stated, settings } = read(truth)?;

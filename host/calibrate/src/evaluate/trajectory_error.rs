@@ -2,9 +2,9 @@
 //! between true and estimated camera positions at the same time, after the rigid motion, without
 //! scale, that brings both trajectories closest (Horn 1987).
 //!
-//! Where both live in the board's frame nothing needs to be aligned, so the error without
-//! alignment is given too: it sees a wrong scale or origin that alignment would hide. Clocks may
-//! differ by a constant: [`best_time_shift`] finds it.
+//! If both trajectories are in the board's frame, no alignment is needed, so the error without alignment is reported too: it
+//! includes a wrong scale or origin that alignment would hide. Clocks may differ by a constant, which [`best_time_shift`]
+//! estimates.
 
 use std::fmt;
 
@@ -15,7 +15,7 @@ use evcal_geometry::numerics::rigid::best_rotation;
 use evcal_geometry::numerics::statistics::Statistics;
 use evcal_geometry::timed_pose::TimedPose;
 
-/// Which true pose belongs to an estimated one.
+/// Method that assigns a true pose to an estimated one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Association {
@@ -28,47 +28,46 @@ pub enum Association {
     },
 }
 
-/// How far an estimated trajectory is from the truth.
+/// Error of an estimated trajectory.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AbsoluteTrajectoryError {
     /// Seconds added to the times of the estimate.
     pub time_shift: f64,
-    /// Poses of the estimate for which there is no truth.
+    /// Number of estimated poses without a true pose.
     pub unmatched: usize,
-    /// Distances in metres, as they are.
+    /// Distances in metres, without alignment.
     pub direct: Statistics,
-    /// Angles in radians between true and estimated orientation, as they are.
+    /// Angles in radians between true and estimated orientation, without alignment.
     pub direct_rotation: Statistics,
-    /// Distances in metres after the alignment.
+    /// Distances in metres, after the alignment.
     pub aligned: Statistics,
-    /// The alignment maps estimated positions to true ones: its rotation as a rotation vector in
-    /// radians.
+    /// Rotation of the alignment, which maps estimated positions to true ones, as a rotation vector in radians.
     pub alignment_rotation: [f64; 3],
     /// Translation of the alignment in metres, after the rotation.
     pub alignment_translation: [f64; 3],
-    /// How far the true positions are from their mean, in metres (root mean square).
+    /// Root mean square distance of the true positions from their mean, in metres.
     pub extent: f64,
 }
 
-/// Two trajectories of one recording are closer, after the alignment, than this part of their extent.
+/// Largest ratio of the error after alignment to the extent for two trajectories of one recording.
 const RELATED: f64 = 0.3;
 
 impl AbsoluteTrajectoryError {
-    /// Whether the estimate follows the truth at all, or is of another recording.
+    /// Returns `true` if the estimate follows the truth, `false` if it is of another recording.
     pub fn is_related(&self) -> bool {
         self.aligned.rmse <= RELATED * self.extent
     }
 }
 
-/// Why two trajectories cannot be compared.
+/// Two trajectories that cannot be compared, because they have too few common times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "only {matched} of {estimated} poses have a true pose at their time, 3 are needed: do both use the same clock?"
 )]
 pub struct TooFewMatches {
-    /// Poses with a true pose.
+    /// Number of poses with a true pose.
     pub matched: usize,
-    /// Poses of the estimate.
+    /// Number of estimated poses.
     pub estimated: usize,
 }
 
@@ -118,18 +117,18 @@ pub fn trajectory_error(
     })
 }
 
-/// How far the first points are from their mean (root mean square).
+/// Returns the root mean square distance of the first points from their mean.
 fn extent(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> f64 {
     let count = pairs.len().max(1) as f64;
     let mean = pairs.iter().map(|(real, _)| real).sum::<Vector3<f64>>() / count;
     (pairs.iter().map(|(real, _)| (real - mean).norm_squared()).sum::<f64>() / count).sqrt()
 }
 
-/// The shift in seconds, at most `range` to either side, to add to the times of `estimate` such
-/// that the distances to the interpolated truth, not aligned, have the least root mean square.
+/// Returns the shift in seconds, at most `range` to either side, of the times of `estimate` that minimises the root mean square
+/// distance from the interpolated truth, without alignment.
 ///
-/// Uses the poses whose true times are known for every shift; `None` when these are fewer than 3.
-/// Finds the least of a scan by `range / 100`, then narrows it down to 0.1 µs.
+/// Only poses whose true poses are known for every shift are used; `None` if these are fewer than 3. The minimum of a scan by
+/// `range / 100` is refined to 0.1 µs.
 pub fn best_time_shift(truth: &[TimedPose], estimate: &[TimedPose], range: f64) -> Option<f64> {
     let (first, last) = (truth.first()?.t, truth.last()?.t);
     let used: Vec<&TimedPose> =
@@ -153,7 +152,7 @@ pub fn best_time_shift(truth: &[TimedPose], estimate: &[TimedPose], range: f64) 
     const GOLDEN: f64 = 0.618_033_988_749_894_9;
     let (mut a, mut b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
     let (mut cost_a, mut cost_b) = (cost(a), cost(b));
-    // Times far from zero are coarser than that: the width then stops to shrink, so the rounds are counted.
+    // The resolution of times far from zero is coarser: the width then stops shrinking, so the number of rounds is limited.
     let rounds = ((high - low) / 1e-7).max(1.0).log(1.0 / GOLDEN).ceil() as u32;
     for _ in 0..rounds {
         if cost_a < cost_b {
@@ -169,7 +168,7 @@ pub fn best_time_shift(truth: &[TimedPose], estimate: &[TimedPose], range: f64) 
     Some(0.5 * (low + high))
 }
 
-/// The poses before and after `t`, and how far `t` is from the first to the second.
+/// Returns the poses before and after `t`, and the fraction of the time from the first to the second.
 fn neighbours(truth: &[TimedPose], t: f64) -> Option<(&TimedPose, &TimedPose, f64)> {
     let after = truth.partition_point(|pose| pose.t < t);
     let after = after.max(1);
@@ -194,8 +193,8 @@ fn nearest(truth: &[TimedPose], t: f64, max_difference: f64) -> Option<Isometry3
     ((best.t - t).abs() <= max_difference).then_some(best.pose)
 }
 
-/// The rigid motion that brings the second points closest to the first (Horn 1987; here by the
-/// singular value decomposition of Kabsch 1976).
+/// Returns the rigid motion that aligns the second points with the first (Horn 1987; here by the singular value decomposition of
+/// Kabsch 1976).
 fn rigid_alignment(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> Isometry3<f64> {
     let count = pairs.len().max(1) as f64;
     let mean_real = pairs.iter().map(|(real, _)| real).sum::<Vector3<f64>>() / count;
@@ -253,7 +252,7 @@ mod tests {
         assert!(error.direct.rmse > 0.1);
         assert!((Vector3::from(error.alignment_translation) - moved.translation.vector).norm() < 1e-12);
         assert!((Vector3::from(error.alignment_rotation) - moved.rotation.scaled_axis()).norm() < 1e-11);
-        // A scale stays: it is 1 % of the distances from the mean position.
+        // The error of a scale is not removed: it is 1 % of the distances from the mean position.
         let larger: Vec<TimedPose> = path(100.0, 2.0, 0.0)
             .iter()
             .map(|p| {
@@ -304,9 +303,8 @@ mod tests {
     }
 
     #[test]
-    fn the_figures_are_those_of_the_tum_tools() {
-        // Computed in another language by Horn's own method, the greatest eigenvector of his
-        // 4 × 4 matrix.
+    fn statistics_agree_with_the_tum_tools() {
+        // Computed in another language by Horn's own method, the greatest eigenvector of his 4 × 4 matrix.
         let truth = [
             [0.246, 0.484, 0.59],
             [0.885, 0.48, 0.845],

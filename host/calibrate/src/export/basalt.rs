@@ -1,7 +1,7 @@
 //! `calibration.json` of basalt, as cereal reads it.
 //!
-//! Only the camera comes from evcal: the inertial entries, which its reader asks for, are those of
-//! basalt's own example, and `T_imu_cam` is the identity.
+//! Only the camera comes from evcal: the inertial entries, which its reader requires, come from basalt's own example, and
+//! `T_imu_cam` is the identity.
 
 use std::fmt::Write as _;
 
@@ -21,8 +21,8 @@ pub const FORMAT: ExportFormat = ExportFormat {
     write,
 };
 
-/// Everything but the camera and its size. The reader takes the first value of the file for the calibration, so
-/// the comment stands inside.
+/// Everything except the camera and its size. The reader takes the first value of the file as the calibration, so the comment is
+/// inside it.
 const INERTIAL: &str = r#"    "calib_accel_bias": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
     "calib_gyro_bias": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
     "imu_update_rate": 200.0,

@@ -1,4 +1,4 @@
-//! What every format is made from and gives: a format, its content, the file.
+//! Export formats, their input and their output.
 
 use evcal_core::camera::{Camera, ModelKind};
 
@@ -9,21 +9,21 @@ use evcal_geometry::lens::nearest::{Replacement, nearest};
 pub struct ExportFormat {
     /// Its name on the command line.
     pub name: &'static str,
-    /// Who reads it, in sentences.
+    /// Programs that read it, in sentences.
     pub program: &'static str,
-    /// Name of its file in a folder of all formats.
+    /// Name of its file in a folder with all formats.
     pub file: &'static str,
-    /// Models that it holds.
+    /// Models that it supports.
     pub models: &'static [ModelKind],
-    /// Those of them that replace a model which it does not hold.
+    /// Models among them that may replace a model which it does not support.
     pub substitutes: &'static [ModelKind],
-    /// The file.
+    /// Writes the file.
     pub write: fn(&Content) -> String,
 }
 
-/// What goes into a file.
+/// Content of a file.
 pub struct Content<'a> {
-    /// What is known of the camera.
+    /// The camera with the results of its calibration.
     pub calibrated: &'a CalibratedCamera,
     /// fx, fy, cx, cy of the camera that is written.
     pub matrix: [f64; 4],
@@ -31,17 +31,18 @@ pub struct Content<'a> {
     pub distortion: &'a [f64],
     /// Its model, one of [`ExportFormat::models`].
     pub model: ModelKind,
-    /// What it cost to get it.
+    /// Error of the replacement, if the model was replaced.
     pub refit: Option<&'a Replacement>,
-    /// The same in a sentence.
+    /// The error of the replacement in a sentence.
     pub note: Option<&'a str>,
 }
 
 impl Content<'_> {
-    /// Where the file comes from, where pixel (0, 0) is, which camera it is of and when that was recorded, how good the calibration is and what a refit costs, in sentences for comments.
+    /// Returns sentences for comments: origin of the file, position of pixel (0, 0), camera and date of the recording, verdict,
+    /// and error of the replacement.
     pub fn remarks(&self) -> Vec<String> {
         let from = format!("written by evcal {}; pixel (0, 0) is the centre of the top-left pixel", crate::VERSION);
-        // Some readers take ASCII only.
+        // Some readers accept ASCII only.
         let verdict = self.calibrated.verdict.replace('±', "+-");
         let verdict = Some(verdict).filter(|verdict| !verdict.is_empty());
         let CalibratedCamera { name, recorded, .. } = self.calibrated;
@@ -52,7 +53,7 @@ impl Content<'_> {
         [from].into_iter().chain(origin).chain(verdict).chain(self.note.map(str::to_owned)).collect()
     }
 
-    /// The camera matrix, row by row.
+    /// Returns the camera matrix, row by row.
     pub fn camera_matrix(&self) -> [f64; 9] {
         let [fx, fy, cx, cy] = self.matrix;
         [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
@@ -62,17 +63,17 @@ impl Content<'_> {
 /// A file for another program.
 #[derive(Clone, Debug)]
 pub struct Exported {
-    /// Its content.
+    /// Its text.
     pub text: String,
     /// The camera in it.
     pub camera: Camera<f64>,
-    /// What it cost to get it, where the format does not hold the calibrated model.
+    /// Error of the replacement, if the format does not support the calibrated model.
     pub refit: Option<Replacement>,
-    /// The same in a sentence.
+    /// The error of the replacement in a sentence.
     pub note: Option<String>,
 }
 
-/// A format cannot hold a camera, nor one near it.
+/// A format supports neither a camera nor one near it.
 #[derive(Debug, thiserror::Error)]
 #[error("{format} has no model that comes near this {model} camera where the board was seen")]
 pub struct ExportError {
@@ -81,10 +82,10 @@ pub struct ExportError {
 }
 
 impl ExportFormat {
-    /// The file for a camera.
+    /// Exports a camera.
     ///
     /// # Errors
-    /// [`ExportError`] if neither the camera nor one near it can be held.
+    /// [`ExportError`] if the format supports neither the camera nor one near it.
     pub fn export(&self, calibrated: &CalibratedCamera) -> Result<Exported, ExportError> {
         let model = calibrated.camera.kind();
         let cannot = || ExportError { format: self.name, model };

@@ -8,8 +8,8 @@ use super::content::{Content, ExportFormat};
 use super::number::{decimal, significant};
 use evcal_core::sensor::Sensor;
 
-/// `parameters.csv`: below comments a line of names, then one line a parameter. `sigma` and the covariances with all
-/// parameters (`covariance_fx` …) are empty where they are not known; the unit of coefficients is empty.
+/// `parameters.csv`: comments, a line of names, then one line per parameter. `sigma` and the covariances with all parameters
+/// (`covariance_fx` …) are empty if they are not known; the unit of coefficients is empty.
 pub const FORMAT: ExportFormat = ExportFormat {
     name: "csv",
     program: "the table",

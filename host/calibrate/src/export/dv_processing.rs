@@ -1,4 +1,4 @@
-//! Calibration JSON, version 2, of dv-processing. It comes from a property tree: every scalar is text.
+//! Calibration JSON, version 2, of dv-processing. It is written by a property tree, so every scalar is a string.
 
 use evcal_core::camera::ModelKind;
 use evcal_core::pattern::Layout;

@@ -47,7 +47,7 @@ fn entries(content: &Content) -> Vec<Entry> {
             entry("pattern_type", Value::Word(pattern_type.to_owned())),
             entry("board_width", Value::Integer(columns)),
             entry("board_height", Value::Integer(rows)),
-            // In centimetres, as DV asks for it.
+            // In centimetres, as DV requires.
             entry("square_size", Value::Real(board.spacing * 100.0)),
         ]);
     }

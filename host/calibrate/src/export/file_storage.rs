@@ -1,7 +1,7 @@
 //! OpenCV's `FileStorage` in its three encodings.
 //!
-//! The dialects are OpenCV's own: its YAML reader asks for the header `%YAML:1.0` and the tag
-//! `!!opencv-matrix`, which general YAML readers refuse; in XML and JSON a matrix is marked by `type_id`.
+//! The dialects are OpenCV's own: its YAML reader requires the header `%YAML:1.0` and the tag `!!opencv-matrix`, which general
+//! YAML readers reject; in XML and JSON a matrix is marked by `type_id`.
 
 use std::fmt::Write as _;
 
@@ -15,13 +15,13 @@ pub struct Entry {
     pub value: Value,
 }
 
-/// What a `FileStorage` holds.
+/// A value in a `FileStorage`.
 pub enum Value {
     /// A whole number.
     Integer(i64),
     /// A real number.
     Real(f64),
-    /// A word of a file, without quotation marks and markup.
+    /// A string without quotation marks and markup.
     Word(String),
     /// A matrix of doubles, row by row.
     Matrix {
@@ -35,23 +35,23 @@ pub enum Value {
 }
 
 impl Value {
-    /// A matrix of one row.
+    /// Creates a matrix of one row.
     pub fn row(values: &[f64]) -> Self {
         Self::Matrix { rows: 1, values: values.to_vec() }
     }
 
-    /// A matrix of one column.
+    /// Creates a matrix of one column.
     pub fn column(values: &[f64]) -> Self {
         Self::Matrix { rows: values.len(), values: values.to_vec() }
     }
 }
 
-/// An entry.
+/// Creates an entry.
 pub fn entry(name: impl Into<String>, value: Value) -> Entry {
     Entry { name: name.into(), value }
 }
 
-/// The name that OpenCV takes for `name`: other characters become `_`.
+/// Returns the name that OpenCV uses for `name`: other characters become `_`.
 pub fn valid_name(name: &str) -> String {
     let allowed = |character: char| character.is_ascii_alphanumeric() || "_-".contains(character);
     let mut valid: String = name.chars().map(|character| if allowed(character) { character } else { '_' }).collect();
@@ -61,7 +61,7 @@ pub fn valid_name(name: &str) -> String {
     valid
 }
 
-/// As YAML, below comments.
+/// Writes YAML, with comments first.
 pub fn yaml(remarks: &[String], entries: &[Entry]) -> String {
     let mut text = String::from("%YAML:1.0\n---\n");
     for remark in remarks {
@@ -95,7 +95,7 @@ fn yaml_entries(text: &mut String, entries: &[Entry], indent: usize) {
     }
 }
 
-/// As XML, with a comment.
+/// Writes XML, with a comment.
 pub fn xml(remarks: &[String], entries: &[Entry]) -> String {
     let mut text = String::from("<?xml version=\"1.0\"?>\n<opencv_storage>\n");
     for remark in remarks {
@@ -130,7 +130,7 @@ fn xml_entries(text: &mut String, entries: &[Entry]) {
     }
 }
 
-/// As JSON, with the remarks as `comment`.
+/// Writes JSON, with the remarks as `comment`.
 pub fn json(remarks: &[String], entries: &[Entry]) -> String {
     let comment = entry("comment", Value::Word(remarks.join("; ")));
     format!("{{\n{}\n}}\n", json_entries([&comment].into_iter().chain(entries), 4))

@@ -1,15 +1,15 @@
-//! Files of a camera with its inertial unit for other programs, beside those of the camera alone.
+//! Files of a camera with its IMU for other programs, in addition to the files of the camera alone.
 //!
 //! | file | for | transform | shift |
 //! |---|---|---|---|
-//! | `camchain-imucam.yaml`, `imu.yaml` | Kalibr | `T_cam_imu`: unit to camera | t_imu = t_cam + `timeshift_cam_imu` |
-//! | `kalibr_imucam_chain.yaml`, `kalibr_imu_chain.yaml` | OpenVINS | `T_imu_cam`: camera to unit | the same |
-//! | `vins-fusion.yaml` | VINS-Fusion, VINS-Mono | `body_T_cam0`: camera to unit | t_imu = t_cam + `td` |
-//! | `basalt-imu.json` | basalt | `T_imu_cam`: camera to unit | t_imu = t_cam + `cam_time_offset_ns` |
-//! | `dv-processing-imu.json` | dv-processing | `transformationToC0`: unit to camera | t_cam = t_imu − `timeOffsetMicros` |
-//! | `static_transform.yaml` | ROS | frame of the camera in that of the unit: camera to unit | none |
+//! | `camchain-imucam.yaml`, `imu.yaml` | Kalibr | `T_cam_imu`: IMU to camera | t_imu = t_cam + `timeshift_cam_imu` |
+//! | `kalibr_imucam_chain.yaml`, `kalibr_imu_chain.yaml` | OpenVINS | `T_imu_cam`: camera to IMU | the same |
+//! | `vins-fusion.yaml` | VINS-Fusion, VINS-Mono | `body_T_cam0`: camera to IMU | t_imu = t_cam + `td` |
+//! | `basalt-imu.json` | basalt | `T_imu_cam`: camera to IMU | t_imu = t_cam + `cam_time_offset_ns` |
+//! | `dv-processing-imu.json` | dv-processing | `transformationToC0`: IMU to camera | t_cam = t_imu − `timeOffsetMicros` |
+//! | `static_transform.yaml` | ROS | frame of the camera in the frame of the IMU: camera to IMU | none |
 //!
-//! The delay of the gyroscope is written: all have one for both sensors.
+//! The delay of the gyroscope is written, because all formats have one delay for both sensors.
 
 mod basalt;
 mod dv_processing;
@@ -28,22 +28,22 @@ use crate::result::inertial_result::{InertialResult, SensorResult};
 use crate::result::second_camera_result::SecondCameraResult;
 use evcal_geometry::numerics::rigid::pose_of_rows;
 
-/// Random walks of usual chips, for they are not measured: rad/s²/√Hz and m/s³/√Hz.
+/// Random walks of typical chips, because they are not measured: rad/s²/√Hz and m/s³/√Hz.
 const GYROSCOPE_WALK: f64 = 2e-5;
 const ACCELEROMETER_WALK: f64 = 1e-3;
 const TOPIC: &str = "/dvs/imu";
 
-/// A unit with its camera.
+/// An IMU with its camera.
 struct Mounted<'a> {
     camera: &'a CalibratedCamera,
     inertial: &'a InertialResult,
     /// Other cameras on the mount.
     others: &'a [SecondCameraResult],
-    /// `T_imu_camera`, row by row; none where it was not measured.
+    /// `T_imu_camera`, row by row; `None` if it was not measured.
     imu_from_camera: Option<[[f64; 4]; 4]>,
     /// t_imu = t_cam + shift (s).
     shift: f64,
-    /// Samples a second.
+    /// Samples per second.
     rate: f64,
     /// `camchain.yaml` of the camera.
     camchain: Option<&'a str>,
@@ -70,19 +70,19 @@ const FILES: [File; 8] = [
     File { name: "static_transform.yaml", write: static_transform::write },
 ];
 
-/// Names of all files.
+/// Returns the names of all files.
 pub fn names() -> impl Iterator<Item = &'static str> {
     FILES.iter().map(|file| file.name)
 }
 
-/// Name and content of each file that can hold camera and unit, that of Kalibr with the `others` on the mount; where the place of the unit was not measured, of those that need
-/// none.
+/// Returns name and content of each file that supports camera and IMU, Kalibr's with the `others` on the mount. If the position
+/// of the IMU was not measured, only files that do not contain it are returned.
 pub fn files(
     camera: &CalibratedCamera,
     inertial: &InertialResult,
     others: &[SecondCameraResult],
 ) -> Vec<(&'static str, String)> {
-    // The unit belongs to the intrinsics that it was solved with; files of before have those that were held only.
+    // The IMU's parameters match the intrinsics of its solve; older files contain these only if they were fixed.
     let with_unit = inertial.solved_together.as_ref().or(inertial.held_camera.as_ref());
     let with_unit = with_unit.and_then(|known| known.camera().ok());
     let camera = &CalibratedCamera { camera: with_unit.unwrap_or(camera.camera), ..camera.clone() };
@@ -104,7 +104,7 @@ pub fn files(
     FILES.iter().filter_map(|file| Some((file.name, (file.write)(&mounted)?))).collect()
 }
 
-/// `T_camera_imu` of `T_imu_camera`.
+/// Returns `T_camera_imu` from `T_imu_camera`.
 fn camera_from_imu(rows: &[[f64; 4]; 4]) -> Matrix4<f64> {
     pose_of_rows(rows).inverse().to_homogeneous()
 }
@@ -113,7 +113,7 @@ fn mean(sensor: &SensorResult) -> f64 {
     sensor.noise_density.iter().sum::<f64>() / 3.0
 }
 
-/// Noise and walks under the names of Kalibr.
+/// Writes noise and random walks under the names of Kalibr.
 fn noise_lines(inertial: &InertialResult, indent: &str) -> String {
     let mut text = String::new();
     for (name, value) in [

@@ -1,7 +1,7 @@
 //! Kalibr's camchain, as `kalibr_common/ConfigReader.py` reads it.
 //!
-//! It asks for exactly four coefficients of radtan (k1 k2 p1 p2) and of equidistant (k1 k2 k3 k4), one of fov (w), and
-//! for real numbers where an intrinsic stands: omni has xi, eucm alpha and beta, ds xi and alpha in front of them.
+//! It requires exactly four coefficients of radtan (k1 k2 p1 p2) and of equidistant (k1 k2 k3 k4), one of fov (w), and real
+//! numbers for intrinsics: omni has xi, eucm alpha and beta, ds xi and alpha before them.
 
 use std::fmt::Write as _;
 
@@ -38,7 +38,7 @@ fn write(content: &Content) -> String {
         ModelKind::DoubleSphere => ("ds", "none"),
         _ => ("pinhole", "radtan"),
     };
-    // Kalibr counts the shape of the projection among the intrinsics, in front.
+    // In Kalibr the shape parameters of the projection are the first intrinsics.
     let shape = match camera_model {
         "pinhole" => 0,
         "omni" => 1,

@@ -1,7 +1,7 @@
 //! mrcal's `.cameramodel`: a Python dictionary.
 //!
-//! It holds the region in which the board was seen as `valid_intrinsics_region`. It has no
-//! `optimization_inputs`, so that mrcal shows no uncertainty of its own.
+//! It contains the region in which the board was seen as `valid_intrinsics_region`. It has no `optimization_inputs`, so mrcal
+//! shows no uncertainty of its own.
 
 use std::fmt::Write as _;
 
@@ -28,7 +28,7 @@ fn write(content: &Content) -> String {
         let _ = writeln!(text, "# {remark}");
     }
     let corners = content.calibrated.covered.corners();
-    // A contour that ends where it begins.
+    // A closed contour.
     let contour: Vec<String> = corners
         .iter()
         .chain(corners.first())

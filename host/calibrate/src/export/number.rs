@@ -1,23 +1,23 @@
-//! Numbers and text as every reader understands them.
+//! Formatting of numbers and strings for all readers.
 
-/// The shortest decimal that is read back as the same f64, with a point and without an exponent: what
-/// YAML 1.1 and Kalibr take for a real number.
+/// Returns the shortest decimal that is read back as the same f64, with a point and without an exponent, which YAML 1.1 and
+/// Kalibr accept as a real number.
 pub fn decimal(value: f64) -> String {
     let text = value.to_string();
     if text.contains('.') { text } else { format!("{text}.0") }
 }
 
-/// A [`decimal`] of six significant digits, for what is not known any better.
+/// Returns a [`decimal`] of six significant digits, for values with a low accuracy.
 pub fn significant(value: f64) -> String {
     decimal(format!("{value:.5e}").parse().unwrap_or(value))
 }
 
-/// [`decimal`]s with commas between them.
+/// Returns [`decimal`]s separated by commas.
 pub fn decimals(values: &[f64]) -> String {
     values.iter().map(|value| decimal(*value)).collect::<Vec<_>>().join(", ")
 }
 
-/// Text in double quotation marks, of which JSON's form is one that YAML has, too.
+/// Returns text in double quotation marks. The form of JSON is also valid in YAML.
 pub fn quoted(text: &str) -> String {
     serde_json::Value::from(text).to_string()
 }

@@ -1,8 +1,7 @@
 //! OpenCV's `FileStorage`: `camera_matrix` and `distortion_coefficients`, as its calibration sample writes them.
 //!
-//! Coefficients are in OpenCV's order; those of a Kannala-Brandt camera are for `cv::fisheye`, and those
-//! of an omnidirectional one for `cv::omnidir` with `xi` beside them. `distortion_model` says which:
-//! `radtan`, `fisheye` or `omnidir`.
+//! Coefficients are in OpenCV's order: that of `cv::fisheye` for a Kannala-Brandt camera and of `cv::omnidir` for an
+//! omnidirectional one, with `xi` as a separate entry. `distortion_model` is `radtan`, `fisheye` or `omnidir`.
 
 use evcal_core::camera::ModelKind;
 
@@ -13,10 +12,10 @@ use evcal_core::sensor::Sensor;
 const MODELS: &[ModelKind] =
     &[ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8, ModelKind::KannalaBrandt, ModelKind::Omni];
 
-/// Radtan with eight coefficients is not among them: beyond what was seen, a rational function may have poles.
+/// Radtan with eight coefficients is excluded: outside the observed region, a rational function may have poles.
 const SUBSTITUTES: &[ModelKind] = &[ModelKind::Radtan, ModelKind::KannalaBrandt];
 
-/// YAML, which OpenCV alone reads.
+/// YAML, which only OpenCV reads.
 pub const YAML: ExportFormat = ExportFormat {
     name: "opencv-yaml",
     program: "OpenCV",

@@ -51,7 +51,7 @@ fn matrix(text: &mut String, name: &str, rows: usize, values: &[f64]) {
         text,
         "{name}:\n  rows: {rows}\n  cols: {}\n  data: [{}]",
         values.len() / rows,
-        // On one line: other readers of this format stumble over wrapped lists.
+        // On one line, because some readers of this format do not support wrapped lists.
         decimals(values)
     );
 }

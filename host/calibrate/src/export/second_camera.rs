@@ -1,13 +1,13 @@
-//! Files of several cameras on one mount for other programs, beside those of the first camera alone.
+//! Files of several cameras on one mount for other programs, in addition to the files of the first camera alone.
 //!
 //! | file | for | transform |
 //! |---|---|---|
-//! | `camchain-cameras.yaml` | Kalibr | `T_cn_cnm1`: from the camera before to this one |
-//! | `stereo.yaml` | OpenCV, as `stereoCalibrate` gives it | x₂ = `R` x₁ + `T`: from the first camera to the second |
-//! | `static_transforms.yaml` | ROS | frame of the second camera in that of the first: from the second to the first |
+//! | `camchain-cameras.yaml` | Kalibr | `T_cn_cnm1`: from the previous camera to this one |
+//! | `stereo.yaml` | OpenCV, as from `stereoCalibrate` | x₂ = `R` x₁ + `T`: from the first camera to the second |
+//! | `static_transforms.yaml` | ROS | frame of the second camera in the frame of the first: from the second to the first |
 //!
-//! Cameras are those of the solve of all events, which belong to the transform. Only ROS and Kalibr hold more than two cameras: further
-//! ones have a `stereo-2.yaml` each.
+//! Cameras come from the solve of all events, which match the transform. Only ROS and Kalibr support more than two cameras: each
+//! further one has a `stereo-2.yaml` and so on.
 
 mod kalibr;
 mod opencv;
@@ -20,7 +20,7 @@ use crate::result::second_camera_result::{SecondCameraResult, SolvedCamera};
 use evcal_geometry::lens::camera_file::DescriptionError;
 use evcal_geometry::lens::covered_region::CoveredRegion;
 
-/// Name of the file of a pair for OpenCV; those after the first have a number between.
+/// Name of the OpenCV file of a pair; those after the first have a number in between.
 const STEREO: (&str, &str) = ("stereo", "yaml");
 const CAMCHAIN: &str = "camchain-cameras.yaml";
 const STATIC_TRANSFORMS: &str = "static_transforms.yaml";
@@ -34,7 +34,7 @@ struct Pair<'a> {
     result: &'a SecondCameraResult,
 }
 
-/// Whether a file of this name is one of [`files`].
+/// Returns `true` if [`files`] contains a file of this name.
 pub fn is_file(name: &str) -> bool {
     let numbered = name.strip_prefix(STEREO.0).and_then(|rest| rest.strip_suffix(STEREO.1)?.strip_suffix('.'));
     let numbered = numbered.is_some_and(|rest| {
@@ -43,15 +43,15 @@ pub fn is_file(name: &str) -> bool {
     numbered || name == CAMCHAIN || name == STATIC_TRANSFORMS
 }
 
-/// Name and content of each file that can hold the cameras. `first` is the first camera, as it was calibrated apart.
+/// Returns name and content of each file that supports the cameras. `first` is the separate calibration of the first camera.
 ///
 /// # Errors
-/// [`DescriptionError`] when a camera of `others` is none.
+/// [`DescriptionError`] if a camera of `others` is invalid.
 pub fn files(
     first: &CalibratedCamera,
     others: &[SecondCameraResult],
 ) -> Result<Vec<(String, String)>, DescriptionError> {
-    // The first camera's own frames are no other camera.
+    // The first camera's own frames are not another camera.
     let others = others.iter().filter(|result| result.from_identity.is_none());
     let pairs = others.map(|result| pair(first, result)).collect::<Result<Vec<_>, _>>()?;
     let mut files = Vec::new();
@@ -67,9 +67,9 @@ pub fn files(
     Ok(files)
 }
 
-/// Another camera as Kalibr's file of cameras with an inertial unit has it.
+/// Another camera in Kalibr's file of cameras with an IMU.
 pub(super) struct KalibrOther {
-    /// Its part of the file, to which only the unit is missing.
+    /// Its part of the file, without the IMU.
     pub text: String,
     /// `T_camera_first`.
     pub from_first: Isometry3<f64>,
@@ -77,7 +77,7 @@ pub(super) struct KalibrOther {
     pub time_offset: f64,
 }
 
-/// The other cameras for Kalibr; none where it has no model for one of them, for cameras are numbered.
+/// Returns the other cameras for Kalibr; empty if Kalibr has no model for one of them, because cameras are numbered.
 pub(super) fn kalibr_others(first: &CalibratedCamera, others: &[SecondCameraResult]) -> Vec<KalibrOther> {
     let others = others.iter().filter(|result| result.from_identity.is_none());
     let pairs: Option<Vec<Pair>> = others.map(|result| pair(first, result).ok()).collect();
@@ -110,7 +110,7 @@ fn pair<'a>(first: &CalibratedCamera, result: &'a SecondCameraResult) -> Result<
     })
 }
 
-/// What is said of the clocks where a format has no place for them.
+/// Describes the clocks, for formats without entries for them.
 fn clocks(pair: &Pair) -> String {
     let offset = pair.result.time_offset.value;
     match pair.result.frames {

@@ -1,4 +1,4 @@
-//! A static transform of ROS: content of a `geometry_msgs/TransformStamped` as YAML, and the commands that publish it.
+//! A static transform of ROS: `geometry_msgs/TransformStamped` as YAML, and the commands that publish it.
 
 use std::fmt::Write as _;
 
@@ -8,13 +8,13 @@ use super::number::{decimal, quoted};
 
 /// Names of the frames of a transform.
 pub struct Frames<'a> {
-    /// That in which the other is.
+    /// Parent frame.
     pub parent: &'a str,
-    /// That of a camera with optical axes.
+    /// Child frame, of a camera with optical axes.
     pub child: &'a str,
 }
 
-/// The transform of frame `child` in frame `parent`, whose translation and rotation are those of `T_parent_child`.
+/// Writes the transform of frame `child` in frame `parent`, with the translation and rotation of `T_parent_child`.
 pub fn static_transform(Frames { parent, child }: &Frames, parent_child: &Isometry3<f64>) -> String {
     let [x, y, z] = <[f64; 3]>::from(parent_child.translation.vector).map(decimal);
     let [qx, qy, qz, qw] = <[f64; 4]>::from(parent_child.rotation.coords).map(decimal);

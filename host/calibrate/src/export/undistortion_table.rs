@@ -1,7 +1,7 @@
-//! The undistortion look-up of [`evcal_core::undistortion`] as source code for a device: C or Rust.
+//! The undistortion table of [`evcal_core::undistortion`] as source code for a device, in C or Rust.
 //!
-//! Both forms stand alone: the nodes, and a function that interpolates between them as
-//! [`UndistortionTable::undistort`] does.
+//! Both files are self-contained: they have the nodes, and a function that interpolates between them like
+//! [`UndistortionTable::undistort`].
 
 use std::fmt::Write as _;
 
@@ -9,10 +9,10 @@ use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use evcal_core::undistortion::{IdealCamera, TableError, UndistortionTable};
 
-/// Distances of nodes that are tried, in pixels, coarsest first.
+/// Node spacings that are tried, in pixels, coarsest first.
 const SPACINGS: [u16; 7] = [64, 32, 16, 8, 4, 2, 1];
 
-/// A table and how good it is.
+/// A table with its accuracy.
 #[derive(Clone, Debug)]
 pub struct ExportedTable {
     /// The table.
@@ -21,43 +21,43 @@ pub struct ExportedTable {
     pub largest_error: f64,
     /// The pixel of the largest error.
     pub at: [u16; 2],
-    /// Pixels that the lens model sees and the table does not.
+    /// Number of pixels in the domain of the lens model for which the table has no value.
     pub without_value: u32,
-    /// Where the lens and the ideal camera come from, for the comment.
+    /// Lens and ideal camera, for the comment.
     camera: Camera<f64>,
     ideal: IdealCamera<f64>,
 }
 
-/// Why there is no table.
+/// Reasons why there is no table.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExportTableError {
-    /// Sensor or table are too small.
+    /// Sensor or table is too small.
     #[error("no undistortion table: {0}")]
     Table(#[from] TableError),
-    /// Not even a node a pixel is exact enough.
+    /// Even one node per pixel is not accurate enough.
     #[error(
         "an error of {wanted} px cannot be reached; a node at every pixel gives {reached} px, the precision of 32-bit numbers"
     )]
     NotExact {
-        /// What was asked for, in pixels.
+        /// Requested error, in pixels.
         wanted: f64,
-        /// What can be had, in pixels.
+        /// Smallest possible error, in pixels.
         reached: f64,
     },
 }
 
-/// The camera without distortion that has the matrix of `camera`.
+/// Returns the camera without distortion that has the matrix of `camera`.
 pub fn ideal_of(camera: &Camera<f64>) -> IdealCamera<f64> {
     // Every model begins with fx, fy, cx and cy.
     let [fx, fy, cx, cy] = camera.parameters().first_chunk().copied().unwrap_or([1.0, 1.0, 0.0, 0.0]);
     IdealCamera { fx, fy, cx, cy }
 }
 
-/// The coarsest table whose error is at most `max_error` pixels of `camera`.
+/// Returns the coarsest table whose error is at most `max_error` pixels of `camera`.
 ///
 /// # Errors
-/// [`ExportTableError`].
+/// [`ExportTableError`] if there is none.
 pub fn fit_table(
     camera: &Camera<f64>,
     ideal: &IdealCamera<f64>,
@@ -76,7 +76,7 @@ pub fn fit_table(
     Err(ExportTableError::NotExact { wanted: max_error, reached })
 }
 
-/// The table of `size` (columns, rows) nodes.
+/// Returns the table with `size` (columns, rows) nodes.
 ///
 /// # Errors
 /// [`ExportTableError::Table`] with fewer than 2 nodes or pixels in a direction.
@@ -102,12 +102,12 @@ pub fn table(
 }
 
 impl ExportedTable {
-    /// Bytes of the nodes.
+    /// Returns the size of the nodes in bytes.
     pub fn bytes(&self) -> usize {
         size_of_val(self.table.nodes())
     }
 
-    /// A C99 header.
+    /// Returns the table as a C99 header.
     pub fn c_header(&self) -> String {
         let (Sensor { width, height }, [columns, rows]) = (self.table.sensor(), self.table.size());
         let [nodes_x, nodes_y] = self.nodes_a_pixel();
@@ -187,7 +187,7 @@ static inline bool evcal_undistort(float x, float y, float *undistorted_x, float
         text
     }
 
-    /// A Rust module that needs nothing but `core`.
+    /// Returns the table as a Rust module that depends only on `core`.
     pub fn rust_module(&self) -> String {
         let (Sensor { width, height }, [columns, rows]) = (self.table.sensor(), self.table.size());
         let [nodes_x, nodes_y] = self.nodes_a_pixel();

@@ -1,4 +1,4 @@
-//! What the calibration of an inertial unit gives.
+//! Result of the calibration of an IMU.
 
 use std::ops::Range;
 
@@ -11,64 +11,65 @@ use super::noise::Line;
 use super::parameters::{COUNT, InertialParameters};
 use super::stream::StreamReport;
 
-/// σ over that before any measurement, from which a parameter was not measured.
+/// Ratio of σ to its prior value from which a parameter counts as not measured.
 const PRIOR_SHARE: f64 = 0.5;
 
-/// A calibrated inertial unit.
+/// A calibrated IMU.
 #[derive(Clone, Debug)]
 pub struct InertialCalibration {
-    /// What was found.
+    /// Estimated parameters.
     pub parameters: InertialParameters,
     /// Covariance of all parameters, in their order.
     pub covariance: DMatrix<f64>,
-    /// σ of each parameter before any measurement.
+    /// Prior σ of each parameter.
     pub prior_sigma: [f64; COUNT],
     /// Noise of gyroscope (rad/s/√Hz) and accelerometer (m/s²/√Hz).
     pub noise: [Noise; 2],
-    /// Correlation of the turns of camera and unit at the start.
+    /// Correlation of the rotation rates of camera and IMU at the start.
     pub correlation: f64,
-    /// What was found in the streams, one a recording.
+    /// Reports on the streams, one per recording.
     pub streams: Vec<StreamReport>,
-    /// Samples used.
+    /// Number of samples used.
     pub used: usize,
-    /// By how much stamps of the unit were moved before all else because the clocks have different origins (s).
+    /// Time by which timestamps of the IMU were shifted before everything else because the clocks have different origins (s).
     pub clock_origin: f64,
-    /// Stamp of the unit, on the clock of its file, at which the delays are stated (s).
+    /// Timestamp of the IMU, on the clock of its file, at which the delays apply (s).
     pub delays_at: f64,
-    /// Distance of the knots of the trajectories that were solved for (s).
+    /// Knot spacing of the trajectories in the solve (s).
     pub knot_spacing: f64,
-    /// The camera of the solve: with it the unit belongs together.
+    /// The camera from the solve: the intrinsics that match the IMU's parameters.
     pub camera: Camera<f64>,
-    /// Largest distance of an intrinsic parameter from that of the camera calibrated alone, in σ of the difference;
-    /// `None` where intrinsics of another model were held.
+    /// Largest difference between an intrinsic parameter and its value in the calibration of the camera alone, in σ of the
+    /// difference; `None` if the intrinsics were fixed at the intrinsics of another model.
     pub camera_moved: Option<f64>,
-    /// The camera at which intrinsics were held; `None` where they were solved for.
+    /// The camera at which intrinsics were fixed; `None` if they were estimated.
     pub held: Option<Camera<f64>>,
-    /// Scatter of blocks over the formal variance, the mean over rotation, place and delays.
+    /// Ratio of the scatter of blocks to the formal variance, the mean over rotation, position and delays.
     pub block_scatter: f64,
-    /// Largest angle between gravity and its mean direction, seen from the camera (rad).
+    /// Largest angle between gravity and its mean direction, as seen from the camera (rad).
     pub tilt: f64,
     /// Residuals of gyroscope (rad/s) and accelerometer (m/s²).
     pub residuals: [Vec<Residual>; 2],
     /// Their spectra, for each axis.
     pub spectra: [Vec<Vec<Line>>; 2],
-    /// What speaks against it.
+    /// Problems of the result.
     pub findings: Vec<Finding>,
 }
 
 impl InertialCalibration {
-    /// Standard deviation of a parameter.
+    /// Returns the standard deviation of a parameter.
     pub fn sigma(&self, parameter: usize) -> f64 {
         self.covariance[(parameter, parameter)].max(0.0).sqrt()
     }
 
-    /// Whether the samples tell all of these parameters, such as the scales of a sensor, much better than what is expected of such chips.
+    /// Returns `true` if the samples determine all of these parameters, such as the scales of a sensor, much better than the
+    /// prior.
     pub fn is_measured(&self, parameters: Range<usize>) -> bool {
         let sigmas = self.prior_sigma.iter().enumerate().skip(parameters.start).take(parameters.len());
         sigmas.into_iter().all(|(index, prior)| self.sigma(index) <= PRIOR_SHARE * prior)
     }
 
-    /// Root mean square of the residuals of gyroscope (rad/s) and accelerometer (m/s²), over all axes.
+    /// Returns the root mean square of the residuals of gyroscope (rad/s) and accelerometer (m/s²), over all axes.
     pub fn residual_rms(&self) -> [f64; 2] {
         self.residuals.each_ref().map(|residuals| rms(residuals))
     }

@@ -1,4 +1,4 @@
-//! Inertial samples from a file of text whose first line names columns and units.
+//! IMU samples from a text file whose first line names columns and units.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -8,42 +8,42 @@ use nalgebra::Vector3;
 use super::sample::Sample;
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 
-/// Why a file of samples could not be read.
+/// Reasons why a file of samples could not be read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CsvError {
-    /// The system says so.
+    /// Reading the file failed.
     #[error("{}: {error}; is the path right?", path.display())]
     Io {
-        /// The file.
+        /// The file name.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         error: io::Error,
     },
-    /// A column is missing, or its unit is.
+    /// A column or its unit is missing.
     #[error(
         "{}, line 1: no column for {what} with its unit: name the columns, for example t_us,ax_g,ay_g,az_g,gx_deg_s,gy_deg_s,gz_deg_s (times in s, ms, us or ns; accelerations in g or m_s2; angular velocities in deg_s or rad_s), or as in EuRoC's data.csv",
         path.display()
     )]
     Column {
-        /// The file.
+        /// The file name.
         path: PathBuf,
-        /// What is missing.
+        /// The missing quantity.
         what: &'static str,
     },
     /// A line cannot be read.
-    #[error("{}, line {line}: {text:?} is not a number: mend or delete the line", path.display())]
+    #[error("{}, line {line}: {text:?} is not a number: correct or delete the line", path.display())]
     Number {
-        /// The file.
+        /// The file name.
         path: PathBuf,
         /// Number of the line, from 1.
         line: usize,
-        /// What is there.
+        /// The text found there.
         text: String,
     },
 }
 
-/// What a column is: names that begin it, and the factor of each unit to SI.
+/// A quantity: names with which its column begins, and the factor of each unit to SI.
 struct Quantity {
     what: &'static str,
     names: &'static [&'static str],
@@ -72,7 +72,7 @@ const QUANTITIES: [Quantity; 7] = [
     Quantity { what: "the angular velocity about z", names: &["gz", "wz", "w_RS_S_z"], units: RATE },
 ];
 
-/// Reads the samples of `path`; times are those of the file in seconds.
+/// Reads the samples of `path`; times are as in the file, in seconds.
 ///
 /// # Errors
 /// [`CsvError`] names the line.
@@ -87,7 +87,7 @@ fn parse(path: &Path, text: &str) -> Result<Vec<Sample>, CsvError> {
     let header = lines.next().map_or("", |(_, line)| line);
     let columns = columns(path, header)?;
     let mut samples = Vec::new();
-    // Nanoseconds since 1970 have more digits than a floating point number: whole times count from the first one.
+    // Nanoseconds since 1970 have more digits than a floating point number, so integer times are relative to the first one.
     let mut origin = None;
     for (line, content) in lines {
         if content.trim().is_empty() || content.starts_with('#') {
@@ -114,7 +114,7 @@ fn parse(path: &Path, text: &str) -> Result<Vec<Sample>, CsvError> {
     Ok(samples)
 }
 
-/// For each quantity its column and the factor of its unit.
+/// Returns the column and the factor of the unit for each quantity.
 fn columns(path: &Path, header: &str) -> Result<Vec<(usize, f64)>, CsvError> {
     let titles: Vec<&str> = header.split(',').map(str::trim).collect();
     let find = |quantity: &Quantity| {
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn whole_seconds_are_no_other_clock() {
+    fn whole_seconds_are_on_the_same_clock() {
         let line = |t: &str| format!("{t},0,1,0,0,0,0\n");
         for times in [["0.999", "1", "1.001"], ["1", "1.001", "2"], ["-0.5", "0", "0.5"]] {
             let text = format!("t_s,ax_g,ay_g,az_g,gx_deg_s,gy_deg_s,gz_deg_s\n{}", times.map(line).concat());

@@ -1,11 +1,11 @@
-//! Why an inertial unit cannot be calibrated.
+//! Errors of the calibration of an IMU.
 
 use super::csv::CsvError;
 use crate::solve::control_band::NotPositiveDefinite;
 use crate::trajectory::alignment::AlignmentError;
 use event_recordings::RecordingError;
 
-/// Why an inertial unit cannot be calibrated, and what to do.
+/// Reasons why an IMU cannot be calibrated, with remedies.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum InertialError {
@@ -15,57 +15,55 @@ pub enum InertialError {
     /// A file of samples could not be read.
     #[error("{0}")]
     Csv(#[from] CsvError),
-    /// The camera was calibrated from pictures, each with a pose of its own.
-    #[error("an inertial unit is calibrated along trajectories, and frames alone give none: calibrate from events")]
+    /// The camera was calibrated from pictures, each with a separate pose.
+    #[error("an IMU is calibrated along trajectories, and frames alone have none: calibrate from events")]
     NoTrajectory,
     /// One file of samples cannot belong to several recordings.
-    #[error("a file of inertial samples belongs to one recording: calibrate with one recording")]
+    #[error("a file of IMU samples belongs to one recording: calibrate with one recording")]
     SeveralRecordings,
     /// There are no samples.
-    #[error("{file} holds no inertial samples: record with the IMU on, or give a CSV file of them")]
+    #[error("{file} contains no IMU samples: record with the IMU on, or give a CSV file of them")]
     NoSamples {
         /// The recording.
         file: String,
     },
-    /// Not one sample could be read.
-    #[error("no inertial sample could be read: {}", damages.join("; "))]
+    /// No sample could be read.
+    #[error("no IMU sample could be read: {}", damages.join("; "))]
     Lost {
-        /// What is damaged, in sentences.
+        /// The damage, as sentences.
         damages: Vec<String>,
     },
-    /// There are too few samples at a time when the board was seen.
+    /// Too few samples were taken while the board was in view.
     #[error(
-        "only {seconds:.1} s of inertial samples lie where the board was seen; {needed:.0} s are needed: record longer, with the board in view"
+        "the board was seen during only {seconds:.1} s of the IMU samples; {needed:.0} s are needed: record longer, with the board in view"
     )]
     TooShort {
-        /// How much there is.
+        /// Length of the samples (s).
         seconds: f64,
-        /// How much is needed.
+        /// Required length (s).
         needed: f64,
     },
-    /// The samples end before a calibration can begin.
-    #[error(
-        "the inertial samples last {seconds:.1} s only; {needed:.0} s are needed, and 20 s are better: record longer"
-    )]
+    /// The samples are too short for a calibration.
+    #[error("the IMU samples last only {seconds:.1} s; {needed:.0} s are needed, and 20 s are better: record longer")]
     ShortRecording {
-        /// From the first to the last sample.
+        /// Length from the first to the last sample (s).
         seconds: f64,
-        /// How much is needed.
+        /// Required length (s).
         needed: f64,
     },
-    /// The samples are too far apart in time.
+    /// The sampling rate is too low.
     #[error(
-        "the inertial unit gives {rate:.0} samples a second, too few to follow a hand; {needed:.0} are needed, and 200 are better: set a higher rate"
+        "the IMU has {rate:.0} samples per second, too few to follow a hand; {needed:.0} are needed, and 200 are better: set a higher rate"
     )]
     TooSlow {
-        /// Samples a second.
+        /// Samples per second.
         rate: f64,
-        /// How many are needed.
+        /// Required samples per second.
         needed: f64,
     },
-    /// Readings stay at the end of the scale.
+    /// Too many readings are saturated.
     #[error(
-        "{:.1} % of the inertial samples are at the end of their scale: set a larger range of accelerometer and gyroscope, or move more gently",
+        "{:.1} % of the IMU samples are saturated: set a larger range of accelerometer and gyroscope, or move more gently",
         100.0 * share
     )]
     Saturated {
@@ -77,58 +75,58 @@ pub enum InertialError {
         "a resting accelerometer would read {reading:.3} g: the accelerations seem to be in {unit}: state their unit in the header of the file"
     )]
     AccelerationUnit {
-        /// Median size of the acceleration in g.
+        /// Median acceleration in g.
         reading: f64,
         /// The likely unit.
         unit: &'static str,
     },
-    /// Gravity was taken off.
+    /// Gravity was removed from the accelerations.
     #[error(
-        "accelerations show {reading:.2} g only, so that gravity seems to be removed: give the raw readings of the accelerometer"
+        "the accelerations are only {reading:.2} g, so gravity seems to have been removed: give the raw readings of the accelerometer"
     )]
     GravityRemoved {
-        /// Median size of the acceleration, or gravity where it was fitted, in g.
+        /// Median acceleration, or gravity if it was fitted, in g.
         reading: f64,
     },
     /// Angular velocities are in another unit.
     #[error(
-        "the gyroscope reads {factor:.3} times what the camera turns: the angular velocities seem to be in {unit}: state their unit in the header of the file"
+        "the gyroscope reads {factor:.3} times the rotation rate of the camera: the angular velocities seem to be in {unit}: state their unit in the header of the file"
     )]
     AngularUnit {
-        /// Reading over truth.
+        /// Reading divided by truth.
         factor: f64,
         /// The likely unit.
         unit: &'static str,
     },
-    /// The motion does not tell how the two are aligned.
+    /// The motion does not determine the alignment.
     #[error(transparent)]
     Alignment(#[from] AlignmentError),
-    /// A mirrored coordinate system.
-    #[error("the axes of the inertial unit are left-handed: change the sign of one axis of both sensors")]
+    /// The coordinate system is mirrored.
+    #[error("the axes of the IMU are left-handed: change the sign of one axis of both sensors")]
     LeftHanded,
-    /// Gravity does not have its size.
+    /// Gravity has an unexpected magnitude.
     #[error("{}", gravity_in_words(*size, *stated, *motion))]
     GravitySize {
-        /// Found (m/s²).
+        /// Estimated magnitude (m/s²).
         size: f64,
-        /// Stated (m/s²).
+        /// Expected magnitude (m/s²).
         stated: f64,
         /// Acceleration of the camera by its motion (m/s², root mean square).
         motion: f64,
     },
     /// The equations have no solution.
     #[error(
-        "the motion does not determine the inertial unit: turn the camera about two axes, and tilt it by more than 30 degrees"
+        "the motion does not determine the parameters of the IMU: rotate the camera about two axes, and tilt it by more than 30 degrees"
     )]
     Singular,
-    /// The model does not fit.
+    /// The model does not fit the samples.
     #[error(
-        "the inertial samples do not fit the motion of the camera (residual {gyroscope:.2} °/s and {accelerometer:.2} m/s²): check that unit and camera are fixed to each other and the board is described as printed"
+        "the IMU samples do not fit the motion of the camera (residual {gyroscope:.2} °/s and {accelerometer:.2} m/s²): check that IMU and camera are fixed to each other and the board is described as printed"
     )]
     NotExplained {
         /// Root mean square of the gyroscope's residuals in °/s.
         gyroscope: f64,
-        /// The same for the accelerometer in m/s².
+        /// Root mean square of the accelerometer's residuals in m/s².
         accelerometer: f64,
     },
 }
@@ -139,13 +137,13 @@ impl From<NotPositiveDefinite> for InertialError {
     }
 }
 
-/// Acceleration of the camera, as a share of gravity, from which the motion is to blame.
+/// Acceleration of the camera, as a share of gravity, from which the motion is the likely cause.
 const VIOLENT: f64 = 0.5;
 
 fn gravity_in_words(size: f64, stated: f64, motion: f64) -> String {
     let mistakes = "check the unit of the accelerations, the signs of the accelerometer's axes and the spacing of the board, or the axes of \
                     both sensors are left-handed";
-    let found = format!("gravity comes out as {size:.2} m/s², not {stated:.2}");
+    let found = format!("gravity is estimated as {size:.2} m/s², not {stated:.2}");
     if motion > VIOLENT * stated {
         format!(
             "{found}, from a motion that accelerated the camera by {motion:.1} m/s² (rms), which hides gravity: move more gently, at least for \
@@ -160,9 +158,9 @@ fn gravity_in_words(size: f64, stated: f64, motion: f64) -> String {
 mod tests {
     use super::*;
 
-    /// A unit that was all right was accused.
+    /// Regression test: the message blamed an IMU without faults.
     #[test]
-    fn a_violent_motion_is_named_before_the_unit_is_accused() {
+    fn a_violent_motion_is_named_before_the_imu() {
         let told = |motion| InertialError::GravitySize { size: 7.1, stated: 9.81, motion }.to_string();
         assert!(told(9.0).contains("accelerated the camera by 9.0 m/s²") && told(9.0).contains("more gently"));
         assert!(!told(1.0).contains("gently") && told(1.0).contains("unit of the accelerations"));

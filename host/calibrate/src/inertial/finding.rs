@@ -1,16 +1,16 @@
-//! What speaks against the calibration of an inertial unit, in words with what to do.
+//! Findings on the calibration of an IMU, with remedies.
 
 use std::fmt;
 
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 
-/// What speaks against a result, or was not measured.
+/// A problem of a result, or a quantity that was not measured.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Finding {
-    /// The place of the unit along a direction of the camera was not measured.
+    /// The position of the IMU along a direction of the camera was not measured.
     PositionNotMeasured {
-        /// Axis of the camera that is nearest.
+        /// Nearest axis of the camera.
         axis: usize,
         /// σ along it (m).
         sigma: f64,
@@ -25,20 +25,20 @@ pub enum Finding {
         /// Its name.
         sensor: &'static str,
     },
-    /// Scale and misalignment of the accelerometer are mixed with its bias and gravity.
+    /// Scale and misalignment of the accelerometer cannot be separated from its bias and gravity.
     AccelerometerNotMeasured,
-    /// The camera was hardly tilted: gravity looks like the accelerometer's bias.
+    /// The camera was hardly tilted: gravity cannot be separated from the accelerometer's bias.
     HardlyTilted {
-        /// Largest angle between gravity and its mean direction, seen from the camera (rad).
+        /// Largest angle between gravity and its mean direction, as seen from the camera (rad).
         tilt: f64,
         /// Largest σ of the accelerometer's bias (m/s²).
         sigma: f64,
     },
-    /// Scale and misalignment of the gyroscope.
+    /// Scale and misalignment of the gyroscope were not measured.
     GyroscopeNotMeasured,
     /// The clocks run at different rates.
     ClockDrift {
-        /// Of the unit's clock against that of the events.
+        /// Rate of the IMU's clock relative to the events' clock.
         drift: f64,
         /// Its σ.
         sigma: f64,
@@ -50,34 +50,34 @@ pub enum Finding {
     },
     /// Samples could not be read.
     Damaged {
-        /// What could not, and why.
+        /// Description of the loss and its cause.
         what: String,
     },
-    /// Samples are at the end of their scale.
+    /// Samples are saturated.
     Saturated {
         /// Their share.
         share: f64,
     },
-    /// The board's spacing is another one than stated.
+    /// The board's spacing differs from the stated one.
     BoardSpacing {
-        /// True over stated.
+        /// True divided by stated spacing.
         scale: f64,
-        /// Its σ with the accelerometer's linearity.
+        /// Its σ, including the accelerometer's nonlinearity.
         sigma: f64,
     },
-    /// The solve with the unit moved the camera.
+    /// The solve with the IMU changed the camera.
     CameraMoved {
-        /// By how many σ.
+        /// Change in σ.
         sigmas: f64,
     },
-    /// Intrinsics were held at others than those of this recording.
+    /// The fixed intrinsics differ from the intrinsics of this recording.
     OtherCamera {
-        /// How many σ they are apart.
+        /// Difference in σ.
         sigmas: f64,
     },
     /// Blocks of time disagree.
     Loose {
-        /// Scatter of blocks over the formal one.
+        /// Ratio of the scatter of blocks to the formal one.
         scatter: f64,
     },
 }
@@ -87,47 +87,50 @@ impl fmt::Display for Finding {
         match self {
             Self::PositionNotMeasured { axis, .. } => {
                 let (name, others) = [("x", "y or z"), ("y", "x or z"), ("z", "x or y")][(*axis).min(2)];
-                write!(f, "the lever arm along the camera's {name} was not measured: turn quickly about {others} too")
+                write!(f, "the lever arm along the camera's {name} was not measured: rotate quickly about {others} too")
             }
             Self::RotationNotMeasured { .. } => {
-                write!(f, "the rotation of the unit was not measured: turn the camera about two of its axes")
+                write!(f, "the rotation of the IMU was not measured: rotate the camera about two of its axes")
             }
             Self::DelayNotMeasured { sensor } => {
-                write!(f, "the delay of the {sensor} was not measured: turn back and forth, not at a constant rate")
+                write!(
+                    f,
+                    "the delay of the {sensor} was not measured: rotate the camera back and forth, not at a constant rate"
+                )
             }
             Self::AccelerometerNotMeasured => write!(
                 f,
-                "scale and misalignment of the accelerometer were not measured, and blur its bias and gravity: tilt the camera by more than 30 degrees to all sides"
+                "scale and misalignment of the accelerometer were not measured and make its bias and gravity less certain: tilt the camera by more than 30 degrees to all sides"
             ),
             Self::HardlyTilted { tilt, sigma } => write!(
                 f,
-                "the camera was tilted by {:.0}° at most, so that the accelerometer's bias and the direction of gravity are known to {:.1} mg only: tilt it by more than 30 degrees to all sides",
+                "the camera was tilted by {:.0}° at most, so the accelerometer's bias and the direction of gravity are known to only {:.1} mg: tilt it by more than 30 degrees to all sides",
                 tilt.to_degrees(),
                 1e3 * sigma / STANDARD_GRAVITY
             ),
             Self::GyroscopeNotMeasured => write!(
                 f,
-                "scale and misalignment of the gyroscope were not measured: turn about all three axes of the camera"
+                "scale and misalignment of the gyroscope were not measured: rotate about all three axes of the camera"
             ),
             Self::ClockDrift { drift, sigma } => write!(
                 f,
-                "the unit's clock drifts by {:.0} ± {:.0} ppm against that of the events; delays are those in the middle of the recording: put both on one clock",
+                "the IMU's clock drifts by {:.0} ± {:.0} ppm against the events' clock; delays apply to the middle of the recording: put both on one clock",
                 1e6 * drift,
                 1e6 * sigma
             ),
             Self::Missing { share } => {
                 write!(
                     f,
-                    "{:.1} % of the inertial samples are missing: look for a slow disk or a full buffer",
+                    "{:.1} % of the IMU samples are missing: check for a slow disk or a full buffer",
                     100.0 * share
                 )
             }
             Self::Damaged { what } => {
-                write!(f, "inertial samples are missing, for the recording is damaged; lost are {what}")
+                write!(f, "the recording is damaged; IMU samples were lost: {what}")
             }
             Self::Saturated { share } => write!(
                 f,
-                "{:.1} % of the inertial samples are at the end of their scale and left out: set a larger range",
+                "{:.1} % of the IMU samples are saturated and were excluded: set a larger range",
                 100.0 * share
             ),
             Self::BoardSpacing { scale, sigma } => write!(
@@ -136,15 +139,15 @@ impl fmt::Display for Finding {
             ),
             Self::CameraMoved { sigmas } => write!(
                 f,
-                "solving with the inertial unit moved an intrinsic parameter by {sigmas:.1} σ: hold the intrinsics at those of a slower recording"
+                "the solve with the IMU changed an intrinsic parameter by {sigmas:.1} σ: fix the intrinsics at the values of a slower recording"
             ),
             Self::OtherCamera { sigmas } => write!(
                 f,
-                "the intrinsics that were held are {sigmas:.1} σ from those of this recording: hold those of the same lens with the same focus"
+                "the fixed intrinsics differ by {sigmas:.1} σ from the values of this recording: use a calibration of the same lens with the same focus"
             ),
             Self::Loose { .. } => write!(
                 f,
-                "parts of the recording disagree on where the unit is: fix it to the camera, or look for vibration"
+                "parts of the recording disagree on the position of the IMU: fix it to the camera, or check for vibration"
             ),
         }
     }

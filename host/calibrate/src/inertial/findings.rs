@@ -1,4 +1,4 @@
-//! Looks for what speaks against the calibration of an inertial unit.
+//! Checks of the calibration of an IMU.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -12,32 +12,32 @@ use super::parameters::{
 use super::sample::Sample;
 use super::stream::StreamReport;
 
-/// σ from which something was not measured: place (m), rotation (rad).
+/// σ from which a quantity counts as not measured: position (m), rotation (rad).
 const POSITION_LIMIT: f64 = 0.01;
 const ROTATION_LIMIT: f64 = std::f64::consts::PI / 180.0;
-/// The same of a delay (s).
+/// σ from which a delay counts as not measured (s).
 pub const DELAY_LIMIT: f64 = 1e-3;
-/// Tilt below which gravity and the accelerometer's bias are hardly told apart (rad).
+/// Tilt below which gravity and the accelerometer's bias can hardly be separated (rad).
 const LEAST_TILT: f64 = 15.0 * std::f64::consts::PI / 180.0;
-/// Drift of the clock that is told, and from how many σ.
+/// Drift of the clock that is reported, and its smallest value in σ.
 const DRIFT: f64 = 50e-6;
 const CERTAIN: f64 = 5.0;
-/// How linear an accelerometer is: the board's spacing cannot be told better.
+/// Relative nonlinearity of an accelerometer, which limits the accuracy of the board's spacing.
 pub const LINEARITY: f64 = 0.003;
-/// Shares of missing and saturated samples that are told.
+/// Shares of missing and saturated samples that are reported.
 const MISSING: f64 = 0.01;
 const SATURATED: f64 = 0.001;
-/// Scatter of blocks over the formal one from which the unit seems loose: 0.5 to 0.8 of a unit that holds, 19 of one that slips by a
-/// degree, in simulated recordings.
+/// Ratio of the scatter of blocks to the formal one from which the IMU seems loose. In simulated recordings it is 0.5 to 0.8 for
+/// a fixed IMU, and 19 for one that slips by a degree.
 const LOOSE: f64 = 12.0;
-/// Distance of an intrinsic parameter from that of the camera alone, in σ of the difference, that is told: of intrinsics that were
-/// solved for, and of others that were held.
+/// Reported difference between an intrinsic parameter and its value in the calibration of the camera alone, in σ of the
+/// difference: for estimated intrinsics, and for fixed ones.
 const MOVED: f64 = 2.0;
 const OTHER: f64 = 5.0;
-/// Residuals over the signal above which nothing is explained.
+/// Ratio of the residuals to the signal above which the model does not fit.
 const UNEXPLAINED: f64 = 0.3;
 
-/// What speaks against `calibration`.
+/// Returns the problems of `calibration`.
 pub fn findings(calibration: &InertialCalibration) -> Vec<Finding> {
     let mut findings = Vec::new();
     let sigma = |index: usize| calibration.sigma(index);
@@ -84,7 +84,7 @@ pub fn findings(calibration: &InertialCalibration) -> Vec<Finding> {
     }
     let distance = calibration.camera_moved.unwrap_or(0.0);
     match calibration.held {
-        // A loose unit pulls at the camera, too.
+        // A loose IMU affects the camera, too.
         None if distance > MOVED && !loose => findings.push(Finding::CameraMoved { sigmas: distance }),
         Some(_) if distance > OTHER => findings.push(Finding::OtherCamera { sigmas: distance }),
         _ => {}
@@ -92,7 +92,7 @@ pub fn findings(calibration: &InertialCalibration) -> Vec<Finding> {
     findings
 }
 
-/// Axes of the camera along which the unit's place was not measured, with σ.
+/// Returns the axes of the camera along which the IMU's position was not measured, with σ.
 pub fn unmeasured_axes(calibration: &InertialCalibration) -> Vec<(usize, f64)> {
     let block: Matrix3<f64> = calibration.covariance.fixed_view::<3, 3>(POSITION, POSITION).into_owned();
     let eigen = block.symmetric_eigen();
@@ -107,10 +107,10 @@ pub fn unmeasured_axes(calibration: &InertialCalibration) -> Vec<(usize, f64)> {
     axes
 }
 
-/// Whether the residuals are small against the signal.
+/// Checks that the residuals are small compared with the signal.
 ///
 /// # Errors
-/// [`InertialError::NotExplained`].
+/// [`InertialError::NotExplained`] if they are not.
 pub fn explained(calibration: &InertialCalibration, samples: &[Vec<Sample>]) -> Result<(), InertialError> {
     let signal = |value: fn(&Sample) -> Vector3<f64>| {
         let values: Vec<Vector3<f64>> = samples.iter().flatten().map(value).collect();

@@ -1,4 +1,4 @@
-//! What events and inertial samples are solved from, and what for.
+//! Input and unknowns of the solve of events and IMU samples.
 
 use nalgebra::Vector3;
 
@@ -11,13 +11,13 @@ use crate::trajectory::Trajectory;
 
 /// Degree of the splines.
 pub const DEGREE: usize = 5;
-/// Control points that act at one time.
+/// Number of control points that act at one time.
 pub const ORDER: usize = DEGREE + 1;
 
-/// The two sensors, in the order of pairs of them.
+/// The two sensors, in the order of all pairs.
 pub const SENSORS: [Sensor; 2] = [Sensor::Gyroscope, Sensor::Accelerometer];
 
-/// A sensor of the unit.
+/// A sensor of the IMU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sensor {
     /// Angular velocity in rad/s.
@@ -27,7 +27,7 @@ pub enum Sensor {
 }
 
 impl Sensor {
-    /// What it read.
+    /// Returns its reading.
     pub fn reading(self, sample: &Sample) -> Vector3<f64> {
         match self {
             Self::Gyroscope => sample.angular_velocity,
@@ -35,7 +35,7 @@ impl Sensor {
         }
     }
 
-    /// Time of the trajectory at which a sample stamped `t` was true.
+    /// Returns the trajectory time of a sample with timestamp `t`.
     pub fn time(self, parameters: &InertialParameters, t: f64) -> f64 {
         match self {
             Self::Gyroscope => parameters.gyroscope_time(t),
@@ -43,7 +43,7 @@ impl Sensor {
         }
     }
 
-    /// What it should read in a sample stamped `t`.
+    /// Predicts its reading in a sample with timestamp `t`.
     pub fn predict(self, trajectory: &Trajectory, parameters: &InertialParameters, t: f64) -> Option<Prediction> {
         match self {
             Self::Gyroscope => gyroscope(trajectory, parameters, t),
@@ -57,52 +57,52 @@ impl Sensor {
 pub struct Noise {
     /// Density of each axis, in units of the sensor over √Hz.
     pub density: [f64; 3],
-    /// Whether it was measured; else it is that of data sheets.
+    /// `true` if it was measured; otherwise it comes from data sheets.
     pub measured: bool,
 }
 
 /// A residual of one sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
-    /// Stamp of the sample on the clock of the events (s from the first event).
+    /// Timestamp of the sample on the clock of the events (s from the first event).
     pub t: f64,
     /// Number of the recording.
     pub recording: usize,
-    /// Reading less prediction, in units of the sensor.
+    /// Reading minus prediction, in units of the sensor.
     pub value: Vector3<f64>,
 }
 
-/// What the solve works on.
+/// Input of the solve.
 pub struct Joint<'a> {
     /// The events.
     pub problem: &'a Problem,
-    /// How much too sure they are of themselves.
+    /// Inflation of the events: the factor by which their errors are correlated.
     pub inflation: f64,
     /// For each recording its samples, on the clock of its events.
     pub samples: &'a [Vec<Sample>],
-    /// For each segment, which samples of its recording.
+    /// For each segment, the indices of the samples of its recording.
     pub used: Vec<std::ops::Range<usize>>,
     /// Sampling rate in Hz.
     pub rate: f64,
-    /// Distance of the trajectories' knots (s).
+    /// Knot spacing of the trajectories (s).
     pub knot_spacing: f64,
-    /// Thresholds.
+    /// Settings.
     pub settings: &'a InertialSettings,
 }
 
 impl Joint<'_> {
-    /// The same with another problem of the same events.
+    /// Returns the same input with another problem of the same events.
     pub fn of_problem<'a>(&'a self, problem: &'a Problem) -> Joint<'a> {
         Joint { problem, used: self.used.clone(), ..*self }
     }
 }
 
-/// What is solved for.
+/// Unknowns of the solve.
 #[derive(Clone)]
 pub struct Estimate {
     /// Camera, event biases, trajectories.
     pub state: State,
-    /// The inertial unit.
+    /// The IMU.
     pub parameters: InertialParameters,
     /// Its noise: gyroscope, accelerometer.
     pub noise: [Noise; 2],

@@ -1,18 +1,18 @@
-//! The noise of a sensor from the spectrum of its residuals.
+//! The noise of a sensor, from the spectrum of its residuals.
 //!
-//! At low frequencies the trajectory follows the sensors, so that their noise does not show. Above, what is left is noise behind
-//! the sensor's own low-pass filter. With two equal poles of that filter the density behind it falls as
-//! S(f) = S₀ / (1 + (f/f_c)²)², so that 1/√S is a straight line in f²; where it meets f = 0 is the density before the filter.
+//! At low frequencies the trajectory follows the sensors, so that their noise does not show. At higher frequencies the residuals
+//! are noise after the sensor's own low-pass filter. If this filter has two equal poles, the density after it falls as S(f) = S₀
+//! / (1 + (f/f_c)²)², so that 1/√S is a straight line in f²; its value at f = 0 is the density before the filter.
 
 use std::f64::consts::TAU;
 
 use evcal_geometry::numerics::statistics::median;
 
-/// Where the band ends (Hz).
+/// Upper end of the frequency band (Hz).
 const BAND_END: f64 = 220.0;
-/// Where it begins, times the distance of the trajectory's knots: half as much again as what those can follow.
+/// Lower end of the frequency band, times the knot spacing: 1.5 times the highest frequency that the knots can follow.
 const BAND_START: f64 = 0.75;
-/// End of the band as a share of the sampling rate.
+/// Upper end of the band as a share of the sampling rate.
 const LARGEST_SHARE: f64 = 0.4;
 /// Length of a piece of the residuals (s).
 const PIECE: f64 = 0.25;
@@ -24,12 +24,12 @@ const FEWEST: usize = 8;
 pub struct Line {
     /// Frequency in Hz.
     pub frequency: f64,
-    /// Root of the two-sided density, in units of the residuals over √Hz: a sample of white noise has this times the root of
-    /// the sampling rate as its standard deviation.
+    /// Square root of the two-sided density, in units of the residuals over √Hz: the standard deviation of a sample of white
+    /// noise is this times the square root of the sampling rate.
     pub density: f64,
 }
 
-/// The spectrum of `residuals` (time in s, value) sampled at `rate`, up to half of it, from pieces without gaps.
+/// Computes the spectrum of `residuals` (time in s, value) sampled at `rate`, up to half of it, from pieces without gaps.
 pub fn spectrum(residuals: &[(f64, f64)], rate: f64) -> Vec<Line> {
     let length = (PIECE * rate) as usize;
     if length < FEWEST {
@@ -60,7 +60,8 @@ pub fn spectrum(residuals: &[(f64, f64)], rate: f64) -> Vec<Line> {
             let (real, imaginary) = (weighted(&cosines), weighted(&sines));
             real * real + imaginary * imaginary
         };
-        // The middle one, for a knock in one piece is no noise; that of an exponential distribution is ln 2 of its mean.
+        // The median, so that a knock in one piece does not count as noise; the median of an exponential distribution is ln 2 of
+        // its mean.
         let mut powers: Vec<f64> = pieces.iter().map(power_of).collect();
         let middle = median(&mut powers, f64::total_cmp).unwrap_or(0.0);
         let density = middle / (std::f64::consts::LN_2 * power * rate);
@@ -69,8 +70,8 @@ pub fn spectrum(residuals: &[(f64, f64)], rate: f64) -> Vec<Line> {
     (1..=length / 2).map(line).collect()
 }
 
-/// The density of white noise before the sensor's filter from residuals of a trajectory with knots `spacing` seconds apart;
-/// `None` where the sampling is too slow or the recording too short.
+/// Returns the density of white noise before the sensor's filter, from residuals of a trajectory with knots `spacing` seconds
+/// apart; `None` if the sampling is too slow or the recording too short.
 pub fn density(spectrum: &[Line], rate: f64, spacing: f64) -> Option<f64> {
     let (start, end) = (BAND_START / spacing, BAND_END.min(LARGEST_SHARE * rate));
     let band: Vec<&Line> =
@@ -78,7 +79,7 @@ pub fn density(spectrum: &[Line], rate: f64, spacing: f64) -> Option<f64> {
     if band.len() < FEWEST {
         return None;
     }
-    // A straight line through 1/√S over f², weighed by √S as each value is known to the same share of itself.
+    // A straight line through 1/√S over f², weighted by √S because the values have equal relative errors.
     let mut sums = [0.0; 5];
     for line in &band {
         let (x, y, weight) = (line.frequency * line.frequency, 1.0 / line.density, line.density * line.density);
@@ -88,7 +89,7 @@ pub fn density(spectrum: &[Line], rate: f64, spacing: f64) -> Option<f64> {
     }
     let [one, x, xx, y, xy] = sums;
     let slope = (one * xy - x * y) / (one * xx - x * x);
-    // Noise does not grow with frequency behind a low-pass filter.
+    // Noise after a low-pass filter does not grow with frequency.
     let start = if slope > 0.0 { (y - slope * x) / one } else { y / one };
     (start > 0.0 && start.is_finite()).then(|| 1.0 / start)
 }
@@ -119,14 +120,14 @@ mod tests {
             }
             let rate = 8000.0 / f64::from(step);
             let found = density(&spectrum(&residuals, rate), rate, 0.01).unwrap();
-            // Without a filter, noise beyond half of the rate folds back: there it is not the density before sampling.
+            // Without a filter, noise beyond half of the rate is aliased: the density there is not that before sampling.
             let expected = if corner > 1e6 { 0.01 * f64::from(step).sqrt() } else { 0.01 };
             assert!((found / expected - 1.0).abs() < 0.15, "{corner} {rate}: {found}");
         }
     }
 
     #[test]
-    fn slow_sampling_measures_no_noise() {
+    fn slow_sampling_does_not_measure_noise() {
         let residuals: Vec<(f64, f64)> = (0..600).map(|index| (f64::from(index) * 0.05, 1.0)).collect();
         assert_eq!(density(&spectrum(&residuals, 20.0), 20.0, 0.01), None);
     }

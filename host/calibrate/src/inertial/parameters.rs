@@ -1,34 +1,34 @@
-//! What is calibrated of an inertial unit, and what it should read.
+//! The parameters of an IMU, and the model of its readings.
 //!
-//! With the pose T_world_camera = (R, p), its rates ω, ω' in the camera frame, the place r of the unit in the camera frame and
-//! gravity g in the world, the unit feels, in its own axes,
+//! With the pose T_world_camera = (R, p), its rates ω, ω' in the camera frame, the position r of the IMU in the camera frame and
+//! gravity g in the world, the specific force at the IMU, in its own axes, is
 //!
-//! f = R_imu_camera [Rᵀ (s p'' − g) + ω' × r + ω × (ω × r)],
+//! f = R_imu_camera [Rᵀ (s p'' − g) + ω' × r + ω × (ω × r)].
 //!
-//! its accelerometer reads M_a f + b_a, its gyroscope M_g C R_imu_camera ω + b_g, each at the time t − d of the trajectory for a
-//! sample stamped t. M are lower triangular, C turns the unit's axes, which are the accelerometer's, to the gyroscope's: the
-//! model that Kalibr calls `scale-misalignment`. s is the true over the stated spacing of the board.
+//! Its accelerometer reads M_a f + b_a, its gyroscope M_g C R_imu_camera ω + b_g, each at the time t − d of the trajectory for a
+//! sample with timestamp t. M are lower triangular, and C rotates the IMU's axes, which are the accelerometer's, to the
+//! gyroscope's: the model that Kalibr calls `scale-misalignment`. s is the true divided by the stated spacing of the board.
 //!
-//! Each sensor has a low-pass filter. Beside the delay it lowers amplitudes by c (2π f)² to first order, which adds c times the
-//! second derivative to what is felt. A gyroscope that reads 0.5 % too little of a tremor at 8 Hz would otherwise have the
-//! trajectory turn too little and move instead, and at the board's distance that is a lever arm millimetres too long.
+//! Each sensor has a low-pass filter. In addition to the delay, it lowers amplitudes by c (2π f)² to first order, which adds c
+//! times the second derivative to the signal. If a loss of 0.5 % of a gyroscope at a tremor of 8 Hz were ignored, the trajectory
+//! would rotate too little and move instead, and at the board's distance that is a lever arm millimetres too long.
 
 use evcal_core::spline::rotation::exp;
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 
 /// Number of parameters.
 pub const COUNT: usize = 35;
-/// First of the three of R_imu_camera, turned on the right, about the axes of the camera (rad).
+/// First of the three parameters of R_imu_camera, perturbed on the right, about the axes of the camera (rad).
 pub const ROTATION: usize = 0;
-/// First of the three of r (m).
+/// First of the three components of r (m).
 pub const POSITION: usize = 3;
 /// Delay of the gyroscope (s).
 pub const GYROSCOPE_DELAY: usize = 6;
 /// Delay of the accelerometer (s).
 pub const ACCELEROMETER_DELAY: usize = 7;
-/// First of the three of b_g (rad/s).
+/// First of the three components of b_g (rad/s).
 pub const GYROSCOPE_BIAS: usize = 8;
-/// First of the three of b_a (m/s²).
+/// First of the three components of b_a (m/s²).
 pub const ACCELEROMETER_BIAS: usize = 11;
 /// First of the two angles of gravity's direction (rad).
 pub const GRAVITY: usize = 14;
@@ -36,7 +36,7 @@ pub const GRAVITY: usize = 14;
 pub const ACCELEROMETER_MATRIX: usize = 16;
 /// First of the six entries of M_g.
 pub const GYROSCOPE_MATRIX: usize = 22;
-/// First of the three of C, turned on the right (rad).
+/// First of the three parameters of C, perturbed on the right (rad).
 pub const GYROSCOPE_TURN: usize = 28;
 /// s.
 pub const BOARD_SCALE: usize = 31;
@@ -48,17 +48,17 @@ pub const GYROSCOPE_FILTER: usize = 33;
 /// c of the accelerometer (s²).
 pub const ACCELEROMETER_FILTER: usize = 34;
 
-/// Rows and columns of a lower triangle, in the order of its parameters.
+/// Rows and columns of a lower triangular matrix, in the order of its parameters.
 pub const TRIANGLE: [(usize, usize); 6] = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)];
 
-/// What is calibrated of an inertial unit.
+/// The parameters of an IMU.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InertialParameters {
     /// R_imu_camera.
     pub rotation: UnitQuaternion<f64>,
-    /// Where the unit is in the camera frame (m).
+    /// Position of the IMU in the camera frame (m).
     pub position: Vector3<f64>,
-    /// How much later the gyroscope's stamps are than the events of the same moment (s).
+    /// Time by which the gyroscope's timestamps are later than the events of the same moment (s).
     pub gyroscope_delay: f64,
     /// The same for the accelerometer.
     pub accelerometer_delay: f64,
@@ -66,7 +66,7 @@ pub struct InertialParameters {
     pub gyroscope_bias: Vector3<f64>,
     /// b_a (m/s²).
     pub accelerometer_bias: Vector3<f64>,
-    /// Gravity in the world (m/s²): it points down.
+    /// Gravity in the world (m/s²), pointing down.
     pub gravity: Vector3<f64>,
     /// M_a.
     pub accelerometer_matrix: Matrix3<f64>,
@@ -76,18 +76,19 @@ pub struct InertialParameters {
     pub gyroscope_from_imu: UnitQuaternion<f64>,
     /// s.
     pub board_scale: f64,
-    /// Seconds that the unit's clock gains on that of the events in a second.
+    /// Seconds that the IMU's clock gains on the events' clock per second.
     pub clock_drift: f64,
     /// c of the gyroscope's filter (s²).
     pub gyroscope_filter: f64,
     /// c of the accelerometer's filter (s²).
     pub accelerometer_filter: f64,
-    /// Time of the trajectory at which the delays are stated (s).
+    /// Time of the trajectory at which the delays apply (s).
     pub middle: f64,
 }
 
 impl InertialParameters {
-    /// A unit at the camera that has its axes and no errors, where gravity is `gravity` (m/s²); delays are stated at `middle` (s).
+    /// Returns an IMU at the camera with its axes and without errors, with gravity `gravity` (m/s²); delays apply at `middle`
+    /// (s).
     pub fn perfect(gravity: Vector3<f64>, middle: f64) -> Self {
         Self {
             rotation: UnitQuaternion::identity(),
@@ -108,12 +109,12 @@ impl InertialParameters {
         }
     }
 
-    /// T_imu_camera: from camera coordinates to the unit's.
+    /// Returns T_imu_camera: from camera coordinates to the IMU's.
     pub fn imu_from_camera(&self) -> Isometry3<f64> {
         Isometry3::from_parts(Translation3::from(-(self.rotation * self.position)), self.rotation)
     }
 
-    /// Two directions across gravity, each times its size.
+    /// Returns two directions perpendicular to gravity, each times its magnitude.
     pub fn gravity_directions(&self) -> [Vector3<f64>; 2] {
         let size = self.gravity.norm();
         let down = self.gravity / size;
@@ -122,7 +123,7 @@ impl InertialParameters {
         [first * size, down.cross(&first) * size]
     }
 
-    /// Moved by a step in the order of the parameters; rotations are turned on the right.
+    /// Returns the parameters after a step, in their order; rotations are perturbed on the right.
     pub fn moved(&self, step: &[f64]) -> Self {
         let at = |index: usize| step.get(index).copied().unwrap_or(0.0);
         let three = |first: usize| Vector3::new(at(first), at(first + 1), at(first + 2));
@@ -152,12 +153,12 @@ impl InertialParameters {
         }
     }
 
-    /// Time of the trajectory at which a sample stamped `t` of the gyroscope was true.
+    /// Returns the trajectory time of a gyroscope sample with timestamp `t`.
     pub fn gyroscope_time(&self, t: f64) -> f64 {
         t - self.gyroscope_delay - self.clock_drift * (t - self.middle)
     }
 
-    /// The same for the accelerometer.
+    /// Returns the trajectory time of an accelerometer sample with timestamp `t`.
     pub fn accelerometer_time(&self, t: f64) -> f64 {
         t - self.accelerometer_delay - self.clock_drift * (t - self.middle)
     }

@@ -1,4 +1,4 @@
-//! What an inertial unit should read along a trajectory, with its derivatives.
+//! Predicted readings of an IMU along a trajectory, with their derivatives.
 
 use evcal_core::spline::rotation::skew;
 use evcal_core::spline::{Basis, Knots};
@@ -12,10 +12,10 @@ use super::parameters::{
 };
 use crate::trajectory::{RotationControl, Trajectory};
 
-/// Half the time over which rates and readings are differentiated (s): far below the distance of knots.
+/// Half the time over which rates and readings are differentiated (s): far below the knot spacing.
 const STEP: f64 = 3e-4;
 
-/// The trajectory at one time, as an inertial unit feels it.
+/// Motion of the trajectory at one time, from which IMU readings follow.
 pub struct Motion {
     /// Control points and weights.
     pub basis: Basis<f64>,
@@ -26,7 +26,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// At time `t`; `None` outside the trajectory or where its rotations are no sum of quaternions.
+    /// Returns the motion at time `t`; `None` outside the trajectory or if its rotations are not sums of quaternions.
     pub fn new(trajectory: &Trajectory, t: f64) -> Option<Self> {
         let basis = Knots::assume_valid(&trajectory.knots, trajectory.degree).basis(t).ok()?;
         let RotationControl::Quaternion(control) = &trajectory.rotation else { return None };
@@ -35,12 +35,12 @@ impl Motion {
         Some(Self { basis, rotation, acceleration })
     }
 
-    /// Angular velocity in the camera frame (rad/s).
+    /// Returns the angular velocity in the camera frame (rad/s).
     pub fn angular_velocity(&self) -> Vector3<f64> {
         self.rotation.sample.angular_velocity
     }
 
-    /// What an accelerometer with the axes of the camera feels at the place of the unit.
+    /// Returns the specific force at the position of the IMU, in the axes of the camera.
     pub fn felt(&self, parameters: &InertialParameters) -> Vector3<f64> {
         let (w, r) = (self.angular_velocity(), parameters.position);
         let free = self.acceleration * parameters.board_scale - parameters.gravity;
@@ -54,13 +54,13 @@ impl Motion {
 pub struct Prediction {
     /// The reading.
     pub value: Vector3<f64>,
-    /// By the parameters.
+    /// Derivatives by the parameters.
     pub by_parameters: [Vector3<f64>; COUNT],
     /// First control point.
     pub first: usize,
-    /// By the rotation of each control point.
+    /// Derivatives by the rotation of each control point.
     pub by_rotation: [Matrix3<f64>; MAX_ORDER],
-    /// By the place of each control point.
+    /// Derivatives by the position of each control point.
     pub by_translation: [Matrix3<f64>; MAX_ORDER],
 }
 
@@ -88,7 +88,7 @@ impl Prediction {
     }
 }
 
-/// A vector in camera axes with its derivatives by what is felt there, so that the filters can add multiples of it.
+/// A vector in camera axes with its derivatives by the motion, so that the filters can add multiples of it.
 struct Felt {
     value: Vector3<f64>,
     by_position: Matrix3<f64>,
@@ -153,13 +153,13 @@ impl Felt {
     }
 }
 
-/// The motion at the time nearest to `t` that has the span of `t` for [`STEP`] to both sides, then before and after it: all
-/// three with the same control points.
+/// Returns the motion at the time nearest to `t` that is at least [`STEP`] from both ends of its knot span, then before and after
+/// it: all three with the same control points.
 fn around(trajectory: &Trajectory, t: f64) -> Option<[Motion; 3]> {
     let knots = Knots::assume_valid(&trajectory.knots, trajectory.degree);
     let span = knots.find_span(t).ok()?;
     let (start, end) = (*trajectory.knots.get(span)?, *trajectory.knots.get(span + 1)?);
-    // Rounding must not carry it over the knot.
+    // Rounding must not move it across the knot.
     let reach = STEP * 1.001;
     let middle = t.max(start + reach).min(end - reach);
     Some([
@@ -169,7 +169,7 @@ fn around(trajectory: &Trajectory, t: f64) -> Option<[Motion; 3]> {
     ])
 }
 
-/// What the gyroscope should read (rad/s) in a sample stamped `t`; `None` outside the trajectory.
+/// Predicts the gyroscope's reading (rad/s) in a sample with timestamp `t`; `None` outside the trajectory.
 pub fn gyroscope(trajectory: &Trajectory, parameters: &InertialParameters, t: f64) -> Option<Prediction> {
     let time = parameters.gyroscope_time(t);
     let motion = Motion::new(trajectory, time)?;
@@ -201,7 +201,7 @@ pub fn gyroscope(trajectory: &Trajectory, parameters: &InertialParameters, t: f6
     Some(prediction)
 }
 
-/// What the accelerometer should read (m/s²) in a sample stamped `t`; `None` outside the trajectory.
+/// Predicts the accelerometer's reading (m/s²) in a sample with timestamp `t`; `None` outside the trajectory.
 pub fn accelerometer(trajectory: &Trajectory, parameters: &InertialParameters, t: f64) -> Option<Prediction> {
     let time = parameters.accelerometer_time(t);
     let motion = Motion::new(trajectory, time)?;

@@ -1,11 +1,11 @@
-//! What is expected of an inertial unit before any measurement.
+//! Priors of an IMU's parameters.
 
 use super::parameters::{self as at, COUNT, InertialParameters};
 use super::settings::InertialSettings;
 
-/// For each parameter how far it is from what is expected before any measurement, and the σ of that expectation.
+/// Returns, for each parameter, its distance from the expected value, and the σ of that expectation.
 pub fn priors(parameters: &InertialParameters, settings: &InertialSettings) -> [(f64, f64); COUNT] {
-    // Far above what any motion leaves open, but for what parts of such chips really have.
+    // Far above any uncertainty from motion, except for typical tolerances of such chips.
     let mut priors = [(0.0, 10.0); COUNT];
     for axis in 0..3 {
         priors[at::POSITION + axis] = (parameters.position[axis], 1.0);

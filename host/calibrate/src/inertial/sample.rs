@@ -1,13 +1,13 @@
-//! A reading of an inertial unit.
+//! A reading of an IMU.
 
 use nalgebra::Vector3;
 
 /// One reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Time stamp (s).
+    /// Timestamp (s).
     pub t: f64,
-    /// Acceleration less gravity (m/s²).
+    /// Acceleration minus gravity (m/s²).
     pub acceleration: Vector3<f64>,
     /// Angular velocity (rad/s).
     pub angular_velocity: Vector3<f64>,

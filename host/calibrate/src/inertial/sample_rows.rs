@@ -1,4 +1,4 @@
-//! Equations of the inertial samples, and what is left of their readings.
+//! Equations of the IMU samples, and their residuals.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -46,7 +46,7 @@ fn tasks(joint: &Joint, estimate: &Estimate) -> Vec<Task> {
     tasks
 }
 
-/// The equations of all samples.
+/// Builds the equations of all samples.
 pub fn inertial_parts(joint: &Joint, estimate: &Estimate) -> Vec<Part> {
     tasks(joint, estimate).par_iter().filter_map(|task| inertial_part(joint, estimate, task)).collect()
 }
@@ -85,7 +85,7 @@ fn fill_row(row: &mut [f64], prediction: &Prediction, axis: usize, error: f64, w
     places.zip(by_parameters.chain([error])).for_each(|(place, value)| *place = weight * value);
 }
 
-/// Readings less predictions.
+/// Returns readings minus predictions.
 pub fn residuals(joint: &Joint, estimate: &Estimate, sensor: Sensor) -> Vec<Residual> {
     let segments = estimate.state.trajectories.par_iter().zip(&joint.used);
     let of_segment = |(trajectory, used): (&Trajectory, &std::ops::Range<usize>)| -> Vec<Residual> {

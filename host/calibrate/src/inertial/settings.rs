@@ -1,17 +1,17 @@
-//! What is known of an inertial unit beforehand.
+//! Prior knowledge about an IMU.
 
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 
-/// What is known beforehand, and how the solve is made.
+/// Prior knowledge, and options of the solve.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InertialSettings {
-    /// Size of gravity at the place of the recording in m/s².
+    /// Magnitude of gravity at the site of the recording in m/s².
     pub gravity: f64,
-    /// Distance of the knots of the inertial solve in seconds; without it, it suits the rate of the samples.
+    /// Knot spacing of the IMU solve in seconds; `None` to derive it from the rate of the samples.
     pub knot_spacing: Option<f64>,
-    /// σ of scale errors before any measurement.
+    /// Prior σ of scale errors.
     pub scale: f64,
-    /// σ of misalignments before any measurement, in radians.
+    /// Prior σ of misalignments, in radians.
     pub misalignment: f64,
 }
 

@@ -1,9 +1,9 @@
-//! Events and inertial samples in one solve.
+//! The joint solve of events and IMU samples.
 //!
-//! The trajectories get splines of degree 5 with even knots, whose acceleration is smooth enough for inertial sensors. The
-//! events keep their own equations, divided by ten times their inflation: their errors go with the motion, and motion is all
-//! that the unit measures. Camera and event biases stay free. The noise of the sensors is taken from the spectrum of the
-//! residuals in rounds.
+//! The trajectories become splines of degree 5 with even knots, whose acceleration is smooth enough for inertial sensors. The
+//! events keep their own equations, divided by ten times their inflation, because their errors depend on the motion, and motion
+//! is all that the IMU measures. Camera and event biases are estimated too. The noise of the sensors is estimated from the
+//! spectrum of the residuals in rounds.
 
 use rayon::prelude::*;
 
@@ -20,15 +20,16 @@ use crate::trajectory::{RotationSpline, Trajectory};
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 use evcal_geometry::timed_pose::TimedPose;
 
-/// Time at the ends of a trajectory whose samples are left out (s).
+/// Time at the ends of a trajectory whose samples are excluded (s).
 const MARGIN: f64 = 0.02;
 /// Rounds of noise and solve.
 const ROUNDS: usize = 3;
-/// Iterations of the first round that linearise the events anew.
+/// Iterations of the first round in which the events are linearised again.
 const RELINEARISED: usize = 5;
-/// How much less events count here than their inflation says. Pixels answer later or earlier with the speed of the edge: the
-/// trajectory is off in the same way whenever the same motion comes back, which no scatter between blocks of time tells.
-/// In five simulated recordings the place was off by 0.8 of σ with 10 and by 1.3 with 1, gravity by 0.8 and 1.2 (root mean square).
+/// Factor by which the weight of events is reduced here, beyond their inflation. The delay of pixels depends on the speed of the
+/// edge, so the trajectory has the same error whenever the same motion recurs, and scatter between blocks of time does not show
+/// it. In five simulated recordings the error of the position was 0.8 σ with 10 and 1.3 σ with 1, the error of gravity 0.8 σ and
+/// 1.2 σ (root mean square).
 const CAUTION: f64 = 10.0;
 /// Noise densities of data sheets: °/s/√Hz and g/√Hz, doubled.
 const FIRST_GYROSCOPE: f64 = 0.02 * std::f64::consts::PI / 180.0;
@@ -38,9 +39,9 @@ const FIRST_ACCELEROMETER: f64 = 600e-6 * STANDARD_GRAVITY;
 pub struct Solved {
     /// The solution.
     pub estimate: Estimate,
-    /// Equations of its parts.
+    /// The linearised parts.
     pub parts: Vec<Part>,
-    /// All of them.
+    /// The normal equations: the sum of all parts.
     pub system: System,
     /// Residuals of gyroscope and accelerometer.
     pub residuals: [Vec<Residual>; 2],
@@ -48,12 +49,12 @@ pub struct Solved {
     pub spectra: [Vec<Vec<Line>>; 2],
 }
 
-/// The trajectories as splines of degree 5 with even knots `spacing` seconds apart.
+/// Returns the trajectories as splines of degree 5 with even knots `spacing` seconds apart.
 ///
 /// # Errors
-/// [`InertialError::Singular`] when a trajectory is too short for it.
+/// [`InertialError::Singular`] if a trajectory is too short for it.
 pub fn smooth_trajectories(trajectories: &[Trajectory], spacing: f64) -> Result<Vec<Trajectory>, InertialError> {
-    /// Poses for each knot span.
+    /// Poses per knot span.
     const POSES: usize = 4;
     let smooth = |trajectory: &Trajectory| {
         let (start, end) = (trajectory.start(), trajectory.end());
@@ -73,7 +74,7 @@ pub fn smooth_trajectories(trajectories: &[Trajectory], spacing: f64) -> Result<
     trajectories.par_iter().map(smooth).collect()
 }
 
-/// For each trajectory the samples within it, but for its ends.
+/// Returns, for each trajectory, the samples within it, without its ends.
 pub fn samples_within(
     trajectories: &[Trajectory],
     samples: &[Vec<Sample>],
@@ -88,15 +89,15 @@ pub fn samples_within(
     trajectories.iter().map(within).collect()
 }
 
-/// What data sheets say of the noise.
+/// Returns the noise from data sheets.
 pub fn first_noise() -> [Noise; 2] {
     [FIRST_GYROSCOPE, FIRST_ACCELEROMETER].map(|density| Noise { density: [density; 3], measured: false })
 }
 
-/// Solves from `estimate` on.
+/// Solves, starting at `estimate`.
 ///
 /// # Errors
-/// [`InertialError::Singular`] when events and samples do not determine the parameters.
+/// [`InertialError::Singular`] if events and samples do not determine the parameters.
 pub fn solve(joint: &Joint, mut estimate: Estimate) -> Result<Solved, InertialError> {
     for round in 0..ROUNDS {
         let (solved, Linearised { events, parts, system }) =
@@ -133,19 +134,19 @@ fn spectra_of(residuals: &[Residual], rate: f64) -> Vec<Vec<Line>> {
     (0..3).map(axis).collect()
 }
 
-/// All equations at an estimate.
+/// Returns the normal equations at an estimate.
 pub fn system_at(joint: &Joint, estimate: &Estimate) -> System {
     with_samples(joint, estimate, parts_of_events(joint, estimate)).system
 }
 
-/// The equations at an estimate: those of the events, then those of the samples, and all together.
+/// The equations at an estimate: of the events, of the samples, and their sum.
 struct Linearised {
     events: Vec<Part>,
     parts: Vec<Part>,
     system: System,
 }
 
-/// The events are linearised anew `relinearised` times; their cost is nearly quadratic.
+/// Minimises the cost. The events are linearised again `relinearised` times; their cost is nearly quadratic.
 fn least_cost(joint: &Joint, estimate: Estimate, relinearised: usize) -> Result<(Estimate, Linearised), InertialError> {
     let events = parts_of_events(joint, &estimate);
     let start = with_samples(joint, &estimate, events);

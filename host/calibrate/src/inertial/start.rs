@@ -1,10 +1,10 @@
-//! A start that cannot fail silently: delay, rotation, lever arm and gravity, each with a test that it was found.
+//! Start of the IMU calibration: delay, rotation, lever arm and gravity, each with a test of its validity.
 //!
-//! 1. **Delay**: how fast camera and unit turn, ‖ω − mean‖, is the same whatever their axes. Its normalised correlation over all
-//!    shifts must have one clear peak.
-//! 2. **Rotation**: the one that carries ω of the camera to that of the unit (Wahba's problem), and beside it the best mirrored
-//!    one: where that is better, the axes are left-handed.
-//! 3. **Lever arm, gravity, accelerometer bias**: linear least squares; gravity must come out in its size.
+//! 1. **Delay**: the rotation rates of camera and IMU, ‖ω − mean‖, are the same whatever their axes. Their normalised correlation
+//!    over all shifts must have one clear peak.
+//! 2. **Rotation**: the one that maps ω of the camera to ω of the IMU (Wahba's problem), and the best mirrored one: if the latter
+//!    fits better, the axes are left-handed.
+//! 3. **Lever arm, gravity, accelerometer bias**: linear least squares; gravity must have its known magnitude.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
@@ -23,29 +23,29 @@ const STEP: f64 = 5e-3;
 const LONGEST_GAP: f64 = 0.04;
 /// Smallest overlap: as a share of the shorter stream, and in seconds.
 const OVERLAP: Overlap = Overlap { share: 0.4, seconds: 1.0 };
-/// Share of the angular velocity that changes, below which it is the same all the time.
+/// Share of the angular velocity that varies, below which it counts as constant.
 const EVENLY: f64 = 0.5;
-/// Second singular value over the first below which the camera turned about one axis.
+/// Ratio of the second to the first singular value below which the camera rotated about one axis only.
 const ONE_AXIS: f64 = 0.01;
-/// How far the size of gravity may be from what it is, as a share.
+/// Largest relative error of gravity's magnitude.
 const GRAVITY_ERROR: f64 = 0.07;
-/// Share of gravity below which it was taken off the accelerations, rather than measured wrongly.
+/// Share of gravity below which it was removed from the accelerations, rather than measured wrongly.
 const GRAVITY_LEFT: f64 = 0.2;
 
-/// What the start found.
+/// Result of the start.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Start {
     /// The parameters.
     pub parameters: InertialParameters,
-    /// Largest correlation of the turns.
+    /// Largest correlation of the rotation rates.
     pub correlation: f64,
 }
 
-/// Finds a start from the trajectories of one recording, whose rotations are sums of quaternions, and its samples; `gravity` is
-/// its size in m/s².
+/// Computes a start from the trajectories of one recording, whose rotations are sums of quaternions, and its samples; `gravity`
+/// is its magnitude in m/s².
 ///
 /// # Errors
-/// [`InertialError`] says what was not found, and why.
+/// [`InertialError`] names the quantity that was not found, and the reason.
 pub fn start(trajectories: &[&Trajectory], samples: &[Sample], gravity: f64) -> Result<Start, InertialError> {
     let turning = camera_turns(trajectories);
     let whole = turning.rates().root_mean_square();
@@ -82,7 +82,7 @@ fn camera_turns(trajectories: &[&Trajectory]) -> Turns {
     })
 }
 
-/// Means of the readings within half a step, or between the neighbours where there are none.
+/// Returns means of the readings within half a step, or interpolates between the neighbours if there are none.
 fn unit_values(samples: &[Sample], value: impl Fn(&Sample) -> Vector3<f64>) -> Series<Vector3<f64>> {
     let (Some(first), Some(last)) = (samples.first(), samples.last()) else {
         return Series { start: 0.0, step: STEP, values: Vec::new() };
@@ -102,7 +102,7 @@ fn unit_values(samples: &[Sample], value: impl Fn(&Sample) -> Vector3<f64>) -> S
     })
 }
 
-/// R_imu_camera.
+/// Computes R_imu_camera.
 fn rotation(camera: &Turns, unit: &Turns, delay: f64) -> Result<UnitQuaternion<f64>, InertialError> {
     let turns = ComparedTurns::new(camera, unit, delay);
     let factor = (turns.of_second / turns.of_first).sqrt();
@@ -117,7 +117,7 @@ fn rotation(camera: &Turns, unit: &Turns, delay: f64) -> Result<UnitQuaternion<f
     }
     check_axes(&turns.products, ONE_AXIS)?;
     let best = turns.rotation().ok_or(InertialError::Singular)?;
-    // What the best rotation and the best mirrored one leave.
+    // Residuals of the best rotation and the best mirrored one.
     let scale = turns.of_second / factor;
     let (proper, mirrored) = (scale - best.explained, scale - best.explained_mirrored);
     if mirrored < 0.3 * proper {
@@ -146,13 +146,13 @@ fn lever_arm(
         squares += motion.acceleration.norm_squared();
         rows.push(row(&motion, rotation.inverse_transform_vector(reading)));
     }
-    // Where the trajectory is uncertain its acceleration is: those rows fall away.
+    // Where the trajectory is uncertain, so is its acceleration: those rows are dropped.
     let mut solution = SVector::<f64, UNKNOWNS>::zeros();
     let mut bound = f64::INFINITY;
     for _ in 0..4 {
         let mut matrix = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
         let mut right = SVector::<f64, UNKNOWNS>::zeros();
-        // A bias of 1 m/s² and a lever arm of 1 m are the most, at 1 m/s² of noise.
+        // A prior of 1 m/s² for the bias and 1 m for the lever arm, at 1 m/s² of noise.
         (3..UNKNOWNS).for_each(|index| matrix[(index, index)] += 1.0);
         let mut sizes = Vec::with_capacity(rows.len());
         for (by, value) in &rows {
@@ -173,7 +173,7 @@ fn lever_arm(
     if reading < GRAVITY_LEFT {
         return Err(InertialError::GravityRemoved { reading });
     }
-    // What is no number is not as stated either.
+    // NaN does not agree with the stated value either.
     let is_as_stated = (reading - 1.0).abs() <= GRAVITY_ERROR;
     if !is_as_stated {
         let motion = (squares / rows.len().max(1) as f64).sqrt();
@@ -190,7 +190,7 @@ fn lever_arm(
     })
 }
 
-/// Derivatives of a reading in camera axes by the unknowns, and the reading less what they do not change.
+/// Returns the derivatives of a reading in camera axes by the unknowns, and the reading minus the known part.
 fn row(motion: &Motion, reading: Vector3<f64>) -> (SMatrix<f64, 3, UNKNOWNS>, Vector3<f64>) {
     let to_camera = motion.rotation.sample.rotation.inverse().to_rotation_matrix().into_inner();
     let turning = motion.angular_velocity().cross_matrix();

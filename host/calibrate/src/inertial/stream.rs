@@ -1,4 +1,4 @@
-//! Inertial samples, and whether they are what they should be.
+//! IMU samples and their checks.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -10,43 +10,43 @@ use evcal_geometry::numerics::statistics::{median, quantile};
 use event_recordings::extras::Extra;
 use event_recordings::{Recording, RecordingError};
 
-/// Largest share of samples at the end of their scale.
+/// Largest share of saturated samples.
 const MOST_SATURATED: f64 = 0.1;
-/// Samples of equal extreme value in a row that tell the end of the scale.
+/// Number of successive samples with the same extreme value that shows saturation.
 const RUN: usize = 5;
-/// Share of the median size of the acceleration that nearly every one keeps above, where gravity is in it.
+/// Share of the median acceleration that nearly every sample exceeds if gravity is included.
 const STEADY: f64 = 0.6;
 
-/// What was found in the stream.
+/// Statistics of a stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StreamReport {
     /// Number of samples.
     pub samples: usize,
-    /// Samples a second, from the middle one of the intervals.
+    /// Samples per second, from the median interval.
     pub rate: f64,
     /// Share of the samples that are missing.
     pub missing: f64,
     /// Longest time without a sample (s).
     pub longest_gap: f64,
-    /// Samples whose time is not after that of the one before: they are left out.
+    /// Number of samples whose time is not after the previous one; they are excluded.
     pub out_of_order: usize,
-    /// Share of the samples at the end of their scale: they are left out.
+    /// Share of the saturated samples; they are excluded.
     pub saturated: f64,
 }
 
-/// The inertial samples of a recording.
+/// The IMU samples of a recording.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReadSamples {
     /// The samples, on the clock of the recording's file (s).
     pub samples: Vec<Sample>,
-    /// What of the recording could not be read, in sentences.
+    /// Parts of the recording that could not be read, as sentences.
     pub lost: Vec<String>,
 }
 
-/// The inertial samples of a recording; those before a damage are kept.
+/// Reads the IMU samples of a recording; samples before a damaged part are kept.
 ///
 /// # Errors
-/// [`RecordingError`] when it cannot be opened.
+/// [`RecordingError`] if it cannot be opened.
 pub fn read(recording: &Recording) -> Result<ReadSamples, RecordingError> {
     let mut extras = recording.open_extras()?;
     let (mut samples, mut lost) = (Vec::new(), Vec::new());
@@ -62,7 +62,8 @@ pub fn read(recording: &Recording) -> Result<ReadSamples, RecordingError> {
     Ok(ReadSamples { samples, lost })
 }
 
-/// Time from the first to the last inertial sample of a recording (s), which is read until that is `enough`; `None` without samples.
+/// Returns the time from the first to the last IMU sample of a recording (s), reading only until it is `enough`; `None` without
+/// samples.
 pub fn duration(recording: &Recording, enough: f64) -> Option<f64> {
     let mut extras = recording.open_extras().ok()?;
     let (mut first, mut last) = (None, None);
@@ -79,10 +80,10 @@ pub fn duration(recording: &Recording, enough: f64) -> Option<f64> {
     last
 }
 
-/// Leaves out what cannot be used, and looks at units, gaps and saturation.
+/// Removes unusable samples, and checks units, gaps and saturation.
 ///
 /// # Errors
-/// [`InertialError`] when the accelerations have another unit or no gravity, or too much is saturated.
+/// [`InertialError`] if the accelerations have another unit or no gravity, or too many samples are saturated.
 pub fn check(samples: Vec<Sample>) -> Result<(Vec<Sample>, StreamReport), InertialError> {
     let total = samples.len();
     let mut kept: Vec<Sample> = Vec::with_capacity(total);
@@ -125,7 +126,7 @@ pub fn check(samples: Vec<Sample>) -> Result<(Vec<Sample>, StreamReport), Inerti
     Ok((usable, report))
 }
 
-/// Which samples have an axis at its largest value, where that is repeated as only a limit is.
+/// Returns `true` for samples with an axis at its largest value, if that value repeats like a limit.
 fn at_end_of_scale(samples: &[Sample]) -> Vec<bool> {
     let mut at_end = vec![false; samples.len()];
     for axis in 0..6 {
@@ -167,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_damage_takes_is_told() {
+    fn samples_lost_to_damage_are_reported() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("recording.aedat4");
         let sample = |t| InertialSample { t, temperature: 1.0, acceleration: [0.0; 3], angular_velocity: [90.0; 3] };
@@ -203,13 +204,13 @@ mod tests {
     }
 
     #[test]
-    fn units_and_missing_gravity_are_told() {
+    fn wrong_units_and_missing_gravity_are_reported() {
         let text = |scale: f64| check(stream(scale)).unwrap_err().to_string();
         assert!(text(9.8).contains("m/s², and were read as g"));
         assert!(text(1.0 / 9.8).contains("g, and were read as m/s²"));
         let mut samples = stream(1.0);
         samples.iter_mut().for_each(|sample| sample.acceleration.y += 9.8);
-        assert!(check(samples).unwrap_err().to_string().contains("gravity seems to be removed"));
+        assert!(check(samples).unwrap_err().to_string().contains("gravity seems to have been removed"));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Circles and samples of a known motion: what it determines is found within its σ, and what it leaves open is said.
+//! Circles and samples of a known motion: parameters that it determines are found within their σ, and the others are reported.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
 use evcal_core::spline::rotation::exp;
@@ -26,7 +26,7 @@ use evcal_geometry::numerics::random::{normal, uniform_in};
 use evcal_geometry::timed_pose::TimedPose;
 
 const SECONDS: f64 = 12.0;
-/// Circles seen and samples taken a second.
+/// Circle frames and samples per second.
 const FRAMES: f64 = 100.0;
 const SAMPLES: f64 = 250.0;
 /// Scatter of a circle's centre (px), of gyroscope (rad/s) and accelerometer (m/s²).
@@ -34,7 +34,7 @@ const PIXEL: f64 = 0.1;
 const GYROSCOPE: f64 = 3e-3;
 const ACCELEROMETER: f64 = 0.05;
 
-/// A smooth number that does not repeat itself, about between -1 and 1.
+/// A smooth function that does not repeat, approximately between −1 and 1.
 struct Wave([(f64, f64); 3]);
 
 impl Wave {
@@ -54,7 +54,7 @@ impl Wave {
     }
 }
 
-/// `T_world_camera` before the board: moved by up to 0.15 m, and turned by `turn`.
+/// `T_world_camera` in front of the board: moved by up to 0.15 m, and rotated by `turn`.
 fn motion(seed: u64, turn: impl Fn(&[Wave; 3], f64) -> Vector3<f64>) -> impl Fn(f64) -> Isometry3<f64> {
     motion_within(0.15, seed, turn)
 }
@@ -73,7 +73,7 @@ fn motion_within(
     }
 }
 
-/// Turned about the three axes by so much (rad).
+/// Rotations of this size about the three axes (rad).
 fn turned(sizes: [f64; 3]) -> impl Fn(&[Wave; 3], f64) -> Vector3<f64> {
     move |waves, t| Vector3::from_fn(|axis, _| sizes[axis] * waves[axis].at(t))
 }
@@ -82,7 +82,7 @@ fn camera() -> Camera<f64> {
     Camera::from_parameters(ModelKind::Radtan4, &[330.0, 330.0, 172.5, 129.5, 0.0, 0.0, 0.0, 0.0]).unwrap()
 }
 
-/// A unit beside the camera.
+/// An IMU next to the camera.
 fn unit() -> InertialParameters {
     InertialParameters {
         rotation: exp(&Vector3::new(0.02, -0.01, 0.015)),
@@ -108,7 +108,7 @@ impl Bench {
         Self::with_stated_size(1.0, seed, pose)
     }
 
-    /// Before a board that is said to be `stated` times as large as it is.
+    /// A board whose stated size is `stated` times the true one.
     fn with_stated_size(stated: f64, seed: u64, pose: impl Fn(f64) -> Isometry3<f64>) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(1000 + seed);
         let poses: Vec<TimedPose> = (0..=(200.0 * SECONDS) as usize)
@@ -198,7 +198,7 @@ impl Bench {
         self.calibrated_without(held, Vec::new())
     }
 
-    /// The same from a recording of which parts are `lost`.
+    /// Calibrates a recording with `lost` parts.
     fn calibrated_without(
         &self,
         held: Option<&HeldIntrinsics>,
@@ -213,7 +213,7 @@ impl Bench {
 const STANDARD_GRAVITY: f64 = evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 
 #[test]
-fn nothing_is_said_against_a_full_motion() {
+fn a_full_motion_has_no_findings() {
     for seed in 1..=4 {
         let found = Bench::new(seed, motion(seed, turned([0.45, 0.5, 0.45]))).calibrated(None).unwrap();
         assert_eq!(found.findings, [], "seed {seed}");
@@ -224,9 +224,9 @@ fn nothing_is_said_against_a_full_motion() {
     }
 }
 
-/// What a damage took of the samples was told nowhere.
+/// Lost samples must be reported.
 #[test]
-fn samples_that_were_lost_are_told() {
+fn lost_samples_are_reported() {
     let bench = Bench::new(1, motion(1, turned([0.45, 0.5, 0.45])));
     let what = "inertial samples from here on: a.aedat4, byte 12".to_owned();
     let found = bench.calibrated_without(None, vec![what.clone()]).unwrap();
@@ -237,20 +237,21 @@ fn samples_that_were_lost_are_told() {
 }
 
 #[test]
-fn a_motion_that_leaves_something_open_is_refused_or_flagged() {
+fn a_degenerate_motion_is_refused_or_flagged() {
     let refused = |turn: &dyn Fn(&[Wave; 3], f64) -> Vector3<f64>, words: &str| {
         let error = Bench::new(5, motion(5, turn)).calibrated(None).err().map(|error| error.to_string());
         assert!(error.as_ref().is_some_and(|error| error.contains(words)), "wanted {words:?}: {error:?}");
     };
-    refused(&|_, _| Vector3::zeros(), "turned by 0.0 °/s only");
+    refused(&|_, _| Vector3::zeros(), "rotated by only 0.0 °/s");
     for (axis, name) in ["x axis", "y axis", "z axis"].into_iter().enumerate() {
         let only = move |waves: &[Wave; 3], t: f64| Vector3::ith(axis, 0.6 * waves[axis].at(t));
         refused(&only, &format!("about one axis only, its {name}"));
     }
-    refused(&|_, t| Vector3::y() * (0.3 * t - 1.8) * 0.2, "turned by 3.4 °/s all the time");
+    refused(&|_, t| Vector3::y() * (0.3 * t - 1.8) * 0.2, "rotated by 3.4 °/s all the time");
 }
 
-/// At 20 samples a second what lies between them is not in the readings: the place was 9 mm off, and a turn about two axes was asked for.
+/// At 20 samples per second, the readings miss the motion between the samples: the position had an error of 9 mm, and the message
+/// asked for rotation about two axes.
 #[test]
 fn samples_that_come_too_slowly_are_refused_by_their_rate() {
     let mut bench = Bench::new(1, motion(1, turned([0.45, 0.5, 0.45])));
@@ -259,7 +260,7 @@ fn samples_that_come_too_slowly_are_refused_by_their_rate() {
     for (step, rate) in [(10, "25"), (12, "21")] {
         bench.samples = every(&all, step);
         let error = bench.calibrated(None).unwrap_err().to_string();
-        assert!(error.contains(&format!("gives {rate} samples a second")), "{error}");
+        assert!(error.contains(&format!("has {rate} samples per second")), "{error}");
     }
     bench.samples = every(&all, 5);
     let found = bench.calibrated(None).unwrap();
@@ -269,26 +270,26 @@ fn samples_that_come_too_slowly_are_refused_by_their_rate() {
 }
 
 #[test]
-fn a_unit_that_was_hardly_tilted_or_moved_leaves_the_scale_of_its_accelerometer_open() {
+fn little_tilt_and_motion_do_not_determine_the_scale_of_the_accelerometer() {
     let found = Bench::new(6, motion_within(0.0, 6, turned([0.12; 3]))).calibrated(None).unwrap();
     assert!(found.findings.contains(&Finding::AccelerometerNotMeasured), "{:?}", found.findings);
     assert!(!found.is_measured(parameters::ACCELEROMETER_MATRIX..parameters::ACCELEROMETER_MATRIX + 6));
 }
 
-/// Quick motion tells the scale of the accelerometer without any tilt, but gravity from its bias hardly.
+/// Quick motion determines the scale of the accelerometer without tilt, but hardly separates gravity from its bias.
 #[test]
-fn a_camera_that_was_hardly_tilted_is_told() {
+fn a_camera_that_was_hardly_tilted_is_reported() {
     let found = Bench::new(9, motion(9, turned([0.12; 3]))).calibrated(None).unwrap();
     let tilted: Vec<&Finding> =
         found.findings.iter().filter(|finding| matches!(finding, Finding::HardlyTilted { .. })).collect();
     let [Finding::HardlyTilted { tilt, sigma }] = tilted.as_slice() else { panic!("{:?}", found.findings) };
-    // 0.12 rad about each of two axes at most, and the mean of the motion besides.
+    // 0.12 rad about each of two axes at most, relative to the mean of the motion.
     assert!((0.08..0.2).contains(tilt), "{tilt}");
     let error = (found.parameters.accelerometer_bias - unit().accelerometer_bias).amax();
     assert!(error < 4.5 * sigma, "{error} ± {sigma}");
 }
 
-/// A focal length that is held a little too long puts the unit further away; σ knows of it if that of the focal length is known.
+/// A focal length that is fixed slightly too long moves the IMU away; σ includes this if the σ of the focal length is known.
 #[test]
 fn the_uncertainty_of_held_intrinsics_is_part_of_sigma() {
     let mut bench = Bench::new(7, motion(7, turned([0.45, 0.5, 0.45])));
@@ -317,7 +318,7 @@ fn the_uncertainty_of_held_intrinsics_is_part_of_sigma() {
         "{:?}",
         wrong.findings
     );
-    // The same error of intrinsics that are solved for, where all events have it in common.
+    // The same error of estimated intrinsics, if it is common to all events.
     let free = bench.calibrated(None).unwrap();
     bench.uncertainty.systematic = covariance;
     let common = bench.calibrated(None).unwrap();
@@ -327,7 +328,7 @@ fn the_uncertainty_of_held_intrinsics_is_part_of_sigma() {
 }
 
 #[test]
-fn a_board_of_another_size_than_stated_is_told() {
+fn a_board_of_another_size_than_stated_is_reported() {
     let found = Bench::with_stated_size(1.01, 8, motion(8, turned([0.45, 0.5, 0.45]))).calibrated(None).unwrap();
     let [Finding::BoardSpacing { scale, sigma }] = found.findings.as_slice() else { panic!("{:?}", found.findings) };
     assert!((scale - 1.0 / 1.01).abs() < 3e-3 && *sigma < 3.5e-3, "{scale} ± {sigma}");

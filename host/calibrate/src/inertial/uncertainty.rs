@@ -1,4 +1,4 @@
-//! How sure the inertial parameters are: the formal covariance, enlarged to the scatter of blocks of time.
+//! Uncertainty of the inertial parameters: the formal covariance, enlarged to the scatter of blocks of time.
 
 use nalgebra::{DMatrix, Vector3};
 
@@ -9,19 +9,19 @@ use crate::trust::uncertainty::blocks::{scatter, sum_by_block};
 
 /// Lengths of blocks (s).
 const LENGTHS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
-/// Fewest blocks of a length.
+/// Fewest blocks per length.
 const FEWEST: f64 = 10.0;
 
-/// How far trajectories are too long or too short as a whole, as a share of the distance to the board: what makes them longer
-/// puts the unit further along the line of sight, and all blocks agree on it. From simulated recordings.
+/// Relative error of the length of trajectories: a trajectory that is too long moves the IMU away along the line of sight, and
+/// all blocks agree on it. From simulated recordings.
 const TRAJECTORY_SCALE: f64 = 4e-4;
 
-/// How far gravity is turned in all blocks alike (rad), and how much of it the accelerometer's bias along the line of sight takes
-/// for itself: by tilts alone the two are told from each other, so that small errors of real pixels count for much. From simulated
-/// recordings; with ideal pixels it is a third.
+/// Common error of gravity's direction in all blocks (rad), and the share of it that the accelerometer's bias along the line of
+/// sight absorbs: only tilts separate the two, so that small errors of real pixels matter much. From simulated recordings; with
+/// ideal pixels it is a third.
 const GRAVITY_TURN: f64 = 2.5e-4;
 
-/// Adds to `covariance` of `parameters` what blocks of time cannot tell, for a board that is `distance` metres away.
+/// Adds errors that blocks of time do not show to `covariance` of `parameters`, for a board at a distance of `distance` metres.
 pub fn add_systematic(covariance: &mut DMatrix<f64>, parameters: &InertialParameters, distance: f64) {
     let place = POSITION + 2;
     covariance[(place, place)] += (TRAJECTORY_SCALE * distance).powi(2);
@@ -33,20 +33,20 @@ pub fn add_systematic(covariance: &mut DMatrix<f64>, parameters: &InertialParame
     of_bias += bias * bias.transpose();
 }
 
-/// How sure a solve is.
+/// Uncertainty of a solve.
 pub struct Stated {
     /// Covariance of the inertial parameters.
     pub covariance: DMatrix<f64>,
-    /// Formal σ of what was free besides, the intrinsics first.
+    /// Formal σ of the other estimated parameters, the intrinsics first.
     pub sigma_of_others: Vec<f64>,
-    /// How much more rotation, place and delays scatter from block to block than the formal covariance says.
+    /// Ratio of the scatter of rotation, position and delays between blocks to the formal covariance.
     pub block_scatter: f64,
 }
 
-/// How sure the solution of `system` is from `total` seconds of samples.
+/// Computes the uncertainty of the solution of `system` from `total` seconds of samples.
 ///
 /// # Errors
-/// [`InertialError::Singular`].
+/// [`InertialError::Singular`] if the samples do not determine the parameters.
 pub fn stated(system: &System, parts: &[Part], total: f64) -> Result<Stated, InertialError> {
     let formal = system.covariance()?;
     let Blocks { times, contributions } = system.contributions(parts, LENGTHS[0])?;
@@ -76,8 +76,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_bias_is_less_sure_along_the_line_of_sight() {
-        // The camera's z is the unit's -y.
+    fn the_bias_is_less_certain_along_the_line_of_sight() {
+        // The camera's z is the IMU's −y.
         let rotation = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2);
         let parameters =
             InertialParameters { rotation, ..InertialParameters::perfect(Vector3::new(0.0, 8.0, 0.0), 0.0) };

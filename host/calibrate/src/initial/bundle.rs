@@ -1,5 +1,5 @@
 //! Bundle refinement: camera and view poses together, by least squares on the reprojection of circle centres
-//! ([`bundle_adjustment`](super::bundle_adjustment)), and how sure the camera is.
+//! ([`bundle_adjustment`](super::bundle_adjustment)), and the uncertainty of the camera.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::sensor::Sensor;
@@ -22,23 +22,22 @@ pub struct Bundle {
     pub camera: Camera<f64>,
     /// `T_camera_world` of each view.
     pub poses: Vec<Isometry3<f64>>,
-    /// Standard deviation of each camera parameter, from the residuals; zero for those held.
+    /// Standard deviation of each camera parameter, from the residuals; zero for fixed ones.
     pub sigma: Vec<f64>,
     /// Standard deviations of the focal lengths on the optical axis, in pixels.
     ///
-    /// Those of fx and fy can be much larger in models in which a coefficient scales the image, too.
+    /// The standard deviations of fx and fy can be much larger in models in which a coefficient scales the image, too.
     pub axial_focal_sigma: [f64; 2],
-    /// Root mean square of the distances, each weighted as by Huber's loss, in pixels; tells which of two
-    /// starts is the better one.
+    /// Root mean square of the distances, each weighted as by Huber's loss, in pixels; used to compare two starts.
     pub rms: f64,
-    /// Steps taken.
+    /// Number of steps.
     pub steps: usize,
 }
 
 /// Refines the `free` parameters of `camera` and the poses of `views`.
 ///
-/// `None` if a point starts outside the camera's domain, a view has too few points for a pose, or
-/// there are fewer observations than unknowns.
+/// Returns `None` if a point starts outside the camera's domain, a view has too few points for a pose, or there are fewer
+/// observations than unknowns.
 ///
 /// `sensor` is (width, height) in pixels; `huber` in pixels.
 pub fn bundle(
@@ -73,8 +72,8 @@ pub fn bundle(
     })
 }
 
-/// Standard deviation of a linear function of the camera's parameters with a given gradient, from the
-/// undamped `border` and the `variance` of a residual.
+/// Returns the standard deviation of a linear function of the camera's parameters with a given gradient, from the undamped
+/// `border` and the `variance` of a residual.
 fn deviation_of(
     border: &Border,
     variance: f64,
@@ -82,8 +81,8 @@ fn deviation_of(
 ) -> impl Fn(&[f64; MAX_PARAMETERS]) -> f64 {
     let (border, scale) = unit_diagonal(border);
     let eigen = border.symmetric_eigen();
-    // Directions that the data does not see have an eigenvalue of rounding size: their standard
-    // deviation is large, not infinite or NaN.
+    // Directions that the data do not determine have an eigenvalue of the size of rounding errors: their standard deviation is
+    // large, not infinite or NaN.
     let smallest = f64::EPSILON * eigen.eigenvalues.max();
     let inverse = eigen.eigenvalues.map(|value| 1.0 / value.max(smallest));
     move |gradient| {

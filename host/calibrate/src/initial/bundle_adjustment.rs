@@ -1,10 +1,11 @@
-//! Camera and the poses of views together, by least squares on how far points are from where they are expected in the image.
+//! Bundle adjustment: camera and poses of views together, by least squares on the distances between observed and predicted image
+//! points.
 //!
-//! Levenberg-Marquardt with Huber's loss, and a weak prior on the distortion: coefficients of one model
-//! can be impossible to tell apart on a sensor's field of view (`radtan8`, `inverse-radial`), and
-//! without it they run away together to where the model folds over. The normal equations have an arrow
-//! shape ([`arrow`](evcal_geometry::numerics::arrow)): a pose for each view, and a border of camera parameters. Views are linearised in parallel and summed in their order, so the result does not depend
-//! on the number of threads.
+//! Levenberg-Marquardt with Huber's loss, and a weak prior on the distortion: coefficients of one model can be indistinguishable
+//! on a sensor's field of view (`radtan8`, `inverse-radial`), and without the prior they diverge together until the model folds
+//! over. The normal equations have an arrow shape ([`arrow`](evcal_geometry::numerics::arrow)): a pose for each view, and a
+//! border of camera parameters. Views are linearised in parallel and summed in their order, so the result does not depend on the
+//! number of threads.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS, ProjectionParameterJacobian};
 use nalgebra::{Isometry3, SMatrix, SVector, Vector2};
@@ -16,13 +17,13 @@ use evcal_geometry::numerics::huber::{huber_cost, huber_weight};
 use evcal_geometry::numerics::levenberg_marquardt::{Costed, Schedule, minimise};
 use evcal_geometry::numerics::rigid::step_pose;
 
-/// Parameter block of the camera; unused rows and columns are held.
+/// Parameter block of the camera; unused rows and columns are fixed.
 pub type Border = SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>;
 pub type BorderVector = SVector<f64, MAX_PARAMETERS>;
 /// Normal equations of one view.
 pub type Equations = PoseEquations<MAX_PARAMETERS>;
 
-/// How a refinement goes.
+/// Schedule of the optimiser.
 const SCHEDULE: Schedule = Schedule {
     first_damping: 1e-3,
     smallest_damping: 1e-10,
@@ -31,22 +32,22 @@ const SCHEDULE: Schedule = Schedule {
     smallest_gain: 1e-10,
 };
 
-/// A reprojection error and what it depends on.
+/// A reprojection error and its derivatives.
 pub struct ReprojectionResidual {
     /// Projected minus observed image point, in pixels.
     pub error: Vector2<f64>,
-    /// Its derivative by the step of [`step_pose`].
+    /// Derivative by the step of [`step_pose`].
     pub by_pose: SMatrix<f64, 2, 6>,
-    /// Its derivative by the camera's parameters.
+    /// Derivative by the camera's parameters.
     pub by_parameters: ProjectionParameterJacobian<f64>,
 }
 
-/// Something that is seen at a point of the image; `pose` is `T_camera_world`.
+/// A feature that is observed at a point of the image; `pose` is `T_camera_world`.
 pub trait ImagePoint: Sync {
-    /// Distance in pixels from where it is expected; infinite outside the camera's domain.
+    /// Returns the distance in pixels from the predicted point; infinite outside the camera's domain.
     fn distance(&self, camera: &Camera<f64>, pose: &Isometry3<f64>) -> f64;
 
-    /// How far it is from there; `None` outside the camera's domain.
+    /// Returns the residual; `None` outside the camera's domain.
     fn residual(&self, camera: &Camera<f64>, pose: &Isometry3<f64>) -> Option<ReprojectionResidual>;
 }
 
@@ -58,24 +59,24 @@ pub struct View<'a, P> {
     pub pose: Isometry3<f64>,
 }
 
-/// What is refined: camera and `T_camera_world` of each view.
+/// The estimated quantities: camera and `T_camera_world` of each view.
 #[derive(Clone)]
 pub struct Estimate {
     pub camera: Camera<f64>,
     pub poses: Vec<Isometry3<f64>>,
 }
 
-/// What stays the same while it is refined.
+/// The constant input of a refinement.
 pub struct Target<'a, P> {
     pub views: &'a [View<'a, P>],
-    /// Which camera parameters move.
+    /// Flags of the estimated camera parameters.
     pub free: &'a [bool],
     pub prior: DistortionPrior,
     /// Huber's bound in pixels.
     pub huber: f64,
 }
 
-/// The damped border with the poses eliminated, its right side, and what was eliminated.
+/// The damped border with the poses eliminated, its right side, and the eliminated blocks.
 struct Reduced {
     border: Border,
     gradient: BorderVector,
@@ -94,7 +95,7 @@ fn reduce(views: &[Equations], prior: &PriorEquations, damping: f64) -> Option<R
     gradient += prior.gradient;
     for index in 0..MAX_PARAMETERS {
         let diagonal = &mut border[(index, index)];
-        // A parameter that is held, or that nothing depends on, keeps its value.
+        // A parameter that is fixed, or that has no effect, keeps its value.
         *diagonal = if *diagonal > 0.0 { *diagonal * (1.0 + damping) } else { 1.0 };
     }
     let eliminated: Vec<_> = views.iter().map(|view| view.eliminate(damping)).collect::<Option<_>>()?;
@@ -132,19 +133,18 @@ impl<P: ImagePoint> Target<'_, P> {
         sum
     }
 
-    /// The normal equations of each view.
+    /// Computes the normal equations of each view.
     pub fn linearise(&self, estimate: &Estimate) -> Vec<Equations> {
         let views = self.views.par_iter().zip(&estimate.poses);
         views.map(|(view, pose)| self.equations(&estimate.camera, pose, view.points)).collect()
     }
 
-    /// What the views say of the camera once their poses give way; `None` if one of them is not determined.
+    /// Returns the information about the camera after elimination of the poses; `None` if one of them is not determined.
     pub fn border(&self, camera: &Camera<f64>, linear: &[Equations]) -> Option<Border> {
         Some(reduce(linear, &self.prior.equations(camera, self.free), 0.0)?.border)
     }
 
-    /// `estimate` after one damped step; `None` where the equations have no solution or the model
-    /// refuses the parameters.
+    /// Returns `estimate` after one damped step; `None` if the equations have no solution or the model rejects the parameters.
     fn step(&self, estimate: &Estimate, linear: &[Equations], damping: f64) -> Option<Costed<Estimate>> {
         let camera = &estimate.camera;
         let Reduced { border, gradient, eliminated } =
@@ -163,7 +163,7 @@ impl<P: ImagePoint> Target<'_, P> {
         Some(Costed { estimate, cost })
     }
 
-    /// Refines `best`, and gives the number of steps taken.
+    /// Refines `best`, and returns the number of steps.
     pub fn refine(&self, best: &mut Costed<Estimate>) -> usize {
         minimise(
             best,

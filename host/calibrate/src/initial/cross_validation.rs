@@ -1,9 +1,8 @@
-//! Feature cross-validation (paper III): circles are found again where the model expects them.
+//! Feature cross-validation (paper III): circles are searched again at the positions that the model predicts.
 //!
-//! Every circle of the board is projected into every frame. Circles whose rim leaves the sensor and
-//! circles whose events disagree with the projection are dropped; the others get the centre and radius
-//! that their events show; circles that the grid stage had missed are added if their events are there.
-//! Frames with too few confirmed circles are dropped.
+//! Every circle of the board is projected into every frame. Circles whose rim leaves the sensor and circles whose events disagree
+//! with the projection are dropped; the others get the centre and radius that fit their events; circles that the grid stage had
+//! missed are added if their events are there. Frames with too few confirmed circles are dropped.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
@@ -19,14 +18,14 @@ use super::{Posed, drop_frame, settled};
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use evcal_geometry::board::{Board, CircleBoard};
 
-/// What the cross-validation makes of one frame.
+/// Result of the cross-validation of one frame.
 struct Validated {
     sighting: Sighting,
     counts: ValidationCounts,
     confirmed: bool,
 }
 
-/// Finds the circles again in the events of their frames, and refines the poses on them.
+/// Searches the circles again in the events of their frames, and refines the poses on them.
 pub fn cross_validate(
     frames: &[ReferenceFrame],
     posed: Vec<Posed>,
@@ -71,7 +70,7 @@ pub fn cross_validate(
     settled(results.into_iter(), report)
 }
 
-/// Poses of the neighbours of a frame and the part of the way between them that `duration` spans.
+/// Returns the poses of the neighbours of a frame and the fraction of the time between them that `duration` spans.
 fn motion(posed: &[Posed], position: usize, duration: f64) -> Option<(Isometry3<f64>, Isometry3<f64>, f64)> {
     let here = posed.get(position)?;
     let near = |position: Option<usize>| {
@@ -86,7 +85,7 @@ fn motion(posed: &[Posed], position: usize, duration: f64) -> Option<(Isometry3<
     (elapsed > 0.0).then_some((before.pose, after.pose, duration / elapsed))
 }
 
-/// The circles of a frame as its events confirm them.
+/// Returns the circles of a frame that its events confirm.
 fn confirm(view: &Frame<'_>, sighting: &Sighting, board: &CircleBoard, settings: &InitialSettings) -> Validated {
     let mut counts = ValidationCounts { seen: sighting.circles.len(), ..ValidationCounts::default() };
     let mut inside = 0_u32;
@@ -121,7 +120,7 @@ fn confirm(view: &Frame<'_>, sighting: &Sighting, board: &CircleBoard, settings:
     Validated { sighting: Sighting { circles, points, ..*sighting }, counts, confirmed }
 }
 
-/// A frame without events: its circles are centres of ellipses and become images of the centres.
+/// Corrects a frame without events: its circles are centres of ellipses and become images of the centres.
 fn perspective_corrected(camera: &Camera<f64>, posed: &Posed, board: &Board) -> Validated {
     let mut sighting = posed.sighting.clone();
     for (circle, point) in sighting.circles.iter_mut().zip(&mut sighting.points) {

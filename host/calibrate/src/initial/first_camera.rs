@@ -15,13 +15,13 @@ use super::start::start_of;
 use super::view_selection::select_views;
 use evcal_geometry::board::Board;
 
-/// Views of the bundle refinement after the first calibration.
+/// Number of views in the bundle refinement after the first calibration.
 const BUNDLE_VIEWS: usize = 80;
 
-/// Largest standard deviation of the focal length, as a share of it, that counts as calibrated.
+/// Largest standard deviation of the focal length, as a share of it, at which a camera counts as calibrated.
 const MAX_FOCAL_DEVIATION: f64 = 0.05;
 
-/// Bundle refinement of a camera on the views that get a pose with it.
+/// Refines a camera by bundle adjustment on the views that get a pose with it.
 pub fn refine_start(
     camera: &Camera<f64>,
     views: &[&[BoardPoint]],
@@ -47,11 +47,11 @@ pub fn refine_start(
     Some((posed.len(), bundle(camera, &views, &free, sensor, HUBER)?))
 }
 
-/// The views that a first camera is looked for with.
+/// Views from which the first camera is computed.
 struct StartViews<'a> {
-    /// Those that the refinement uses.
+    /// Views of the refinement.
     all: Vec<&'a [BoardPoint]>,
-    /// How many of them, from the first on, the start uses.
+    /// Number of views of the start, from the first on.
     first: usize,
 }
 
@@ -64,7 +64,7 @@ impl StartViews<'_> {
 /// A refined camera and the number of views that got a pose with it.
 type Candidate = Option<(usize, Bundle)>;
 
-/// The camera from a diverse subset of the sightings, refined.
+/// Computes the camera from a diverse subset of the sightings, refined.
 pub fn first_camera(
     sightings: &[Sighting],
     board: &Board,
@@ -97,7 +97,7 @@ pub fn first_camera(
     Ok(bundle)
 }
 
-/// Why there may be no camera, for people.
+/// Returns the reason why there may be no camera.
 fn reason(opencv: Option<&OpencvStart>) -> String {
     let Some(opencv) = opencv else { return "no focal length fits".to_owned() };
     opencv.failure.clone().unwrap_or_else(|| match opencv.rms {
@@ -106,17 +106,17 @@ fn reason(opencv: Option<&OpencvStart>) -> String {
     })
 }
 
-/// Whether a camera explains most of the views.
+/// Returns `true` if a camera explains most of the views.
 fn is_good(candidate: &Candidate, views: &StartViews<'_>) -> bool {
     candidate.as_ref().is_some_and(|(posed, bundle)| 2 * posed > views.all.len() && bundle.rms <= MAX_START_RMS)
 }
 
-/// The number of views that a camera explains, then how well.
+/// Returns the number of views that a camera explains, then minus their root mean square error.
 fn merit(candidate: &Candidate) -> (usize, f64) {
     candidate.as_ref().map_or((0, f64::NEG_INFINITY), |(posed, bundle)| (*posed, -bundle.rms))
 }
 
-/// Whether the views fix the focal lengths.
+/// Returns an error if the views do not determine the focal lengths.
 pub fn views_differ(bundle: &Bundle) -> Result<(), InitialError> {
     let focal = bundle.camera.axial_focal_lengths().unwrap_or([f64::NAN; 2]);
     let relative = focal.iter().zip(&bundle.axial_focal_sigma).map(|(focal, sigma)| sigma / focal).fold(0.0, f64::max);

@@ -1,4 +1,4 @@
-//! The pose of one frame, whose circles may be wrong.
+//! The pose of one frame, some of whose circles may be wrong.
 
 use evcal_core::camera::Camera;
 use nalgebra::Isometry3;
@@ -10,10 +10,10 @@ use super::settings::{HUBER, InitialSettings};
 use super::sighting::BoardPoint;
 use super::start::start_of;
 
-/// Cost, as a multiple of the better one's, up to which IPPE's second solution is followed too.
+/// Ratio of costs up to which IPPE's second solution is refined too.
 const RIVAL_COST: f64 = 5.0;
 
-/// Samples of RANSAC for each frame.
+/// Number of RANSAC samples per frame.
 const RANSAC_SAMPLES: u16 = 100;
 
 /// Smallest share of a frame's circles that must agree with its pose.
@@ -24,16 +24,16 @@ const MIN_INLIER_FRACTION: f64 = 0.6;
 pub struct FramePose {
     /// `T_camera_world`.
     pub pose: Isometry3<f64>,
-    /// For each point whether it agrees with the pose.
+    /// For each point, `true` if it agrees with the pose.
     pub inliers: Vec<bool>,
-    /// Root mean square distance of those that agree, in pixels.
+    /// Root mean square distance of the agreeing points, in pixels.
     pub rms: f64,
 }
 
-/// Why a frame has no pose.
+/// Reasons why a frame has no pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PoseError {
-    /// PnP found none.
+    /// PnP found no pose.
     NotFound,
     /// Too few circles agree with the best pose.
     TooFewInliers,
@@ -43,8 +43,8 @@ pub enum PoseError {
     LargeError,
 }
 
-/// Pose of one frame: PnP (IPPE) in RANSAC, refined by least squares with Huber's loss; both solutions
-/// of IPPE are followed, the better one counts.
+/// Estimates the pose of one frame: PnP (IPPE) in RANSAC, refined by least squares with Huber's loss. Both solutions of IPPE are
+/// refined, and the better one is returned.
 pub fn robust_pose(
     camera: &Camera<f64>,
     points: &[BoardPoint],
@@ -55,7 +55,7 @@ pub fn robust_pose(
     let planar = start_of(settings).plane_pose(&plane, settings.max_circle_error / focal, RANSAC_SAMPLES);
     let planar = planar.ok_or(PoseError::NotFound)?;
     let agreeing: Vec<BoardPoint> = planar.inliers.iter().filter_map(|&inlier| before.get(inlier).copied()).collect();
-    // The second solution of IPPE counts only where it explains the images almost as well.
+    // The second solution of IPPE counts only if it explains the image points almost as well.
     let costs: Vec<f64> = planar.solutions.iter().map(|start| cost(camera, start, &agreeing, HUBER)).collect();
     let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
     let refined = planar
@@ -69,7 +69,7 @@ pub fn robust_pose(
     settle_pose(camera, points, &refined.pose, settings)
 }
 
-/// Refines `start` on the points that agree with it until they stay the same, and judges the result.
+/// Refines `start` on the points that agree with it until these do not change, and checks the result.
 pub fn settle_pose(
     camera: &Camera<f64>,
     points: &[BoardPoint],

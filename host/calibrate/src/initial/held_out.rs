@@ -1,9 +1,8 @@
-//! How well a camera predicts views that it was not calibrated from.
+//! Prediction error of a camera on views from which it was not calibrated.
 //!
-//! The frames are cut into blocks of neighbours, and the blocks dealt out to folds. For each fold the
-//! camera is refined on the frames of the other folds; then every frame of the fold gets its pose with
-//! that camera held, and what its circles cost is counted. Neighbouring frames see the same pixels, so
-//! that it is the blocks, not the frames, that are independent.
+//! The frames are cut into blocks of neighbours, and the blocks are distributed over folds. For each fold the camera is refined
+//! on the frames of the other folds; then the pose of every frame of the fold is estimated with that camera fixed, and the cost
+//! of its circles is summed. Neighbouring frames see the same pixels, so blocks are independent, but frames are not.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
@@ -21,30 +20,30 @@ use crate::circles::reference_frame::ReferenceFrame;
 use evcal_geometry::board::Board;
 use evcal_geometry::numerics::huber::huber_cost;
 
-/// What held-out circles cost with one camera model.
+/// Cost of held-out circles with one camera model.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct HeldOutCost {
-    /// Circles held out.
+    /// Number of held-out circles.
     pub count: usize,
     /// Mean Huber's loss of a circle in each block (px²), in the order of the blocks.
     pub block_costs: Vec<f64>,
 }
 
 impl HeldOutCost {
-    /// Mean of the blocks' costs (px²).
+    /// Returns the mean of the blocks' costs (px²).
     pub fn mean(&self) -> f64 {
         self.block_costs.iter().sum::<f64>() / self.block_costs.len().max(1) as f64
     }
 }
 
-/// Blocks of neighbouring frames.
+/// Number of blocks of neighbouring frames.
 const BLOCKS: usize = 20;
-/// Folds, to which the blocks are dealt out; each is held out once.
+/// Number of folds, over which the blocks are distributed; each is held out once.
 const FOLDS: usize = 5;
-/// Views that refine the camera of each fold.
+/// Number of views that refine the camera of each fold.
 const VIEWS: usize = 100;
 
-/// Circles of one frame, all at its time.
+/// Circles of one frame, all at the frame's time.
 #[derive(Clone, Debug)]
 struct SeenFrame {
     points: Vec<BoardPoint>,
@@ -52,14 +51,14 @@ struct SeenFrame {
     pose: Isometry3<f64>,
 }
 
-/// Circles on which camera models are compared: the same for all.
+/// Circles on which camera models are compared, the same for all.
 #[derive(Clone, Debug)]
 pub struct ComparedCircles {
     frames: Vec<SeenFrame>,
 }
 
 impl ComparedCircles {
-    /// The circles of `model`, which came from `frames`.
+    /// Returns the circles of `model`, which was computed from `frames`.
     pub fn new(model: &InitialModel, frames: &[ReferenceFrame], board: &Board) -> Self {
         let seen = |posed: &super::PosedFrame| {
             let t = frames.get(posed.frame)?.t();
@@ -73,12 +72,11 @@ impl ComparedCircles {
     }
 }
 
-/// What the circles cost when they are held out, with cameras of the model of `start`; `None` if a
-/// camera cannot be refined without one of the folds.
+/// Computes the cost of held-out circles, with cameras of the model of `start`; `None` if a camera cannot be refined without one
+/// of the folds.
 ///
-/// `sensor` is (width, height) in pixels. A frame that gets no pose, because the model does not reach
-/// its circles, costs as much as if each were as far from its projection as
-/// [`InitialSettings::max_circle_error`].
+/// `sensor` is (width, height) in pixels. In a frame without a pose, because the model does not reach its circles, each circle
+/// costs as much as if its error were [`InitialSettings::max_circle_error`].
 pub fn held_out(
     circles: &ComparedCircles,
     start: &Camera<f64>,

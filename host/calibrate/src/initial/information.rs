@@ -1,7 +1,7 @@
-//! What views of the board tell about the intrinsics.
+//! Fisher information of views of the board about the intrinsics.
 //!
-//! A view's equations have the camera's parameters and its own pose; the pose is eliminated by the Schur complement,
-//! and what is left is the view's Fisher information of the intrinsics. Information of several views adds up.
+//! The normal equations of a view contain the camera's parameters and the view's pose. Elimination of the pose (Schur complement)
+//! leaves the view's Fisher information about the intrinsics. The information of several views adds up.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::sensor::Sensor;
@@ -14,16 +14,16 @@ use evcal_geometry::numerics::arrow::PoseEquations;
 /// Inverse covariance of a camera's parameters, in their order; rows and columns beyond them are zero.
 pub type Information = SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>;
 
-/// Standard deviation of a circle's centre in a window, in px and in each direction; larger than its scatter, for
-/// neighbouring windows err alike.
+/// Standard deviation of a circle's centre in a window, in px and in each direction; larger than its scatter, because
+/// neighbouring windows have errors in common.
 const CENTER_SIGMA: f64 = 0.24;
-/// What is known before the first view: standard deviations of focal lengths and principal point in px.
+/// Prior standard deviations of focal lengths and principal point, in px.
 const FOCAL_SIGMA: f64 = 100.0;
 const MIDDLE_SIGMA: f64 = 40.0;
-/// The same of a distortion coefficient.
+/// Prior standard deviation of a distortion coefficient.
 const COEFFICIENT_SIGMA: f64 = 0.5;
 
-/// Information that a camera has before the first view.
+/// Returns the prior information about a camera.
 pub fn prior(camera: &Camera<f64>) -> Information {
     let mut information = Information::zeros();
     for index in 0..camera.parameters().len() {
@@ -37,8 +37,8 @@ pub fn prior(camera: &Camera<f64>) -> Information {
     information
 }
 
-/// Information of one view of `points` (board plane, m) at `pose` (`T_camera_world`); `None` where the points do not
-/// fix the pose or the lens does not see one of them.
+/// Returns the information of one view of `points` (board plane, m) at `pose` (`T_camera_world`); `None` if the points do not
+/// determine the pose or one of them is outside the lens's domain.
 pub fn view_information(
     camera: &Camera<f64>,
     pose: &Isometry3<f64>,
@@ -58,8 +58,9 @@ pub fn view_information(
     information.iter().all(|value| value.is_finite()).then_some(information)
 }
 
-/// Root mean square of the projection's standard deviation (px) in each cell of the sensor cut into `columns` × `rows`, row by
-/// row; `None` in cells that the lens does not see, and instead of all where `information` does not fix the parameters.
+/// Returns the root mean square of the projection's standard deviation (px) in each cell of the sensor divided into `columns` ×
+/// `rows`, row by row. A cell outside the lens's domain has `None`; the result is `None` if `information` does not determine the
+/// parameters.
 pub fn sigma_in_cells(
     camera: &Camera<f64>,
     sensor: Sensor,
@@ -86,27 +87,27 @@ pub fn sigma_in_cells(
     Some(sums.into_iter().map(|(sum, seen)| (seen > 0.0).then(|| (sum / seen).max(0.0).sqrt())).collect())
 }
 
-/// Every third pixel of the grid: a mean over 900 places is as good as one over 2,800.
+/// Returns every third pixel of the grid: a mean over 900 positions is as good as one over 2,800.
 fn places(sensor: Sensor) -> Vec<Vector2<f64>> {
     grid(sensor).into_iter().step_by(3).collect()
 }
 
-/// Turns a covariance of parameters into the mean square error of the projection over the sensor.
+/// Converts a covariance of parameters to the mean square error of the projection over the sensor.
 #[derive(Clone, Debug)]
 pub struct ProjectionMeasure {
-    /// Mean over the sensor of CᵀC, C being the change of the projection by the parameters.
+    /// Mean over the sensor of CᵀC, where C is the derivative of the projection by the parameters.
     mean_square: DMatrix<f64>,
 }
 
 impl ProjectionMeasure {
-    /// That of `camera` on `sensor`; `None` when the lens sees next to nothing of it.
+    /// Creates the measure for `camera` on `sensor`; `None` if the lens covers almost nothing of the sensor.
     pub fn new(camera: &Camera<f64>, sensor: Sensor) -> Option<Self> {
         let sensitivity = projection_sensitivity(camera, &places(sensor))?;
         Some(Self { mean_square: sensitivity.squares / sensitivity.seen as f64 })
     }
 
-    /// Root mean square over the sensor of the projection's standard deviation, in px; `None` where `information` does
-    /// not fix the parameters.
+    /// Returns the root mean square over the sensor of the projection's standard deviation, in px; `None` if `information` does
+    /// not determine the parameters.
     pub fn sigma(&self, information: &Information) -> Option<f64> {
         let count = self.mean_square.nrows();
         let information = information.view((0, 0), (count, count)).into_owned();

@@ -1,14 +1,13 @@
-//! Which camera model: the simplest one that predicts what it has not seen as well as any
-//! ([`ModelRequest::Auto`]).
+//! Choice of the camera model: the simplest one that predicts unseen data as well as any other ([`ModelRequest::Auto`]).
 //!
-//! Every candidate goes through the initial stage. The candidate whose model explains the most circles
-//! provides the circles on which all are compared, frame by frame held out of the calibration
-//! ([`crate::initial::held_out`]). The best has the smallest mean cost. Of the candidates whose cost
-//! exceeds the best one's by no more than so many standard errors of the difference, the one with the
-//! fewest parameters is chosen, if possible of those that OpenCV and ROS hold: the one-standard-error rule (Breiman et al. 1984; Hastie, Tibshirani and
-//! Friedman, *The Elements of Statistical Learning*, section 7.10). The standard error is that of the
-//! difference block by block, for what makes a block hard makes it hard for all models. If none of these is held by OpenCV and ROS,
-//! those count too whose excess is too small to matter. A candidate that folds over inside the image counts only where all do.
+//! Every candidate goes through the initial stage. The candidate whose model explains the most circles provides the circles on
+//! which all are compared, frame by frame held out of the calibration ([`crate::initial::held_out`]). The best candidate has the
+//! smallest mean cost. A candidate is as good as the best if its cost exceeds the best one's by at most one standard error of the
+//! difference. Of these, the one with the fewest parameters is chosen, if possible one that OpenCV and ROS support: the
+//! one-standard-error rule (Breiman et al. 1984; Hastie, Tibshirani and Friedman, *The Elements of Statistical Learning*, section
+//! 7.10). The standard error is computed from the difference block by block, because a difficult block is difficult for all
+//! models. If OpenCV and ROS support none of these, their models count too if their excess is too small to matter. A candidate
+//! that folds over inside the image counts only if all do.
 
 use evcal_core::sensor::Sensor;
 use std::fmt;
@@ -36,24 +35,24 @@ pub const CANDIDATES: [ModelKind; 9] = [
     ModelKind::Omni,
 ];
 
-/// Models that OpenCV and ROS hold as they are: plumb bob, rational polynomial and equidistant.
+/// Models that OpenCV and ROS support: plumb bob, rational polynomial and equidistant.
 pub const WIDELY_HELD: [ModelKind; 4] =
     [ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8, ModelKind::KannalaBrandt];
 
-/// The camera model wanted.
+/// The requested camera model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ModelRequest {
-    /// This one.
+    /// A given model.
     Given(ModelKind),
     /// The one of [`CANDIDATES`] that suits the recording.
     Auto,
 }
 
 impl ModelRequest {
-    /// What stands for [`ModelRequest::Auto`].
+    /// Name of [`ModelRequest::Auto`].
     pub const AUTO: &'static str = "auto";
 
-    /// Name of the model, or `auto`.
+    /// Returns the name of the model, or `auto`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Given(kind) => kind.name(),
@@ -70,39 +69,39 @@ impl FromStr for ModelRequest {
     }
 }
 
-/// Standard errors by which a model's held-out cost may exceed the best one's for it to count as being as good.
+/// Largest excess of a model's held-out cost over the best one's, in standard errors, at which it is as good.
 const STANDARD_ERRORS: f64 = 1.0;
-/// If none of the equally good models exists in OpenCV and ROS: by which share of the best cost an OpenCV/ROS model may be worse and
-/// still be taken.
+/// Largest relative excess of an OpenCV/ROS model's cost over the best one's at which it is chosen, if OpenCV and ROS support
+/// none of the equally good models.
 const NEGLIGIBLE: f64 = 1e-3;
 
-/// A candidate's place among the others.
+/// Comparison of a candidate with the best one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Standing {
-    /// Mean cost less that of the best candidate.
+    /// Mean cost minus the mean cost of the best candidate.
     pub excess: f64,
     /// Standard error of `excess`.
     pub standard_error: f64,
-    /// Whether the candidate is as good as the best.
+    /// `true` if the candidate is as good as the best.
     pub as_good: bool,
-    /// Whether it counts although it is worse: by too little to matter.
+    /// `true` if the candidate counts although it is worse, because its excess is too small to matter.
     pub nearly_as_good: bool,
 }
 
-/// A candidate as [`choose`] sees it.
+/// A candidate of [`choose`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
     /// Number of the model's parameters.
     pub parameters: usize,
-    /// Whether OpenCV and ROS hold it.
+    /// `true` if OpenCV and ROS support it.
     pub widely_held: bool,
-    /// Whether its distortion folds over inside the image.
+    /// `true` if its distortion folds over inside the image.
     pub folds: bool,
     /// Its held-out statistics, on the same blocks for all candidates.
     pub held_out: HeldOutCost,
 }
 
-/// Mean and standard error of the mean of `values`; the error is 0 for fewer than two.
+/// Returns mean and standard error of the mean of `values`; the error is 0 for fewer than two.
 fn mean_and_error(values: &[f64]) -> (f64, f64) {
     let count = values.len().max(1) as f64;
     let mean = values.iter().sum::<f64>() / count;
@@ -111,10 +110,10 @@ fn mean_and_error(values: &[f64]) -> (f64, f64) {
     (mean, error)
 }
 
-/// Where each candidate stands, and the position of the chosen one; `None` without candidates.
+/// Compares all candidates and returns the index of the chosen one with the comparisons; `None` without candidates.
 ///
-/// A model that folds over inside the image counts only where all do. One that is widely held goes before one that is not. Of
-/// candidates with equally many parameters, the one with the smaller cost is simpler.
+/// A model that folds over inside the image counts only if all do. Models that OpenCV and ROS support have priority. Of
+/// candidates with equally many parameters, the one with the smaller cost is chosen.
 pub fn choose(candidates: &[Candidate]) -> Option<(usize, Vec<Standing>)> {
     let cost = |candidate: &Candidate| candidate.held_out.mean();
     let best = candidates.iter().min_by(|a, b| a.folds.cmp(&b.folds).then(cost(a).total_cmp(&cost(b))))?;
@@ -143,42 +142,42 @@ pub fn choose(candidates: &[Candidate]) -> Option<(usize, Vec<Standing>)> {
     Some((simplest.0, standings))
 }
 
-/// What became of one candidate.
+/// Result of one candidate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CandidateReport {
     /// Name of the model.
     pub model: String,
     /// Number of its parameters.
     pub parameters: usize,
-    /// Circles held out; 0 for a candidate that failed.
+    /// Number of held-out circles; 0 for a candidate that failed.
     pub count: usize,
-    /// Root of the mean cost of a held-out circle (px).
+    /// Square root of the mean cost of a held-out circle (px).
     pub root_mean_cost: Option<f64>,
-    /// Mean cost less that of the best candidate (px²).
+    /// Mean cost minus the mean cost of the best candidate (px²).
     pub excess: Option<f64>,
     /// Standard error of the excess (px²).
     pub standard_error: Option<f64>,
-    /// Whether it is as good as the best.
+    /// `true` if it is as good as the best.
     pub as_good: bool,
-    /// Whether it counts although it is worse: by too little to matter.
+    /// `true` if it counts although it is worse, because its excess is too small to matter.
     #[serde(default)]
     pub nearly_as_good: bool,
-    /// Whether its distortion folds over inside the image.
+    /// `true` if its distortion folds over inside the image.
     #[serde(default)]
     pub folds: bool,
-    /// Why it failed.
+    /// Reason of its failure.
     pub failure: Option<String>,
 }
 
-/// How a model was chosen.
+/// Result of the choice of a model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelChoice {
     /// Name of the chosen model.
     pub chosen: String,
-    /// Name of the model that the circles chose, where the events showed that it cannot follow the lens.
+    /// Name of the model chosen from circles, if the events showed that it cannot follow the lens.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instead_of: Option<String>,
-    /// Name of the model whose circles all were compared on.
+    /// Name of the model whose circles were used for the comparison.
     pub circles_of: String,
     /// All candidates.
     pub candidates: Vec<CandidateReport>,
@@ -208,12 +207,12 @@ impl fmt::Display for ModelChoice {
 }
 
 impl ModelChoice {
-    /// The choice after the events showed that `better` can follow the lens, and the chosen model cannot.
+    /// Returns the choice after the events showed that `better` can follow the lens, and the chosen model cannot.
     pub fn instead(self, better: ModelKind) -> Self {
         Self { chosen: better.name().to_owned(), instead_of: Some(self.chosen), ..self }
     }
 
-    /// Why the chosen model was, in one sentence.
+    /// Returns the reason of the choice, in one sentence.
     pub fn reason(&self) -> String {
         if let Some(first) = &self.instead_of {
             return format!(
@@ -256,12 +255,12 @@ impl ModelChoice {
     }
 }
 
-/// Tries every one of `models` on `frames` and gives the initial model of the one that suits them.
+/// Tries every one of `models` on `frames` and returns the initial model of the one that suits them.
 ///
-/// `sensor` is (width, height) in pixels; `progress` is told which model is tried.
+/// `sensor` is (width, height) in pixels; `progress` gets the model that is being tried.
 ///
 /// # Errors
-/// That of the first candidate, if none has an initial model.
+/// The error of the first candidate, if none has an initial model.
 pub fn choose_model(
     frames: &[ReferenceFrame],
     board: &Board,
@@ -279,7 +278,7 @@ pub fn choose_model(
             Err(error) => failures.push((kind, error)),
         }
     }
-    // The model that explains most circles; of several, the one that does it best.
+    // The model that explains most circles; of several, the one with the smallest error.
     let most = found.iter().max_by(|(_, a), (_, b)| {
         a.report.circles.used.cmp(&b.report.circles.used).then(b.report.rms.total_cmp(&a.report.rms))
     });
@@ -306,7 +305,7 @@ pub fn choose_model(
         Some((position, standings)) => (compared.get(position).copied(), standings),
         None => (None, Vec::new()),
     };
-    // Without a comparison, the model that explains most circles it is.
+    // Without a comparison, the model that explains most circles is chosen.
     let chosen = chosen.or_else(|| found.iter().position(|(kind, _)| *kind == circles_of)).unwrap_or(0);
     let report = |kind: ModelKind| {
         let blank = CandidateReport {
@@ -381,9 +380,9 @@ mod tests {
         assert!((standings[1].standard_error - (5e-4_f64 / 12.0).sqrt()).abs() < 1e-12, "{standings:?}");
     }
 
-    /// Blocks differ much more than the models do, and still the models are told apart.
+    /// Blocks differ much more than the models do; the difference between the models is still detected.
     #[test]
-    fn what_is_hard_for_all_does_not_hide_a_difference() {
+    fn blocks_that_are_difficult_for_all_do_not_hide_a_difference() {
         let hard = [0.1, 5.0, 0.3, 9.0, 1.0];
         let worse = hard.map(|cost| cost + 0.01);
         let (chosen, standings) = choose(&[candidate(4, &worse), candidate(9, &hard)]).unwrap();
@@ -399,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn a_model_that_others_hold_goes_before_one_that_they_do_not() {
+    fn a_model_that_opencv_and_ros_support_has_priority() {
         let rare = Candidate { widely_held: false, ..candidate(6, &[1.0, 1.2, 0.9]) };
         let held = candidate(8, &[1.01, 1.19, 0.91]);
         let (chosen, standings) = choose(&[rare.clone(), held]).unwrap();
@@ -408,9 +407,9 @@ mod tests {
         assert_eq!(chosen, 0);
     }
 
-    /// A thousandth of the cost, and still many standard errors.
+    /// The difference is a thousandth of the cost, and still many standard errors.
     #[test]
-    fn a_difference_that_does_not_matter_keeps_nobody_from_a_model_that_others_hold() {
+    fn a_model_that_opencv_and_ros_support_is_chosen_despite_a_negligible_difference() {
         let rare = Candidate { widely_held: false, ..candidate(5, &[1.0, 1.2, 0.9]) };
         let slightly_worse = candidate(8, &[1.0009, 1.2010, 0.9011]);
         let simpler = candidate(4, &[1.0007, 1.2008, 0.9009]);
@@ -418,13 +417,13 @@ mod tests {
         assert_eq!(choose(&[rare.clone(), slightly_worse.clone()]), 1);
         let twice_as_bad = candidate(8, &[1.0018, 1.2020, 0.9022]);
         assert_eq!(choose(&[rare.clone(), twice_as_bad]), 0);
-        // One that they hold and that is as good leaves no need for it.
+        // It is not needed if a model that they support is as good as the best.
         let best = candidate(12, &[1.0, 1.2, 0.9]);
         assert_eq!(choose(&[rare, best, simpler, slightly_worse]), 1);
     }
 
     #[test]
-    fn a_model_that_folds_counts_only_where_all_do() {
+    fn a_model_that_folds_counts_only_if_all_do() {
         let folding = |model: &Candidate| Candidate { folds: true, ..model.clone() };
         let (better, worse) = (candidate(12, &[1.0, 1.2, 0.9]), candidate(8, &[1.1, 1.3, 1.02]));
         let (chosen, standings) = choose(&[folding(&better), worse.clone()]).unwrap();
@@ -435,7 +434,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reason_does_not_call_as_good_what_is_nearly_as_good() {
+    fn the_reason_distinguishes_as_good_from_nearly_as_good() {
         let report = |model: &str, as_good, nearly_as_good| CandidateReport {
             model: model.to_owned(),
             parameters: 8,

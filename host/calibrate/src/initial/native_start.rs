@@ -10,22 +10,22 @@ use super::pose::homography_pose;
 use super::settings::{HUBER, InitialSettings};
 use super::sighting::BoardPoint;
 
-/// Which parameters move in each pass of the native start: the focal lengths and the first
-/// distortion coefficient, then everything.
+/// Returns the parameters that are estimated in each pass of the native start: the focal lengths and the first distortion
+/// coefficient, then everything.
 fn passes(parameters: usize) -> [Vec<bool>; 3] {
     let first = |free: &[usize]| (0..parameters).map(|index| free.contains(&index)).collect();
     [first(&[0, 1, 4]), first(&[0, 1, 2, 3, 4, 5]), vec![true; parameters]]
 }
 
-/// Root mean square error that a bad view may add at most when focal lengths are compared, in px.
+/// Largest contribution of a bad view to the root mean square error when focal lengths are compared, in px.
 const VIEW_ERROR_CAP: f64 = 20.0;
 
-/// Number of views that compare focal lengths.
+/// Number of views on which focal lengths are compared.
 const SCAN_VIEWS: usize = 16;
 
-/// A camera of model `kind` without OpenCV: a scan over focal lengths, principal point in the middle
-/// of the sensor, with and without the barrel distortion of ordinary lenses; then bundle refinement
-/// with more and more free parameters.
+/// Computes a camera of model `kind` without OpenCV: a scan over focal lengths, with the principal point in the middle of the
+/// sensor, with and without the barrel distortion of ordinary lenses; then bundle refinement with more and more estimated
+/// parameters.
 pub fn native_start(
     kind: ModelKind,
     views: &[&[BoardPoint]],

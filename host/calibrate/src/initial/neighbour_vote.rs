@@ -1,7 +1,7 @@
-//! Frames vote on their neighbours in time: a frame that most of them contradict is wrong.
+//! Votes of frames on their neighbours in time: a frame that most of its neighbours contradict is wrong.
 //!
-//! No frame is trusted because it came first. The frame with the worst vote leaves, its neighbours'
-//! votes are counted again, and so on until no frame is outvoted.
+//! No frame is trusted because it came first. The frame with the worst vote is removed, its neighbours' votes are counted again,
+//! and so on until no frame is outvoted.
 
 /// Neighbouring frames on each side that vote on a frame.
 const REACH: usize = 3;
@@ -9,7 +9,7 @@ const REACH: usize = 3;
 /// A frame that takes part in a vote.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Voter {
-    /// Recording of the frame; frames of different recordings are no neighbours.
+    /// Recording of the frame; frames of different recordings are not neighbours.
     pub recording: usize,
     /// Time of the frame in seconds.
     pub t: f64,
@@ -27,7 +27,7 @@ impl Tally {
         self.against > self.for_it
     }
 
-    /// Whether this tally speaks more strongly against its frame than `other`.
+    /// Returns `true` if this tally contradicts its frame more strongly than `other`.
     fn worse_than(self, other: Self) -> bool {
         let here = self.against * (other.against + other.for_it);
         let there = other.against * (self.against + self.for_it);
@@ -35,10 +35,10 @@ impl Tally {
     }
 }
 
-/// For each of `voters`, in the order of recording and time, whether it stays.
+/// Returns, for each of `voters` in the order of recording and time, whether it is kept.
 ///
-/// `agree(i, j)` tells whether frames `i` and `j` can both be right, `None` if that cannot be told;
-/// the [`REACH`] nearest frames on each side are asked.
+/// `agree(i, j)` returns whether frames `i` and `j` can both be right, `None` if that is not known; it is called for the
+/// [`REACH`] nearest frames on each side.
 pub fn vote(voters: &[Voter], agree: impl Fn(usize, usize) -> Option<bool>) -> Vec<bool> {
     let mut alive: Vec<usize> = (0..voters.len()).collect();
     let tally = |alive: &[usize], position: usize| {
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_frames_leave_wherever_they_stand() {
+    fn wrong_frames_are_removed_at_any_position() {
         let mut values: Vec<f64> = (0..20).map(|index| (f64::from(index) * 0.4).sin()).collect();
         let wrong = [0, 7, 8, 19];
         for &index in &wrong {

@@ -1,10 +1,9 @@
 //! Pose of the board plane without OpenCV: IPPE in RANSAC.
 //!
-//! A homography gives the plane's first-order image at one of its points. Two rotations explain it (Collins
-//! & Bartoli 2014, *Infinitesimal Plane-Based Pose Estimation*); which of them is right shows in the rest
-//! of the image, and little in a plane that is seen small. Samples of four points give poses; the pose
-//! that most points agree with is fitted again to all that agree (Chum, Matas & Kittler 2003, *Locally
-//! Optimized RANSAC*).
+//! A homography determines the plane's first-order image at one of its points. Two rotations explain it (Collins & Bartoli 2014,
+//! *Infinitesimal Plane-Based Pose Estimation*); the rest of the image shows which of them is right, though only weakly if the
+//! plane appears small. Samples of four points yield poses; the pose with which most points agree is fitted again to all that
+//! agree (Chum, Matas & Kittler 2003, *Locally Optimized RANSAC*).
 
 use nalgebra::{Isometry3, Matrix2, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -12,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 
 use evcal_geometry::board::homography::{MINIMUM_POINTS, homography};
 
-/// A point of the board plane (m) and its image x/z, y/z, free of distortion.
+/// A point of the board plane (m) and its undistorted image x/z, y/z.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlanePoint {
     /// Point on the board.
@@ -24,27 +23,25 @@ pub struct PlanePoint {
 /// The poses of a plane and the points that agree with them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlanarPose {
-    /// `T_camera_world`, the better solution first; a plane seen at a small angle has two that fit
-    /// almost equally well.
+    /// `T_camera_world`, the better solution first; a plane that appears small has two that fit almost equally well.
     pub solutions: Vec<Isometry3<f64>>,
     /// Indices of the points that agree with the better one, ascending.
     pub inliers: Vec<usize>,
 }
 
-/// Probability with which one sample at least was free of wrong points when sampling ends early.
+/// Probability that at least one sample contained no wrong points from which sampling ends early.
 const CONFIDENCE: f64 = 0.999;
 
-/// Most fits of one pose to the points that agree with it.
+/// Largest number of fits of one pose to the points that agree with it.
 const LOCAL_FITS: usize = 3;
 
-/// Squared distance between a point's image and where `pose` puts it; infinite behind the camera.
+/// Returns the squared distance between a point's image and its projection with `pose`; infinite behind the camera.
 fn squared_distance(pose: &Isometry3<f64>, point: &PlanePoint) -> f64 {
     let seen = pose * Point3::new(point.plane.x, point.plane.y, 0.0);
     if seen.z > 0.0 { (seen.xy().coords / seen.z - point.image).norm_squared() } else { f64::INFINITY }
 }
 
-/// Both poses `T_camera_world` of a plane by IPPE, the one that fits better first; empty where the points
-/// determine none.
+/// Returns both poses `T_camera_world` of a plane by IPPE, the one that fits better first; empty if the points determine none.
 pub fn ippe(points: &[PlanePoint]) -> Vec<Isometry3<f64>> {
     let mean = points.iter().map(|point| point.plane).sum::<Vector2<f64>>() / points.len().max(1) as f64;
     let plane: Vec<Vector2<f64>> = points.iter().map(|point| point.plane - mean).collect();
@@ -63,19 +60,18 @@ pub fn ippe(points: &[PlanePoint]) -> Vec<Isometry3<f64>> {
     poses.into_iter().map(|(pose, _)| pose).collect()
 }
 
-/// The two rotations from a plane to the camera that explain the homography `h` to first order at the
-/// plane's origin.
+/// Returns the two rotations from a plane to the camera that explain the homography `h` to first order at the plane's origin.
 fn rotations(h: &Matrix3<f64>) -> Option<[UnitQuaternion<f64>; 2]> {
     let h = h / h[(2, 2)];
     let origin = Vector2::new(h[(0, 2)], h[(1, 2)]);
     let slope = h.fixed_view::<2, 2>(0, 0) - origin * h.fixed_view::<1, 2>(2, 0);
-    // Seen along the ray of the origin, the image is orthographic to first order: there it is the upper
-    // left part of the rotation over the depth, and the largest singular value of that part is 1.
+    // Seen along the ray of the origin, the image is orthographic to first order. There it is the upper left part of the rotation
+    // divided by the depth, and the largest singular value of that part is 1.
     let turn = turn_of_axis(&origin.push(1.0));
     let along = turn.fixed_view::<2, 2>(0, 0) - origin * turn.fixed_view::<1, 2>(2, 0);
     let scaled: Matrix2<f64> = along.try_inverse()? * slope;
     let upper = scaled / scaled.singular_values().max();
-    // What the columns lack to unit length stands in the third row, up to its sign.
+    // The third row completes the columns to unit length, up to its sign.
     let lack = Matrix2::identity() - upper.transpose() * upper;
     let (x, y) = (lack[(0, 0)].max(0.0).sqrt(), lack[(1, 1)].max(0.0).sqrt().copysign(lack[(0, 1)]));
     let rotation = |x: f64, y: f64| {
@@ -87,7 +83,7 @@ fn rotations(h: &Matrix3<f64>) -> Option<[UnitQuaternion<f64>; 2]> {
     Some([rotation(x, y)?, rotation(-x, -y)?])
 }
 
-/// The smallest rotation that takes the optical axis to `direction`, which lies before the camera.
+/// Returns the smallest rotation from the optical axis to `direction`, which is in front of the camera.
 fn turn_of_axis(direction: &Vector3<f64>) -> Matrix3<f64> {
     let to = direction.normalize();
     let part = 1.0 / (1.0 + to.z);
@@ -95,8 +91,8 @@ fn turn_of_axis(direction: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(1.0 - to.x * to.x * part, mixed, to.x, mixed, 1.0 - to.y * to.y * part, to.y, -to.x, -to.y, to.z)
 }
 
-/// The translation for which the plane, turned by `rotation`, is seen at `image`: least squares on the
-/// projection equations times the depth.
+/// Returns the translation at which the plane, rotated by `rotation`, is seen at `image`, by least squares on the projection
+/// equations times the depth.
 fn translation(
     rotation: &UnitQuaternion<f64>,
     plane: &[Vector2<f64>],
@@ -140,12 +136,12 @@ impl Consensus {
         own > others || own == others && self.squares < other.squares
     }
 
-    /// The points themselves.
+    /// Returns the points themselves.
     fn points(&self, points: &[PlanePoint]) -> Vec<PlanePoint> {
         self.inliers.iter().filter_map(|&index| points.get(index).copied()).collect()
     }
 
-    /// Fitted again to the points that agree, as long as that gains.
+    /// Fits the pose again to the points that agree, as long as that improves it.
     fn settled(mut self, points: &[PlanePoint], threshold: f64) -> Self {
         for _ in 0..LOCAL_FITS {
             let fitted = best_consensus(&ippe(&self.points(points)), points, threshold);
@@ -163,7 +159,7 @@ fn best_consensus(poses: &[Isometry3<f64>], points: &[PlanePoint], threshold: f6
     all.reduce(|best, next| if next.better_than(&best) { next } else { best })
 }
 
-/// Four different indices below `count`, which is at least as many.
+/// Returns four different indices below `count`, which is at least four.
 fn sample(count: usize, random: &mut ChaCha8Rng) -> [usize; MINIMUM_POINTS] {
     let mut chosen = [usize::MAX; MINIMUM_POINTS];
     for place in 0..MINIMUM_POINTS {
@@ -177,11 +173,11 @@ fn sample(count: usize, random: &mut ChaCha8Rng) -> [usize; MINIMUM_POINTS] {
     chosen
 }
 
-/// Pose of a plane among wrong points.
+/// Estimates the pose of a plane from points that include wrong ones.
 ///
-/// `threshold` is the largest distance of a point that agrees, in the unit of the images (pixels over focal
-/// length), `iterations` the largest number of samples. The same `seed` gives the same samples. `None`: no
-/// pose with which [`MINIMUM_POINTS`] points agree.
+/// `threshold` is the largest distance of a point that agrees, in the unit of the images (pixels over focal length), `iterations`
+/// the largest number of samples. The same `seed` yields the same samples. Returns `None` if [`MINIMUM_POINTS`] points agree with
+/// no pose.
 pub fn planar_pose(points: &[PlanePoint], threshold: f64, iterations: u16, seed: u64) -> Option<PlanarPose> {
     if points.len() < MINIMUM_POINTS {
         return None;

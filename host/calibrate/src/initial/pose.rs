@@ -11,11 +11,11 @@ use evcal_geometry::numerics::huber::{huber_cost, huber_weight};
 use evcal_geometry::numerics::levenberg_marquardt::{Costed, Schedule, minimise};
 use evcal_geometry::numerics::rigid::step_pose;
 
-/// How a refinement goes.
+/// Schedule of the optimiser.
 const SCHEDULE: Schedule =
     Schedule { first_damping: 1e-4, smallest_damping: 1e-9, largest_damping: 1e6, most_steps: 20, smallest_gain: 1e-9 };
 
-/// Smallest z of a bearing whose x/z, y/z PnP can work with (84° from the optical axis).
+/// Smallest z of a bearing whose x/z, y/z PnP can use (84° from the optical axis).
 const MIN_BEARING_Z: f64 = 0.1;
 
 impl ImagePoint for BoardPoint {
@@ -43,7 +43,7 @@ pub fn cost(camera: &Camera<f64>, pose: &Isometry3<f64>, points: &[BoardPoint], 
     points.iter().map(|point| huber_cost(point.distance(camera, pose).powi(2), huber)).sum()
 }
 
-/// A pose and how well it fits.
+/// A pose with its cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fit {
     /// `T_camera_world`.
@@ -52,8 +52,8 @@ pub struct Fit {
     pub cost: f64,
 }
 
-/// The `T_camera_world` near `start` that minimises Huber's loss of the reprojection errors of
-/// `points`; `None` if `start` puts a point outside the camera's domain or the points do not fix it.
+/// Returns the `T_camera_world` near `start` that minimises Huber's loss of the reprojection errors of `points`; `None` if
+/// `start` puts a point outside the camera's domain or the points do not determine the pose.
 pub fn refine_pose(camera: &Camera<f64>, points: &[BoardPoint], start: &Isometry3<f64>, huber: f64) -> Option<Fit> {
     let mut best = Costed { estimate: *start, cost: cost(camera, start, points, huber) };
     if !best.cost.is_finite() || points.len() < 3 {
@@ -83,7 +83,7 @@ pub fn refine_pose(camera: &Camera<f64>, points: &[BoardPoint], start: &Isometry
     determined.then_some(Fit { pose: best.estimate, cost: best.cost })
 }
 
-/// Those of `points` whose pixel has a bearing before the camera, and their images free of distortion.
+/// Returns the `points` whose pixel has a bearing in front of the camera, with their undistorted images.
 pub fn normalised(camera: &Camera<f64>, points: &[BoardPoint]) -> Vec<(BoardPoint, PlanePoint)> {
     points
         .iter()
@@ -94,8 +94,7 @@ pub fn normalised(camera: &Camera<f64>, points: &[BoardPoint]) -> Vec<(BoardPoin
         .collect()
 }
 
-/// Pose from all points by their homography, refined; without a defence against wrong points other than
-/// Huber's loss.
+/// Estimates the pose from all points by their homography, and refines it; only Huber's loss reduces the effect of wrong points.
 pub fn homography_pose(camera: &Camera<f64>, points: &[BoardPoint], huber: f64) -> Option<Fit> {
     let normalised = normalised(camera, points);
     let plane: Vec<Vector2<f64>> = normalised.iter().map(|(_, point)| point.plane).collect();

@@ -1,4 +1,4 @@
-//! A camera and poses while a recording still goes on: quick, good to some tenths of a pixel.
+//! A camera and poses during a recording: computed quickly, accurate to some tenths of a pixel.
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
@@ -19,8 +19,8 @@ fn points(circles: &[ObservedCircle], board: &Board) -> Vec<BoardPoint> {
     circles.iter().map(point).collect()
 }
 
-/// A camera of model `kind` from the most different of `views`, each the circles of one window; `None` while they are
-/// too few or too much alike.
+/// Computes a camera of model `kind` from the most different of `views`, each the circles of one window; `None` if they are too
+/// few or too similar.
 pub fn provisional_camera(
     views: &[&[ObservedCircle]],
     board: &Board,
@@ -39,7 +39,7 @@ pub fn provisional_camera(
     Some(bundle.camera)
 }
 
-/// `T_camera_world` of the board whose `circles` the camera sees; `None` when they do not tell.
+/// Computes `T_camera_world` of the board whose `circles` the camera sees; `None` if they do not determine it.
 pub fn provisional_pose(camera: &Camera<f64>, circles: &[ObservedCircle], board: &Board) -> Option<Isometry3<f64>> {
     homography_pose(camera, &points(circles, board), HUBER).map(|fit| fit.pose)
 }

@@ -1,8 +1,8 @@
-//! One circle, found again in the events around its projection.
+//! Search for one circle in the events around its projection.
 //!
-//! The projected rim is an ellipse. Events near it are measured along its normal, and a shift and a
-//! change of radius are fitted to them robustly. So a tilted circle needs no circle fit, and the
-//! result is the image of the circle's centre, not the centre of the ellipse.
+//! The projected rim is an ellipse. The distances of nearby events along its normal are measured, and a shift and a change of
+//! radius are fitted to them robustly. So a tilted circle needs no circle fit, and the result is the image of the circle's
+//! centre, not the centre of the ellipse.
 
 use evcal_core::sensor::Sensor;
 use std::f64::consts::TAU;
@@ -15,20 +15,19 @@ use super::settings::CrossValidationSettings;
 use crate::circles::event_pixel::EventPixel;
 use evcal_geometry::board::CircleBoard;
 
-/// Points in which a rim is projected.
+/// Number of points of a projected rim.
 const RIM_POINTS: usize = 24;
 
-/// Rounds of reweighting of a refit.
+/// Number of rounds of reweighting.
 const ROUNDS: usize = 6;
 
-/// Events that the pull of the projection on centre and radius counts for: arcs that are too short to fix them stay in
-/// place.
+/// Weight of the prior that centre and radius are as projected, in events: arcs that are too short to determine them do not move.
 const PULL: f64 = 0.1;
 
 /// Distance from a projected rim within which events belong to it, for a circle at rest (px).
 const RIM_BAND: f64 = 3.0;
 
-/// Most that motion within the window may add to the band (px).
+/// Largest extension of the band by motion within the window (px).
 const MAX_MOTION_BAND: f64 = 4.0;
 
 /// Fewest event pixels of each polarity.
@@ -74,8 +73,8 @@ impl ProjectedCircle {
             axes += *slot * direction.transpose() * (2.0 / RIM_POINTS as f64);
         }
         let bounds = rim.iter().fold([rim[0]; 2], |[low, high], point| [low.inf(point), high.sup(point)]);
-        // Equal steps on the board are not equal steps on the ellipse, so its middle is the centre of
-        // area of the rim, not the mean of its points.
+        // Equal steps on the board are not equal steps on the ellipse, so its middle is the centre of area of the rim, not the
+        // mean of its points.
         let origin = rim[0];
         let mut area = 0.0;
         let mut moment = Vector2::zeros();
@@ -90,12 +89,12 @@ impl ProjectedCircle {
         (middle.iter().all(|value| value.is_finite()) && axes.determinant() != 0.0).then_some(projected)
     }
 
-    /// Radius in pixels of the circle with the area of the ellipse.
+    /// Returns the radius in pixels of the circle with the area of the ellipse.
     pub fn radius(&self) -> f64 {
         self.axes.determinant().abs().sqrt()
     }
 
-    /// Half of the ellipse's smaller diameter in pixels.
+    /// Returns half of the ellipse's smaller diameter in pixels.
     fn smaller_radius(&self) -> f64 {
         self.axes.singular_values().min()
     }
@@ -115,7 +114,7 @@ pub struct PixelRows {
 }
 
 impl PixelRows {
-    /// Sorts the pixels of a frame into rows.
+    /// Sorts the pixels of a frame by row.
     pub fn new(pixels: &[EventPixel]) -> Self {
         let mut pixels = pixels.to_vec();
         pixels.sort_unstable_by_key(|pixel| (pixel.y(), pixel.x(), pixel.polarity().index()));
@@ -124,9 +123,9 @@ impl PixelRows {
         Self { pixels, row_starts }
     }
 
-    /// Pixels in the rectangle from `low` to `high`.
+    /// Returns the pixels in the rectangle from `low` to `high`.
     fn within(&self, low: Vector2<f64>, high: Vector2<f64>) -> impl Iterator<Item = (Vector2<f64>, Polarity)> + '_ {
-        // Casts saturate: what is left of or above the sensor becomes row 0.
+        // Casts saturate: positions left of or above the sensor become row 0.
         let first = low.y.ceil() as usize;
         let rows = (high.y.floor() as usize + 1).saturating_sub(first);
         let starts = self.row_starts.iter().skip(first);
@@ -141,18 +140,18 @@ impl PixelRows {
     }
 }
 
-/// Why a circle did not pass.
+/// Reasons why a circle was rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rejection {
     /// A part of its rim is outside the sensor or the camera's domain.
     OutsideSensor,
     /// Too few events of one polarity near its rim.
     TooFewEvents,
-    /// The events lie elsewhere than the model expects, or do not form the rim of a moving dot.
+    /// The events are not at the predicted position, or do not form the rim of a moving dot.
     Disagrees,
 }
 
-/// A circle found again.
+/// A circle that was found in the events.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RefitCircle {
     /// Image of the circle's centre.
@@ -161,14 +160,14 @@ pub struct RefitCircle {
     pub radius: f64,
 }
 
-/// What one frame's refit needs to know.
+/// Data of one frame.
 pub struct Frame<'a> {
     /// The camera.
     pub camera: &'a Camera<f64>,
     /// `T_camera_world` at the time of the frame.
     pub pose: Isometry3<f64>,
-    /// Poses `T_camera_world` shortly before and after, and the part of the way between them that
-    /// the window of this frame spans; `None` where no neighbour tells.
+    /// Poses `T_camera_world` shortly before and after, and the fraction of the time between them that the window of this frame
+    /// spans; `None` without a neighbour.
     pub motion: Option<(Isometry3<f64>, Isometry3<f64>, f64)>,
     /// Width and height in pixels.
     pub sensor: Sensor,
@@ -176,7 +175,7 @@ pub struct Frame<'a> {
     pub pixels: &'a PixelRows,
 }
 
-/// Looks for circle `index` of the board in a frame's events.
+/// Searches for circle `index` of the board in a frame's events.
 pub fn refit_circle(
     frame: &Frame<'_>,
     board: &CircleBoard,
@@ -192,7 +191,7 @@ pub fn refit_circle(
             |pose: Isometry3<f64>| frame.camera.project(&(pose * Point3::new(object.x, object.y, 0.0)).coords);
         Some((project(after)? - project(before)?) * part)
     });
-    // Within the window the rim moves half the motion to either side.
+    // Within the window the rim moves by half the motion to either side.
     let half_motion = motion.map_or(0.0, |motion| (motion.norm() / 2.0).min(MAX_MOTION_BAND));
     let gap = (board.neighbour_distance() / board.radius - 2.0) * circle.smaller_radius();
     let band = (RIM_BAND + half_motion).min(0.45 * gap).min(0.8 * circle.smaller_radius());
@@ -205,8 +204,7 @@ pub fn refit_circle(
         let unit = inverse * (pixel - circle.middle);
         let gradient = inverse.transpose() * unit;
         let slope = gradient.norm();
-        // First order in the distance: |u|² - 1 over the length of its gradient, from the middle of
-        // both ways to write it.
+        // First order in the distance: |u|² − 1 over the length of its gradient, as the mean of its two expressions.
         let distance = (unit.norm() - 1.0) * unit.norm() / slope;
         if distance.abs() <= band {
             events.push((distance, gradient / slope, polarity));
@@ -216,7 +214,7 @@ pub fn refit_circle(
     if count(Polarity::On) < MIN_EVENTS || count(Polarity::Off) < MIN_EVENTS {
         return Err(Rejection::TooFewEvents);
     }
-    // A dot that moves has ON events on one side and OFF events on the other.
+    // A moving dot has ON events on one side and OFF events on the other.
     let side = |polarity| -> Vector2<f64> { events.iter().filter(|e| e.2 == polarity).map(|e| e.1).sum() };
     if side(Polarity::On).dot(&side(Polarity::Off)) >= 0.0 {
         return Err(Rejection::Disagrees);

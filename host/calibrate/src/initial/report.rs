@@ -1,19 +1,19 @@
-//! What happened to the frames on their way to the initial model, and why it failed.
+//! Statistics of the initial model, and the reasons of a failure.
 
 use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// Why a reference frame is not part of the initial model.
+/// Reasons why a reference frame is not part of the initial model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DropReason {
     /// Fewer circles than [`super::InitialSettings::min_circles`].
     TooFewCircles,
-    /// The circles are seen as in a mirror.
+    /// The circles appear mirrored.
     Mirrored,
-    /// Rotation gate: the rows point elsewhere than in the neighbouring frames.
+    /// Rotation gate: the direction of the rows contradicts the neighbouring frames.
     RowsTurned,
     /// PnP found no pose.
     NoPose,
@@ -30,7 +30,7 @@ pub enum DropReason {
 }
 
 impl DropReason {
-    /// The step that drops for this reason.
+    /// Returns the step that drops for this reason.
     pub fn step(self) -> Step {
         match self {
             Self::TooFewCircles => Step::Circles,
@@ -79,14 +79,14 @@ pub enum Step {
 pub struct DroppedFrame {
     /// Index of the frame in the input.
     pub frame: usize,
-    /// Why.
+    /// The reason.
     pub reason: DropReason,
 }
 
-/// What happened to single circles in the frames that stay.
+/// Counts of circles in the frames that are kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ValidationCounts {
-    /// Circles of the frames that came to the cross-validation, or stay without events to check them.
+    /// Circles of the frames that reached the cross-validation, or that are kept without events to check them.
     pub seen: usize,
     /// Circles that do not agree with their frame's pose.
     pub outliers: usize,
@@ -102,46 +102,46 @@ pub struct ValidationCounts {
     pub used: usize,
 }
 
-/// How OpenCV's calibration went.
+/// Statistics of OpenCV's calibration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OpencvStart {
-    /// Views it got and views it was left with after the worst had been taken away.
+    /// Number of views that it got, and number of views left after the worst were removed.
     pub views: (usize, usize),
     /// Its root mean square error in pixels; `None` if it failed.
     pub rms: Option<f64>,
-    /// Why it failed, or why its result was not used.
+    /// Reason of its failure, or why its result was not used.
     pub failure: Option<String>,
 }
 
-/// How the initial model came about.
+/// Statistics of the initial model.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct InitialReport {
-    /// Frames that came in.
+    /// Number of input frames.
     pub frames_in: usize,
-    /// Frames that are part of the model.
+    /// Number of frames in the model.
     pub frames_out: usize,
     /// The other frames, ordered by index.
     pub dropped: Vec<DroppedFrame>,
-    /// What happened to single circles.
+    /// Counts of circles.
     pub circles: ValidationCounts,
-    /// Frames of a symmetric board whose circles were renamed by a turn of the board.
+    /// Number of frames of a symmetric board whose circles were renumbered by a rotation of the board.
     pub turned: usize,
-    /// Circles that belong to another time than their frame but whose velocity is unknown.
+    /// Number of circles whose time differs from their frame's but whose velocity is unknown.
     pub without_velocity: usize,
-    /// OpenCV's calibration; `None` where the camera did not start from it.
+    /// OpenCV's calibration; `None` if the camera did not start from it.
     pub opencv: Option<OpencvStart>,
-    /// Whether the camera started from the native estimate instead of OpenCV's.
+    /// `true` if the camera started from the native estimate instead of OpenCV's.
     pub native_start: bool,
-    /// Views of the last bundle refinement.
+    /// Number of views in the last bundle refinement.
     pub bundle_views: usize,
-    /// Steps of the last bundle refinement.
+    /// Number of steps of the last bundle refinement.
     pub bundle_steps: usize,
     /// Root mean square distance between circles and their projections over all frames, in pixels.
     pub rms: f64,
 }
 
 impl InitialReport {
-    /// For each step, in order, how many frames it dropped and why.
+    /// Returns the number of frames that each step dropped, by reason, in the order of the steps.
     pub fn dropped_by_step(&self) -> BTreeMap<Step, BTreeMap<DropReason, usize>> {
         let mut steps: BTreeMap<Step, BTreeMap<DropReason, usize>> = BTreeMap::new();
         for dropped in &self.dropped {
@@ -150,7 +150,7 @@ impl InitialReport {
         steps
     }
 
-    /// How many frames fell away for each reason, most frequent first.
+    /// Returns the number of dropped frames for each reason, most frequent first.
     pub fn dropped_by_reason(&self) -> Vec<(DropReason, usize)> {
         let mut counts: BTreeMap<DropReason, usize> = BTreeMap::new();
         for dropped in &self.dropped {
@@ -161,7 +161,7 @@ impl InitialReport {
         counts
     }
 
-    /// The reasons for dropped frames in words, most frequent first.
+    /// Returns the reasons for dropped frames in words, most frequent first.
     pub fn reasons(&self) -> String {
         let words: Vec<String> =
             self.dropped_by_reason().iter().map(|(reason, count)| format!("{count} {reason}")).collect();
@@ -169,7 +169,7 @@ impl InitialReport {
     }
 }
 
-/// Why there is no initial model, and what to do.
+/// Reasons why there is no initial model, with remedies.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InitialError {
     /// Too few frames are left.
@@ -178,13 +178,13 @@ pub enum InitialError {
          or move the board more slowly and keep it wholly in view"
     )]
     TooFewFrames {
-        /// Frames that came in.
+        /// Number of input frames.
         found: usize,
-        /// Frames that are left.
+        /// Number of remaining frames.
         left: usize,
-        /// Frames that are needed.
+        /// Number of required frames.
         needed: usize,
-        /// Why the others fell away.
+        /// Reasons why the others were dropped.
         reasons: String,
     },
     /// Most frames show the board mirrored.
@@ -193,23 +193,23 @@ pub enum InitialError {
          described with the wrong layout; flip x in the recording or correct the board"
     )]
     Mirrored {
-        /// Frames with a mirrored board.
+        /// Number of frames with a mirrored board.
         mirrored: usize,
-        /// Frames that came in.
+        /// Number of input frames.
         found: usize,
     },
-    /// No start gave a camera, or its refinement diverged.
+    /// No start yielded a camera, or its refinement diverged.
     #[error(
         "no camera fits the {views} selected views ({reason}): check rows, columns and spacing of the board, and \
          the camera model"
     )]
     NoCamera {
-        /// Views that were tried.
+        /// Number of views that were tried.
         views: usize,
-        /// What went wrong.
+        /// The reason.
         reason: String,
     },
-    /// The views do not fix the focal length.
+    /// The views do not determine the focal length.
     #[error(
         "the views are too much alike: the focal length is known to {percent:.0} % only; tilt the board by 20 to 50 \
          degrees to all sides and vary its distance"

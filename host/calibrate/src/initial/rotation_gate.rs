@@ -1,8 +1,8 @@
-//! Rotation gate (paper III): the rows of the pattern cannot turn faster than a hand turns them.
+//! Rotation gate (paper III): the rows of the pattern cannot rotate faster than a hand rotates them.
 //!
-//! Mirrored boards leave first. Where the board looks the same after a turn of 180° (or 90°), the
-//! grid stage cannot know which circle is the first: then rows are compared up to such a turn, and
-//! the frames that stay are chained so that the rows turn as little as possible from frame to frame.
+//! Mirrored boards are removed first. If the board looks the same after a rotation by 180° (or 90°), the grid stage cannot know
+//! which circle is the first. Rows are then compared up to such a rotation, and the frames that are kept are chained so that the
+//! rows rotate as little as possible from frame to frame.
 
 use std::f64::consts::{PI, TAU};
 
@@ -18,17 +18,17 @@ use evcal_geometry::board::Board;
 use evcal_geometry::board::symmetry::{Symmetry, symmetries};
 use evcal_geometry::numerics::statistics::median;
 
-/// Turn of a row that noise and perspective explain at any rate (rad).
+/// Rotation of a row that noise and perspective explain at any rate (rad).
 const ROW_ANGLE_FLOOR: f64 = 0.1;
 
-/// For each turn of the board in its plane that maps it onto itself: the new index of every circle.
-/// The first turn is none.
+/// Returns, for each rotation of the board in its plane that maps it onto itself, the new index of every circle. The first one is
+/// the identity.
 fn board_turns(board: &Board) -> Vec<Vec<usize>> {
     let points = |symmetry: Symmetry| symmetry.points.into_iter().map(usize::from).collect();
     symmetries(board).into_iter().map(points).collect()
 }
 
-/// The affine map from the board to pixels that fits best; `None` for circles in one line.
+/// Returns the best-fitting affine map from the board to pixels; `None` for circles in one line.
 fn board_map(circles: &[ObservedCircle], board: &Board) -> Option<Matrix2<f64>> {
     let mut normal = Matrix3::zeros();
     let mut right = [Vector3::zeros(), Vector3::zeros()];
@@ -43,14 +43,14 @@ fn board_map(circles: &[ObservedCircle], board: &Board) -> Option<Matrix2<f64>> 
     Some(Matrix2::new(x.x, x.y, y.x, y.y)).filter(|map| map.iter().all(|value| value.is_finite()))
 }
 
-/// Whether the circles are seen as in a mirror. A board seen from its front never is: its x, y and
-/// the image's x, y have the same sense of rotation.
+/// Returns `true` if the circles appear mirrored. A board seen from its front never does: its x, y and the image's x, y have the
+/// same sense of rotation.
 fn mirrored(circles: &[ObservedCircle], board: &Board) -> bool {
     board_map(circles, board).is_some_and(|map| map.determinant() < 0.0)
 }
 
-/// Direction in the image, in rad, of each row of the pattern in which at least two circles were
-/// seen; `turn` gives the circles' indices.
+/// Returns the direction in the image, in rad, of each row of the pattern with at least two observed circles; `turn` contains the
+/// circles' indices.
 fn row_angles(circles: &[ObservedCircle], pattern: Pattern, turn: &[usize]) -> Vec<Option<f64>> {
     #[derive(Clone, Copy, Default)]
     struct Row {
@@ -80,39 +80,39 @@ fn row_angles(circles: &[ObservedCircle], pattern: Pattern, turn: &[usize]) -> V
         .collect()
 }
 
-/// `angle` brought to (-period/2, period/2].
+/// Wraps `angle` to (−period/2, period/2].
 fn wrap(angle: f64, period: f64) -> f64 {
     let wrapped = angle.rem_euclid(period);
     if wrapped > period / 2.0 { wrapped - period } else { wrapped }
 }
 
-/// Median over the rows that both frames have of the turn from `a` to `b`, up to `period`.
+/// Returns the median over the common rows of both frames of the rotation from `a` to `b`, up to `period`.
 fn turn_between(a: &[Option<f64>], b: &[Option<f64>], period: f64) -> Option<f64> {
     let differences: Vec<f64> = a.iter().zip(b).filter_map(|(a, b)| Some((*b)? - (*a)?)).collect();
-    // The rows of a board that is turned by half a turn differ by almost π either way: wrap around
-    // the first row's difference, not around zero.
+    // The rows of a board that is rotated by half a turn differ by almost π either way: wrap around the first row's difference,
+    // not around zero.
     let first = *differences.first()?;
     let mut around: Vec<f64> = differences.iter().map(|difference| wrap(difference - first, TAU)).collect();
     median(&mut around, f64::total_cmp).map(|median| wrap(first + median, period))
 }
 
-/// What the gate found.
+/// Result of the gate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RotationGate {
-    /// For each sighting why it has to leave; `None` if it stays.
+    /// For each sighting the reason why it is dropped; `None` if it is kept.
     pub verdicts: Vec<Option<DropReason>>,
-    /// How many of those that stay had their circles renamed by a turn of the board.
+    /// Number of kept sightings whose circles were renumbered by a rotation of the board.
     pub turned: usize,
 }
 
-/// Judges `sightings` (in the order of recording and time) by the directions of their rows, and gives
-/// the circles of symmetric boards indices that are continuous in time.
+/// Checks `sightings` (in the order of recording and time) by the directions of their rows, and numbers the circles of symmetric
+/// boards continuously in time.
 pub fn rotation_gate(sightings: &mut [Sighting], board: &Board, settings: &InitialSettings) -> RotationGate {
     let pattern = board.lattice();
     let turns = board_turns(board);
     let period = TAU / turns.len() as f64;
     let mirrored: Vec<bool> = sightings.iter().map(|sighting| mirrored(&sighting.circles, board)).collect();
-    // Row angles per sighting and turn.
+    // Row angles per sighting and rotation.
     let angles: Vec<Vec<Vec<Option<f64>>>> = sightings
         .iter()
         .map(|sighting| turns.iter().map(|turn| row_angles(&sighting.circles, pattern, turn)).collect())
@@ -128,7 +128,7 @@ pub fn rotation_gate(sightings: &mut [Sighting], board: &Board, settings: &Initi
         let elapsed = voters.get(b)?.t - voters.get(a)?.t;
         let bound = ROW_ANGLE_FLOOR + settings.max_row_rate * elapsed.abs();
         let unturned = |index: usize| angles.get(*upright.get(index)?)?.first();
-        // Rows of a turned frame can only be compared with the rows that they become.
+        // Rows of a rotated frame can only be compared with the rows that they become.
         let turn = angles
             .get(*upright.get(b)?)?
             .iter()
@@ -146,8 +146,8 @@ pub fn rotation_gate(sightings: &mut [Sighting], board: &Board, settings: &Initi
     RotationGate { verdicts, turned }
 }
 
-/// Renames the circles of the kept sightings so that rows turn by less than half a period from one to
-/// the next; in each recording as many as possible keep their names. Returns how many were renamed.
+/// Renumbers the circles of the kept sightings so that rows rotate by less than half a period from one to the next; in each
+/// recording as many as possible keep their numbers. Returns how many were renumbered.
 fn chain(
     sightings: &mut [Sighting],
     verdicts: &[Option<DropReason>],
@@ -180,7 +180,7 @@ fn chain(
     while let Some(first) = sightings.get(start) {
         let recording = first.recording;
         let length = sightings.iter().skip(start).take_while(|sighting| sighting.recording == recording).count();
-        // Turn all frames of the recording back by the turn that most of them got.
+        // Rotate all frames of the recording back by the rotation that most of them got.
         let mut votes = vec![0_usize; turns.len()];
         for turn in chosen.iter().skip(start).take(length).flatten() {
             votes[*turn] += 1;
@@ -189,7 +189,7 @@ fn chain(
         let back = most.map_or(0, |(turn, _)| turn);
         for (sighting, turn) in sightings.iter_mut().zip(&chosen).skip(start).take(length) {
             let Some(turn) = turn else { continue };
-            // Turns are multiples of a period, so their differences are turns again.
+            // Rotations are multiples of a period, so their differences are rotations again.
             let turn = (turn + turns.len() - back) % turns.len();
             if turn == 0 {
                 continue;
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn mirrored_and_turned_frames_leave_even_if_they_come_first() {
+    fn mirrored_and_rotated_frames_are_dropped_even_if_they_come_first() {
         let board: Board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
         let columns = usize::from(board.lattice().columns);
         let mut sightings: Vec<Sighting> = (0..30)
@@ -276,12 +276,12 @@ mod tests {
             let turns = board_turns(&board);
             let mut sightings: Vec<Sighting> = (0..60)
                 .map(|step| {
-                    // Two full turns of the board, with names that change now and then.
+                    // Two full rotations of the board, with numbers that change now and then.
                     let turn = &turns[usize::from(step % 7 == 3) * quarter];
                     sighting(&board, f64::from(step) * 0.02, f64::from(step) * 0.2, |index| turn[index])
                 })
                 .collect();
-            // A frame in which the rows point somewhere else does not break the chain.
+            // A frame in which the rows have another direction does not break the chain.
             sightings[30] = sighting(&board, 0.6, 6.0 + 0.8, identity);
             let gate = rotation_gate(&mut sightings, &board, &InitialSettings::default());
             assert_eq!(gate.verdicts.iter().filter(|verdict| verdict.is_none()).count(), 59, "{text}");

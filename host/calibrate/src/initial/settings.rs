@@ -1,4 +1,4 @@
-//! Thresholds of the initial model.
+//! Settings of the initial model.
 
 use std::fmt::Debug;
 
@@ -16,14 +16,14 @@ use evcal_geometry::board::Board;
 use evcal_geometry::board::homography::MINIMUM_POINTS;
 use evcal_geometry::numerics::statistics::median;
 
-/// Finds a first camera and the pose of a plane.
+/// Algorithm that computes a first camera and the pose of a plane.
 ///
-/// [`NativeStart`](super::NativeStart) is part of this crate; `evcal-opencv` has the other one.
+/// [`NativeStart`](super::NativeStart) is part of this crate; `evcal-opencv` contains the other one.
 pub trait Start: Debug + Send + Sync {
-    /// Name for people.
+    /// Returns the name for messages.
     fn name(&self) -> &'static str;
 
-    /// A first camera of model `kind` from some `views` of the board.
+    /// Computes a first camera of model `kind` from some `views` of the board.
     fn camera(
         &self,
         kind: ModelKind,
@@ -32,12 +32,12 @@ pub trait Start: Debug + Send + Sync {
         settings: &InitialSettings,
     ) -> StartedCamera;
 
-    /// `T_camera_world` of a plane of which some points may be wrong, by at most `iterations` samples. Points within `threshold` of
-    /// their image, in units of the focal length, agree.
+    /// Estimates `T_camera_world` of a plane from points that include wrong ones, with at most `iterations` samples. Points
+    /// within `threshold` of their image, in units of the focal length, agree.
     fn plane_pose(&self, points: &[PlanePoint], threshold: f64, iterations: u16) -> Option<PlanarPose>;
 }
 
-/// Starts are equal that have the same name.
+/// Starts with the same name are equal.
 impl PartialEq for dyn Start {
     fn eq(&self, other: &Self) -> bool {
         self.name() == other.name()
@@ -47,9 +47,9 @@ impl PartialEq for dyn Start {
 /// A first camera.
 #[derive(Clone, Debug)]
 pub struct StartedCamera {
-    /// The camera; `None` where none was found.
+    /// The camera; `None` if none was found.
     pub camera: Option<Camera<f64>>,
-    /// How the calibration of OpenCV went; `None` for the native start.
+    /// Statistics of OpenCV's calibration; `None` for the native start.
     pub opencv: Option<OpencvStart>,
 }
 
@@ -58,25 +58,25 @@ settings! {
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct InitialSettings {
-        /// What the first camera and the poses of frames start from; `None` is the native start. Not in settings files: all
-        /// reach the same camera.
+        /// Start of the first camera and the poses of frames; `None` is the native start. Not in settings files: all starts lead
+        /// to the same camera.
         #[serde(skip)]
         pub start: Option<&'static dyn Start> = None;
         /// Fewest circles of a usable frame, and fewest that must agree with its pose. Not in settings files: small boards have
         /// fewer.
         #[serde(skip)]
         pub min_circles: usize = 8;
-        /// Fewest frames from which a camera is estimated. Not in settings files: one is enough where the camera is known.
+        /// Fewest frames from which a camera is estimated. Not in settings files: one is enough if the camera is known.
         #[serde(skip)]
         pub min_frames: usize = 10;
-        /// Largest distance of a circle from its projection (px); beyond, it is left out of its frame. Not in settings files: it
-        /// grows with the circles.
+        /// Largest distance of a circle from its projection (px); a circle with a larger one is excluded from its frame. Not in
+        /// settings files: it grows with the circles.
         #[serde(skip)]
         pub max_circle_error: f64 = 3.0;
         /// Largest root mean square error of a frame (px). Not in settings files: it grows with the circles.
         #[serde(skip)]
         pub max_frame_rms: f64 = 2.0;
-        /// Rotation gate: fastest turn of the pattern's rows in the image.
+        /// Rotation gate: fastest rotation of the pattern's rows in the image.
         pub max_row_rate: f64 = 20.0, "rad/s", above(0.0);
         /// Velocity gate: fastest motion between board and camera.
         pub max_speed: f64 = 5.0, "m/s", above(0.0);
@@ -89,23 +89,23 @@ settings! {
 
 /// Distance from which an observation of a circle counts linearly instead of squared (px).
 pub const HUBER: f64 = 0.5;
-/// Views of the first calibration.
+/// Number of views in the first calibration.
 pub const START_VIEWS: usize = 24;
 /// Largest root mean square error of a first calibration that counts as good (px).
 pub const MAX_START_RMS: f64 = 1.0;
-/// Longest time between two frames over which their motion is judged (s).
+/// Longest time between two frames over which their motion is checked (s).
 pub const MAX_MOTION_GAP: f64 = 0.1;
 
-/// Radius of circles up to which the gates of pixels are as stated (px). What perspective, distortion and motion within a window do to the
-/// centre of a circle's image grows with it.
+/// Radius of circles up to which pixel thresholds have their nominal value (px). The effect of perspective, distortion and motion
+/// within a window on the centre of a circle's image grows with the radius.
 const USUAL_RADIUS: f64 = 12.0;
 
-/// How much further from where they are expected circles may be in frames of a rolling shutter.
+/// Factor on the distance thresholds of circles in frames of a rolling shutter.
 const ROWS_IN_TURN: f64 = 10.0;
 
 impl InitialSettings {
-    /// As they are for `frames` of `board`: small boards may be used when they are complete, and large circles may be further from where
-    /// they are expected.
+    /// Adapts the settings to `frames` of `board`: small boards may be used if they are complete, and large circles may be
+    /// further from their predicted positions.
     pub fn of_frames(&self, frames: &[ReferenceFrame], board: &Board) -> Self {
         let mut radii: Vec<f64> =
             frames.iter().flat_map(|frame| &frame.circles).filter_map(|circle| circle.radius).collect();
@@ -118,7 +118,8 @@ impl InitialSettings {
         }
     }
 
-    /// As they are for frames whose rows may be exposed one after the other: while the board moves, no pose explains all of it well.
+    /// Adapts the settings to frames whose rows may be exposed one after the other: while the board moves, no pose explains all
+    /// of it well.
     pub fn of_rows_in_turn(&self) -> Self {
         Self {
             max_circle_error: self.max_circle_error * ROWS_IN_TURN,
@@ -129,7 +130,7 @@ impl InitialSettings {
 }
 
 settings! {
-    /// Circles found again where the first model expects them.
+    /// Search for circles at the positions that the first model predicts.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct CrossValidationSettings {
@@ -149,9 +150,9 @@ mod tests {
     use super::*;
     use crate::circles::reference_frame::{ObservedCircle, SeenIn};
 
-    /// Dots of 35 mm half a metre away are 22 px large; with the bound of small ones, no frame of theirs had a pose.
+    /// Dots of 35 mm half a metre away are 22 px large; with the thresholds for small dots, none of their frames had a pose.
     #[test]
-    fn gates_of_pixels_grow_with_large_circles() {
+    fn pixel_thresholds_grow_with_large_circles() {
         let board: Board = "circles:3x4:90mm:r35mm".parse().unwrap();
         let of_radius = |radius: Option<f64>| {
             let circle = ObservedCircle { index: 0, t: 0.0, center: Vector2::zeros(), radius, velocity: None };

@@ -1,4 +1,4 @@
-//! A reference frame on its way through the initial model: its circles as point pairs.
+//! A reference frame in the initial stage, with its circles as point pairs.
 
 use std::collections::BTreeMap;
 
@@ -7,8 +7,7 @@ use nalgebra::Vector2;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use evcal_geometry::board::Board;
 
-/// Circles whose time differs from their frame's by less than this many seconds are not moved: no
-/// event has a finer time.
+/// Time difference between a circle and its frame (s) below which the circle is not moved: events have no finer times.
 const SAME_TIME: f64 = 1e-6;
 
 fn has_own_time(circle: &ObservedCircle, frame_t: f64) -> bool {
@@ -24,7 +23,7 @@ pub struct BoardPoint {
     pub image: Vector2<f64>,
 }
 
-/// What is kept of a reference frame while the initial model is made.
+/// Data of a reference frame in the initial stage.
 #[derive(Clone, Debug)]
 pub struct Sighting {
     /// Index of the frame in the input.
@@ -49,7 +48,7 @@ impl Sighting {
     }
 }
 
-/// Circles that belong to the board and are finite, each index once, in the order of their indices.
+/// Returns the circles that belong to the board and are finite, each index once, in the order of their indices.
 fn valid_circles(frame: &ReferenceFrame, board: &Board) -> Vec<ObservedCircle> {
     let finite = |circle: &ObservedCircle| {
         circle.t.is_finite()
@@ -63,7 +62,7 @@ fn valid_circles(frame: &ReferenceFrame, board: &Board) -> Vec<ObservedCircle> {
     circles
 }
 
-/// The sightings of all frames in the order of recording and time; `points` stay empty.
+/// Returns the sightings of all frames in the order of recording and time, with empty `points`.
 pub fn sightings(frames: &[ReferenceFrame], board: &Board) -> Vec<Sighting> {
     let mut sightings: Vec<Sighting> = frames
         .iter()
@@ -80,9 +79,8 @@ pub fn sightings(frames: &[ReferenceFrame], board: &Board) -> Vec<Sighting> {
     sightings
 }
 
-/// Gives circles with a time of their own the velocity that the same circle shows between the
-/// neighbouring frames, if the circle file gave none and a neighbour is at most `max_gap` seconds
-/// away.
+/// Sets the velocity of circles with times of their own to the velocity of the same circle between the neighbouring frames, if
+/// the circle file contains none and a neighbour is at most `max_gap` seconds away.
 pub fn estimate_velocities(sightings: &mut [Sighting], max_gap: f64) {
     let tracks: Vec<BTreeMap<usize, (f64, Vector2<f64>)>> = sightings
         .iter()
@@ -108,8 +106,7 @@ pub fn estimate_velocities(sightings: &mut [Sighting], max_gap: f64) {
 
 /// Moves every circle to the time of its frame along its velocity and pairs it with its board point.
 ///
-/// Returns how many circles belong to another time than their frame but have no velocity; they are
-/// left where they are.
+/// Returns the number of circles whose time differs from their frame's but which have no velocity; they are not moved.
 pub fn pair_points(sightings: &mut [Sighting], board: &Board) -> usize {
     let mut without_velocity = 0;
     for sighting in sightings {
@@ -167,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn a_circle_that_nothing_moves_is_counted_and_foreign_or_broken_circles_fall_away() {
+    fn a_circle_without_velocity_is_counted_and_invalid_circles_are_dropped() {
         let board: Board = "circles:3x6:40mm:r10mm".parse().unwrap();
         let frames = [frame(0.0, &[(1, 0.001, 10.0), (18, 0.0, 1.0), (3, 0.0, f64::NAN)])];
         let mut sightings = sightings(&frames, &board);

@@ -1,4 +1,4 @@
-//! The native start, and which start counts.
+//! The native start, and the selection of the start.
 
 use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
@@ -36,7 +36,7 @@ impl Start for NativeStart {
     }
 }
 
-/// The start that the settings name, else the native one.
+/// Returns the start in the settings, or the native one.
 pub fn start_of(settings: &InitialSettings) -> &'static dyn Start {
     settings.start.unwrap_or(&NativeStart { seed: 0 })
 }

@@ -46,13 +46,13 @@ fn every_model_comes_back_from_noisy_partial_boards_with_wrong_frames() {
         assert_eq!(dropped, expected, "{kind}");
         assert_eq!(model.frames.len(), 294, "{kind}");
 
-        // The stated standard deviations hold for the camera matrix.
+        // The reported standard deviations are right for the camera matrix.
         let (truth, found) = (scene.camera.parameters(), model.camera.parameters());
         for ((name, sigma), (truth, found)) in
             kind.parameter_names().iter().zip(&model.sigma).zip(truth.iter().zip(&found)).take(4)
         {
             assert!((found - truth).abs() < 3.5 * sigma, "{kind} {name}: {found} ± {sigma}");
-            // With xi the focal length on the axis is known as well as elsewhere, but not its two parts.
+            // With xi, the focal length on the axis is as well determined as in other models, but fx and xi separately are not.
             let in_parts = kind.parameter_names().contains(&"xi") && name.starts_with('f');
             assert!(in_parts || *sigma < 0.3, "{kind} {name}: {found} ± {sigma}");
         }
@@ -71,7 +71,7 @@ fn every_model_comes_back_from_noisy_partial_boards_with_wrong_frames() {
 }
 
 #[test]
-fn symmetric_boards_get_continuous_poses_whatever_their_frames_call_the_first_circle() {
+fn symmetric_boards_get_continuous_poses_whichever_circle_is_the_first_in_a_frame() {
     let kind = ModelKind::Radtan4;
     let scene = Scene { board: "circles:5x7:40mm:r10mm".parse().unwrap(), ..Scene::new(kind) };
     let count = scene.board.point_count();
@@ -92,7 +92,7 @@ fn symmetric_boards_get_continuous_poses_whatever_their_frames_call_the_first_ci
 }
 
 #[test]
-fn the_chosen_model_comes_near_the_lens() {
+fn the_chosen_model_is_close_to_the_lens() {
     for kind in [ModelKind::Radtan, ModelKind::KannalaBrandt, ModelKind::DoubleSphere] {
         let scene = Scene { count: 150, step: 0.05, ..Scene::new(kind) };
         let frames = scene.frames(11, |_| Fault::None);
@@ -123,7 +123,7 @@ fn the_number_of_threads_does_not_change_a_bit() {
 }
 
 #[test]
-fn hopeless_input_gets_an_error_that_says_what_to_do() {
+fn useless_input_yields_an_error_with_a_remedy() {
     let kind = ModelKind::Radtan4;
     let settings = InitialSettings::default();
     let scene = Scene { count: 40, ..Scene::new(kind) };
@@ -156,7 +156,7 @@ fn hopeless_input_gets_an_error_that_says_what_to_do() {
     assert!(matches!(error, InitialError::ViewsAlike { .. }), "{error}");
     assert!(error.to_string().contains("tilt the board"));
 
-    // Circles without order: nothing to be learned from them.
+    // Circles without order do not determine a camera.
     let garbage: Vec<ReferenceFrame> = (0..40)
         .map(|frame| {
             let t = f64::from(frame) * 0.02;
@@ -181,7 +181,7 @@ fn bearings(camera: &Camera<f64>) -> Vec<(u16, u16, Vector3<f64>)> {
         .collect()
 }
 
-/// Which pixels see a dot: by intersection of their rays with the board.
+/// Returns the pixels that see a dot, by intersection of their rays with the board.
 fn dark(bearings: &[(u16, u16, Vector3<f64>)], pose: &Isometry3<f64>, board: &Board) -> Vec<bool> {
     let world = pose.inverse();
     let origin = world.translation.vector;
@@ -218,7 +218,7 @@ fn events_confirm_circles_add_missing_ones_and_correct_displaced_ones() {
         }
         frame.seen_in = SeenIn::Events(pixels);
         (frame.start, frame.end) = (frame.t() - window / 2.0, frame.t() + window / 2.0);
-        // The grid stage misses circles and gets others wrong by a few pixels.
+        // The grid stage misses circles and displaces others by a few pixels.
         frame.circles.retain(|circle| (circle.index + number) % 7 != 0);
         for circle in frame.circles.iter_mut().filter(|circle| (circle.index + number) % 7 == 1) {
             circle.center.x += 2.0;

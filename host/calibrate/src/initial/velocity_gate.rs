@@ -1,9 +1,8 @@
 //! Velocity gate: neither board nor camera can jump from one frame to the next.
 //!
-//! Two neighbouring frames contradict each other if the motion between them is too fast; a frame is
-//! dropped if most of its neighbours contradict it. A frame is dropped, too, if it lies too far off
-//! the lines through its neighbours: what is no speed record can still be an impossible acceleration,
-//! for example when all circles of a frame are named one row too far.
+//! Two neighbouring frames contradict each other if the motion between them is too fast; a frame is dropped if most of its
+//! neighbours contradict it. A frame is also dropped if it lies too far off the lines through its neighbours: even a moderate
+//! speed can require an impossible acceleration, for example if all circles of a frame are numbered one row too far.
 
 use nalgebra::{Isometry3, Translation3};
 
@@ -12,7 +11,7 @@ use super::settings::{InitialSettings, MAX_MOTION_GAP};
 use evcal_geometry::board::Board;
 use evcal_geometry::numerics::statistics::median;
 
-/// A frame with a pose, as the gate sees it.
+/// A frame with a pose, as input of the gate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Waypoint {
     /// Recording of the frame.
@@ -27,20 +26,20 @@ pub struct Waypoint {
 const POSITION_FLOOR: f64 = 0.02;
 /// Angle that noise of the poses explains at any speed (rad).
 const ANGLE_FLOOR: f64 = 0.05;
-/// Largest acceleration (m/s²); judges a frame against the line between its neighbours.
+/// Largest acceleration (m/s²); a frame is compared with the line between its neighbours.
 const MAX_ACCELERATION: f64 = 60.0;
 /// Largest angular acceleration (rad/s²).
 const MAX_ANGULAR_ACCELERATION: f64 = 300.0;
 /// Largest acceleration and angular acceleration as a multiple of the recording's median.
 const MAX_ACCELERATION_RATIO: f64 = 4.0;
 
-/// Nearest frames on each side through which lines are drawn to judge a frame.
+/// Nearest frames on each side through which lines are drawn to check a frame.
 const LINE_REACH: usize = 3;
 
-/// Lines whose limit is more than this many times the narrowest one tell nothing.
+/// Lines whose limit is more than this many times the narrowest one are ignored.
 const WIDEST_LIMIT: f64 = 2.0;
 
-/// A waypoint with its pose about the middle of the board.
+/// A waypoint with its pose relative to the middle of the board.
 #[derive(Clone, Copy)]
 struct Centered {
     recording: usize,
@@ -51,15 +50,15 @@ struct Centered {
 
 /// Distance in m and angle in rad between two poses.
 ///
-/// The distance is that of the camera in board coordinates or that of the board's middle in camera
-/// coordinates, whichever is less: turning one of them about itself moves the other far.
+/// The distance is measured for the camera in board coordinates or for the board's middle in camera coordinates, whichever is
+/// less: rotation of either one about itself moves the other far.
 fn motion(a: &Isometry3<f64>, b: &Isometry3<f64>) -> (f64, f64) {
     let camera = (a.inverse().translation.vector - b.inverse().translation.vector).norm();
     let board = (a.translation.vector - b.translation.vector).norm();
     (camera.min(board), a.rotation.angle_to(&b.rotation))
 }
 
-/// For each of `waypoints`, in the order of recording and time, whether it stays.
+/// Returns, for each of `waypoints` in the order of recording and time, whether it is kept.
 pub fn velocity_gate(waypoints: &[Waypoint], board: &Board, settings: &InitialSettings) -> Vec<bool> {
     let middle = Translation3::new(board.middle().x, board.middle().y, 0.0);
     let centered: Vec<Centered> = waypoints
@@ -80,8 +79,8 @@ pub fn velocity_gate(waypoints: &[Waypoint], board: &Board, settings: &InitialSe
     smooth(&centered, kept)
 }
 
-/// Takes away the frames that lie too far off the lines through their neighbours, the worst first:
-/// its neighbours may only look bad because of it.
+/// Removes the frames that lie too far off the lines through their neighbours, the worst first, because its neighbours may only
+/// look bad because of it.
 fn smooth(waypoints: &[Centered], mut kept: Vec<bool>) -> Vec<bool> {
     let mut alive: Vec<usize> = kept.iter().enumerate().filter(|(_, kept)| **kept).map(|(index, _)| index).collect();
     let limits = Limits::new(waypoints, &alive);
@@ -111,14 +110,14 @@ fn smooth(waypoints: &[Centered], mut kept: Vec<bool>) -> Vec<bool> {
     kept
 }
 
-/// What may lie between a frame and the line through two others.
+/// Largest accelerations of a frame relative to the line through two others.
 struct Limits {
     acceleration: f64,
     angular_acceleration: f64,
 }
 
 impl Limits {
-    /// The largest there are, lowered where the recording's own motion is much gentler.
+    /// Returns the general limits, lowered if the recording's own motion is much gentler.
     fn new(waypoints: &[Centered], alive: &[usize]) -> Self {
         let mut accelerations = Vec::new();
         let mut angular_accelerations = Vec::new();
@@ -145,14 +144,14 @@ impl Limits {
     }
 }
 
-/// How a frame lies to the line through two others.
+/// Deviation of a frame from the line through two others.
 struct Line {
     distance: f64,
     angle: f64,
-    /// Distance from the line per acceleration, in s²: a motion `a t² / 2` leaves the line through its
-    /// points at t₁ and t₂ by `a |t - t₁| |t - t₂| / 2`.
+    /// Distance from the line per acceleration, in s²: a motion `a t² / 2` leaves the line through its points at t₁ and t₂ by `a
+    /// |t − t₁| |t − t₂| / 2`.
     curvature: f64,
-    /// How much noise of the two others counts, 1 on the way between them, more beyond.
+    /// Weight of the noise of the two others: 1 between them, more beyond.
     leverage: f64,
 }
 
@@ -174,12 +173,12 @@ impl Line {
     }
 }
 
-/// How a frame lies to the lines through its neighbours.
+/// Deviation of a frame from the lines through its neighbours.
 #[derive(Clone, Copy, Debug, Default)]
 struct Contradiction {
-    /// Part of the lines that the frame lies too far off.
+    /// Fraction of the lines from which the frame is too far.
     contradicted: f64,
-    /// Median over the lines of the distance, as a multiple of what is allowed.
+    /// Median over the lines of the ratio of the distance to its limit.
     excess: f64,
 }
 
@@ -196,7 +195,7 @@ fn judge(waypoints: &[Centered], alive: &[usize], position: usize, limits: &Limi
         .filter(|(other, _)| *other != position)
         .filter_map(|(_, &index)| waypoints.get(index))
         .collect();
-    // Limit of the distance and excess of each line.
+    // Limit of the distance and ratio to the limit for each line.
     let mut lines: Vec<(f64, f64)> = Vec::new();
     for (rank, a) in neighbours.iter().enumerate() {
         for line in neighbours.iter().skip(rank + 1).filter_map(|b| Line::new(a, b, here)) {
@@ -232,11 +231,11 @@ mod tests {
     }
 
     #[test]
-    fn frames_named_one_row_too_far_leave_and_the_others_stay() {
+    fn frames_numbered_one_row_too_far_are_dropped_and_the_others_are_kept() {
         let board: Board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
-        // On this board a wrong name is at least half a row and a column off: 78 mm.
+        // On this board a wrong number is at least half a row and a column off: 78 mm.
         let shift = nalgebra::Translation3::new(0.055, 0.055, 0.0);
-        // With 20 ms between frames a hand could do what frames 0 and 1 together look like.
+        // With 20 ms between frames, the motion of frames 0 and 1 together is possible for a hand.
         let cases: [(f64, &[i32]); 3] =
             [(0.005, &[0, 1, 40, 77, 78, 99]), (0.01, &[0, 1, 40, 77, 78, 99]), (0.02, &[0, 40, 77, 78, 99])];
         for (step, wrong) in cases {
@@ -258,10 +257,10 @@ mod tests {
     }
 
     #[test]
-    fn turning_about_itself_at_a_distance_is_no_jump() {
+    fn rotation_of_a_distant_board_about_itself_is_not_a_jump() {
         let board: Board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
         let middle = Vector3::new(board.middle().x, board.middle().y, 0.0);
-        // The board turns at 15 rad/s about its middle, 1 m away: the camera moves at 15 m/s around it.
+        // The board rotates at 15 rad/s about its middle, 1 m away: the camera moves at 15 m/s around it.
         let waypoints: Vec<Waypoint> = (0..20)
             .map(|index| {
                 let t = f64::from(index) * 0.005;

@@ -1,9 +1,8 @@
-//! Which views to calibrate from: as different from each other as possible.
+//! Selection of views for a calibration: as different from each other as possible.
 //!
-//! Every view is a point in the space of what makes views different for a camera: where the board is
-//! in the image, how large, how tilted and how rolled. Views are taken one by one, always the one
-//! furthest from all that were taken (Gonzalez 1985), so that any number of first views is a good
-//! choice; views with few circles count as nearer than they are.
+//! Every view is a point in a space of features that matter for a camera: position of the board in the image, size, tilt and
+//! roll. Views are selected one by one, always the one furthest from all selected ones (Gonzalez 1985), so that any number of
+//! first views is a good selection; views with few circles count as nearer than they are.
 
 use evcal_core::sensor::Sensor;
 use nalgebra::{Matrix3, SVector, Vector2};
@@ -15,12 +14,12 @@ use evcal_geometry::board::homography::homography;
 /// Image position (2), scale, foreshortening (2), perspective (2), roll (2).
 type Features = SVector<f64, 9>;
 
-/// How much perspective counts beside places in the image (in parts of the sensor): it is small, and tells the focal
+/// Weight of perspective relative to positions in the image (in fractions of the sensor): it is small, and determines the focal
 /// length.
 const PERSPECTIVE_WEIGHT: f64 = 2.0;
-/// How much roll counts: it tells little.
+/// Weight of roll, which carries little information.
 const ROLL_WEIGHT: f64 = 0.3;
-/// Largest feature that counts.
+/// Largest value of a feature.
 const LARGEST_FEATURE: f64 = 5.0;
 
 fn features(points: &[BoardPoint], board: &Board, sensor: Sensor) -> Option<Features> {
@@ -48,14 +47,14 @@ fn features(points: &[BoardPoint], board: &Board, sensor: Sensor) -> Option<Feat
         ROLL_WEIGHT * roll.x,
         ROLL_WEIGHT * roll.y,
     ]);
-    // One view with a wild homography must not stretch the space.
+    // One view with an extreme homography must not stretch the space.
     features
         .iter()
         .all(|value| value.is_finite())
         .then(|| features.map(|value| value.clamp(-LARGEST_FEATURE, LARGEST_FEATURE)))
 }
 
-/// Positions in `views` of at most `count` views, the most useful first.
+/// Returns the indices of at most `count` of `views`, the most useful first.
 pub fn select_views(views: &[&[BoardPoint]], board: &Board, sensor: Sensor, count: usize) -> Vec<usize> {
     let candidates: Vec<(usize, Features, f64)> = views
         .iter()
@@ -65,7 +64,7 @@ pub fn select_views(views: &[&[BoardPoint]], board: &Board, sensor: Sensor, coun
             Some((index, features(points, board, sensor)?, completeness))
         })
         .collect();
-    // Distance to the nearest view taken, times completeness; before the first, the tilt decides.
+    // Distance to the nearest selected view, times completeness; before the first, the tilt decides.
     let mut merits: Vec<f64> = candidates
         .iter()
         .map(|(_, features, completeness)| features.fixed_rows::<2>(5).norm() * completeness)

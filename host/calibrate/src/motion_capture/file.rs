@@ -1,6 +1,6 @@
-//! Files of motion capture: poses of a body in the frame of the capture, `T_mocap_body`.
+//! Files of motion capture: poses of a marker body in the frame of the capture, `T_mocap_body`.
 //!
-//! | format | known by |
+//! | format | recognised by |
 //! |---|---|
 //! | OptiTrack Motive CSV | its first line, which begins with `Format Version` |
 //! | EuRoC (`state_groundtruth_estimate0`, `vicon0`) | its first line, which begins with `#timestamp` |
@@ -17,38 +17,38 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use evcal_geometry::timed_pose::TimedPose;
 use evcal_geometry::tum::{self, TumError};
 
-/// How far the length of a quaternion may be from 1.
+/// Largest deviation of a quaternion's length from 1.
 const UNIT_LENGTH: f64 = 0.01;
 
-/// Why a capture cannot be read.
+/// Error of reading a capture.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {reason}", path.display())]
 pub struct CaptureFileError {
     /// The file.
     pub path: PathBuf,
-    /// Why.
+    /// The reason.
     pub reason: CaptureError,
 }
 
-/// What is wrong with the content of a capture.
+/// Problems of the content of a capture.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CaptureError {
-    /// The system says so.
+    /// Reading the file failed.
     #[error("{0}")]
     Io(#[from] io::Error),
-    /// No pose of a trajectory in TUM form.
+    /// The file is not a trajectory in TUM form.
     #[error("{0}; EuRoC's CSV with its first line and the CSV of OptiTrack Motive are read too")]
     Tum(#[from] TumError),
-    /// A field that is no number.
-    #[error("line {line}: {text:?} is not a number: mend or delete the line")]
+    /// A field is not a number.
+    #[error("line {line}: {text:?} is not a number: correct or delete the line")]
     Number {
         /// Number of the line, from 1.
         line: usize,
-        /// What is there.
+        /// The text found there.
         text: String,
     },
-    /// A quaternion that is no rotation.
+    /// A quaternion is not a rotation.
     #[error("line {line}: the quaternion has length {length:.3}, not 1: check the order of the columns")]
     Length {
         /// Number of the line, from 1.
@@ -56,56 +56,57 @@ pub enum CaptureError {
         /// Its length.
         length: f64,
     },
-    /// Times that do not rise.
-    #[error("line {line}: its time is not after that of the line before: sort the lines, and leave out doubles")]
+    /// Times do not increase.
+    #[error("line {line}: its time is not after the time of the previous line: sort the lines, and remove duplicates")]
     Order {
         /// Number of the line, from 1.
         line: usize,
     },
-    /// Angles in place of quaternions.
+    /// The file has angles instead of quaternions.
     #[error("rotations are {found:?}: export from Motive with Rotation Type Quaternion")]
     RotationType {
-        /// What the file says.
+        /// The value in the file.
         found: String,
     },
-    /// A unit that is not known.
+    /// The unit is unknown.
     #[error("lengths are in {found:?}: export from Motive in Meters, Centimeters or Millimeters")]
     LengthUnits {
-        /// What the file says.
+        /// The value in the file.
         found: String,
     },
-    /// Positions relative to something else.
+    /// Positions are relative to something else.
     #[error("the coordinate space is {found:?}: export from Motive with Coordinate Space Global")]
     CoordinateSpace {
-        /// What the file says.
+        /// The value in the file.
         found: String,
     },
-    /// No rigid body.
+    /// The file contains no rigid body.
     #[error("there is no rigid body in the file: export from Motive with rigid bodies, in one file")]
     NoBody,
-    /// Another rigid body was asked for.
+    /// The requested rigid body is not in the file.
     #[error("there is no rigid body {wanted:?}; there are {names}: name one of them")]
     OtherBodies {
-        /// What was asked for.
+        /// Requested body.
         wanted: String,
-        /// Those of the file.
+        /// Bodies in the file.
         names: String,
     },
-    /// Which one?
-    #[error("there are several rigid bodies, {names}: name that on the camera")]
+    /// The file contains several bodies, and none was requested.
+    #[error("there are several rigid bodies, {names}: name the one on the camera")]
     SeveralBodies {
-        /// Those of the file.
+        /// Bodies in the file.
         names: String,
     },
-    /// A name without a choice.
-    #[error("only files of OptiTrack Motive name bodies: name none")]
+    /// A body was requested, but the format has no names.
+    #[error("only files of OptiTrack Motive contain names of bodies: do not name one")]
     NoNames,
-    /// No pose.
+    /// The file contains no pose.
     #[error("there is no pose in the file")]
     Empty,
 }
 
-/// Reads the poses of a body, `body` where the file holds several; times in seconds on the clock of the capture.
+/// Reads the poses of a marker body; `body` selects one if the file contains several. Times are in seconds on the clock of the
+/// capture.
 ///
 /// # Errors
 /// [`CaptureFileError`] names the line.

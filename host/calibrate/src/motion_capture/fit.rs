@@ -1,4 +1,4 @@
-//! Maximum likelihood: where the body sits, where the board stands, and when.
+//! Maximum likelihood of marker body, board and clock.
 
 use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Translation3, UnitQuaternion};
 
@@ -9,30 +9,30 @@ use evcal_geometry::numerics::levenberg_marquardt::{Costed, Schedule, minimise};
 use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
 use evcal_geometry::timed_pose::TimedPose;
 
-/// Parameters: rotation (right of the pose, rad), then translation (m).
+/// Index of the first parameter of `T_camera_body`: rotation (right of the pose, rad), then translation (m).
 pub const CAMERA_BODY: usize = 0;
-/// The same.
+/// Index of the first parameter of `T_mocap_world`, in the same order.
 pub const MOCAP_WORLD: usize = 6;
-/// Offset of the clocks (s).
+/// Index of the offset of the clocks (s).
 pub const OFFSET: usize = 12;
-/// Drift of the capture's clock.
+/// Index of the relative drift of the capture's clock.
 pub const DRIFT: usize = 13;
-/// Lengths in the capture over those on the board.
+/// Index of the ratio of lengths in the capture to those on the board.
 pub const SCALE: usize = 14;
-/// How many there are.
+/// Number of parameters.
 pub const COUNT: usize = 15;
 
-/// Seconds of common poses above which the clocks may run at different speeds.
+/// Seconds of common poses from which the drift of the clocks is estimated.
 pub const LONG_ENOUGH_FOR_DRIFT: f64 = 20.0;
-/// σ of what clocks differ by before any measurement.
+/// Prior σ of the relative rate of the clocks.
 const DRIFT_SIGMA: f64 = 2e-4;
-/// σ of a parameter that is held.
+/// σ of a fixed parameter.
 const HELD: f64 = 1e-9;
-/// Size of a residual from which a pose counts linearly, in σ of one axis.
+/// Residual from which a pose counts linearly, in σ of one axis.
 const HUBER: f64 = 4.0;
-/// Rounds of spread and solve.
+/// Number of rounds of spread and solve.
 const ROUNDS: usize = 4;
-/// Rows of a pose: position, rotation.
+/// Number of rows of a pose: position, rotation.
 const ROWS: usize = 6;
 /// Smallest spread: position (m) and rotation (rad).
 const SMALLEST: Spread = Spread { position: 1e-7, rotation: 1e-7 };
@@ -49,7 +49,7 @@ pub(super) type Row = SMatrix<f64, ROWS, COUNT>;
 pub(super) type Normal = SMatrix<f64, COUNT, COUNT>;
 pub(super) type Gradient = SVector<f64, COUNT>;
 
-/// What is between camera and capture.
+/// Relation of camera and capture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandEye {
     /// `T_camera_body`.
@@ -58,21 +58,21 @@ pub struct HandEye {
     pub mocap_world: Isometry3<f64>,
     /// t_mocap = t_events + offset + drift (t_mocap − middle).
     pub offset: f64,
-    /// By how much the capture's clock is faster.
+    /// Relative rate by which the capture's clock is faster.
     pub drift: f64,
-    /// Lengths in the capture over those on the board.
+    /// Ratio of lengths in the capture to those on the board.
     pub scale: f64,
-    /// Time of the capture at which the offset holds (s).
+    /// Time of the capture at which the offset applies (s).
     pub middle: f64,
 }
 
 impl HandEye {
-    /// Time of the events at the capture's `t`.
+    /// Returns the time of the events at the capture's `t`.
     pub fn event_time(&self, t: f64) -> f64 {
         t - self.offset - self.drift * (t - self.middle)
     }
 
-    /// Poses of the capture at whose time the camera's pose is known, with that.
+    /// Returns the poses of the capture at whose time the camera's pose is known, with that pose.
     pub fn matched<'a>(
         &'a self,
         path: &'a Path,
@@ -81,7 +81,7 @@ impl HandEye {
         capture.iter().filter_map(|body| Some((body, path.at(self.event_time(body.t))?)))
     }
 
-    /// Position (m, frame of the capture) and rotation (rad, axes of the body) by which a captured pose is off, and the
+    /// Returns the error of a captured pose in position (m, frame of the capture) and rotation (rad, axes of the body), and the
     /// derivatives of both.
     pub(super) fn row(&self, body: &TimedPose, moment: &Moment) -> (SVector<f64, ROWS>, Row) {
         let Self { camera_body, mocap_world, scale, .. } = self;
@@ -110,8 +110,8 @@ impl HandEye {
         (SVector::from_fn(|row, _| if row < 3 { position[row] } else { rotation[row - 3] }), by)
     }
 
-    /// Derivatives of what [`HandEye::row`] gives by the camera's pose: its translation (m, axes of the world), its rotation (rad, about the
-    /// axes of the camera).
+    /// Returns the derivatives of the error of [`HandEye::row`] by the camera's pose: its translation (m, axes of the world), its
+    /// rotation (rad, about the axes of the camera).
     pub(super) fn by_camera_pose(&self, moment: &Moment) -> SMatrix<f64, ROWS, 6> {
         let matrix = |rotation: UnitQuaternion<f64>| rotation.to_rotation_matrix().into_inner();
         let room = matrix(self.mocap_world.rotation);
@@ -140,7 +140,7 @@ impl HandEye {
     }
 }
 
-/// Scatter of both trajectories about each other, of each axis.
+/// Scatter of the trajectories relative to each other, per axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
     /// Position (m).
@@ -150,7 +150,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Loss and weight of an error in position and in rotation.
+    /// Returns loss and weight of an error in position and in rotation.
     fn losses(&self, error: &SVector<f64, ROWS>) -> [(f64, f64); 2] {
         [(0, self.position), (3, self.rotation)].map(|(first, sigma)| {
             let (cost, root_weight) = huber(error.fixed_rows::<3>(first).norm() / sigma, HUBER);
@@ -158,13 +158,13 @@ impl Spread {
         })
     }
 
-    /// Weight of an error in position and in rotation.
+    /// Returns the weight of an error in position and in rotation.
     pub(super) fn weights(&self, error: &SVector<f64, ROWS>) -> [f64; 2] {
         self.losses(error).map(|(_, weight)| weight)
     }
 }
 
-/// What is expected of drift and scale: σ of each about 0 and 1.
+/// Priors of drift and scale: σ of each about 0 and 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Priors {
     drift: f64,
@@ -187,13 +187,13 @@ impl Priors {
 /// A solution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fitted {
-    /// What was found.
+    /// Estimated parameters.
     pub hand_eye: HandEye,
-    /// Scatter about it.
+    /// Scatter about the solution.
     pub spread: Spread,
     /// Number of poses.
     pub used: usize,
-    /// What drift and scale were expected to be.
+    /// Priors of drift and scale.
     pub priors: Priors,
 }
 
@@ -210,7 +210,7 @@ impl Equations {
         Self { normal: Normal::zeros(), gradient: Gradient::zeros(), cost: 0.0 }
     }
 
-    /// Adds one pose, position and rotation each with its own loss.
+    /// Adds one pose; position and rotation have separate losses.
     pub(super) fn add(&mut self, error: &SVector<f64, ROWS>, by: &Row, spread: &Spread) {
         for (first, (cost, weight)) in [0, 3].into_iter().zip(spread.losses(error)) {
             let (error, by) = (error.fixed_rows::<3>(first), by.fixed_rows::<3>(first));
@@ -221,10 +221,11 @@ impl Equations {
     }
 }
 
-/// Fits all but the scale to the poses of the capture whose time on the clock of the events is `wanted`, from `start` on.
+/// Fits everything except the scale to the poses of the capture whose time on the clock of the events is `wanted`, starting at
+/// `start`.
 ///
 /// # Errors
-/// [`MotionCaptureError::Singular`] when they do not determine it.
+/// [`MotionCaptureError::Singular`] if they do not determine it.
 pub fn fit(
     path: &Path,
     capture: &[TimedPose],
@@ -235,15 +236,15 @@ pub fn fit(
     let priors = Priors { drift: if drifts { DRIFT_SIGMA } else { HELD }, scale: HELD };
     let (count, sum) =
         start.matched(path, capture).fold((0.0, 0.0), |(count, sum), (body, _)| (count + 1.0, sum + body.t));
-    // The offset is known best, and the same with any drift, in the middle.
+    // The uncertainty of the offset is smallest, and independent of drift, in the middle.
     let middle = sum / f64::max(count, 1.0);
     solve(path, capture, HandEye { middle, ..start }, priors, wanted)
 }
 
-/// Fits the scale too, from `all` on.
+/// Fits the scale too, starting at `all`.
 ///
 /// # Errors
-/// [`MotionCaptureError::Singular`].
+/// [`MotionCaptureError::Singular`] if the poses do not determine it.
 pub fn with_scale(
     path: &Path,
     capture: &[TimedPose],
@@ -287,7 +288,7 @@ fn solve(
     Ok(Fitted { hand_eye, spread, used: rows(&hand_eye).len(), priors })
 }
 
-/// From the median size of the components.
+/// Computes the spread from the median size of the components.
 fn spread(rows: &[(SVector<f64, ROWS>, Row)]) -> Option<Spread> {
     let of = |first: usize| {
         let mut sizes: Vec<f64> =

@@ -1,8 +1,8 @@
-//! What is left between camera and capture, in slices of time that were fitted and in those that were not.
+//! Errors between camera and capture, in slices of time that were fitted and in others.
 //!
-//! Thirteen fitted numbers flatter an error. So they are fitted to every other slice, and what is left in the others is the error of
-//! the trajectory. The capture scatters too: noise that differs from pose to pose shows in third differences, in which a
-//! smooth motion has no part, and is taken off.
+//! Thirteen fitted parameters make an error look too small. So they are fitted to every other slice, and the error in the
+//! remaining slices is the error of the trajectory. The capture has noise too: noise that differs from pose to pose shows in
+//! third differences, to which a smooth motion does not contribute, and it is subtracted.
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -15,7 +15,7 @@ use evcal_geometry::timed_pose::TimedPose;
 
 /// Length of a slice (s).
 pub const SLICE: f64 = 1.0;
-/// How far the time between poses may be from the usual one where differences are taken, as a share of that.
+/// Largest relative deviation of the time between poses from the median for third differences.
 const EVEN: f64 = 0.2;
 /// Sum of the squares of the weights 1, −3, 3, −1.
 const THIRD_DIFFERENCE: f64 = 20.0;
@@ -27,25 +27,25 @@ pub struct Errors {
     pub sizes: Statistics,
     /// Root mean square of the capture's own noise in them.
     pub noise: f64,
-    /// Root mean square of what is left without it, with its σ.
+    /// Root mean square error without that noise, with its σ.
     pub error: Measured,
 }
 
 /// Errors of both kinds in one half of the slices.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SliceErrors {
-    /// Between the camera's centre and where the capture puts it (m).
+    /// Distance between the camera's centre and its position in the capture (m).
     pub position: Errors,
-    /// Between both orientations (rad).
+    /// Angle between both orientations (rad).
     pub rotation: Errors,
 }
 
-/// Errors in the slices that were fitted, and in the others.
+/// Errors in the fitted slices, and in the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldOut {
-    /// In the even slices, which were fitted.
+    /// Errors in the even slices, which were fitted.
     pub fitted: SliceErrors,
-    /// In the odd ones, which were not.
+    /// Errors in the odd slices, which were not.
     pub held_out: SliceErrors,
 }
 
@@ -53,10 +53,11 @@ fn is_even(t: f64) -> bool {
     (t / SLICE).floor().rem_euclid(2.0) == 0.0
 }
 
-/// Fits the even slices from `all` on, and compares in both. Clocks may drift, poses are `interval` seconds apart.
+/// Fits the even slices, starting at `all`, and computes the errors in both halves. Clocks may drift, poses are `interval`
+/// seconds apart.
 ///
 /// # Errors
-/// [`MotionCaptureError::Singular`] when even slices do not determine what lies between.
+/// [`MotionCaptureError::Singular`] if the even slices do not determine the parameters.
 pub fn held_out(
     path: &Path,
     capture: &[TimedPose],
@@ -69,12 +70,12 @@ pub fn held_out(
     of(true).zip(of(false)).map(|(fitted, held_out)| HeldOut { fitted, held_out }).ok_or(MotionCaptureError::Singular)
 }
 
-/// What is left at one time.
+/// Residual at one time.
 struct Residual {
     t: f64,
-    /// Of the camera's centre (m, frame of the capture).
+    /// Error of the camera's centre (m, frame of the capture).
     position: Vector3<f64>,
-    /// Rad, axes of the body.
+    /// Error of the rotation (rad, axes of the body).
     rotation: Vector3<f64>,
 }
 
@@ -107,7 +108,7 @@ fn errors(slices: &[&[Residual]], interval: f64, of: fn(&Residual) -> Vector3<f6
     let noises: Vec<(f64, f64)> = slices.iter().map(|slice| noise(slice, interval, of)).collect();
     let (count, sum) = noises.iter().fold((0.0, 0.0), |all, one| (all.0 + one.0, all.1 + one.1));
     let noise = sum / f64::max(count, 1.0);
-    // What each slice has without noise, and their scatter.
+    // Squared error of each slice without noise, and their scatter.
     let squares: Vec<f64> = slices
         .iter()
         .map(|slice| slice.iter().map(|one| of(one).norm_squared()).sum::<f64>() / slice.len() as f64)
@@ -126,7 +127,7 @@ fn errors(slices: &[&[Residual]], interval: f64, of: fn(&Residual) -> Vector3<f6
     })
 }
 
-/// Number of third differences in a slice, and the sum of the noise's squares that they tell.
+/// Returns the number of third differences in a slice, and the sum of the squared noise from them.
 fn noise(slice: &[Residual], interval: f64, of: fn(&Residual) -> Vector3<f64>) -> (f64, f64) {
     let differences = slice.windows(4).filter_map(|four| {
         let even = four.windows(2).all(|pair| ((pair[1].t - pair[0].t) / interval - 1.0).abs() < EVEN);

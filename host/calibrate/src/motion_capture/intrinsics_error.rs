@@ -1,7 +1,7 @@
-//! What an error of the camera's intrinsics does to what lies between camera and capture.
+//! Effect of an error of the camera's intrinsics on the relation of camera and capture.
 //!
-//! It shifts and turns all poses of the camera in nearly the same way: a focal length that is too long puts the camera further from
-//! the board, and with it the body further back along the line of sight. No block of time shows that.
+//! It shifts and rotates all poses of the camera in nearly the same way: a focal length that is too long moves the camera away
+//! from the board, and with it the marker body along the line of sight. Blocks of time do not show that.
 
 use nalgebra::{DMatrix, Isometry3, SMatrix};
 
@@ -10,25 +10,25 @@ use super::fit::{COUNT, Equations, Fitted, Gradient, Normal};
 use super::path::Path;
 use evcal_geometry::timed_pose::TimedPose;
 
-/// About so many poses are looked at.
+/// Approximate number of poses that are evaluated.
 const POSES: usize = 500;
-/// Numbers of a pose.
+/// Number of parameters of a pose.
 const POSE: usize = 6;
 
-/// How sure intrinsics are, and what follows from them.
+/// Uncertainty of intrinsics, and its effect on poses.
 pub struct IntrinsicsError<'a> {
     /// Their covariance.
     pub covariance: DMatrix<f64>,
-    /// How `T_world_camera`, as it is found from the board, follows them: three rows of its translation (m, axes of the world), three of its
-    /// rotation (rad, about the axes of the camera), a column for each intrinsic parameter. `None` for a pose from which the board
-    /// cannot be seen.
+    /// Derivatives of `T_world_camera`, as estimated from the board, by the intrinsics: three rows of its translation (m, axes of
+    /// the world), three of its rotation (rad, about the axes of the camera), and a column for each intrinsic parameter. `None`
+    /// for a pose from which the board is not visible.
     pub poses_by: &'a dyn Fn(&Isometry3<f64>) -> Option<DMatrix<f64>>,
 }
 
-/// Variance of each parameter of `fitted` by the error of the intrinsics.
+/// Returns the variance of each parameter of `fitted` from the error of the intrinsics.
 ///
 /// # Errors
-/// [`MotionCaptureError::Singular`].
+/// [`MotionCaptureError::Singular`] if the poses do not determine the parameters.
 pub fn variances(
     path: &Path,
     capture: &[TimedPose],

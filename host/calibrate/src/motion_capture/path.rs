@@ -1,4 +1,4 @@
-//! The camera's pose at any time between those that are known.
+//! Interpolation of the camera's pose.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
@@ -6,14 +6,14 @@ use super::error::MotionCaptureError;
 use evcal_geometry::numerics::statistics::median;
 use evcal_geometry::timed_pose::TimedPose;
 
-/// Longest usual time between poses that can be interpolated (s).
+/// Longest median time between poses for interpolation (s).
 const LONGEST_INTERVAL: f64 = 0.021;
-/// Poses further apart than so many usual intervals leave a gap.
+/// Time between poses, in median intervals, from which there is a gap.
 const GAP: f64 = 2.5;
-/// Poses through which a cubic is laid.
+/// Number of poses of a cubic.
 const NODES: usize = 4;
 
-/// The camera at one time.
+/// Pose and velocities of the camera at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moment {
     /// `T_world_camera` (m).
@@ -33,10 +33,10 @@ pub struct Path<'a> {
 }
 
 impl<'a> Path<'a> {
-    /// Through `poses`, which are in order of time.
+    /// Creates the path through `poses`, which are in order of time.
     ///
     /// # Errors
-    /// [`MotionCaptureError::Sparse`] when they are too far apart.
+    /// [`MotionCaptureError::Sparse`] if they are too far apart.
     pub fn new(poses: &'a [TimedPose]) -> Result<Self, MotionCaptureError> {
         let mut intervals: Vec<f64> = poses.windows(2).map(|pair| pair[1].t - pair[0].t).collect();
         let interval = median(&mut intervals, f64::total_cmp).unwrap_or(f64::INFINITY);
@@ -46,15 +46,15 @@ impl<'a> Path<'a> {
         Ok(Self { poses, longest: GAP * interval })
     }
 
-    /// Time of the first pose (s).
+    /// Returns the time of the first pose (s).
     pub fn start(&self) -> f64 {
         self.poses.first().map_or(0.0, |first| first.t)
     }
 
-    /// The camera at `t` seconds; `None` outside the poses, in a gap and beside one.
+    /// Returns the camera at `t` seconds; `None` outside the poses, in a gap and next to one.
     ///
-    /// A cubic through the two poses before and the two after; that of rotations goes through rotation vectors from the
-    /// pose before.
+    /// The position is a cubic through the two poses before and the two after; the rotation is a cubic of rotation vectors
+    /// relative to the pose before.
     pub fn at(&self, t: f64) -> Option<Moment> {
         let after = self.poses.partition_point(|pose| pose.t <= t);
         let nodes: &[TimedPose; NODES] = self.poses.get(after.checked_sub(2)?..after + 2)?.try_into().ok()?;
@@ -78,7 +78,7 @@ impl<'a> Path<'a> {
     }
 }
 
-/// Lagrange's polynomials on `nodes` at `t`, and their derivatives.
+/// Returns Lagrange's polynomials on `nodes` at `t`, and their derivatives.
 fn weights(nodes: &[f64; NODES], t: f64) -> [(f64, f64); NODES] {
     std::array::from_fn(|index| {
         let others = || nodes.iter().enumerate().filter(move |(other, _)| *other != index).map(|(_, node)| *node);
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn poses_and_velocities_are_those_of_the_motion() {
+    fn poses_and_velocities_agree_with_the_motion() {
         let poses = poses();
         let path = Path::new(&poses).unwrap();
         let step = 1e-5;

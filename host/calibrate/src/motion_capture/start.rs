@@ -1,13 +1,14 @@
-//! A start that cannot fail silently: offset of the clocks, rotations, translations.
+//! Start of the comparison with motion capture: offset of the clocks, rotations, translations, each with a test of its validity.
 //!
-//! 1. **Offset**: how fast camera and body turn is the same whatever their axes. Its correlation over all shifts must have one clear
-//!    peak.
-//! 2. **Rotation** of the body against the camera: the one that carries one angular velocity to the other (Wahba's problem, as
-//!    Park and Martin 1994 for hand-eye calibration). The rotation of the board in the room is the mean of those that follow pose
-//!    by pose.
-//! 3. **Translations and scale**: linear least squares. The scale tells other units, and its sign mirrored axes.
+//! 1. **Offset**: the rotation rates of camera and marker body are the same whatever their axes. Their correlation over all
+//!    shifts must have one clear peak.
+//! 2. **Rotation** of the marker body relative to the camera: the one that maps one angular velocity to the other (Wahba's
+//!    problem, as in Park and Martin 1994 for hand-eye calibration). The rotation of the board in the room is the mean of the
+//!    rotations that follow pose by pose.
+//! 3. **Translations and scale**: linear least squares. The scale shows other units, and its sign mirrored axes.
 //!
-//! Where that fails, poses are read as if they were inverse, or their quaternions in another order: what fits then is told.
+//! If this fails, poses are interpreted as inverse, or with quaternions in another order; an interpretation that fits is named in
+//! the error.
 
 use nalgebra::{Isometry3, Matrix3, Quaternion, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
@@ -18,38 +19,38 @@ use crate::trajectory::alignment::{ComparedTurns, Offset, Overlap, Series, Turns
 use evcal_geometry::numerics::rigid::best_rotation;
 use evcal_geometry::timed_pose::TimedPose;
 
-/// Step of the grid on which turns are compared (s).
+/// Step of the grid on which rotation rates are compared (s).
 const STEP: f64 = 0.01;
-/// Half the time over which an angular velocity is taken (s).
+/// Half the time over which an angular velocity is computed (s).
 const WINDOW: f64 = 0.04;
 /// Fewest poses in that time.
 const FEWEST_POSES: usize = 4;
 /// Smallest overlap: as a share of the shorter series, and in seconds.
 const OVERLAP: Overlap = Overlap { share: 0.4, seconds: 2.0 };
-/// Second singular value over the first below which the camera turned about one axis.
+/// Ratio of the second to the first singular value below which the camera rotated about one axis only.
 const ONE_AXIS: f64 = 0.02;
-/// Share of the angular velocities' squares that a rotation may leave.
+/// Largest unexplained share of the squared angular velocities.
 const LEFT: f64 = 0.2;
-/// How far lengths may differ, as a share; and from those of another unit.
+/// Largest relative difference of lengths, and of lengths in another unit.
 const SAME_LENGTH: f64 = 0.03;
 const OTHER_UNIT: f64 = 0.1;
 
-/// What the start found.
+/// Result of the start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
     /// Offset, rotations, translations.
     pub hand_eye: HandEye,
-    /// Largest correlation of the turns.
+    /// Largest correlation of the rotation rates.
     pub correlation: f64,
 }
 
-/// How what has these poses turns.
+/// Returns the angular velocities of a device with these poses.
 fn turns(poses: &[TimedPose]) -> Turns {
     let (start, end) = (poses.first().map_or(0.0, |one| one.t), poses.last().map_or(0.0, |one| one.t));
     Series::new(start, end, STEP, |t| angular_velocity(poses, t))
 }
 
-/// The slope of the rotation vectors from the middle pose, of the poses within [`WINDOW`] of `t`.
+/// Returns the slope of the rotation vectors from the middle pose, of the poses within [`WINDOW`] of `t`.
 fn angular_velocity(poses: &[TimedPose], t: f64) -> Option<Vector3<f64>> {
     let from = poses.partition_point(|pose| pose.t < t - WINDOW);
     let to = poses.partition_point(|pose| pose.t <= t + WINDOW);
@@ -67,10 +68,10 @@ fn angular_velocity(poses: &[TimedPose], t: f64) -> Option<Vector3<f64>> {
     (square > 0.0).then(|| product / square)
 }
 
-/// Finds a start from the poses of the camera and those of the body.
+/// Computes a start from the poses of the camera and of the marker body.
 ///
 /// # Errors
-/// [`MotionCaptureError`] says what was not found, and why.
+/// [`MotionCaptureError`] names the quantity that was not found, and the reason.
 pub fn start(camera: &[TimedPose], capture: &[TimedPose]) -> Result<Start, MotionCaptureError> {
     let of_camera = turns(camera);
     of_camera.rates().check()?;
@@ -87,7 +88,7 @@ pub fn start(camera: &[TimedPose], capture: &[TimedPose]) -> Result<Start, Motio
         find(&poses).is_ok()
     };
     find(capture).map_err(|error| match error {
-        // How fast a quaternion turns is the same in any order of its numbers.
+        // The rotation rate of a quaternion does not depend on the order of its numbers.
         MotionCaptureError::OtherAxes { .. } if read_otherwise(w_first) => MotionCaptureError::QuaternionOrder,
         MotionCaptureError::OtherAxes { .. } if read_otherwise(Isometry3::inverse) => MotionCaptureError::Inverted,
         MotionCaptureError::OtherAxes { .. } if read_otherwise(conjugate) => MotionCaptureError::Conjugate,
@@ -95,19 +96,19 @@ pub fn start(camera: &[TimedPose], capture: &[TimedPose]) -> Result<Start, Motio
     })
 }
 
-/// The pose if its quaternion had been written with w first.
+/// Returns the pose for a quaternion with w first.
 fn w_first(pose: &Isometry3<f64>) -> Isometry3<f64> {
     let [x, y, z, w]: [f64; 4] = pose.rotation.coords.into();
     let rotation = UnitQuaternion::from_quaternion(Quaternion::new(x, y, z, w));
     Isometry3::from_parts(pose.translation, rotation)
 }
 
-/// The pose if its quaternion were that of the opposite rotation.
+/// Returns the pose for a quaternion of the opposite rotation.
 fn conjugate(pose: &Isometry3<f64>) -> Isometry3<f64> {
     Isometry3::from_parts(pose.translation, pose.rotation.inverse())
 }
 
-/// `R_body_camera`.
+/// Computes `R_body_camera`.
 fn rotation(camera: &Turns, body: &Turns, offset: f64) -> Result<UnitQuaternion<f64>, MotionCaptureError> {
     let turns = ComparedTurns::new(camera, body, offset);
     check_axes(&turns.products, ONE_AXIS)?;
@@ -166,7 +167,7 @@ fn check_scale(scale: f64) -> Result<(), MotionCaptureError> {
     if (scale - 1.0).abs() < SAME_LENGTH {
         return Ok(());
     }
-    // Turns are mirrored as a whole, so that they look like those about other axes; positions are not.
+    // Mirrored rotations look like rotations about other axes, but positions show the mirror.
     if (scale + 1.0).abs() < OTHER_UNIT {
         return Err(MotionCaptureError::LeftHanded);
     }

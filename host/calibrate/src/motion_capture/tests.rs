@@ -1,4 +1,4 @@
-//! A camera that moves as no other, and a body on it.
+//! A camera with a known motion, and a marker body on it.
 
 use nalgebra::{Translation3, UnitQuaternion};
 use rand::SeedableRng;
@@ -12,7 +12,7 @@ const SECONDS: f64 = 24.0;
 const OFFSET_TRUE: f64 = 3.217_45;
 const DRIFT_TRUE: f64 = 40e-6;
 
-/// `T_world_camera`, never the same twice; `turn` chooses what of the rotation there is.
+/// `T_world_camera`, which never repeats; `turn` selects the part of the rotation.
 fn camera(t: f64, turn: Vector3<f64>) -> Isometry3<f64> {
     let turns = Vector3::new(
         0.4 * (2.1 * t).sin() + 0.2 * (5.3 * t + 0.4).sin() + 0.1 * (0.23 * t * t).cos(),
@@ -55,7 +55,7 @@ struct Noise {
 const NONE: Noise = Noise { position: 0.0, rotation: 0.0 };
 const USUAL: Noise = Noise { position: 3e-4, rotation: 0.2 };
 
-/// What a capture of `noise` sees.
+/// Returns the poses of a capture with `noise`.
 fn capture(turn: Vector3<f64>, noise: Noise) -> Vec<TimedPose> {
     let mut random = ChaCha8Rng::seed_from_u64(5);
     let mut vector = |size: f64| Vector3::from_fn(|_, _| size * normal(&mut random));
@@ -77,7 +77,7 @@ fn changed(change: impl Fn(Isometry3<f64>) -> Isometry3<f64>) -> Vec<TimedPose> 
 }
 
 #[test]
-fn a_perfect_capture_gives_the_truth() {
+fn a_perfect_capture_yields_the_truth() {
     let found = compare(&camera_poses(free()), &capture(free(), NONE), None).unwrap();
     let moved = found.camera_body.pose.inverse() * camera_body();
     assert!(moved.translation.vector.norm() < 1e-6 && moved.rotation.angle() < 1e-6, "{found:?}");
@@ -90,7 +90,7 @@ fn a_perfect_capture_gives_the_truth() {
 }
 
 #[test]
-fn noise_is_told_and_taken_off() {
+fn noise_is_measured_and_subtracted() {
     let (position, rotation) = (3e-4, 0.2);
     let found = compare(&camera_poses(free()), &capture(free(), Noise { position, rotation }), None).unwrap();
     let moved = found.camera_body.pose.inverse() * camera_body();
@@ -100,9 +100,9 @@ fn noise_is_told_and_taken_off() {
     assert!((found.offset.value - OFFSET_TRUE).abs() < 5.0 * found.offset.sigma && found.offset.sigma < 1e-4);
     assert!((found.spread.position / position - 1.0).abs() < 0.05, "{:?}", found.spread);
     assert!((found.spread.rotation / rotation.to_radians() - 1.0).abs() < 0.05, "{:?}", found.spread);
-    // The camera's poses are perfect: all of what is left is noise, but for what chance leaves of the difference of both.
+    // The camera's poses are exact: all errors are noise, apart from chance in the difference of both.
     let errors = &found.errors.held_out;
-    // The square of an error of nothing is within 3 σ of nothing, and its σ is twice the error times that of the error.
+    // The squared error is within 3 σ of zero, and its σ is twice the error times the σ of the error.
     for errors in [&errors.position, &errors.rotation] {
         assert!(errors.error.value < 6.0 * errors.error.sigma && errors.error.sigma < 0.3 * errors.noise, "{errors:?}");
     }
@@ -110,9 +110,9 @@ fn noise_is_told_and_taken_off() {
     assert!((found.rate - 120.0).abs() < 1e-6 && found.missing < 1e-9);
 }
 
-/// The error of a trajectory that moves smoothly is what is found, whatever the noise of the capture.
+/// The error of a smooth trajectory is estimated correctly, whatever the noise of the capture.
 #[test]
-fn the_error_of_a_trajectory_is_found_under_the_noise() {
+fn the_error_of_a_trajectory_is_measured_despite_noise() {
     let wrong =
         |t: f64| Vector3::new((19.0 * t + 0.1 * t * t).sin(), (23.0 * t).cos(), (29.0 * t + 0.2 * t * t).sin()) * 4e-4;
     let poses: Vec<TimedPose> = camera_poses(free())
@@ -127,7 +127,7 @@ fn the_error_of_a_trajectory_is_found_under_the_noise() {
 }
 
 #[test]
-fn missing_and_wild_poses_do_no_harm() {
+fn missing_poses_and_outliers_do_not_change_the_result() {
     let mut capture = capture(free(), USUAL);
     capture.retain(|pose| (pose.t * 1.7).fract() > 0.1);
     for pose in capture.iter_mut().step_by(97) {
@@ -140,7 +140,7 @@ fn missing_and_wild_poses_do_no_harm() {
 }
 
 #[test]
-fn motion_that_tells_too_little_is_refused() {
+fn degenerate_motion_is_refused() {
     let refused = |turn: Vector3<f64>| compare(&camera_poses(turn), &capture(turn, USUAL), None).unwrap_err();
     assert!(matches!(refused(Vector3::zeros()), MotionCaptureError::Alignment(AlignmentError::LittleRotation { .. })));
     for (axis, name) in ["x axis", "y axis", "z axis"].into_iter().enumerate() {
@@ -156,7 +156,7 @@ fn motion_that_tells_too_little_is_refused() {
 }
 
 #[test]
-fn motion_that_leaves_the_clocks_open_is_refused() {
+fn motion_that_does_not_determine_the_clock_offset_is_refused() {
     let refused = |pose: fn(f64) -> Isometry3<f64>| {
         let mut camera = camera_poses(free());
         camera.iter_mut().for_each(|one| one.pose = pose(one.t));
@@ -196,7 +196,7 @@ fn mistakes_in_a_capture_are_named() {
     );
     let quaternion = |w, x, y, z| UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z));
     refused("conjugate", &changed(|pose| Isometry3::from_parts(pose.translation, pose.rotation.inverse())));
-    // y and z change places: a mirror.
+    // y and z are exchanged: a mirror.
     refused(
         "left-handed",
         &changed(|pose| {
@@ -204,7 +204,7 @@ fn mistakes_in_a_capture_are_named() {
             Isometry3::from_parts(Translation3::new(p.x, p.z, p.y), quaternion(q.w, -q.x, -q.z, -q.y))
         }),
     );
-    // The columns of y and z of the quaternion only.
+    // Only the columns of y and z of the quaternion are exchanged.
     refused(
         "no fixed mount",
         &changed(|pose| {
@@ -214,18 +214,18 @@ fn mistakes_in_a_capture_are_named() {
     );
     let mut other = capture(free(), USUAL);
     other.iter_mut().for_each(|pose| pose.pose = self::camera(0.77 * pose.t + 100.0, free()));
-    refused("does not turn as the camera does", &other);
+    refused("does not match the camera", &other);
     let mut late = capture(free(), USUAL);
     late.iter_mut().for_each(|pose| pose.t *= 1e9);
     refused("times in seconds", &late);
 }
 
 #[test]
-fn a_slightly_wrong_board_is_told() {
+fn a_slightly_wrong_board_is_reported() {
     let capture =
         changed(|pose| Isometry3::from_parts(Translation3::from(pose.translation.vector * 1.01), pose.rotation));
     let found = compare(&camera_poses(free()), &capture, None).unwrap();
-    // The body's distance from the camera grows with the rest.
+    // The body's distance from the camera is scaled, too.
     assert!((found.scale.value - 1.01).abs() < 3e-4, "{:?}", found.scale);
     assert!(found.lengths_differ());
 }

@@ -1,7 +1,7 @@
-//! σ of what lies between camera and capture.
+//! σ of the relation of camera and capture.
 //!
-//! Errors of a trajectory last longer than from one captured pose to the next, so that residuals are not independent. Blocks of time
-//! that are long enough are: the jackknife over them, to first order.
+//! Errors of a trajectory last longer than the time between captured poses, so residuals are not independent. Blocks of time that
+//! are long enough are: the jackknife over them, to first order.
 
 use super::error::MotionCaptureError;
 use super::fit::{COUNT, Equations, Fitted, Gradient, Normal};
@@ -11,10 +11,10 @@ use evcal_geometry::timed_pose::TimedPose;
 /// Lengths of blocks (s).
 const BLOCKS: [f64; 3] = [0.5, 1.0, 2.0];
 
-/// σ of each parameter: the mean of what blocks of several lengths say, at least that of independent residuals.
+/// Returns σ of each parameter: the mean over blocks of several lengths, at least the σ of independent residuals.
 ///
 /// # Errors
-/// [`MotionCaptureError::Singular`].
+/// [`MotionCaptureError::Singular`] if the poses do not determine the parameters.
 pub fn sigmas(path: &Path, capture: &[TimedPose], fitted: &Fitted) -> Result<[f64; COUNT], MotionCaptureError> {
     let at = &fitted.hand_eye;
     let rows: Vec<_> = at
@@ -37,7 +37,7 @@ pub fn sigmas(path: &Path, capture: &[TimedPose], fitted: &Fitted) -> Result<[f6
     Ok(std::array::from_fn(|index| variance[index].max(formal[(index, index)]).sqrt()))
 }
 
-/// (K − 1)/K Σ δ², δ = (S − S_k)⁻¹ g_k, over the K blocks.
+/// Returns (K − 1)/K Σ δ², δ = (S − S_k)⁻¹ g_k, over the K blocks.
 fn jackknife(rows: &[(f64, Equations)], whole: &Normal, length: f64) -> Result<Gradient, MotionCaptureError> {
     let block = |t: f64| (t / length).floor() as i64;
     let mut sum = Gradient::zeros();

@@ -1,8 +1,8 @@
-//! Do frames and events show the board in the same place at the same moment?
+//! Check that frames and events of the same moment show the board at the same position.
 //!
-//! No lens is needed for that: both come from the same pixels. The points of the board in a frame are compared with those in the
-//! windows of events before and after it. A program that flips, crops or scales one of the two, or stamps it by another clock, leaves
-//! two calibrations that are each consistent, so that comparing the calibrations does not reveal it.
+//! No lens is needed for that, because both come from the same pixels. The points of the board in a frame are compared with those
+//! in the windows of events before and after it. A program that flips, crops or scales one of the two, or stamps it with another
+//! clock, leaves two calibrations that are each consistent, so a comparison of the calibrations does not reveal it.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -17,49 +17,49 @@ use evcal_geometry::board::Board;
 use evcal_geometry::numerics::huber::huber_weight;
 use evcal_geometry::numerics::statistics::median;
 
-/// Fewest frames that are compared.
+/// Fewest frames for the check.
 const FEWEST: usize = 6;
-/// Fewest points that a frame and the events of its moment must share.
+/// Fewest common points of a frame and the events of its moment.
 const FEWEST_POINTS: usize = 8;
 /// Longest time between the windows of events before and after a frame (s).
 const LONGEST_GAP: f64 = 0.06;
-/// Frames and events fit if their points are usually nearer than this share of the board's size in the image.
+/// Largest typical distance of the points of frames and events that agree, as a share of the board's size in the image.
 const FITS: f64 = 0.05;
-/// Another orientation must fit so many times as well as the same one.
+/// Smallest ratio by which another orientation must fit better than the same one.
 const BETTER: f64 = 3.0;
-/// Difference in scale that is named.
+/// Difference in scale that is reported.
 const OTHER_SCALE: f64 = 0.02;
-/// Shift that is named (px), if it is also this many times the usual distance that is left.
+/// Shift that is reported (px), if it is also this multiple of the typical remaining distance.
 const SHIFT: f64 = 1.5;
 const CLEAR_SHIFT: f64 = 3.0;
-/// Usual offset between the clocks of frames and events (s), with which the motion's part in a shift is told from the shift.
+/// Typical offset between the clocks of frames and events (s), which separates the effect of motion from a shift.
 const USUAL_OFFSET: f64 = 0.01;
-/// Rounds in which the shift, or the clock, is estimated.
+/// Number of rounds in which the shift, or the clock, is estimated.
 const ROUNDS: usize = 8;
 /// Steps of the search for another clock: of its rate (ratio) and of its offset (s).
 const RATE_STEP: f64 = 0.002;
 const OFFSET_STEP: f64 = 0.01;
-/// By how much the rate may differ from the ratio of the times that both streams span.
+/// Largest difference of the rate from the ratio of the time spans of both streams.
 const RATE_RANGE: f64 = 0.05;
-/// Most frames from whose moments another clock is searched, and the longest time that they span (s).
+/// Most frames in the search for another clock, and the longest time that they span (s).
 const MOST_SEARCHED: usize = 40;
 const LONGEST_SEARCHED: f64 = 16.0;
-/// Share of the frames that must fit at another clock.
+/// Smallest share of the frames that must fit with another clock.
 const MOST_FIT: f64 = 0.8;
-/// Rates closer to 1 than this are of one clock with an offset.
+/// Rates closer to 1 than this belong to one clock with an offset.
 const SAME_RATE: f64 = 0.003;
 
-/// How the image of the frames lies to that of the events.
+/// Orientation of the frames relative to the events.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Orientation {
-    /// Both the same.
+    /// The same orientation.
     Same,
-    /// x runs the other way.
+    /// x is flipped.
     FlippedX,
-    /// y runs the other way.
+    /// y is flipped.
     FlippedY,
-    /// Both run the other way: half a turn.
+    /// Both are flipped: half a turn.
     FlippedBoth,
     /// x and y are exchanged.
     Transposed,
@@ -67,7 +67,7 @@ pub enum Orientation {
     QuarterClockwise,
     /// A quarter turn anticlockwise, from events to frames.
     QuarterAnticlockwise,
-    /// x and y are exchanged, and both run the other way.
+    /// x and y are exchanged, and both are flipped.
     TransposedFlipped,
 }
 
@@ -83,7 +83,7 @@ impl Orientation {
         Self::TransposedFlipped,
     ];
 
-    /// Where `place` on a `sensor` comes with this orientation.
+    /// Returns the position of `place` on a `sensor` with this orientation.
     fn turned(self, place: Vector2<f64>, sensor: Sensor) -> Vector2<f64> {
         let (x, y) = (place.x, place.y);
         let (right, bottom) = (f64::from(sensor.width) - 1.0, f64::from(sensor.height) - 1.0);
@@ -100,27 +100,27 @@ impl Orientation {
     }
 }
 
-/// How frames and events differ in what they show at the same moment.
+/// Difference between frames and events of the same moment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Misalignment {
-    /// The image of one is that of the other, moved.
+    /// The images differ by a rotation, flip, scale or shift.
     Image {
-        /// How that of the frames is turned or flipped against the events.
+        /// Orientation of the frames relative to the events.
         orientation: Orientation,
-        /// Size of the board in the frames over that in the events.
+        /// Ratio of the size of the board in the frames to that in the events.
         scale: f64,
-        /// What is added to the place in the events, then, to get that in the frames (px).
+        /// Added to the position in the events, after that, to get the position in the frames (px).
         shift: [f64; 2],
     },
-    /// They fit with another clock: events have the time `offset + rate · t` of frames at `t` (s from the first event).
+    /// They agree with another clock: events have the time `offset + rate · t` of frames at `t` (s from the first event).
     Clock {
         /// Seconds of the events per second of the frames.
         rate: f64,
-        /// Time of the events at the frames' zero (s).
+        /// Time of the events at time zero of the frames (s).
         offset: f64,
     },
-    /// They do not fit, however they are turned or timed.
+    /// They agree with no orientation and no clock.
     Unlike,
 }
 
@@ -132,12 +132,12 @@ impl fmt::Display for Misalignment {
                     Orientation::Same => None,
                     Orientation::FlippedX => Some("flipped left to right (in x)"),
                     Orientation::FlippedY => Some("flipped top to bottom (in y)"),
-                    Orientation::FlippedBoth => Some("turned by 180° (flipped in x and y)"),
+                    Orientation::FlippedBoth => Some("rotated by 180° (flipped in x and y)"),
                     Orientation::Transposed => Some("transposed (x and y exchanged)"),
-                    Orientation::QuarterClockwise => Some("turned by 90° (x and y exchanged, then flipped in x)"),
-                    Orientation::QuarterAnticlockwise => Some("turned by 90° (x and y exchanged, then flipped in y)"),
+                    Orientation::QuarterClockwise => Some("rotated by 90° (x and y exchanged, then flipped in x)"),
+                    Orientation::QuarterAnticlockwise => Some("rotated by 90° (x and y exchanged, then flipped in y)"),
                     Orientation::TransposedFlipped => {
-                        Some("transposed and turned by 180° (x and y exchanged, then flipped in x and y)")
+                        Some("transposed and rotated by 180° (x and y exchanged, then flipped in x and y)")
                     }
                 };
                 let mut parts: Vec<String> = words.map(str::to_owned).into_iter().collect();
@@ -153,13 +153,10 @@ impl fmt::Display for Misalignment {
             Self::Clock { rate, offset } if (rate - 1.0).abs() <= SAME_RATE => {
                 let late = if offset < 0.0 { "later" } else { "earlier" };
                 let offset = offset.abs();
-                write!(
-                    f,
-                    "the times of the frames are {offset:.3} s {late} than those of the events of the same moment"
-                )
+                write!(f, "the times of the frames are {offset:.3} s {late} than the events of the same moment")
             }
             Self::Clock { rate, .. } => {
-                write!(f, "the clock of the frames runs {:.3} times as fast as that of the events", 1.0 / rate)
+                write!(f, "the clock of the frames runs {:.3} times as fast as the events' clock", 1.0 / rate)
             }
             Self::Unlike => {
                 write!(f, "frames and events show the board in different places at the same moment")
@@ -169,26 +166,26 @@ impl fmt::Display for Misalignment {
 }
 
 impl Misalignment {
-    /// What to do.
+    /// Returns the remedy.
     pub fn advice(&self) -> &'static str {
         match self {
             Self::Image { .. } => {
-                "the driver or a conversion flipped, cropped or scaled one of the two: record or convert both alike, or leave the frames out"
+                "the driver or a conversion flipped, cropped or scaled one of the two: record or convert both in the same way, or ignore the frames"
             }
             Self::Clock { .. } => {
-                "the driver stamped frames and events by different clocks: mend the times, or leave the frames out"
+                "the driver stamped frames and events with different clocks: correct the times, or ignore the frames"
             }
-            Self::Unlike => "are they of one camera and of one recording? If not, leave the frames out",
+            Self::Unlike => "are they of one camera and of one recording? If not, ignore the frames",
         }
     }
 
-    /// `true` if frames of another lens than that of the events could be like that: only moved by some pixels, or scaled.
+    /// Returns `true` if a lens other than that behind the events could cause the difference: only a shift or a scale.
     pub fn is_of_lens(&self) -> bool {
         matches!(self, Self::Image { orientation: Orientation::Same, .. })
     }
 }
 
-/// Where the points of the board are, by their index.
+/// Positions of the points of the board, by their index.
 type Places = Vec<Option<Vector2<f64>>>;
 
 /// The windows of one recording's events, in order of time.
@@ -197,7 +194,7 @@ struct EventTrack {
     places: Vec<Places>,
 }
 
-/// The board in a frame.
+/// The board in a frame, with its time.
 struct Seen {
     recording: usize,
     t: f64,
@@ -212,8 +209,8 @@ struct Pair {
     velocity: Vector2<f64>,
 }
 
-/// Compares the `frames` with the `events` that the same `sensor` has of the `board`; times of both count from the recording's first
-/// event. `None` if they fit, or too few are of the same time to know.
+/// Compares the `frames` with the `events` that the same `sensor` has of the `board`; times of both are relative to the
+/// recording's first event. Returns `None` if they agree, or too few are of the same time for a decision.
 pub fn misalignment(
     events: &[ReferenceFrame],
     frames: &[ReferenceFrame],
@@ -236,7 +233,7 @@ pub fn misalignment(
             return image;
         }
     }
-    // Few frames that fit are too few to accuse the clock.
+    // If a few frames agree, there are too few for a statement about the clock.
     if pairs.len() < FEWEST && pairs.iter().any(|pair| distance(pair, &turns) < FITS * size) {
         return None;
     }
@@ -247,7 +244,8 @@ pub fn misalignment(
     clock.or((pairs.len() >= FEWEST).then_some(Misalignment::Unlike))
 }
 
-/// What the best of the `fits` says, those of [`Orientation::ALL`]: `Some(None)` if both are alike; `None` if none fits.
+/// Returns the result of the best of the `fits`, which are in the order of [`Orientation::ALL`]: `Some(None)` if both agree;
+/// `None` if none fits.
 fn image_of(fits: &[Option<ImageFit>; 8], size: f64, sensor: Sensor) -> Option<Option<Misalignment>> {
     let cost = |fit: &Option<ImageFit>| fit.as_ref().map_or(f64::INFINITY, |fit| fit.cost);
     let (place, best) = fits.iter().enumerate().min_by(|a, b| cost(a.1).total_cmp(&cost(b.1)))?;
@@ -262,7 +260,7 @@ fn image_of(fits: &[Option<ImageFit>; 8], size: f64, sensor: Sensor) -> Option<O
     }
     let orientation = *Orientation::ALL.get(place)?;
     let is_scaled = (fit.scale - 1.0).abs() > OTHER_SCALE;
-    // A lens that is a little longer moves nothing in the middle.
+    // A slightly longer lens shifts nothing in the middle.
     let middle = orientation.turned(0.5 * Vector2::new(f64::from(sensor.width), f64::from(sensor.height)), sensor);
     let shift = if is_scaled { fit.shift } else { fit.shift + (fit.scale - 1.0) * middle };
     let is_shifted = shift.norm() > SHIFT.max(CLEAR_SHIFT * fit.cost);
@@ -271,15 +269,15 @@ fn image_of(fits: &[Option<ImageFit>; 8], size: f64, sensor: Sensor) -> Option<O
     Some(differs.then_some(Misalignment::Image { orientation, scale: fit.scale, shift }))
 }
 
-/// How well one orientation fits.
+/// Fit of one orientation.
 struct ImageFit {
-    /// Usual distance of the frames' points from where the events put them (px).
+    /// Typical distance of the frames' points from their prediction by the events (px).
     cost: f64,
     scale: f64,
     shift: Vector2<f64>,
 }
 
-/// Scale, shift and offset of the clocks with which the events, in this `orientation`, fit the frames best.
+/// Estimates scale, shift and offset of the clocks with which the events, in this `orientation`, agree best with the frames.
 fn fit(pairs: &[Pair], orientation: Orientation, sensor: Sensor, turns: &[Vec<usize>]) -> Option<ImageFit> {
     let turned = |places: &Places| -> Places {
         places.iter().map(|place| place.map(|place| orientation.turned(place, sensor))).collect()
@@ -322,18 +320,18 @@ fn fit(pairs: &[Pair], orientation: Orientation, sensor: Sensor, turns: &[Vec<us
     Some(ImageFit { cost: median(&mut distances, f64::total_cmp)?, scale, shift: solution.xy() })
 }
 
-/// The points of a frame and of events, moved and scaled onto each other.
+/// Relation of the points of a frame and of events.
 struct Alike {
-    /// Middle of the shared points in the frame and in the events (px).
+    /// Middle of the common points in the frame and in the events (px).
     frame: Vector2<f64>,
     events: Vector2<f64>,
-    /// Size in the frame over that in the events.
+    /// Ratio of the size in the frame to that in the events.
     scale: f64,
-    /// Distance that is left (px, rms).
+    /// Remaining distance (px, rms).
     spread: f64,
 }
 
-/// Compares points by their index, that of the frame by way of `turn`.
+/// Compares points by index; `turn` permutes the points of the frame.
 fn compare(events: &Places, frame: &Places, turn: &[usize]) -> Option<Alike> {
     let shared: Vec<(Vector2<f64>, Vector2<f64>)> = turn
         .iter()
@@ -358,7 +356,7 @@ fn compare(events: &Places, frame: &Places, turn: &[usize]) -> Option<Alike> {
     })
 }
 
-/// The clock with which the events fit `frames` within `bound` px, as far as one is found.
+/// Returns the clock with which the events agree with `frames` within `bound` px, if there is one.
 fn clock(track: &EventTrack, frames: &[&Seen], turns: &[Vec<usize>], bound: f64) -> Option<Misalignment> {
     let (first, last) = (frames.first()?.t, frames.last()?.t);
     let (begin, end) = (*track.times.first()?, *track.times.last()?);
@@ -384,7 +382,7 @@ fn clock(track: &EventTrack, frames: &[&Seen], turns: &[Vec<usize>], bound: f64)
     Some(Misalignment::Clock { rate, offset })
 }
 
-/// How many of the frames fit the events with this clock; `None` if too few or too small a share.
+/// Returns the number of frames that agree with the events with this clock; `None` if too few or too small a share.
 fn fitting(
     track: &EventTrack,
     frames: &[&Seen],
@@ -405,13 +403,13 @@ fn fitting(
     (fitting >= FEWEST && fitting as f64 >= MOST_FIT * compared as f64).then_some(fitting)
 }
 
-/// How far the points of a frame are from those of the events (px, rms), the board turned so that they are nearest.
+/// Returns the distance between the points of a frame and of the events (px, rms), for the best rotation of the board.
 fn distance(pair: &Pair, turns: &[Vec<usize>]) -> f64 {
     let alike = turns.iter().filter_map(|turn| compare(&pair.events, &pair.frame, turn));
     alike.map(|alike| (alike.frame - alike.events).norm().hypot(alike.spread)).fold(f64::INFINITY, f64::min)
 }
 
-/// The clock with which the middles of the boards are nearest.
+/// Refines the clock so that the middles of the boards are nearest.
 fn refined(track: &EventTrack, frames: &[&Seen], turns: &[Vec<usize>], clock: [f64; 2]) -> [f64; 2] {
     let [mut rate, mut offset] = clock;
     for _ in 0..ROUNDS {
@@ -438,12 +436,12 @@ fn refined(track: &EventTrack, frames: &[&Seen], turns: &[Vec<usize>], clock: [f
     [rate, offset]
 }
 
-/// `frame` with the events of its time, if both show enough of the board.
+/// Returns `frame` with the events of its time, if both show enough of the board.
 fn pair(track: &EventTrack, frame: &Seen) -> Option<Pair> {
     pair_at(track, frame, frame.t)
 }
 
-/// `frame` with the events of time `t`, between two windows.
+/// Returns `frame` with the events of time `t`, interpolated between two windows.
 fn pair_at(track: &EventTrack, frame: &Seen, t: f64) -> Option<Pair> {
     let after = track.times.partition_point(|time| *time < t);
     let before = after.checked_sub(1)?;
@@ -473,7 +471,7 @@ fn pair_at(track: &EventTrack, frame: &Seen, t: f64) -> Option<Pair> {
     Some(Pair { frame: frame.places.clone(), events: between, velocity })
 }
 
-/// The windows of each recording in order of time, each time once.
+/// Returns the windows of each recording in order of time, each time once.
 fn tracks(events: &[ReferenceFrame], board: &Board) -> BTreeMap<usize, EventTrack> {
     let mut sorted: Vec<&ReferenceFrame> = events.iter().filter(|frame| frame.t().is_finite()).collect();
     sorted.sort_by(|a, b| a.recording.cmp(&b.recording).then(a.t().total_cmp(&b.t())));
@@ -498,7 +496,7 @@ fn places_of(frame: &ReferenceFrame, count: usize) -> Places {
     places
 }
 
-/// Median size of the board in the frames: the rms distance of its points from their middle (px).
+/// Returns the median size of the board in the frames: the rms distance of its points from their middle (px).
 fn typical_size(frames: &[Seen]) -> Option<f64> {
     let size = |frame: &Seen| {
         let places: Vec<Vector2<f64>> = frame.places.iter().flatten().copied().collect();
@@ -509,13 +507,12 @@ fn typical_size(frames: &[Seen]) -> Option<f64> {
     median(&mut frames.iter().map(size).collect::<Vec<_>>(), f64::total_cmp)
 }
 
-/// For each way in which the points of `board` look the same, flipped or turned, which point comes in the place of each; the board as
-/// it is comes first.
+/// Returns the permutations of the points for each rotation or flip under which `board` looks the same; the identity comes first.
 fn turns(board: &Board) -> Vec<Vec<usize>> {
     let points: Vec<Vector2<f64>> = (0..board.point_count()).map(|index| board.point(index)).collect();
     let middle = board.middle();
     let near = 1e-6 * board.longer_side();
-    // About the pixel (0, 0), which is there the middle of the board.
+    // About the pixel (0, 0), which is the middle of the board there.
     let moved = |orientation: &Orientation, point: &Vector2<f64>| {
         middle + orientation.turned(point - middle, Sensor::new(1, 1))
     };
@@ -538,7 +535,7 @@ mod tests {
 
     const SENSOR: Sensor = Sensor::new(346, 260);
 
-    /// The board at time `t` on a path that never repeats itself, as a camera without a lens sees it.
+    /// The board at time `t` on a path that never repeats, as a pinhole camera sees it.
     fn frame_at(board: &Board, stamp: f64, t: f64, changed: impl Fn(Vector2<f64>) -> Vector2<f64>) -> ReferenceFrame {
         let middle = Vector2::new(
             173.0 + 50.0 * (1.3 * t).sin() + 15.0 * (2.9 * t).sin(),
@@ -555,7 +552,7 @@ mod tests {
         ReferenceFrame { recording: 0, start: stamp, end: stamp, circles, seen_in: SeenIn::PassedEvents }
     }
 
-    /// Events of 8 s against frames of the same motion, `changed` and with the stamp that `clock` gives to a time.
+    /// Events of 8 s against frames of the same motion, changed by `changed` and stamped by `clock`.
     fn found(
         board: &Board,
         changed: impl Fn(Vector2<f64>) -> Vector2<f64> + Copy,
@@ -563,7 +560,7 @@ mod tests {
     ) -> Option<Misalignment> {
         let events: Vec<_> = (0..800).map(|window| 0.01 * f64::from(window)).collect();
         let events: Vec<_> = events.iter().map(|&t| frame_at(board, t, t, |place| place)).collect();
-        // Pixels answer 2 ms late.
+        // The latency of pixels is 2 ms.
         let frames: Vec<_> = (0..130).map(|frame| 0.1 + 0.06 * f64::from(frame)).collect();
         let frames: Vec<_> = frames.iter().map(|&t| frame_at(board, clock(t - 0.002), t, changed)).collect();
         misalignment(&events, &frames, board, SENSOR)
@@ -585,7 +582,7 @@ mod tests {
         for board in ["acircles:9x4:55mm:r17.5mm", "acircles:10x4:55mm:r17.5mm", "circles:5x5:50mm:r15mm"] {
             let board: Board = board.parse().unwrap();
             for orientation in Orientation::ALL.into_iter().skip(1) {
-                // The grid finder counts the points of what it sees from a corner of a proper board.
+                // The grid finder numbers the points as on a valid board, from a corner.
                 let turned = |place| orientation.turned(place, SENSOR);
                 let found = found(&board, turned, |t| t);
                 let Some(Misalignment::Image { orientation: named, shift: [0.0, 0.0], .. }) = found else {
@@ -633,7 +630,7 @@ mod tests {
     #[test]
     fn frames_of_another_camera_are_unlike() {
         let board: Board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
-        // Beside the first, turned and tilted: what is near is moved more.
+        // A camera next to the first, rotated and tilted: near points move more.
         let beside = |place: Vector2<f64>| {
             Vector2::new(0.8 * place.x + 0.3 * place.y + 0.001 * place.x * place.x, 1.1 * place.y)
         };

@@ -1,12 +1,12 @@
-//! Camera and the pose of every picture together, by least squares on the centres of dots
-//! (`initial::bundle_adjustment`), and how sure the camera is.
+//! Camera and the pose of every picture together, by least squares on the centres of dots (`initial::bundle_adjustment`), and the
+//! uncertainty of the camera.
 //!
-//! A residual is the predicted centre of area of a dot's image ([`CircleImage`]) less the measured one.
+//! A residual is the predicted centre of area of a dot's image ([`CircleImage`]) minus the measured one.
 //!
-//! The errors within a picture are not independent: blur, the shutter and the paper move all its dots
-//! together. Pictures are. So the covariance is the jackknife's over pictures (Efron 1982): with the border
-//! S = Σ S_f after elimination and the picture's gradient g_f, leaving out picture f moves the parameters by
-//! δ_f = (S − S_f)⁻¹ g_f, and the covariance is (n − 1) / n Σ δ_f δ_fᵀ.
+//! The errors within a picture are not independent: blur, the shutter and the paper shift all its dots together. Pictures are
+//! independent. So the covariance comes from the jackknife over pictures (Efron 1982): with the border S = Σ S_f after
+//! elimination and the picture's gradient g_f, leaving out picture f moves the parameters by δ_f = (S − S_f)⁻¹ g_f, and the
+//! covariance is (n − 1) / n Σ δ_f δ_fᵀ.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::sensor::Sensor;
@@ -48,25 +48,25 @@ pub struct PictureBundle {
     pub poses: Vec<Isometry3<f64>>,
     /// Covariance of the camera's parameters, in the order of the model.
     pub covariance: DMatrix<f64>,
-    /// Variance of the parameters over that of independent residuals, on average.
+    /// Ratio of the variance of the parameters to that with independent residuals, on average.
     pub inflation: f64,
-    /// Standard deviation of a centre along one axis (px), of most centres.
+    /// Robust standard deviation of a centre along one axis (px).
     pub spread: f64,
-    /// Root mean square distance of the centres from where the result puts them (px).
+    /// Root mean square distance of the centres from their prediction (px).
     pub rms: f64,
     /// Median of that distance.
     pub median: f64,
-    /// Steps taken.
+    /// Number of steps.
     pub steps: usize,
 }
 
-/// Passes, each with the spread that the one before has left.
+/// Number of passes, each with the spread from the previous one.
 const PASSES: usize = 3;
-/// Smallest spread that is believed (px).
+/// Smallest spread that is used (px).
 const SMALLEST_SPREAD: f64 = 0.002;
 
 impl SeenDot {
-    /// How far the dot is from the centre of area of its circle's image (px).
+    /// Returns the difference between the predicted centre of area of the circle's image and the dot (px).
     fn error(&self, camera: &Camera<f64>, pose: &Isometry3<f64>) -> Option<Vector2<f64>> {
         Some(circle_image_center(camera, pose, self.object, self.radius)? - self.image)
     }
@@ -83,7 +83,7 @@ impl ImagePoint for SeenDot {
     }
 }
 
-/// The residuals of all dots in pixels.
+/// Returns the residuals of all dots in pixels.
 fn residuals(target: &Target<'_, SeenDot>, estimate: &Estimate) -> Vec<Vector2<f64>> {
     let of_view = |(view, pose): (&View<'_, SeenDot>, &Isometry3<f64>)| -> Vec<Vector2<f64>> {
         view.points.iter().filter_map(|dot| dot.error(&estimate.camera, pose)).collect()
@@ -91,7 +91,7 @@ fn residuals(target: &Target<'_, SeenDot>, estimate: &Estimate) -> Vec<Vector2<f
     target.views.iter().zip(&estimate.poses).flat_map(of_view).collect()
 }
 
-/// The inverse of a symmetric positive definite matrix; `None` if it is none.
+/// Inverts a symmetric positive definite matrix; `None` if it is not positive definite.
 fn inverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let (matrix, scale) = unit_diagonal(matrix);
     let inverse = matrix.cholesky()?.inverse();
@@ -99,16 +99,16 @@ fn inverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     Some(DMatrix::from_fn(inverse.nrows(), inverse.ncols(), entry))
 }
 
-/// Standard deviation along one axis of residuals of which most are good.
+/// Returns a robust standard deviation along one axis.
 fn robust_spread(residuals: &[Vector2<f64>]) -> f64 {
     let mut sizes: Vec<f64> = residuals.iter().flat_map(|residual| [residual.x.abs(), residual.y.abs()]).collect();
     median(&mut sizes, f64::total_cmp).map_or(SMALLEST_SPREAD, |median| (SIGMA_BY_MEDIAN * median).max(SMALLEST_SPREAD))
 }
 
-/// Refines `camera` and the poses of `views`. `sensor` is (width, height) in
-/// pixels, `huber` the distance in spreads from which a centre counts linearly.
+/// Refines `camera` and the poses of `views`. `sensor` is (width, height) in pixels, `huber` the distance in spreads from which a
+/// centre counts linearly.
 ///
-/// `None` if a dot starts outside the camera's domain or the views do not determine the camera.
+/// Returns `None` if a dot starts outside the camera's domain or the views do not determine the camera.
 pub fn picture_bundle(
     camera: &Camera<f64>,
     views: &[PictureView],
@@ -137,7 +137,7 @@ pub fn picture_bundle(
     let residuals = residuals(&target, &estimate);
     let linear = target.linearise(&estimate);
     let squares: f64 = linear.iter().map(|view| view.squares).sum();
-    // Border and gradient of each view, its pose eliminated.
+    // Border and gradient of each view, with its pose eliminated.
     let of_view = |view: &Equations| {
         let eliminated = view.eliminate(0.0)?;
         let border = (view.border - eliminated.border).view((0, 0), (count, count)).into_owned();
@@ -193,8 +193,8 @@ mod tests {
         Camera::from_parameters(ModelKind::Radtan4, &parameters).unwrap()
     }
 
-    /// Dots with noise that is the same within no two pictures: a fifth of the pictures is four times as noisy,
-    /// and each picture is a little larger or smaller than it should be, as by blur.
+    /// Dots with noise that differs between pictures: a fifth of the pictures is four times as noisy, and each picture is
+    /// slightly scaled, as by blur.
     fn views(camera: &Camera<f64>, seed: u64) -> Vec<PictureView> {
         let board: Board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn the_stated_uncertainty_is_the_scatter_over_repetitions() {
+    fn the_reported_uncertainty_agrees_with_the_scatter_over_repetitions() {
         const REPETITIONS: u64 = 60;
         let truth = camera();
         let (mut squares, mut stated) = ([0.0; 8], [0.0; 8]);

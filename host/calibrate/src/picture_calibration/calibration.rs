@@ -1,4 +1,4 @@
-//! The ordinary calibration from pictures: every picture has a pose of its own.
+//! The ordinary calibration from pictures: every picture has its own pose.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -21,38 +21,38 @@ use evcal_geometry::board::Board;
 /// Distance from which a centre counts linearly instead of squared, in units of the centres' spread (σ).
 pub(super) const HUBER: f64 = 2.5;
 
-/// What the pictures of a calibration are.
+/// The kind of pictures of a calibration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum PictureSource {
-    /// Frames that the camera took.
+    /// Frames of the camera.
     #[default]
     #[serde(rename = "frames")]
     Frames,
-    /// Views of a board that blinks before a camera at rest, made of events.
+    /// Views of a board that blinks in front of a camera at rest, made of events.
     #[serde(rename = "views")]
     StillViews,
 }
 
 impl fmt::Display for PictureSource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // As reports have it.
+        // The same text as in reports.
         self.serialize(f)
     }
 }
 
-/// What became of the pictures of all recordings.
+/// Counts of the pictures of all recordings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PictureReport {
-    /// What they are.
+    /// Their kind.
     #[serde(default)]
     pub source: PictureSource,
-    /// From pictures to boards.
+    /// Statistics of the search for the board.
     pub detection: PictureSearchReport,
-    /// Pictures that the calibration used.
+    /// Number of pictures in the calibration.
     pub used: usize,
-    /// Why the others with a board fell away, in words.
+    /// Reasons why the others with a board were dropped, in words.
     pub dropped: String,
-    /// Centres of dots that the calibration used.
+    /// Number of centres of dots in the calibration.
     pub dots_used: usize,
 }
 
@@ -63,38 +63,38 @@ pub struct PictureCalibration {
     pub camera: Camera<f64>,
     /// Covariance of its parameters, in the order of the model, from the scatter between pictures.
     pub covariance: DMatrix<f64>,
-    /// Variance of the parameters over that of independent residuals, on average.
+    /// Ratio of the variance of the parameters to that with independent residuals, on average.
     pub inflation: f64,
     /// Standard deviation of a centre along one axis (px).
     pub spread: f64,
-    /// Root mean square distance of the centres from where the result puts them (px).
+    /// Root mean square distance of the centres from their prediction (px).
     pub rms: f64,
     /// Median of that distance (px).
     pub median: f64,
     /// Reference frames of the pictures with the board; centres are centres of area.
     pub frames: Vec<ReferenceFrame>,
-    /// The pictures used with their poses; `center` of a circle is the image of its centre.
+    /// The used pictures with their poses; `center` of a circle is the image of its centre.
     pub posed: Vec<PosedFrame>,
-    /// What was measured in them.
+    /// The kind of distance of the residuals.
     pub measured: Measured,
-    /// How it started.
+    /// The initial model.
     pub initial: InitialModel,
-    /// What became of the pictures.
+    /// Counts of the pictures.
     pub report: PictureReport,
 }
 
 impl PictureCalibration {
-    /// Standard deviation of each of the camera's parameters.
+    /// Returns the standard deviation of each of the camera's parameters.
     pub fn sigma(&self) -> Vec<f64> {
         self.covariance.diagonal().iter().map(|variance| variance.max(0.0).sqrt()).collect()
     }
 
-    /// How far the centres are from where the result puts them.
+    /// Returns statistics of the distances of the centres from their prediction.
     pub fn residuals(&self) -> ResidualStatistics {
         ResidualStatistics { count: self.report.dots_used, rms: self.rms, median: self.median }
     }
 
-    /// What a result from pictures alone says of itself.
+    /// Returns the summary of a result from pictures alone.
     pub fn summary(&self) -> PictureSummary {
         PictureSummary {
             sigma: self.sigma(),
@@ -105,54 +105,54 @@ impl PictureCalibration {
     }
 }
 
-/// What a result from pictures alone says of itself.
+/// Summary of a result from pictures alone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PictureSummary {
     /// Standard deviation of each of the camera's parameters, in the order of the model.
     pub sigma: Vec<f64>,
     /// Standard deviation of a centre along one axis (px).
     pub spread: f64,
-    /// Variance of the parameters over that of independent residuals, on average.
+    /// Ratio of the variance of the parameters to that with independent residuals, on average.
     pub inflation: f64,
-    /// What became of the pictures.
+    /// Counts of the pictures.
     pub report: PictureReport,
 }
 
-/// Why the pictures gave no camera, and what became of them.
+/// Reason why the pictures yielded no camera, and counts of the pictures.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{reason}")]
 pub struct NoPictureCalibration {
-    /// Why, and what to do.
+    /// The reason, with a remedy.
     pub reason: PictureFailure,
-    /// What became of the pictures.
+    /// Counts of the pictures.
     pub report: Box<PictureReport>,
 }
 
-/// Why the pictures gave no camera.
+/// Reasons why the pictures yielded no camera.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PictureFailure {
     /// Too few of them show the board.
     #[error("the board was found in {found} of {read} frames, {required} are needed{}: {advice}", in_words(.refused))]
     TooFewPictures {
-        /// Pictures with the board.
+        /// Number of pictures with the board.
         found: usize,
-        /// Pictures read.
+        /// Number of pictures read.
         read: u64,
-        /// Pictures that are needed.
+        /// Number of required pictures.
         required: usize,
         /// Pictures without a board, by reason.
         refused: BTreeMap<NoBoard, u64>,
-        /// What helps.
+        /// Remedy.
         advice: String,
     },
     /// Too few views of a board that blinks show it.
     #[error("the board blinks and was found in {found} of {read} views of a camera at rest, {required} are needed{}", in_words(.refused))]
     TooFewViews {
-        /// Views with the board.
+        /// Number of views with the board.
         found: usize,
-        /// Views in all.
+        /// Number of all views.
         read: u64,
-        /// Views that are needed.
+        /// Number of required views.
         required: usize,
         /// Views without a board, by reason.
         refused: BTreeMap<NoBoard, u64>,
@@ -160,18 +160,18 @@ pub enum PictureFailure {
     /// There is no first camera.
     #[error("{0}")]
     Initial(#[from] InitialError),
-    /// The views are too much alike.
+    /// The views are too similar.
     #[error("the {count} {pictures} with the board do not determine the camera: tilt it more")]
     Undetermined {
-        /// Pictures used.
+        /// Number of used pictures.
         count: usize,
-        /// What they are.
+        /// Their kind.
         pictures: PictureSource,
     },
 }
 
 impl PictureFailure {
-    /// The same where the events show a larger board than stated: then neither light nor motion is to blame.
+    /// Adds that the events show a larger board than stated, which explains the failure instead of light and motion.
     pub fn with_larger_board(self) -> Self {
         match self {
             Self::TooFewPictures { found, read, required, refused, .. } if !refused.is_empty() => {
@@ -183,7 +183,7 @@ impl PictureFailure {
     }
 }
 
-/// Reasons and how often they were, most frequent first, in parentheses; nothing without any.
+/// Formats reasons and their counts, most frequent first, in parentheses; empty without any.
 fn in_words(refused: &BTreeMap<NoBoard, u64>) -> String {
     let mut reasons: Vec<_> = refused.iter().collect();
     reasons.sort_by(|a, b| b.1.cmp(a.1).then(a.0.cmp(b.0)));
@@ -191,11 +191,10 @@ fn in_words(refused: &BTreeMap<NoBoard, u64>) -> String {
     if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join(", ")) }
 }
 
-/// Calibrates a camera of model `kind` on a sensor of (width, height) pixels from the pictures in which
-/// `board` was found.
+/// Calibrates a camera of model `kind` on a sensor of (width, height) pixels from the pictures in which `board` was found.
 ///
 /// # Errors
-/// When too few pictures are left, or they do not determine the camera.
+/// [`NoPictureCalibration`] if too few pictures are left, or they do not determine the camera.
 pub fn calibrate_pictures(
     frames: Vec<ReferenceFrame>,
     detection: PictureSearchReport,
@@ -258,13 +257,13 @@ pub fn calibrate_pictures(
     })
 }
 
-/// The measured centre that became `circle`, whose centre was put right by less than its radius.
+/// Returns the measured centre that became `circle`, whose centre was corrected by less than its radius.
 fn nearest(measured: &[ObservedCircle], circle: &ObservedCircle) -> Option<nalgebra::Vector2<f64>> {
     let distance = |other: &&ObservedCircle| (other.center - circle.center).norm_squared();
     measured.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).map(|nearest| nearest.center)
 }
 
-/// The first camera and poses, or why there is none.
+/// Returns the first camera and poses, or the reason why there is none.
 fn start(
     frames: &[ReferenceFrame],
     report: &PictureReport,
@@ -282,7 +281,7 @@ fn start(
         }
         let advice = match refused.keys().next() {
             None => "record longer".to_owned(),
-            // What is not read of the frames names the encoding.
+            // If frames have an unsupported encoding, the notes name it.
             Some(NoBoard::UnreadEncoding) if refused.len() == 1 => detection.notes.join("; "),
             Some(_) => "more light, slower motion, the whole board in view".to_owned(),
         };
@@ -299,7 +298,7 @@ mod tests {
     use evcal_geometry::board::CircleBoard;
 
     #[test]
-    fn what_helps_depends_on_what_was_refused() {
+    fn the_remedy_depends_on_the_reasons() {
         let told = |refused: BTreeMap<NoBoard, u64>| {
             let notes = vec!["7 frames: 32FC1".to_owned()];
             let detection = PictureSearchReport { frames: 7, refused, notes, ..PictureSearchReport::default() };

@@ -1,26 +1,24 @@
-//! Where the centre of area of a circle's image lies, with derivatives.
+//! The centre of area of a circle's image, with derivatives.
 //!
-//! The centre of a dark dot in a picture is neither the image of the circle's centre nor, behind a
-//! lens with distortion, the centre of an ellipse: it is the centre of area of the distorted image
-//! of the disc. The difference reaches half a pixel for near, tilted dots. So the model predicts what
-//! is measured (Heikkilä 2000; Kannala and Brandt 2006, section 4.2, who integrate numerically too):
-//! with the rim's image (x(θ), y(θ)) and Green's theorem
+//! The centre of a dark dot in a picture is neither the image of the circle's centre nor, with lens distortion, the centre of an
+//! ellipse: it is the centre of area of the distorted image of the disc. The difference reaches half a pixel for near, tilted
+//! dots. So the model predicts the measured centre (Heikkilä 2000; Kannala and Brandt 2006, section 4.2, who integrate
+//! numerically too): with the rim's image (x(θ), y(θ)) and Green's theorem
 //!
 //! A = ∮ x dy,   c_x = ∮ x² dy / 2A,   c_y = −∮ y² dx / 2A.
 //!
-//! The rim is smooth and closed, so that a few points, the derivative of their trigonometric
-//! interpolation and the sum over them give the integrals to far below what can be measured.
+//! The rim is smooth and closed, so a few points, the derivative of their trigonometric interpolation and the sum over them yield
+//! the integrals with an error far below measurement errors.
 
 use std::sync::LazyLock;
 
 use evcal_core::camera::{Camera, PointJacobian, Projection, ProjectionParameterJacobian};
 use nalgebra::{Isometry3, Matrix2, Point3, SMatrix, Vector2, Vector3};
 
-/// Points on the rim.
+/// Number of points on the rim.
 const POINTS: usize = 10;
 
-/// Cosine and sine of the angle of each point, and the matrix that differentiates a function of the
-/// angle given at the points.
+/// Cosine and sine of the angle of each point, and the matrix that differentiates a function of the angle given at the points.
 struct Rim {
     directions: [[f64; 2]; POINTS],
     derivative: [[f64; POINTS]; POINTS],
@@ -49,8 +47,8 @@ impl Rim {
     }
 }
 
-/// The centre of area of a closed curve and its derivative by each of the curve's points; `None` if
-/// the curve has no area.
+/// Returns the centre of area of a closed curve and its derivative by each of the curve's points; `None` if the curve has no
+/// area.
 fn center_of_area(points: &[Vector2<f64>; POINTS]) -> Option<(Vector2<f64>, [Matrix2<f64>; POINTS])> {
     let rim = &*RIM;
     let origin = points[0];
@@ -78,14 +76,15 @@ fn center_of_area(points: &[Vector2<f64>; POINTS]) -> Option<(Vector2<f64>, [Mat
     Some((origin + center, by_point))
 }
 
-/// A point of the rim in camera axes about the world's origin, that is before the translation.
+/// Returns a point of the rim in camera axes about the world's origin, that is before the translation.
 fn rim_point(pose: &Isometry3<f64>, center: Vector2<f64>, radius: f64, direction: [f64; 2]) -> Vector3<f64> {
     let point = center + Vector2::from(direction) * radius;
     pose.rotation * Vector3::new(point.x, point.y, 0.0)
 }
 
-/// Centre of area, in pixels, of the image of the circle at `center` with `radius` (metres on the board)
-/// seen from `pose` (`T_camera_world`); of a radius of 0 the image of the point. `None` if a part of it is outside the camera's domain.
+/// Returns the centre of area, in pixels, of the image of the circle at `center` with `radius` (metres on the board) seen from
+/// `pose` (`T_camera_world`); with a radius of 0 the image of the point. Returns `None` if a part of it is outside the camera's
+/// domain.
 pub fn circle_image_center(
     camera: &Camera<f64>,
     pose: &Isometry3<f64>,
@@ -102,7 +101,7 @@ pub fn circle_image_center(
     center_of_area(&points).map(|(center, _)| center)
 }
 
-/// What the centre of area in an image differs by from the image of the circle's centre, in pixels.
+/// Returns the centre of area of an image minus the image of the circle's centre, in pixels.
 pub fn center_bias(
     camera: &Camera<f64>,
     pose: &Isometry3<f64>,
@@ -113,7 +112,7 @@ pub fn center_bias(
     Some(circle_image_center(camera, pose, center, radius)? - image)
 }
 
-/// The centre of area of a circle's image and what it depends on.
+/// The centre of area of a circle's image, with its derivatives.
 pub struct CircleImage {
     /// The centre of area in pixels.
     pub center: Vector2<f64>,
@@ -125,7 +124,7 @@ pub struct CircleImage {
 }
 
 impl CircleImage {
-    /// As [`circle_image_center`], with derivatives.
+    /// Computes [`circle_image_center`] with derivatives.
     pub fn new(camera: &Camera<f64>, pose: &Isometry3<f64>, center: Vector2<f64>, radius: f64) -> Option<Self> {
         if radius == 0.0 {
             return Self::of_point(camera, pose, center);
@@ -153,7 +152,7 @@ impl CircleImage {
         Some(Self { center, by_pose, by_parameters: by_all_parameters })
     }
 
-    /// That of a point of the board.
+    /// Computes the image of a point of the board.
     fn of_point(camera: &Camera<f64>, pose: &Isometry3<f64>, point: Vector2<f64>) -> Option<Self> {
         let turned = pose.rotation * point.push(0.0);
         let Projection { pixel, by_point, by_parameters } =
@@ -181,13 +180,13 @@ mod tests {
         Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap()
     }
 
-    /// From near, tilted by 45°, the dot towards a corner of the image.
+    /// Near, tilted by 45°, with the dot towards a corner of the image.
     fn pose() -> Isometry3<f64> {
         let rotation = UnitQuaternion::from_euler_angles(0.7, 0.3, 0.4);
         Isometry3::from_parts(Translation3::new(0.05, -0.12, 0.35), rotation)
     }
 
-    /// The mean over the disc of its image, each part weighed with the area of its own image.
+    /// The mean over the disc of its image, each part weighted with the area of its own image.
     fn mean_over_the_disc(camera: &Camera<f64>) -> Vector2<f64> {
         const RINGS: usize = 60;
         const SECTORS: usize = 120;
@@ -210,12 +209,12 @@ mod tests {
     }
 
     #[test]
-    fn it_is_the_integral_over_the_disc() {
+    fn the_center_of_area_is_the_integral_over_the_disc() {
         let camera = radtan();
         let found = circle_image_center(&camera, &pose(), CENTER, RADIUS).unwrap();
         let expected = mean_over_the_disc(&camera);
         assert!((found - expected).norm() < 1e-4, "{found} {expected}");
-        // It differs from the image of the centre by what a calibration would notice.
+        // It differs significantly from the image of the centre.
         let bias = center_bias(&camera, &pose(), CENTER, RADIUS).unwrap();
         assert!(bias.norm() > 0.1, "{bias}");
     }

@@ -1,8 +1,8 @@
-//! Pictures and events in one solve: the centres of dots tied to the trajectories of the events.
+//! The joint solve of pictures and events: the centres of dots are assigned to the trajectories of the events.
 //!
-//! A centre belongs to the middle of its exposure. The trajectory runs on the clock of the events, which
-//! is late by what pixels take to answer, so that a constant offset between both is estimated first, along
-//! with its standard deviation: e = π(T(t + τ)) − m, ∂e/∂τ = the dot's velocity.
+//! A centre belongs to the middle of its exposure. The trajectory is on the clock of the events, which are late by the latency of
+//! the pixels, so a constant offset between both is estimated first, with its standard deviation: e = π(T(t + τ)) − m, ∂e/∂τ =
+//! the dot's velocity.
 
 use nalgebra::{Isometry3, Translation3, Vector2};
 use serde::{Deserialize, Serialize};
@@ -18,22 +18,22 @@ use evcal_geometry::board::shape::{CircleArea, Surface};
 use evcal_geometry::numerics::huber::huber_weight;
 use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
 
-/// Pictures in a joint solve.
+/// Statistics of the pictures in a joint solve.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JointReport {
-    /// Pictures with the board while there was a trajectory.
+    /// Number of pictures with the board at times with a trajectory.
     pub frames: usize,
-    /// Centres of dots that became observations.
+    /// Number of centres of dots that became observations.
     pub dots: usize,
-    /// Dots that lay elsewhere than the trajectory puts them.
+    /// Number of dots that were not at the position that the trajectory predicts.
     pub dots_elsewhere: usize,
-    /// What is added to a picture's time to get that of the events of the same moment (s).
+    /// Time to add to a picture's time to get the time of the events of the same moment (s).
     pub time_offset: f64,
     /// Its standard deviation (s).
     pub time_offset_sigma: f64,
     /// Spread of a centre about the events' trajectory along one axis (px).
     pub spread: f64,
-    /// The spread that gives a centre its weight in the solve (px).
+    /// The spread that determines the weight of a centre in the solve (px).
     pub sigma: f64,
 }
 
@@ -41,37 +41,37 @@ pub struct JointReport {
 pub struct JointPoints {
     /// Centres for each trajectory, in order of time.
     pub points: Vec<Vec<PointObservation>>,
-    /// How they came about.
+    /// Statistics of the pictures.
     pub report: JointReport,
 }
 
-/// Why pictures and events cannot be solved together.
+/// Reasons why pictures and events cannot be solved together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoJointPoints {
-    /// No picture lies on a trajectory.
-    #[error("no frame with the board was taken while the events show how the camera moved")]
+    /// No picture is within the time of a trajectory.
+    #[error("no frame with the board was taken during a trajectory from events")]
     NoCommonTime,
     /// The clocks are too far apart.
     #[error(
-        "the clocks of frames and events are too far apart, or their offset cannot be told: the board hardly moved in the frames"
+        "the clocks of frames and events are too far apart, or their offset is not determined because the board hardly moved in the frames"
     )]
     OffsetUnknown,
 }
 
 /// Step in seconds over which a dot's velocity is taken.
 const VELOCITY_STEP: f64 = 1e-4;
-/// Rounds of the time offset.
+/// Number of rounds of the time offset.
 const ROUNDS: usize = 8;
-/// The offset is found when a step is below this share of its standard deviation.
+/// Ratio of a step to its standard deviation below which the offset has converged.
 const CONVERGED: f64 = 0.01;
 /// Largest offset between pictures and events (s).
 const LARGEST_OFFSET: f64 = 0.02;
 /// Largest standard deviation of the offset, as a share of the largest offset.
 const OFFSET_KNOWN: f64 = 0.1;
-/// Part of the distance of neighbouring dots within which a dot is that of the trajectory.
+/// Share of the distance of neighbouring dots within which a dot agrees with the trajectory.
 const NEAR: f64 = 0.25;
 
-/// Smallest share of its spread that a centre's weight is from.
+/// Smallest ratio of the spread from which a centre's weight follows to its measured spread.
 const SMALLEST_SHARE: f64 = 0.2;
 
 /// One dot on a trajectory.
@@ -85,14 +85,14 @@ struct Tied<'a> {
     velocity: Vector2<f64>,
 }
 
-/// Ties the dots of `calibration`'s pictures to the trajectories of `state`.
+/// Assigns the dots of `calibration`'s pictures to the trajectories of `state`.
 ///
-/// The solve takes events as independent, which they are not: they tell `event_inflation` times less of the
-/// camera than it believes. So that events do not outvote pictures, a centre's weight is raised by the same
-/// factor, less by what the pictures' own information is overstated by.
+/// The solve treats events as independent, although they are not: their information about the camera is `event_inflation` times
+/// smaller than the solve assumes. So that events do not outweigh pictures, a centre's weight is raised by the same factor,
+/// divided by the factor by which the pictures' own information is overstated.
 ///
 /// # Errors
-/// [`NoJointPoints`].
+/// [`NoJointPoints`] if they cannot be solved together.
 pub fn joint_points(
     calibration: &PictureCalibration,
     state: &State,
@@ -115,7 +115,7 @@ pub fn joint_points(
             }
         }
         let step = -gradients.iter().sum::<f64>() / information;
-        // The dots of a picture err together, pictures do not.
+        // The dots of a picture have common errors, different pictures do not.
         sigma = gradients.iter().map(|gradient| gradient * gradient).sum::<f64>().sqrt() / information;
         if !step.is_finite() {
             return Err(NoJointPoints::OffsetUnknown);
@@ -163,17 +163,18 @@ pub fn joint_points(
     Ok(JointPoints { points, report })
 }
 
-/// `T_camera_world` at time `t`.
+/// Returns `T_camera_world` at time `t`.
 fn pose_at(trajectory: &Trajectory, t: f64) -> Option<Isometry3<f64>> {
     trajectory.pose(t).map(|pose| pose.inverse())
 }
 
-/// Radius of what stands at each point of the board (m): none at corners.
+/// Returns the radius of the dots at the points of the board (m): zero at corners.
 fn dot_radius(board: &Board, state: &State) -> f64 {
     board.circles().map_or(0.0, |_| state.board.radius)
 }
 
-/// How far the next point of the board is from `measured` in the picture, where points are `expected` (px).
+/// Returns the distance to the next point of the board from `measured` in the picture, with points at the `expected` positions
+/// (px).
 fn neighbour_distance(measured: &ObservedCircle, expected: &[Option<Vector2<f64>>], board: &Board) -> f64 {
     match (measured.radius, board.circles()) {
         (Some(radius), Some(circles)) => radius * circles.neighbour_distance() / circles.radius,
@@ -186,7 +187,8 @@ fn neighbour_distance(measured: &ObservedCircle, expected: &[Option<Vector2<f64>
     }
 }
 
-/// `pose` (`T_camera_world`) moved such that a circle where the flat board has it is seen where the board of `state` has it.
+/// Moves `pose` (`T_camera_world`) so that a circle of the flat board appears at the position of the circle on the board of
+/// `state`.
 fn onto_board(pose: &Isometry3<f64>, state: &State, board: &Board, circle: usize) -> Isometry3<f64> {
     if state.board.is_flat() {
         return *pose;
@@ -196,7 +198,7 @@ fn onto_board(pose: &Isometry3<f64>, state: &State, board: &Board, circle: usize
     pose * Translation3::new(x - center.x, y - center.y, z)
 }
 
-/// The dots that lie where a trajectory puts them, and how many lie elsewhere.
+/// Returns the dots that are at the position that a trajectory predicts, and the number of the others.
 fn tie<'a>(frames: &[&'a ReferenceFrame], state: &State, board: &Board, offset: f64) -> (Vec<Tied<'a>>, usize) {
     let mut tied = Vec::new();
     let mut elsewhere = 0;
@@ -243,7 +245,7 @@ fn tie<'a>(frames: &[&'a ReferenceFrame], state: &State, board: &Board, offset: 
     (tied, elsewhere)
 }
 
-/// Standard deviation along one axis of the residuals, of which most are good; `None` without any.
+/// Returns a robust standard deviation along one axis of the residuals; `None` without any.
 fn spread(tied: &[Tied<'_>]) -> Option<f64> {
     let mut sizes: Vec<f64> = tied.iter().flat_map(|dot| [dot.residual.x.abs(), dot.residual.y.abs()]).collect();
     median(&mut sizes, f64::total_cmp).map(|median| SIGMA_BY_MEDIAN * median)

@@ -1,28 +1,28 @@
-//! The verdicts on what was calibrated beside the camera: an inertial unit, other cameras.
+//! Verdicts on calibrated devices other than the camera: an IMU, other cameras.
 
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use crate::result::inertial_result::InertialResult;
 use crate::result::second_camera_result::SecondCameraResult;
 use crate::trust::verdict::Grade;
 
-/// The verdict on one thing beside the camera.
+/// The verdict on one device other than the camera.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct VerdictBeside {
-    /// What it is about, with a capital letter in front.
+    /// The subject, capitalised.
     pub about: String,
-    /// How good that is.
+    /// The grade.
     pub grade: Grade,
-    /// The same in words.
+    /// The verdict in words.
     pub sentence: String,
 }
 
-/// The verdicts on all that was calibrated beside the camera.
+/// Returns the verdicts on all other calibrated devices.
 pub fn verdicts_beside(calibrated: &Calibrated) -> Vec<VerdictBeside> {
     let Evidence::Events(events) = &calibrated.evidence else { return Vec::new() };
     of_unit(events).into_iter().chain(of_cameras(events)).collect()
 }
 
-/// The worst grade of the camera and of all that was calibrated beside it.
+/// Returns the worst grade of the camera and all other calibrated devices.
 pub fn worst_grade(calibrated: &Calibrated) -> Grade {
     let beside = verdicts_beside(calibrated).into_iter().map(|beside| beside.grade);
     beside.fold(calibrated.verdict.grade, Grade::max)
@@ -30,7 +30,7 @@ pub fn worst_grade(calibrated: &Calibrated) -> Grade {
 
 fn of_unit(events: &EventCalibration) -> Option<VerdictBeside> {
     let InertialResult { grade, verdict, .. } = InertialResult::new(events.inertial.as_ref()?);
-    Some(VerdictBeside { about: "Inertial unit".to_owned(), grade, sentence: verdict })
+    Some(VerdictBeside { about: "IMU".to_owned(), grade, sentence: verdict })
 }
 
 fn of_cameras(events: &EventCalibration) -> impl Iterator<Item = VerdictBeside> {
@@ -42,7 +42,7 @@ fn of_cameras(events: &EventCalibration) -> impl Iterator<Item = VerdictBeside> 
             grade,
             sentence: lens_verdict,
         });
-        let place = VerdictBeside { about: format!("Place of {recording}"), grade, sentence: verdict };
+        let place = VerdictBeside { about: format!("Position of {recording}"), grade, sentence: verdict };
         lens.into_iter().chain([place])
     })
 }

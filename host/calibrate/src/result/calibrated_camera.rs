@@ -1,4 +1,4 @@
-//! What is known of a camera when it is exported.
+//! A camera with the results of its calibration, for export.
 
 use std::path::Path;
 
@@ -13,13 +13,13 @@ use evcal_geometry::board::Board;
 use evcal_geometry::lens::camera_file::{self, CameraDescription, CameraFileError};
 use evcal_geometry::lens::covered_region::CoveredRegion;
 
-/// Name of a camera that has none.
+/// Name of a camera without a name.
 pub const UNNAMED: &str = "camera";
 
-/// Topic of the camera's images in ROS, where none is given.
+/// Default topic of the camera's images in ROS.
 pub const ROS_TOPIC: &str = "/dvs/image_raw";
 
-/// A camera and what its calibration says of it.
+/// A camera with the results of its calibration.
 #[derive(Clone, Debug)]
 pub struct CalibratedCamera {
     /// The lens.
@@ -28,11 +28,11 @@ pub struct CalibratedCamera {
     pub sensor: Sensor,
     /// Model and serial number, such as `DAVIS346_00000001`, or [`UNNAMED`].
     pub name: String,
-    /// When it was recorded, if that is known.
+    /// Time of the recording, if known.
     pub recorded: Option<String>,
     /// Topic of its images in ROS.
     pub ros_topic: String,
-    /// Where the board was seen.
+    /// Region of the sensor in which the board was seen.
     pub covered: CoveredRegion,
     /// Standard deviation of each parameter, in the model's order, if known.
     pub sigma: Option<Vec<f64>>,
@@ -40,13 +40,14 @@ pub struct CalibratedCamera {
     pub covariance: Option<Vec<Vec<f64>>>,
     /// Root mean square of the residuals in pixels, if known.
     pub residual_rms: Option<f64>,
-    /// What the calibration says of itself: its verdict; empty where there is none.
+    /// The verdict of the calibration; empty if there is none.
     pub verdict: String,
     /// The board, if known.
     pub board: Option<Board>,
 }
 
-/// A text as every format can hold it, none if it is empty: recordings and users may say anything.
+/// Replaces characters that some format does not allow, because recordings and users may contain any text; `None` if the text is
+/// empty.
 pub fn plain(text: Option<&str>) -> Option<String> {
     let allowed = |character: char| character.is_ascii_alphanumeric() || " _-+.:,()/".contains(character);
     let plain: String =
@@ -54,8 +55,8 @@ pub fn plain(text: Option<&str>) -> Option<String> {
     (!plain.is_empty()).then_some(plain)
 }
 
-/// A camera file without a version: `truth.json` of a simulation, the camera of an undistorted recording, or a
-/// calibration from before its layout had one.
+/// A camera file without a version: `truth.json` of a simulation, the camera of an undistorted recording, or a calibration file
+/// without a version of its layout.
 #[derive(Deserialize)]
 struct OtherFile {
     sensor: Sensor,
@@ -78,7 +79,7 @@ struct OtherResiduals {
 }
 
 impl CalibratedCamera {
-    /// The camera of a calibration that was just made.
+    /// Returns the camera of a new calibration.
     pub fn new(calibrated: &Calibrated, board: &Board) -> Self {
         let uncertainty = &calibrated.trust.uncertainty;
         let covariance = uncertainty.covariance.row_iter().map(|row| row.iter().copied().collect()).collect();
@@ -97,11 +98,11 @@ impl CalibratedCamera {
         }
     }
 
-    /// Reads `calibration.json`, or another camera file such as `truth.json` of a simulation: there the whole
-    /// sensor counts as seen. `path` is the file or its folder.
+    /// Reads `calibration.json`, or another camera file such as `truth.json` of a simulation, for which the whole sensor counts
+    /// as seen. `path` is the file or its folder.
     ///
     /// # Errors
-    /// [`CameraFileError`].
+    /// [`CameraFileError`] if the file cannot be read or is not a camera file.
     pub fn read(path: &Path) -> Result<Self, CameraFileError> {
         let path = &camera_file::camera_path(path);
         match camera_file::version(path)? {
@@ -110,7 +111,7 @@ impl CalibratedCamera {
         }
     }
 
-    /// Covariance of the parameters, if known.
+    /// Returns the covariance of the parameters, if known.
     pub fn covariance_matrix(&self) -> Option<DMatrix<f64>> {
         let count = self.camera.kind().parameter_names().len();
         let rows = self.covariance.as_ref().filter(|rows| rows.len() == count)?;
@@ -151,8 +152,8 @@ impl CalibratedCamera {
         })
     }
 
-    /// A camera of which nothing else is known.
-    pub(crate) fn seen_everywhere(camera: Camera<f64>, sensor: Sensor) -> Self {
+    /// Returns a camera without further information.
+    pub fn seen_everywhere(camera: Camera<f64>, sensor: Sensor) -> Self {
         Self {
             camera,
             sensor,

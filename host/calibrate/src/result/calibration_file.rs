@@ -1,4 +1,4 @@
-//! The result of a calibration, as it is written to `calibration.json` and read from it.
+//! The result of a calibration, as stored in `calibration.json`.
 
 use std::collections::BTreeMap;
 
@@ -38,10 +38,10 @@ use evcal_geometry::board::Board;
 use evcal_geometry::lens::camera_file::{CameraDescription, LATEST_VERSION, Parameters};
 use event_recordings::pass::RecordingReport;
 
-/// What `format` says in every calibration file.
+/// Value of `format` in every calibration file.
 const FORMAT: &str = "evcal-calibration";
 
-/// Everything that a calibration found out. Field order is the order in the file.
+/// All results of a calibration. The order of the fields is the order in the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CalibrationFile {
     /// Always `evcal-calibration`.
@@ -50,35 +50,41 @@ pub struct CalibrationFile {
     pub version: u32,
     /// Version of the program.
     pub program: String,
-    /// Model and serial number of the camera; absent where the recordings do not tell them.
+    /// Model and serial number of the camera; absent if the recordings do not contain them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera_name: Option<String>,
-    /// When the first recording was made, as it tells that; absent where it does not.
+    /// Time of the first recording, as the recording states it; absent if it does not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recorded: Option<String>,
-    /// Where pixel (0, 0) is.
+    /// Command line that repeats the calibration; absent if no program made it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub command: Option<String>,
+    /// Files that the camera was calibrated from, with their checksums; empty for a device.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub input_files: Vec<InputFile>,
+    /// Position of pixel (0, 0).
     pub pixel_convention: String,
     /// Size of the sensor.
     pub sensor: Sensor,
     /// The lens.
     pub camera: CameraDescription,
-    /// Whether it is good, and why.
+    /// The verdict, with its findings.
     pub verdict: Verdict<String>,
     /// Standard deviation of each lens parameter.
     pub sigma: CameraDescription,
-    /// How sure the result is.
+    /// Uncertainty of the result.
     pub uncertainty: UncertaintySummary,
-    /// Where on the sensor and from where the board was seen.
+    /// Coverage of the sensor, and distribution of the poses.
     pub coverage: Coverage,
-    /// Two halves of the recordings calibrated apart; absent where they are too short, and for pictures alone.
+    /// Comparison of two halves that were calibrated separately; absent if the recordings are too short, and for pictures alone.
     pub split_half: Option<SplitHalfSummary>,
-    /// Whether residuals stay in the same places of the image; absent for pictures alone.
+    /// Systematic residuals over the sensor; absent for pictures alone.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub residual_pattern: Option<ResidualPattern>,
-    /// How far the lens model is from the lens; absent when the residuals say nothing against it.
+    /// Difference between the lens model and the lens; absent if the residuals do not contradict the model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub misfit: Option<MisfitSummary>,
-    /// The circles' radius as the events see it.
+    /// The circles' radius from the events.
     pub observed_radius: Option<ObservedRadius>,
     /// The lens before the joint solve.
     pub initial_camera: CameraDescription,
@@ -86,82 +92,93 @@ pub struct CalibrationFile {
     pub covered_region: Vec<[f64; 2]>,
     /// The board, as on the command line.
     pub board: String,
-    /// The board as it was estimated; absent for pictures alone.
+    /// The estimated board; absent for pictures alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub printed_board: Option<PrintedBoard>,
-    /// Event classes and their biases; empty when the input is circle centres.
+    /// Event classes and their biases; empty if the input consists of circle centres.
     pub event_classes: Vec<EventClass>,
-    /// How far the observations are from where the result puts them.
+    /// Distances of the observations from their predicted positions.
     pub residuals: Residuals,
     /// Trajectory segments.
     pub segments: Vec<SegmentSummary>,
-    /// Which seconds of recordings the joint solve took that are longer than it has room for; absent where it took all.
+    /// Chosen seconds of long recordings in the joint solve; absent if it includes everything.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub chosen_seconds: Option<StretchChoice>,
-    /// What the camera's own frames say; absent where the recordings have none.
+    /// Result from the camera's own frames; absent if the recordings contain none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<FramesResult>,
-    /// How frames and events were solved together; absent where they were not.
+    /// Statistics of the joint solve of frames and events; absent if there was none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub joint_frames: Option<JointReport>,
-    /// The inertial unit, where it was asked for.
+    /// The IMU, if requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub inertial: Option<InertialResult>,
-    /// Other cameras on the same mount, where they were asked for.
+    /// Other cameras on the same mount, if requested.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub second_cameras: Vec<SecondCameraResult>,
-    /// What every stage took in and gave out.
+    /// Reports of all stages.
     pub stages: StageReports,
 }
 
-/// What the camera's own pictures say.
+/// A file that a camera was calibrated from.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct InputFile {
+    /// Path as it was given.
+    pub path: String,
+    /// Size in bytes.
+    pub bytes: u64,
+    /// SHA-256 of the content, in hexadecimal digits.
+    pub sha256: String,
+}
+
+/// Result from the camera's own pictures.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FramesResult {
     /// They were calibrated and compared with the events.
     Witness(Box<Comparison>),
-    /// They gave no camera, or none that can be compared.
+    /// They yielded no camera, or none that can be compared.
     #[serde(alias = "silent")]
     Failed(FailedFrames),
-    /// The calibration is from them alone.
+    /// The calibration is from pictures alone.
     Only(Box<PictureSummary>),
 }
 
-/// Why the camera's own pictures say nothing.
+/// Reason why the camera's own pictures yield no result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FailedFrames {
-    /// In words, with what to do.
+    /// The reason, with a remedy.
     pub reason: String,
-    /// What became of them.
+    /// Counts of the pictures that were used, and of those that were not, by reason.
     pub report: Box<PictureReport>,
 }
 
-/// What every stage took in and gave out. Stages that a calibration from pictures alone does not have are
+/// Reports of all stages: what they got, kept and dropped. Stages that a calibration from pictures alone does not have are
 /// absent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StageReports {
-    /// What each recording held.
+    /// Contents of each recording.
     pub recordings: Vec<RecordingReport>,
     /// Sections 1 to 4 of method.md.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub detection: Option<DetectionReport>,
     /// Section 5.
     pub initial: InitialReport,
-    /// How the camera model was chosen, where that was left to the program.
+    /// Statistics of the choice of the camera model, if it was automatic.
     pub model_choice: Option<ModelChoice>,
     /// Sections 6 to 11.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub trajectory: Option<TrajectoryStages>,
 }
 
-/// What the stages along trajectories took in and gave out.
+/// Reports of the stages along trajectories.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrajectoryStages {
     /// Section 6.
     pub segments: SegmentReport,
     /// Segments whose spline could not be fitted.
     pub segments_without_spline: usize,
-    /// Sections 8 to 11, one entry a round.
+    /// Sections 8 to 11, one entry per round.
     pub rounds: Vec<RoundReport>,
 }
 
@@ -170,16 +187,16 @@ pub struct TrajectoryStages {
 pub struct EventClass {
     /// Darker or brighter.
     pub polarity: ClassPolarity,
-    /// Rank in the burst, 0 for the first event; the last rank stands for all later ones.
+    /// Rank in the burst, 0 for the first event; the last rank includes all later ones.
     pub rank: u8,
-    /// How many events the burst has.
+    /// Number of events of the burst.
     pub burst_length: BurstLength,
-    /// What shifts its events from the edge, under the names of [`Bias::name`].
+    /// Biases of the distance from the edge, under the names of [`Bias::name`].
     #[serde(flatten, serialize_with = "write_biases", deserialize_with = "read_biases")]
     pub biases: Biases<f64>,
     /// Spread in pixels, for each of the ranges of normal speed.
     pub sigma: [f64; SPEED_RANGE_COUNT],
-    /// Standard deviations of the biases, in the order of [`Bias::ALL`]; zero where one is held.
+    /// Standard deviations of the biases, in the order of [`Bias::ALL`]; zero for fixed ones.
     pub standard_deviations: Biases<f64>,
 }
 
@@ -194,7 +211,7 @@ pub enum ClassPolarity {
 }
 
 impl EventClass {
-    /// All classes with their biases and standard deviations; none where the input is circle centres.
+    /// Returns all classes with their biases and standard deviations; empty if the input consists of circle centres.
     fn of_calibration(events: &EventCalibration) -> Vec<Self> {
         if events.measured == Measured::CircleCentres {
             return Vec::new();
@@ -202,7 +219,7 @@ impl EventClass {
         Self::all(&events.refined.state.bias, &events.trust.bias_sigma)
     }
 
-    /// All classes with their biases and standard deviations.
+    /// Returns all classes with their biases and standard deviations.
     fn all(bias: &EventBias, sigma: &BiasSigma) -> Vec<Self> {
         bias.iter()
             .zip(sigma)
@@ -248,10 +265,10 @@ fn read_biases<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Biases<f64>
     }
 }
 
-/// Residuals of the observations that the final solve used.
+/// Residuals of the observations of the final solve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Residuals {
-    /// What is measured.
+    /// The kind of distance.
     pub measure: Measured,
     /// Number of observations.
     pub count: usize,
@@ -261,26 +278,26 @@ pub struct Residuals {
     pub median: f64,
 }
 
-/// How sure a result is.
+/// Uncertainty of a result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct UncertaintySummary {
     /// Covariance of the lens parameters, in the order of the model.
     pub covariance: Vec<Vec<f64>>,
-    /// Variance over what it would be if all observations were independent.
+    /// Variance divided by the variance if all observations were independent.
     pub inflation: f64,
-    /// Independent observations that would determine the camera as well.
+    /// Number of independent observations that would determine the camera as well.
     pub effective_observations: f64,
-    /// Blocks of time that the inflation was found with.
+    /// Number of blocks of time from which the inflation was estimated.
     pub blocks: usize,
     /// Expected root mean square error of the projection over the sensor (px).
     pub projection_rms: f64,
-    /// What it stays below with a probability of 95 % (px).
+    /// 95 % bound of that error (px).
     pub projection_rms_95: f64,
     /// Greatest standard deviation of the projection (px).
     pub projection_max: f64,
     /// The pixel where it is greatest.
     pub projection_max_at: [f64; 2],
-    /// What each cause adds to `projection_rms` (px); absent for pictures alone.
+    /// Contribution of each cause to `projection_rms` (px); absent for pictures alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub projection_parts: Option<ProjectionParts>,
 }
@@ -302,7 +319,7 @@ impl UncertaintySummary {
     }
 }
 
-/// Two calibrations from one half of the observations each.
+/// Two calibrations, each from one half of the observations.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SplitHalfSummary {
     /// The two cameras.
@@ -311,11 +328,11 @@ pub struct SplitHalfSummary {
     pub difference_rms: f64,
     /// Greatest difference (px).
     pub difference_max: f64,
-    /// The root mean square difference to expect (px).
+    /// The expected root mean square difference (px).
     pub expected_rms: f64,
-    /// What it stays below in 95 of 100 cases if the uncertainties are right (px).
+    /// 95 % bound of the difference if the uncertainties are right (px).
     pub bound: f64,
-    /// How well each half's camera explains the other half.
+    /// Residuals of each half with the camera of the other.
     pub held_out: HeldOutResidual,
 }
 
@@ -332,10 +349,10 @@ impl From<&SplitHalf> for SplitHalfSummary {
     }
 }
 
-/// How far the lens model is from the lens.
+/// Difference between the lens model and the lens.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MisfitSummary {
-    /// Error of the projection over the sensor that the model brings (rms, px). It is part of the stated uncertainty.
+    /// Error of the projection over the sensor that the model causes (rms, px). It is included in the reported uncertainty.
     pub rms: f64,
     /// Name of a model that follows the lens better, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -352,7 +369,7 @@ impl From<&Misfit> for MisfitSummary {
 /// One trajectory segment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SegmentSummary {
-    /// Recording it belongs to.
+    /// Index of the recording.
     pub recording: usize,
     /// Start in seconds since the recording's first event.
     pub start: f64,
@@ -365,7 +382,7 @@ pub struct SegmentSummary {
 }
 
 impl CalibrationFile {
-    /// The result of `calibrated`, seen on `board`, with advice as `wording` has it.
+    /// Returns the result of `calibrated` with `board`; `wording` words its advice. `command` and `input_files` are left empty.
     pub fn new(calibrated: &Calibrated, board: &Board, wording: Wording) -> Self {
         let camera = calibrated.camera();
         let names = camera.kind().parameter_names();
@@ -378,6 +395,8 @@ impl CalibrationFile {
             program: crate::VERSION.to_owned(),
             camera_name: calibrated.camera_name().map(str::to_owned),
             recorded: calibrated.recorded().map(str::to_owned),
+            command: None,
+            input_files: Vec::new(),
             pixel_convention: "pixel (0, 0) is the centre of the top-left pixel (OpenCV, ROS)".to_owned(),
             sensor: calibrated.sensor,
             camera: CameraDescription::new(camera),

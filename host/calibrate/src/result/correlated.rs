@@ -1,13 +1,19 @@
-//! Parameters that a recording can hardly tell apart, as results name them.
+//! Strongly correlated parameters, by name.
 
-/// Correlation that is worth a word.
+/// Absolute correlation from which a pair is reported.
 const STRONG: f64 = 0.9;
 
-/// Names of the parameters that tell where something is on the camera, which come first.
-pub(super) const POSE_NAMES: [&str; 6] =
-    ["rotation about x", "rotation about y", "rotation about z", "place along x", "place along y", "place along z"];
+/// Names of the pose parameters, which come first.
+pub(super) const POSE_NAMES: [&str; 6] = [
+    "rotation about x",
+    "rotation about y",
+    "rotation about z",
+    "position along x",
+    "position along y",
+    "position along z",
+];
 
-/// Pairs of parameters that are strongly correlated, each with its correlation; `names` are those of the rows.
+/// Returns pairs of strongly correlated parameters, each with its correlation; `names` belong to the rows.
 pub(super) fn correlated<'a>(
     rows: impl IntoIterator<Item = &'a [f64]>,
     names: impl Iterator<Item = &'static str> + Clone,

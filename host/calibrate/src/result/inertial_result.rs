@@ -1,4 +1,4 @@
-//! A calibrated inertial unit as `calibration.json` has it, and in words.
+//! A calibrated IMU as stored in `calibration.json`, and as text.
 
 use std::fmt::Write as _;
 
@@ -20,7 +20,7 @@ use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 use evcal_geometry::numerics::rigid::pose_of_rows;
 
-/// Names of the parameters whose correlations are stated, in their order, after [`POSE_NAMES`].
+/// Names of the parameters whose correlations are reported, in their order, after [`POSE_NAMES`].
 const NAMES: [&str; GYROSCOPE_TURN - POSE_NAMES.len()] = [
     "delay of the gyroscope",
     "delay of the accelerometer",
@@ -49,7 +49,7 @@ const NAMES: [&str; GYROSCOPE_TURN - POSE_NAMES.len()] = [
 /// A number with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Uncertain<T> {
-    /// The number; none where it was not measured.
+    /// The number; `None` or null if it was not measured.
     pub value: T,
     /// Its standard deviation.
     pub sigma: T,
@@ -58,50 +58,50 @@ pub struct Uncertain<T> {
 /// One of the two sensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SensorResult {
-    /// Seconds by which its stamps are later than events of the same moment.
+    /// Time by which its timestamps are later than events of the same moment (s).
     pub delay: Uncertain<f64>,
-    /// Reading less truth: m/s² or rad/s.
+    /// Reading minus truth: m/s² or rad/s.
     pub bias: Uncertain<[f64; 3]>,
-    /// M, row by row: it reads M times the truth, plus the bias.
+    /// M, row by row: the reading is M times the truth, plus the bias.
     pub matrix: [[f64; 3]; 3],
     /// σ of the lower triangle of M, row by row: three rows of three with zeros above the diagonal.
     pub matrix_sigma: [[f64; 3]; 3],
-    /// Whether the motion told the delay.
+    /// `true` if the motion determined the delay.
     #[serde(default = "measured")]
     pub delay_measured: bool,
-    /// Whether the motion told the matrix; else it is what is expected of such chips, and mixed with bias and gravity.
+    /// `true` if the motion determined the matrix. Otherwise it is a typical value, and not separated from bias and gravity.
     #[serde(default = "measured")]
     pub matrix_measured: bool,
-    /// White noise of each axis: m/s²/√Hz or rad/s/√Hz. A sample's standard deviation is this times the root of the rate.
+    /// White noise of each axis: m/s²/√Hz or rad/s/√Hz. A sample's standard deviation is this times the square root of the rate.
     pub noise_density: [f64; 3],
-    /// Whether the noise was measured; else it is twice that of a usual data sheet.
+    /// `true` if the noise was measured; otherwise it is twice the value of a typical data sheet.
     pub noise_measured: bool,
     /// Root mean square of the residuals, m/s² or rad/s.
     pub residual_rms: f64,
 }
 
-/// What files without a word about it mean.
+/// Returns the value for files without such a field.
 fn measured() -> bool {
     true
 }
 
-/// A calibrated inertial unit.
+/// A calibrated IMU.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct InertialResult {
-    /// Whether the result is good.
+    /// The grade.
     pub grade: Grade,
-    /// The same in words, and how well it is known.
+    /// The verdict in words, with the uncertainty.
     pub verdict: String,
-    /// From coordinates of the camera to those of the unit, row by row; none where rotation or place was not measured.
+    /// Transform from camera coordinates to IMU coordinates, row by row; `None` if rotation or position was not measured.
     #[serde(rename = "T_imu_camera")]
     pub imu_from_camera: Option<[[f64; 4]; 4]>,
     /// σ of the rotation about the axes of the camera (rad).
     pub rotation_sigma: [f64; 3],
-    /// Where the unit is in the camera frame (m); none along axes where that was not measured.
+    /// Position of the IMU in the camera frame (m); `None` along axes along which it was not measured.
     pub position_in_camera: Uncertain<[Option<f64>; 3]>,
     /// The gyroscope.
     pub gyroscope: SensorResult,
-    /// The rotation C from the unit's axes, which are the accelerometer's, to the gyroscope's, row by row.
+    /// The rotation C from the IMU's axes, which are the accelerometer's, to the gyroscope's, row by row.
     #[serde(rename = "C_gyroscope_imu")]
     pub gyroscope_from_imu: [[f64; 3]; 3],
     /// The accelerometer.
@@ -110,40 +110,40 @@ pub struct InertialResult {
     pub gravity: [f64; 3],
     /// σ of its direction (rad).
     pub gravity_sigma: f64,
-    /// True over stated size of the board; σ with 0.3 % for what accelerometers are not linear by.
+    /// True size of the board divided by its stated size; σ includes 0.3 % for the nonlinearity of accelerometers.
     pub board_scale: Uncertain<f64>,
-    /// Seconds that the unit's clock gains in a second.
+    /// Seconds that the IMU's clock gains per second.
     pub clock_drift: Uncertain<f64>,
-    /// Seconds taken off the unit's stamps before all else, for a clock with another origin.
+    /// Seconds that were subtracted from the IMU's timestamps before everything else, for a clock with another origin.
     pub clock_origin: f64,
-    /// Stamp of the unit at which the delays hold, if its clock drifts (s).
+    /// Timestamp of the IMU at which the delays apply, if its clock drifts (s).
     #[serde(default)]
     pub delays_at: f64,
-    /// Correlation of the turns of camera and unit at the start.
+    /// Correlation of the rotation rates of camera and IMU at the start.
     pub correlation: f64,
-    /// Samples used.
+    /// Number of samples used.
     pub used: usize,
-    /// One a recording.
+    /// Reports, one per recording.
     pub streams: Vec<StreamReport>,
-    /// Largest distance of an intrinsic parameter from that of the camera calibrated alone, in σ of the difference; none
-    /// where intrinsics of another model were held.
+    /// Largest difference between an intrinsic parameter and its value in the calibration of the camera alone, in σ of the
+    /// difference; `None` if the intrinsics were fixed at the intrinsics of another model.
     pub camera_moved: Option<f64>,
-    /// The camera at which intrinsics were held; absent where they were solved for.
+    /// The camera at which intrinsics were fixed; absent if they were estimated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub held_camera: Option<CameraDescription>,
-    /// The camera as the solve has it, or as it was held: what belongs to the unit most exactly.
+    /// The camera from this solve, or the fixed one: the intrinsics that match the IMU's parameters best.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub solved_together: Option<CameraDescription>,
-    /// Scatter of blocks of time over the formal variance.
+    /// Ratio of the scatter of blocks of time to the formal variance.
     pub block_scatter: f64,
-    /// Correlation of rotation, place, delays, biases (gyroscope, accelerometer), the two angles of gravity, and the lower triangles of the
-    /// matrices (accelerometer, gyroscope), in this order.
+    /// Correlation of rotation, position, delays, biases (gyroscope, accelerometer), the two angles of gravity, and the lower
+    /// triangles of the matrices (accelerometer, gyroscope), in this order.
     pub correlations: Vec<Vec<f64>>,
-    /// What speaks against it.
+    /// Findings, as sentences.
     pub findings: Vec<String>,
 }
 
-/// Whether a calibrated inertial unit is good.
+/// Returns the grade of a calibrated IMU.
 pub fn grade(calibration: &InertialCalibration) -> Grade {
     Grade::of(calibration.findings.iter().map(|finding| match finding {
         Finding::PositionNotMeasured { .. }
@@ -163,7 +163,7 @@ pub fn grade(calibration: &InertialCalibration) -> Grade {
 }
 
 impl InertialResult {
-    /// The result of `calibration`.
+    /// Returns the result of `calibration`.
     pub fn new(calibration: &InertialCalibration) -> Self {
         let parameters = &calibration.parameters;
         let sigma = |index: usize| calibration.sigma(index);
@@ -239,7 +239,7 @@ impl InertialResult {
         let largest = |first: usize| (0..3).map(|axis| calibration.sigma(first + axis)).fold(0.0, f64::max);
         let delays = self.gyroscope.delay.sigma.max(self.accelerometer.delay.sigma);
         format!(
-            "{}: the rotation is known to {:.3}°, the place to {:.2} mm (σ of the worst axis), the delays to {:.3} ms.",
+            "{}: the rotation is known to {:.3}°, the position to {:.2} mm (σ of the worst axis), the delays to {:.3} ms.",
             self.grade.opening(),
             largest(ROTATION).to_degrees(),
             1e3 * largest(POSITION),
@@ -247,15 +247,15 @@ impl InertialResult {
         )
     }
 
-    /// Pairs of parameters that are strongly correlated.
+    /// Returns pairs of strongly correlated parameters.
     fn correlated(&self) -> Vec<(&'static str, &'static str, f64)> {
         correlated(self.correlations.iter().map(Vec::as_slice), POSE_NAMES.into_iter().chain(NAMES))
     }
 
-    /// The result in words: each number with its σ, each transform and delay with its direction.
+    /// Returns the result as text: each number with its σ, each transform and delay with its direction.
     pub fn sentences(&self) -> String {
-        let held = if self.held_camera.is_some() { ", the camera's intrinsics held" } else { "" };
-        let mut text = format!("inertial unit, from {} samples{held}:\n", self.used);
+        let held = if self.held_camera.is_some() { ", with fixed camera intrinsics" } else { "" };
+        let mut text = format!("IMU, from {} samples{held}:\n", self.used);
         let _ = writeln!(text, "  {}", self.verdict);
         self.place(&mut text);
         for (name, sensor) in [("gyroscope", &self.gyroscope), ("accelerometer", &self.accelerometer)] {
@@ -267,7 +267,7 @@ impl InertialResult {
             let way = if value >= 0.0 { "later" } else { "earlier" };
             let _ = writeln!(
                 text,
-                "  stamps of the {name} are {:.3} ± {:.3} ms {way} than those of events of the same moment: t_{name} = t_events {} {:.3} ms",
+                "  timestamps of the {name} are {:.3} ± {:.3} ms {way} than events of the same moment: t_{name} = t_events {} {:.3} ms",
                 1e3 * value.abs(),
                 1e3 * sigma,
                 if value >= 0.0 { '+' } else { '-' },
@@ -286,7 +286,7 @@ impl InertialResult {
         let Uncertain { value, sigma } = self.gyroscope.bias;
         let _ = writeln!(
             text,
-            "  bias of the gyroscope (reading less truth): {} ± {} °/s (its axes)",
+            "  bias of the gyroscope (reading minus truth): {} ± {} °/s (its axes)",
             list(value, degrees, 3),
             list(sigma, degrees, 3)
         );
@@ -294,7 +294,7 @@ impl InertialResult {
         let milli = 1e3 / STANDARD_GRAVITY;
         let _ = writeln!(
             text,
-            "  bias of the accelerometer (reading less truth): {} ± {} mg (its axes)",
+            "  bias of the accelerometer (reading minus truth): {} ± {} mg (its axes)",
             list(value, milli, 2),
             list(sigma, milli, 2)
         );
@@ -339,7 +339,7 @@ impl InertialResult {
             let sigma = self.rotation_sigma.map(f64::to_degrees);
             let _ = writeln!(
                 text,
-                "  R_imu_camera, from the camera's axes to the unit's, is a turn of {:.3}°: rotation vector ({:.3} ± {:.3}, {:.3} ± {:.3}, {:.3} ± {:.3})°",
+                "  R_imu_camera, from the camera's axes to the IMU's, is a rotation by {:.3}°: rotation vector ({:.3} ± {:.3}, {:.3} ± {:.3}, {:.3} ± {:.3})°",
                 vector.norm(),
                 vector.x,
                 sigma[0],
@@ -357,12 +357,13 @@ impl InertialResult {
                 _ => format!("{axis} not measured"),
             })
             .collect();
-        let _ = writeln!(text, "  the unit is, seen from the camera, at {}", places.join(", "));
+        let _ = writeln!(text, "  position of the IMU in the camera frame: {}", places.join(", "));
     }
 
     fn noises(&self, text: &mut String) {
         let mean = |density: [f64; 3]| density.iter().sum::<f64>() / 3.0;
-        let told = |measured: bool| if measured { "" } else { " (not measured: twice a usual data sheet's)" };
+        let told =
+            |measured: bool| if measured { "" } else { " (not measured: twice the value of a typical data sheet)" };
         let _ = writeln!(
             text,
             "  noise: gyroscope {:.4} °/s/√Hz{}, accelerometer {:.0} µg/√Hz{}; random walks are not measured",
@@ -374,7 +375,7 @@ impl InertialResult {
     }
 }
 
-/// Correlations of the parameters that have names.
+/// Returns the correlations of the named parameters.
 fn correlations(calibration: &InertialCalibration) -> Vec<Vec<f64>> {
     let of = |row: usize, column: usize| {
         let size = calibration.sigma(row) * calibration.sigma(column);

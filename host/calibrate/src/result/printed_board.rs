@@ -1,22 +1,22 @@
-//! The board as it was estimated, as it is written to `calibration.json`.
+//! The estimated board, as stored in `calibration.json`.
 
 use serde::{Deserialize, Serialize};
 
 use crate::trust::board_evidence::BoardEstimate;
 use evcal_geometry::lens::camera_file::CameraDescription;
 
-/// The printed board: where it is not as stated, and what the observations say of it.
+/// The printed board: differences from its nominal shape, and evidence for them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PrintedBoard {
     /// Scale of the print along x over that along y.
     pub print_ratio: BoardParameter,
-    /// How much further from the camera the middle is than the edges, along x (m).
+    /// Distance of the middle from the plane through the edges, away from the camera, along x (m).
     pub bend_x: BoardParameter,
-    /// The same along y (m).
+    /// The same distance along y (m).
     pub bend_y: BoardParameter,
     /// Radius of the circles (m).
     pub radius: BoardParameter,
-    /// The camera that came out with the board as it is stated; absent where nothing was estimated.
+    /// The camera from the solve with the nominal board; absent if no parameter was estimated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera_as_stated: Option<CameraDescription>,
 }
@@ -26,17 +26,17 @@ pub struct PrintedBoard {
 pub struct BoardParameter {
     /// Its value in the calibration.
     pub value: f64,
-    /// Whether it was estimated; otherwise it is as stated.
+    /// `true` if it was estimated; otherwise it has its nominal value.
     pub estimated: bool,
-    /// Its standard deviation, where it was estimated.
+    /// Its standard deviation, if it was estimated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sigma: Option<f64>,
-    /// What the observations say of it with all of the board free; absent where they cannot tell.
+    /// Its estimate with all parameters of the board estimated; absent if the observations do not determine it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub if_free: Option<FreeValue>,
 }
 
-/// A parameter that is not free, if it were.
+/// Value of a fixed parameter if it were estimated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FreeValue {
     /// Its value.
@@ -46,7 +46,7 @@ pub struct FreeValue {
 }
 
 impl PrintedBoard {
-    /// The board of `estimate`.
+    /// Returns the board of `estimate`.
     pub fn new(estimate: &BoardEstimate) -> Self {
         let values = estimate.shape.parameters();
         let [print_ratio, bend_x, bend_y, radius] = std::array::from_fn(|index| {

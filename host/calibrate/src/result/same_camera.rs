@@ -1,4 +1,5 @@
-//! Are two calibrations of the same camera? Where both put the same point in the image, against how sure they are.
+//! Comparison of two calibrations: the difference of their projections, relative to their uncertainty, shows whether they are of
+//! the same camera.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -12,52 +13,52 @@ use crate::trust::uncertainty::projection::projection_uncertainty;
 use evcal_geometry::lens::camera_file::CameraFileError;
 use evcal_geometry::lens::projection_difference::{NoCommonView, projection_difference};
 
-/// A difference of so many times what is to be expected is that of another camera or lens (or of a lens that was
-/// touched); below, that of conditions that the stated uncertainty does not know, such as light and speed.
+/// Ratio of the difference to the expected difference from which the cameras or lenses differ (or the lens was touched). Below
+/// it, the cause may be conditions that the reported uncertainty does not include, such as light and speed.
 const ANOTHER: f64 = 10.0;
-/// A difference below it (px) is not yet that of another lens, however sure the calibrations are.
+/// Difference (px) below which the lenses are not reported as different, however certain the calibrations are.
 const SMALLEST_OF_ANOTHER: f64 = 0.2;
-/// A difference below it (px) is that of the same camera, however sure the calibrations are.
+/// Difference (px) below which the cameras are the same, however certain the calibrations are.
 const SMALLEST: f64 = 0.05;
 
-/// Whether two calibrations are of the same camera.
+/// Result of the comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sameness {
-    /// They differ by no more than they are uncertain.
+    /// The difference is explained by the uncertainties.
     Same,
-    /// They differ by more, but not by as much as another lens would.
+    /// The difference is larger, but not as large as with another lens.
     Near,
     /// They are of different cameras or lenses, or of one whose focus was changed.
     Different,
-    /// Neither says how sure it is.
+    /// Neither file contains its uncertainty.
     Unknown,
 }
 
-/// Two calibrations side by side.
+/// Comparison of two calibrations.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ComparedCalibrations {
-    /// The files, as they were given.
+    /// The file names, as given.
     pub files: [PathBuf; 2],
-    /// Whether they are of the same camera.
+    /// The result.
     pub sameness: Sameness,
-    /// Root mean square over the sensor of the difference of their projections, the rotation between them removed (px).
+    /// Root mean square over the sensor of the projection difference, with the rotation between them removed (px).
     pub difference_rms: f64,
     /// The greatest difference (px).
     pub difference_max: f64,
     /// The pixel where it is greatest.
     pub difference_max_at: [f64; 2],
-    /// What the root mean square should be by their stated uncertainties, if they are of one camera (px).
+    /// Root mean square predicted by their reported uncertainties for the same camera (px).
     pub expected_rms: Option<f64>,
-    /// What each is uncertain by itself (px, root mean square over the sensor).
+    /// Reported uncertainty of each (px, root mean square over the sensor).
     pub stated_rms: [Option<f64>; 2],
 }
 
-/// Why two calibrations cannot be compared.
+/// Reasons why two calibrations cannot be compared.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CompareError {
-    /// One cannot be read.
+    /// A file cannot be read.
     #[error("{0}")]
     Camera(#[from] CameraFileError),
     /// They are of different sensors, and so of different cameras.
@@ -75,7 +76,7 @@ pub enum CompareError {
         /// Its sensor.
         other_sensor: Sensor,
     },
-    /// They see nothing in common.
+    /// They have no common field of view.
     #[error("{0}")]
     Projection(#[from] NoCommonView),
 }
@@ -83,10 +84,20 @@ pub enum CompareError {
 /// Compares the calibrations at two paths, files or folders.
 ///
 /// # Errors
-/// [`CompareError`] when one cannot be read, or they are for sensors of different size.
+/// [`CompareError`] if one cannot be read, or they are for sensors of different size.
 pub fn compare_calibrations(first: &Path, second: &Path) -> Result<ComparedCalibrations, CompareError> {
     let files = [first.to_owned(), second.to_owned()];
-    let (first, second) = (CalibratedCamera::read(first)?, CalibratedCamera::read(second)?);
+    compare_cameras(files, [&CalibratedCamera::read(first)?, &CalibratedCamera::read(second)?])
+}
+
+/// The same for two that are at hand, which `files` are the names of.
+///
+/// # Errors
+/// As there.
+pub fn compare_cameras(
+    files: [PathBuf; 2],
+    [first, second]: [&CalibratedCamera; 2],
+) -> Result<ComparedCalibrations, CompareError> {
     if first.sensor != second.sensor {
         let [file, other_file] = files;
         return Err(CompareError::SensorsDiffer {
@@ -97,7 +108,7 @@ pub fn compare_calibrations(first: &Path, second: &Path) -> Result<ComparedCalib
         });
     }
     let difference = projection_difference(&first.camera, &second.camera, first.sensor)?;
-    let stated_rms = [stated(&first), stated(&second)];
+    let stated_rms = [stated(first), stated(second)];
     let expected_rms = match stated_rms {
         [None, None] => None,
         [one, other] => Some(one.unwrap_or(0.0).hypot(other.unwrap_or(0.0))),
@@ -113,7 +124,7 @@ pub fn compare_calibrations(first: &Path, second: &Path) -> Result<ComparedCalib
     })
 }
 
-/// The expected root mean square error of a calibration's projection; `None` where it does not tell.
+/// Returns the expected root mean square error of a calibration's projection; `None` if the file does not contain it.
 fn stated(camera: &CalibratedCamera) -> Option<f64> {
     let rows = camera.covariance.as_ref()?;
     let size = camera.camera.parameters().len();
@@ -125,7 +136,7 @@ fn stated(camera: &CalibratedCamera) -> Option<f64> {
     Some(projection_uncertainty(&camera.camera, &covariance, camera.sensor).ok()?.rms)
 }
 
-/// Two and a half standard deviations: one in a hundred pairs of one camera differ by more.
+/// Factor on the expected difference: 2.5 standard deviations, which one in a hundred pairs of the same camera exceeds.
 const EXPECTED_TIMES: f64 = 2.5;
 
 fn sameness(difference: f64, expected: Option<f64>) -> Sameness {
@@ -141,7 +152,7 @@ fn sameness(difference: f64, expected: Option<f64>) -> Sameness {
 impl fmt::Display for ComparedCalibrations {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self.sameness {
-            Sameness::Same => "The same camera: either calibration can take the place of the other.",
+            Sameness::Same => "The same camera: either calibration can replace the other.",
             Sameness::Near => {
                 "Not the same within their uncertainties: the lens was touched between them, or one is less certain than it \
                  says. Use the better one; the reports say which."
@@ -150,7 +161,7 @@ impl fmt::Display for ComparedCalibrations {
                 "Different cameras or lenses, or the lens was refocused between them: do not use one for the other."
             }
             Sameness::Unknown => {
-                "Neither file states its uncertainty, so it cannot be told whether they are of the same camera."
+                "Neither file states its uncertainty, so it is not known whether they are of the same camera."
             }
         })?;
         let [x, y] = self.difference_max_at;
@@ -198,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_difference_is_held_against_what_the_calibrations_say() {
+    fn a_difference_is_compared_with_the_reported_uncertainties() {
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path();
         let sure = write(folder, "sure", 170.0, -0.35, Some(0.001));
@@ -210,14 +221,14 @@ mod tests {
         let expected = near.expected_rms.unwrap();
         assert!((near.difference_rms / expected - 8.0 / 2f64.sqrt()).abs() < 0.1, "{near:?}");
         assert_eq!(near.sameness, Sameness::Near);
-        // 0.57 px, where 0.02 are expected, was "perhaps the same camera".
+        // A difference of 0.57 px where 0.02 px are expected must not count as the same camera.
         let apart = compare(&write(folder, "apart", 170.0, -0.367, Some(0.001)));
         assert!((0.2..1.0).contains(&apart.difference_rms), "{apart:?}");
         assert_eq!(apart.sameness, Sameness::Different);
         let different = compare(&write(folder, "different", 175.0, -0.2, Some(0.001)));
         assert_eq!(different.sameness, Sameness::Different);
         assert!(different.to_string().contains("do not use one for the other"));
-        // The same distance, but neither was sure of it.
+        // The same distance, but with a larger uncertainty.
         let unsure = write(folder, "unsure", 170.0, -0.358, Some(0.01));
         assert_eq!(compare(&unsure).sameness, Sameness::Same);
     }

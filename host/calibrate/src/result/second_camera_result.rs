@@ -1,4 +1,4 @@
-//! A second camera as `calibration.json` has it, and in words.
+//! A second camera as stored in `calibration.json`, and as text.
 
 use std::fmt::Write as _;
 
@@ -17,7 +17,7 @@ use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::numerics::rigid::pose_of_rows;
 use event_recordings::image_folder::Stamps;
 
-/// Seconds with the board before both cameras from which the rates of the clocks are stated.
+/// Seconds with the board in view of both cameras from which the rates of the clocks are reported.
 const LONG_ENOUGH_FOR_RATE: f64 = 20.0;
 /// Names of the parameters of the mount, in their order, after [`POSE_NAMES`].
 const NAMES: [&str; COUNT - POSE_NAMES.len()] = ["offset", "rate"];
@@ -31,15 +31,15 @@ pub struct SolvedCamera {
     pub camera: CameraDescription,
 }
 
-/// Square of the distance from the identity, in its covariance, that chance exceeds in 1 of 100 cases: χ² of 6 numbers.
+/// 99 % quantile of the squared distance from the identity, in its covariance: χ² with 6 degrees of freedom.
 const RARELY: f64 = 16.81;
 
-/// How far a transform that should be none is from it.
+/// Distance of a transform from the identity, which is its expected value.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FromIdentity {
-    /// Square of the distance in its covariance: 6 is to be expected.
+    /// Squared distance in units of its covariance; the expected value is 6.
     pub chi_squared: f64,
-    /// Whether it is the identity within its uncertainty: chance alone exceeds the limit in 1 of 100 cases.
+    /// `true` if the transform is the identity within its uncertainty; chance alone exceeds the limit in 1 % of the cases.
     pub agrees: bool,
 }
 
@@ -57,15 +57,15 @@ impl FromIdentity {
 /// The frames of a second camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FramesOfSecond {
-    /// How many show the board and were used.
+    /// Number of frames that show the board and were used.
     pub used: usize,
-    /// What their time stamps stand for, as it was said.
+    /// Meaning of their timestamps, as given.
     pub stamps: Stamps,
-    /// Whether they came with exposure times: if not, the offset of the clocks is that of the moment at which a frame was stamped.
+    /// `true` if they have exposure times; otherwise the offset of the clocks refers to the moment at which a frame was stamped.
     pub exposure_known: bool,
-    /// By how much each row is exposed later than the one above it (s). Offset and transform are those of the middle row.
+    /// Delay of the exposure of each row after the one above it (s). Offset and transform apply to the middle row.
     pub line_delay: Uncertain<f64>,
-    /// Whether the rows were said to be exposed one after the other.
+    /// `true` if a rolling shutter was requested.
     pub rolling_shutter: bool,
 }
 
@@ -88,23 +88,23 @@ pub struct SecondCameraResult {
     pub recording: String,
     /// Size of its sensor.
     pub sensor: Sensor,
-    /// Its lens, calibrated apart.
+    /// Its lens, calibrated separately.
     pub camera: CameraDescription,
     /// Standard deviation of each lens parameter.
     pub sigma: CameraDescription,
     /// Corners (px) of the convex region of its sensor in which the board was seen.
     pub covered_region: Vec<[f64; 2]>,
-    /// Whether its lens, calibrated apart, is good; none where that does not matter: for the first camera's own frames, with held
-    /// intrinsics, and with a rolling shutter, whose frames no lens explains before it is known.
+    /// Grade of the separate calibration of its lens. `None` if it does not matter: for the first camera's own frames, with fixed
+    /// intrinsics, and with a rolling shutter, whose frames no lens explains before the shutter is known.
     #[serde(default)]
     pub lens_grade: Option<Grade>,
-    /// The same in words.
+    /// The verdict on the lens in words.
     pub lens_verdict: String,
-    /// Whether what lies between the cameras is good.
+    /// Grade of the transform and the clocks.
     pub grade: Grade,
-    /// The same in words, and how well it is known.
+    /// The verdict in words, with the uncertainty.
     pub verdict: String,
-    /// From coordinates of the first camera to those of the second, row by row.
+    /// Transform from coordinates of the first camera to coordinates of the second, row by row.
     #[serde(rename = "T_second_first")]
     pub second_from_first: [[f64; 4]; 4],
     /// σ of its rotation about the axes of the first camera (rad).
@@ -115,43 +115,43 @@ pub struct SecondCameraResult {
     pub baseline: Uncertain<f64>,
     /// t_second = t_first + offset, on the clocks of the recordings (s).
     pub time_offset: Uncertain<f64>,
-    /// Where on the clock of the second recording that holds, if the clocks run at different rates (s).
+    /// Time on the clock of the second recording at which the offset applies, if the clocks run at different rates (s).
     pub time_offset_at: f64,
-    /// By how much the second clock is faster; none where both saw the board for 20 s or less.
+    /// Relative rate by which the second clock is faster; `None` if both cameras saw the board for 20 s or less.
     pub clock_rate: Option<Uncertain<f64>>,
     /// Correlation of rotation, translation, offset and rate, in this order.
     pub correlations: [[f64; COUNT]; COUNT],
-    /// Both cameras as the solve of all events has them: what belongs to the transform most exactly.
+    /// Both cameras from the solve of all events: the intrinsics that match the transform best.
     pub solved_together: [SolvedCamera; 2],
-    /// Largest distance of an intrinsic parameter of each camera from that of the camera calibrated apart, in its σ; none where
-    /// intrinsics of another model were held.
+    /// Largest difference between an intrinsic parameter of each camera and its value in the separate calibration, in its σ;
+    /// `None` if the intrinsics were fixed at the intrinsics of another model.
     pub cameras_moved: [Option<f64>; 2],
-    /// Whether the intrinsics of each camera were held; else they were solved for.
+    /// `true` for each camera whose intrinsics were fixed; otherwise they were estimated.
     #[serde(default)]
     pub held: [bool; 2],
-    /// Seconds with the board before both cameras.
+    /// Seconds with the board in view of both cameras.
     pub seconds: f64,
     /// Events, or centres of dots, of the second camera that were used.
     pub used: usize,
-    /// Share of its events that were left out, for the first camera has no trajectory then.
+    /// Share of its events that were excluded because the first camera has no trajectory at their times.
     pub left_out: f64,
-    /// Correlation of the turns of both cameras at the start; none for the first camera's own frames.
+    /// Correlation of the rotation rates of both cameras at the start; `None` for the first camera's own frames.
     pub correlation: Option<f64>,
-    /// How much larger the covariance is than if events were independent.
+    /// Ratio of the covariance to that with independent events.
     pub inflation: f64,
-    /// Residuals of the second camera's events on the trajectory of the first over those on its own.
+    /// Ratio of the residuals of the second camera's events on the first camera's trajectory to those on its own.
     pub looseness: Option<f64>,
-    /// For the first camera's own frames, which see through the same eye: how far the transform is from none.
+    /// For the first camera's own frames, which have the same lens: distance of the transform from the identity.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from_identity: Option<FromIdentity>,
-    /// Its frames and their shutter, where it takes frames.
+    /// Its frames and their shutter, if it is a frame camera.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<FramesOfSecond>,
-    /// What speaks against it.
+    /// Findings, as sentences.
     pub findings: Vec<String>,
 }
 
-/// Whether what lies between two cameras is good.
+/// Returns the grade of the transform between two cameras.
 pub fn grade(calibration: &SecondCalibration) -> Grade {
     Grade::of(calibration.findings.iter().map(|finding| match finding {
         Finding::PlaceNotMeasured { .. }
@@ -164,7 +164,7 @@ pub fn grade(calibration: &SecondCalibration) -> Grade {
 }
 
 impl SecondCameraResult {
-    /// The result of `second`.
+    /// Returns the result of `second`.
     pub fn new(second: &SecondCamera) -> Self {
         let SecondCamera { calibration, starts, .. } = second;
         let mount = &calibration.mount;
@@ -213,7 +213,7 @@ impl SecondCameraResult {
         result
     }
 
-    /// `T_second_first`.
+    /// Returns `T_second_first`.
     pub fn pose(&self) -> Isometry3<f64> {
         pose_of_rows(&self.second_from_first)
     }
@@ -229,14 +229,14 @@ impl SecondCameraResult {
         )
     }
 
-    /// The result in words: each number with its σ, each transform and offset with its direction.
+    /// Returns the result as text: each number with its σ, each transform and offset with its direction.
     pub fn sentences(&self) -> String {
         let what = match self.frames {
             Some(frames) => format!("{} circles in {} frames", self.used, frames.used),
             None => format!("{} events", self.used),
         };
         let mut text = format!(
-            "second camera ({}), from {what} in {:.1} s with the board before both:\n",
+            "second camera ({}), from {what} in {:.1} s with the board in view of both:\n",
             self.recording, self.seconds
         );
         let _ = writeln!(text, "  {}", self.verdict);
@@ -249,10 +249,7 @@ impl SecondCameraResult {
             [false, true] => Some("the second camera were"),
             [false, false] => None,
         } {
-            let _ = writeln!(
-                text,
-                "  the intrinsics of {whose} held; their σ, where they are known, are part of those below"
-            );
+            let _ = writeln!(text, "  the intrinsics of {whose} fixed; their σ, if known, are included below");
         }
         let pose = self.pose();
         let vector = pose.rotation.scaled_axis().map(f64::to_degrees);
@@ -291,7 +288,7 @@ impl SecondCameraResult {
             let verdict = if agrees {
                 "it is the identity within its σ"
             } else {
-                "it is not: distrust the σ, or one of the lenses"
+                "it is not: the σ or one of the lenses is probably wrong"
             };
             let _ = writeln!(
                 text,
@@ -325,7 +322,7 @@ impl SecondCameraResult {
                 let way = if value >= 0.0 { "faster" } else { "slower" };
                 let _ = writeln!(
                     text,
-                    "  its clock is {:.2} ± {:.2} ppm {way}; the offset is that at {:.3} s of it",
+                    "  its clock is {:.2} ± {:.2} ppm {way}; the offset applies at {:.3} s of it",
                     1e6 * value.abs(),
                     1e6 * sigma,
                     self.time_offset_at
@@ -337,36 +334,36 @@ impl SecondCameraResult {
         }
     }
 
-    /// What is known of exposure and shutter of the frames of the second camera.
+    /// Describes exposure and shutter of the frames of the second camera.
     fn shutter(&self, frames: &FramesOfSecond, text: &mut String) {
         let stamps = frames.stamps.name();
         let _ = if frames.exposure_known {
             writeln!(
                 text,
-                "  its time stamps are taken for the {stamps} of the exposures; the offset is that of their middle"
+                "  its timestamps are assumed to be the {stamps} of the exposures; the offset applies to their middle"
             )
         } else {
             let half = match frames.stamps {
                 Stamps::Middle => String::new(),
                 Stamps::Start | Stamps::End => {
                     format!(
-                        ", and differs by half an exposure from that of the clocks, as stamps are the {stamps} of an exposure"
+                        ", and differs by half an exposure from the offset of the clocks, because timestamps are the {stamps} of an exposure"
                     )
                 }
             };
             writeln!(
                 text,
-                "  the exposure times are not known: the offset is that between a stamp and the middle of its exposure{half}"
+                "  the exposure times are not known: the offset is the time between a timestamp and the middle of its exposure{half}"
             )
         };
         let Uncertain { value, sigma } = frames.line_delay;
         let shutter = if frames.rolling_shutter {
             format!(
-                "rolling shutter: {:.2} ms from the first row to the last; the offset is that of the middle row",
+                "rolling shutter: {:.2} ms from the first row to the last; the offset applies to the middle row",
                 1e3 * value * f64::from(self.sensor.height)
             )
         } else {
-            "within 3 σ of none: a global shutter".to_owned()
+            "not significantly different from zero: a global shutter".to_owned()
         };
         let _ = writeln!(
             text,
@@ -376,13 +373,13 @@ impl SecondCameraResult {
         );
     }
 
-    /// Pairs of parameters that are strongly correlated.
+    /// Returns pairs of strongly correlated parameters.
     fn correlated(&self) -> Vec<(&'static str, &'static str, f64)> {
         correlated(self.correlations.iter().map(<[f64; COUNT]>::as_slice), POSE_NAMES.into_iter().chain(NAMES))
     }
 }
 
-/// Distance of the cameras.
+/// Returns the distance between the cameras.
 fn baseline(calibration: &SecondCalibration) -> Uncertain<f64> {
     let place: Vector3<f64> = calibration.mount.second_first.translation.vector;
     let value = place.norm();

@@ -1,4 +1,4 @@
-//! What every stage took in and gave out, and why the rest fell away: told once, for `stages.txt` and the report.
+//! Reports of all stages, with the amounts that each got, kept and dropped, for `stages.txt` and the report.
 
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use crate::calibrate::stretch_choice::StretchChoice;
@@ -11,27 +11,27 @@ use crate::solve::refinement::RoundReport;
 use crate::solve::residual_statistics::Measured;
 use crate::trust::witness::{Comparison, WitnessOutcome};
 
-/// One stage.
+/// Report of one stage.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StageLine {
     /// Its name.
     pub stage: String,
-    /// What came in.
+    /// Input.
     pub taken: Amount,
-    /// What it gave.
+    /// Output.
     pub given: Amount,
-    /// Why the rest fell away.
+    /// Dropped input, by reason.
     pub dropped: Vec<Amount>,
-    /// What else there is to say.
+    /// Further statements.
     pub notes: Vec<String>,
 }
 
-/// So many of something.
+/// A number of things.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Amount {
-    /// How many.
+    /// The number.
     pub count: u64,
-    /// Of what, or why.
+    /// The kind of thing, or the reason.
     pub what: String,
 }
 
@@ -46,7 +46,7 @@ impl StageLine {
         Self { stage: stage.into(), taken, given, dropped: Vec::new(), notes: Vec::new() }
     }
 
-    /// With what fell away, as far as anything did.
+    /// Adds what was dropped, without zero counts.
     fn dropping(mut self, dropped: impl IntoIterator<Item = (u64, String)>) -> Self {
         let some = dropped.into_iter().filter(|(count, _)| *count > 0);
         self.dropped.extend(some.map(|(count, what)| Amount { count, what }));
@@ -59,7 +59,7 @@ impl StageLine {
     }
 }
 
-/// The stages of a calibration, in their order.
+/// Returns the reports of all stages of a calibration, in their order.
 pub fn stage_lines(calibrated: &Calibrated) -> Vec<StageLine> {
     match &calibrated.evidence {
         Evidence::Events(events) => event_lines(events),
@@ -100,8 +100,8 @@ fn event_lines(events: &EventCalibration) -> Vec<StageLine> {
 fn choice_line(events: &EventCalibration, choice: &StretchChoice) -> StageLine {
     let taken = Amount::new(choice.seconds as u64, "seconds with the board");
     let poses = events.followed.iter().map(|stretch| stretch.poses.len()).sum::<usize>();
-    StageLine::new("Room in the joint solve", taken, Amount::new(choice.chosen.len() as u64, "seconds")).noting([
-        format!("{} frames of the others; {poses} poses along them with the camera held", events.other_windows.len()),
+    StageLine::new("Seconds in the joint solve", taken, Amount::new(choice.chosen.len() as u64, "seconds")).noting([
+        format!("{} frames of the others; {poses} poses along them with the camera fixed", events.other_windows.len()),
     ])
 }
 
@@ -184,7 +184,7 @@ fn solve_line(round: usize, report: &RoundReport) -> StageLine {
     }))
 }
 
-/// From the camera's own pictures to boards.
+/// Returns the reports on the search for boards in the camera's own pictures.
 fn search_lines(report: &PictureReport) -> [StageLine; 2] {
     let search = &report.detection;
     let refused = search.refused.iter().map(|(reason, count)| (*count, reason.to_string()));
@@ -245,6 +245,6 @@ fn joint_line(joint: &JointReport) -> StageLine {
         Amount::new((joint.dots + joint.dots_elsewhere) as u64, "dots"),
         Amount::new(joint.dots as u64, format!("dots of {} frames", joint.frames)),
     )
-    .dropping([(joint.dots_elsewhere as u64, "elsewhere than the trajectory puts them".to_owned())])
+    .dropping([(joint.dots_elsewhere as u64, "not at the position that the trajectory predicts".to_owned())])
     .noting([format!("events come {offset} later"), format!("spread {:.3} px", joint.spread)])
 }

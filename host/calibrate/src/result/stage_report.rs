@@ -1,4 +1,4 @@
-//! What every stage took in and gave out, as text for people (`stages.txt`).
+//! Reports of all stages as text (`stages.txt`).
 
 use std::fmt::Write as _;
 
@@ -8,10 +8,10 @@ use crate::picture_calibration::calibration::PictureSource;
 use crate::trust::witness::{Comparison, WitnessOutcome};
 use event_recordings::pass::RecordingReport;
 
-/// Width of the names of stages.
+/// Width of the column of stage names.
 const NAME: usize = 30;
 
-/// The report of all stages of a calibration, in their order.
+/// Returns the text of all stages of a calibration, in their order.
 pub fn stage_report(calibrated: &Calibrated) -> String {
     let held = match &calibrated.evidence {
         Evidence::Pictures(pictures) if pictures.report.source == PictureSource::Frames => "frames with the board",
@@ -57,7 +57,7 @@ fn put(text: &mut String, line: &StageLine) {
     }
 }
 
-/// Parameters from pictures and from events.
+/// Prints the parameters from pictures and from events.
 fn put_comparison(text: &mut String, comparison: &Comparison) {
     put_row(text, "Frames against events", &comparison.sentence);
     for parameter in &comparison.parameters {

@@ -1,4 +1,4 @@
-//! What the calibration of a second camera gives.
+//! Result of the calibration of a second camera.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
@@ -11,41 +11,41 @@ use super::mount::Mount;
 /// A second camera on the mount of the first.
 #[derive(Clone, Debug)]
 pub struct SecondCalibration {
-    /// What lies between the cameras, both recordings counted from their first events.
+    /// Mount: transform and clocks, with times since the first events of both recordings.
     pub mount: Mount,
     /// Covariance of its parameters, in their order.
     pub covariance: DMatrix<f64>,
-    /// How much larger that is than if events were independent.
+    /// Ratio of the covariance to that with independent events.
     pub inflation: f64,
-    /// Correlation of the turns of both cameras at the start; `None` for pictures of one sensor with its events.
+    /// Correlation of the rotation rates of both cameras at the start; `None` for pictures of one sensor with its events.
     pub correlation: Option<f64>,
-    /// Seconds with the board before both cameras.
+    /// Seconds with the board in view of both cameras.
     pub seconds: f64,
-    /// Events, or centres of dots, of the second camera that were used.
+    /// Number of used events, or centres of dots, of the second camera.
     pub used: usize,
-    /// Share of its events that were left out, for the first camera has no trajectory then.
+    /// Share of its events that were excluded because the first camera has no trajectory at their times.
     pub left_out: f64,
-    /// Residuals of its events on the trajectory of the first camera over those on its own; `None` where it has none.
+    /// Ratio of the residuals of its events on the trajectory of the first camera to those on its own; `None` if it has none.
     pub looseness: Option<f64>,
-    /// How well its events are explained, in order of time.
+    /// Misfit of its events, in order of time.
     pub misfit: Vec<Misfit>,
     /// Sensor sizes of both cameras.
     pub sensors: [Sensor; 2],
-    /// Both cameras as the solve of both has them.
+    /// Both cameras from the solve of both.
     pub cameras: [Camera<f64>; 2],
-    /// Largest distance of an intrinsic parameter of each camera from that of the camera calibrated apart, in its σ; `None` where intrinsics
-    /// of another model were held.
+    /// Largest difference between an intrinsic parameter of each camera and its value in the separate calibration, in its σ;
+    /// `None` if the intrinsics were fixed at the intrinsics of another model.
     pub cameras_moved: [Option<f64>; 2],
-    /// Whether the intrinsics of each camera were held.
+    /// `true` for each camera whose intrinsics were fixed.
     pub held: [bool; 2],
-    /// Whether the rows of the second camera's frames were said to be exposed one after the other.
+    /// `true` if a rolling shutter was requested for the second camera.
     pub rolling_shutter: bool,
-    /// What speaks against it.
+    /// Problems of the result.
     pub findings: Vec<Finding>,
 }
 
 impl SecondCalibration {
-    /// Standard deviation of a parameter of the mount.
+    /// Returns the standard deviation of a parameter of the mount.
     pub fn sigma(&self, parameter: usize) -> f64 {
         self.covariance[(parameter, parameter)].max(0.0).sqrt()
     }

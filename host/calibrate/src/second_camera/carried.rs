@@ -1,39 +1,39 @@
-//! The pose of the second camera as the mount carries it, and how it answers to the first camera's pose and to the mount.
+//! The pose of the second camera that follows from the first camera's pose and the mount, with its derivatives.
 //!
-//! With `T_world_first` = (R, p), `T_second_first` = (S, s) and a = −Sᵀs, where the second camera is in the frame of the first:
-//! `T_world_second` = (R Sᵀ, p + R a). Where the first camera turns by δ (its axes) and moves by d (world), and the mount turns by
-//! ε (axes of the first camera) and moves by e (axes of the second), the second camera turns by S (δ − ε), in its own axes, and
-//! moves by d + R ((δ − ε) × a) − R Sᵀ e.
+//! With `T_world_first` = (R, p), `T_second_first` = (S, s) and a = −Sᵀs, the position of the second camera in the frame of the
+//! first: `T_world_second` = (R Sᵀ, p + R a). If the first camera rotates by δ (its axes) and moves by d (world), and the mount
+//! rotates by ε (axes of the first camera) and moves by e (axes of the second), the second camera rotates by S (δ − ε), in its
+//! own axes, and moves by d + R ((δ − ε) × a) − R Sᵀ e.
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::mount::{LINE_DELAY, MOST, Mount, OFFSET, RATE, ROTATION, TRANSLATION};
 use crate::solve::pose_bin::PoseBin;
 
-/// Parameters of a pose: rotation (camera frame), then translation (world).
+/// Number of parameters of a pose: rotation (camera frame), then translation (world).
 pub const POSE: usize = 6;
-/// What the second camera's pose answers to: the pose of the first, then the mount.
+/// Number of parameters that determine the second camera's pose: the pose of the first, then the mount.
 pub const CAUSES: usize = POSE + MOST;
 
 /// The second camera at one time.
 #[derive(Clone, Debug)]
 pub struct Carried {
-    /// Its pose; the control points are those of the first camera, and their Jacobians mean nothing here.
+    /// Its pose; the control points belong to the first camera, and their Jacobians are not used.
     pub pose: PoseBin,
     /// Derivative of its pose by the pose of the first camera and by the mount.
     pub by: SMatrix<f64, POSE, CAUSES>,
 }
 
 impl Carried {
-    /// Where the first camera is at `first`, at `t` (s) of the second clock, which is that of a row so many `rows` below the middle of
-    /// a frame.
+    /// Computes the pose for the pose `first` of the first camera at time `t` (s) of the second clock, which is the time of a row
+    /// that is `rows` below the middle of a frame.
     pub fn new(first: &PoseBin, mount: &Mount, t: f64, rows: f64) -> Self {
         let second_first = mount.second_first.rotation.to_rotation_matrix().into_inner();
         let aside = mount.second_first.inverse().translation.vector;
         let (rotation, place) = (first.rotation_matrix(), first.translation_vector());
         let turning = Vector3::from(first.angular_velocity);
         let own_rotation = rotation * second_first.transpose();
-        // Seconds of the first clock in one of the second.
+        // Seconds of the first clock per second of the second.
         let pace = 1.0 - mount.rate;
         let angular_velocity = second_first * turning * pace;
         let velocity = (Vector3::from(first.linear_velocity) + rotation * turning.cross(&aside)) * pace;
@@ -83,7 +83,7 @@ mod tests {
         Isometry3::new(Vector3::new(0.2, 0.4, -0.7), Vector3::new(0.25, -0.3, 0.8))
     }
 
-    /// Of a camera that turns and moves as `bin` says.
+    /// Pose of a camera that rotates and moves like `bin`.
     fn first_at(dt: f64) -> Isometry3<f64> {
         let bin = first_bin();
         let turn = UnitQuaternion::from_scaled_axis(Vector3::from(bin.angular_velocity) * dt);
@@ -111,7 +111,7 @@ mod tests {
             delta[cause] = step;
             let (turn, shift) = (Vector3::from_column_slice(&delta[..3]), Vector3::from_column_slice(&delta[3..6]));
             let mount_moved = mount().moved(&delta[POSE..]);
-            // Where the clock moves, the first camera is somewhere else.
+            // If the clock changes, the first camera has another pose.
             let stamp = T - mount().line_delay.unwrap() * ROWS;
             let first = first_at(mount_moved.first_time(mount_moved.row_time(stamp, ROWS)) - mount().first_time(T));
             let first = Isometry3::from_parts(
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn it_moves_as_its_poses_do() {
+    fn its_velocity_agrees_with_its_poses() {
         let carried = Carried::new(&first_bin(), &mount(), T, ROWS);
         let at = |t: f64| second(&first_at(mount().first_time(t) - mount().first_time(T)), &mount());
         let (after, before) = (at(T + STEP), at(T - STEP));

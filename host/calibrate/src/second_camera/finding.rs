@@ -1,29 +1,29 @@
-//! What speaks against the calibration of a second camera, in words with what to do.
+//! Findings on the calibration of a second camera, with remedies.
 
 use std::fmt;
 
-/// What speaks against a result, or was not measured.
+/// A problem of a result, or a quantity that was not measured.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Finding {
-    /// The place of one camera on the other.
+    /// The relative position was not measured.
     PlaceNotMeasured {
         /// Largest σ (m).
         sigma: f64,
     },
-    /// The rotation.
+    /// The relative rotation was not measured.
     RotationNotMeasured {
         /// Largest σ (rad).
         sigma: f64,
     },
-    /// The offset of the clocks.
+    /// The offset of the clocks was not measured.
     OffsetNotMeasured {
         /// σ (s).
         sigma: f64,
     },
     /// The clocks run at different rates.
     ClockRate {
-        /// By how much the second is faster.
+        /// Relative rate by which the second is faster.
         rate: f64,
         /// Its σ.
         sigma: f64,
@@ -38,25 +38,25 @@ pub enum Finding {
         /// Share of the second camera's events.
         share: f64,
     },
-    /// A rolling shutter was declared, and none was found.
+    /// A rolling shutter was requested, and none was found.
     NoLineDelay {
         /// Time from row to row (s).
         line_delay: f64,
         /// Its σ.
         sigma: f64,
     },
-    /// The solve of both moved a camera.
+    /// The solve of both changed a camera.
     CameraMoved {
-        /// Which one: 0 or 1.
+        /// Index of the camera: 0 or 1.
         camera: usize,
-        /// By how many σ.
+        /// Change in σ.
         sigmas: f64,
     },
-    /// Intrinsics were held at others than those of this recording.
+    /// The fixed intrinsics differ from the intrinsics of this recording.
     OtherCamera {
-        /// Which camera's: 0 or 1.
+        /// Index of the camera: 0 or 1.
         camera: usize,
-        /// How many σ they are apart.
+        /// Difference in σ.
         sigmas: f64,
     },
 }
@@ -66,12 +66,12 @@ impl fmt::Display for Finding {
         match self {
             Self::PlaceNotMeasured { sigma } => write!(
                 f,
-                "the place of one camera seen from the other was hardly measured (± {:.1} mm): record longer, near the board",
+                "the relative position of the cameras was hardly measured (± {:.1} mm): record longer, near the board",
                 1e3 * sigma
             ),
             Self::RotationNotMeasured { sigma } => write!(
                 f,
-                "how the cameras are turned against each other was hardly measured (± {:.2}°): record longer, near the board",
+                "the relative rotation of the cameras was hardly measured (± {:.2}°): record longer, near the board",
                 sigma.to_degrees()
             ),
             Self::OffsetNotMeasured { sigma } => write!(
@@ -99,13 +99,13 @@ impl fmt::Display for Finding {
             ),
             Self::NoLineDelay { line_delay, sigma } => write!(
                 f,
-                "no line delay was found ({:.3} ± {:.3} µs a row): the shutter is a global one: do not state a rolling one",
+                "no line delay was found ({:.3} ± {:.3} µs per row): it has a global shutter: do not state a rolling shutter",
                 1e6 * line_delay,
                 1e6 * sigma
             ),
             Self::CameraMoved { camera, sigmas } => write!(
                 f,
-                "solving both together moved an intrinsic parameter of the {} camera by {sigmas:.1} σ: look at its own report",
+                "the solve of both changed an intrinsic parameter of the {} camera by {sigmas:.1} σ: check its own report",
                 ["first", "second"][(*camera).min(1)]
             ),
             Self::OtherCamera { camera, sigmas } => write!(

@@ -1,26 +1,26 @@
-//! Looks for what speaks against the calibration of a second camera.
+//! Checks of the calibration of a second camera.
 
 use super::calibration::SecondCalibration;
 use super::finding::Finding;
 use super::mount::{LINE_DELAY, OFFSET, RATE, ROTATION, TRANSLATION};
 
-/// σ from which something was not measured: place (m), rotation (rad), offset (s).
+/// σ from which a quantity counts as not measured: position (m), rotation (rad), offset (s).
 const PLACE_LIMIT: f64 = 5e-3;
 const ROTATION_LIMIT: f64 = 0.5 * std::f64::consts::PI / 180.0;
 const OFFSET_LIMIT: f64 = 1e-3;
-/// Difference of the clocks' rates that is told, and from how many σ.
+/// Difference of the clocks' rates that is reported, and its smallest value in σ.
 const DRIFT: f64 = 50e-6;
 const CERTAIN: f64 = 5.0;
-/// Residuals on the other camera's trajectory over those on its own from which the mount seems loose.
+/// Ratio of the residuals on the other camera's trajectory to those on its own from which the mount seems loose.
 const LOOSE: f64 = 1.3;
-/// Share of the events that may be left out before it is told.
+/// Share of excluded events from which it is reported.
 const MOST_LEFT_OUT: f64 = 0.3;
-/// σ below which a line delay is none.
+/// Number of σ below which a line delay is not significant.
 const NO_DELAY: f64 = 3.0;
-/// Distance of an intrinsic parameter from that of the camera calibrated apart, in its σ, that is told.
+/// Reported difference between an intrinsic parameter and its value in the separate calibration, in its σ.
 const MOVED: f64 = 4.0;
 
-/// What speaks against `calibration`.
+/// Returns the problems of `calibration`.
 pub fn findings(calibration: &SecondCalibration) -> Vec<Finding> {
     let mut findings = Vec::new();
     let largest = |first: usize| (first..first + 3).map(|index| calibration.sigma(index)).fold(0.0, f64::max);
@@ -51,7 +51,7 @@ pub fn findings(calibration: &SecondCalibration) -> Vec<Finding> {
         }
     }
     for (camera, sigmas) in calibration.cameras_moved.into_iter().enumerate() {
-        // Apart, the lens of a camera with a rolling shutter was calibrated as if all rows were exposed at once.
+        // In the separate calibration of a camera with a rolling shutter, all rows were assumed to be exposed at once.
         let is_of_other_rows = camera == 1 && calibration.rolling_shutter;
         let Some(sigmas) = sigmas.filter(|sigmas| *sigmas > MOVED && !is_of_other_rows) else { continue };
         findings.push(match calibration.held[camera] {

@@ -1,7 +1,7 @@
 //! A second camera that takes ordinary frames: circles in its frames on the trajectories of the first camera.
 //!
-//! Each frame has a pose of its own at first, from the calibration of its lens apart. In the solve of both cameras a circle belongs
-//! to the time of its row: the frame's time and the line delay for each row below the middle. The line delay is always solved for.
+//! Each frame has its own pose at first, from the separate calibration of its lens. In the solve of both cameras a circle has the
+//! time of its row: the frame's time plus the line delay for each row below the middle. The line delay is always estimated.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
@@ -23,26 +23,26 @@ use crate::solve::observation::SegmentObservations;
 use crate::trajectory::mean_distance;
 use evcal_geometry::board::symmetry::Symmetry;
 
-/// σ from which a line delay is none of chance.
+/// Number of σ from which a line delay is significant.
 const CERTAIN: f64 = 3.0;
 
-/// Root mean square of the distances of centres, in their spread along one axis, with Huber's loss from 1.5 of it on: that of normal
-/// errors along both axes.
+/// Expected root mean square distance of centres, in units of their spread along one axis, with Huber's loss from 1.5 on, for
+/// normal errors along both axes.
 const USUAL_RMS: f64 = 1.36;
-/// Spreads that are the same differ by less than this factor.
+/// Largest ratio of two spreads that count as equal.
 const SAME_SPREAD: f64 = 1.2;
-/// Change of place (m) and rotation (rad) between the cameras, by the poses of frames, that is too much: rows that are exposed one after
-/// the other move a pose by a part of what the camera moves meanwhile.
+/// Change of position (m) and rotation (rad) between the cameras, from poses of frames, above which the mount is loose: if rows
+/// are exposed one after the other, a pose is shifted by a part of the camera's motion during a frame.
 const LOOSE: [f64; 2] = [3.0 * start::LOOSE[0], 3.0 * start::LOOSE[1]];
-/// Spread of centres about the first camera's trajectory, once rows have times of their own, that is too much (rad).
+/// Spread of centres about the first camera's trajectory, with the times of their rows, above which the mount is loose (rad).
 const LOOSE_CENTRES: f64 = 4e-3;
-/// Most solves until the spread of centres is known.
+/// Most solves for the spread of centres.
 const MOST_SOLVES: usize = 4;
 
 /// A frame with the board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SeenFrame {
-    /// The middle of its exposure, or what its time stamp says, from the first frame of the recording on (s).
+    /// Middle of its exposure, or the meaning of its timestamp, since the first frame of the recording (s).
     pub t: f64,
     /// `T_world_camera`.
     pub pose: Isometry3<f64>,
@@ -50,7 +50,7 @@ pub struct SeenFrame {
     pub circles: Vec<PointObservation>,
 }
 
-/// A camera that takes frames, as it was calibrated apart.
+/// A frame camera that was calibrated separately.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameCamera<'a> {
     /// The lens.
@@ -63,15 +63,15 @@ pub struct FrameCamera<'a> {
     pub frames: &'a [SeenFrame],
     /// Spread of a centre along one axis (px).
     pub point_sigma: f64,
-    /// Whether its rows are said to be exposed one after the other.
+    /// `true` if a rolling shutter was requested.
     pub rolling_shutter: bool,
 }
 
-/// Calibrates a camera of frames, the `second`, against the `first`, before a board that looks the same after the turns
-/// `symmetries`. Intrinsics are solved for too, unless they are in `lenses`.
+/// Calibrates a frame camera, the `second`, against the `first`, with a board that looks the same after the rotations
+/// `symmetries`. Intrinsics are estimated too, unless `lenses` contains them.
 ///
 /// # Errors
-/// [`SecondCameraError`] says what is wrong with the recordings or the motion, and what to do.
+/// [`SecondCameraError`] names the problem with the recordings or the motion, and the remedy.
 pub fn calibrate_frames(
     first: Apart,
     second: FrameCamera,
@@ -129,8 +129,8 @@ pub fn calibrate_frames(
     determined(calibration)
 }
 
-/// Solves, and again with the spread of centres that was left as long as that is not the one that was taken for granted: alone, the
-/// frames of a rolling shutter fit no lens well. The solution, and that spread (px).
+/// Solves, and repeats the solve with the resulting spread of centres until it agrees with the assumed one: in the separate
+/// calibration, the frames of a rolling shutter fit no lens well. Returns the solution, and that spread (px).
 fn weighed(joint: Joint, estimate: Estimate, lenses: Lenses) -> Result<(Solved, f64), SecondCameraError> {
     let (mut joint, estimate) = holding(joint, estimate, lenses);
     let mut solved = solve(&joint, estimate)?;

@@ -1,7 +1,8 @@
 //! Both cameras in one solve: the events of the second are rows on the trajectories of the first.
 //!
-//! The border of the normal equations holds the mount (transform, offset, rate, of frames the line delay), then lens and event biases of the second camera,
-//! then those of the first. The board is held at what the first camera says of it: it is one board.
+//! The border of the normal equations contains the mount (transform, offset, rate, for frames the line delay), then lens and
+//! event biases of the second camera, then lens and event biases of the first. The board is fixed at the result of the first
+//! camera, because both see the same board.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -19,18 +20,19 @@ use crate::solve::{Problem, State};
 use crate::trajectory::Trajectory;
 use crate::trust::uncertainty::{BLOCK, Time, stated};
 
-/// Intrinsics of the first and the second camera that are held; those of the others are solved for.
+/// Fixed intrinsics of the first and the second camera; `None` for intrinsics that are estimated.
 pub type Lenses<'a> = [Option<&'a HeldIntrinsics>; 2];
 
-/// What is solved; nothing of it changes.
+/// Constant input of the solve.
 pub struct Joint {
     /// The events of the first camera.
     pub first: Problem,
-    /// The events of the second, at a time when the first had the board in view too, with circles counted as the first camera does.
+    /// The events of the second, at times when the first had the board in view too, with the first camera's numbers of the
+    /// circles.
     pub second: Problem,
 }
 
-/// How well the second camera's events are explained over a stretch of time.
+/// Misfit of the second camera's events over an interval of time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Misfit {
     /// Time of the first clock (s).
@@ -45,15 +47,15 @@ pub struct Solved {
     pub estimate: Estimate,
     /// Covariance of the mount.
     pub covariance: DMatrix<f64>,
-    /// How much larger it is than if events were independent.
+    /// Ratio of the covariance to that with independent events.
     pub inflation: f64,
-    /// Number of blocks of time that it was found with.
+    /// Number of blocks of time from which the inflation was estimated.
     pub blocks: usize,
-    /// Events of the second camera.
+    /// Number of events of the second camera.
     pub used: usize,
-    /// How well they are explained, in order of time.
+    /// Misfit of these events, in order of time.
     pub misfit: Vec<Misfit>,
-    /// The same over all of it.
+    /// Misfit over the whole recording.
     pub rms: f64,
 }
 
@@ -61,23 +63,23 @@ pub struct Solved {
 struct Linearised {
     parts: Vec<Part>,
     system: System,
-    /// Observations of the first and the second camera.
+    /// Number of observations of the first and the second camera.
     counts: [usize; 2],
     misfit: Vec<Misfit>,
-    /// Over all of it.
+    /// Misfit over the whole recording.
     rms: f64,
 }
 
-/// Solves from `estimate` on.
+/// Solves, starting at `estimate`.
 ///
 /// # Errors
-/// [`SecondCameraError::Singular`] when the events do not determine the parameters.
+/// [`SecondCameraError::Singular`] if the events do not determine the parameters.
 pub fn solve(joint: &Joint, estimate: Estimate) -> Result<Solved, SecondCameraError> {
     let start = linearise(joint, &estimate)?;
     let attempt = |_, (estimate, now): (&Estimate, &Linearised), step: &Step| {
         let Some(trial) = stepped(joint, estimate, step) else { return Ok(None) };
         let next = linearise(joint, &trial)?;
-        // Observations that fall out of a model's domain must not make a step look good.
+        // The loss of observations outside a model's domain must not make a step look good.
         Ok::<_, SecondCameraError>(next.counts.iter().ge(now.counts.iter()).then_some((trial, next)))
     };
     let (estimate, now) = minimise(estimate, start, |now: &Linearised| &now.system, attempt)?;
@@ -90,10 +92,11 @@ pub fn solve(joint: &Joint, estimate: Estimate) -> Result<Solved, SecondCameraEr
     Ok(Solved { estimate, covariance, inflation, blocks, used: now.counts[1], misfit: now.misfit, rms: now.rms })
 }
 
-/// What lenses that are held add to the covariance of the mount at `estimate`: those of the first and the second camera.
+/// Returns the covariance that fixed lenses add to the covariance of the mount at `estimate`, for the first and the second
+/// camera.
 ///
 /// # Errors
-/// [`SecondCameraError::Singular`] when the events do not determine the parameters.
+/// [`SecondCameraError::Singular`] if the events do not determine the parameters.
 pub fn share_of_lenses(
     joint: &Joint,
     estimate: &Estimate,
@@ -145,13 +148,13 @@ fn linearise(joint: &Joint, estimate: &Estimate) -> Result<Linearised, SecondCam
     Ok(Linearised { parts, system, counts, misfit, rms: rms(cost, counts[1]) })
 }
 
-/// Root mean square of `count` residuals whose sum of ρ is `cost`.
+/// Returns the root mean square of `count` residuals whose sum of ρ is `cost`.
 fn rms(cost: f64, count: usize) -> f64 {
     (2.0 * cost / count.max(1) as f64).sqrt()
 }
 
-/// How well the events of `problem` are explained by a `state` with trajectories of their own: what [`Misfit::rms`] is over all of
-/// it.
+/// Returns the misfit of the events of `problem` for a `state` with its own trajectories, like [`Misfit::rms`] over the whole
+/// recording.
 pub fn own_rms(problem: &Problem, state: &State) -> f64 {
     let bearings = BearingTable::new(&state.camera, problem.sensor);
     let (mut cost, mut count) = (0.0, 0);
@@ -164,7 +167,7 @@ pub fn own_rms(problem: &Problem, state: &State) -> f64 {
     rms(cost, count)
 }
 
-/// `None` when a camera model refuses the step.
+/// Returns the estimate after a step; `None` if a camera model rejects it.
 fn stepped(joint: &Joint, estimate: &Estimate, step: &Step) -> Option<Estimate> {
     let count = estimate.mount.count();
     let second = moved_by(&estimate.second, &joint.second, step, count)?;

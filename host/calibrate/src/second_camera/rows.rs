@@ -1,5 +1,5 @@
-//! The equations of what the second camera sees: rows of its events by the trajectory of the first camera, by the mount, and by
-//! its own lens and event biases.
+//! The equations of the second camera's observations, as functions of the first camera's trajectory, the mount, and the second
+//! camera's lens and event biases.
 
 use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, Vector6};
 
@@ -16,7 +16,7 @@ use crate::solve::pose_bin::PoseBin;
 use crate::solve::row_products::RowProducts;
 use crate::solve::stretch::{BinSums, Stretch};
 
-/// What a part of the second camera's observations says.
+/// Equations of a part of the second camera's observations.
 pub struct SecondPart {
     /// Its equations.
     pub part: Part,
@@ -24,7 +24,7 @@ pub struct SecondPart {
     pub count: usize,
 }
 
-/// A bin or a circle centre, by its number, with both poses.
+/// A bin or a circle centre, by its index, with both poses.
 struct Moment {
     index: usize,
     /// Time of the first clock (s).
@@ -34,8 +34,8 @@ struct Moment {
     carried: Carried,
 }
 
-/// The equations of a stretch of the second camera's observations, one for each segment of the first camera's trajectory that they
-/// meet. `bearings` are those of the second camera, `free` its free global parameters.
+/// Builds the equations of an interval of the second camera's observations, one part for each segment of the first camera's
+/// trajectory that they meet. `bearings` belong to the second camera, `free` its estimated global parameters.
 pub fn second_parts(
     problem: &Problem,
     estimate: &Estimate,
@@ -78,8 +78,8 @@ pub fn second_parts(
     of_bins.flatten().chain(of_points.flatten()).collect()
 }
 
-/// The equations of one run of moments, whose observations `add` adds; of the border `of_mount` parameters are the mount's, then those
-/// that are `free` of the second camera's follow.
+/// Builds the equations of one run of moments, whose observations `add` adds. The first `of_mount` parameters of the border are
+/// the mount's, followed by the `free` parameters of the second camera.
 fn part_of<'a>(
     of_mount: usize,
     free: &[usize],
@@ -87,7 +87,7 @@ fn part_of<'a>(
     add: impl Fn(&mut BinSums<'a>, &Moment),
 ) -> Option<SecondPart> {
     let begin = run.first()?;
-    // Rows of a frame need not be in order of time.
+    // Rows of a frame may be out of order of time.
     let of_points = || run.iter().map(|moment| moment.first.first);
     let (first, order) = (of_points().min()?, begin.first.order);
     let points = (of_points().max()? + order).checked_sub(first)?;
@@ -123,8 +123,7 @@ fn part_of<'a>(
     Some(SecondPart { part, count: sums.loss.count })
 }
 
-/// Adds what `products` say of the second camera's pose, in terms of the control points of the first camera's trajectory and of the
-/// mount.
+/// Expands the products with the second camera's pose to the control points of the first camera's trajectory and the mount.
 fn add_moment(part: &mut Part, moment: &Moment, products: &RowProducts, of_mount: usize, free: &[usize]) {
     if !products.is_touched {
         return;

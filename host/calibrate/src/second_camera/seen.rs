@@ -1,4 +1,4 @@
-//! What is known of the motion of a second camera before it is calibrated against the first: its poses, and how fast it turns.
+//! Motion of a second camera before it is calibrated against the first: its poses, and its rotation rates.
 
 use nalgebra::{Isometry3, Translation3};
 
@@ -6,14 +6,14 @@ use crate::trajectory::alignment::Rates;
 use crate::trajectory::{PoseSample, Trajectory};
 use evcal_geometry::numerics::statistics::median;
 
-/// Step of the grid on which turns are compared (s), and steps from one pose of a trajectory to the next.
+/// Step of the grid on which rotation rates are compared (s), and number of steps between poses of a trajectory.
 const STEP: f64 = 0.005;
 const POSE_STEPS: usize = 4;
-/// Time at the ends of a trajectory that is left out (s).
+/// Time at the ends of a trajectory that is excluded (s).
 const MARGIN: f64 = 0.03;
-/// Longest time between two frames over which a camera is taken to turn evenly (s).
+/// Longest time between two frames over which the rotation is taken as uniform (s).
 const EVENLY: f64 = 0.12;
-/// Longest time between two frames of one segment, between which the board cannot be taken for turned (s).
+/// Longest time between two frames of one segment, within which the orientation of the board cannot change (s).
 const LONGEST_GAP: f64 = 0.3;
 
 /// A pose of the second camera.
@@ -21,7 +21,7 @@ const LONGEST_GAP: f64 = 0.3;
 pub struct SeenPose {
     /// Time of the second clock (s).
     pub t: f64,
-    /// Poses of one segment take the board for turned in the same way.
+    /// Index of the segment; the orientation of a symmetric board is the same for all poses of a segment.
     pub segment: usize,
     /// `T_world_camera`.
     pub pose: Isometry3<f64>,
@@ -30,16 +30,16 @@ pub struct SeenPose {
 /// The motion of the second camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Seen {
-    /// How fast the camera turns.
+    /// Rotation rates of the camera.
     pub rates: Rates,
     /// Its poses in order of time.
     pub poses: Vec<SeenPose>,
-    /// Seconds from one pose to the next.
+    /// Time between poses (s).
     pub every: f64,
 }
 
 impl Seen {
-    /// Along trajectories.
+    /// Returns the motion along trajectories.
     pub fn along(trajectories: &[Trajectory]) -> Self {
         let (start, end) = span(trajectories);
         let every = STEP * POSE_STEPS as f64;
@@ -52,7 +52,8 @@ impl Seen {
         Self { rates: rates(trajectories), poses: (0..count).filter_map(pose).collect(), every }
     }
 
-    /// In frames: times (s) and poses (`T_world_camera`), in order of time. It turns evenly from one frame to the next.
+    /// Returns the motion from frames: times (s) and poses (`T_world_camera`), in order of time. The rotation between frames is
+    /// taken as uniform.
     pub fn in_frames(frames: impl Iterator<Item = (f64, Isometry3<f64>)>) -> Self {
         let mut poses: Vec<SeenPose> = Vec::new();
         for (t, pose) in frames {
@@ -74,30 +75,30 @@ impl Seen {
     }
 }
 
-/// The first of the trajectories that knows `t`, and what is known there.
+/// Returns the index of the first trajectory that contains `t`, and its sample there.
 pub fn sample_at(trajectories: &[Trajectory], t: f64) -> Option<(usize, PoseSample)> {
     trajectories.iter().enumerate().find_map(|(index, one)| Some((index, one.sample(t)?)))
 }
 
-/// The same but for the ends of trajectories.
+/// Does the same without the ends of trajectories.
 pub fn inner_sample(trajectories: &[Trajectory], t: f64) -> Option<(usize, PoseSample)> {
     sample_at(trajectories, t).filter(|(index, _)| {
         trajectories.get(*index).is_some_and(|one| t > one.start() + MARGIN && t < one.end() - MARGIN)
     })
 }
 
-/// `T_world_camera`.
+/// Returns `T_world_camera`.
 pub fn pose_of(sample: &PoseSample) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(sample.translation), sample.rotation.rotation)
 }
 
-/// First and last time of trajectories (s).
+/// Returns the first and the last time of trajectories (s).
 fn span(trajectories: &[Trajectory]) -> (f64, f64) {
     let ends = trajectories.iter().map(|one| (one.start(), one.end()));
     ends.fold((f64::INFINITY, f64::NEG_INFINITY), |span, one| (span.0.min(one.0), span.1.max(one.1)))
 }
 
-/// How fast a camera turns.
+/// Returns the rotation rates of a camera.
 pub fn rates(trajectories: &[Trajectory]) -> Rates {
     let (start, end) = span(trajectories);
     Rates::new(start, end, STEP, |t| Some(inner_sample(trajectories, t)?.1.rotation.angular_velocity.norm()))

@@ -1,9 +1,10 @@
-//! A start that cannot fail silently: offset of the clocks, which way round each camera sees the board, the transform.
+//! Start of the calibration of a second camera: offset of the clocks, orientation of the board, and transform, each with a test
+//! of its validity.
 //!
-//! 1. **Offset**: how fast both cameras turn is the same whatever their axes. Its correlation over all shifts must have one clear
-//!    peak.
-//! 2. **Which way round**: a board that looks the same after a turn may have been taken for turned by one camera. With the right
-//!    turn, the transform between the cameras is the same all the time; with another it is not.
+//! 1. **Offset**: the rotation rates of both cameras are the same whatever their axes. Their correlation over all shifts must
+//!    have one clear peak.
+//! 2. **Orientation**: with a symmetric board, the cameras may have chosen different orientations. With the right rotation of the
+//!    board, the transform between the cameras is constant; with another it is not.
 //! 3. **Transform, offset and rate of the clocks** by least squares over pairs of poses, with Huber's loss.
 
 use std::collections::BTreeMap;
@@ -20,38 +21,38 @@ use evcal_geometry::numerics::rigid::best_rotation;
 use evcal_geometry::numerics::statistics::median;
 use evcal_geometry::timed_pose::TimedPose;
 
-/// Fewest seconds with the board before both cameras.
+/// Fewest seconds with the board in view of both cameras.
 pub const FEWEST_SECONDS: f64 = 2.0;
 /// Smallest overlap: as a share of the shorter recording, and in seconds.
 const OVERLAP: Overlap = Overlap { share: 0.25, seconds: FEWEST_SECONDS };
 /// Most offsets of the clocks that are tried.
 const MOST_OFFSETS: usize = 8;
-/// How many times more another way round, or another offset, must scatter.
+/// Smallest ratio of the scatter with another orientation, or another offset, to that with the best.
 const CLEARLY: f64 = 3.0;
-/// How many metres count as much as a radian.
+/// Length (m) that has the same weight as one radian.
 const LENGTH: f64 = 0.7;
-/// Usual errors of poses that count alike: rotation (rad) and place (m).
+/// Typical errors of poses with the same weight: rotation (rad) and position (m).
 const SPREAD: [f64; 2] = [2e-3, 1e-3];
-/// In units of these, from where a pair counts linearly.
+/// Residual from which a pair counts linearly, in units of these.
 const HUBER: f64 = 3.0;
-/// Rounds of least squares.
+/// Number of rounds of least squares.
 const ROUNDS: usize = 12;
-/// Change of place (m) and rotation (rad) between the cameras that is too much where each pose is a good one.
+/// Change of position (m) and rotation (rad) between the cameras above which the mount is loose, if each pose is accurate.
 pub const LOOSE: [f64; 2] = [0.015, 0.015];
 
-/// For a segment of the first and one of the second recording, the number of a turn of the board.
+/// For a segment of the first and one of the second recording, the index of a rotation of the board.
 pub type Turns = BTreeMap<(usize, usize), usize>;
 
-/// What the start found.
+/// Result of the start.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Start {
     /// Transform, offset, rate.
     pub mount: Mount,
-    /// Largest correlation of the turns.
+    /// Largest correlation of the rotation rates.
     pub correlation: f64,
-    /// For a segment of the first and one of the second recording that meet, which turn of the board is between them.
+    /// For overlapping segments of the first and the second recording, the rotation of the board between them.
     pub turns: Turns,
-    /// Seconds with the board before both cameras.
+    /// Seconds with the board in view of both cameras.
     pub seconds: f64,
 }
 
@@ -65,12 +66,12 @@ struct Pair {
     poses: (Isometry3<f64>, Isometry3<f64>),
 }
 
-/// Finds a start from the trajectories of the first camera and what is known of the motion of the second, each from the beginning of
-/// its recording on, before a board that looks the same after the turns `symmetries`. Place (m) and rotation (rad) between the cameras
-/// may usually change by as much as `loose`.
+/// Computes a start from the trajectories of the first camera and the motion of the second, each since the start of its
+/// recording, with a board that looks the same after the rotations `symmetries`. `loose` is the largest typical change of
+/// position (m) and rotation (rad) between the cameras.
 ///
 /// # Errors
-/// [`SecondCameraError`] says what was not found, and why.
+/// [`SecondCameraError`] names the quantity that was not found, and the reason.
 pub fn start(
     first: &[Trajectory],
     second: &Seen,
@@ -81,7 +82,7 @@ pub fn start(
     of_first.check()?;
     let offsets = offsets(&of_first, &second.rates, OVERLAP, MOST_OFFSETS)?;
     let step = of_first.step;
-    // Where turns alone leave several offsets open, the right one is that with which nothing moves between the cameras.
+    // If the rotation rates agree at several offsets, the right one is that with a constant transform between the cameras.
     let at = |offset: &Offset| start_at(first, second, *offset, symmetries, loose).map(|found| (*offset, found));
     let mut found: Vec<(Offset, Found)> = offsets.iter().filter_map(|offset| at(offset).ok()).collect();
     found.sort_by(|a, b| a.1.scatter.total_cmp(&b.1.scatter));
@@ -100,7 +101,7 @@ pub fn start(
 /// A start at one offset of the clocks.
 struct Found {
     start: Start,
-    /// How far poses usually are from where the mount puts them, in [`SPREAD`].
+    /// Typical distance of poses from those that the mount predicts, in [`SPREAD`].
     scatter: f64,
 }
 
@@ -140,12 +141,12 @@ fn pairs(first: &[Trajectory], second: &[SeenPose], offset: f64) -> Vec<Pair> {
     second.iter().filter_map(pair).collect()
 }
 
-/// `T_first_second` of the pairs, with a turn of the board between them.
+/// Returns `T_first_second` of the pairs, with a rotation of the board between them.
 fn transforms<'a>(pairs: &'a [&Pair], turn: &'a Symmetry) -> impl Iterator<Item = Isometry3<f64>> + 'a {
     pairs.iter().map(|pair| pair.poses.0.inverse() * turn.pose * pair.poses.1)
 }
 
-/// A middle of transforms, and how far they usually are from it (m, and radians times [`LENGTH`]).
+/// Returns a robust mean of transforms, and their typical distance from it (m, and radians times [`LENGTH`]).
 fn middle_of(transforms: &[Isometry3<f64>]) -> (Isometry3<f64>, f64) {
     let along = |axis: usize| {
         let mut values: Vec<f64> = transforms.iter().map(|one| one.translation.vector[axis]).collect();
@@ -166,7 +167,7 @@ fn distance(one: &Isometry3<f64>, other: &Isometry3<f64>) -> f64 {
     moved.translation.vector.norm() + LENGTH * moved.rotation.angle()
 }
 
-/// `T_first_second`, and for each two segments that meet the turn of the board between them.
+/// Returns `T_first_second`, and for overlapping segments the rotation of the board between them.
 fn ways_round(pairs: &[Pair], symmetries: &[Symmetry]) -> Result<(Isometry3<f64>, Turns), SecondCameraError> {
     let mut groups: BTreeMap<(usize, usize), Vec<&Pair>> = BTreeMap::new();
     pairs.iter().for_each(|pair| groups.entry(pair.segments).or_default().push(pair));
@@ -189,8 +190,8 @@ fn ways_round(pairs: &[Pair], symmetries: &[Symmetry]) -> Result<(Isometry3<f64>
     Ok((first_second, groups.iter().map(|(segments, group)| (*segments, nearest(group))).collect()))
 }
 
-/// How far a pose of the second camera is from where the mount puts it: rotation (rad, axes of the second camera) and place (m,
-/// axes of the first), with the derivatives by the parameters.
+/// Returns the distance of a pose of the second camera from the one that the mount predicts: rotation (rad, axes of the second
+/// camera) and position (m, axes of the first), with the derivatives by the parameters.
 fn residual(
     first: &[Trajectory],
     seen: &TimedPose,
@@ -204,7 +205,8 @@ fn residual(
     let rotation = (mount.second_first.rotation * (to_first * second.rotation)).scaled_axis();
     let off = place - first_second.translation.vector;
     let mut by = SMatrix::<f64, 6, COUNT>::zeros();
-    // T_first_second answers to the rotation as the first camera would, turned the other way.
+    // The derivative of T_first_second by the rotation equals the derivative by the first camera's rotation with the opposite
+    // sign.
     let second_first = mount.second_first.rotation.to_rotation_matrix().into_inner();
     by.fixed_view_mut::<3, 3>(0, ROTATION).copy_from(&second_first);
     by.fixed_view_mut::<3, 3>(3, ROTATION).copy_from(&-first_second.translation.vector.cross_matrix());
@@ -241,8 +243,8 @@ fn fitted(first: &[Trajectory], seen: &[TimedPose], mut mount: Mount) -> Result<
     Ok(mount)
 }
 
-/// How far poses usually are from where the mount puts them, in [`SPREAD`], if the transform is the same all the time but for changes as
-/// large as `loose`.
+/// Returns the typical distance of poses from those that the mount predicts, in [`SPREAD`], or an error if the transform changes
+/// by more than `loose`.
 fn fixed(first: &[Trajectory], seen: &[TimedPose], mount: &Mount, loose: [f64; 2]) -> Result<f64, SecondCameraError> {
     let residuals: Vec<_> = seen.iter().filter_map(|pose| residual(first, pose, mount)).collect();
     let usual = |part: usize| {

@@ -1,25 +1,25 @@
-//! Whether numbers are within their bounds.
+//! Check that numbers are within their bounds.
 
 use evcal_core::settings::{Bounds, Group, Kind};
 use toml::{Table, Value};
 
-/// A number that is not what it may be; names are dotted, as in `detection.cluster.epsilon`.
+/// A number out of its bounds; names are dotted, as in `detection.cluster.epsilon`.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum OutOfBounds {
-    /// It is outside of its own bounds.
+    /// It is outside its own bounds.
     #[error("{name} is {value}; it must be {bounds}{}{unit}", if unit.is_empty() { "" } else { " " })]
     Range {
         /// Name of the setting.
         name: String,
         /// Its value.
         value: f64,
-        /// What it may be.
+        /// Permitted values.
         bounds: Bounds,
         /// Its unit; empty without one.
         unit: &'static str,
     },
-    /// It is larger than another setting that limits it.
+    /// It exceeds another setting that limits it.
     #[error("{name} is {value}; it must be at most {other}, which is {most}")]
     Above {
         /// Name of the setting.
@@ -33,12 +33,12 @@ pub enum OutOfBounds {
     },
 }
 
-/// Which number of `group`, whose values are in `values`, is out of its bounds, and what it may be.
+/// Returns the number of `group`, with its value in `values`, that is out of its bounds.
 pub fn check(group: &Group, values: &Table) -> Result<(), OutOfBounds> {
     check_below("", group, values)
 }
 
-/// As [`check`], for the settings whose names begin with `prefix`.
+/// Does the same as [`check`], for the settings whose names begin with `prefix`.
 fn check_below(prefix: &str, group: &Group, values: &Table) -> Result<(), OutOfBounds> {
     let numbers = group.settings.iter().filter_map(|setting| match setting.kind {
         Kind::Number { unit, bounds } => Some((setting.name, unit, bounds, number(values, setting.name)?)),
@@ -77,7 +77,7 @@ mod tests {
     use super::super::Settings;
     use super::*;
 
-    /// The dotted names of all numbers in files with their bounds.
+    /// Returns the dotted names of all numbers in files with their bounds.
     fn numbers(prefix: &str, group: &Group) -> Vec<(String, Bounds)> {
         let in_files = numbers_of("", &Settings::default().table());
         let of = group.settings.iter().flat_map(|setting| match setting.kind {
@@ -88,7 +88,7 @@ mod tests {
         of.filter(|(name, _)| in_files.contains(name)).collect()
     }
 
-    /// The dotted names of all numbers in a table.
+    /// Returns the dotted names of all numbers in a table.
     fn numbers_of(prefix: &str, table: &Table) -> Vec<String> {
         let paths = table.iter().flat_map(|(name, value)| match value {
             Value::Table(inner) => numbers_of(&format!("{prefix}{name}."), inner),
@@ -108,7 +108,7 @@ mod tests {
         assert_eq!(check(&Settings::GROUP, &Settings::default().table()), Ok(()));
     }
 
-    /// What is said of the defaults with another value of the setting `path`.
+    /// Returns the error for the defaults with another value of the setting `path`.
     fn message(path: &str, value: f64) -> Result<(), String> {
         let mut settings = Settings::default().table();
         let (tables, name) = path.rsplit_once('.').unwrap();
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_that_leave_nothing_between_them_are_refused() {
+    fn limits_without_values_between_them_are_refused() {
         let mut seen = 0;
         for (path, bounds) in numbers("", &Settings::GROUP) {
             let Some(other) = bounds.up_to else { continue };
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_says_what_is_allowed() {
+    fn an_error_names_the_permitted_range() {
         let message = |path, value| message(path, value).unwrap_err();
         let epsilon = message("detection.cluster.epsilon", 6.0);
         assert_eq!(epsilon, "detection.cluster.epsilon is 6; it must be from 1 to 4.99 px");

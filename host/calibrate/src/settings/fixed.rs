@@ -1,24 +1,24 @@
 //! Settings of earlier versions that are constants now.
 //!
-//! Every `settings.toml` that an earlier version wrote states all of them. Where it states what is built in, nothing changes and they are
-//! passed over, so that old files can still be read; any other value would silently not count, and is an error.
+//! Every `settings.toml` of an earlier version contains all of them. If a value equals the built-in one, nothing changes and it
+//! is ignored, so that old files can still be read; any other value would silently have no effect, and is an error.
 
 use toml::{Table, Value};
 
-/// Their names and what is built in.
+/// Their names and built-in values.
 const FIXED: &str = include_str!("fixed.toml");
 
-/// What does the work of some of them: beginnings of names, and what to do instead.
+/// Replacements of some of them: beginnings of names, and what to do instead.
 const INSTEAD: [(&str, &str); 6] = [
-    ("association.", "association.band says how far events may be from an edge"),
-    ("board.", "board.estimate = false takes the board as it is stated"),
+    ("association.", "association.band is the largest distance of events from an edge"),
+    ("board.", "board.estimate = false uses the nominal board"),
     ("knots.first", "knots.finest and knots.coarsest bound the distance of knots"),
-    ("live.boards", "live.shortest says how long to look"),
+    ("live.boards", "live.shortest is the shortest time of a session"),
     ("live.first_checkpoint", "it follows live.shortest, two thirds of it"),
     ("verdict.poor", "it follows verdict.good, three times as much"),
 ];
 
-/// A setting that cannot be set any more, with another value than the one that is built in.
+/// A setting that is fixed now, with another value than the built-in one.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{name} is {stated}, but it is fixed at {built_in} now: leave it out{instead}")]
 pub struct FixedSetting {
@@ -26,13 +26,13 @@ pub struct FixedSetting {
     pub name: String,
     /// The value in the file.
     pub stated: String,
-    /// The value that is built in.
+    /// The built-in value.
     pub built_in: String,
-    /// What to do instead, after a semicolon; empty where nothing does the same.
+    /// Replacement, after a semicolon; empty if there is none.
     pub instead: String,
 }
 
-/// Takes those that are stated as they are built in out of `settings`. Whether there were any.
+/// Removes settings with their built-in values from `settings`. Returns `true` if there were any.
 ///
 /// # Errors
 /// [`FixedSetting`] for another value.
@@ -40,7 +40,7 @@ pub fn take_fixed(settings: &mut Table) -> Result<bool, FixedSetting> {
     take_below("", &FIXED.parse().unwrap_or_default(), settings)
 }
 
-/// As [`take_fixed`], for the names that begin with `prefix`.
+/// Does the same as [`take_fixed`], for the names that begin with `prefix`.
 fn take_below(prefix: &str, fixed: &Table, settings: &mut Table) -> Result<bool, FixedSetting> {
     let mut taken = false;
     for (name, built_in) in fixed {
@@ -48,7 +48,7 @@ fn take_below(prefix: &str, fixed: &Table, settings: &mut Table) -> Result<bool,
         match (built_in, settings.get_mut(name)) {
             (Value::Table(fixed), Some(Value::Table(stated))) => {
                 taken |= take_below(&format!("{dotted}."), fixed, stated)?;
-                // Of some sections nothing is left, not even the name.
+                // Some sections become empty and are removed.
                 if stated.is_empty() {
                     settings.remove(name);
                 }
@@ -82,7 +82,7 @@ mod tests {
         FIXED.parse().unwrap()
     }
 
-    /// `settings` with all that `more` states.
+    /// Merges `more` into `settings`.
     fn merge(settings: &mut Table, more: Table) {
         for (name, value) in more {
             match (settings.get_mut(&name), value) {

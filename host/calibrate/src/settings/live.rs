@@ -1,32 +1,33 @@
-//! When a live camera has seen enough.
+//! Settings of a live session.
 
 use evcal_core::settings;
 use evcal_core::settings::{above, at_least, from_to};
 use serde::{Deserialize, Serialize};
 
 settings! {
-    /// When a live session has seen enough of the board and stops; none of these settings changes a calibration.
+    /// Conditions under which a live session has seen enough of the board and stops; none of these settings changes a
+    /// calibration.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct LiveSettings {
-        /// Smallest share of the cells of the sensor in which circles were seen.
+        /// Smallest share of the cells of the sensor with circles.
         pub coverage: f64 = 0.8, "", from_to(0.0, 1.0);
         /// Fewest windows with the board tilted to the left, to the right, upwards and downwards each.
         pub boards_per_tilt: u64 = 10, "windows", at_least(0.0);
-        /// Shortest time from the first sight of the board on. The first such calibration is made after two thirds of it, and
+        /// Shortest time since the board was first seen. The first intermediate calibration is made after two thirds of it, and
         /// not before a second.
         pub shortest: f64 = 15.0, "s", at_least(0.0);
-        /// Largest error of the projection that a calibration of the recording so far may state: one standard
-        /// deviation, root mean square over the sensor; the largest anywhere on it may be three times this.
+        /// Largest error of the projection that a calibration of the recording so far may report: one standard deviation, root
+        /// mean square over the sensor; the largest anywhere on the sensor may be three times this.
         pub target: f64 = 0.05, "px", above(0.0);
-        /// Transfers that wait longer for the display's detector are left out of the display. The recording has
+        /// Longest time that transfers wait for the display's detector; later ones are not displayed. The recording contains
         /// them.
         pub longest_wait: f64 = 1.0, "s", at_least(0.0);
     }
 }
 
 impl LiveSettings {
-    /// When the first calibration is made, after the first sight of the board (s).
+    /// Returns the time of the first intermediate calibration, after the board was first seen (s).
     pub fn first_checkpoint(&self) -> f64 {
         (self.shortest * 2.0 / 3.0).max(1.0)
     }

@@ -1,4 +1,4 @@
-//! What the settings mean, in words: the comments of `settings.toml` and the tables of `docs/settings.md`.
+//! Descriptions of the settings: the comments of `settings.toml` and the tables of `docs/settings.md`.
 
 use std::fmt::Write as _;
 
@@ -10,11 +10,11 @@ use super::Settings;
 /// Widest line.
 const WIDTH: usize = 100;
 
-/// What comes first in a file of settings.
+/// First comment of a settings file.
 const HEAD: &str = "The settings of a calibration. This file, or any part of it, can be given to another one; what is not in it keeps \
                     its default.";
 
-/// `toml`, the values of `settings`, with the meaning of each value before it.
+/// Adds the meaning of each value of `settings` to `toml`, before the value.
 pub fn commented(settings: &Group, toml: &str) -> String {
     let mut text = String::new();
     comment(&mut text, HEAD);
@@ -42,13 +42,13 @@ pub fn commented(settings: &Group, toml: &str) -> String {
     text
 }
 
-/// The structure `name` of `group`.
+/// Returns the structure `name` of `group`.
 fn inner(group: &Group, name: &str) -> Option<Group> {
     let setting = group.settings.iter().find(|setting| setting.name == name)?;
     if let Kind::Group(inner) = setting.kind { Some(*inner) } else { None }
 }
 
-/// Unit and bounds of a number, for a comment.
+/// Describes unit and bounds of a number, for a comment.
 fn number(kind: &Kind) -> String {
     match kind {
         Kind::Number { unit: "", bounds } => format!("A number {}.", allowed(bounds)),
@@ -57,7 +57,7 @@ fn number(kind: &Kind) -> String {
     }
 }
 
-/// What a number may be, with the setting that it must not exceed.
+/// Describes the permitted values of a number, with the setting that it must not exceed.
 fn allowed(bounds: &Bounds) -> String {
     bounds.up_to.map_or_else(|| bounds.to_string(), |other| format!("{bounds}, at most `{other}`"))
 }
@@ -80,10 +80,10 @@ fn comment(text: &mut String, words: &str) {
     }
 }
 
-/// What the tables in `docs/settings.md` stand between.
+/// Marks around the tables in `docs/settings.md`.
 const MARKS: [&str; 2] = ["<!-- The tables, made from the code. -->\n", "<!-- End of the tables. -->\n"];
 
-/// The text of `docs/settings.md` with its tables made anew; `None` if the marks around them are missing.
+/// Returns the text of `docs/settings.md` with its tables generated again; `None` if the marks around them are missing.
 pub fn document(text: &str) -> Option<String> {
     let (before, rest) = text.split_once(MARKS[0])?;
     let (_, after) = rest.split_once(MARKS[1])?;
@@ -92,7 +92,7 @@ pub fn document(text: &str) -> Option<String> {
     Some(format!("{before}{}\n{tables}{}{after}", MARKS[0], MARKS[1]))
 }
 
-/// The sections of the structures in `group`, which has the name `path` and these default `values`.
+/// Writes the sections of the structures in `group`, which has the name `path` and these default `values`.
 fn sections(text: &mut String, path: &str, group: &Group, values: &Table) {
     for setting in group.settings {
         let (Kind::Group(inner), Some(toml::Value::Table(values))) = (&setting.kind, values.get(setting.name)) else {
@@ -107,7 +107,7 @@ fn sections(text: &mut String, path: &str, group: &Group, values: &Table) {
                 Kind::Choice => ("–", String::from("–")),
                 Kind::Group(_) => continue,
             };
-            // What no file holds is no concern of its readers.
+            // Settings that no file contains are not documented.
             let Some(default) = values.get(setting.name) else { continue };
             let (name, meaning) = (setting.name, setting.meaning.trim());
             let _ = writeln!(text, "| `{name}` | {unit} | `{default}` | {allowed} | {meaning} |");
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn a_document_keeps_what_stands_around_its_tables() {
+    fn a_document_keeps_the_text_around_its_tables() {
         let text = format!("before\n{}of yesterday\n{}after\n", MARKS[0], MARKS[1]);
         let made = document(&text).unwrap();
         assert!(made.starts_with("before\n") && made.ends_with("after\n") && !made.contains("yesterday"), "{made}");

@@ -1,10 +1,9 @@
-//! Section 8 of method.md: which event belongs to which circle.
+//! Assignment of events to the edges of the board (section 8 of method.md).
 //!
-//! Every event inside a trajectory segment is carried to the board plane through the pose at its
-//! own time (so motion is taken into account), where the nearest circle is a matter of rounding.
-//! An event is kept when it is near that circle's edge, the edge really moves across the pixel (not
-//! along itself, where the distance says nothing), and the polarity is the one that the motion
-//! predicts.
+//! Every event inside a trajectory segment is projected onto the board plane with the pose at its own time, which takes the
+//! motion into account. On the plane, the nearest circle follows from rounding. An event is kept if it is near that circle's
+//! edge, if the edge really moves across the pixel (where it slides along itself the distance carries no information), and if its
+//! polarity is the one that the motion predicts.
 
 use evcal_core::event::Polarity;
 use evcal_core::settings;
@@ -29,11 +28,11 @@ use evcal_geometry::board::Board;
 use evcal_geometry::board::squares::edges::Side;
 
 settings! {
-    /// Which event belongs to which circle (section 8 of method.md).
+    /// The assignment of events to circles (section 8 of method.md).
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct AssociationSettings {
-        /// Largest distance from where the event's class is expected, in units of the class's spread; at most 2.5 px.
+        /// Largest distance from the expected distance of the event's class, in units of the class's spread; at most 2.5 px.
         pub band: f64 = 3.0, "σ", above(0.0);
         /// Most events in one solve; more are thinned evenly.
         pub most_events: usize = 1_000_000, "events", at_least(1.0);
@@ -42,13 +41,13 @@ settings! {
 
 /// Largest distance from the edge in the first round, while the spread of the events is not known (px).
 const FIRST_BAND: f64 = 3.0;
-/// Largest distance from where the event's class is expected, whatever the spread (px).
+/// Largest distance from the expected distance of the event's class, whatever the spread (px).
 const WIDEST_BAND: f64 = 2.5;
-/// Smallest distance from where lines cross or end (px).
+/// Smallest distance from a point where lines cross or end (px).
 const CLEARANCE: f64 = 1.5;
 /// Slowest normal speed of an edge (px/s).
 const SLOWEST_EDGE: f64 = 30.0;
-/// Smallest share of the motion that is across the edge; below it the edge slides along itself.
+/// Smallest share of the motion that is across the edge; below it the edge mostly slides along itself.
 const TANGENT: f64 = 0.65;
 /// The same for straight edges. Sliding along one changes nothing, and where the motion runs along the squares of a board, the edges
 /// along it are all that fixes its position across the motion.
@@ -56,16 +55,16 @@ const LINE_TANGENT: f64 = 0.1;
 /// Length of a time bin whose events share their basis weights (s).
 pub const BIN: f64 = 0.5e-3;
 
-/// What became of the events.
+/// Counts of the events that were kept, and of those that were not, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AssociationReport {
-    /// Events that came in.
+    /// Number of input events.
     pub events: u64,
     /// Events left out by thinning.
     pub thinned: u64,
     /// Events outside every segment.
     pub outside_segments: u64,
-    /// Events whose ray meets no circle of the board.
+    /// Events whose ray does not meet a circle of the board.
     pub off_board: u64,
     /// Events too far from the edge of their circle.
     pub far_from_edge: u64,
@@ -91,7 +90,7 @@ impl AssociationReport {
     }
 }
 
-/// What the association looks at: the current estimate and the board.
+/// Input of the association: the current estimate and the board.
 pub struct AssociationContext<'a> {
     /// Current estimate.
     pub state: &'a State,
@@ -99,7 +98,7 @@ pub struct AssociationContext<'a> {
     pub bearings: &'a BearingTable,
     /// The board.
     pub board: &'a Board,
-    /// Whether σ of the classes is known, so that [`AssociationSettings::band`] applies.
+    /// `true` if σ of the classes is known, so that [`AssociationSettings::band`] applies.
     pub sigma_known: bool,
     /// Thresholds.
     pub settings: &'a AssociationSettings,
@@ -114,30 +113,30 @@ pub struct Associator<'a> {
     edges: BoardEdges,
     ground: BoardGround,
     found: Vec<Vec<Found>>,
-    /// Times of events that are too far from an edge, by segment.
+    /// Times of events that are too far from every edge, by segment.
     far: Vec<Vec<f32>>,
     report: AssociationReport,
 }
 
-/// An event that belongs to an edge.
+/// An event with the edge that it belongs to.
 #[derive(Clone, Copy)]
 struct Found {
     /// Index of its time bin.
     bin: u32,
     observation: EventObservation,
-    /// Distance from where its class is expected (px).
+    /// Distance from the expected distance of its class (px).
     residual: f32,
-    /// Metres on the board for each pixel across the edge.
+    /// Metres on the board per pixel across the edge.
     scale: f32,
 }
 
-/// An event and the edge next to it.
+/// An event and the edge nearest to it.
 struct Near<'e> {
     event: &'e RankedEvent,
     class: usize,
-    /// Seconds after the centre of the bin, less the latency of its class.
+    /// Time after the centre of the bin, minus the latency of the class (s).
     dt: f64,
-    /// Index of the edge among those of the board.
+    /// Index of the edge in the board's list of edges.
     edge: u16,
 }
 
@@ -146,24 +145,24 @@ struct Moment<'b> {
     segment: usize,
     /// Index of the bin in the segment.
     bin: u32,
-    /// Its centre (s).
+    /// Centre of the bin (s).
     t: f64,
     pose: &'b PoseBin,
 }
 
 /// The observations of all segments of a recording.
 pub struct Observed {
-    /// Index of the segment and its observations.
+    /// Index of each segment, and its observations.
     pub segments: Vec<(usize, SegmentObservations)>,
-    /// The residuals of all events, segment by segment in the order of its observations.
+    /// The residuals of all events, segment by segment in the order of the observations.
     pub residuals: Vec<ClassResidual>,
-    /// Sum over the events of the metres on the board for each pixel across the edge.
+    /// Sum over the events of the metres on the board per pixel across the edge.
     pub scales: f64,
-    /// What became of the events.
+    /// Counts of kept and dropped events.
     pub report: AssociationReport,
 }
 
-/// What came of the events that one thread worked on.
+/// Result for the events that one thread processed.
 #[derive(Default)]
 struct Part {
     /// Index of the segment, and the event.
@@ -173,11 +172,11 @@ struct Part {
     report: AssociationReport,
 }
 
-/// Events for which one thread works in a go.
+/// Number of events that one thread processes at once.
 const CHUNK: usize = 4096;
 
 impl<'a> Associator<'a> {
-    /// An associator for recording number `recording`.
+    /// Creates an associator for recording number `recording`.
     pub fn new(context: AssociationContext<'a>, recording: usize) -> Self {
         let state = context.state;
         let mut segments: Vec<(usize, &Trajectory)> =
@@ -196,7 +195,7 @@ impl<'a> Associator<'a> {
         }
     }
 
-    /// Takes the next events of the recording; their times count from its start in microseconds.
+    /// Adds the next events of the recording; their times are microseconds since its start.
     pub fn push(&mut self, events: &[RankedEvent]) {
         let (Some(first), Some(last)) = (events.first(), events.last()) else { return };
         let latencies = self.context.state.bias.iter().map(|bias| bias.biases[Bias::Latency]);
@@ -226,7 +225,7 @@ impl<'a> Associator<'a> {
         }
     }
 
-    /// Associates some events, those of a bin together.
+    /// Associates some events, grouped by time bin.
     fn associate<S: BoardSurface>(&self, surface: &S, events: &[RankedEvent], bins: &[SegmentBins]) -> Part {
         let mut part =
             Part { report: AssociationReport { events: events.len() as u64, ..Default::default() }, ..Part::default() };
@@ -255,13 +254,13 @@ impl<'a> Associator<'a> {
         part
     }
 
-    /// The time of an event, less the latency of its class (s).
+    /// Returns the time of an event minus the latency of its class (s).
     fn time(&self, event: &RankedEvent) -> f64 {
         let latency = self.context.state.bias.get(class_of(event)).map_or(0.0, |bias| bias.biases[Bias::Latency]);
         event.t as f64 * 1e-6 - latency
     }
 
-    /// The event with the edge that is next to it on the board, `None` where there is none.
+    /// Finds the edge nearest to the event on the board; `None` if the event is off the board or outside the image.
     fn near<'e, S: BoardSurface>(&self, surface: &S, moment: &Moment, event: &'e RankedEvent) -> Option<Near<'e>> {
         let dt = self.time(event) - moment.t;
         let place = self.context.bearings.place(f64::from(event.x), f64::from(event.y))?;
@@ -283,7 +282,7 @@ impl<'a> Associator<'a> {
         Some(Near { event, class: class_of(event), dt, edge: u16::try_from(edge).ok()? })
     }
 
-    /// Adds those of at most [`LANES`] events of one bin to `part` that belong to the edge next to them.
+    /// Checks at most [`LANES`] events of one bin, and adds those that belong to their nearest edge to `part`.
     fn judge<'b>(&'b self, near: &[Near], moment: &Moment, batch: &mut EdgeBatch<'b>, part: &mut Part) {
         let &Moment { segment, bin, t, pose } = moment;
         let state = self.context.state;
@@ -327,12 +326,12 @@ impl<'a> Associator<'a> {
         }
     }
 
-    /// How far from where it is expected an event of a class of this spread may be (px).
+    /// Returns the largest accepted distance (px) from the expected distance, for an event class with this spread.
     fn band(&self, sigma: f64) -> f64 {
         if self.context.sigma_known { (self.context.settings.band * sigma).min(WIDEST_BAND) } else { FIRST_BAND }
     }
 
-    /// Smallest share of the motion that is across an edge of the board that an event belongs to.
+    /// Returns the smallest accepted share of the motion that is across an edge of the board.
     fn least_share(&self) -> f64 {
         match &self.edges {
             BoardEdges::Rims(_) => TANGENT,
@@ -340,7 +339,7 @@ impl<'a> Associator<'a> {
         }
     }
 
-    /// How far from an edge of the board an event may be that belongs to it (px).
+    /// Returns the largest accepted distance (px) of an event from an edge of the board.
     fn reach(&self, edge: u16, scale: f64) -> f64 {
         match &self.edges {
             BoardEdges::Rims(_) => f64::INFINITY,
@@ -348,7 +347,7 @@ impl<'a> Associator<'a> {
         }
     }
 
-    /// The observations, with the recording at its end.
+    /// Ends the recording and returns its observations.
     pub fn finish(self) -> Observed {
         let segments: Vec<(usize, SegmentObservations, Vec<ClassResidual>, f64)> = self
             .found
@@ -422,7 +421,7 @@ impl SegmentBins {
         bin_center(self.start, bin)
     }
 
-    /// The bin of a time of the segment, if it has a pose.
+    /// Returns the bin of a time in the segment; `None` if it has no pose.
     fn bin_at(&self, time: f64) -> Option<u32> {
         if self.poses.is_empty() || time < self.start || time > self.end {
             return None;

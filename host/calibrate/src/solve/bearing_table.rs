@@ -1,21 +1,21 @@
-//! Bearings of all places of the image and their derivatives, computed once for each set of intrinsics.
+//! Bearings of all image positions and their derivatives, computed once for each set of intrinsics.
 //!
-//! Bearings are kept to second order for cells of 4 × 4 pixels, derivatives by the coefficients of the camera model for cells of
-//! 12 × 12. The table is read at random, so its size determines the time that this takes.
+//! Bearings are stored to second order for cells of 4 × 4 pixels, derivatives by the coefficients of the camera model for cells
+//! of 12 × 12. The table is read in random order, so its size determines the time of a look-up.
 
 use evcal_core::camera::{Camera, MAX_COEFFICIENTS, Unprojection};
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
-/// A row for x and one for y: derivatives of the pixel of a fixed bearing by the coefficients.
+/// Derivatives of the pixel of a fixed bearing by the coefficients: one row for x and one for y.
 type ByCoefficient = [[f32; MAX_COEFFICIENTS]; 2];
 
-/// The bearing at the centre of a cell, and how it changes over the cell. One and a half cache lines, of which no cell touches a third.
+/// The bearing at the centre of a cell, and its derivatives. A cell takes one and a half cache lines and never spans three.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
 struct Cell {
-    /// Unit vector in the camera frame; not a number outside the model's domain.
+    /// Unit vector in the camera frame; NaN outside the model's domain.
     center: [f64; 3],
     slopes: BearingSlopes,
 }
@@ -26,7 +26,7 @@ struct Cell {
 #[repr(C, align(64))]
 pub struct CoefficientCell([ByCoefficient; 6]);
 
-/// How a bearing changes about the centre of a cell.
+/// Derivatives of the bearing at the centre of a cell.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct BearingSlopes {
@@ -36,7 +36,7 @@ pub struct BearingSlopes {
     pub by_pixel_twice: [[f32; 3]; 3],
 }
 
-/// What of the camera and the sensor counts at every place of the image.
+/// Constants of the camera and the sensor that every image position needs.
 #[derive(Clone, Copy, Debug)]
 pub struct ImagePlane {
     inverse_focal_length: [f64; 2],
@@ -46,13 +46,13 @@ pub struct ImagePlane {
 }
 
 impl ImagePlane {
-    /// Distance from the principal point in focal lengths: derivative of the pixel by fx and fy.
+    /// Returns the distance from the principal point in focal lengths, which is the derivative of the pixel by fx and fy.
     #[inline(always)]
     pub fn by_focal_length(&self, pixel: [f64; 2]) -> [f64; 2] {
         std::array::from_fn(|axis| (pixel[axis] - self.principal_point[axis]) * self.inverse_focal_length[axis])
     }
 
-    /// Squared distance from the middle of the sensor, 1 at its corners.
+    /// Returns the squared distance from the middle of the sensor; 1 at its corners.
     #[inline(always)]
     pub fn corner_share(&self, pixel: [f64; 2]) -> f64 {
         let [x, y] = [pixel[0] - self.middle[0], pixel[1] - self.middle[1]];
@@ -60,8 +60,8 @@ impl ImagePlane {
     }
 }
 
-/// Bearings of a whole sensor and of a margin around it: the edge that an event on the rim of the
-/// sensor belongs to may lie just outside.
+/// Bearings of a whole sensor and of a margin around it. The margin is needed because an event at the border of the sensor may
+/// belong to an edge just outside it.
 pub struct BearingTable {
     size: (usize, usize),
     cell_columns: usize,
@@ -77,23 +77,23 @@ pub struct Spot {
     row: u32,
 }
 
-/// A place on the image.
+/// A position on the image, with the bearing data of its cell.
 #[derive(Clone, Copy, Debug)]
 pub struct Place<'a> {
     /// Bearing at the centre of its cell.
     pub center: &'a [f64; 3],
-    /// How the bearing changes from there.
+    /// Derivatives of the bearing there.
     pub slopes: &'a BearingSlopes,
-    /// Where the place lies from that centre, in pixels.
+    /// Position relative to that centre, in pixels.
     pub beside: [f64; 2],
 }
 
-/// Where the derivatives by the coefficients are expanded about.
+/// Cell in which the derivatives by the coefficients are expanded.
 #[derive(Clone, Copy, Debug)]
 pub struct CoefficientPlace<'a> {
     /// The large cell.
     pub cell: &'a CoefficientCell,
-    /// From its centre to that of the cell of the bearing (px).
+    /// Vector from its centre to the centre of the bearing's cell (px).
     pub to_cell: [f32; 2],
 }
 
@@ -101,18 +101,19 @@ pub struct CoefficientPlace<'a> {
 const MARGIN: usize = 8;
 /// Pixels along the side of a cell.
 const CELL: usize = 4;
-/// From the first pixel of a cell to its centre.
+/// Distance from the first pixel of a cell to its centre (px).
 const CELL_CENTER: f64 = 0.5 * (CELL as f64 - 1.0);
-/// Of x³ / 6 over a cell, this share of x makes the largest rest smallest (Chebyshev); and of x² y / 2, where x² has its mean, of y.
+/// Shares of x (for x³ / 6) and of y (for x² y / 2, with x² at its mean) that minimise the largest remainder over a cell
+/// (Chebyshev).
 const ALONG: f64 = (CELL * CELL) as f64 / 32.0;
 const ACROSS: f64 = (CELL * CELL) as f64 / 24.0;
 /// Cells along the side of a large cell.
 const CELLS: usize = 3;
-/// fx, fy, cx, cy.
+/// Number of linear parameters: fx, fy, cx, cy.
 const LINEAR_PARAMETERS: usize = 4;
 
 impl Place<'_> {
-    /// The bearing, to second order, and its derivative by pixel x and y.
+    /// Returns the bearing to second order, and its derivative by pixel x and y.
     #[inline(always)]
     pub fn bearing(&self) -> ([f64; 3], [[f64; 3]; 2]) {
         self.slopes.bearing(*self.center, self.beside)
@@ -120,8 +121,8 @@ impl Place<'_> {
 }
 
 impl BearingSlopes {
-    /// The bearing, to second order, and its derivative by pixel x and y, `beside` the centre of the cell in pixels, where the bearing is
-    /// `center`.
+    /// Returns the bearing to second order and its derivative by pixel x and y, at the offset `beside` (pixels) from the centre
+    /// of the cell, where the bearing is `center`.
     #[inline(always)]
     pub fn bearing(&self, center: [f64; 3], beside: [f64; 2]) -> ([f64; 3], [[f64; 3]; 2]) {
         let [x, y] = beside;
@@ -140,9 +141,8 @@ impl BearingSlopes {
 }
 
 impl BearingTable {
-    /// Unprojects the centres of all cells of a sensor. The first parameters of all camera
-    /// models are fx, fy, cx, cy, and act last: pixel = f · y + c with y of the bearing and the
-    /// coefficients alone.
+    /// Unprojects the centres of all cells of a sensor. The first parameters of all camera models are fx, fy, cx and cy, and they
+    /// are applied last: pixel = f · y + c, where y depends only on the bearing and the coefficients.
     pub fn new(camera: &Camera<f64>, sensor: Sensor) -> Self {
         let extent = |length: u16| (usize::from(length) + 2 * MARGIN).next_multiple_of(CELLS * CELL);
         let size = (extent(sensor.width), extent(sensor.height));
@@ -160,18 +160,18 @@ impl BearingTable {
         Self { size, cell_columns, plane, cells, coefficient_cells }
     }
 
-    /// What counts at every place of the image.
+    /// Returns the constants that every image position needs.
     pub fn plane(&self) -> &ImagePlane {
         &self.plane
     }
 
-    /// The place (x, y) in pixels; `None` far outside the sensor or outside the camera model's domain.
+    /// Returns the position (x, y) in pixels; `None` far outside the sensor or outside the camera model's domain.
     #[inline(always)]
     pub fn place(&self, x: f64, y: f64) -> Option<Place<'_>> {
         self.place_at(self.spot(x, y)?, x, y)
     }
 
-    /// Where the table has the place (x, y) in pixels; `None` far outside the sensor.
+    /// Returns the table's column and row for the position (x, y) in pixels; `None` far outside the sensor.
     #[inline(always)]
     pub fn spot(&self, x: f64, y: f64) -> Option<Spot> {
         let index = |value: f64, length: usize| {
@@ -182,20 +182,21 @@ impl BearingTable {
         Some(Spot { column: index(x, self.size.0)?, row: index(y, self.size.1)? })
     }
 
-    /// Reads all that [`BearingTable::place_at`] refers to, so that it is in the cache afterwards. The number has no meaning.
+    /// Reads everything that [`BearingTable::place_at`] refers to, to bring it into the cache. The returned number has no
+    /// meaning.
     #[inline(always)]
     pub fn touch(&self, spot: Spot) -> f64 {
         self.cell(spot).map_or(0.0, |cell| cell.center[0] + f64::from(cell.slopes.by_pixel_twice[2][2]))
     }
 
-    /// The same of [`BearingTable::coefficients`].
+    /// Does the same for [`BearingTable::coefficients`].
     #[inline(always)]
     pub fn touch_coefficients(&self, spot: Spot) -> f64 {
         let place = self.coefficients(spot);
         place.map_or(0.0, |place| place.cell.0.iter().map(|by_coefficient| f64::from(by_coefficient[0][0])).sum())
     }
 
-    /// The place (x, y) in pixels, which is at `spot`; `None` outside the camera model's domain.
+    /// Returns the position (x, y) in pixels, whose column and row are `spot`; `None` outside the camera model's domain.
     #[inline(always)]
     pub fn place_at(&self, spot: Spot, x: f64, y: f64) -> Option<Place<'_>> {
         let Cell { center, slopes } = self.cell(spot)?;
@@ -204,7 +205,7 @@ impl BearingTable {
         (!center[0].is_nan()).then_some(Place { center, slopes, beside })
     }
 
-    /// Where the derivatives by the coefficients at `spot` are expanded about.
+    /// Returns the cell in which the derivatives by the coefficients at `spot` are expanded.
     #[inline(always)]
     pub fn coefficients(&self, Spot { column, row }: Spot) -> Option<CoefficientPlace<'_>> {
         let (column, row) = (column as usize / CELL, row as usize / CELL);
@@ -219,19 +220,19 @@ impl BearingTable {
     }
 }
 
-/// From the centre of a large cell to that of the cell in it with this column or row (px).
+/// Returns the offset (px) from the centre of a large cell to the centre of its small cell with this column or row.
 #[inline(always)]
 fn to_cell(index: usize) -> f32 {
     CELL as f32 * ((index % CELLS) as f32 - 0.5 * (CELLS as f32 - 1.0))
 }
 
-/// From the index of a column or row of the table to its pixel coordinate.
+/// Converts the index of a column or row of the table to its pixel coordinate.
 #[inline(always)]
 fn position(index: usize) -> f64 {
     index as f64 - MARGIN as f64
 }
 
-/// The cells of a table of `columns` × `rows` cells, and the large cells.
+/// Returns the cells of a table of `columns` × `rows` cells, and the large cells.
 fn cells(camera: &Camera<f64>, columns: usize, rows: usize) -> (Vec<Cell>, Vec<CoefficientCell>) {
     let center = |column: usize, row: usize| {
         Vector2::new(position(CELL * column) + CELL_CENTER, position(CELL * row) + CELL_CENTER)
@@ -245,7 +246,7 @@ fn cells(camera: &Camera<f64>, columns: usize, rows: usize) -> (Vec<Cell>, Vec<C
         let is_inside = column < columns && row < rows;
         centers.get(row * columns + column).filter(|_| is_inside)?.as_ref()
     };
-    // What is one pixel left and right of a centre, above and below it.
+    // Slopes one pixel left and right of a centre, and above and below it.
     let around = |column: usize, row: usize| {
         let beside = |x: f64, y: f64| Slopes::new(camera, center(column, row) + Vector2::new(x, y));
         Some([[beside(-1.0, 0.0)?, beside(1.0, 0.0)?], [beside(0.0, -1.0)?, beside(0.0, 1.0)?]])
@@ -256,7 +257,7 @@ fn cells(camera: &Camera<f64>, columns: usize, rows: usize) -> (Vec<Cell>, Vec<C
             let (left, above) = (at(column.checked_sub(1)?, row)?, at(column, row.checked_sub(1)?)?);
             Some(Cell::new(here, [left, at(column + 1, row)?], [above, at(column, row + 1)?], CELL as f64))
         };
-        // At the border of the table or of the model's domain one is missing.
+        // At the border of the table or of the model's domain a neighbour is missing.
         neighbours().or_else(|| {
             let [[left, right], [above, below]] = around(column, row)?;
             Some(Cell::new(here, [&left, &right], [&above, &below], 1.0))
@@ -268,7 +269,7 @@ fn cells(camera: &Camera<f64>, columns: usize, rows: usize) -> (Vec<Cell>, Vec<C
             let nine: Vec<&Slopes> = places.collect::<Option<_>>()?;
             Some(CoefficientCell::between(nine.try_into().ok()?))
         };
-        // At the border of the model's domain: as around a centre that is in it.
+        // At the border of the model's domain: expand about a centre that is inside it.
         whole().or_else(|| {
             let places = (0..CELLS * CELLS).map(|index| (column + index % CELLS, row + index / CELLS));
             let (column, row, here) = places.clone().find_map(|(column, row)| Some((column, row, at(column, row)?)))?;
@@ -291,7 +292,7 @@ fn cells(camera: &Camera<f64>, columns: usize, rows: usize) -> (Vec<Cell>, Vec<C
     (found_cells, coefficient_cells)
 }
 
-/// Bearing and derivatives at one place.
+/// Bearing and derivatives at one position.
 struct Slopes {
     bearing: [f64; 3],
     by_pixel: [[f64; 3]; 2],
@@ -313,14 +314,14 @@ impl Cell {
         slopes: BearingSlopes { by_pixel: [[0.0; 3]; 2], by_pixel_twice: [[0.0; 3]; 3] },
     };
 
-    /// The cell around `here`, from what is `distance` pixels left and right, above and below.
+    /// Returns the cell around `here`, from the slopes at `distance` pixels left and right, above and below.
     fn new(here: &Slopes, [left, right]: [&Slopes; 2], [above, below]: [&Slopes; 2], distance: f64) -> Self {
         let turn = |before: &Slopes, after: &Slopes, column: usize| -> [f32; 3] {
             std::array::from_fn(|axis| {
                 ((after.by_pixel[column][axis] - before.by_pixel[column][axis]) / (2.0 * distance)) as f32
             })
         };
-        // The slope that brings the bearing nearest to its place all over the cell, with what is beyond second order.
+        // The slope that approximates the bearing best all over the cell, including what is beyond second order.
         let slope = |column: usize, along: [&Slopes; 2], across: [&Slopes; 2]| -> [f32; 3] {
             std::array::from_fn(|axis| {
                 let at = |slopes: &Slopes| slopes.by_pixel[column][axis];
@@ -340,7 +341,7 @@ impl Cell {
 }
 
 impl CoefficientCell {
-    /// The large cell whose nine cells have these centres, row by row.
+    /// Returns the large cell whose nine cells have these centres, row by row.
     fn between(centers: [&Slopes; CELLS * CELLS]) -> Self {
         let sum = |weights: [f32; CELLS * CELLS], distance: f32| {
             combined(|row, index| {
@@ -359,7 +360,8 @@ impl CoefficientCell {
         ])
     }
 
-    /// The large cell from what is `here`, `beside` its centre, and one pixel left and right, above and below of there, to first order.
+    /// Returns the large cell to first order, from the slopes at `here` (at the offset `beside` from its centre), one pixel left
+    /// and right of it, and one pixel above and below it.
     fn about(here: &Slopes, pair_x: &[Slopes; 2], pair_y: &[Slopes; 2], beside: [f32; 2]) -> Self {
         let [x, y] = [pair_x, pair_y].map(|[before, after]| {
             combined(|row, index| 0.5 * (after.by_coefficient[row][index] - before.by_coefficient[row][index]))
@@ -372,14 +374,14 @@ impl CoefficientCell {
     }
 }
 
-/// What `value` is for each row and coefficient.
+/// Builds a table with `value` for each row and coefficient.
 fn combined(value: impl Fn(usize, usize) -> f32) -> ByCoefficient {
     std::array::from_fn(|row| std::array::from_fn(|index| value(row, index)))
 }
 
 impl CoefficientPlace<'_> {
-    /// Derivative of a distance on the image by the coefficients, `beside` the centre of the bearing's cell, where `gradient` is its
-    /// derivative by the pixel of a fixed bearing.
+    /// Returns the derivative of a distance on the image by the coefficients, at the offset `beside` from the centre of the
+    /// bearing's cell. `gradient` is the derivative of the distance by the pixel of a fixed bearing.
     #[inline(always)]
     pub fn by_coefficients(&self, beside: [f32; 2], gradient: [f32; 2]) -> [f32; MAX_COEFFICIENTS] {
         let [x, y] = [beside[0] + self.to_cell[0], beside[1] + self.to_cell[1]];
@@ -397,8 +399,7 @@ impl CoefficientPlace<'_> {
     }
 }
 
-/// A bearing that stays while the parameters move is seen by another pixel:
-/// ∂b/∂k + ∂b/∂pixel · ∂pixel/∂k = 0.
+/// Computes the derivative of the pixel by the coefficients for a fixed bearing, from ∂b/∂k + ∂b/∂pixel · ∂pixel/∂k = 0.
 fn by_coefficient(unprojection: &Unprojection<f64>) -> Option<ByCoefficient> {
     let by_pixel = unprojection.by_pixel;
     let normal = (by_pixel.transpose() * by_pixel).try_inverse()?;
@@ -412,7 +413,7 @@ mod tests {
     use evcal_core::camera::ModelKind;
 
     #[test]
-    fn places_between_pixels_have_the_bearing_and_the_derivatives_of_the_camera() {
+    fn positions_between_pixels_have_the_bearing_and_the_derivatives_of_the_camera() {
         let cameras = [
             (ModelKind::Radtan, vec![331.6, 331.1, 176.9, 134.2, -0.352, 0.149, -0.0004, 0.0005, -0.03]),
             (ModelKind::KannalaBrandt, vec![190.0, 191.0, 170.0, 131.0, -0.02, 0.01, -0.004, 0.0007]),
@@ -426,7 +427,7 @@ mod tests {
                 let exact = camera.unproject_with_jacobians(&Vector2::new(x, y)).unwrap();
                 let (bearing, by_pixel) = place.bearing();
                 for axis in 0..3 {
-                    // A ten-thousandth of a pixel.
+                    // 1e-4 of a pixel.
                     assert!((bearing[axis] - exact.bearing[axis]).abs() < 1e-4 / parameters[0], "{kind} {x} {y}");
                     for (column, derivative) in by_pixel.iter().enumerate() {
                         assert!((derivative[axis] - exact.by_pixel[(axis, column)]).abs() < 3e-6);

@@ -1,17 +1,17 @@
-//! Where the ray of a pixel meets the board, and how far that is from an edge of the print.
+//! Intersection of a pixel's ray with the board, and its distance from an edge of the print.
 //!
-//! With the bearing b of a pixel, the pose (R, p) = `T_world_camera` and an edge on the board plane z = 0, at whose signed distance f
-//! with gradient n ([`board_edge`](super::board_edge)) a point X of the plane is:
+//! Notation: b is the bearing of a pixel, (R, p) = `T_world_camera` the pose, f the signed distance of a point X on the board
+//! plane z = 0 from an edge, and n the gradient of f ([`board_edge`](super::board_edge)). Then
 //!
 //! d = R b, X = p − (p_z / d_z) d (the ray meets the board), h = λ (n_x, n_y, −(n · d_xy) / d_z), λ = −p_z / d_z,
 //! ∂f/∂ω = b × Rᵀh (rotation perturbed in the camera frame), ∂f/∂p = h / λ,
 //! ∂f/∂pixel = Rᵀh · ∂b/∂pixel, and s = ‖∂f/∂pixel‖ is the local scale in metres per pixel.
 //!
-//! On a board that is not as stated ([`board_surface`](super::board_surface)), X is the place on the print, and z is taken along
-//! the surface's normal.
+//! If the board's shape differs from the nominal one ([`board_surface`](super::board_surface)), X is the position on the print,
+//! and z is measured along the surface's normal.
 //!
-//! All functions are free of branches, so that the compiler can work on several events at once;
-//! [`is_in_front`] tells whether the result means anything.
+//! All functions are free of branches, so that the compiler can process several events at once; [`is_in_front`] reports whether
+//! the result is valid.
 
 use nalgebra::Vector2;
 
@@ -20,7 +20,7 @@ use super::board_edge::{BoardEdge, PrintDistance};
 use super::board_surface::{BoardSurface, RayMeeting};
 use super::pose_bin::{PoseBin, cross, dot};
 
-/// A ray and where it meets the board.
+/// A ray and its intersection with the board.
 #[derive(Clone, Copy, Debug)]
 pub struct BoardRay<S: BoardSurface> {
     surface: S,
@@ -29,15 +29,15 @@ pub struct BoardRay<S: BoardSurface> {
     bearing: [f64; 3],
     /// Direction in the world frame.
     direction: [f64; 3],
-    /// One over the direction's part across the surface.
+    /// One over the component of the direction across the surface.
     inverse: f64,
     /// Length along `direction` to the board.
     depth: f64,
-    /// Where it meets the board: place on the print, in metres.
+    /// Intersection with the board: position on the print, in metres.
     point: [f64; 2],
 }
 
-/// Whether a ray of this depth meets the board in front of the camera.
+/// Returns `true` if a ray of this depth meets the board in front of the camera.
 #[inline(always)]
 pub fn is_in_front(depth: f64) -> bool {
     // Also false for NaN and for rays parallel to the board.
@@ -49,7 +49,7 @@ pub fn is_in_front(depth: f64) -> bool {
 pub struct EdgeDistance {
     /// Signed distance from the edge in metres on the board plane, positive on its light side.
     pub metres: f64,
-    /// Metres on the board plane for each pixel across the edge.
+    /// Metres on the board plane per pixel across the edge.
     pub scale: f64,
     /// Derivative of `metres` by pixel x and y, in metres per pixel.
     pub by_pixel: [f64; 2],
@@ -57,15 +57,15 @@ pub struct EdgeDistance {
     pub by_translation: [f64; 3],
     /// Derivative of `metres` by a rotation perturbation in the camera frame (metres per radian).
     pub by_rotation: [f64; 3],
-    /// How fast a pixel's ray slides along the edge, in m/s.
+    /// Speed at which a pixel's ray slides along the edge, in m/s.
     pub sliding: f64,
     /// Direction on the print from the dark side to the light one.
     pub normal: [f64; 2],
 }
 
 impl<S: BoardSurface> BoardRay<S> {
-    /// The ray of `bearing` (camera frame) to the board's `surface` at `dt` seconds after the centre of `pose`'s bin; the
-    /// pose moves on to first order.
+    /// Intersects the ray of `bearing` (camera frame) with the board's `surface`, at `dt` seconds after the centre of `pose`'s
+    /// bin; the pose is extrapolated to first order.
     #[inline(always)]
     pub fn new(surface: &S, pose: &PoseBin, dt: f64, bearing: &[f64; 3]) -> Self {
         let turn = cross(&pose.angular_velocity, bearing);
@@ -76,20 +76,20 @@ impl<S: BoardSurface> BoardRay<S> {
         Self { surface: *surface, slope, bearing, direction, inverse, depth, point }
     }
 
-    /// The surface that it meets.
+    /// Returns the surface that the ray meets.
     #[inline(always)]
     pub fn surface(&self) -> &S {
         &self.surface
     }
 
-    /// Length along the ray to the board, in units of the bearing's length (metres).
+    /// Returns the length along the ray to the board, in units of the bearing's length (metres).
     #[inline(always)]
     pub fn depth(&self) -> f64 {
         self.depth
     }
 
-    /// Metres on the board that a pixel covers along its longer side, where the bearing changes `by_pixel`: more, the more the board
-    /// is tilted.
+    /// Returns the length in metres on the board that a pixel covers along its longer side, where the bearing has the derivative
+    /// `by_pixel`. It grows with the tilt of the board.
     #[inline(always)]
     pub fn widest_pixel(&self, by_pixel: &[[f64; 3]; 2]) -> f64 {
         let square = dot(&by_pixel[0], &by_pixel[0]).max(dot(&by_pixel[1], &by_pixel[1]));
@@ -97,13 +97,13 @@ impl<S: BoardSurface> BoardRay<S> {
         self.depth * (square * tilt).sqrt()
     }
 
-    /// Where it meets the board: place on the print, in metres.
+    /// Returns the intersection with the board: position on the print, in metres.
     #[inline(always)]
     pub fn point(&self) -> Vector2<f64> {
         Vector2::from(self.point)
     }
 
-    /// Distance from `edge`. `by_pixel` is the derivative of the bearing by pixel x and y.
+    /// Computes the distance from `edge`. `by_pixel` is the derivative of the bearing by pixel x and y.
     #[inline(always)]
     pub fn edge_distance(&self, pose: &PoseBin, by_pixel: &[[f64; 3]; 2], edge: impl BoardEdge) -> EdgeDistance {
         let PrintDistance { metres, normal } = edge.distance(self.point);
@@ -120,13 +120,13 @@ impl<S: BoardSurface> BoardRay<S> {
         EdgeDistance { metres, scale, by_pixel, by_translation, by_rotation, sliding, normal }
     }
 
-    /// Derivatives of an edge's `distance` by print ratio and bends, in metres for each of their units.
+    /// Returns the derivatives of an edge's `distance` by print ratio and bends, in metres per unit of each.
     #[inline(always)]
     pub fn by_shape(&self, distance: &EdgeDistance) -> [f64; BOARD_PARAMETERS - 1] {
         self.surface.by_shape(self.point, distance.normal, distance.by_translation[2])
     }
 
-    /// Velocity in m/s with which the point where a fixed pixel's ray meets the board moves over the print.
+    /// Returns the velocity (m/s) of the intersection over the print, for the ray of a fixed pixel.
     #[inline(always)]
     pub fn velocity(&self, pose: &PoseBin) -> [f64; 2] {
         let turning = pose.to_world(&cross(&pose.angular_velocity, &self.bearing));
@@ -140,8 +140,8 @@ impl<S: BoardSurface> BoardRay<S> {
 }
 
 impl EdgeDistance {
-    /// How fast the distance grows at a fixed pixel, in pixels per second: the normal speed of the
-    /// edge, positive where the pixel leaves the dot (it becomes brighter).
+    /// Returns the rate at which the distance grows at a fixed pixel, in pixels per second: the normal speed of the edge,
+    /// positive if the pixel becomes brighter.
     #[inline(always)]
     pub fn normal_speed(&self, pose: &PoseBin) -> f64 {
         (dot(&self.by_rotation, &pose.angular_velocity) + dot(&self.by_translation, &pose.linear_velocity)) / self.scale

@@ -1,53 +1,54 @@
-//! The surface on which rays meet the board: a plane, or the shape that the solve found.
+//! The surface of the board that rays meet: a plane, or the shape that the solve estimated.
 //!
-//! A plane is told apart from a [`Surface`] that happens to be flat because nearly all boards are flat, and because the joint solve
-//! spends most of its time here.
+//! The plane has its own type, separate from a [`Surface`] that happens to be flat, because nearly all boards are flat and the
+//! joint solve spends most of its time here.
 
 use super::{BOARD_PARAMETERS, Problem};
 use evcal_geometry::board::Board;
 use evcal_geometry::board::shape::{BoardShape, CircleArea, Surface};
 
-/// A surface with a print on it. Points are places on the print, in metres.
+/// A surface with a print on it. Points are positions on the print, in metres.
 pub trait BoardSurface: Copy + Send + Sync {
-    /// How the surface lies at a point.
+    /// Slope of the surface at a point.
     type Slope: Copy;
 
-    /// Where the ray from `camera` along `direction` meets it.
+    /// Intersects the ray from `camera` along `direction` with the surface.
     fn meet(&self, camera: &[f64; 3], direction: &[f64; 3]) -> (RayMeeting, Self::Slope);
 
-    /// The component of `vector` along (−slope, 1), which is across the surface.
+    /// Returns the component of `vector` along (−slope, 1), which is normal to the surface.
     fn across(slope: Self::Slope, vector: &[f64; 3]) -> f64;
 
-    /// The derivative by the camera centre of a function of the print whose derivative by the point is `gradient` and whose
-    /// change for each metre of depth is `along`, in units of the inverse of [`RayMeeting`].
+    /// Returns the derivative by the camera centre of a function of the print. `gradient` is its derivative by the point, and
+    /// `along` its change per metre of depth, in units of [`RayMeeting::inverse`].
     fn by_camera(slope: Self::Slope, gradient: [f64; 2], along: f64) -> [f64; 3];
 
-    /// A derivative by a place on the print as one by a point on the board, and a velocity on the board as one on the print.
+    /// Converts a derivative by a position on the print to one by a point on the board, and a velocity on the board to one on the
+    /// print.
     fn scaled(&self, vector: [f64; 2]) -> [f64; 2];
 
-    /// Derivatives by print ratio and bends of the distance from a circle at `point` of the print, whose gradient on the print is
-    /// `normal`, and which changes with the height of the camera by `by_height`.
+    /// Returns the derivatives by print ratio and bends of the distance from a circle, at `point` of the print. `normal` is the
+    /// gradient of the distance on the print, `by_height` its derivative by the height of the camera.
     fn by_shape(&self, point: [f64; 2], normal: [f64; 2], by_height: f64) -> [f64; BOARD_PARAMETERS - 1];
 }
 
-/// Where a ray meets a board.
+/// Intersection of a ray with a board.
 #[derive(Clone, Copy, Debug)]
 pub struct RayMeeting {
     /// Length along the ray's direction.
     pub depth: f64,
-    /// One over the component of the direction across the surface.
+    /// One over the component of the direction normal to the surface.
     pub inverse: f64,
-    /// The place on the print.
+    /// Position on the print.
     pub point: [f64; 2],
 }
 
-/// A board as it is stated.
+/// A flat board with the nominal scale.
 #[derive(Clone, Copy, Debug)]
 pub struct FlatBoard {
     area: CircleArea,
 }
 
-/// A board of another shape.
+/// A board whose shape differs from the nominal one.
 #[derive(Clone, Copy, Debug)]
 pub struct ShapedBoard {
     area: CircleArea,
@@ -55,17 +56,17 @@ pub struct ShapedBoard {
     print_ratio: f64,
 }
 
-/// Either.
+/// Either of the two surfaces.
 #[derive(Clone, Copy, Debug)]
 pub enum BoardGround {
-    /// Flat, and true to scale.
+    /// Flat, with the nominal scale.
     Flat(FlatBoard),
-    /// Of another shape.
+    /// Bent, or with another ratio of the scales.
     Shaped(ShapedBoard),
 }
 
 impl BoardGround {
-    /// The surface of a board with circles in `area` and of this `shape`.
+    /// Returns the surface of a board with circles in `area` and of this `shape`.
     pub fn new(area: &CircleArea, shape: &BoardShape) -> Self {
         let area = *area;
         if shape.is_flat() {
@@ -74,19 +75,19 @@ impl BoardGround {
         Self::Shaped(ShapedBoard { area, surface: Surface::new(&area, shape), print_ratio: shape.print_ratio })
     }
 
-    /// The surface of a `problem`'s board.
+    /// Returns the surface of a `problem`'s board.
     pub fn of_problem(problem: &Problem, shape: &BoardShape) -> Self {
         Self::new(&problem.area, shape)
     }
 
-    /// The surface of `board` with this `shape`.
+    /// Returns the surface of `board` with this `shape`.
     pub fn of_board(board: &Board, shape: &BoardShape) -> Self {
         Self::new(&CircleArea::new(board), shape)
     }
 }
 
-/// Derivatives by print ratio and bends at a `place` beside the middle of the board, on a print of `print_ratio`, where the surface
-/// rises by `rise` with the bends.
+/// Returns the derivatives by print ratio and bends at `place` relative to the middle of the board, on a print with ratio
+/// `print_ratio`; `rise` is the derivative of the surface's height by the bends.
 #[inline(always)]
 fn by_shape(place: [f64; 2], print_ratio: f64, rise: [f64; 2], normal: [f64; 2], by_height: f64) -> [f64; 3] {
     let by_ratio = (normal[1] * place[1] - normal[0] * place[0]) * (0.5 / print_ratio);

@@ -1,8 +1,8 @@
-//! Normal equations of events together with what else was seen along the trajectories: bands of control points with a border of
+//! Normal equations of events together with other observations along the trajectories: bands of control points with a border of
 //! any size.
 //!
-//! They have the form of those of the [joint solve](crate::solve), with other parameters before the global parameters of the
-//! events in the border.
+//! They have the form of the normal equations of the [joint solve](crate::solve). The border has other parameters before the
+//! global parameters of the events.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -22,44 +22,45 @@ use super::{GLOBAL_COUNT, Problem, State};
 use crate::trajectory::Trajectory;
 use crate::trajectory::jerk::jerks;
 
-/// Parameters of a control point.
+/// Number of parameters of a control point.
 const POINT: usize = 6;
 /// Most iterations.
 const ITERATIONS: usize = 15;
-/// Iterations end when the cost falls by less.
+/// Iterations end when the cost falls by less than this.
 const SETTLED: f64 = 0.02;
 const FIRST_DAMPING: f64 = 1e-9;
 const LARGEST_DAMPING: f64 = 1e4;
 
-/// What some observations of one segment say.
+/// Normal equations of some observations of one segment.
 #[derive(Clone, Debug)]
 pub struct Part {
     /// Index of the segment.
     pub segment: usize,
-    /// When they begin (s).
+    /// Time of the first observation (s).
     pub t: f64,
-    /// First control point.
+    /// Index of the first control point.
     pub first: usize,
-    /// Control points that act at one time.
+    /// Number of control points that act at one time.
     pub order: usize,
-    /// For each control point its blocks with itself (lower triangle) and those before it.
+    /// For each control point its blocks with itself (lower triangle) and with the control points before it.
     pub blocks: Vec<Block>,
-    /// Border parameters that they depend on.
+    /// Border parameters that the observations depend on.
     pub globals: Range<usize>,
-    /// Six rows a control point, one column for each of these.
+    /// Border block: six rows per control point, one column for each of these border parameters.
     pub border: DMatrix<f64>,
-    /// Six rows a control point.
+    /// Gradient of the control points, six rows each.
     pub gradient: DVector<f64>,
-    /// Of these border parameters.
+    /// Matrix of these border parameters.
     pub corner: DMatrix<f64>,
-    /// Of these border parameters.
+    /// Gradient of these border parameters.
     pub corner_gradient: DVector<f64>,
     /// Sum of ρ.
     pub cost: f64,
 }
 
 impl Part {
-    /// What events say, weighed by `weight`; `free` are their global parameters, which begin at `offset` of the border.
+    /// Builds a part from the equations of events, weighted by `weight`. `free` are the indices of their estimated global
+    /// parameters, which begin at `offset` of the border.
     pub fn from_events(
         segment: usize,
         t: f64,
@@ -92,8 +93,8 @@ impl Part {
         }
     }
 
-    /// What rows say whose products with each other are `product`: six columns for each of `order` control points, then
-    /// `globals` border parameters, then the residual.
+    /// Builds a part from the Gram matrix `product` of some rows. A row has six columns for each of `order` control points, then
+    /// the `globals` border parameters, then the residual.
     pub fn from_product(
         segment: usize,
         t: f64,
@@ -127,7 +128,7 @@ impl Part {
         }
     }
 
-    /// After a step of all parameters, if it were a quadratic function of them.
+    /// Returns the part after a step of all parameters, as if it were a quadratic function of them.
     pub fn moved(&self, step: &Step) -> Self {
         let mut moved = self.clone();
         let rows = POINT * self.control_point_count();
@@ -150,8 +151,8 @@ impl Part {
     }
 }
 
-/// What the events of `problem` say at `state`, weighed by `weight`, and their number; their free global parameters begin at `offset`
-/// of the border.
+/// Linearises the events of `problem` at `state` and weights them by `weight`. Returns the parts and the number of events. Their
+/// estimated global parameters begin at `offset` of the border.
 pub fn event_parts(problem: &Problem, state: &State, offset: usize, weight: f64) -> (Vec<Part>, usize) {
     let free = problem.free.places();
     let bearings = BearingTable::new(&state.camera, problem.sensor);
@@ -159,7 +160,7 @@ pub fn event_parts(problem: &Problem, state: &State, offset: usize, weight: f64)
         let t = stretch.start(&problem.segments);
         (Part::from_events(stretch.segment, t, equations, &free, offset, weight), equations.loss.count)
     };
-    // The equations of a stretch are large, and needed no longer than it takes to pick what is free.
+    // The equations of an interval are large, so they are dropped as soon as the estimated parameters are extracted.
     let of_group = |group: &[Stretch]| -> Vec<(Part, usize)> {
         linearised(problem, state, &bearings, group).par_iter().map(part).collect()
     };
@@ -168,8 +169,8 @@ pub fn event_parts(problem: &Problem, state: &State, offset: usize, weight: f64)
     (parts, counts.iter().sum())
 }
 
-/// `state`, its free global parameters moved by `step` from `offset` of the border on, and its trajectories; `None` where the
-/// camera model refuses.
+/// Moves the trajectories of `state` by `step`, and its estimated global parameters by the border from `offset` on. Returns
+/// `None` if the camera model rejects the parameters.
 pub fn moved_by(state: &State, problem: &Problem, step: &Step, offset: usize) -> Option<State> {
     let mut globals = [0.0; GLOBAL_COUNT];
     for (place, value) in problem.free.places().into_iter().zip(step.globals.iter().skip(offset)) {
@@ -178,12 +179,12 @@ pub fn moved_by(state: &State, problem: &Problem, step: &Step, offset: usize) ->
     moved(state, &step.segments, &globals)
 }
 
-/// Levenberg and Marquardt's way from an estimate and its equations, whose [`System`] `system` finds, to the least cost. `attempt`
-/// gets the number of the iteration, the estimate and its equations, and a step; it gives both after the step, or `None` where it
-/// leads nowhere.
+/// Minimises a cost by Levenberg-Marquardt, from an estimate and its equations. `system` extracts the [`System`] from the
+/// equations. `attempt` gets the number of the iteration, the estimate, its equations and a step; it returns the estimate and the
+/// equations after the step, or `None` if the step is impossible.
 ///
 /// # Errors
-/// Those of `attempt`, and where the system determines no step.
+/// Errors of `attempt`, and [`NotPositiveDefinite`] if the system does not determine a step.
 pub fn minimise<E, L, F: From<NotPositiveDefinite>>(
     mut estimate: E,
     mut now: L,
@@ -217,11 +218,11 @@ struct Segment {
     blocks: Vec<Block>,
     border: DMatrix<f64>,
     gradient: DVector<f64>,
-    /// Mean diagonal entry of the control points' matrix from the observations alone.
+    /// Mean diagonal entry of the control points' matrix, from the observations alone.
     scale: f64,
 }
 
-/// All parts together.
+/// Sum of all parts.
 pub struct System {
     segments: Vec<Segment>,
     corner: DMatrix<f64>,
@@ -232,19 +233,19 @@ pub struct System {
 
 /// A step of all parameters.
 pub struct Step {
-    /// For each segment, six numbers a control point.
+    /// For each segment, six numbers per control point.
     pub segments: Vec<Vec<f64>>,
     /// Border parameters.
     pub globals: Vec<f64>,
-    /// Decrease of the cost that the linear model promises.
+    /// Decrease of the cost that the linear model predicts.
     pub predicted: f64,
 }
 
-/// What blocks of time say of the border parameters.
+/// Contributions of blocks of time to the equations of the border parameters.
 pub struct Blocks {
-    /// For each its segment and a time in it.
+    /// For each block its segment and a time in it.
     pub times: Vec<(usize, f64)>,
-    /// For each what it says.
+    /// For each block its contribution.
     pub contributions: Vec<PackedContribution>,
 }
 
@@ -257,7 +258,7 @@ struct Eliminated {
 }
 
 impl System {
-    /// Of segments with `control_points` control points each and `globals` border parameters.
+    /// Sums parts of segments with `control_points` control points each and `globals` border parameters.
     pub fn new<'a>(
         control_points: &[usize],
         order: usize,
@@ -302,7 +303,7 @@ impl System {
         Self { segments, corner, corner_gradient, cost }
     }
 
-    /// Adds ½ (distance / σ)² for a border parameter that is `distance` above what is expected of it.
+    /// Adds ½ (distance / σ)² for a border parameter that is `distance` above its expected value.
     pub fn add_prior(&mut self, global: usize, distance: f64, sigma: f64) {
         let weight = 1.0 / (sigma * sigma);
         self.corner[(global, global)] += weight;
@@ -310,7 +311,7 @@ impl System {
         self.cost += 0.5 * weight * distance * distance;
     }
 
-    /// Adds the accelerations of the control points of each segment's trajectory, in their order.
+    /// Adds the acceleration priors of the control points of each segment's trajectory.
     pub fn add_smoothness(&mut self, trajectories: &[Trajectory]) {
         for (segment, trajectory) in self.segments.iter_mut().zip(trajectories) {
             let (gradient, _) = segment.gradient.as_mut_slice().as_chunks_mut();
@@ -320,7 +321,7 @@ impl System {
         }
     }
 
-    /// Adds the jerks of each segment's trajectory, with their weights.
+    /// Adds the weighted jerks of each segment's trajectory.
     pub fn add_jerks(&mut self, trajectories: &[Trajectory], stiffness: &[Stiffness]) {
         let segments = self.segments.iter_mut().zip(trajectories).zip(stiffness);
         for ((segment, trajectory), weights) in segments.filter(|((segment, _), _)| segment.order > 3) {
@@ -350,10 +351,10 @@ impl System {
         (&schur + schur.transpose()) * 0.5
     }
 
-    /// The step to the least cost of the linear model.
+    /// Computes the step that minimises the cost of the linear model.
     ///
     /// # Errors
-    /// [`NotPositiveDefinite`] when the observations do not determine it.
+    /// [`NotPositiveDefinite`] if the observations do not determine the step.
     pub fn solve(&self, damping: f64) -> Result<Step, NotPositiveDefinite> {
         let eliminated = self.eliminated(damping)?;
         let schur = self.schur(&eliminated, damping);
@@ -372,27 +373,27 @@ impl System {
         Ok(Step { segments, globals: globals.as_slice().to_vec(), predicted })
     }
 
-    /// The normal equations of the border parameters, the control points following them.
+    /// Returns the normal equations of the border parameters after elimination of the control points.
     ///
     /// # Errors
-    /// [`NotPositiveDefinite`].
+    /// [`NotPositiveDefinite`] if the observations do not determine the control points.
     pub fn normal(&self) -> Result<DMatrix<f64>, NotPositiveDefinite> {
         Ok(self.schur(&self.eliminated(0.0)?, 0.0))
     }
 
-    /// The covariance of the border parameters if observations were independent.
+    /// Returns the covariance of the border parameters if observations were independent.
     ///
     /// # Errors
-    /// [`NotPositiveDefinite`].
+    /// [`NotPositiveDefinite`] if the observations do not determine the parameters.
     pub fn covariance(&self) -> Result<DMatrix<f64>, NotPositiveDefinite> {
         scaled_inverse(&self.normal()?)
     }
 
-    /// What the parts of each block of `length` seconds say of the border parameters, the control points following them, and
-    /// where each block begins.
+    /// Computes the contribution of each block of `length` seconds to the equations of the border parameters, after elimination
+    /// of the control points, and the start of each block.
     ///
     /// # Errors
-    /// [`NotPositiveDefinite`].
+    /// [`NotPositiveDefinite`] if the observations do not determine the control points.
     pub fn contributions(&self, parts: &[Part], length: f64) -> Result<Blocks, NotPositiveDefinite> {
         let eliminated = self.eliminated(0.0)?;
         let mut groups: BTreeMap<(usize, i64), Vec<&Part>> = BTreeMap::new();
@@ -414,7 +415,7 @@ impl System {
     }
 }
 
-/// hₖ − (A⁻¹B)ᵀgₖ and Cₖ − BₖᵀA⁻¹B − (BₖᵀA⁻¹B)ᵀ + (A⁻¹B)ᵀAₖA⁻¹B of one part.
+/// Adds hₖ − (A⁻¹B)ᵀgₖ and Cₖ − BₖᵀA⁻¹B − (BₖᵀA⁻¹B)ᵀ + (A⁻¹B)ᵀAₖA⁻¹B of one part to `sum`.
 fn add_contribution(sum: &mut Contribution, part: &Part, follows: &DMatrix<f64>) {
     let rows = POINT * part.control_point_count();
     let follows = follows.rows(POINT * part.first, rows).into_owned();
@@ -432,10 +433,10 @@ fn add_contribution(sum: &mut Contribution, part: &Part, follows: &DMatrix<f64>)
     corner += &part.corner;
 }
 
-/// The inverse of a positive definite matrix whose rows have very different units.
+/// Inverts a positive definite matrix whose rows have very different units.
 ///
 /// # Errors
-/// [`NotPositiveDefinite`].
+/// [`NotPositiveDefinite`] if the matrix is not positive definite.
 pub fn scaled_inverse(matrix: &DMatrix<f64>) -> Result<DMatrix<f64>, NotPositiveDefinite> {
     let scale = matrix.diagonal().map(|value| if value > 0.0 { 1.0 / value.sqrt() } else { 1.0 });
     let unit = DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |row, column| {

@@ -1,27 +1,26 @@
-//! The place of an event in the bursts of its pixel.
+//! The rank of an event in its burst, and the length of the burst.
 //!
-//! When the edge of a dot crosses a pixel, the pixel fires several events of one polarity, one for
-//! each contrast threshold that its log intensity passes. The k-th event of such a burst happens at
-//! a definite level of the blurred edge, so its distance from the geometric edge is nearly the same
-//! for all pixels, while it differs by up to two pixels between ranks. Knowing the rank makes an
-//! event several times as precise.
+//! When the edge of a dot crosses a pixel, the pixel fires several events of one polarity, one for each contrast threshold that
+//! its log intensity passes. The k-th event of such a burst happens at a definite level of the blurred edge, so its distance from
+//! the geometric edge is nearly the same for all pixels, while it differs by up to two pixels between ranks. An event with a
+//! known rank is therefore several times as precise.
 //!
-//! A pixel compares with its level at its last event, so where on the edge a burst begins depends on where the one before
-//! ended. The number of events of the whole burst tells most of it: a burst that begins late on the edge has room for fewer. How
-//! many bursts are short depends on speed, distance and place on the sensor, so that without their lengths the mean of a rank
-//! would change with these.
+//! A pixel compares the light with its level at its last event, so the position on the edge at which a burst begins depends on
+//! where the previous burst ended. The number of events of the whole burst explains most of this: a burst that begins late on the
+//! edge has room for fewer events. How many bursts are short depends on speed, distance and position on the sensor, so that
+//! without the lengths the mean of a rank would change with these.
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 
-/// Largest rank that is told apart; later events of a burst share it.
+/// Largest rank with a class of its own; later events of a burst share it.
 pub const MAX_RANK: u8 = 3;
 
-/// Number of ranks told apart.
+/// Number of ranks with a class of their own.
 pub const RANK_COUNT: usize = MAX_RANK as usize + 1;
 
-/// How many events a burst has in all.
+/// Number of events of a whole burst.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BurstLength {
@@ -37,13 +36,13 @@ pub enum BurstLength {
 }
 
 impl BurstLength {
-    /// All that are told apart, in the order of their indices.
+    /// All lengths, in the order of their indices.
     pub const ALL: [Self; 4] = [Self::FiveOrMore, Self::Four, Self::Three, Self::OneOrTwo];
 
-    /// Number of lengths that are told apart.
+    /// Number of lengths.
     pub const COUNT: usize = Self::ALL.len();
 
-    /// That of a burst of `events` events.
+    /// Returns the length of a burst of `events` events.
     const fn of(events: u8) -> Self {
         match events {
             0..=2 => Self::OneOrTwo,
@@ -53,13 +52,13 @@ impl BurstLength {
         }
     }
 
-    /// Place in the order.
+    /// Returns the index in [`BurstLength::ALL`].
     pub const fn index(self) -> usize {
         self as usize
     }
 }
 
-/// Where an event stands in the bursts of its pixel.
+/// Rank of an event in its burst, and the length of the burst.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BurstPlace {
     /// 0 for the first event of a burst, at most [`MAX_RANK`].
@@ -68,23 +67,23 @@ pub struct BurstPlace {
     pub length: BurstLength,
 }
 
-/// Where an event stands in a burst that may go on.
+/// Rank of an event in a burst that may continue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BurstBeginning {
     /// 0 for the first event of a burst, at most [`MAX_RANK`].
     pub rank: u8,
-    /// Number of the burst among those of its pixel, modulo 256.
+    /// Number of the burst among the bursts of its pixel, modulo 256.
     burst: u8,
 }
 
-/// Bits that hold a length.
+/// Number of bits that encode a length.
 const LENGTH_BITS: u32 = 2;
 
 #[derive(Clone, Copy)]
 struct PixelState {
     /// Time of the last event in microseconds; `i64::MIN` before the first.
     last: i64,
-    /// Lengths of the 16 bursts before, the latest in the lowest bits.
+    /// Lengths of the 16 previous bursts, the latest in the lowest bits.
     before: u32,
     /// Polarity index of the last event.
     polarity: u8,
@@ -102,20 +101,20 @@ pub struct BurstTracker {
 }
 
 impl BurstTracker {
-    /// A tracker for a sensor of `sensor` = (width, height) pixels; a pixel that is silent for
-    /// longer than `longest_pause` microseconds starts a new burst.
+    /// Creates a tracker for a sensor of this size. A pixel that is silent for longer than `longest_pause` microseconds starts a
+    /// new burst.
     pub fn new(sensor: Sensor, longest_pause: i64) -> Self {
         let width = usize::from(sensor.width);
         let state = PixelState { last: i64::MIN, before: 0, polarity: 0, length: 0, burst: 0 };
         Self { width, pixels: vec![state; width * usize::from(sensor.height)], longest_pause }
     }
 
-    /// Index of a pixel; `None` outside the sensor.
+    /// Returns the index of a pixel; `None` outside the sensor.
     fn pixel(&self, x: u16, y: u16) -> Option<usize> {
         (usize::from(x) < self.width).then_some(usize::from(y) * self.width + usize::from(x))
     }
 
-    /// Takes the next event in time order and tells where it stands in its burst. `None` for an event outside the sensor.
+    /// Takes the next event in time order and returns its rank in its burst; `None` for an event outside the sensor.
     pub fn push(&mut self, event: &Event) -> Option<BurstBeginning> {
         let pixel = self.pixel(event.x, event.y)?;
         let state = self.pixels.get_mut(pixel)?;
@@ -135,8 +134,8 @@ impl BurstTracker {
         Some(BurstBeginning { rank: (state.length - 1).min(MAX_RANK), burst: state.burst })
     }
 
-    /// The place of an earlier event of pixel (`x`, `y`), now that its burst has gone on. Of bursts with more than 16 others after them nothing
-    /// is known any more; they count as long.
+    /// Returns rank and burst length of an earlier event of pixel (`x`, `y`), once its burst has continued or ended. A burst with
+    /// more than 16 later bursts is no longer stored and counts as long.
     pub fn place(&self, x: u16, y: u16, beginning: BurstBeginning) -> BurstPlace {
         let BurstBeginning { rank, burst } = beginning;
         let state = self.pixel(x, y).and_then(|pixel| self.pixels.get(pixel));
@@ -172,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn the_length_of_a_burst_is_known_for_sixteen_more() {
+    fn the_length_of_a_burst_is_stored_for_sixteen_more_bursts() {
         let mut tracker = BurstTracker::new(Sensor::new(1, 1), 1000);
         let counts = [2, 3, 1, 4, 300, 3, 1, 1, 4, 2, 2, 3, 4, 5, 6, 1, 4, 3];
         let mut t = 0;
@@ -199,7 +198,7 @@ mod tests {
         for (first, count) in firsts.iter().zip(counts).skip(1) {
             assert_eq!(tracker.place(0, 0, *first), BurstPlace { rank: 0, length: length(count) }, "{count}");
         }
-        // The first has seventeen after it.
+        // The first burst has seventeen after it.
         assert_eq!(tracker.place(0, 0, firsts[0]).length, FiveOrMore);
     }
 }

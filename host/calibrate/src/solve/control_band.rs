@@ -1,5 +1,5 @@
-//! The symmetric matrix of the control points of a segment, of which only the 6×6 blocks near the diagonal are not zero: for
-//! each control point its block with itself (lower triangle) and those with the `order − 1` before it.
+//! The symmetric matrix of the control points of a segment. Only the 6×6 blocks near the diagonal are not zero: for each control
+//! point its block with itself (lower triangle) and with the `order − 1` control points before it.
 
 use nalgebra::{DMatrix, SMatrix};
 
@@ -9,25 +9,26 @@ use evcal_geometry::numerics::banded::BandedCholesky;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NotPositiveDefinite;
 
-/// Parameters of a control point.
+/// Number of parameters of a control point.
 const POINT: usize = 6;
 
 /// 6×6 block of two control points: rotation first, then translation.
 pub type Block = SMatrix<f64, POINT, POINT>;
 
-/// Smallest damping of a control point, relative to what observations say of those of its segment: keeps control
-/// points that no observation touches where they are.
+/// Smallest damping of a control point, relative to the mean diagonal entry of its segment. It keeps control points without
+/// observations where they are.
 const FLOOR: f64 = 1e-9;
 
-/// The mean diagonal entry of the matrix of control points that has the `blocks` of a banded lower triangle, `order` for each control point.
+/// Returns the mean diagonal entry of the matrix of control points that has the `blocks` of a banded lower triangle, `order` per
+/// control point.
 pub fn mean_diagonal(blocks: &[Block], order: usize) -> f64 {
     let diagonal = blocks.iter().step_by(order.max(1));
     let entries = POINT * diagonal.len();
     diagonal.map(|block| block.trace()).sum::<f64>() / entries.max(1) as f64
 }
 
-/// The symmetric matrix of control points that has the `blocks` of a banded lower triangle, `order` for each control point from
-/// the diagonal backwards, times `columns`, which has six rows a control point.
+/// Multiplies the symmetric matrix of control points by `columns`, which have six rows per control point. The matrix is given by
+/// the `blocks` of its banded lower triangle, `order` per control point from the diagonal backwards.
 pub fn banded_times(blocks: &[Block], order: usize, columns: &DMatrix<f64>) -> DMatrix<f64> {
     let mut product = DMatrix::zeros(columns.nrows(), columns.ncols());
     for (index, lines) in blocks.chunks(order.max(1)).enumerate() {
@@ -48,11 +49,11 @@ pub fn banded_times(blocks: &[Block], order: usize, columns: &DMatrix<f64>) -> D
     product
 }
 
-/// The same matrix, factored, with the diagonal larger by the share `damping` and by a floor under it that follows from `scale`, the mean
-/// diagonal entry of what observations say.
+/// Factors the same matrix. Its diagonal is enlarged by the share `damping` and by a floor in proportion to `scale`, the mean
+/// diagonal entry from the observations.
 ///
 /// # Errors
-/// [`NotPositiveDefinite`].
+/// [`NotPositiveDefinite`] if the matrix is not positive definite.
 pub fn factored(
     blocks: &[Block],
     order: usize,

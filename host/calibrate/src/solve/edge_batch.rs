@@ -1,8 +1,8 @@
 //! The edges of many events of one time bin at once.
 //!
-//! The same formulas as for one event ([`super::event_row`]), in steps over all events of the batch, which
-//! the compiler vectorises. What a table says of each event's place is fetched once: the edge is so near that
-//! the same slopes tell the bearing there.
+//! Uses the same formulas as for one event ([`super::event_row`]), in loops over all events of the batch, which the compiler
+//! vectorises. The table entry of each event's position is read once: the edge is so near that the same slopes determine the
+//! bearing there.
 
 use multiversion::multiversion;
 
@@ -16,28 +16,28 @@ use super::{BOARD_PARAMETERS, Problem};
 use crate::solve::event_bias::EdgePassage;
 use evcal_geometry::board::shape::BoardShape;
 
-/// Most events in a batch: with all that is computed of them they fit into the nearest cache.
+/// Most events in a batch: with all intermediate values they fit into the first-level cache.
 pub const LANES: usize = 32;
-/// Lanes are worked on in groups of this many, so that vectors are full.
+/// Lanes are processed in groups of this size, so that vectors are full.
 pub const GROUP: usize = 8;
 
-/// A number for each event.
+/// One number per event.
 pub type Lane = [f64; LANES];
 /// The same in single precision.
 pub type SingleLane = [f32; LANES];
 
-/// An event as the batch takes it.
+/// Input of the batch for one event.
 #[derive(Clone, Copy, Debug)]
 pub struct BatchEvent {
     /// Column and row in pixels.
     pub pixel: [f64; 2],
     /// Seconds after the centre of the bin.
     pub dt: f64,
-    /// Index of the edge among those of the board.
+    /// Index of the edge in the board's list of edges.
     pub edge: u16,
 }
 
-/// What events see.
+/// The board as the batch needs it.
 #[derive(Clone, Copy)]
 pub struct Scene<'a> {
     /// The edges of the board.
@@ -46,11 +46,11 @@ pub struct Scene<'a> {
     pub ground: &'a BoardGround,
     /// [`BoardShape::radius`] of the board.
     pub radius: f64,
-    /// The metres on the board for each unit of the residual that all events share, where residuals are measured on the board.
+    /// Metres on the board per unit of the residual, if residuals are measured on the board.
     pub mean_scale: Option<f64>,
 }
 
-/// Room for a batch.
+/// Buffers of a batch.
 pub struct EdgeBatch<'a> {
     events: [BatchEvent; LANES],
     spots: [Option<Spot>; LANES],
@@ -61,20 +61,20 @@ pub struct EdgeBatch<'a> {
     count: usize,
 }
 
-/// What is fetched of each event.
+/// Table values of each event.
 struct Rays {
     dt: Lane,
     pixel: [Lane; 2],
-    /// Of a rim its centre; of a line its normal, offset and widths.
+    /// For a rim its centre; for a line its normal, offset and widths.
     edge: [Lane; 5],
     bearing: [Lane; 3],
-    /// From the centre of the cell of the bearing table (px).
+    /// Offset from the centre of the cell of the bearing table (px).
     beside_cell: [Lane; 2],
     by_pixel: [[SingleLane; 3]; 2],
     by_pixel_twice: [[SingleLane; 3]; 3],
 }
 
-/// The way from the events to their edges.
+/// Steps from the events to their edges.
 struct StepsToEdge {
     depth: Lane,
     pixels: [Lane; 2],
@@ -85,17 +85,17 @@ pub struct Edges {
     depth: Lane,
     /// Signed distance in pixels, positive on the light side.
     pub pixels: Lane,
-    /// Metres on the board for each pixel across the edge.
+    /// Metres on the board per pixel across the edge.
     pub scale: Lane,
     /// Derivative of the distance on the board by pixel x and y (metres per pixel).
     pub by_pixel: [Lane; 2],
-    /// Derivative of it by the camera centre in the world frame.
+    /// Derivative of that distance by the camera centre in the world frame.
     pub by_translation: [Lane; 3],
-    /// Derivative of it by a rotation perturbation in the camera frame (metres per radian).
+    /// Derivative of that distance by a rotation perturbation in the camera frame (metres per radian).
     pub by_rotation: [Lane; 3],
-    /// Derivative of it by print ratio and bends of the board.
+    /// Derivative of that distance by print ratio and bends of the board.
     pub by_shape: [Lane; BOARD_PARAMETERS - 1],
-    /// Where the edge is from the centre of the cell, in pixels.
+    /// Offset of the edge from the centre of the cell, in pixels.
     pub beside_cell: [Lane; 2],
     /// Derivative of the pixel by fx and fy.
     pub by_focal_length: [Lane; 2],
@@ -103,7 +103,7 @@ pub struct Edges {
     narrowness: Lane,
     corner_share: Lane,
     memory: Lane,
-    /// How fast the pixel's ray slides along the edge (m/s).
+    /// Speed at which the pixel's ray slides along the edge (m/s).
     pub sliding: Lane,
 }
 
@@ -128,7 +128,7 @@ impl Edges {
         sliding: NOTHING,
     };
 
-    /// How the edge of an event passes its pixel.
+    /// Returns how the edge of an event passes its pixel.
     #[inline(always)]
     pub fn passage(&self, lane: usize) -> EdgePassage {
         EdgePassage {
@@ -151,7 +151,7 @@ impl Rays {
         by_pixel_twice: [[NOTHING_SINGLE; 3]; 3],
     };
 
-    /// The ray of an event's pixel moved by `offset` pixels, and the derivative of its bearing by pixel x and y.
+    /// Returns the ray of an event's pixel shifted by `offset` pixels, and the derivative of its bearing by pixel x and y.
     #[inline(always)]
     fn ray<S: BoardSurface>(
         &self,
@@ -202,7 +202,7 @@ impl<'a> EdgeBatch<'a> {
         self.find_in::<true>(&scene, bearings, pose, events);
     }
 
-    /// The same in a `scene`; only with `COEFFICIENTS` is it fetched how the places depend on the coefficients of the camera model.
+    /// Does the same in a `scene`. Derivatives by the coefficients of the camera model are fetched only with `COEFFICIENTS`.
     #[inline(always)]
     pub fn find_in<const COEFFICIENTS: bool>(
         &mut self,
@@ -217,7 +217,8 @@ impl<'a> EdgeBatch<'a> {
             self.events[lane] = event;
             let spot = bearings.spot(event.pixel[0], event.pixel[1]);
             self.spots[lane] = spot;
-            // The table is read at random. So short a loop has many reads under way at once; the next one would wait for each.
+            // The table is read in random order. This loop is so short that many reads are in flight at once; the next loop would
+            // wait for each.
             touched += spot.map_or(0.0, |spot| bearings.touch(spot));
             if COEFFICIENTS {
                 touched += spot.map_or(0.0, |spot| bearings.touch_coefficients(spot));
@@ -266,12 +267,12 @@ impl<'a> EdgeBatch<'a> {
         edges::<S, E>(&self.rays, surface, view, &self.to_edge, lanes, &mut self.edges);
     }
 
-    /// The edges that were found last.
+    /// Returns the edges of the last call of `find`.
     pub fn edges(&self) -> &Edges {
         &self.edges
     }
 
-    /// For each event the cell of the bearing table where it is; `None` when its edge is not in view.
+    /// Returns the cell of the bearing table for each event; `None` if its edge is not in view.
     pub fn cells(&self) -> &[Option<CoefficientPlace<'a>>] {
         self.cells.get(..self.count).unwrap_or_default()
     }
@@ -325,9 +326,9 @@ fn steps_to_edge<S: BoardSurface, E: LaneEdge>(
     }
 }
 
-/// An edge whose numbers stand in lanes.
+/// An edge whose numbers are stored in lanes.
 trait LaneEdge: BoardEdge {
-    /// The edge of a lane on a board of this [`BoardShape::radius`].
+    /// Returns the edge of a lane on a board with this [`BoardShape::radius`].
     fn of_lane(lanes: &[Lane; 5], lane: usize, radius: f64) -> Self;
 }
 
@@ -348,19 +349,19 @@ impl LaneEdge for Line {
 }
 
 impl Line {
-    /// Normal, offset and widths.
+    /// Returns normal, offset and widths.
     fn numbers(&self) -> [f64; 5] {
         [self.normal[0], self.normal[1], self.offset, self.dark_width, self.light_width]
     }
 }
 
-/// How edges are seen from one pose.
+/// An edge as seen from one pose.
 #[derive(Clone, Copy)]
 struct EdgeView<'a> {
     pose: &'a PoseBin,
     radius: f64,
     plane: &'a ImagePlane,
-    /// The metres on the board for each pixel that all share, if they do.
+    /// Metres on the board per unit of the residual, if it is the same for all events.
     mean_scale: Option<f64>,
 }
 

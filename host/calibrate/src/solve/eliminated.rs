@@ -1,8 +1,8 @@
 //! A segment whose control points are eliminated from the normal equations.
 //!
-//! With the matrix A = LLᵀ of the control points, the border B and the gradient g, all that is asked of them follows from
-//! F = L⁻¹B and f = L⁻¹g: BᵀA⁻¹B = FᵀF, BᵀA⁻¹g = Fᵀf, and the step of the control points is −L⁻ᵀ(f + Fδ) for a step δ of the
-//! global parameters. The vectors of F and f stand side by side in panels.
+//! With the matrix A = LLᵀ of the control points, the border B and the gradient g, everything follows from F = L⁻¹B and f = L⁻¹g:
+//! BᵀA⁻¹B = FᵀF, BᵀA⁻¹g = Fᵀf, and the step of the control points is −L⁻ᵀ(f + Fδ) for a step δ of the global parameters. The
+//! vectors of F and f are stored side by side in panels.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -12,7 +12,7 @@ use super::normal::BorderBlock;
 use evcal_geometry::numerics::banded::BandedCholesky;
 use evcal_geometry::numerics::panel::{PANEL, Panel, panel_product};
 
-/// Parameters of a control point.
+/// Number of parameters of a control point.
 const POINT: usize = 6;
 
 /// See the [module](self).
@@ -20,14 +20,14 @@ pub struct Eliminated {
     factor: BandedCholesky,
     /// F, then f, then zeros.
     panels: Vec<Panel>,
-    /// Vectors of F.
+    /// Number of vectors of F.
     free: usize,
     order: usize,
 }
 
 impl Eliminated {
-    /// Of control points, `order` of which act together, with this `factor` of their matrix, this `border` and `gradient`; the
-    /// parameters that are `free` of the global ones.
+    /// Eliminates control points that act together in groups of `order`, given the `factor` of their matrix, their `border` and
+    /// their `gradient`. `free` are the indices of the estimated global parameters.
     pub fn new(
         factor: BandedCholesky,
         order: usize,
@@ -50,7 +50,7 @@ impl Eliminated {
         Self { factor, panels, free: free.len(), order }
     }
 
-    /// BᵀA⁻¹B and −BᵀA⁻¹g.
+    /// Returns BᵀA⁻¹B and −BᵀA⁻¹g.
     pub fn schur(&self) -> (DMatrix<f64>, DVector<f64>) {
         let pairs: Vec<(usize, usize)> =
             (0..self.panels.len()).flat_map(|row| (0..=row).map(move |column| (row, column))).collect();
@@ -73,7 +73,7 @@ impl Eliminated {
         (schur, right)
     }
 
-    /// The step of the control points when the free global parameters move by `globals`.
+    /// Returns the step of the control points for a step `globals` of the estimated global parameters.
     pub fn back_substitute(&self, globals: &DVector<f64>) -> Vec<f64> {
         let mut step = vec![0.0; self.factor.dimension()];
         let weights = globals.iter().copied().chain([1.0]).collect::<Vec<_>>();
@@ -86,7 +86,7 @@ impl Eliminated {
         step
     }
 
-    /// How the control points follow the free global parameters.
+    /// Returns how the control points follow the estimated global parameters.
     pub fn into_following(mut self) -> Following {
         let factor = &self.factor;
         self.panels.par_iter_mut().for_each(|panel| factor.backward(panel));
@@ -94,7 +94,7 @@ impl Eliminated {
     }
 }
 
-/// How the control points of a segment follow the free global parameters: A⁻¹B, in panels.
+/// Derivatives of the control points of a segment by the estimated global parameters, with a minus sign: A⁻¹B, in panels.
 pub struct Following {
     factor: BandedCholesky,
     panels: Vec<Panel>,
@@ -103,7 +103,7 @@ pub struct Following {
 }
 
 impl Following {
-    /// Those of `count` control points from `first` on, six rows each, a column for each free global parameter.
+    /// Returns the rows of `count` control points from `first` on, six each, with a column for each estimated global parameter.
     pub fn of_points(&self, first: usize, count: usize) -> DMatrix<f64> {
         let entry = |row: usize, column: usize| {
             let panel = self.panels.get(column / PANEL).and_then(|panel| panel.get(POINT * first + row));
@@ -112,8 +112,8 @@ impl Following {
         DMatrix::from_fn(POINT * count, self.free, entry)
     }
 
-    /// Covariance of the control points, when the global parameters have the covariance `globals`: that near the diagonal of
-    /// A⁻¹ + A⁻¹B · globals · (A⁻¹B)ᵀ. `columns` says which of the free global parameters these are.
+    /// Returns the covariance of the control points when the global parameters have the covariance `globals`: the part of A⁻¹ +
+    /// A⁻¹B · globals · (A⁻¹B)ᵀ near the diagonal. `columns` are the indices of these parameters among the estimated ones.
     pub fn control_covariance(&self, columns: &[usize], globals: &DMatrix<f64>) -> Option<ControlCovariance> {
         let (own, order) = (self.factor.inverse_band(), self.order);
         let root = globals.clone().cholesky()?.unpack();
@@ -140,7 +140,8 @@ pub struct ControlCovariance {
 }
 
 impl ControlCovariance {
-    /// Covariance of control point `point` with the one `back` before it; `None` beyond those that act together.
+    /// Returns the covariance of control point `point` with the one `back` before it; `None` for control points that do not act
+    /// together.
     pub fn block(&self, point: usize, back: usize) -> Option<&Block> {
         (back < self.order).then_some(())?;
         self.blocks.get(point * self.order + back)

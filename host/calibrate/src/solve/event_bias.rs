@@ -1,18 +1,17 @@
-//! Where events sit relative to the geometric edge of a dot.
+//! Distances at which events happen relative to the geometric edge of a dot.
 //!
-//! Events do not happen on the edge: contrast thresholds act on log intensity (the dot looks
-//! smaller), each further event of a burst lies deeper in the blurred edge, the blur shifts a curved
-//! edge more than a straight one, and the pixel's latency moves edges along the motion, less than in
-//! proportion at high speed, and more towards the corners, where lenses give less light. Each event
-//! class (polarity × rank in the burst × length of the burst) therefore has its own biases and spread, estimated together
-//! with the camera: an event of class c on an edge that moves with normal speed v, of a dot whose
+//! Events do not happen on the edge. Contrast thresholds act on log intensity (the dot looks smaller), each further event of a
+//! burst lies deeper in the blurred edge, and blur shifts a curved edge more than a straight one. The pixel's latency shifts
+//! edges along the motion; at high speed the shift grows less than in proportion, and it grows towards the corners, where lenses
+//! transmit less light. Each event class (polarity × rank in the burst × length of the burst) therefore has its own biases and
+//! spread, estimated together with the camera. An event of class c, on an edge that moves with normal speed v, of a dot whose
 //! radius is ρ pixels, lies
 //! `offset + curvature / ρ + bend v² + corner_latency v s² + curvature_latency v / ρ + memory a`
-//! from the edge, `latency` after its passage; s is the distance from the middle of the sensor, 1 at
-//! its corners, and a the acceleration with which a round dot passes a pixel off its middle. At the straight edge of a square ρ is the
-//! width of the dark strip and 1 / a that of the light one: the next edge reaches into the blur of this one.
-//! Its spread depends on the speed: slow edges give noise the time to move events, fast ones turn
-//! differences between pixels' latencies into pixels.
+//! from the edge, `latency` after its passage. s is the distance from the middle of the sensor, 1 at its corners, and a the
+//! acceleration of the edge of a round dot that does not pass the pixel centrally. At the straight edge of a square, ρ is the width
+//! of the dark strip and 1 / a the width of the light one, because the next edge reaches into the blur of this one. The spread
+//! depends on the speed: at slow edges noise has the time to shift events, at fast ones differences between pixels' latencies
+//! become pixels.
 
 pub mod bias;
 pub mod first_events;
@@ -23,27 +22,27 @@ use evcal_core::event::Polarity;
 use crate::solve::burst::{BurstLength, BurstPlace, MAX_RANK, RANK_COUNT};
 use bias::{Bias, Biases};
 
-/// Number of classes of each length of bursts: two polarities × ranks.
+/// Number of classes for each length of bursts: two polarities × ranks.
 pub const CLASSES_OF_LENGTH: usize = 2 * RANK_COUNT;
-/// Number of event classes: those of long bursts, then those of shorter ones.
+/// Number of event classes: first the classes of long bursts, then the classes of shorter ones.
 pub const CLASS_COUNT: usize = BurstLength::COUNT * CLASSES_OF_LENGTH;
-/// Classes of shorter bursts have so many biases of their own, the first ones: offset and latency. The others are those of
-/// the class of long bursts that differs in this only.
+/// Number of biases of its own that a class of shorter bursts has, the first ones: offset and latency. It shares the others with
+/// the class of long bursts of the same polarity and rank.
 const BIASES_OF_SHORTER: usize = 2;
 /// Number of biases of all classes.
 pub const BIAS_COUNT: usize = Bias::COUNT * CLASSES_OF_LENGTH + BIASES_OF_SHORTER * (CLASS_COUNT - CLASSES_OF_LENGTH);
 
-/// Whether classes that differ in the length of the bursts only share `bias`.
+/// Returns `true` if classes that differ only in the length of the bursts share `bias`.
 pub const fn is_shared_bias(bias: Bias) -> bool {
     bias.index() >= BIASES_OF_SHORTER
 }
 
-/// Whether `bias` is one that `class` does not share with an earlier class.
+/// Returns `true` if `bias` is not shared by `class` with an earlier class.
 pub const fn is_own_bias(class: usize, bias: Bias) -> bool {
     class < CLASSES_OF_LENGTH || !is_shared_bias(bias)
 }
 
-/// Place of a bias of `class` among those of all classes, below [`BIAS_COUNT`].
+/// Returns the index of a bias of `class` among the biases of all classes, below [`BIAS_COUNT`].
 pub const fn bias_place(class: usize, bias: Bias) -> usize {
     if class >= CLASSES_OF_LENGTH && is_own_bias(class, bias) {
         Bias::COUNT * CLASSES_OF_LENGTH + BIASES_OF_SHORTER * (class - CLASSES_OF_LENGTH) + bias.index()
@@ -52,23 +51,23 @@ pub const fn bias_place(class: usize, bias: Bias) -> usize {
     }
 }
 
-/// What the events of a class have in common.
+/// Properties that all events of a class share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EventKind {
     /// Darker or brighter.
     pub polarity: Polarity,
-    /// Place in the bursts of their pixel.
+    /// Rank and length of the burst.
     pub place: BurstPlace,
 }
 
 impl EventKind {
-    /// Index of the class: those of long bursts come first, of each length OFF before ON.
+    /// Returns the index of the class: long bursts come first, and within each length OFF before ON.
     pub fn class(&self) -> usize {
         let burst = 2 * self.place.length.index() + self.polarity.index();
         burst * RANK_COUNT + usize::from(self.place.rank.min(MAX_RANK))
     }
 
-    /// The events of class number `class`, which is below [`CLASS_COUNT`].
+    /// Returns the kind of the events of class number `class`, which is below [`CLASS_COUNT`].
     pub fn of_class(class: usize) -> Self {
         let burst = class / RANK_COUNT;
         let polarity = if burst.is_multiple_of(2) { Polarity::Off } else { Polarity::On };
@@ -78,25 +77,25 @@ impl EventKind {
     }
 }
 
-/// What is known of one event class.
+/// Estimates for one event class.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClassBias {
-    /// What shifts its events from the edge.
+    /// Biases of the distance from the edge.
     pub biases: Biases<f64>,
     /// Spread of the class in pixels, for each of the ranges of normal speed of [`speed_range`].
     pub sigma: [f64; SPEED_RANGE_COUNT],
 }
 
-/// Number of ranges of speed in which the spread of a class is told apart.
+/// Number of speed ranges with a spread of their own.
 pub const SPEED_RANGE_COUNT: usize = 5;
 
-/// In which range the normal speed of an edge is: below 100, 200, 400, 800 px/s, or above.
+/// Returns the range of a normal speed of an edge: below 100, 200, 400, 800 px/s, or above.
 pub fn speed_range(normal_speed: f64) -> usize {
     let speed = normal_speed.abs();
     [100.0, 200.0, 400.0, 800.0].iter().filter(|&&bound| speed >= bound).count()
 }
 
-/// How an edge passes a pixel.
+/// Motion of an edge as it passes a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgePassage {
     /// Normal speed in px/s, positive where the pixel becomes brighter.
@@ -111,7 +110,7 @@ pub struct EdgePassage {
 }
 
 impl EdgePassage {
-    /// Derivatives of the expected distance by the biases of the class.
+    /// Returns the derivatives of the expected distance by the biases of the class.
     #[inline(always)]
     pub fn derivatives(&self) -> Biases<f64> {
         let speed = self.normal_speed;
@@ -128,15 +127,15 @@ impl EdgePassage {
 }
 
 impl ClassBias {
-    /// Distance in pixels from the edge at which an event of the class is expected, the latency left
-    /// out: that one moves the pose.
+    /// Returns the distance in pixels from the edge at which an event of the class is expected, without the latency, which acts
+    /// on the pose instead.
     #[inline(always)]
     pub fn distance(&self, passage: &EdgePassage) -> f64 {
         expected_distance(&self.biases, passage)
     }
 }
 
-/// Distance in pixels from the edge at which an event with these biases is expected, the latency left out.
+/// Returns the distance in pixels from the edge at which an event with these biases is expected, without the latency.
 #[inline(always)]
 pub fn expected_distance(biases: &Biases<f64>, passage: &EdgePassage) -> f64 {
     let EdgePassage { normal_speed, narrowness, corner_share, memory } = *passage;
@@ -149,7 +148,7 @@ pub fn expected_distance(biases: &Biases<f64>, passage: &EdgePassage) -> f64 {
 /// Biases of all event classes.
 pub type EventBias = [ClassBias; CLASS_COUNT];
 
-/// Before anything is known: no offset, no latency, a spread of `sigma` pixels.
+/// Returns the start values: no offset, no latency, a spread of `sigma` pixels.
 pub fn unknown(sigma: f64) -> EventBias {
     [ClassBias { biases: Biases::default(), sigma: [sigma; SPEED_RANGE_COUNT] }; CLASS_COUNT]
 }
@@ -187,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_are_those_of_the_distance() {
+    fn derivatives_agree_with_the_distance() {
         let passage = EdgePassage { normal_speed: 300.0, narrowness: 0.1, corner_share: 0.6, memory: -2000.0 };
         let [known, ..] = unknown(1.0);
         for bias in Bias::ALL.into_iter().filter(|&bias| bias != Bias::Latency) {

@@ -1,17 +1,15 @@
 //! The residual of one event and its derivatives.
 //!
-//! The residual is the distance in pixels from the event's pixel m to the projected edge, minus the
-//! distance at which its class is expected. One Newton step from m gives a point m' on the edge;
-//! there the board distance f ([`board_ray`](super::board_ray)), its gradient and all derivatives are
-//! taken: r = n'·(m − m') + f(m') / s(m') − expected distance, with n' the unit normal. Derivatives
-//! taken at m instead would leave out how the scale itself answers to the parameters, which is of the
-//! same order as the weakest combinations of parameters. For the paper's plane residual, r = f(m)
-//! over a constant scale.
+//! The residual is the distance in pixels from the event's pixel m to the projected edge, minus the distance at which its class
+//! is expected. One Newton step from m leads to a point m' on the edge. The board distance f ([`board_ray`](super::board_ray)),
+//! its gradient and all derivatives are taken there: r = n'·(m − m') + f(m') / s(m') − expected distance, with n' the unit
+//! normal. Derivatives taken at m would omit how the scale itself depends on the parameters; this is of the same order as the
+//! weakest combinations of parameters. For the paper's plane residual, r is f(m) divided by a constant scale.
 //!
-//! ∂r/∂k = −n' · ∂m'/∂k, ∂r/∂radius = −1/s, ∂r/∂offset = −1, ∂r/∂latency = −v, ∂r/∂bend = −v², ∂r/∂curvature = −1/ρ,
-//! ∂r/∂(corner latency) = −v s², ∂r/∂(curvature latency) = −v/ρ, ∂r/∂memory = −a, with the normal speed
-//! v = dr/dt, the radius or width ρ in pixels of what the edge encloses, the distance s from the middle of the sensor and the edge's
-//! acceleration a (see [`crate::solve::event_bias`]).
+//! ∂r/∂k = −n' · ∂m'/∂k, ∂r/∂radius = −1/s, ∂r/∂offset = −1, ∂r/∂latency = −v, ∂r/∂bend = −v², ∂r/∂curvature = −1/ρ, ∂r/∂(corner
+//! latency) = −v s², ∂r/∂(curvature latency) = −v/ρ, ∂r/∂memory = −a. v = dr/dt is the normal speed, ρ the radius of the dot or
+//! the width of the strip in pixels, s the distance from the middle of the sensor and a the edge's acceleration (see
+//! [`crate::solve::event_bias`]).
 
 use evcal_core::camera::MAX_PARAMETERS;
 
@@ -23,20 +21,20 @@ use super::board_edge::BoardEdge;
 use super::board_ray::EdgeDistance;
 use super::pose_bin::PoseBin;
 
-/// Length of a row: pose (rotation 3, translation 3), residual, intrinsics, board and biases of the class, each part at a
-/// multiple of four. Single precision is enough: the rows are weights of sums over many events.
+/// Length of a row: pose (rotation 3, translation 3), residual, intrinsics, board and biases of the class; each part begins at a
+/// multiple of four. Single precision is enough because rows are summed over many events.
 pub const ROW: usize = 32;
-/// Where the residual stands in a row.
+/// Index of the residual in a row.
 pub const ROW_RESIDUAL: usize = 6;
-/// Where the intrinsics begin in a row.
+/// Index of the first intrinsic in a row.
 pub const ROW_INTRINSICS: usize = 8;
-/// Where the coefficients of the camera model begin in a row, after fx, fy, cx and cy.
+/// Index of the first coefficient of the camera model in a row, after fx, fy, cx and cy.
 pub const ROW_COEFFICIENTS: usize = ROW_INTRINSICS + 4;
-/// Where the parameters of the board begin in a row.
+/// Index of the first parameter of the board in a row.
 pub const ROW_BOARD: usize = 20;
-/// Where the biases of the class begin in a row.
+/// Index of the first bias of the class in a row.
 pub const ROW_BIASES: usize = 24;
-/// Where a bias of the class stands in a row.
+/// Returns the index of a bias of the class in a row.
 pub const fn row_bias(bias: Bias) -> usize {
     ROW_BIASES + bias.index()
 }
@@ -44,7 +42,7 @@ const _: () = assert!(ROW_INTRINSICS + MAX_PARAMETERS <= ROW_BOARD && ROW_BOARD 
 const _: () = assert!(ROW_BIASES + Bias::COUNT <= ROW);
 
 impl EdgeDistance {
-    /// Distance in metres of the event that is `step` pixels from here, to first order.
+    /// Returns the distance in metres at `step` pixels from here, to first order.
     #[inline(always)]
     pub fn beyond(&self, step: [f64; 2]) -> f64 {
         self.by_pixel[0] * step[0] + self.by_pixel[1] * step[1] + self.metres
@@ -52,8 +50,8 @@ impl EdgeDistance {
 }
 
 impl EdgePassage {
-    /// How the `edge` at `distance` passes, in whose place `corner_share` is the squared distance from the middle of the
-    /// sensor.
+    /// Returns how the `edge` at `distance` passes a pixel whose squared distance from the middle of the sensor is
+    /// `corner_share`.
     #[inline(always)]
     pub fn new(pose: &PoseBin, distance: &EdgeDistance, corner_share: f64, edge: impl BoardEdge) -> Self {
         Self {
@@ -65,7 +63,7 @@ impl EdgePassage {
     }
 }
 
-/// Newton's step from the edge to the pixel, in pixels.
+/// Returns Newton's step from the edge to the pixel, in pixels.
 #[inline(always)]
 pub fn step_to_edge(at_event: &EdgeDistance) -> [f64; 2] {
     let step = at_event.metres / (at_event.scale * at_event.scale);
@@ -91,7 +89,7 @@ mod tests {
     use evcal_geometry::board::shape::{BoardShape, CircleArea, Surface};
     use nalgebra::{Rotation3, Vector3};
 
-    /// An event and where it looks: what a batch computes of many, of one.
+    /// An event and its ray: the data that a batch computes for many events, for one.
     pub struct EventRay<S: BoardSurface> {
         /// Column and row.
         pub pixel: [f64; 2],
@@ -99,7 +97,7 @@ mod tests {
         pub dt: f64,
         /// Its ray.
         pub ray: BoardRay<S>,
-        /// How its bearing changes with column and row.
+        /// Derivative of its bearing by column and row.
         pub by_pixel: [[f64; 3]; 2],
     }
 
@@ -108,14 +106,14 @@ mod tests {
     pub struct EventEdge {
         /// Signed distance in pixels, positive on the light side.
         pub pixels: f64,
-        /// The board distance where derivatives are taken.
+        /// The board distance at the position where derivatives are taken.
         pub distance: EdgeDistance,
-        /// How the edge passes the pixel.
+        /// Motion of the edge as it passes the pixel.
         pub passage: EdgePassage,
     }
 
     impl EventEdge {
-        /// The `edge` of the print for an event; `None` when it is not in view there.
+        /// Finds the `edge` of the print for an event; `None` if it is not in view there.
         pub fn of_event<S: BoardSurface>(
             bearings: &BearingTable,
             pose: &PoseBin,
@@ -160,12 +158,12 @@ mod tests {
         (Rotation3::from_euler_angles(0.25, -0.3, 0.8), Vector3::new(0.2, 0.4, -0.7))
     }
 
-    /// Where a point of the circle's rim is seen.
+    /// Projects a point of the circle's rim.
     fn rim(camera: &Camera<f64>, shape: &BoardShape) -> nalgebra::Vector2<f64> {
         seen(camera, shape, [CENTER[0] + shape.radius * 0.6, CENTER[1] + shape.radius * 0.8])
     }
 
-    /// Where a `place` on the print is seen.
+    /// Projects a `place` on the print.
     fn seen(camera: &Camera<f64>, shape: &BoardShape, place: [f64; 2]) -> nalgebra::Vector2<f64> {
         let (rotation, translation) = reference_pose();
         let place = Vector3::from(Surface::new(&AREA, shape).place(place));
@@ -176,7 +174,7 @@ mod tests {
         BoardEdges::Rims(vec![CENTER])
     }
 
-    /// A line that is light towards higher y.
+    /// A line whose light side is at higher y.
     fn line() -> BoardEdges {
         BoardEdges::Lines(vec![Line {
             normal: [0.0, 1.0],
@@ -209,7 +207,7 @@ mod tests {
         }
     }
 
-    /// The residual of the event at `pixel`, and its row.
+    /// Returns the residual of the event at `pixel`, and its row.
     fn residual(
         edges: &BoardEdges,
         camera: &Camera<f64>,
@@ -231,8 +229,8 @@ mod tests {
         (rows.residual(0), rows.rows().0[0])
     }
 
-    /// Compares the row of an event `beside` pixels from an edge, the rim of the circle or the line, on a board of this `shape` with
-    /// central differences.
+    /// Compares the row of an event at the offset `beside` (pixels) from an edge, the rim of the circle or the line, on a board
+    /// of this `shape`, with central differences.
     fn assert_derivatives(edges: &BoardEdges, shape: BoardShape, beside: [f64; 2], tolerance: f64) {
         let assert_close = |analytic: f64, numeric: f64, what: &str| {
             let close = (analytic - numeric).abs() < tolerance * (1.0 + numeric.abs());
@@ -277,7 +275,7 @@ mod tests {
         assert_close(row[row_bias(Bias::Latency)], difference(at(-STEP), at(STEP)), "latency");
         assert_close(row[row_bias(Bias::Offset)], -1.0, "offset");
         assert_close(row[ROW_RESIDUAL], residual(&reference, &bin, 0.0, pixel, &shape).0, "residual");
-        // The ratio in tenths: where its derivative is small by the place on the rim, what is left of second order is not.
+        // The ratio in tenths: where its derivative is small, the remainder of second order is not.
         let units = [0.1, 1.0, 1.0, 1.0];
         let changes: [fn(&mut BoardShape, f64); BOARD_PARAMETERS] = [
             |shape, step| shape.print_ratio += 0.1 * step,
@@ -305,8 +303,8 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_are_nearly_those_of_the_edge_one_newton_step_away() {
-        // What is left after one step towards a curved edge is of second order in the distance.
+    fn derivatives_nearly_agree_with_the_edge_one_newton_step_away() {
+        // The remainder after one step towards a curved edge is of second order in the distance.
         for shape in [FLAT, SHAPED] {
             for edges in [circle(), line()] {
                 assert_derivatives(&edges, shape, [0.4, 0.3], 2e-3);
@@ -372,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shaped_board_without_a_shape_is_the_flat_one() {
+    fn a_shaped_board_with_zero_shape_equals_the_flat_one() {
         let (rotation, translation) = reference_pose();
         let (bin, reference) = (moving_at(rotation, translation), camera(&PARAMETERS));
         let nearly = BoardShape { print_ratio: 1.0 + 1e-13, ..FLAT };

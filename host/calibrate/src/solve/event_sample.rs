@@ -1,8 +1,8 @@
 //! An even sample of the events of all recordings, held in memory.
 //!
-//! The place of an event in the bursts of its pixel needs all events before it and some after it, so that the recording is followed once
-//! from its beginning to its end, and events wait until their bursts are over. The rounds of association use a part of the events only:
-//! as many as fit are kept with their places while the board is looked for, and the recording is not read again.
+//! The rank of an event in its burst requires all earlier events of the pixel and some later ones. So a recording is read once
+//! from beginning to end, and events wait until their bursts are over. The rounds of association use only a part of the events:
+//! as many as fit into memory are kept with their ranks during detection, so that the recording is not read again.
 
 use std::collections::VecDeque;
 
@@ -11,7 +11,7 @@ use evcal_core::sensor::Sensor;
 
 use super::burst::{BurstBeginning, BurstLength, BurstPlace, BurstTracker};
 
-/// An event and its place in the bursts of its pixel.
+/// An event with its rank and burst length.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RankedEvent {
     /// Time in microseconds since the start of the recording.
@@ -22,26 +22,27 @@ pub struct RankedEvent {
     pub y: u16,
     /// Direction of the change.
     pub polarity: Polarity,
-    /// Place in the bursts of its pixel.
+    /// Rank and length of its burst.
     pub place: BurstPlace,
 }
 
-/// Where an event stands in an even, fixed order of thinning: a share of events is those whose place is below it.
+/// Returns the position of an event in an even, fixed order of thinning. A share of the events consists of those whose position
+/// is below a bound.
 ///
-/// A multiple of the golden ratio spreads any share evenly over neighbouring ordinals.
+/// Multiples of the golden ratio spread any share evenly over neighbouring ordinals.
 fn thinning_place(ordinal: u64) -> u32 {
     (ordinal.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) as u32
 }
 
-/// The places of a share of 0 to 1 are below this.
+/// Returns the bound below which the positions of a share of 0 to 1 lie.
 fn places(share: f64) -> u64 {
     (share * 2.0_f64.powi(32)).round().clamp(0.0, 2.0_f64.powi(32)) as u64
 }
 
-/// Longest pause within a burst (µs), and so for how long events wait for the end of theirs.
+/// Longest pause within a burst (µs), which is also the time that events wait for the end of their burst.
 const BURST_PAUSE: i64 = 100_000;
 
-/// Follows one recording, and hands on the ranked events of a share.
+/// Ranks the events of one recording and passes on a share of them.
 pub struct Thinning {
     bursts: BurstTracker,
     ordinal: u64,
@@ -50,12 +51,12 @@ pub struct Thinning {
     waiting: VecDeque<Waiting>,
 }
 
-/// An event whose burst may go on, in 16 bytes: of 20 million a second, two million wait at a time.
+/// An event whose burst may continue, in 16 bytes: at 20 million events per second, two million wait at a time.
 #[derive(Clone, Copy, Debug)]
 struct Waiting {
-    /// The lowest bits of the time (µs). The rest follows from the latest event, which is never more than [`BURST_PAUSE`] away.
+    /// The lowest bits of the time (µs). The rest follows from the latest event, which is at most [`BURST_PAUSE`] later.
     t: u32,
-    /// Place in the order of thinning.
+    /// Position in the order of thinning.
     order: u32,
     x: u16,
     y: u16,
@@ -66,7 +67,7 @@ struct Waiting {
 const _: () = assert!(size_of::<Waiting>() == 16);
 
 impl Waiting {
-    /// Its time (µs), where `latest` is that of the latest event.
+    /// Returns the time (µs), given the time `latest` of the latest event.
     fn t(&self, latest: i64) -> i64 {
         let before = (latest as u32).wrapping_sub(self.t) as i32;
         latest - i64::from(before)
@@ -74,13 +75,13 @@ impl Waiting {
 }
 
 impl Thinning {
-    /// For a recording of this sensor.
+    /// Creates the thinning of a recording of this sensor.
     pub fn new(sensor: Sensor) -> Self {
         Self { bursts: BurstTracker::new(sensor, BURST_PAUSE), ordinal: 0, latest: 0, waiting: VecDeque::new() }
     }
 
-    /// Takes the next events of the recording; their times count from its start in microseconds. Those whose
-    /// place is below `places` wait, and `keep` gets those that have waited for long enough.
+    /// Takes the next events of the recording; their times are microseconds since its start. Events whose position is below
+    /// `places` wait, and `keep` gets those whose burst is over.
     fn push(&mut self, events: &[Event], places: u64, mut keep: impl FnMut(RankedEvent, u32)) {
         for event in events {
             let over = event.t.saturating_sub(BURST_PAUSE);
@@ -105,33 +106,33 @@ impl Thinning {
         RankedEvent { t, x, y, polarity, place: self.bursts.place(x, y, beginning) }
     }
 
-    /// The recording is over: `keep` gets the events that still wait.
+    /// Ends the recording: `keep` gets the events that still wait.
     fn end(&mut self, mut keep: impl FnMut(RankedEvent, u32)) {
         for event in std::mem::take(&mut self.waiting) {
             keep(self.ranked(&event), event.order);
         }
     }
 
-    /// Appends events to `kept` that belong to a share of 0 to 1: those of the next ones, as soon as their bursts are over.
+    /// Takes the next events, and appends a share of 0 to 1 of them to `kept` as soon as their bursts are over.
     pub fn take(&mut self, events: &[Event], share: f64, kept: &mut Vec<RankedEvent>) {
         self.push(events, places(share), |event, _| kept.push(event));
     }
 
-    /// Appends those that still wait at the end of the recording to `kept`.
+    /// Appends the events that still wait at the end of the recording to `kept`.
     pub fn take_rest(&mut self, kept: &mut Vec<RankedEvent>) {
         self.end(|event, _| kept.push(event));
     }
 }
 
-/// Part of the sample that stays when it has become too large.
+/// Share of the sample that is kept when it has become too large.
 const STAYS: f64 = 0.75;
-/// Events that are handed out in one batch.
+/// Number of events in one batch.
 const BATCH: usize = 32_768;
 
-/// Events of a run, at most.
+/// Most events of a run.
 const RUN: usize = 32_768;
 
-/// Some events in a row, in 13 bytes each.
+/// Consecutive events, in 13 bytes each.
 #[derive(Clone, Debug)]
 pub struct Run {
     /// Time of the first event (µs).
@@ -146,7 +147,7 @@ struct CompactEvent {
     t: u32,
     x: u16,
     y: u16,
-    /// Place in the order of thinning.
+    /// Position in the order of thinning.
     place: u32,
 }
 
@@ -174,13 +175,13 @@ impl Run {
         Self { start, events: Vec::with_capacity(RUN), kinds: Vec::with_capacity(RUN) }
     }
 
-    /// How long after its start a time is, where an event of that time has room.
+    /// Returns the time after the start of the run, if an event of time `t` fits into the run.
     fn room_for(&self, t: i64) -> Option<u32> {
         let after = t.checked_sub(self.start).and_then(|after| u32::try_from(after).ok())?;
         (self.events.len() < RUN).then_some(after)
     }
 
-    /// Keeps the events whose place in the order of thinning is below `places`.
+    /// Keeps the events whose position in the order of thinning is below `places`.
     fn thin_to(&mut self, places: u64) {
         let mut stays = self.events.iter().map(|event| u64::from(event.place) < places);
         self.kinds.retain(|_| stays.next().unwrap_or(false));
@@ -189,25 +190,25 @@ impl Run {
         self.kinds.shrink_to_fit();
     }
 
-    /// By how much (µs) `other`, which follows it, starts later, where there is room for all its events.
+    /// Returns by how much (µs) the later run `other` starts after this one, if all its events fit into this one.
     fn room_for_all_of(&self, other: &Self) -> Option<u32> {
         let later = u32::try_from(other.start.checked_sub(self.start)?).ok()?;
         let last = other.events.last().map_or(0, |event| event.t);
         (later.checked_add(last).is_some() && self.events.len() + other.events.len() <= RUN).then_some(later)
     }
 
-    /// Adds the events of `other`, which starts so much `later` (µs).
+    /// Adds the events of `other`, which starts `later` µs after this run.
     fn append(&mut self, other: &Self, later: u32) {
         self.events.extend(other.events.iter().map(|event| CompactEvent { t: event.t + later, ..*event }));
         self.kinds.extend_from_slice(&other.kinds);
     }
 
-    /// Its events in order of time.
+    /// Returns the events in order of time.
     pub fn events(&self) -> impl Iterator<Item = RankedEvent> + '_ {
         self.placed().map(|(event, _)| event)
     }
 
-    /// The same, each with its place in the order of thinning.
+    /// Returns the events in order of time, each with its position in the order of thinning.
     fn placed(&self) -> impl Iterator<Item = (RankedEvent, u32)> + '_ {
         self.events.iter().zip(&self.kinds).map(|(&CompactEvent { t, x, y, place }, kind)| {
             let t = self.start + i64::from(t);
@@ -216,7 +217,7 @@ impl Run {
     }
 }
 
-/// The ranked events of one recording that are kept, in runs, so that no more room is taken than they need.
+/// The kept events of one recording, in runs, so that they take no more memory than they need.
 #[derive(Clone, Debug, Default)]
 struct Kept {
     runs: Vec<Run>,
@@ -262,32 +263,32 @@ pub struct EventSample {
 }
 
 impl EventSample {
-    /// Room for `most` events, at least one, of all recordings together; each takes 13 bytes.
+    /// Creates a sample of at most `most` events of all recordings together (at least one); each takes 13 bytes.
     pub fn new(most: usize) -> Self {
         Self { recordings: Vec::new(), most: most.max(1), share: 1.0 }
     }
 
-    /// The next events belong to recording number `recording`.
+    /// Begins recording number `recording`; the next events belong to it.
     pub fn begin(&mut self, recording: usize) {
         self.recordings.resize_with(self.recordings.len().max(recording + 1), Kept::default);
     }
 
-    /// Takes the next events of the recording that began last, which `thinning` follows.
+    /// Adds the next events of the current recording; `thinning` is the recording's.
     pub fn push(&mut self, events: &[Event], thinning: &mut Thinning) {
         self.follow(thinning, |thinning, places, keep| thinning.push(events, places, keep));
     }
 
-    /// Passes the next events of the recording that began last, of which none is taken.
+    /// Passes the next events of the current recording to `thinning` without keeping any of them.
     pub fn pass(&mut self, events: &[Event], thinning: &mut Thinning) {
         self.follow(thinning, |thinning, _, keep| thinning.push(events, 0, keep));
     }
 
-    /// The recording that began last is over.
+    /// Ends the current recording.
     pub fn end(&mut self, thinning: &mut Thinning) {
         self.follow(thinning, |thinning, _, keep| thinning.end(keep));
     }
 
-    /// Keeps what `thinning` hands on in a `step`, which gets the places that events of the sample have.
+    /// Runs `step`, which gets the bound of the positions in the sample, and keeps the events that `thinning` passes on.
     fn follow(
         &mut self,
         thinning: &mut Thinning,
@@ -295,7 +296,7 @@ impl EventSample {
     ) {
         let places = places(self.share);
         let Some(kept) = self.recordings.last_mut() else { return };
-        // The share may have become smaller while events waited.
+        // The share may have decreased while events waited.
         step(thinning, places, &mut |event, place| {
             if u64::from(place) < places {
                 kept.push(event, place);
@@ -312,20 +313,20 @@ impl EventSample {
         }
     }
 
-    /// A smaller sample, of at most `most` events.
+    /// Returns a smaller sample, of at most `most` events.
     pub fn thinned(mut self, most: usize) -> Self {
         self.most = most.max(1);
         self.thin();
         self
     }
 
-    /// All events of a recording that it has, in the order of time.
+    /// Returns all sampled events of a recording, in the order of time.
     pub fn runs(&self, recording: usize) -> &[Run] {
         self.recordings.get(recording).map_or(&[], |kept| &kept.runs)
     }
 
-    /// Hands the events of a share of 0 to 1 of a recording to `visit`, batch by batch in the order of time. False, and
-    /// none are, if the sample has not all of them.
+    /// Passes the events of a share of 0 to 1 of a recording to `visit`, batch by batch in the order of time. Returns `false`
+    /// without a call if the sample does not contain all of them.
     pub fn read(&self, recording: usize, share: f64, visit: &mut dyn FnMut(&[RankedEvent])) -> bool {
         let (Some(kept), true) = (self.recordings.get(recording), share <= self.share) else { return false };
         let places = places(share);
@@ -334,7 +335,7 @@ impl EventSample {
             if u64::from(place) < places {
                 batch.push(event);
             }
-            // Full ones, however small the share: what is done with them is shared among threads.
+            // Batches are full however small the share, because their processing is shared among threads.
             if batch.len() == BATCH {
                 visit(&batch);
                 batch.clear();
@@ -381,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn thinning_keeps_the_share_that_is_asked_for() {
+    fn thinning_keeps_the_requested_share() {
         let events = events(100_000);
         for share in [0.0, 0.1, 0.5, 0.9, 1.0] {
             let kept = streamed(&events, share).len();
@@ -390,9 +391,9 @@ mod tests {
     }
 
     #[test]
-    fn times_survive_the_waiting() {
+    fn times_are_unchanged_after_waiting() {
         let hours = 3_600_000_000;
-        // Within a burst, after the longest silence, and where the lowest bits of the time begin anew.
+        // Within a burst, after the longest silence, and where the lowest bits of the time wrap.
         let times = [0, 1, 50_000, hours, 30 * hours, (1 << 37) - 10, (1 << 37) + 10, (1 << 37) + 99_000, i64::MAX / 2];
         let event = |t: i64| Event { t, x: (t % 64) as u16, y: 3, polarity: Polarity::On };
         let kept = streamed(&times.map(event), 1.0);
@@ -400,7 +401,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sample_gives_what_the_recording_gives() {
+    fn the_sample_returns_the_same_events_as_the_recording() {
         let recordings = [events(20_000), events(30_000)];
         let sample = sampled(&recordings, 10_000);
         let held: usize = sample.recordings.iter().map(Kept::len).sum();
@@ -415,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn what_it_does_not_have_it_does_not_give() {
+    fn a_share_above_that_of_the_sample_is_not_returned() {
         let sample = sampled(&[events(20_000)], 10_000);
         let none = &mut |_: &[RankedEvent]| panic!("events");
         assert!(!sample.read(0, 1.0, none));

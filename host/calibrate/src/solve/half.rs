@@ -1,7 +1,7 @@
-//! A half of the observations, without its control points.
+//! A half of the observations, with its control points eliminated.
 //!
-//! A half consists of slices of time. Between two of them lies one of the other half, so the trajectory along a slice depends on the events
-//! of that slice alone: the control points of each are eliminated apart.
+//! A half consists of slices of time that alternate with slices of the other half. The trajectory along a slice therefore depends
+//! only on the events of that slice, and the control points of each slice are eliminated separately.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -12,10 +12,10 @@ use super::places;
 use super::stretch::Stretch;
 use super::system::{Holds, SegmentSystem};
 
-/// Damping, relative to the diagonal: it keeps a parameter about which a half says nothing where it is.
+/// Damping, relative to the diagonal: it keeps a parameter that the half does not determine where it is.
 const DAMPING: f64 = 1e-6;
 
-/// The equations of the free global parameters.
+/// The normal equations of the estimated global parameters.
 pub struct Half {
     free: Vec<usize>,
     information: DMatrix<f64>,
@@ -24,26 +24,26 @@ pub struct Half {
     pub loss: Loss,
 }
 
-/// The free global parameters of a half, from those of the whole.
+/// Step of the estimated global parameters of a half, from their values in the whole.
 pub struct SolvedHalf {
-    /// Step of all global parameters, zero for those that are not free.
+    /// Step of all global parameters, zero for fixed ones.
     pub globals: [f64; GLOBAL_COUNT],
-    /// Covariance of the free parameters, if observations were independent.
+    /// Covariance of the estimated parameters, if observations were independent.
     pub formal: DMatrix<f64>,
-    /// By how much the step lowers the cost.
+    /// Decrease of the cost by the step.
     pub decrease: f64,
 }
 
 impl Half {
-    /// An empty one; `free` are its global parameters.
+    /// Creates an empty half; `free` are its estimated global parameters.
     pub fn new(free: &[bool; GLOBAL_COUNT]) -> Self {
         let free = places(free);
         let count = free.len();
         Self { free, information: DMatrix::zeros(count, count), right: DVector::zeros(count), loss: Loss::default() }
     }
 
-    /// Adds a slice: the equations of all its stretches, which are of one segment whose trajectory `holds` hold. `None` where they do not
-    /// determine the trajectory.
+    /// Adds a slice: the equations of all its intervals, which belong to one segment; `holds` are the priors of its trajectory.
+    /// Returns `None` if they do not determine the trajectory.
     pub fn add_slice(&mut self, slice: &[(Stretch, StretchEquations)], holds: &Holds) -> Option<()> {
         let Some(segment) = SegmentSystem::of_stretches(slice, holds) else { return Some(()) };
         let (schur, right) = segment.eliminated(DAMPING, &self.free).ok()?.schur();
@@ -61,7 +61,7 @@ impl Half {
         Some(())
     }
 
-    /// Its solution; `None` where its observations do not determine the parameters.
+    /// Solves the half; `None` if its observations do not determine the parameters.
     pub fn solved(&self) -> Option<SolvedHalf> {
         let mut damped = self.information.clone();
         for place in 0..self.free.len() {
@@ -85,9 +85,9 @@ mod tests {
     use crate::solve::stretch::tests::example;
     use crate::trajectory::jerk::jerks;
 
-    /// A half with all observations is the whole, however they are cut into stretches.
+    /// A half with all observations equals the whole, however they are cut into intervals.
     #[test]
-    fn all_observations_give_the_step_and_the_covariance_of_the_whole() {
+    fn all_observations_have_the_step_and_the_covariance_of_the_whole() {
         let (mut problem, state) = example();
         problem.free.intrinsics = std::array::from_fn(|index| index < 2);
         problem.free.board = [false; BOARD_PARAMETERS];

@@ -1,4 +1,4 @@
-//! Trajectories along stretches that are not in the joint solve: the camera and the biases of the events are known and held.
+//! Trajectories along intervals outside the joint solve, with the camera and the biases of the events fixed.
 
 use super::association::AssociationReport;
 use super::bearing_table::BearingTable;
@@ -11,20 +11,20 @@ use super::system::System;
 use super::unexplained::unexplained;
 use super::{Problem, State};
 
-/// What came of stretches along which the camera is held.
+/// Result along intervals with a fixed camera.
 pub struct Followed {
-    /// The camera as it was, with the trajectories solved.
+    /// The unchanged camera with the solved trajectories.
     pub state: State,
-    /// The system there.
+    /// The normal equations there.
     pub system: System,
-    /// Parts that no curve explains.
+    /// Intervals that no curve explains.
     pub left_out: Vec<LeftOut>,
-    /// What became of the events.
+    /// Counts of kept and dropped events.
     pub association: AssociationReport,
 }
 
-/// Solves the trajectories of `state` from the events of `input`; everything else of `state` is held. The unit of plane residuals
-/// is that of `solved`, from which the camera is.
+/// Solves the trajectories of `state` from the events of `input` with everything else in `state` fixed. The unit of plane
+/// residuals comes from `solved`, like the camera.
 ///
 /// # Errors
 /// As [`refine`](super::refinement::refine).

@@ -1,5 +1,5 @@
-//! Intrinsics that are held at those of another calibration while something else is solved for, and what their uncertainty makes of
-//! that.
+//! Intrinsics that are fixed at the intrinsics of another calibration while other parameters are estimated, and the effect of
+//! their uncertainty.
 
 use std::ops::Range;
 
@@ -10,16 +10,16 @@ use super::bordered::System;
 use super::control_band::NotPositiveDefinite;
 use super::{FreeParameters, Problem};
 
-/// Intrinsics that are held.
+/// Fixed intrinsics.
 #[derive(Clone, Debug)]
 pub struct HeldIntrinsics {
-    /// The camera that has them.
+    /// The camera with these intrinsics.
     pub camera: Camera<f64>,
-    /// Covariance of its parameters, in their order; `None` where it is not known.
+    /// Covariance of its parameters, in their order; `None` if it is not known.
     pub covariance: Option<DMatrix<f64>>,
 }
 
-/// `problem` with all intrinsics held.
+/// Returns `problem` with all intrinsics fixed.
 pub fn held(problem: &Problem) -> Problem {
     with_intrinsics(problem, [false; MAX_PARAMETERS])
 }
@@ -30,20 +30,20 @@ fn with_intrinsics(problem: &Problem, intrinsics: [bool; MAX_PARAMETERS]) -> Pro
 }
 
 impl HeldIntrinsics {
-    /// σ of each parameter; 0 where it is not known.
+    /// Returns σ of each parameter; 0 if it is not known.
     pub fn sigma(&self) -> Vec<f64> {
         let count = self.camera.parameters().into_iter().count();
         let known = |covariance: &DMatrix<f64>| covariance.diagonal().iter().map(|one| one.max(0.0).sqrt()).collect();
         self.covariance.as_ref().map_or_else(|| vec![0.0; count], known)
     }
 
-    /// `problem` with those intrinsics free whose σ is known.
+    /// Returns `problem` with those intrinsics estimated whose σ is known.
     pub fn opened(&self, problem: &Problem) -> Problem {
         let sigma = self.sigma();
         with_intrinsics(problem, std::array::from_fn(|index| sigma.get(index) > Some(&0.0)))
     }
 
-    /// Covariance of the parameters that [`HeldIntrinsics::opened`] frees, in their order.
+    /// Returns the covariance of the parameters that [`HeldIntrinsics::opened`] estimates, in their order.
     pub fn of_opened(&self) -> DMatrix<f64> {
         let sigma = self.sigma();
         let known: Vec<usize> = (0..sigma.len()).filter(|index| sigma[*index] > 0.0).collect();
@@ -52,8 +52,8 @@ impl HeldIntrinsics {
         DMatrix::from_fn(known.len(), known.len(), at)
     }
 
-    /// Largest distance of a parameter from that of `own`, whose σ are `sigma`, in the σ of their difference; `None` where the models
-    /// differ.
+    /// Returns the largest difference between a parameter and its value in `own`, whose σ are `sigma`, in units of the σ of the
+    /// difference; `None` if the models differ.
     pub fn distance(&self, own: &Camera<f64>, sigma: &[f64]) -> Option<f64> {
         let pairs = self.camera.parameters().into_iter().zip(own.parameters());
         let sigmas = self.sigma().into_iter().zip(sigma).map(|(one, other)| one.hypot(*other));
@@ -63,14 +63,14 @@ impl HeldIntrinsics {
     }
 }
 
-/// What the uncertainty of intrinsics that were held adds to the covariance of the other border parameters of `system`, in which
-/// they are free. Each of `held` has the places of a camera's intrinsics in the border, and their covariance. Rows and columns of
-/// the intrinsics are 0.
+/// Returns the covariance that the uncertainty of fixed intrinsics adds to the other border parameters of `system`, in which the
+/// intrinsics are estimated. Each element of `held` has the indices of a camera's intrinsics in the border, and their covariance.
+/// Rows and columns of the intrinsics are 0.
 ///
 /// With the normal equations S of the border, an error e of the intrinsics moves the others by −S_oo⁻¹ S_oh e.
 ///
 /// # Errors
-/// [`NotPositiveDefinite`] when the others are not determined.
+/// [`NotPositiveDefinite`] if the others are not determined.
 pub fn share_of_held(
     system: &System,
     held: &[(Range<usize>, DMatrix<f64>)],

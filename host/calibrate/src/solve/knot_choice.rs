@@ -1,14 +1,13 @@
-//! Knots from data: which of them the events ask for.
+//! Selection of the knots that the events support.
 //!
-//! The normal equations on the finest knots tell, without another look at the events, what every coarser curve
-//! would cost: such a curve is one on the finest knots whose control points lie in a subspace. With A the
-//! matrix of the control points (the global parameters held), c the best control points on the finest knots and
-//! d those of the best curve on coarser ones, Q = (d − c)ᵀ A (d − c). Noise alone makes Q grow by six for
-//! each control point that is taken away, times what makes events no measurements of their own (λ, which the
-//! step from the finest knots to the next tells, for there is hardly a motion in it). Taking one away halves the
-//! scatter of the curve there; where the bend that it followed is larger than that, Q grows by more than twice as much. So the
-//! knots are those that make Q / λ + 2 · 6 · (number of control points) least, cell by cell of a
-//! grid of halved cells: Mallows' C_p, or Akaike's criterion with inflated noise.
+//! The normal equations on the finest knots determine the cost of every coarser curve without processing the events again: a
+//! coarser curve is one on the finest knots whose control points lie in a subspace. With A the matrix of the control points (the
+//! global parameters fixed), c the best control points on the finest knots and d the control points of the best curve on coarser
+//! knots, Q = (d − c)ᵀ A (d − c). Noise alone increases Q by six for each removed control point, times λ, the factor by which
+//! correlated events overstate the information. λ is estimated from the two finest levels, where real motion contributes almost
+//! nothing. Removing a control point halves the variance of the curve there; if the bend that it followed is larger than the
+//! scatter, Q grows by more than twice as much. So the knots minimise Q / λ + 2 · 6 · (number of control points), cell by cell of
+//! a grid of halved cells: Mallows' C_p, or Akaike's criterion with inflated noise.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -23,22 +22,21 @@ use crate::trajectory::knot_grid::{KnotGrid, KnotSettings, cheapest_levels};
 use crate::trajectory::{CONTROL_POINT_PARAMETERS as CONTROL_POINT, Trajectory};
 use evcal_geometry::numerics::statistics::median;
 
-/// What was chosen.
+/// Statistics of the selected knots.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct KnotReport {
-    /// Control points of all segments.
+    /// Number of control points of all segments.
     pub control_points: usize,
-    /// The finest distance of knots (s).
+    /// The finest knot spacing (s).
     pub finest: f64,
-    /// Seconds of trajectory at each distance of knots, from the finest on, each twice the one before.
+    /// Seconds of trajectory at each knot spacing, from the finest on; each spacing is twice the one before.
     pub seconds: Vec<f64>,
-    /// How much larger the scatter of the curve is than if every event were a measurement of its own, as the
-    /// square of σ.
+    /// Factor by which the variance of the curve exceeds the variance of independent events.
     pub inflation: f64,
 }
 
 impl KnotReport {
-    /// Adds spans of `span` seconds each that have these `levels`.
+    /// Adds spans of `span` seconds each with these `levels`.
     fn add(&mut self, levels: &[usize], span: f64) {
         for &level in levels {
             if self.seconds.len() <= level {
@@ -51,28 +49,28 @@ impl KnotReport {
     }
 }
 
-/// Trajectories on the knots that were chosen.
+/// Trajectories on the selected knots.
 pub struct KnotChoice {
     /// One for each segment.
     pub trajectories: Vec<Trajectory>,
-    /// What the jerks of each weigh; empty where it stayed as it was.
+    /// Weights of the jerks of each trajectory; empty where it was not changed.
     pub stiffness: Vec<Stiffness>,
-    /// What was chosen.
+    /// Statistics of the selected knots.
     pub report: KnotReport,
 }
 
 /// Fewest knot spans over which costs are averaged, in spans of the level concerned.
 const NEIGHBOURHOOD: usize = 3;
-/// Finest spans of one sample of the scatter.
+/// Number of finest spans that form one sample of the scatter.
 const SAMPLE: usize = 6;
-/// How much better a curve must explain the events for each number that it has more, in units of what noise alone gains. 2 is where
-/// the error of a curve too stiff is that of one too loose.
+/// Factor by which each additional number of a curve must improve the cost, relative to the improvement by noise alone. At 2, the
+/// errors of a curve that is too stiff and of one that is too loose are equal.
 const GAIN: f64 = 2.0;
 /// Factor by which the information of the events about the trajectory is reduced because their errors are correlated.
 const NOISE: f64 = 5.0;
 
-/// The trajectories of `state` on the knots that the observations of `problem` ask for, and what these are. A trajectory whose
-/// knots are not those of a grid of `settings`, or which has no events, stays as it is.
+/// Puts the trajectories of `state` on the knots that the observations of `problem` support. A trajectory whose knots do not
+/// belong to a grid of `settings`, or which has no events, is not changed.
 pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -> KnotChoice {
     let on_finest = on_finest_knots(problem, state, settings);
     let system = assemble(problem, &with_finest(state, &on_finest), &stretches(&problem.segments));
@@ -86,7 +84,7 @@ pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -
         .collect();
     let inflation = inflation(costs.iter().flatten());
     let mut report = KnotReport { inflation, finest: settings.finest, seconds: Vec::new(), control_points: 0 };
-    // The curves on the chosen knots, and the segments that they are of.
+    // The curves on the selected knots, and their segments.
     let (mut places, mut nearest) = (Vec::new(), Vec::new());
     for (segment, (fit, costs)) in on_finest.iter().zip(&costs).enumerate() {
         let (Some((grid, fit)), Some(costs)) = (fit, costs) else { continue };
@@ -115,7 +113,7 @@ pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -
     KnotChoice { trajectories, stiffness, report }
 }
 
-/// Each trajectory on its finest even knots; `None` where it stays as it is.
+/// Puts each trajectory on its finest even knots; `None` if it is not changed.
 fn on_finest_knots(problem: &Problem, state: &State, settings: &KnotSettings) -> Vec<Option<(KnotGrid, KnotFit)>> {
     let of_segment = |(trajectory, observations): (&Trajectory, &SegmentObservations)| {
         let grid = settings.grid(trajectory);
@@ -125,7 +123,7 @@ fn on_finest_knots(problem: &Problem, state: &State, settings: &KnotSettings) ->
     state.trajectories.iter().zip(&problem.segments).map(of_segment).collect()
 }
 
-/// `state` with these trajectories.
+/// Returns `state` with these trajectories.
 fn with_finest(state: &State, on_finest: &[Option<(KnotGrid, KnotFit)>]) -> State {
     let mut fine = state.clone();
     for (trajectory, fit) in fine.trajectories.iter_mut().zip(on_finest) {
@@ -136,8 +134,8 @@ fn with_finest(state: &State, on_finest: &[Option<(KnotGrid, KnotFit)>]) -> Stat
     fine
 }
 
-/// For each level and each finest span what the best curve on even knots of that level costs more than that on
-/// the finest.
+/// Returns, for each level and each finest span, the additional cost of the best curve on even knots of that level over the best
+/// curve on the finest knots.
 fn level_costs(grid: &KnotGrid, fit: &KnotFit, equations: &SegmentSystem) -> Option<Vec<Vec<f64>>> {
     let spans = grid.finest_spans();
     let degree = fit.trajectory.degree;
@@ -163,7 +161,7 @@ fn level_costs(grid: &KnotGrid, fit: &KnotFit, equations: &SegmentSystem) -> Opt
     Some([vec![vec![0.0; spans]], coarser?].concat())
 }
 
-/// Costs averaged over neighbouring spans of their level, in units of the noise.
+/// Averages costs over neighbouring spans of their level, in units of the noise.
 fn smoothed(costs: &[f64], level: usize, inflation: f64) -> Vec<f64> {
     let half = (NEIGHBOURHOOD << level) / 2;
     let mut sums = vec![0.0];
@@ -180,8 +178,8 @@ fn smoothed(costs: &[f64], level: usize, inflation: f64) -> Vec<f64> {
         .collect()
 }
 
-/// What makes the scatter of the curve larger than independent events would: from the step from the finest knots
-/// to the next level, by the median over samples, so that hard motion here and there does not count.
+/// Returns the factor by which the variance of the curve exceeds the variance of independent events, from the two finest levels.
+/// It is the median over samples, so that a few moments of violent motion do not count.
 fn inflation<'a>(costs: impl Iterator<Item = &'a Vec<Vec<f64>>>) -> f64 {
     let mut samples: Vec<f64> = Vec::new();
     for levels in costs {
@@ -189,7 +187,7 @@ fn inflation<'a>(costs: impl Iterator<Item = &'a Vec<Vec<f64>>>) -> f64 {
             samples.extend(first.chunks_exact(SAMPLE).map(|spans| spans.iter().sum::<f64>()));
         }
     }
-    // Half of the control points are taken away; the median of χ² by Wilson and Hilferty.
+    // Half of the control points are removed; the median of χ² is from Wilson and Hilferty.
     let freedom = (CONTROL_POINT * SAMPLE) as f64 / 2.0;
     let middle = freedom * (1.0 - 2.0 / (9.0 * freedom)).powi(3);
     (median(&mut samples, f64::total_cmp).unwrap_or(middle) / middle).max(1.0)

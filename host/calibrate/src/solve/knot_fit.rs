@@ -10,13 +10,13 @@ use crate::trajectory::knots::{Blend, insertion};
 use crate::trajectory::{CONTROL_POINT_PARAMETERS as CONTROL_POINT, RotationControl, RotationSpline, Trajectory};
 use evcal_geometry::numerics::banded::BandedCholesky;
 
-/// How far control points move: a rotation vector (rad, camera frame) and a translation (m) each.
+/// Displacements of control points: a rotation vector (rad, camera frame) and a translation (m) each.
 pub type Displacement = Vec<[f64; CONTROL_POINT]>;
 
 /// Translations (m) and rotations of control points.
 type ControlPoints = (Vec<Vector3<f64>>, Vec<Quaternion<f64>>);
 
-/// A trajectory on fine knots, and what is needed to put it on coarser ones.
+/// A trajectory on fine knots, and the data needed to put it on coarser ones.
 pub struct KnotFit {
     /// The trajectory on the fine knots.
     pub trajectory: Trajectory,
@@ -25,7 +25,7 @@ pub struct KnotFit {
 }
 
 impl KnotFit {
-    /// `trajectory` on `fine` knots, among which its own knots are; `None` when they are not.
+    /// Puts `trajectory` on `fine` knots, which must include its own knots; otherwise `None`.
     pub fn new(trajectory: &Trajectory, fine: Vec<f64>) -> Option<Self> {
         let mut places = fine.iter();
         if !trajectory.knots.iter().all(|knot| places.any(|fine| fine == knot)) {
@@ -57,7 +57,7 @@ impl KnotFit {
         Some(Self { trajectory, quaternions })
     }
 
-    /// The step to the least cost on the fine knots themselves; `None` when the equations do not determine it.
+    /// Returns the step to the least cost on the fine knots themselves; `None` if the equations do not determine it.
     pub fn step(&self, equations: &SegmentSystem) -> Option<Displacement> {
         let count = self.quaternions.len();
         let own: Vec<Blend> = (0..count)
@@ -71,8 +71,8 @@ impl KnotFit {
         reduced_step(&own, 1, count, &still, equations)
     }
 
-    /// How far the fine control points move to become those of the best curve on `coarse` knots, a subset of
-    /// the fine ones.
+    /// Returns the displacement from the fine control points to the control points of the best curve on `coarse` knots, a subset
+    /// of the fine ones.
     pub fn displacement(&self, coarse: &[f64], equations: &SegmentSystem) -> Option<Displacement> {
         let degree = self.trajectory.degree;
         let blends = insertion(coarse, &self.trajectory.knots, degree);
@@ -89,7 +89,7 @@ impl KnotFit {
         Some(blends.iter().zip(&apart).map(|(blend, apart)| moved(blend, apart)).collect())
     }
 
-    /// The curve on `coarse` knots that is nearest, with quaternions, and what the events say of its control points.
+    /// Returns the nearest curve on `coarse` knots, with quaternions, and the quadratic cost of its control points.
     pub fn nearest_on(&self, coarse: &[f64], equations: &SegmentSystem) -> Option<(Trajectory, Quadratic)> {
         let degree = self.trajectory.degree;
         let blends = insertion(coarse, &self.trajectory.knots, degree);
@@ -105,7 +105,7 @@ impl KnotFit {
         Some((trajectory, cost))
     }
 
-    /// That curve after a `step` of its control points, with the rotations that this trajectory has.
+    /// Returns that curve after a `step` of its control points, with this trajectory's kind of rotations.
     pub fn moved(&self, mut nearest: Trajectory, step: &[f64]) -> Option<Trajectory> {
         nearest.update(step);
         match self.trajectory.rotation {
@@ -114,7 +114,7 @@ impl KnotFit {
         }
     }
 
-    /// Control points of the curve on coarser knots whose fine control points are nearest to those there are.
+    /// Returns the control points of the curve on coarser knots whose fine control points are nearest to the present ones.
     fn nearest(&self, blends: &[Blend], count: usize) -> Option<ControlPoints> {
         const NUMBERS: usize = 7;
         let order = self.trajectory.degree + 1;
@@ -144,7 +144,7 @@ impl KnotFit {
         Some((translation, quaternions))
     }
 
-    /// From the fine control points to those of the curve with these coarse ones.
+    /// Returns the displacement from the fine control points to the control points of the curve with these coarse ones.
     fn apart(&self, blends: &[Blend], translation: &[Vector3<f64>], quaternions: &[Quaternion<f64>]) -> Displacement {
         let degree = self.trajectory.degree;
         let points = self.trajectory.translation.iter().zip(&self.quaternions);
@@ -161,7 +161,7 @@ impl KnotFit {
     }
 }
 
-/// The step of the coarse control points to the least of [`reduced`].
+/// Returns the step of the coarse control points that minimises [`reduced`].
 fn reduced_step(
     blends: &[Blend],
     order: usize,
@@ -175,8 +175,8 @@ fn reduced_step(
     Some(right.as_chunks::<CONTROL_POINT>().0.to_vec())
 }
 
-/// ½ (a + Eδ)ᵀA(a + Eδ) + gᵀ(a + Eδ) as a cost of the coarse control points' step δ, with a = `apart` and E the `blends` of
-/// `order` coarse points each; `None` without observations.
+/// Returns ½ (a + Eδ)ᵀA(a + Eδ) + gᵀ(a + Eδ) as a cost of the coarse control points' step δ, with a = `apart` and E the `blends`
+/// of `order` coarse points each; `None` without observations.
 fn reduced(
     blends: &[Blend],
     order: usize,
@@ -217,8 +217,8 @@ fn reduced(
     Some(Quadratic { matrix, right })
 }
 
-/// Adds `weight` times `block`, and where it is not on the diagonal its transpose, at (row, column) and
-/// (column, row) of the blocks of `matrix`, of which only the lower triangle is kept.
+/// Adds `weight` times `block` at (row, column) of the blocks of `matrix`, and off the diagonal its transpose at (column, row).
+/// Only the lower triangle is stored.
 fn add_block(
     matrix: &mut BandedCholesky,
     row: usize,

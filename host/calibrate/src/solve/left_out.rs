@@ -1,4 +1,4 @@
-//! Stretches of time that are left out of the solve and of the trajectory.
+//! Intervals of time that are excluded from the solve and from the trajectory.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Problem, State};
 
-/// Why a stretch is left out.
+/// Reasons why an interval is excluded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Reason {
@@ -16,7 +16,7 @@ pub enum Reason {
     Saturated,
 }
 
-/// A stretch of time that is left out.
+/// An excluded interval of time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LeftOut {
     /// Number of the recording.
@@ -25,25 +25,25 @@ pub struct LeftOut {
     pub start: f64,
     /// End in seconds since the start of the recording.
     pub end: f64,
-    /// Why.
+    /// The reason.
     pub reason: Reason,
 }
 
-/// When it is, to a hundredth of a second.
+/// Prints start and end to a hundredth of a second.
 impl fmt::Display for LeftOut {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:.2} to {:.2} s", self.start, self.end)
     }
 }
 
-/// Whether time `t` (s) of `recording` lies in one of `stretches`.
+/// Returns `true` if time `t` (s) of `recording` lies in one of `stretches`.
 pub fn covers(stretches: &[LeftOut], recording: usize, t: f64) -> bool {
     stretches.iter().any(|stretch| stretch.recording == recording && stretch.start <= t && t <= stretch.end)
 }
 
-/// Takes the observations in `stretches` out of `problem`.
+/// Removes the observations in `stretches` from `problem`.
 pub fn leave_out(problem: &mut Problem, state: &State, stretches: &[LeftOut]) {
-    // Mostly there is nothing to do, and the events are many.
+    // Usually there is nothing to do, and there are many events.
     if stretches.is_empty() {
         return;
     }

@@ -21,34 +21,34 @@ const SMALLEST_DAMPING: f64 = 1e-10;
 const LARGEST_DAMPING: f64 = 1e8;
 /// Iterations end when the cost falls by less than this share.
 const TOLERANCE: f64 = 1e-5;
-/// A step that promises to lower the cost by less than this share is made without a look at what it leads to: so near to the least cost
-/// the promise is kept.
+/// A step that is predicted to lower the cost by less than this share is accepted without evaluating the cost: so near the
+/// minimum the prediction is reliable.
 pub const TRUSTED: f64 = 8.0 * TOLERANCE;
-/// What an observation that falls out of the camera model's domain costs, in units of what an observation costs on average: it must not
-/// make a step look good.
+/// Cost of an observation that leaves the camera model's domain, in units of the mean cost of an observation, so that the loss of
+/// observations does not make a step look good.
 const LOST: f64 = 10.0;
 
 /// A solved problem.
 pub struct Solved {
     /// The solution.
     pub state: State,
-    /// The system there, or one step before.
+    /// The normal equations there, or one step before.
     pub system: System,
-    /// How it went.
+    /// Statistics of the solve.
     pub report: SolveReport,
 }
 
-/// Minimises the cost of `problem` from `state` on.
+/// Minimises the cost of `problem`, starting at `state`.
 ///
 /// # Errors
-/// [`SolveError`] when there is nothing to solve from, or it does not determine the parameters.
+/// [`SolveError`] if there are no observations, or if they do not determine the parameters.
 pub fn solve(problem: &Problem, state: State) -> Result<Solved, SolveError> {
     solve_telling(problem, state, TRUSTED, &mut |_| ControlFlow::Continue(()))
 }
 
-/// As [`solve`]; a step that promises to lower the cost by less than the share `trusted` is the last, and what it leads to is not looked at.
-/// After each iteration but the last `tell` hears which part is done, 0 to 1, and may end it: the result is then that of the iterations
-/// so far.
+/// Does the same as [`solve`], with a progress callback. A step that is predicted to lower the cost by less than the share
+/// `trusted` is the last, and the cost after it is not evaluated. After each iteration but the last, `tell` gets the progress
+/// from 0 to 1 and may end the solve; the result is then what the iterations so far reached.
 ///
 /// # Errors
 /// As [`solve`].
@@ -123,15 +123,15 @@ pub fn solve_telling(
     Ok(Solved { state, system, report })
 }
 
-/// How near a solve is to its end, 0 to 1, when an iteration made its cost smaller by the share `decrease`: each iteration does so
-/// by a smaller share, and those below `tolerance` are the last.
+/// Returns the progress of a solve, 0 to 1, when an iteration lowered the cost by the share `decrease`. The decreases get smaller
+/// from iteration to iteration, and the first one below `tolerance` is the last.
 fn settled(decrease: f64, tolerance: f64) -> f64 {
     let share = decrease.ln() / tolerance.ln();
     if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// A matrix over the free global parameters, or over the first of them, as one over the first `count`
-/// parameters; rows and columns of those that are held are zero.
+/// Expands a matrix over the estimated global parameters, or over the first of them, to the first `count` global parameters; rows
+/// and columns of fixed parameters are zero.
 pub fn intrinsics_of(matrix: &DMatrix<f64>, free: &[bool; GLOBAL_COUNT], count: usize) -> DMatrix<f64> {
     let mut part = DMatrix::zeros(count, count);
     let places = || (0..GLOBAL_COUNT).filter(|&global| free[global]).enumerate().filter(|(_, global)| *global < count);
@@ -143,7 +143,8 @@ pub fn intrinsics_of(matrix: &DMatrix<f64>, free: &[bool; GLOBAL_COUNT], count: 
     part
 }
 
-/// The system of all observations of `problem` at `state`, with what holds the trajectories; `stretches` are all of them.
+/// Returns the normal equations of all observations of `problem` at `state` and of the trajectory priors; `stretches` are all
+/// intervals.
 pub fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> System {
     let control_points: Vec<usize> = state.trajectories.iter().map(|t| t.control_point_count()).collect();
     let bearings = BearingTable::new(&state.camera, problem.sensor);
@@ -160,7 +161,7 @@ pub fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> Syst
     system
 }
 
-/// The normal equations of each of `stretches` at `state`, whose camera's bearings are given.
+/// Returns the normal equations of each of `stretches` at `state`; `bearings` belong to its camera.
 pub fn linearised(
     problem: &Problem,
     state: &State,
@@ -170,7 +171,7 @@ pub fn linearised(
     stretches.par_iter().map(|stretch| (stretch.clone(), linearise(problem, state, bearings, stretch))).collect()
 }
 
-/// `state` moved by a step; `None` when the camera model refuses the parameters.
+/// Returns `state` moved by a step; `None` if the camera model rejects the parameters.
 pub fn moved(state: &State, segments: &[Vec<f64>], globals: &[f64]) -> Option<State> {
     let mut parameters = state.camera.parameters();
     parameters.iter_mut().zip(globals).for_each(|(parameter, step)| *parameter += step);
@@ -200,7 +201,7 @@ mod tests {
     use crate::solve::BOARD_PARAMETERS;
     use crate::solve::stretch::tests::example;
 
-    /// A problem whose focal lengths are free, and a state that has them wrong.
+    /// A problem whose focal lengths are estimated, and a state with wrong focal lengths.
     fn displaced() -> (Problem, State) {
         let (mut problem, state) = example();
         problem.free.intrinsics = std::array::from_fn::<_, MAX_PARAMETERS, _>(|index| index < 2);
@@ -212,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn a_solve_tells_how_far_it_is_and_can_be_ended() {
+    fn a_solve_reports_its_progress_and_can_be_ended() {
         let (problem, state) = displaced();
         let mut told = Vec::new();
         let whole = solve_telling(&problem, state.clone(), TRUSTED, &mut |done| {

@@ -1,6 +1,6 @@
 //! The robust loss of many observations.
 
-/// Largest factor by which a step is lengthened: with more outliers than this stands for, the weights are no guide.
+/// Largest factor by which a step is lengthened; with more outliers than this, the weights are not reliable.
 const MOST_LENGTHENED: f64 = 1.25;
 
 /// Sums over observations.
@@ -12,7 +12,7 @@ pub struct Loss {
     pub cost: f64,
     /// Sum of the weights ρ'(r) / r.
     weight: f64,
-    /// Number of observations that count squared.
+    /// Number of observations in the quadratic part of the loss.
     squared: usize,
 }
 
@@ -34,9 +34,9 @@ impl Loss {
         self.squared += other.squared;
     }
 
-    /// How much longer a step of Newton is than one of Gauss and Newton: an observation beyond the bound of Huber's loss has a weight, but
-    /// its slope does not change, so that the weights promise a curvature that the loss does not have. Some 1.1; without it, the first step
-    /// falls a tenth short.
+    /// Returns the ratio of a Newton step to a Gauss-Newton step. An observation beyond Huber's bound has a weight but its slope
+    /// does not change, so the weights imply a curvature that the loss does not have. The ratio is some 1.1; without it, the
+    /// first step is a tenth too short.
     pub fn lengthening(&self) -> f64 {
         if self.squared > 0 { (self.weight / self.squared as f64).clamp(1.0, MOST_LENGTHENED) } else { 1.0 }
     }
@@ -48,7 +48,7 @@ mod tests {
     use crate::solve::HUBER;
     use evcal_geometry::numerics::huber::huber;
 
-    /// The middle of numbers with outliers is where one lengthened step leads.
+    /// One lengthened step leads to the robust mean of numbers with outliers.
     #[test]
     fn a_lengthened_step_leads_to_the_least_loss() {
         let numbers: Vec<f64> = (0..1000).map(|index| 6.0 * (f64::from(index) / 999.0 - 0.5).powi(3) * 4.0).collect();

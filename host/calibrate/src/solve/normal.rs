@@ -1,9 +1,8 @@
-//! The normal equations of a stretch of trajectory, and their assembly.
+//! The normal equations of an interval of a trajectory, and their assembly.
 //!
-//! Events of one time bin share the pose and the basis weights. A bin therefore only sums the outer
-//! products of short rows ([`row_products`](super::row_products)) and expands them to the
-//! control points once. Stretches of bins are independent, so they run in parallel and are merged
-//! in a fixed order: the result does not depend on the number of threads.
+//! Events of one time bin share the pose and the basis weights. A bin therefore sums only the outer products of short rows
+//! ([`row_products`](super::row_products)) and expands them to the control points once. Intervals are independent, so they run in
+//! parallel and are merged in a fixed order: the result does not depend on the number of threads.
 
 use evcal_core::camera::MAX_PARAMETERS;
 use multiversion::multiversion;
@@ -19,7 +18,7 @@ use super::pose_bin::PoseBin;
 use super::row_products::RowProducts;
 use super::{BOARD_INDEX, BOARD_PARAMETERS, GLOBAL_COUNT, bias_index};
 
-/// Where the intrinsics and the board's parameters, which are the first global parameters, stand in a row.
+/// Indices in a row of the intrinsics and the board's parameters, which are the first global parameters.
 const COMMON_PLACES: [usize; BOARD_INDEX + BOARD_PARAMETERS] = {
     let mut places = [0; BOARD_INDEX + BOARD_PARAMETERS];
     let mut global = 0;
@@ -31,13 +30,13 @@ const COMMON_PLACES: [usize; BOARD_INDEX + BOARD_PARAMETERS] = {
     places
 };
 
-/// 6 × globals block of a control point, line by line.
+/// 6 × globals block of a control point, row by row.
 pub type BorderBlock = [[f64; GLOBAL_COUNT]; 6];
 
-/// Normal equations of a stretch of one segment.
+/// Normal equations of an interval of one segment.
 #[derive(Clone, Debug)]
 pub struct StretchEquations {
-    /// First control point concerned.
+    /// Index of the first control point concerned.
     pub first: usize,
     /// Number of control points that act at one time.
     pub order: usize,
@@ -56,7 +55,7 @@ pub struct StretchEquations {
 }
 
 impl StretchEquations {
-    /// Empty equations for `count` control points from `first` on.
+    /// Creates empty equations for `count` control points from `first` on.
     pub fn new(first: usize, count: usize, order: usize) -> Self {
         Self {
             first,
@@ -70,12 +69,12 @@ impl StretchEquations {
         }
     }
 
-    /// Number of control points.
+    /// Returns the number of control points.
     pub fn control_point_count(&self) -> usize {
         self.border.len()
     }
 
-    /// Expands what `products` say of the pose to the control points of `pose`, and clears it there.
+    /// Expands the pose part of `products` to the control points of `pose`, and clears it there.
     pub fn add_bin(&mut self, pose: &PoseBin, products: &mut RowProducts) {
         if !products.is_touched {
             return;
@@ -123,7 +122,7 @@ impl StretchEquations {
         products.clear_pose();
     }
 
-    /// Adds what `products` say of the global parameters.
+    /// Adds the global part of `products`.
     pub fn add_globals(&mut self, products: &RowProducts) {
         let corner = &mut self.corner;
         for (parameter, place) in COMMON_PLACES.into_iter().enumerate() {
@@ -141,7 +140,7 @@ impl StretchEquations {
                 }
                 for other in Bias::ALL.into_iter().take_while(|other| other.index() <= bias.index()) {
                     let other_global = bias_index(class, other);
-                    // Biases that classes share come before those of a class's own.
+                    // Shared biases come before a class's own.
                     corner[(global.max(other_global), global.min(other_global))] += line[row_bias(other)];
                 }
                 self.corner_gradient[global] += line[ROW_RESIDUAL];
@@ -150,7 +149,7 @@ impl StretchEquations {
     }
 }
 
-/// Products of the pose with the global parameters.
+/// Returns the products of the pose with the global parameters.
 pub fn border_of(products: &RowProducts) -> BorderBlock {
     let mut border = [[0.0; GLOBAL_COUNT]; 6];
     for (axis, line) in border.iter_mut().enumerate() {
@@ -168,7 +167,8 @@ pub fn border_of(products: &RowProducts) -> BorderBlock {
     border
 }
 
-/// Adds the part of a control point on which the rotation depends by `jacobian` and the translation by `weight`.
+/// Adds the part of a control point. `jacobian` is the derivative of the rotation by the control point, `weight` the derivative
+/// of the translation.
 #[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
 fn add_border(sum: &mut BorderBlock, border: &BorderBlock, jacobian: &Matrix3<f64>, weight: f64) {
     let [x, y, z, moving @ ..] = border;

@@ -1,18 +1,17 @@
-//! What the joint solve is fed: events and circle centres, each tied to an edge or a point of the board.
+//! Observations of the joint solve: events and circle centres, each assigned to an edge or a point of the board.
 
 use crate::circles::reference_frame::PointObservation;
 
 /// One associated event.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EventObservation {
-    /// Time of the event after the centre of its bin in seconds, less the latency of its class as it
-    /// was at the association.
+    /// Time of the event after the centre of its bin in seconds, minus the latency of its class at the time of association.
     pub dt: f32,
     /// Column in pixels.
     pub x: u16,
     /// Row in pixels.
     pub y: u16,
-    /// Index of the edge among those of the board.
+    /// Index of the edge in the board's list of edges.
     pub edge: u16,
     /// Event class (see [`crate::solve::event_bias::EventKind::class`]).
     pub class: u8,
@@ -45,7 +44,7 @@ pub struct SegmentObservations {
 }
 
 impl SegmentObservations {
-    /// The bins and circle centres whose time is `wanted`, without the times in [`far`](Self::far).
+    /// Returns the bins and circle centres whose time is `wanted`, without the times in [`far`](Self::far).
     pub fn within(&self, wanted: impl Fn(f64) -> bool) -> Self {
         let mut part = Self::default();
         for bin in self.bins.iter().filter(|bin| wanted(bin.t)) {
@@ -57,7 +56,7 @@ impl SegmentObservations {
         part
     }
 
-    /// Every `step`-th event, with all circle centres, without the times in [`far`](Self::far).
+    /// Returns every `step`-th event and all circle centres, without the times in [`far`](Self::far).
     pub fn every(&self, step: usize) -> Self {
         let mut part = Self { points: self.points.clone(), ..Self::default() };
         let kept = |index: &usize| index.is_multiple_of(step.max(1));

@@ -10,8 +10,8 @@ use super::event_row::{ROW, ROW_BOARD, ROW_INTRINSICS, ROW_RESIDUAL};
 use super::pose_bin::PoseBin;
 use evcal_geometry::board::shape::{BoardShape, CircleArea, Surface};
 
-/// Both rows (x and y) of a centre seen at `pixel`, unweighted; `None` where the model cannot
-/// project it. `center` is its place on the print of a board of this `shape` with circles in `area`.
+/// Returns both rows (x and y) of a centre seen at `pixel`, unweighted; `None` if the model cannot project it. `center` is its
+/// position on the print of a board of this `shape` with circles in `area`.
 pub fn point_rows(
     camera: &Camera<f64>,
     area: &CircleArea,

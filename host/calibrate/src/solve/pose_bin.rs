@@ -1,4 +1,4 @@
-//! The pose at the centre of a time bin, and how it answers to the control points.
+//! The pose at the centre of a time bin, and its derivatives by the control points.
 
 use evcal_core::spline::MAX_ORDER;
 use nalgebra::{Matrix3, Vector3};
@@ -27,12 +27,12 @@ pub struct PoseBin {
 }
 
 impl PoseBin {
-    /// The pose of `trajectory` at time `t` in seconds; `None` outside its knots.
+    /// Returns the pose of `trajectory` at time `t` in seconds; `None` outside its knots.
     pub fn new(trajectory: &Trajectory, t: f64) -> Option<Self> {
         Some(Self::of_sample(trajectory.sample(t)?))
     }
 
-    /// That of a sample of a trajectory.
+    /// Returns the pose of a sample of a trajectory.
     pub fn of_sample(sample: PoseSample) -> Self {
         let rotation = sample.rotation.rotation.to_rotation_matrix();
         let matrix = rotation.matrix();
@@ -66,24 +66,24 @@ impl PoseBin {
         })
     }
 
-    /// Rotation matrix R_world_camera.
+    /// Returns the rotation matrix R_world_camera.
     pub fn rotation_matrix(&self) -> Matrix3<f64> {
         Matrix3::from_fn(|row, column| self.rotation[row][column])
     }
 
-    /// Camera centre in world coordinates, metres.
+    /// Returns the camera centre in world coordinates, metres.
     pub fn translation_vector(&self) -> Vector3<f64> {
         Vector3::from(self.translation)
     }
 }
 
-/// Cross product.
+/// Returns the cross product.
 #[inline(always)]
 pub fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// Dot product.
+/// Returns the dot product.
 #[inline(always)]
 pub fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
@@ -95,7 +95,7 @@ pub(crate) mod tests {
 
     use super::*;
 
-    /// A camera with this pose (`T_world_camera`) that turns and moves, with one control point.
+    /// Returns a rotating and moving camera with this pose (`T_world_camera`) and one control point.
     pub(crate) fn moving_at(rotation: Rotation3<f64>, translation: Vector3<f64>) -> PoseBin {
         let matrix = rotation.matrix();
         PoseBin {

@@ -1,13 +1,13 @@
-//! How sure each pose of a trajectory is.
+//! Uncertainty of each pose of a trajectory.
 //!
-//! Given the global parameters, the control points c of a segment have the covariance A⁻¹, of which only the part
-//! near the diagonal matters: a pose depends on neighbouring ones. The global parameters g have the covariance C_g
-//! and take the control points with them, by A⁻¹B. So these have the covariance C = A⁻¹ + A⁻¹B C_g (A⁻¹B)ᵀ, and a pose whose
+//! Given the global parameters, the control points c of a segment have the covariance A⁻¹. Only the part near the diagonal is
+//! needed, because a pose depends on neighbouring control points. The global parameters g have the covariance C_g, and the
+//! control points follow them by A⁻¹B. So the control points have the covariance C = A⁻¹ + A⁻¹B C_g (A⁻¹B)ᵀ, and a pose whose
 //! derivatives by its control points are J has J C Jᵀ, times the inflation of the intrinsics.
 //!
-//! The events around a moment err together too, by what their biases do not follow. This moves a pose the further the less they determine
-//! it: its error grows with the variance, not with σ. What is usual in a recording is in the inflation; a pose that is several times less
-//! sure is stated as less sure still ([`PoseCovariance::new`]).
+//! The events around a moment also share the errors that the event biases do not describe. The error of the pose that results
+//! grows with its variance, not with its σ. The inflation includes what is usual in a recording; the σ of a pose that is several
+//! times less certain than usual is enlarged further ([`PoseCovariance::new`]).
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
@@ -18,20 +18,21 @@ use evcal_geometry::numerics::statistics::median;
 /// Standard deviation of a pose along each axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PoseSigma {
-    /// Of the camera centre along the axes of the world (m).
+    /// σ of the camera centre along the axes of the world (m).
     pub position: [f64; 3],
-    /// Of the rotation about the axes of the camera (rad).
+    /// σ of the rotation about the axes of the camera (rad).
     pub rotation: [f64; 3],
-    /// How many times less sure the pose is than is usual in its recording, by the scatter of its events alone; 1 where that is not known.
+    /// Ratio of the pose's σ to the usual σ in its recording, from the scatter of its events alone; 1 if the usual σ is not
+    /// known.
     pub weakness: f64,
 }
 
-/// The σ that are usual in a recording (medians): of the centre (m) and of the rotation (rad), each the length of its three.
+/// Usual σ in a recording (medians) of the centre (m) and of the rotation (rad); each is the length of the vector of three σ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct UsualSigma {
     position: f64,
     rotation: f64,
-    /// What the biases of the events do not follow, as a share of the usual σ.
+    /// Errors that the event biases do not describe, as a share of the usual σ.
     model_error: f64,
 }
 
@@ -44,13 +45,13 @@ pub struct PoseCovariance {
     usual: Option<UsualSigma>,
 }
 
-/// Time between the poses that tell what is usual (s).
+/// Time between the poses from which the usual σ is computed (s).
 const STEP: f64 = 0.02;
 
 impl PoseCovariance {
-    /// From the covariance of the control points of each segment, which is too small by `inflation`, and the trajectory of each, along
-    /// which it is told what is usual. There is room for what the biases of the events do not follow: the share `model_error` of the
-    /// usual σ, times the square of how many times less sure a pose is.
+    /// Computes the covariance from the covariance of the control points of each segment, which is too small by `inflation`. The
+    /// usual σ comes from poses along the `trajectories`. Errors that the event biases do not describe are added: the share
+    /// `model_error` of the usual σ, times the square of the ratio of the pose's σ to the usual one.
     pub fn new(
         segments: Vec<ControlCovariance>,
         inflation: f64,
@@ -73,13 +74,14 @@ impl PoseCovariance {
         Self { usual, ..of_events }
     }
 
-    /// How sure the pose of segment number `segment`, whose trajectory is `trajectory`, is at time `t` (s); `None` outside it.
+    /// Returns the uncertainty of the pose of segment number `segment`, whose trajectory is `trajectory`, at time `t` (s); `None`
+    /// outside it.
     pub fn sigma(&self, segment: usize, trajectory: &Trajectory, t: f64) -> Option<PoseSigma> {
         let sigma = self.of_events(segment, trajectory, t)?;
         Some(self.usual.map_or(sigma, |usual| usual.widened(sigma)))
     }
 
-    /// How sure it is by the scatter of its events alone.
+    /// Returns the uncertainty from the scatter of the events alone.
     fn of_events(&self, segment: usize, trajectory: &Trajectory, t: f64) -> Option<PoseSigma> {
         let covariance = self.segments.get(segment)?;
         let sample = trajectory.sample(t)?;
@@ -113,7 +115,7 @@ impl PoseCovariance {
 }
 
 impl UsualSigma {
-    /// `sigma`, which the scatter of events gives, with what their biases do not follow.
+    /// Adds the errors that the event biases do not describe to `sigma`, which comes from the scatter of events.
     fn widened(&self, sigma: PoseSigma) -> PoseSigma {
         let (position, rotation) = (length(sigma.position) / self.position, length(sigma.rotation) / self.rotation);
         let with_error = |sigma: [f64; 3], weakness: f64| {
@@ -137,17 +139,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pose_that_is_less_sure_than_usual_is_stated_as_less_sure_still() {
+    fn the_sigma_of_a_weakly_determined_pose_is_enlarged() {
         let usual = UsualSigma { position: 2e-3, rotation: 1e-3, model_error: 0.5 };
         let of = |position: f64, rotation: f64| {
             usual.widened(PoseSigma { position: [position, 0.0, 0.0], rotation: [0.0, rotation, 0.0], weakness: 1.0 })
         };
         let near = |a: f64, b: f64| (a - b).abs() < 1e-12;
-        // The error of the model is half of the usual σ, and grows with the variance: 16 times half of 2 mm beside 8 mm.
+        // The error of the model is half of the usual σ, and grows with the variance: 16 times half of 2 mm, added to 8 mm.
         let weak = of(8e-3, 1e-3);
         assert!(near(weak.position[0], libm::hypot(8e-3, 16e-3)) && near(weak.weakness, 4.0), "{weak:?}");
         assert!(near(weak.rotation[1], libm::hypot(1e-3, 0.5e-3)), "{weak:?}");
-        // The weaker of both counts.
+        // The larger of both ratios counts.
         assert!(near(of(2e-3, 3e-3).weakness, 3.0));
         assert_eq!(weak.position[1..], [0.0, 0.0]);
     }

@@ -1,5 +1,5 @@
-//! Section 11 of method.md: associate, solve, associate anew with the better model, until it stops
-//! paying.
+//! Rounds of association and solve: each round associates the events again with the better model, until the camera settles
+//! (section 11 of method.md).
 
 use std::ops::ControlFlow;
 
@@ -36,16 +36,17 @@ use evcal_geometry::board::Board;
 use evcal_geometry::board::shape::CircleArea;
 
 settings! {
-    /// What the rounds of association and solve work on, and which biases of events are fitted.
+    /// The rounds of association and solve, and the biases of events that are fitted.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct RefinementSettings {
-        /// Most seconds with the board in the joint solve. Of longer recordings those are taken that say most about the camera, spread
-        /// over all of it; along the others the trajectory is solved afterwards, with the camera as it came out.
+        /// Most seconds with the board in the joint solve. From a longer recording, the seconds with the most information about
+        /// the camera are taken, spread over the whole recording; along the others the trajectory is solved afterwards, with the
+        /// camera fixed at the result.
         pub most_seconds: f64 = 45.0, "s", at_least(1.0);
-        /// Fit an offset from the geometric edge, and what the edge's curvature adds to it, for each event class.
+        /// Fit an offset from the geometric edge for each event class, and its change with the edge's curvature.
         pub offsets: bool = true;
-        /// Fit a latency, and what speed, place, size and acceleration of the edge add to it, for each event class.
+        /// Fit a latency for each event class, and its change with speed, position, size and acceleration of the edge.
         pub latencies: bool = true;
     }
 }
@@ -53,37 +54,38 @@ settings! {
 /// Most rounds.
 const ROUNDS: usize = 6;
 
-/// When a round changes the projection by less than this (px, rms over the sensor), the next round is the last. A round before the
-/// last moves the camera by its own noise too, for it has few events.
+/// When a round changes the projection by less than this (px, rms over the sensor), the next round is the last. A round before
+/// the last also moves the camera by its own noise, because it has few events.
 const SETTLED: f64 = 0.2;
 
 /// Most events in the rounds before the last.
 const EARLY_EVENTS: usize = 250_000;
 
-/// In the last round knots follow from every so many events. With every fourth, trajectories are smoother by what makes their error in 20 s
-/// of fast motion 4 % larger.
+/// Stride of the events from which the knots of the last round follow. With every fourth event, trajectories are smoother, and
+/// their error in 20 s of fast motion is 4 % larger.
 const KNOTS: usize = 2;
 
-/// In the last round every so many events are solved first, then all of them: most of the way to the solution is made with few.
+/// Stride of the events that are solved first in the last round, before all of them: most of the way to the solution is made with
+/// few.
 const COARSE: usize = 4;
 
-/// A step that promises to lower the cost by less than this share ends a solve that another one with more events follows.
+/// A step that is predicted to lower the cost by less than this share ends a solve if another one with more events follows.
 const EARLY: f64 = 1e-3;
 
-/// The same for the solve that follows a finished one with fewer events: it starts so near that the promise of its first step is kept.
+/// The same for the solve that follows a finished one with fewer events: it starts so near the minimum that the prediction of its
+/// first step is reliable.
 const AFTER_COARSE: f64 = 0.03;
 
-/// Spread of the events while it is not known (px).
+/// Spread of the events as long as it is not known (px).
 pub const FIRST_SIGMA: f64 = 0.5;
 
 /// Fewest events for a class to have biases of its own.
 const FEWEST_OF_CLASS: usize = 500;
 
-/// Smallest spread of circle centres (px) that the joint solve believes: circles without noise would otherwise have an
-/// infinite weight.
+/// Smallest spread of circle centres (px) in the joint solve: circles without noise would otherwise have an infinite weight.
 pub const SMALLEST_POINT_SIGMA: f64 = 0.02;
 
-/// How one round went.
+/// Statistics of one round.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RoundReport {
     /// Association of this round.
@@ -92,11 +94,11 @@ pub struct RoundReport {
     pub knots: Option<KnotReport>,
     /// Solve of this round.
     pub solve: SolveReport,
-    /// Root mean square change of the projection over the sensor (px); `None` where the two lenses share no pixel.
+    /// Root mean square change of the projection over the sensor (px); `None` if the two lenses share no pixel.
     pub change: Option<f64>,
 }
 
-/// Hands the events of a share of 0 to 1 of one recording, in batches in time order and with times from its start, to a visitor.
+/// Passes the events of a share of 0 to 1 of one recording to a visitor, in batches in time order and with times from its start.
 pub type ReadRecording<'a, E> = dyn Fn(usize, f64, &mut dyn FnMut(&[RankedEvent])) -> Result<(), E> + Sync + 'a;
 
 /// The events of all recordings.
@@ -107,27 +109,27 @@ pub struct EventInput<'a, E> {
     pub read: &'a ReadRecording<'a, E>,
 }
 
-/// What the refinement starts from.
+/// Input of the refinement.
 pub struct RefinementInput<'a, E> {
     /// The board.
     pub board: &'a Board,
     /// Sensor size (width, height) in pixels.
     pub sensor: Sensor,
-    /// The events; `None` where the input is circle centres alone.
+    /// The events; `None` if the input consists of circle centres alone.
     pub events: Option<EventInput<'a, E>>,
-    /// Circle centres of each trajectory, where the input is circle tracks.
+    /// Circle centres of each trajectory, if the input contains circle tracks.
     pub points: Vec<Vec<PointObservation>>,
     /// Spread of a circle centre (px).
     pub point_sigma: f64,
-    /// Stretches that are left out from the beginning.
+    /// Intervals that are excluded from the beginning.
     pub left_out: &'a [LeftOut],
-    /// Which parameters of the board are estimated; the others stay as they are at the start.
+    /// Flags of the estimated parameters of the board; the others keep their start values.
     pub free_board: [bool; BOARD_PARAMETERS],
-    /// Which intrinsics stay as they are at the start.
+    /// Flags of the intrinsics that keep their start values.
     pub held: [bool; MAX_PARAMETERS],
 }
 
-/// All thresholds of association and joint solve (sections 8 to 11 of method.md).
+/// All settings of association and joint solve (sections 8 to 11 of method.md).
 #[derive(Clone, Copy)]
 pub struct StageSettings<'a> {
     /// Rounds.
@@ -140,7 +142,7 @@ pub struct StageSettings<'a> {
     pub solve: &'a SolveSettings,
 }
 
-/// What the refinement gives back.
+/// Result of the refinement.
 pub struct Refined {
     /// The final estimate.
     pub state: State,
@@ -148,15 +150,15 @@ pub struct Refined {
     pub problem: Problem,
     /// Robust residual statistics of the last round.
     pub residuals: ResidualStatistics,
-    /// The residuals of the events there; empty once they were examined.
+    /// The residuals of the events there; cleared after the examination.
     pub events: Vec<EventResidual>,
-    /// Stretches that are not in the solve: those of the input, and those that no curve explains.
+    /// Excluded intervals: from the input, and intervals that no curve explains.
     pub left_out: Vec<LeftOut>,
-    /// One report a round.
+    /// One report per round.
     pub rounds: Vec<RoundReport>,
 }
 
-/// Why the refinement failed.
+/// Reasons why the refinement failed.
 #[derive(Debug, thiserror::Error)]
 pub enum RefinementError<E> {
     /// A recording could not be read again.
@@ -167,18 +169,18 @@ pub enum RefinementError<E> {
     Solve(#[from] SolveError),
 }
 
-/// Which part of a round is done when its events are associated, when its solve begins, when it is done with few events and when it ends,
-/// 0 to 1.
+/// Progress of a round, 0 to 1, when its events are associated, when its solve begins, when the solve with few events is done,
+/// and when the round ends.
 const ASSOCIATED: f64 = 0.3;
 const READY: f64 = 0.35;
 const COARSELY_SOLVED: f64 = 0.75;
 const SOLVED: f64 = 0.95;
 
-/// Associates and solves in turn from `state` on. Beside the result the system at it. `progress` is told the round, from 0 on, and
-/// which part of it is done, 0 to 1; once it fails the refinement ends as soon as it can.
+/// Associates and solves in turn, starting at `state`. Returns the result and the normal equations there. `progress` gets the
+/// number of the round, from 0 on, and the progress of the round, 0 to 1; once it fails, the refinement ends as soon as it can.
 ///
 /// # Errors
-/// [`RefinementError::Read`] when a recording cannot be read, or with what `progress` says; [`RefinementError::Solve`] when the
+/// [`RefinementError::Read`] if a recording cannot be read, or with the error of `progress`; [`RefinementError::Solve`] if the
 /// observations do not determine the camera.
 pub fn refine<E: Send>(
     input: &RefinementInput<E>,
@@ -189,10 +191,10 @@ pub fn refine<E: Send>(
     let mut rounds: Vec<RoundReport> = Vec::new();
     let mut kept_share = 1.0;
     state.bias = unknown(FIRST_SIGMA);
-    // Circle centres stay as they are: without events to associate anew, one round is all.
+    // Circle centres stay as they are: without events to associate again, one round is enough.
     let total = if input.events.is_some() { ROUNDS } else { 1 };
     let count = input.events.as_ref().map_or(1, |events| events.counts.iter().sum::<u64>().max(1)) as f64;
-    // They know the time, which events alone do not.
+    // Circle centres determine the time, which events alone do not.
     let has_points = input.points.iter().any(|points| !points.is_empty());
     let mut last_early = false;
     loop {
@@ -200,13 +202,12 @@ pub fn refine<E: Send>(
         let mut tell = |done| progress(round, done);
         tell(0.0).map_err(RefinementError::Read)?;
         let first = rounds.is_empty();
-        // The last round uses all events that the settings allow; the ones before only as many as
-        // it takes to get near.
+        // The last round uses all events that the settings allow; the ones before use only as many as are needed to get near.
         let final_round = last_early || rounds.len() + 1 == total;
         let wanted = if final_round { settings.association.most_events } else { EARLY_EVENTS };
         let share = (wanted as f64 / (count * kept_share)).min(1.0);
         let bearings = BearingTable::new(&state.camera, input.sensor);
-        // An answer that it should end is heard at once after it.
+        // A request to end is noticed immediately afterwards.
         let mut associating = |done| _ = tell(ASSOCIATED * done);
         let Associated { segments, report: association, mut residuals, mut mean_scale } =
             associate_all(input, &state, &bearings, settings, !first, share, &mut associating)?;
@@ -282,24 +283,24 @@ pub fn refine<E: Send>(
     }
 }
 
-/// Whether to go on after this answer.
+/// Returns whether to continue after this answer.
 fn flow<E>(answer: Result<(), E>) -> ControlFlow<()> {
     if answer.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
 }
 
 /// The events of all recordings as observations.
 pub(super) struct Associated {
-    /// Those of each trajectory.
+    /// The observations of each trajectory.
     pub(super) segments: Vec<SegmentObservations>,
-    /// What became of the events.
+    /// Counts of kept and dropped events.
     pub(super) report: AssociationReport,
     /// The residuals of the events.
     pub(super) residuals: Vec<ClassResidual>,
-    /// The mean of the metres on the board for each pixel across the edge, `None` without events.
+    /// The mean of the metres on the board per pixel across the edge; `None` without events.
     pub(super) mean_scale: Option<f64>,
 }
 
-/// The events of all recordings, a `share` of 0 to 1 of each, as observations. `tell` hears which part was seen, 0 to 1.
+/// Associates a `share` of 0 to 1 of the events of each recording. `tell` gets the share that was processed, 0 to 1.
 pub(super) fn associate_all<E: Send>(
     input: &RefinementInput<E>,
     state: &State,
@@ -371,10 +372,10 @@ pub(super) fn problem<E>(
     }
 }
 
-/// Spread, and as a start the offset, of each class from the residuals at `state`.
+/// Returns the biases with the spread of each class, and the start value of its offset, from the residuals at `state`.
 fn updated_bias(state: &State, mut residuals: Vec<ClassResidual>, settings: StageSettings) -> EventBias {
     let mut bias = state.bias;
-    // The paper's residual knows no offsets.
+    // The paper's residual has no offsets.
     if settings.refinement.offsets && settings.solve.residual == ResidualMeasure::Pixel {
         shift_offsets(&mut bias, &mut residuals);
         class_spreads(&mut bias, &residuals);
@@ -384,7 +385,7 @@ fn updated_bias(state: &State, mut residuals: Vec<ClassResidual>, settings: Stag
     bias
 }
 
-/// Events of each class.
+/// Returns the number of events of each class.
 fn class_counts(problem: &Problem) -> [usize; CLASS_COUNT] {
     let mut counts = [0; CLASS_COUNT];
     for event in problem.segments.iter().flat_map(|segment| &segment.events) {
@@ -395,19 +396,19 @@ fn class_counts(problem: &Problem) -> [usize; CLASS_COUNT] {
     counts
 }
 
-/// Whether classes have latencies: the paper's residual knows no biases.
+/// Returns `true` if classes have latencies: the paper's residual has no biases.
 fn knows_latencies(settings: StageSettings) -> bool {
     settings.refinement.latencies && settings.solve.residual == ResidualMeasure::Pixel
 }
 
-/// The class whose latency is held where nothing but events tells the time, for a delay of all events cannot be told from a shift of the
-/// clock: the largest of first OFF events, as it knows the time best.
+/// Returns the class whose latency is fixed if only events determine the time, because a delay of all events cannot be
+/// distinguished from a shift of the clock. It is the largest class of first OFF events, which determines the time best.
 fn latency_reference(counts: &[usize; CLASS_COUNT]) -> usize {
     let first_off = (0..CLASS_COUNT).step_by(CLASSES_OF_LENGTH);
     first_off.rev().max_by_key(|&class| counts[class]).unwrap_or(0)
 }
 
-/// The parameters that may change, with so many events of each class.
+/// Returns the parameters that are estimated, given the number of events of each class.
 fn free_parameters(camera: &Camera<f64>, counts: &[usize; CLASS_COUNT], settings: StageSettings) -> FreeParameters {
     let biases = match settings.solve.residual {
         ResidualMeasure::Pixel => free_biases(counts, settings.refinement),
@@ -417,9 +418,9 @@ fn free_parameters(camera: &Camera<f64>, counts: &[usize; CLASS_COUNT], settings
     FreeParameters { intrinsics, board: [false; BOARD_PARAMETERS], biases }
 }
 
-/// The biases that may change, with so many events of each class: classes with hardly any keep theirs.
+/// Returns the biases that are estimated, given the number of events of each class: classes with hardly any events keep theirs.
 fn free_biases(counts: &[usize; CLASS_COUNT], settings: &RefinementSettings) -> [Biases<bool>; CLASS_COUNT] {
-    // Of the classes that share biases.
+    // Sums over the classes that share biases.
     let mut together = [0; CLASSES_OF_LENGTH];
     for (class, count) in counts.iter().enumerate() {
         together[class % CLASSES_OF_LENGTH] += count;
@@ -431,7 +432,7 @@ fn free_biases(counts: &[usize; CLASS_COUNT], settings: &RefinementSettings) -> 
             count >= FEWEST_OF_CLASS && wanted(bias) && is_own_bias(class, bias)
         })
     });
-    // A bend of all events cannot be told from a motion.
+    // A bend of all events cannot be distinguished from a motion.
     free[0][Bias::Bend] = false;
     free
 }
@@ -441,14 +442,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_all_lengths_share_stands_with_long_bursts() {
+    fn biases_shared_by_all_lengths_belong_to_long_bursts() {
         let settings = RefinementSettings::default();
         let [long, three] = [0, 2 * CLASSES_OF_LENGTH];
         let mut counts = [FEWEST_OF_CLASS; CLASS_COUNT];
         counts[three] += 1;
         assert_eq!(latency_reference(&counts), three);
         counts[three + 1] += 2;
-        assert_eq!(latency_reference(&counts), three, "the second OFF event is no first one");
+        assert_eq!(latency_reference(&counts), three, "the second OFF event is not a first one");
         counts[..three].fill(0);
         let free = free_biases(&counts, &settings);
         assert!(free[three][Bias::Latency] && free[three][Bias::Offset]);

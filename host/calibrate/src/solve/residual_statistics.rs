@@ -1,4 +1,4 @@
-//! How far the observations are from where a state puts them, in two figures.
+//! Two statistics of the distances of the observations from their predicted positions.
 
 use std::fmt;
 
@@ -8,7 +8,7 @@ use super::stretch::{EventResidual, point_residuals};
 use super::{Problem, State};
 use evcal_geometry::numerics::statistics::median;
 
-/// How far events are from where the model puts them.
+/// Statistics of the distances of events from their predicted positions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ResidualStatistics {
     /// Number of residuals.
@@ -19,28 +19,28 @@ pub struct ResidualStatistics {
     pub median: f64,
 }
 
-/// What residuals are distances of: kinds whose figures cannot be compared.
+/// The kind of distance that residuals measure. Figures of different kinds cannot be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Measured {
     /// Events, from the edge of their circle.
     #[serde(rename = "event edge distance")]
     EventEdges,
-    /// Centres of circles, from where the result puts them.
+    /// Centres of circles, from their projection.
     #[serde(rename = "circle centre distance")]
     CircleCentres,
-    /// Corners of squares, from where the result puts them.
+    /// Corners of squares, from their projection.
     #[serde(rename = "corner distance")]
     Corners,
 }
 
 impl fmt::Display for Measured {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // As it is written to files.
+        // The same text as in files.
         self.serialize(f)
     }
 }
 
-/// Statistics of all residuals of `problem` at `state`; `events` are those of its events.
+/// Computes statistics of all residuals of `problem` at `state`; `events` are the residuals of its events.
 pub fn residual_statistics(problem: &Problem, state: &State, events: &[EventResidual]) -> ResidualStatistics {
     let mut sizes: Vec<f32> = events.iter().map(|event| event.residual.abs()).collect();
     sizes.extend(point_residuals(problem, state).iter().map(|point| point.residual.norm() as f32));

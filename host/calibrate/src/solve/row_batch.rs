@@ -13,12 +13,12 @@ use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::{ClassBias, expected_distance};
 use evcal_geometry::numerics::huber::huber;
 
-/// Numbers of a row that are computed for all events at once: all but the coefficients of the camera model.
+/// Count of the numbers of a row that are computed for all events at once: all but the coefficients of the camera model.
 const PARTS: usize = 6 + 1 + 4 + BOARD_PARAMETERS + Bias::COUNT;
-/// Where the biases begin among them.
+/// Index of the first bias among them.
 const BIAS_PARTS: usize = PARTS - Bias::COUNT;
 
-/// Where each of them stands in the row.
+/// Index of each of them in the row.
 const PLACES: [usize; PARTS] = {
     let mut places = [0; PARTS];
     let mut part = 0;
@@ -35,31 +35,31 @@ const PLACES: [usize; PARTS] = {
     places
 };
 
-/// Room for the rows of a batch.
+/// Buffers for the rows of a batch.
 pub struct RowBatch {
     classes: [u8; LANES],
     expected: Expected,
     weighed: Weighed,
     rows: [Row; LANES],
     row_classes: [u8; LANES],
-    /// Rows that are filled.
+    /// Number of filled rows.
     filled: usize,
 }
 
-/// What is known of the classes of the events.
+/// Biases and spreads of the classes of the events.
 struct Expected {
     biases: [Lane; Bias::COUNT],
     sigma: Lane,
 }
 
-/// What comes of it. Apart from what goes in, so that the compiler sees that they do not overlap.
+/// Output, separate from the input, so that the compiler sees that they do not overlap.
 struct Weighed {
     costs: Lane,
     weights: Lane,
     residuals: Lane,
-    /// Numbers that single precision holds.
+    /// Numbers that are exact in single precision.
     parts: [Lane; PARTS],
-    /// Derivative of the weighed residual by the pixel of a fixed bearing.
+    /// Derivative of the weighted residual by the pixel of a fixed bearing.
     by_pixel: [SingleLane; 2],
     beside_cell: [SingleLane; 2],
 }
@@ -93,13 +93,13 @@ impl RowBatch {
         self.expected.sigma[lane] = sigma;
     }
 
-    /// Weighs the first `count` lanes of `edges`. `mean_scale` is the unit of the residual where that is not the pixel.
+    /// Weights the first `count` lanes of `edges`. `mean_scale` is the unit of the residual if it is not the pixel.
     pub fn weigh(&mut self, edges: &Edges, huber: f64, mean_scale: Option<f64>, count: usize) {
         self.filled = 0;
         weigh(&self.expected, edges, huber, mean_scale, count.next_multiple_of(GROUP), &mut self.weighed);
     }
 
-    /// Adds the rows of the events that have a cell; the `classes` are those of all events. Returns the loss of these events.
+    /// Adds the rows of the events that have a cell; `classes` are the classes of all events. Returns the loss of these events.
     pub fn collect(&mut self, cells: &[Option<CoefficientPlace>], classes: impl Iterator<Item = u8>) -> Loss {
         for (own, class) in self.classes.iter_mut().zip(classes) {
             *own = class;
@@ -121,12 +121,12 @@ impl RowBatch {
         of_coefficients.iter_mut().zip(coefficients).for_each(|(to, value)| *to = f64::from(value));
     }
 
-    /// Distance of the event in a lane from where its class is expected (px).
+    /// Returns the distance of the event in a lane from the expected distance of its class (px).
     pub fn residual(&self, lane: usize) -> f64 {
         self.weighed.residuals[lane]
     }
 
-    /// The rows that were added, and their classes.
+    /// Returns the added rows and their classes.
     pub fn rows(&self) -> (&[Row], &[u8]) {
         (&self.rows[..self.filled], &self.row_classes[..self.filled])
     }

@@ -1,8 +1,8 @@
 //! Sums of outer products of rows.
 //!
-//! What concerns the pose is summed for each time bin, all else for a whole stretch; what concerns the biases of a class,
-//! for its events alone. The numbers of rows are rounded to single precision, but not the sums: coefficients of a lens that hardly
-//! differ in what they do would be lost in their rounding.
+//! The products with the pose are summed for each time bin, all others for a whole interval; the products with the biases of a
+//! class are summed over its events alone. The numbers of rows are rounded to single precision, but the sums are not: the
+//! differences between coefficients of a lens with almost the same effect would be lost in rounding.
 
 use multiversion::multiversion;
 use multiversion::target::target_cfg_f;
@@ -11,34 +11,34 @@ use super::event_row::{ROW, ROW_BIASES};
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Bias;
 
-/// Columns that concern the pose: at the beginning of a row.
+/// Number of columns of the pose, at the beginning of a row.
 const POSE_COLUMNS: usize = 6;
-/// Lines that are summed for all classes alike: pose, residual, intrinsics.
+/// Number of lines that are summed for all classes alike: pose, residual, intrinsics.
 const COMMON: usize = ROW_BIASES;
-/// Lines and columns whose sums are in registers while rows are added.
+/// Number of lines and columns whose sums stay in registers while rows are added.
 const TILE_LINES: usize = 4;
 const TILE_COLUMNS: usize = 8;
 const _: () = assert!(COMMON.is_multiple_of(TILE_LINES) && COMMON.is_multiple_of(TILE_COLUMNS));
 const _: () = assert!(ROW.is_multiple_of(TILE_COLUMNS));
 
-/// A row of an event or a circle centre. All its numbers are such that single precision holds them ([`single`]).
+/// A row of an event or a circle centre. All its numbers are exact in single precision ([`single`]).
 pub type Row = [f64; ROW];
 
-/// The nearest number that single precision holds.
+/// Returns the nearest number of single precision.
 #[inline(always)]
 pub fn single(value: f64) -> f64 {
     f64::from(value as f32)
 }
 
-/// Sums of outer products. Only what is at and left of the diagonal counts.
+/// Sums of outer products. Only the lower triangle with the diagonal is valid.
 pub struct RowProducts {
     /// Lines of pose, residual and intrinsics.
     pub common: [[f64; COMMON]; COMMON],
     /// Lines of the biases of each class.
     pub classes: [[[f64; ROW]; Bias::COUNT]; CLASS_COUNT],
-    /// Which classes had events since the pose's part was taken.
+    /// `true` for classes that had events since the pose's part was cleared.
     pub touched: [bool; CLASS_COUNT],
-    /// Whether there were rows since then.
+    /// `true` if there were rows since then.
     pub is_touched: bool,
 }
 
@@ -75,7 +75,7 @@ impl RowProducts {
         }
     }
 
-    /// Clears what concerns the pose.
+    /// Clears the products with the pose.
     pub fn clear_pose(&mut self) {
         for line in &mut self.common {
             line[..POSE_COLUMNS].fill(0.0);
@@ -110,8 +110,9 @@ fn add_biases(sums: &mut [[f64; ROW]; Bias::COUNT], rows: &[Row]) {
 
 /// Adds the products of `LINES` lines from `line` on of `rows` with the columns from `column` to `sums`.
 ///
-/// Each element is a sum in the order of the rows, whatever the vector width. The product of two numbers of single precision is exact,
-/// so a `FUSED` multiplication and addition rounds as the two apart do: all machines get the same bits.
+/// Each element is a sum in the order of the rows, whatever the vector width. The product of two numbers of single precision is
+/// exact in double precision, so a fused multiplication and addition (`FUSED`) rounds like two separate operations: all machines
+/// compute the same bits.
 #[inline(always)]
 fn add_tile<const FUSED: bool, const LINES: usize, const WIDTH: usize>(
     sums: &mut [[f64; WIDTH]],
@@ -140,9 +141,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sums_are_those_of_all_rows_and_of_each_class() {
+    fn sums_cover_all_rows_and_each_class() {
         let count = 271;
-        // Neither exact sums nor short numbers: the order of the sums and their rounding count.
+        // Inexact sums and long numbers: the order of the sums and their rounding matter.
         let entry = |row: usize, place: usize| single(((row * 31 + place * 17) % 23) as f64 / 7.0 - 1.5);
         let rows: Vec<Row> = (0..count).map(|row| std::array::from_fn(|place| entry(row, place))).collect();
         let class = |row: usize| if row < 153 { 2 } else { 5 };
@@ -169,7 +170,7 @@ mod tests {
         assert_eq!(products.classes[3], [[0.0; ROW]; Bias::COUNT]);
         products.clear_pose();
         assert_eq!((products.common[8][5], products.classes[2][0][5]), (0.0, 0.0));
-        // What the residual says of the global parameters stays.
+        // The products of the residual with the global parameters are kept.
         assert_eq!(products.common[8][6], sum(8, 6, None));
         assert_eq!(products.classes[2][0][6], sum(ROW_BIASES, 6, Some(2)));
     }

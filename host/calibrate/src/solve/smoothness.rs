@@ -1,12 +1,12 @@
-//! What holds a trajectory where no event does: a hand cannot accelerate without bounds.
+//! A prior on the acceleration of a trajectory where there are no events: a hand cannot accelerate without bounds.
 //!
-//! Where the board hardly moves there are hardly any events, and the ends of a segment would fly off. Each
-//! three neighbouring control points c therefore have an acceleration (of the centre, and of the rotation as
-//! the difference of the rotation vectors between neighbours), at their Greville abscissae g:
+//! Where the board hardly moves there are hardly any events, and the ends of a segment would diverge. Each three neighbouring
+//! control points c therefore have an acceleration (of the centre, and of the rotation as the difference of the rotation vectors
+//! between neighbours), at their Greville abscissae g:
 //!
 //! a = 2 ((c₂ − c₁) / (g₂ − g₁) − (c₁ − c₀) / (g₁ − g₀)) / (g₂ − g₀),
 //!
-//! and the cost is a² / (2 σ²) with σ far above what events leave open.
+//! and the cost is a² / (2 σ²), with σ far above the uncertainty that events leave.
 
 use super::control_band::Block;
 use crate::trajectory::Trajectory;
@@ -32,8 +32,8 @@ pub struct Acceleration {
 }
 
 impl Acceleration {
-    /// Adds it to the normal equations of a segment, of whose control points `order` act together: `blocks` of a control point with
-    /// itself and those before it, and `gradient`. What it adds to the cost.
+    /// Adds the acceleration to the normal equations of a segment whose control points act together in groups of `order`:
+    /// `blocks` of a control point with itself and those before it, and `gradient`. Returns the added cost.
     pub fn add_to(&self, order: usize, blocks: &mut [Block], gradient: &mut [[f64; 6]]) -> f64 {
         let cost = 0.5 * self.residual.iter().map(|value| value * value).sum::<f64>();
         let weight = |point: usize, axis: usize| if axis < 3 { self.rotation[point] } else { self.translation[point] };
@@ -58,7 +58,7 @@ impl Acceleration {
     }
 }
 
-/// The accelerations of all control points of `trajectory`.
+/// Returns the accelerations of all control points of `trajectory`.
 pub fn accelerations(trajectory: &Trajectory) -> Vec<Acceleration> {
     let abscissae = greville(&trajectory.knots, trajectory.degree);
     let turns = turns(&trajectory.rotation);
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn constant_velocity_costs_nothing_and_acceleration_is_that_of_the_curve() {
+    fn constant_velocity_costs_nothing_and_acceleration_agrees_with_the_curve() {
         for found in accelerations(&trajectory(|t| 0.2 + 3.0 * t)) {
             assert!(found.residual.iter().all(|value| value.abs() < 1e-11), "{:?}", found.residual);
         }

@@ -1,12 +1,12 @@
-//! How much a trajectory's acceleration may change, from the events themselves.
+//! A prior on the change of a trajectory's acceleration, whose strength is estimated from the events.
 //!
-//! Turning the camera and moving it sideways look nearly alike, and what tells them apart is lost in noise when
-//! knots are dense; when they are sparse, the curve cannot follow a jerk. The cost therefore has the term
-//! ½ Σ λ τ j² / S over the jerks j of the trajectory (τ their duration; apart for rotation and centre): the curve is
-//! that of a smoothing spline, or of a motion whose jerk is white noise with the spectral density S, which is what
-//! the motion itself shows near that time. S follows from the jerks in turn (MacKay 1992): with V the
-//! variance of a jerk given events and S, and γ = 1 − V τ / S the share of it that the events know, S = Σ j² τ / Σ γ over
-//! the neighbourhood. λ is by how much errors of events in common make their information smaller than it seems.
+//! Rotating the camera and moving it sideways look nearly alike. With dense knots, the difference is lost in noise; with sparse
+//! knots, the curve cannot follow a jerk. The cost therefore has the term ½ Σ λ τ j² / S over the jerks j of the trajectory (τ
+//! their duration; separately for rotation and centre). The curve is then a smoothing spline, or a motion whose jerk is white
+//! noise with the spectral density S, and S is the density that the motion itself shows near that time. S follows from the jerks
+//! in turn (MacKay 1992): with V the variance of a jerk given events and S, and γ = 1 − V τ / S the share of it that the events
+//! determine, S = Σ j² τ / Σ γ over the neighbourhood. λ is the factor by which correlated errors of events reduce their
+//! information.
 
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
@@ -21,13 +21,14 @@ pub type Stiffness = Vec<[f64; 2]>;
 
 /// Rounds of the estimate of S.
 const ROUNDS: usize = 12;
-/// Half the neighbourhood in which the motion is of one kind (s).
+/// Half the length of the neighbourhood in which S is taken as constant (s).
 const NEIGHBOURHOOD: f64 = 0.06;
-/// Jerks that a thread looks at in a go, at least.
+/// Smallest number of jerks that a thread processes at once.
 const PIECE: usize = 256;
-/// Part that the whole recording has in every neighbourhood, in jerks.
+/// Weight of the whole recording in every neighbourhood, in jerks.
 const WHOLE: f64 = 0.05;
-/// Smallest S, of rotation (rad²/s⁵) and centre (m²/s⁵): calmer than any hand. It leaves the curve 7 µm and 7 µrad in a tenth of a second.
+/// Smallest S of rotation (rad²/s⁵) and centre (m²/s⁵), for motion calmer than any hand. With it the curve can still bend by 7 µm
+/// and 7 µrad in a tenth of a second.
 const LEAST_DENSITY: f64 = 1e-4;
 
 /// The quadratic cost of a step of control points: ½ δᵀAδ − rᵀδ.
@@ -38,11 +39,11 @@ pub struct Quadratic {
     pub right: Vec<f64>,
 }
 
-/// What the jerks of each of `trajectories` weigh, and the step of its control points to the least cost with them; the costs are what the
-/// events say. `None` where the events do not determine the step.
+/// Computes the weights of the jerks of each of `trajectories`, and the step of its control points to the least cost with them;
+/// the given costs come from the events. Returns `None` for a trajectory whose step the events do not determine.
 ///
-/// All trajectories are of one motion: one of a tenth of a second alone would often show no jerk at all, and be taken for a curve that
-/// cannot have any.
+/// All trajectories are of one motion: a single one of a tenth of a second would often show no jerk at all, and would then be
+/// fixed to a curve without any.
 pub fn weigh_jerks(trajectories: &[(Trajectory, Quadratic)], noise: f64) -> Vec<Option<(Stiffness, Vec<f64>)>> {
     let begin = |(trajectory, cost): &(Trajectory, Quadratic)| {
         let jerks = jerks(trajectory);
@@ -67,7 +68,7 @@ pub fn weigh_jerks(trajectories: &[(Trajectory, Quadratic)], noise: f64) -> Vec<
     estimates.into_iter().map(|estimate| estimate.map(|Estimate { weights, step, .. }| (weights, step))).collect()
 }
 
-/// The jerks of a trajectory, what they weigh, and the step of its control points with these weights.
+/// The jerks of a trajectory, their weights, and the step of its control points with these weights.
 struct Estimate {
     jerks: Vec<Jerk>,
     weights: Stiffness,
@@ -82,7 +83,7 @@ impl Estimate {
         jerks.map(|(jerk, weight)| Sample::new(jerk, *weight, &self.step, &self.inverse, noise, first)).collect()
     }
 
-    /// The one with these `densities`, one for each jerk.
+    /// Returns the estimate with these `densities`, one for each jerk.
     fn with(self, densities: &[[f64; 2]], cost: &Quadratic, noise: f64) -> Option<Self> {
         let weights = self.jerks.iter().zip(densities);
         let weights = weights
@@ -93,8 +94,8 @@ impl Estimate {
     }
 }
 
-/// Adds a jerk with the weights of rotation and centre to the normal equations of a segment, of whose control points `order` act
-/// together: `blocks` of a control point with itself and those before it, and `gradient`. What it adds to the cost.
+/// Adds a jerk with the weights of rotation and centre to the normal equations of a segment whose control points act together in
+/// groups of `order`: `blocks` of a control point with itself and those before it, and `gradient`. Returns the added cost.
 pub fn add_jerk(
     jerk: &Jerk,
     weights: [f64; 2],
@@ -128,7 +129,7 @@ pub fn add_jerk(
     cost
 }
 
-/// What one jerk says of S, for rotation and centre.
+/// Contribution of one jerk to the estimate of S, for rotation and centre.
 struct Sample {
     t: f64,
     /// j² τ.
@@ -187,13 +188,13 @@ impl Sums {
         })
     }
 
-    /// S, zero where nothing is known of it.
+    /// Returns S; zero if the events do not determine it.
     fn densities(self) -> [f64; 2] {
         std::array::from_fn(|part| if self.known[part] > 0.0 { self.power[part] / self.known[part] } else { 0.0 })
     }
 }
 
-/// S at each sample of a trajectory, when it is `whole` on average.
+/// Returns S at each sample of a trajectory, given the mean `whole` of the recording.
 fn densities(samples: &[Sample], whole: [f64; 2]) -> Vec<[f64; 2]> {
     samples
         .par_iter()
@@ -207,7 +208,7 @@ fn densities(samples: &[Sample], whole: [f64; 2]) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// The step to the least cost with weighted jerks, and the inverse of the matrix near its diagonal.
+/// Computes the step to the least cost with weighted jerks, and the inverse of the matrix near its diagonal.
 fn solved(jerks: &[Jerk], weights: &Stiffness, cost: &Quadratic) -> Option<(Vec<f64>, SymmetricBand)> {
     let (mut matrix, mut step) = (cost.matrix.clone(), cost.right.clone());
     for (jerk, [rotation, translation]) in jerks.iter().zip(weights) {
@@ -248,8 +249,8 @@ mod tests {
 
     const SPAN: f64 = 0.01;
 
-    /// A trajectory with so many spans of knots, whose centre is at `place` of the time and which does not turn, and events that ask for no
-    /// step of it.
+    /// A trajectory with this number of knot spans, whose centre at time t is at `place(t)` and which does not rotate, and events
+    /// that support no step.
     fn curve(spans: usize, place: impl Fn(f64) -> f64) -> (Trajectory, Quadratic) {
         let inner = (0..=spans).map(|knot| knot as f64 * SPAN);
         let end = spans as f64 * SPAN;
@@ -263,14 +264,14 @@ mod tests {
         (trajectory, Quadratic { matrix, right: vec![0.0; dimension] })
     }
 
-    /// The largest weight of the jerks of the centre, for each trajectory.
+    /// Returns the largest weight of the jerks of the centre, for each trajectory.
     fn largest(curves: &[(Trajectory, Quadratic)]) -> Vec<f64> {
         let found = weigh_jerks(curves, 1.0).into_iter().map(Option::unwrap);
         found.map(|(weights, _)| weights.iter().map(|[_, centre]| *centre).fold(0.0, f64::max)).collect()
     }
 
-    /// A tenth of a second without a jerk says nothing of how the camera moves. By itself it once weighed its jerks without bounds, which held
-    /// its poses where they were, and the camera with them.
+    /// A tenth of a second without a jerk does not determine how the camera moves. Alone, its jerks would get unbounded weights,
+    /// which would fix its poses, and the camera with them.
     #[test]
     fn a_short_trajectory_is_as_stiff_as_the_motion_around_it() {
         let shaken = || curve(300, |t| 0.05 * (20.0 * t).sin());
@@ -281,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn no_jerk_weighs_more_than_that_of_the_calmest_motion() {
+    fn weights_of_jerks_are_bounded_by_the_calmest_motion() {
         let found = largest(&[curve(10, |t| 0.3 * t)]);
         assert!(found[0] <= SPAN / LEAST_DENSITY * 1.001, "{found:?}");
     }

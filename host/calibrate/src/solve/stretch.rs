@@ -1,4 +1,4 @@
-//! Linearisation of the observations in a stretch of one segment.
+//! Linearisation of the observations in an interval of one segment.
 
 use std::ops::Range;
 
@@ -22,19 +22,19 @@ use crate::solve::event_bias::robust::ClassResidual;
 use crate::solve::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
 use evcal_geometry::numerics::huber::huber;
 
-/// A run of bins (and of circle centres) of one segment, small enough to be a unit of work.
+/// Consecutive bins (and circle centres) of one segment, few enough to be a unit of work.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stretch {
     /// Index of the segment.
     pub segment: usize,
-    /// Bins in [`SegmentObservations::bins`].
+    /// Indices in [`SegmentObservations::bins`].
     pub bins: Range<usize>,
-    /// Centres in [`SegmentObservations::points`].
+    /// Indices in [`SegmentObservations::points`].
     pub points: Range<usize>,
 }
 
 impl Stretch {
-    /// Time of the first observation in seconds, 0 without any.
+    /// Returns the time of the first observation in seconds; 0 without any.
     pub fn start(&self, segments: &[SegmentObservations]) -> f64 {
         let observations = segments.get(self.segment);
         let bin = observations.and_then(|segment| segment.bins.get(self.bins.clone())?.first());
@@ -43,13 +43,13 @@ impl Stretch {
     }
 }
 
-/// Bins in a stretch: long enough that merging costs little, short enough to share among threads.
+/// Numbers of bins and of points in an interval: enough that merging costs little, few enough to share among threads.
 const STRETCH_BINS: usize = 128;
 const STRETCH_POINTS: usize = 512;
-/// Stretches whose results are held at one time.
+/// Number of intervals whose results are in memory at one time.
 pub const STRETCHES_TOGETHER: usize = 64;
 
-/// Cuts all segments into stretches.
+/// Cuts all segments into intervals.
 pub fn stretches(segments: &[SegmentObservations]) -> Vec<Stretch> {
     let mut stretches = Vec::new();
     for (segment, observations) in segments.iter().enumerate() {
@@ -65,7 +65,7 @@ pub fn stretches(segments: &[SegmentObservations]) -> Vec<Stretch> {
     stretches
 }
 
-/// Normal equations of `stretch` at `state`.
+/// Computes the normal equations of `stretch` at `state`.
 pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stretch: &Stretch) -> StretchEquations {
     let (Some(observations), Some(trajectory)) =
         (problem.segments.get(stretch.segment), state.trajectories.get(stretch.segment))
@@ -101,7 +101,7 @@ pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stre
     equations
 }
 
-/// Products of the rows of observations that share a pose, and of all rows of a stretch.
+/// Products of the rows of observations that share a pose, and of all rows of an interval.
 #[derive(Default)]
 pub struct BinSums<'a> {
     /// The products.
@@ -138,7 +138,7 @@ impl<'a> BinSums<'a> {
         }
     }
 
-    /// Adds a circle centre that was seen from this `pose`, where the model can project it.
+    /// Adds a circle centre that was seen from this `pose`, if the model can project it.
     pub fn add_point(&mut self, problem: &Problem, state: &State, pose: &PoseBin, point: &PointObservation) {
         let inverse_sigma = 1.0 / problem.point_sigma;
         let Some(&center) = problem.points.get(point.circle) else { return };
@@ -179,7 +179,7 @@ fn find_edges<'a>(
 /// The residual of one event.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EventResidual {
-    /// Time since the start of its recording, less the latency of its class (s).
+    /// Time since the start of its recording, minus the latency of its class (s).
     pub t: f64,
     /// Index of the segment.
     pub segment: u32,
@@ -195,24 +195,24 @@ pub struct EventResidual {
     pub normal_speed: f32,
     /// Distance from the edge (px), positive outside the dot.
     pub distance: f32,
-    /// Distance from where the model puts the event (px).
+    /// Distance from the position that the model predicts for the event (px).
     pub residual: f32,
 }
 
 impl EventResidual {
-    /// What of it concerns the event's class.
+    /// Returns the part that concerns the event's class.
     pub fn of_class(&self) -> ClassResidual {
         ClassResidual { class: self.class, speed_range: self.speed_range, residual: self.residual }
     }
 }
 
-/// The residuals of all events, in their order.
+/// Returns the residuals of all events, in their order.
 pub fn residuals_at(problem: &Problem, state: &State) -> Vec<EventResidual> {
     residuals_and_scale(problem, state, &BearingTable::new(&state.camera, problem.sensor)).0
 }
 
-/// The residuals of all events, in their order, and the mean of the metres on the board for each pixel across the edge, `None`
-/// without events; `bearings` are those of the state's camera.
+/// Returns the residuals of all events, in their order, and the mean of the metres on the board per pixel across the edge (`None`
+/// without events); `bearings` belong to the state's camera.
 pub fn residuals_and_scale(
     problem: &Problem,
     state: &State,
@@ -255,7 +255,7 @@ pub fn residuals_and_scale(
     };
     let mut found = Vec::with_capacity(problem.segments.iter().map(|segment| segment.events.len()).sum());
     let mut scales = 0.0;
-    // A few at a time, so that they are not held twice.
+    // A few intervals at a time, so that the residuals are not in memory twice.
     for group in stretches(&problem.segments).chunks(STRETCHES_TOGETHER) {
         for (residual, scale) in group.par_iter().map(of_stretch).collect::<Vec<_>>().into_iter().flatten() {
             scales += f64::from(scale);
@@ -271,13 +271,13 @@ pub fn residuals_and_scale(
 pub struct PointResidual {
     /// Time since the start of its recording (s).
     pub t: f64,
-    /// Where the centre was seen (px).
+    /// Observed position of the centre (px).
     pub pixel: Vector2<f64>,
-    /// How far from its projection it was seen (px).
+    /// Observed minus projected position (px).
     pub residual: Vector2<f64>,
 }
 
-/// The residuals of all circle centres, segment by segment in order of time.
+/// Returns the residuals of all circle centres, segment by segment in order of time.
 pub fn point_residuals(problem: &Problem, state: &State) -> Vec<PointResidual> {
     let segments = problem.segments.iter().zip(&state.trajectories);
     let residual = |trajectory, point: &PointObservation| {
@@ -332,7 +332,7 @@ pub(crate) mod tests {
         fit(0, &poses, 0.0, 0.1, &shape).unwrap()
     }
 
-    /// Events of three classes beside the rims of two dots.
+    /// Events of three classes near the rims of two dots.
     fn observations(camera: &Camera<f64>, trajectory: &Trajectory) -> SegmentObservations {
         let mut observations = SegmentObservations::default();
         for bin in 0..BINS {
@@ -368,7 +368,7 @@ pub(crate) mod tests {
         (equations.loss.cost, equations)
     }
 
-    /// Events of a known camera, and where it is; the cost is a parabola.
+    /// Events of a known camera, and the matching state; the cost is a parabola.
     pub(crate) fn example() -> (Problem, State) {
         let parameters = [331.0, 332.0, 176.0, 134.0, -0.35, 0.15, -4e-4, 5e-4, -0.03];
         let camera = Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap();
@@ -397,7 +397,7 @@ pub(crate) mod tests {
         (problem, State { camera, board: SHAPE, bias, trajectories: vec![trajectory] })
     }
 
-    /// The gradient is that of the cost: by each global parameter and by each control point.
+    /// The gradient equals the slope of the cost by each global parameter and each control point.
     #[test]
     fn the_gradient_is_the_slope_of_the_cost() {
         let (problem, state) = example();
@@ -411,7 +411,7 @@ pub(crate) mod tests {
             };
             0.5 * (cost(1.0) - cost(-1.0))
         };
-        // How far the cost is from a parabola: second order in the distance from the edge.
+        // Deviation of the cost from a parabola: second order in the distance from the edge.
         let assert_close = |found: f64, wanted: f64, scale: f64, what: &str| {
             assert!((found - wanted).abs() < 0.02 * (wanted.abs() + scale), "{what}: {found} against {wanted}");
         };

@@ -1,4 +1,4 @@
-//! The whole bordered block-banded system: sum of the stretches, damping, Schur complement.
+//! The whole bordered block-banded system: sum of the intervals, damping, Schur complement.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -33,7 +33,7 @@ pub struct System {
     pub segments: Vec<SegmentSystem>,
     corner: DMatrix<f64>,
     corner_gradient: DVector<f64>,
-    /// Sum of ρ over all observations, and of what holds the trajectories.
+    /// Sum of ρ over all observations, and the cost of the trajectory priors.
     pub cost: f64,
     /// Loss of the observations.
     pub loss: Loss,
@@ -41,25 +41,25 @@ pub struct System {
 
 /// A step of all parameters.
 pub struct Step {
-    /// For each segment, six numbers a control point.
+    /// For each segment, six numbers per control point.
     pub segments: Vec<Vec<f64>>,
-    /// Global parameters; zero where a parameter is held.
+    /// Global parameters; zero for fixed parameters.
     pub globals: Vec<f64>,
-    /// Decrease of the cost that the linear model promises.
+    /// Decrease of the cost that the linear model predicts.
     pub predicted: f64,
 }
 
-/// What a part of the observations says of the free global parameters.
+/// Contribution of a part of the observations to the equations of the estimated global parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contribution {
-    /// Its share of the gradient.
+    /// Its part of the gradient.
     pub gradient: DVector<f64>,
-    /// Its share of the information matrix.
+    /// Its part of the information matrix.
     pub information: DMatrix<f64>,
 }
 
 impl Contribution {
-    /// What it says of the parameters at `places` alone.
+    /// Returns its part for the parameters at `places` alone.
     pub fn of(&self, places: &[usize]) -> Self {
         Self {
             gradient: self.gradient.select_rows(places),
@@ -68,7 +68,7 @@ impl Contribution {
     }
 }
 
-/// A [`Contribution`] in half the memory, for there are hundreds at a time.
+/// A [`Contribution`] in half the memory, because there are hundreds at a time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackedContribution {
     gradient: DVector<f64>,
@@ -85,7 +85,7 @@ impl From<Contribution> for PackedContribution {
 }
 
 impl PackedContribution {
-    /// The sum of `parts`, which are of the same parameters; `None` of none.
+    /// Sums `parts`, which have the same parameters; `None` if there are no parts.
     pub fn sum<'a>(parts: impl IntoIterator<Item = &'a Self>) -> Option<Contribution> {
         let mut parts = parts.into_iter();
         let first = parts.next()?.clone();
@@ -108,7 +108,7 @@ impl PackedContribution {
 }
 
 impl System {
-    /// An empty system of segments with `control_points` control points each.
+    /// Creates an empty system of segments with `control_points` control points each.
     pub fn new(control_points: &[usize]) -> Self {
         Self {
             segments: control_points.iter().map(|&count| SegmentSystem::new(count, 1)).collect(),
@@ -119,7 +119,7 @@ impl System {
         }
     }
 
-    /// Adds stretches, in their order.
+    /// Adds intervals, in their order.
     pub fn add(&mut self, stretches: &[(Stretch, StretchEquations)]) {
         for (stretch, equations) in stretches {
             let Some(segment) = self.segments.get_mut(stretch.segment) else { continue };
@@ -139,7 +139,7 @@ impl System {
         }
     }
 
-    /// Ends the adding of stretches.
+    /// Completes the system after the last interval.
     pub fn close(&mut self) {
         self.corner.fill_upper_triangle_with_lower_triangle();
         for segment in &mut self.segments {
@@ -147,12 +147,12 @@ impl System {
         }
     }
 
-    /// What all observations say of the global parameter at `place` when everything else is known: one over its variance.
+    /// Returns the information about the global parameter at `place` with everything else known: one over its variance.
     pub fn information_of(&self, place: usize) -> f64 {
         self.corner.get((place, place)).copied().unwrap_or(0.0)
     }
 
-    /// Adds the accelerations of the control points of each segment, in their order.
+    /// Adds the acceleration priors of the control points of each segment, in their order.
     pub fn add_smoothness(&mut self, segments: &[Vec<Acceleration>]) {
         for (segment, accelerations) in self.segments.iter_mut().zip(segments) {
             for acceleration in accelerations {
@@ -169,8 +169,8 @@ impl System {
         }
     }
 
-    /// The step of the free parameters, damped by `damping` (relative to the diagonal). A step with hardly any damping is lengthened
-    /// as the loss requires ([`Loss::lengthening`]).
+    /// Computes the step of the estimated parameters, damped by `damping` (relative to the diagonal). A step with hardly any
+    /// damping is lengthened as the loss requires ([`Loss::lengthening`]).
     pub fn step(&self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Step, NotPositiveDefinite> {
         let Reduced { free, segments: eliminated, schur, right } = self.reduced(damping, free)?;
         let factor = schur.cholesky().ok_or(NotPositiveDefinite)?;
@@ -190,7 +190,8 @@ impl System {
         Ok(Step { segments, globals, predicted })
     }
 
-    /// −gᵀδ − ½ δᵀHδ for a step δ of the control points of each segment and the global parameters, with Hδ = −g: half of −gᵀδ.
+    /// Returns −gᵀδ − ½ δᵀHδ for a step δ of the control points of each segment and the global parameters, with Hδ = −g: half of
+    /// −gᵀδ.
     fn predicted_decrease(&self, segments: &[Vec<f64>], globals: &[f64]) -> f64 {
         let mut sum = 0.0;
         for (segment, step) in self.segments.iter().zip(segments) {
@@ -200,7 +201,8 @@ impl System {
         -0.5 * sum
     }
 
-    /// The system, damped by `damping`, without its control points; of the global parameters those that are `free`.
+    /// Eliminates the control points from the system, damped by `damping`; of the global parameters only those that are `free`
+    /// remain.
     pub fn reduced(&self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Reduced, NotPositiveDefinite> {
         let free = places(free);
         let segments = self.segments.par_iter().map(|segment| segment.eliminated(damping, &free));
@@ -208,7 +210,7 @@ impl System {
         Ok(Reduced::new(free, segments, &self.corner, &self.corner_gradient, damping))
     }
 
-    /// The same where the system is of no use afterwards: each of its segments goes as soon as it is eliminated.
+    /// Does the same and consumes the system: each segment is dropped as soon as it is eliminated.
     pub fn into_reduced(self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Reduced, NotPositiveDefinite> {
         let free = places(free);
         let segments = self.segments.into_par_iter().map(|segment| segment.eliminated(damping, &free));
@@ -217,24 +219,24 @@ impl System {
     }
 }
 
-/// What holds the trajectory of a segment beside its observations.
+/// Priors of the trajectory of a segment, in addition to its observations.
 pub struct Holds<'a> {
     /// Accelerations of its control points.
     pub accelerations: Vec<Acceleration>,
     /// Its jerks.
     pub jerks: Vec<Jerk>,
-    /// What these weigh.
+    /// Weights of the jerks.
     pub stiffness: &'a Stiffness,
 }
 
 impl<'a> Holds<'a> {
-    /// Those of `trajectory`, whose jerks have this `stiffness`.
+    /// Returns the priors of `trajectory`, whose jerks have this `stiffness`.
     pub fn new(trajectory: &Trajectory, stiffness: &'a Stiffness) -> Self {
         Self { accelerations: accelerations(trajectory), jerks: jerks(trajectory), stiffness }
     }
 }
 
-/// A system without its control points.
+/// A system whose control points are eliminated.
 pub struct Reduced {
     free: Vec<usize>,
     segments: Vec<Eliminated>,
@@ -243,7 +245,7 @@ pub struct Reduced {
 }
 
 impl Reduced {
-    /// From its `segments` and what the system says of the global parameters.
+    /// Builds it from its `segments` and the equations of the global parameters.
     fn new(
         free: Vec<usize>,
         segments: Vec<Eliminated>,
@@ -264,18 +266,19 @@ impl Reduced {
         Self { free, segments, schur, right }
     }
 
-    /// Where those of its global parameters that are `free` stand among all of its own.
+    /// Returns the indices of its `free` global parameters.
     pub fn places(&self, free: &[bool; GLOBAL_COUNT]) -> Vec<usize> {
         (0..self.free.len()).filter(|&place| free[self.free[place]]).collect()
     }
 
-    /// Covariance of the global parameters at `places` when the others are held: the inverse of the undamped Schur complement.
+    /// Returns the covariance of the global parameters at `places` with the others fixed: the inverse of the undamped Schur
+    /// complement.
     pub fn covariance(&self, places: &[usize]) -> Result<DMatrix<f64>, NotPositiveDefinite> {
         let schur = self.schur.select_rows(places).select_columns(places);
         Ok(schur.cholesky().ok_or(NotPositiveDefinite)?.inverse())
     }
 
-    /// The step of all its global parameters, zero for the others.
+    /// Returns the step of all its global parameters; zero for the others.
     pub fn global_step(&self) -> Result<Vec<f64>, NotPositiveDefinite> {
         let step = self.schur.clone().cholesky().ok_or(NotPositiveDefinite)?.solve(&self.right);
         let mut globals = vec![0.0; GLOBAL_COUNT];
@@ -283,26 +286,26 @@ impl Reduced {
         Ok(globals)
     }
 
-    /// How the control points follow its global parameters.
+    /// Returns how the control points follow its global parameters.
     pub fn into_follows(self) -> Follows {
         let segments = self.segments.into_iter().map(Eliminated::into_following).collect();
         Follows { segments, free: self.free }
     }
 }
 
-/// How the control points of each segment follow the free global parameters.
+/// How the control points of each segment follow the estimated global parameters.
 pub struct Follows {
     segments: Vec<Following>,
     free: Vec<usize>,
 }
 
 impl Follows {
-    /// What each of `stretches` says of the free global parameters once the trajectories give way.
+    /// Returns the contribution of each of `stretches` to the equations of the estimated global parameters, after elimination of
+    /// the control points.
     ///
-    /// With A⁻¹B the way the control points follow the global parameters, a stretch with the equations
-    /// (Aₖ, Bₖ, Cₖ) and the gradient (gₖ, hₖ) has the gradient hₖ − (A⁻¹B)ᵀgₖ and the information
-    /// Cₖ − BₖᵀA⁻¹B − (BₖᵀA⁻¹B)ᵀ + (A⁻¹B)ᵀAₖA⁻¹B; over all stretches these add up to those of the system,
-    /// but for the share of what holds the trajectories.
+    /// With A⁻¹B, by which the control points follow the global parameters, an interval with the equations (Aₖ, Bₖ, Cₖ) and the
+    /// gradient (gₖ, hₖ) has the gradient hₖ − (A⁻¹B)ᵀgₖ and the information Cₖ − BₖᵀA⁻¹B − (BₖᵀA⁻¹B)ᵀ + (A⁻¹B)ᵀAₖA⁻¹B. Over all
+    /// intervals these add up to the equations of the system, without the trajectory priors.
     pub fn contributions(&self, stretches: &[(Stretch, StretchEquations)]) -> Vec<PackedContribution> {
         let free = &self.free;
         let of_stretch = |(stretch, equations): &(Stretch, StretchEquations)| {
@@ -327,18 +330,18 @@ impl Follows {
         stretches.par_iter().filter_map(of_stretch).collect()
     }
 
-    /// Covariance of the control points of each segment when the free global parameters at `places` have the covariance
-    /// `globals`; `None` where that is none.
+    /// Returns the covariance of the control points of each segment when the estimated global parameters at `places` have the
+    /// covariance `globals`; `None` if that matrix is not a covariance.
     pub fn control_covariances(&self, places: &[usize], globals: &DMatrix<f64>) -> Option<Vec<ControlCovariance>> {
         self.segments.iter().map(|segment| segment.control_covariance(places, globals)).collect()
     }
 }
 
-/// Up to this damping a step is one of Gauss and Newton.
+/// Up to this damping a step counts as a Gauss-Newton step.
 const SMALL_DAMPING: f64 = 1e-5;
 
 impl SegmentSystem {
-    /// An empty one of `count` control points, `order` of which act together.
+    /// Creates an empty system of `count` control points that act together in groups of `order`.
     fn new(count: usize, order: usize) -> Self {
         Self {
             order,
@@ -349,7 +352,7 @@ impl SegmentSystem {
         }
     }
 
-    /// Adds equations of the same order whose first control point has the number `at` here.
+    /// Adds equations of the same order whose first control point has the index `at` here.
     fn add(&mut self, equations: &StretchEquations, at: usize) {
         let blocks = self.blocks.iter_mut().skip(at * self.order);
         blocks.zip(&equations.blocks).for_each(|(sum, block)| *sum += block);
@@ -362,7 +365,8 @@ impl SegmentSystem {
         }
     }
 
-    /// The equations of stretches of one segment, with what `holds` its trajectory between their control points; `None` without any.
+    /// Sums the equations of intervals of one segment and the priors `holds` of its trajectory between their control points;
+    /// `None` without any.
     pub fn of_stretches(stretches: &[(Stretch, StretchEquations)], holds: &Holds) -> Option<Self> {
         let concerned = || stretches.iter().map(|(_, equations)| equations).filter(|one| !one.border.is_empty());
         let first = concerned().map(|one| one.first).min()?;
@@ -383,7 +387,7 @@ impl SegmentSystem {
         Some(segment)
     }
 
-    /// The matrix of the control points times `columns`, one vector of six a control point.
+    /// Multiplies the matrix of the control points by `columns`, a vector of six per control point.
     pub fn times(&self, columns: &[[f64; 6]]) -> Vec<[f64; 6]> {
         let mut product = vec![[0.0; 6]; columns.len()];
         for index in 0..columns.len().min(self.border.len()) {
@@ -406,7 +410,7 @@ impl SegmentSystem {
         product
     }
 
-    /// Its control points eliminated, damped by `damping`, from the global parameters that are `free`.
+    /// Eliminates the control points, damped by `damping`, from the global parameters that are `free`.
     pub fn eliminated(&self, damping: f64, free: &[usize]) -> Result<Eliminated, NotPositiveDefinite> {
         let factor = factored(&self.blocks, self.order, damping, self.scale)?;
         Ok(Eliminated::new(factor, self.order, &self.border, &self.gradient, free))

@@ -1,7 +1,7 @@
-//! Stretches of a trajectory that the events contradict.
+//! Intervals of a trajectory that the events contradict.
 //!
-//! Where no curve follows the motion, the events spread wider about it than elsewhere, or most of those near the board
-//! are too far from any edge to be taken. Both are looked at in short cells of time.
+//! Where no curve follows the motion, the events spread wider about it than elsewhere, or most of those near the board are too
+//! far from any edge to be associated. Both are checked in short cells of time.
 
 use rayon::prelude::*;
 
@@ -12,22 +12,24 @@ use super::{Problem, State};
 use crate::trajectory::Trajectory;
 use evcal_geometry::numerics::statistics::median;
 
-/// Length of the cells of time that are judged (s).
+/// Length of the cells of time (s).
 const CELL: f64 = 0.01;
-/// Largest median size of the residuals in a cell, in units of what their class's spread makes it.
+/// Largest median residual in a cell, in units of the median that the class's spread predicts.
 const SPREAD: f64 = 1.7;
-/// Events too far from every edge for each one near an edge: more in a cell are too many, if they are also more than usual.
+/// Ratio of events too far from every edge to events near an edge above which a cell is unexplained, if they are also unusually
+/// many.
 const FAR_RATIO: f64 = 1.0;
-/// Cells with fewer events are not judged by their spread.
+/// Cells with fewer events are not checked by their spread.
 const FEWEST: usize = 30;
-/// One cell alone may be chance, or the first moment of a recording.
+/// Fewest neighbouring cells: one cell alone may be chance, or the first moment of a recording.
 const FEWEST_CELLS: usize = 2;
 /// Median size of a standard normal deviate.
 const NORMAL_MEDIAN: f64 = 0.6745;
-/// Events far from every edge must be so many times as many as usual.
+/// Ratio to the usual number of events far from every edge from which it counts as unusual.
 const UNUSUAL: f64 = 4.0;
 
-/// The unexplained stretches of the trajectories of `state`, whose `residuals` these are, in order of segment and time.
+/// Finds the unexplained intervals of the trajectories of `state`, in order of segment and time; `residuals` belong to its
+/// events.
 pub fn unexplained(problem: &Problem, state: &State, residuals: &[EventResidual]) -> Vec<LeftOut> {
     let segments = problem.segments.par_iter().zip(&state.trajectories).enumerate();
     let of_segments: Vec<Vec<LeftOut>> = segments
@@ -51,7 +53,7 @@ pub fn unexplained(problem: &Problem, state: &State, residuals: &[EventResidual]
     found.into_iter().filter(|(_, cells)| *cells >= FEWEST_CELLS).map(|(stretch, _)| stretch).collect()
 }
 
-/// The unexplained cells of one segment, each with its neighbours.
+/// Finds the unexplained cells of one segment, each with its neighbours.
 fn unexplained_cells(
     state: &State,
     trajectory: &Trajectory,
@@ -80,7 +82,7 @@ fn unexplained_cells(
         if !wide && !lost {
             continue;
         }
-        // A cell on both sides, for a curve that misses in one pulls at the next.
+        // One more cell on both sides, because a curve that misses in one cell is also wrong in the next.
         let start = trajectory.start() + CELL * (cell as f64 - 1.0);
         found.push(LeftOut {
             recording: trajectory.recording,
@@ -164,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stretch_of_wide_residuals_is_found_and_left_out() {
+    fn an_interval_with_large_residuals_is_found_and_excluded() {
         let (mut problem, state) = problem(100);
         let wide = |t: f64| (0.4..0.5).contains(&t);
         let found = unexplained(&problem, &state, &spread(|t| if wide(t) { 0.6 } else { 0.3 }));
@@ -176,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stretch_whose_events_are_far_from_every_edge_is_found() {
+    fn an_interval_whose_events_are_far_from_every_edge_is_found() {
         let (mut problem, state) = problem(100);
         problem.segments[0].far = (0..2000).map(|index| 0.7 + 0.05 * index as f32 / 2000.0).collect();
         let found = unexplained(&problem, &state, &spread(|_| 0.3));

@@ -1,76 +1,77 @@
-//! By how much the clocks of two things on one mount are apart, and how these are turned against each other, from how they turn.
+//! Alignment of two devices on one mount in time and rotation, from their angular velocities.
 //!
-//! **Offset**: how fast both turn is the same whatever their axes. Its normalised correlation over all shifts must have one clear
-//! peak. **Rotation**: the one that carries the angular velocities of the first to those of the second (Wahba's problem, as Park and
-//! Martin 1994 for hand-eye calibration). Where the motion does not tell them, [`AlignmentError`] says why.
+//! **Offset**: the magnitude of the angular velocity is the same whatever the devices' axes. Its normalised correlation over all
+//! shifts must have one clear peak. **Rotation**: the one that maps the angular velocities of the first device to the angular
+//! velocities of the second (Wahba's problem, as in Park and Martin 1994 for hand-eye calibration). If the motion does not
+//! determine them, [`AlignmentError`] contains the reason.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use evcal_geometry::numerics::lag::{Lag, NoLag, Rules, lag, lags};
 
-/// Smallest correlation that is believed.
+/// Smallest valid correlation.
 const CORRELATION: f64 = 0.9;
-/// Share of the best peak that another one must stay below.
+/// Largest second peak, relative to the best one.
 const SECOND_PEAK: f64 = 0.9;
-/// Nearest another peak may be (s).
+/// Smallest distance of another peak (s).
 const PEAK_DISTANCE: f64 = 0.4;
-/// Root mean square of the angular velocity below which a camera hardly turned (rad/s).
+/// Root mean square of the angular velocity below which a camera hardly rotated (rad/s).
 pub const LEAST_RATE: f64 = 0.08;
-/// Rates at which the clock of a second device runs by mistake, in seconds of the first per second of it: a counter that is added
-/// twice, another divider.
+/// Wrong rates of a second device's clock that occur by mistake (a counter that is added twice, another divider), in seconds of
+/// the first clock per second of the second.
 pub const MISTAKEN_RATES: [f64; 9] = [0.25, 1.0 / 3.0, 0.5, 2.0 / 3.0, 1.0, 1.5, 2.0, 3.0, 4.0];
-/// As much of the beginning of both series is compared at other rates (s): the time that this takes grows with its square.
+/// Length of the beginning of both series that is compared at other rates (s); the time of the comparison grows with its square.
 const LONGEST_OF_OTHER_RATE: f64 = 30.0;
-/// In such steps (s): a hand turns more slowly.
+/// Step of that comparison (s); a hand rotates more slowly.
 const COARSE_STEP: f64 = 0.02;
 /// Longest series (s); longer ones have other units.
 const LONGEST: f64 = 86_400.0;
 
-/// Why the motion does not tell how two things are aligned, and what to do.
+/// Reasons why the motion does not determine the alignment of two devices, with remedies.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum AlignmentError {
-    /// The camera hardly turned.
-    #[error("the camera turned by {rate:.1} °/s only: turn it about two of its axes, back and forth, quickly")]
+    /// The camera hardly rotated.
+    #[error("the camera rotated by only {rate:.1} °/s: rotate it about two of its axes, back and forth, quickly")]
     LittleRotation {
         /// Root mean square of the angular velocity in °/s.
         rate: f64,
     },
-    /// The camera turned at the same rate all the time.
+    /// The camera rotated at a constant rate.
     #[error(
-        "the camera turned by {rate:.1} °/s all the time, which leaves the offset of the clocks open: turn it back and forth about two of its axes"
+        "the camera rotated by {rate:.1} °/s all the time, which does not determine the offset of the clocks: rotate it back and forth about two of its axes"
     )]
     EvenRotation {
         /// Mean of the angular velocity in °/s.
         rate: f64,
     },
-    /// The camera turned about one axis, as it does where it moves in a plane.
+    /// The camera rotated about one axis, as it does when it moves in a plane.
     #[error(
-        "the camera turned about one axis only, its {axis}: where a thing lies along that axis cannot be measured: turn the camera about another axis too"
+        "the camera rotated about one axis only, its {axis}, so positions along that axis cannot be measured: rotate the camera about another axis too"
     )]
     OneAxis {
         /// The axis in words.
         axis: &'static str,
     },
-    /// The turns have nothing in common.
+    /// The rotations have nothing in common.
     #[error(
-        "the other device does not turn as the camera does (best correlation {correlation:.2}, wanted {CORRELATION}): give recordings of the same session, made while it was fixed to the camera"
+        "the rotation of the other device does not match the camera's (best correlation {correlation:.2}, wanted {CORRELATION}): give recordings of the same session, made while it was fixed to the camera"
     )]
     OtherMotion {
         /// The largest correlation.
         correlation: f64,
     },
-    /// The turns are the same at another rate of the second clock.
+    /// The rotations agree at another rate of the second clock.
     #[error(
-        "the clock of the other device runs {rate:.2} times as fast as that of the camera's events: the driver stamped it wrongly; multiply its times by {:.3}",
+        "the clock of the other device runs {rate:.2} times as fast as the events' clock: the driver stamped it wrongly; multiply its times by {:.3}",
         1.0 / rate
     )]
     OtherRate {
         /// Seconds of the second clock per second of the first.
         rate: f64,
     },
-    /// The motion repeats itself.
+    /// The motion is periodic.
     #[error(
-        "the motion repeats itself, so that the clocks may be {first:.2} s or {second:.2} s apart: move less regularly"
+        "the motion is periodic, so the offset of the clocks may be {first:.2} s or {second:.2} s: move less regularly"
     )]
     Ambiguous {
         /// The better offset (s).
@@ -80,38 +81,38 @@ pub enum AlignmentError {
     },
 }
 
-/// Values at even times, where they are known.
+/// Values at even times; `None` where they are not known.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series<T> {
-    /// Time of the first (s).
+    /// Time of the first value (s).
     pub start: f64,
-    /// From one to the next (s).
+    /// Time between values (s).
     pub step: f64,
     /// The values.
     pub values: Vec<Option<T>>,
 }
 
-/// How fast something turns (rad/s).
+/// Magnitudes of an angular velocity (rad/s).
 pub type Rates = Series<f64>;
 
-/// How something turns: its angular velocity in its own axes (rad/s).
+/// Angular velocities in the device's own axes (rad/s).
 pub type Turns = Series<Vector3<f64>>;
 
 impl<T: Copy> Series<T> {
-    /// The `value` of every `step` from `start` to `end` (s).
+    /// Samples `value` at every `step` from `start` to `end` (s).
     pub fn new(start: f64, end: f64, step: f64, value: impl Fn(f64) -> Option<T>) -> Self {
         let count = if end >= start { ((end - start).min(LONGEST) / step) as usize + 1 } else { 0 };
         Self { start, step, values: (0..count).map(|index| value(start + step * index as f64)).collect() }
     }
 
-    /// Those that are known.
+    /// Returns the known values.
     pub fn known(&self) -> impl Iterator<Item = T> + '_ {
         self.values.iter().flatten().copied()
     }
 }
 
 impl Rates {
-    /// The beginning of the same in coarse steps, where each second of its clock is `rate` seconds.
+    /// Returns the beginning of the series in coarse steps, if each second of its clock is `rate` seconds.
     fn coarse(&self, rate: f64) -> Self {
         let value = |t: f64| {
             let place = (t / rate - self.start) / self.step;
@@ -126,13 +127,13 @@ impl Rates {
         Self::new(start, start + length.min(LONGEST_OF_OTHER_RATE), COARSE_STEP, value)
     }
 
-    /// Root mean square (rad/s).
+    /// Returns the root mean square (rad/s).
     pub fn root_mean_square(&self) -> f64 {
         let count = self.known().count().max(1) as f64;
         (self.known().map(|rate| rate * rate).sum::<f64>() / count).sqrt()
     }
 
-    /// Whether the camera turned at all.
+    /// Checks that the camera rotated.
     ///
     /// # Errors
     /// [`AlignmentError::LittleRotation`] if it hardly did.
@@ -146,13 +147,13 @@ impl Rates {
 }
 
 impl Turns {
-    /// How fast it turns.
+    /// Returns the magnitudes.
     pub fn rates(&self) -> Rates {
         let values = self.values.iter().map(|value| value.map(|velocity| velocity.norm())).collect();
         Rates { start: self.start, step: self.step, values }
     }
 
-    /// Between the times that are known.
+    /// Interpolates between known values.
     fn at(&self, t: f64) -> Option<Vector3<f64>> {
         let place = (t - self.start) / self.step;
         let below = place.floor();
@@ -165,28 +166,28 @@ impl Turns {
     }
 }
 
-/// How long both must be known at the least.
+/// Shortest common time of both series.
 #[derive(Clone, Copy, Debug)]
 pub struct Overlap {
-    /// As a share of the shorter series.
+    /// Share of the shorter series.
     pub share: f64,
-    /// In seconds.
+    /// Length in seconds.
     pub seconds: f64,
 }
 
 /// The offset between two clocks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Offset {
-    /// By how much the second clock is ahead of the first (s).
+    /// Time by which the second clock is ahead of the first (s).
     pub seconds: f64,
-    /// Correlation of the rates there.
+    /// Correlation of the rates at this offset.
     pub correlation: f64,
 }
 
-/// By how much the clock of `second` is ahead of that of `first`, the camera; both have the same step.
+/// Returns the offset of the clock of `second` from the clock of `first`, the camera; both have the same step.
 ///
 /// # Errors
-/// [`AlignmentError`] when no offset is clearly the best.
+/// [`AlignmentError`] if no offset is clearly the best.
 pub fn offset(first: &Rates, second: &Rates, overlap: Overlap) -> Result<Offset, AlignmentError> {
     match *offsets(first, second, overlap, 2)?.as_slice() {
         [one] => Ok(one),
@@ -195,10 +196,10 @@ pub fn offset(first: &Rates, second: &Rates, overlap: Overlap) -> Result<Offset,
     }
 }
 
-/// All offsets that may be the right one, the best first, `most` of them at the most: more than one where the motion repeats itself.
+/// Returns all offsets that may be right, the best first, at most `most` of them: more than one if the motion is periodic.
 ///
 /// # Errors
-/// [`AlignmentError`] when there is none.
+/// [`AlignmentError`] if there is none.
 pub fn offsets(first: &Rates, second: &Rates, overlap: Overlap, most: usize) -> Result<Vec<Offset>, AlignmentError> {
     let seconds = |steps: f64| second.start - first.start + steps * first.step;
     match lags(&first.values, &second.values, &rules(first, second, overlap), most) {
@@ -217,13 +218,13 @@ pub fn offsets(first: &Rates, second: &Rates, overlap: Overlap, most: usize) -> 
     }
 }
 
-/// The motion repeats itself, so that both may be right; to a `step` (s).
+/// Returns the error for a periodic motion for which both offsets may be right, rounded to `step` (s).
 pub fn ambiguous(one: Offset, other: Offset, step: f64) -> AlignmentError {
     let rounded = |offset: Offset| (offset.seconds / step).round() * step;
     AlignmentError::Ambiguous { first: rounded(one), second: rounded(other) }
 }
 
-/// What makes an offset clear.
+/// Returns the conditions for a clear offset.
 fn rules(first: &Rates, second: &Rates, overlap: Overlap) -> Rules {
     let known = |rates: &Rates| rates.known().count() as f64;
     Rules {
@@ -234,7 +235,7 @@ fn rules(first: &Rates, second: &Rates, overlap: Overlap) -> Rules {
     }
 }
 
-/// The rate of the second clock, if both turn alike at another one.
+/// Returns an error with the rate of the second clock, if the rotations agree at another rate.
 fn in_another_clock(first: &Rates, second: &Rates, overlap: Overlap) -> Option<AlignmentError> {
     let first = first.coarse(1.0);
     let fits = |rate: &&f64| {
@@ -245,10 +246,11 @@ fn in_another_clock(first: &Rates, second: &Rates, overlap: Overlap) -> Option<A
     rate.map(|rate| AlignmentError::OtherRate { rate: 1.0 / rate })
 }
 
-/// Whether the camera turned about more than one axis; `turns` is the sum of the products of angular velocities with those of the camera, whose
-/// second singular value must be more than `share` of the first.
+/// Checks that the camera rotated about more than one axis. `turns` is the sum of the products of angular velocities with those
+/// of the camera; its second singular value must be more than `share` of the first.
 ///
 /// # Errors
+/// [`AlignmentError::OneAxis`] names the axis.
 /// [`AlignmentError::OneAxis`] names the axis.
 pub fn check_axes(turns: &Matrix3<f64>, share: f64) -> Result<(), AlignmentError> {
     let svd = turns.svd(false, true);
@@ -263,28 +265,28 @@ pub fn check_axes(turns: &Matrix3<f64>, share: f64) -> Result<(), AlignmentError
     }
 }
 
-/// The turns of two things compared at the same times.
+/// Angular velocities of two devices, compared at the same times.
 pub struct ComparedTurns {
     /// Sum of the products of the second's angular velocities with the first's.
     pub products: Matrix3<f64>,
-    /// Sum of the squares of the first's.
+    /// Sum of the squares of the first device's.
     pub of_first: f64,
-    /// Sum of the squares of the second's.
+    /// Sum of the squares of the second device's.
     pub of_second: f64,
 }
 
-/// The rotation that explains the turns best.
+/// The rotation that explains the angular velocities best.
 pub struct BestRotation {
     /// `R_second_first`.
     pub rotation: UnitQuaternion<f64>,
-    /// What it explains of the products; what the squares have beyond that it leaves.
+    /// The explained part of the products; the rest of the squares is unexplained.
     pub explained: f64,
-    /// The same of the best mirrored one.
+    /// The same for the best mirrored rotation.
     pub explained_mirrored: f64,
 }
 
 impl ComparedTurns {
-    /// Of `first` and `second`, whose clock is ahead by `offset` (s).
+    /// Compares `first` and `second`, whose clock is ahead by `offset` (s).
     pub fn new(first: &Turns, second: &Turns, offset: f64) -> Self {
         let mut sums = Self { products: Matrix3::zeros(), of_first: 0.0, of_second: 0.0 };
         for (index, own) in first.values.iter().enumerate() {
@@ -297,7 +299,7 @@ impl ComparedTurns {
         sums
     }
 
-    /// The rotation between them; `None` if there is none.
+    /// Returns the rotation between them; `None` if there is none.
     pub fn rotation(&self) -> Option<BestRotation> {
         let svd = self.products.svd(true, true);
         let (left, right, sizes) = (svd.u?, svd.v_t?, svd.singular_values);

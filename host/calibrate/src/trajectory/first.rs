@@ -1,4 +1,4 @@
-//! Sections 6 and 7 of method.md: segments, and the spline of each through the initial poses.
+//! Segments, and a spline through the initial poses of each (sections 6 and 7 of method.md).
 
 use crate::circles::reference_frame::PointObservation;
 use crate::circles::reference_frame::ReferenceFrame;
@@ -10,24 +10,24 @@ use crate::trajectory::settings::SplineSettings;
 use crate::trajectory::{Trajectory, TrajectoryError};
 use evcal_geometry::timed_pose::TimedPose;
 
-/// A circle this far in time (s) from the middle of its frame is not of it.
+/// Largest time between a circle and the middle of its frame (s).
 const LONGEST_FRAME: f64 = 0.5;
-/// Distance of knots in the first round, where events follow (s).
+/// Knot spacing in the first round, if there are events (s).
 const FIRST_SPACING: f64 = 0.00875;
 
-/// What the joint solve starts from, beside the camera.
+/// Start of the joint solve, in addition to the camera.
 pub struct FirstTrajectories {
     /// One for each segment that has one.
     pub trajectories: Vec<Trajectory>,
-    /// Circle centres of each trajectory, where there are no events.
+    /// Circle centres of each trajectory, if there are no events.
     pub points: Vec<Vec<PointObservation>>,
-    /// What became of the reference frames.
+    /// Counts of the reference frames that were kept and dropped.
     pub segments: SegmentReport,
-    /// Segments whose spline could not be fitted.
+    /// Number of segments whose spline could not be fitted.
     pub without_spline: usize,
 }
 
-/// Why there is no trajectory to start from.
+/// Reasons why there is no start trajectory.
 #[derive(Debug, thiserror::Error)]
 pub enum FirstTrajectoryError {
     /// No segment is long enough.
@@ -35,24 +35,24 @@ pub enum FirstTrajectoryError {
         "the board was found in {frames} windows, but never often enough in a row for a trajectory ({too_few} groups of fewer than {fewest}): keep the whole board in view and moving"
     )]
     NoSegment {
-        /// Reference frames.
+        /// Number of reference frames.
         frames: usize,
-        /// Groups that were too short.
+        /// Number of groups that were too short.
         too_few: usize,
-        /// Frames needed.
+        /// Number of required frames.
         fewest: usize,
     },
-    /// The frames of circle tracks come too seldom.
+    /// The frames of circle tracks are too far apart.
     #[error(
         "the frames with the board are {interval:.1} s apart, and a trajectory needs one at least every {longest} s: are the times in seconds?"
     )]
     FarApart {
         /// Median time between frames (s).
         interval: f64,
-        /// Longest gap that would do (s).
+        /// Longest permitted gap (s).
         longest: f64,
     },
-    /// The circles of a frame were not seen together.
+    /// The circles of a frame were not observed at the same time.
     #[error(
         "the circles or the time window of the frame at {t:.2} s reach {reach:.2} s from it, and {} s is the most: are the times in seconds?",
         LONGEST_FRAME
@@ -60,7 +60,7 @@ pub enum FirstTrajectoryError {
     LongFrame {
         /// Time of the frame (s).
         t: f64,
-        /// How far they reach (s).
+        /// Largest time between a circle and the frame (s).
         reach: f64,
     },
     /// No segment has a spline.
@@ -68,18 +68,18 @@ pub enum FirstTrajectoryError {
     Trajectory(TrajectoryError),
 }
 
-/// All thresholds of [`first_trajectories`].
+/// All settings of [`first_trajectories`].
 #[derive(Clone, Copy)]
 pub struct FirstTrajectorySettings<'a> {
     /// Segments.
     pub segment: &'a SegmentSettings,
     /// Splines.
     pub spline: &'a SplineSettings,
-    /// Their knots.
+    /// Knots.
     pub knots: &'a KnotSettings,
 }
 
-/// Cuts `frames`, those with a pose in `initial`, into segments and fits a spline to each.
+/// Divides `frames`, those with a pose in `initial`, into segments and fits a spline to each.
 pub fn first_trajectories(
     initial: &InitialModel,
     frames: &[ReferenceFrame],
@@ -124,13 +124,13 @@ pub fn first_trajectories(
     Ok(FirstTrajectories { trajectories, points, segments, without_spline })
 }
 
-/// How far the circles and the window of a frame reach from its middle (s).
+/// Returns the largest time between the middle of a frame and its circles or the ends of its window (s).
 fn reach(frame: &ReferenceFrame) -> f64 {
     let times = frame.circles.iter().map(|circle| circle.t).chain([frame.start, frame.end]);
     times.fold(0.0, |reach, t| (t - frame.t()).abs().max(reach))
 }
 
-/// The spline of one segment, and its circle centres where there are no events.
+/// Fits the spline of one segment, and returns its circle centres if there are no events.
 fn fit_segment(
     initial: &InitialModel,
     frames: &[ReferenceFrame],
@@ -165,7 +165,7 @@ fn fit_segment(
     if from_circles {
         return Ok((trajectory, points));
     }
-    // Where events follow, the curve may move freely also between sparse frames.
+    // With events, the curve may move freely also between sparse frames.
     let grid = spacings.grid(&trajectory);
     let knots = grid.even(grid.level_of(FIRST_SPACING), shape.degree);
     Ok((on_knots(&trajectory, knots, shape.rotation)?, points))

@@ -1,11 +1,10 @@
 //! The first control points of a trajectory: a least-squares fit to the poses of reference frames.
 //!
-//! The camera centre and, for quaternion splines, the four numbers of the quaternion are fitted by
-//! global least squares (*The NURBS Book*, 9.4.1): with fixed ends when the trajectory starts and ends
-//! with its poses, so that it passes through the first and the last pose. When it reaches beyond them
-//! (to the ends of the outer windows), the ends are fitted like the rest, and a slight pull towards
-//! constant velocity settles what the poses leave open. SO(3) splines start from the quaternion fit,
-//! then Gauss-Newton steps on the group minimise the squared rotation angles.
+//! The camera centre and, for quaternion splines, the four numbers of the quaternion are fitted by global least squares (*The
+//! NURBS Book*, 9.4.1). If the trajectory starts and ends with its poses, its ends are fixed, so that it passes through the first
+//! and the last pose. If it reaches beyond them (to the ends of the outer windows), the ends are fitted like the rest, and a
+//! slight pull towards constant velocity determines what the poses do not. SO(3) splines start from the quaternion fit, then
+//! Gauss-Newton steps on the group minimise the squared rotation angles.
 
 mod so3;
 
@@ -16,30 +15,27 @@ use super::{RotationControl, RotationSpline, Trajectory, TrajectoryError, knots}
 use evcal_geometry::numerics::banded::BandedCholesky;
 use evcal_geometry::timed_pose::TimedPose;
 
-/// What kind of trajectory to fit.
+/// The kind of trajectory to fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrajectoryShape {
     /// Degree of the spline, 1 to [`evcal_core::spline::MAX_DEGREE`].
     pub degree: usize,
     /// Curve of the rotation.
     pub rotation: RotationSpline,
-    /// Wanted mean distance of knots in seconds.
+    /// Requested mean knot spacing in seconds.
     pub knot_spacing: f64,
 }
 
-/// Weight of the pull towards constant velocity, relative to a pose. A pose pins its control points
-/// with squared basis values of up to 1; the pull decides only where these are far smaller. For a
-/// hand-held camera with knots 30 ms apart it costs less than 0.1 mm, and more than halves what
-/// noise of 1 mm does 5 ms beyond the last pose.
+/// Weight of the pull towards constant velocity, relative to a pose. A pose determines its control points with squared basis
+/// values of up to 1; the pull matters only where these are far smaller. For a hand-held camera with knots 30 ms apart, its error
+/// is below 0.1 mm, and it more than halves the effect of 1 mm of noise 5 ms beyond the last pose.
 const SMOOTHNESS: f64 = 1e-2;
 
-/// Fits a trajectory from `start` to `end` (seconds since the start of the recording, as are the times
-/// of `poses`) to `poses` in the order of time. The number of
-/// control points follows from the knot spacing, but is never above the number of poses.
+/// Fits a trajectory from `start` to `end` (seconds since the start of the recording, like the times of `poses`) to `poses` in
+/// the order of time. The number of control points follows from the knot spacing, but is never above the number of poses.
 ///
 /// # Errors
-/// Too few poses for the degree; times that do not increase or lie outside `start..=end`; numbers that
-/// are not finite.
+/// Too few poses for the degree; times that do not increase or lie outside `start..=end`; numbers that are not finite.
 pub fn fit(
     recording: usize,
     poses: &[TimedPose],
@@ -51,16 +47,16 @@ pub fn fit(
     fit_control_points(recording, poses, start, end, count, shape.degree, shape.rotation)
 }
 
-/// Nearly the same curve on other clamped knots over the same time: a fit to samples of it.
+/// Approximates the curve on other clamped knots over the same time, by a fit to samples of it.
 ///
 /// # Errors
-/// As [`fit`].
+/// As for [`fit`].
 pub fn on_knots(
     trajectory: &Trajectory,
     knots: Vec<f64>,
     rotation: RotationSpline,
 ) -> Result<Trajectory, TrajectoryError> {
-    /// Samples for each span: enough to determine it, and to follow the old curve.
+    /// Samples per span: enough to determine it, and to follow the old curve.
     const SAMPLES: usize = 4;
     let spans = knots.windows(2).filter(|pair| pair[1] > pair[0]);
     let within = spans
@@ -72,10 +68,10 @@ pub fn on_knots(
     fit_on_knots(trajectory.recording, &poses, knots, trajectory.degree, rotation)
 }
 
-/// As [`fit`], with the number of control points given.
+/// Does the same as [`fit`], with the number of control points given.
 ///
 /// # Errors
-/// As [`fit`]; and a `count` outside `degree + 1 ..= poses.len()`.
+/// As for [`fit`]; and a `count` outside `degree + 1 ..= poses.len()`.
 pub fn fit_control_points(
     recording: usize,
     poses: &[TimedPose],
@@ -94,10 +90,10 @@ pub fn fit_control_points(
     fit_on_knots(recording, poses, knots, degree, rotation)
 }
 
-/// As [`fit`], on given clamped knots.
+/// Does the same as [`fit`], on given clamped knots.
 ///
 /// # Errors
-/// As [`fit`]; and knots that the poses do not determine.
+/// As for [`fit`]; and knots that the poses do not determine.
 pub fn fit_on_knots(
     recording: usize,
     poses: &[TimedPose],
@@ -127,22 +123,22 @@ pub fn fit_on_knots(
     Ok(Trajectory { recording, knots, degree, translation, rotation })
 }
 
-/// Pulls the steps from a control point to the next and from that to the one after towards the same velocity.
+/// A pull that equalises the velocity from one control point to the next and from that to the one after.
 struct EvenPull {
     /// Index of the first of the three.
     first: usize,
-    /// Factors of both steps, whose difference is to vanish.
+    /// Factors of both steps, whose difference should vanish.
     before: f64,
     after: f64,
 }
 
-/// Times, knots, and which control points are fixed.
+/// Times, knots, and flags of fixed control points.
 struct Design<'a> {
     knots: Knots<'a, f64>,
     times: Vec<f64>,
-    /// Whether the first control point is the first sample.
+    /// `true` if the first control point is the first sample.
     first_fixed: bool,
-    /// Whether the last control point is the last sample.
+    /// `true` if the last control point is the last sample.
     last_fixed: bool,
 }
 
@@ -159,16 +155,16 @@ impl<'a> Design<'a> {
             || (control_point + 1 == self.knots.control_point_count() && self.last_fixed)
     }
 
-    /// Diagonals below the main one, in control points: a sample couples `degree + 1` neighbours, the
-    /// pull towards constant velocity three.
+    /// Returns the number of diagonals below the main one, in control points: a sample couples `degree + 1` neighbours, the pull
+    /// towards constant velocity three.
     fn bandwidth(&self) -> usize {
         self.knots.degree().max(2)
     }
 
-    /// The pull towards constant velocity, one for every three neighbouring control points. Empty when both ends are fixed: the samples
-    /// suffice.
+    /// Returns the pulls towards constant velocity, one for every three neighbouring control points. Empty if both ends are
+    /// fixed, because the samples suffice.
     ///
-    /// A curve has constant velocity when its control points have it at the Greville abscissae.
+    /// A curve has constant velocity if its control points have it at the Greville abscissae.
     fn smoothness(&self) -> Vec<EvenPull> {
         if self.first_fixed && self.last_fixed {
             return Vec::new();
@@ -182,7 +178,7 @@ impl<'a> Design<'a> {
         factors.collect()
     }
 
-    /// The control points of the least-squares curve through `samples`.
+    /// Returns the control points of the least-squares curve through `samples`.
     fn fit<const D: usize>(&self, samples: &[[f64; D]]) -> Result<Vec<[f64; D]>, TrajectoryError> {
         let count = self.knots.control_point_count();
         let mut control = vec![[0.0; D]; count];
@@ -195,7 +191,7 @@ impl<'a> Design<'a> {
         let mut matrix = BandedCholesky::zeros(count, self.bandwidth());
         let mut right = vec![0.0; count * D];
         let mut add = |first: usize, weights: &[f64], mut target: [f64; D]| {
-            // What fixed control points contribute is known.
+            // The contribution of fixed control points is known.
             let fixed = |index: usize| self.is_fixed(first + index);
             for (index, weight) in weights.iter().enumerate().filter(|(index, _)| fixed(*index)) {
                 target.iter_mut().zip(&control[first + index]).for_each(|(target, value)| *target -= weight * value);
@@ -307,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn motion_at_constant_velocity_is_met() {
+    fn motion_at_constant_velocity_is_reproduced() {
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let (velocity, rate) = (Vector3::new(0.3, -0.2, 0.1), Vector3::new(1.0, 2.0, -0.5));
         let first = hand_held(0.3);
@@ -328,7 +324,7 @@ mod tests {
                 let middle = found.sample(0.2).unwrap();
                 assert!((middle.linear_velocity - velocity).norm() < 1e-9);
                 assert!((middle.rotation.angular_velocity - rate).norm() < 1e-9);
-                // A sum of quaternions meets a turn only to the order of the spline.
+                // A sum of quaternions approximates a rotation only to the order of the spline.
                 let found = fit_control_points(0, &poses, start, end, 20, degree, RotationSpline::Quaternion).unwrap();
                 let (distance, angle) = largest_error(&found, motion);
                 assert!(distance < 1e-11, "degree {degree}: {distance} m");
@@ -363,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn fixed_ends_are_met_exactly() {
+    fn fixed_ends_are_reproduced_exactly() {
         let mut random = ChaCha8Rng::seed_from_u64(3);
         let times = frame_times(40, 1.0, &mut random);
         let poses = sampled(&times, hand_held);
@@ -377,8 +373,8 @@ mod tests {
         }
     }
 
-    /// A board seen turned by about 180° in the image: the quaternions with positive real part jump
-    /// from one end of the sphere to the other, and a sum of neighbours would vanish.
+    /// A board seen rotated by about 180° in the image: quaternions with positive real part jump from one end of the sphere to
+    /// the other, and a sum of neighbours would vanish.
     #[test]
     fn quaternions_that_change_their_sign_do_not_tear_the_trajectory() {
         let mut random = ChaCha8Rng::seed_from_u64(4);
@@ -405,7 +401,7 @@ mod tests {
     }
 
     #[test]
-    fn extended_ends_follow_the_motion_and_do_not_magnify_noise() {
+    fn extended_ends_follow_the_motion_without_amplifying_noise() {
         let mut random = ChaCha8Rng::seed_from_u64(5);
         let times = frame_times(100, 0.0, &mut random);
         let (start, end) = (times[0] - 0.005, times[99] + 0.005);
@@ -446,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn poses_that_make_no_trajectory_are_refused() {
+    fn invalid_poses_are_refused() {
         let poses = sampled(&[0.0, 0.01, 0.02, 0.03], hand_held);
         let shape = TrajectoryShape { degree: 3, rotation: RotationSpline::So3, knot_spacing: 0.02 };
         assert_eq!(fit(0, &poses[..3], 0.0, 0.02, &shape), Err(TrajectoryError::TooFewPoses { degree: 3, found: 3 }));

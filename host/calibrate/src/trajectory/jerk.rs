@@ -1,16 +1,15 @@
-//! The third derivative of a trajectory: how its acceleration changes.
+//! The third derivative of a trajectory (jerk): the change of its acceleration.
 //!
-//! The derivative of a curve of degree p with control points P is one of degree p − 1 with control points
-//! p (Pᵢ₊₁ − Pᵢ) / (uᵢ₊ₚ₊₁ − uᵢ₊₁) (*The NURBS Book*, equation 3.4). Three times that gives, for p = 3, the jerk in
-//! every knot span. For rotations the rotation vectors from each control point to the next take the place of the
-//! first differences.
+//! The derivative of a curve of degree p with control points P is one of degree p − 1 with control points p (Pᵢ₊₁ − Pᵢ) / (uᵢ₊ₚ₊₁
+//! − uᵢ₊₁) (*The NURBS Book*, equation 3.4). Applied three times, this yields, for p = 3, the jerk in every knot span. For
+//! rotations, the rotation vectors from each control point to the next replace the first differences.
 
 use evcal_core::spline::rotation::{log, right_jacobian_inverse};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::{RotationControl, Trajectory};
 
-/// One control point of the third derivative, and how it answers to the control points of the trajectory.
+/// One control point of the third derivative, with its derivatives by the control points of the trajectory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Jerk {
     /// First of the four control points that it depends on.
@@ -21,13 +20,13 @@ pub struct Jerk {
     pub t: f64,
     /// Jerk of the rotation (rad/s³, camera frame), then of the camera centre (m/s³).
     pub value: [f64; 6],
-    /// Derivative of the rotation's by the rotation of each control point (camera frame).
+    /// Derivative of the rotation's jerk by the rotation of each control point (camera frame).
     pub by_rotation: [Matrix3<f64>; 4],
-    /// Derivative of the centre's by the centre of each control point, a multiple of unity.
+    /// Derivative of the centre's jerk by the centre of each control point, a multiple of unity.
     pub by_translation: [f64; 4],
 }
 
-/// The jerks of `trajectory` in order of time; none where its degree is below 3.
+/// Returns the jerks of `trajectory` in order of time; empty if its degree is below 3.
 pub fn jerks(trajectory: &Trajectory) -> Vec<Jerk> {
     let degree = trajectory.degree;
     if degree < 3 {
@@ -57,8 +56,8 @@ pub fn jerks(trajectory: &Trajectory) -> Vec<Jerk> {
         .collect()
 }
 
-/// Weights of three neighbouring first differences of control points in the third derivative; `knots` are those
-/// from the first control point's first knot on. `None` where knots coincide.
+/// Returns the weights of three neighbouring first differences of control points in the third derivative; `knots` are those from
+/// the first control point's first knot on. `None` if knots coincide.
 fn third_derivative(knots: &[f64], degree: usize) -> Option<[f64; 3]> {
     let slope = |first: usize, order: usize| {
         let length = knots.get(first + degree + 1)? - knots.get(first + order)?;
@@ -70,7 +69,7 @@ fn third_derivative(knots: &[f64], degree: usize) -> Option<[f64; 3]> {
     Some([last * bends[0] * steps[0], -last * (bends[0] + bends[1]) * steps[1], last * bends[1] * steps[2]])
 }
 
-/// Rotation vectors from each control point to the next (rad, camera frame).
+/// Returns the rotation vectors from each control point to the next (rad, camera frame).
 pub fn turns(control: &RotationControl) -> Vec<Vector3<f64>> {
     let turn = |a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>| log(&(a.inverse() * b));
     let of_units = |units: &[UnitQuaternion<f64>]| units.windows(2).map(|pair| turn(&pair[0], &pair[1])).collect();
@@ -105,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn the_jerk_of_the_centre_is_that_of_the_curve() {
+    fn the_jerk_of_the_centre_is_the_third_derivative_of_the_curve() {
         let trajectory = trajectory();
         let step = 0.01;
         for jerk in jerks(&trajectory) {
@@ -118,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn its_derivatives_are_those_of_moved_control_points() {
+    fn its_derivatives_agree_with_moved_control_points() {
         let trajectory = trajectory();
         let found = jerks(&trajectory);
         for parameter in 0..36 {

@@ -1,8 +1,7 @@
 //! Knots on a grid whose cells are halved where a curve needs it.
 //!
-//! A segment is cut into cells of nearly the coarsest spacing; each may be halved several times, down to the
-//! finest spacing. All knot vectors of a grid are subsets of its finest one, so that a curve on any of them is
-//! a curve on the finest too.
+//! A segment is divided into cells of nearly the coarsest spacing; each may be halved several times, down to the finest spacing.
+//! All knot vectors of a grid are subsets of its finest one, so that a curve on any of them is also a curve on the finest.
 
 use evcal_core::settings;
 use evcal_core::settings::at_least;
@@ -11,19 +10,19 @@ use serde::{Deserialize, Serialize};
 use super::Trajectory;
 
 settings! {
-    /// How dense knots may be.
+    /// Range of the knot spacing.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct KnotSettings {
         /// Smallest distance of knots.
         pub finest: f64 = 0.004375, "s", at_least(1e-4);
-        /// Largest distance of knots. The same as `finest`: even knots, whatever the motion.
+        /// Largest distance of knots. If it equals `finest`, knots are even whatever the motion.
         pub coarsest: f64 = 0.07, "s", at_least(1e-4);
     }
 }
 
 impl KnotSettings {
-    /// The grid of knots over the time of `trajectory`.
+    /// Returns the grid of knots over the time of `trajectory`.
     pub fn grid(&self, trajectory: &Trajectory) -> KnotGrid {
         KnotGrid::new(trajectory.start(), trajectory.end(), self.finest, self.coarsest)
     }
@@ -39,39 +38,39 @@ pub struct KnotGrid {
 }
 
 impl KnotGrid {
-    /// The grid from `start` to `end` (s) with spacings from about `coarsest` down to about `finest` (s).
+    /// Creates the grid from `start` to `end` (s) with spacings from about `coarsest` down to about `finest` (s).
     pub fn new(start: f64, end: f64, finest: f64, coarsest: f64) -> Self {
-        /// Halvings beyond this have no use.
+        /// More halvings are useless.
         const MOST_LEVELS: f64 = 10.0;
         let levels = (coarsest / finest).log2().round().clamp(0.0, MOST_LEVELS) as usize;
-        // A float-to-integer cast saturates, and makes 0 of NaN.
+        // A float-to-integer cast saturates, and maps NaN to 0.
         let cells = (((end - start) / (finest * (1_u64 << levels) as f64)).round() as usize).max(1);
         Self { start, end, cells, levels }
     }
 
-    /// How often a cell may be halved.
+    /// Returns how often a cell may be halved.
     pub fn levels(&self) -> usize {
         self.levels
     }
 
-    /// Number of spans of the finest knots.
+    /// Returns the number of spans of the finest knots.
     pub fn finest_spans(&self) -> usize {
         self.cells << self.levels
     }
 
-    /// The level whose spacing is nearest to `spacing` (s): 0 is the finest one.
+    /// Returns the level whose spacing is nearest to `spacing` (s): 0 is the finest one.
     pub fn level_of(&self, spacing: f64) -> usize {
         let finest = (self.end - self.start) / self.finest_spans() as f64;
         (spacing / finest).log2().round().clamp(0.0, self.levels as f64) as usize
     }
 
-    /// Clamped knots for a curve of `degree`, every span of the same `level`.
+    /// Returns clamped knots for a curve of `degree`, every span of the same `level`.
     pub fn even(&self, level: usize, degree: usize) -> Vec<f64> {
         self.uneven(&vec![level; self.finest_spans()], degree)
     }
 
-    /// Clamped knots for a curve of `degree`: `level_of_span` has for each of the finest spans the level of the
-    /// span that it lies in.
+    /// Returns clamped knots for a curve of `degree`. `level_of_span` contains, for each of the finest spans, the level of the
+    /// span that contains it.
     pub fn uneven(&self, level_of_span: &[usize], degree: usize) -> Vec<f64> {
         let spans = self.finest_spans();
         let mut knots = vec![self.start; degree + 1];
@@ -87,9 +86,9 @@ impl KnotGrid {
     }
 }
 
-/// For each of the finest spans the level of the span that it should lie in: the halving of cells that costs
-/// least. `costs` has for each level, 0 the finest, what each finest span costs on even knots of that level;
-/// every span of the chosen knots costs `span_cost` on top. Neighbouring spans differ by one level at most.
+/// Returns, for each of the finest spans, the level of the span that should contain it, so that the total cost is least. `costs`
+/// contains, for each level (0 is the finest), the cost of each finest span on even knots of that level; every span of the chosen
+/// knots costs `span_cost` in addition. Neighbouring spans differ by at most one level.
 pub fn cheapest_levels(costs: &[Vec<f64>], span_cost: f64) -> Vec<usize> {
     let Some(spans) = costs.first().map(Vec::len) else { return Vec::new() };
     let mut levels = vec![0; spans];
@@ -111,7 +110,7 @@ pub fn cheapest_levels(costs: &[Vec<f64>], span_cost: f64) -> Vec<usize> {
     levels
 }
 
-/// Halves spans until neighbours differ by one level at most.
+/// Halves spans until neighbours differ by at most one level.
 fn grade(levels: &mut [usize]) {
     let mut changed = true;
     while std::mem::take(&mut changed) {

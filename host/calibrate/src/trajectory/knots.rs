@@ -1,27 +1,25 @@
-//! Knots from data: where poses are dense, knots are dense.
+//! Knots from data: dense knots where poses are dense.
 
 use evcal_core::spline::MAX_ORDER;
 
 use super::TrajectoryError;
 
-/// Number of control points of a spline of `degree` over `duration` seconds whose knots are `spacing`
-/// seconds apart on average. At least `degree + 1`, a single span; otherwise never more than there
-/// are `samples`.
+/// Returns the number of control points of a spline of `degree` over `duration` seconds whose knots are `spacing` seconds apart
+/// on average: at least `degree + 1`, a single span; otherwise never more than there are `samples`.
 pub fn control_point_count(duration: f64, spacing: f64, degree: usize, samples: usize) -> usize {
-    // A float-to-integer cast saturates, and makes 0 of NaN.
+    // A float-to-integer cast saturates, and maps NaN to 0.
     let spans = (duration / spacing).round() as usize;
     spans.max(1).saturating_add(degree).min(samples).max(degree + 1)
 }
 
-/// Clamped knots from `start` to `end` for `count` control points, such that every span holds one of
-/// the sample `times` (*The NURBS Book*, equations 9.68 and 9.69, with the samples' own times as
-/// their parameters). The system of a least-squares fit is then positive definite.
+/// Returns clamped knots from `start` to `end` for `count` control points, such that every span contains one of the sample
+/// `times` (*The NURBS Book*, equations 9.68 and 9.69, with the samples' own times as their parameters). The system of a
+/// least-squares fit is then positive definite.
 ///
 /// `start` and `end` may lie outside the times: the outer spans grow.
 ///
 /// # Errors
-/// Too few times, times that do not increase or lie outside the range, or a `count` that is not in
-/// `degree + 1 ..= times.len()`.
+/// Too few times, times that do not increase or lie outside the range, or a `count` outside `degree + 1 ..= times.len()`.
 pub fn from_times(
     times: &[f64],
     start: f64,
@@ -48,7 +46,7 @@ pub fn from_times(
     let spans = count - degree;
     let mut knots = vec![start; degree + 1];
     for j in 1..spans {
-        // In whole numbers, for no rounding may move a knot past a sample: j samples/spans = i + α.
+        // Integers, because rounding must not move a knot past a sample: j samples/spans = i + α.
         let i = j * samples / spans;
         let share = (j * samples % spans) as f64 / spans as f64;
         knots.push((1.0 - share) * times[i - 1] + share * times[i]);
@@ -57,25 +55,25 @@ pub fn from_times(
     Ok(knots)
 }
 
-/// Greville abscissae (s): for each control point of a spline of `degree` the mean of the knots that it
-/// acts between. Control points that move evenly over them give a curve that moves evenly over time.
+/// Returns the Greville abscissae (s): for each control point of a spline of `degree` the mean of its inner knots. Control points
+/// that move evenly over them make a curve that moves evenly over time.
 pub fn greville(knots: &[f64], degree: usize) -> Vec<f64> {
     let degree = degree.max(1);
     let inner = knots.get(1..knots.len().saturating_sub(1)).unwrap_or_default();
     inner.windows(degree).map(|window| window.iter().sum::<f64>() / degree as f64).collect()
 }
 
-/// How one control point on finer knots follows from those on coarser ones.
+/// One control point on finer knots as a combination of those on coarser ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Blend {
-    /// First of the coarse control points concerned.
+    /// Index of the first coarse control point concerned.
     pub first: usize,
     /// Weights of `degree + 1` coarse control points from `first` on; they add up to 1.
     pub weights: [f64; MAX_ORDER],
 }
 
-/// The control points on the knots `fine` of a curve on the knots `coarse`, all of which are among
-/// `fine` (knot insertion by the Oslo algorithm: Cohen, Lyche and Riesenfeld 1980). Both are clamped.
+/// Returns the control points on the knots `fine` of a curve on the knots `coarse`, which must all be among `fine` (knot
+/// insertion by the Oslo algorithm: Cohen, Lyche and Riesenfeld 1980). Both are clamped.
 pub fn insertion(coarse: &[f64], fine: &[f64], degree: usize) -> Vec<Blend> {
     let count = coarse.len().saturating_sub(degree + 1);
     let at = |knots: &[f64], index: usize| knots.get(index).copied().unwrap_or(0.0);
@@ -129,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_carry_a_spline_is_refused() {
+    fn invalid_times_and_counts_are_refused() {
         let times = [0.0, 1.0, 2.0, 3.0];
         assert_eq!(from_times(&times[..3], 0.0, 3.0, 4, 3), Err(TrajectoryError::TooFewPoses { degree: 3, found: 3 }));
         for found in [0, 3, 5] {
@@ -181,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn inserted_knots_leave_the_curve_as_it_is() {
+    fn inserted_knots_do_not_change_the_curve() {
         for degree in 1..=4 {
             let clamped = |inner: &[f64]| {
                 let ends = |t: f64| std::iter::repeat_n(t, degree + 1);

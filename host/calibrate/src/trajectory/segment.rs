@@ -1,7 +1,7 @@
-//! Section 6 of method.md: trajectory segments.
+//! Trajectory segments (section 6 of method.md).
 //!
-//! The board is only seen while it moves and is in view, so the trajectory is a set of smooth
-//! segments: reference frames close in time share one (paper III-C, the grouping into Φ_l).
+//! The board is only seen while it moves and is in view, so the trajectory consists of smooth segments: reference frames close in
+//! time share one (paper III-C, the grouping into Φ_l).
 
 use evcal_core::settings;
 use evcal_core::settings::above;
@@ -9,10 +9,10 @@ use serde::{Deserialize, Serialize};
 
 use evcal_geometry::numerics::statistics::median;
 
-/// A gap of up to this many median intervals of the frames starts no new segment: circle tracks may hold few frames.
+/// Longest gap within a segment, in median intervals of the frames: circle tracks may contain few frames.
 const LONGEST_GAP_RATIO: f64 = 2.5;
-/// Longest gap (s) that this allows: no curve follows a board for longer without a frame, and times in
-/// another unit would make segments of years.
+/// Upper limit of that gap (s): a curve cannot follow a board for longer without a frame, and times in another unit would make
+/// segments of years.
 const LONGEST_BRIDGED_GAP: f64 = 0.5;
 /// Fewest reference frames in a segment, if the spline does not need more.
 const FEWEST_FRAMES: usize = 4;
@@ -30,44 +30,44 @@ settings! {
     }
 }
 
-/// What became of the reference frames.
+/// Counts of the reference frames that were kept and dropped.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SegmentReport {
-    /// Frames that came in.
+    /// Number of input frames.
     pub frames_in: usize,
     /// Frames in the segments that are kept.
     pub frames_out: usize,
-    /// Segments kept.
+    /// Number of kept segments.
     pub segments: usize,
-    /// Segments dropped for having too few frames.
+    /// Number of segments dropped because of too few frames.
     pub too_few_frames: usize,
-    /// Segments dropped for being too short.
+    /// Number of segments dropped because they are too short.
     pub too_short: usize,
     /// Time covered by the kept segments (s).
     pub duration: f64,
 }
 
 impl SegmentSettings {
-    /// The longest gap (s) within a segment of frames that come every `interval` seconds.
+    /// Returns the longest gap (s) within a segment of frames with an interval of `interval` seconds.
     pub fn longest_gap_at(&self, interval: f64) -> f64 {
         self.longest_gap.max((LONGEST_GAP_RATIO * interval).min(LONGEST_BRIDGED_GAP))
     }
 }
 
-/// Median time between neighbouring frames of a recording (s), 0 without any.
+/// Returns the median time between neighbouring frames of a recording (s), 0 without any.
 pub fn typical_interval(times: &[(usize, f64)]) -> f64 {
     let pairs = times.iter().zip(times.iter().skip(1));
     let mut intervals: Vec<f64> = pairs.filter(|(a, b)| a.0 == b.0).map(|(a, b)| b.1 - a.1).collect();
     median(&mut intervals, f64::total_cmp).unwrap_or(0.0)
 }
 
-/// Fewest reference frames in a segment with a spline of this degree.
+/// Returns the fewest reference frames in a segment with a spline of this degree.
 pub fn fewest_frames(degree: usize) -> usize {
     FEWEST_FRAMES.max(degree + 1)
 }
 
-/// Groups frames, given by (recording, time) in order of recording and time, into segments: ranges
-/// of indices into `times`. A gap of more than `longest_gap` seconds starts a new one.
+/// Groups frames, given by (recording, time) in order of recording and time, into segments: ranges of indices into `times`. A gap
+/// of more than `longest_gap` seconds starts a new one.
 pub fn segment(
     times: &[(usize, f64)],
     degree: usize,
@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gaps_and_recordings_split_and_short_groups_fall_away() {
+    fn gaps_and_recordings_split_and_short_groups_are_dropped() {
         let mut times: Vec<(usize, f64)> = (0..10).map(|i| (0, i as f64 * 0.01)).collect();
         times.extend((0..3).map(|i| (0, 1.0 + i as f64 * 0.01)));
         times.extend((0..6).map(|i| (0, 2.0 + i as f64 * 0.001)));
@@ -115,7 +115,7 @@ mod tests {
 
     /// Milliseconds or microseconds in a column of seconds.
     #[test]
-    fn times_in_another_unit_make_no_segment() {
+    fn timestamps_in_another_unit_do_not_make_segments() {
         let kept = |interval: f64| {
             let times: Vec<(usize, f64)> = (0..60).map(|frame| (0, f64::from(frame) * interval)).collect();
             let longest_gap = SegmentSettings::default().longest_gap_at(typical_interval(&times));

@@ -1,4 +1,4 @@
-//! The curves of a trajectory as users choose them.
+//! Settings of the curves of a trajectory.
 
 use evcal_core::settings;
 use evcal_core::settings::{at_least, from_to};

@@ -1,9 +1,9 @@
-//! Whether the board is as it is stated: what the observations say of its print ratio, bending and radius.
+//! Evidence in the observations that the board differs from its nominal shape, in print ratio, bend and radius.
 //!
-//! From where the solve ended, one step of Newton's method with these four free beside all else tells where they would go. How
-//! sure that is, the scatter of blocks of time tells, as it does for the intrinsics, each block counted from where the step
-//! leads: two halves of a recording that want the board bent to opposite sides make the σ large. A parameter is asked for where
-//! its step is far beyond its σ and large enough to matter. Then the solve is repeated with it free.
+//! After the solve, one Newton step with these four parameters estimated, in addition to all others, shows where they would go.
+//! Their uncertainty follows from the scatter of blocks of time, as for the intrinsics, with each block evaluated at the end of
+//! the step: if two halves of a recording require opposite bends, σ becomes large. A parameter is selected if its step is far
+//! beyond its σ and large enough to matter. Then the solve is repeated with the selected parameters estimated.
 
 use evcal_core::camera::Camera;
 use evcal_core::settings;
@@ -17,39 +17,40 @@ use evcal_geometry::board::Board;
 use evcal_geometry::board::shape::{BoardShape, PARAMETERS};
 
 settings! {
-    /// When the board is not taken as it is stated.
+    /// Estimation of the board's shape.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct BoardShapeSettings {
-        /// Estimate print ratio, bending and radius of the board where the observations ask for it.
+        /// Estimate print ratio, bend and radius of the board if the observations require it.
         pub estimate: bool = true;
     }
 }
 
-/// How far from what is stated a parameter of the board must come out, in units of its standard deviation (σ): print ratio, bend
-/// along x and y, and the radius, which changes nothing else and is known less well.
+/// Smallest deviation of an estimated board parameter from its nominal value, in units of its standard deviation (σ): print
+/// ratio, bend along x and y, and the radius, which affects nothing else and is less well determined.
 const SIGNIFICANCE: [f64; PARAMETERS] = [5.0, 5.0, 5.0, 3.0];
 /// Smallest difference of the print's scales along x and y that is estimated, as a share.
 const SMALLEST_RATIO: f64 = 2e-4;
 /// Smallest bend that is estimated, as a share of the longer side of the circles' area.
 const SMALLEST_BEND: f64 = 1e-4;
-/// Smallest difference of the radius that is estimated, as a share of the stated one, or of half the width of a square or module.
+/// Smallest difference of the radius that is estimated, as a share of the nominal one, or of half the width of a square or
+/// module.
 const SMALLEST_RADIUS: f64 = 0.017;
 
-/// Where the radius is among the parameters.
+/// Index of the radius among the parameters.
 pub const RADIUS: usize = PARAMETERS - 1;
 
-/// What the observations say of the board, with all its parameters free, each in the order of the solve.
+/// Estimates of all parameters of the board from the observations, in the order of the solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoardEvidence {
-    /// Where each parameter would go.
+    /// Estimated value of each parameter.
     pub values: [f64; PARAMETERS],
-    /// Its standard deviation there; infinite where it cannot be told.
+    /// Its standard deviation; infinite if it cannot be determined.
     pub sigma: [f64; PARAMETERS],
 }
 
-/// Which parameters of the board the observations of `problem` tell anything of: circle centres nothing of the radius, and events
-/// without offsets of their own cannot tell it from these.
+/// Returns the parameters of the board that the observations of `problem` can determine. Circle centres do not determine the
+/// radius, nor do events without estimated offsets, which the radius cannot be distinguished from.
 pub fn testable(problem: &Problem) -> [bool; PARAMETERS] {
     let offsets = problem.free.biases.iter().any(|biases| biases[Bias::Offset]);
     let points = problem.segments.iter().any(|segment| !segment.points.is_empty());
@@ -57,13 +58,13 @@ pub fn testable(problem: &Problem) -> [bool; PARAMETERS] {
     [shape, shape, shape, offsets]
 }
 
-/// The free parameters of `problem` and those of the board.
+/// Returns the estimated parameters of `problem` together with the board's parameters.
 pub fn with_board(problem: &Problem) -> FreeParameters {
     let testable = testable(problem);
     FreeParameters { board: std::array::from_fn(|index| problem.free.board[index] || testable[index]), ..problem.free }
 }
 
-/// A `contribution` as it is where the `step` of the global parameters leads to, in which all of `free` may move.
+/// Returns a `contribution` after the `step` of the global parameters; all of `free` may change.
 pub fn after(step: &[f64], contribution: Contribution, free: &[bool]) -> Contribution {
     let moved = nalgebra::DVector::from_iterator(
         free.iter().filter(|&&free| free).count(),
@@ -72,24 +73,24 @@ pub fn after(step: &[f64], contribution: Contribution, free: &[bool]) -> Contrib
     Contribution { gradient: contribution.gradient + &contribution.information * moved, ..contribution }
 }
 
-/// The board as the solve has it.
+/// The board in a solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoardEstimate {
     /// Its shape.
     pub shape: BoardShape,
-    /// Which of its parameters were estimated.
+    /// `true` for its estimated parameters.
     pub estimated: [bool; PARAMETERS],
-    /// Their standard deviations; zero where a parameter is as stated.
+    /// Their standard deviations; zero for nominal values.
     pub sigma: [f64; PARAMETERS],
-    /// What the observations say with all parameters free.
+    /// Evidence from the observations with all parameters estimated.
     pub evidence: Option<BoardEvidence>,
-    /// The camera with the board as it is stated; `None` where nothing was estimated.
+    /// The camera with the nominal board; `None` if no parameter was estimated.
     pub camera_as_stated: Option<Camera<f64>>,
 }
 
 impl BoardEstimate {
-    /// The board of `refined` with its `sigma` and with the `evidence` there; `camera_as_stated` came out
-    /// before.
+    /// Creates the estimate of the board of `refined` with its `sigma` and the `evidence` there; `camera_as_stated` is the camera
+    /// of the solve with the nominal board.
     pub fn new(
         refined: &Refined,
         sigma: [f64; PARAMETERS],
@@ -101,8 +102,8 @@ impl BoardEstimate {
 }
 
 impl BoardEvidence {
-    /// Where the `step` of the global parameters leads the board of `state`, and how sure that is by the variances of its `testable` parameters, in their
-    /// order, and by an error of the radius that no scatter shows.
+    /// Returns the board of `state` after the `step` of the global parameters. Its σ follow from the variances of its `testable`
+    /// parameters, in their order, and from an error of the radius that no scatter shows.
     pub fn new(
         state: &State,
         step: &[f64],
@@ -120,7 +121,7 @@ impl BoardEvidence {
         Self { values, sigma }
     }
 
-    /// Which parameters are not as in the `stated` shape of `board`.
+    /// Returns the parameters that differ significantly from the `stated` shape of `board`.
     pub fn asks_for(&self, stated: &BoardShape, board: &Board) -> [bool; PARAMETERS] {
         let stated = stated.parameters();
         let bend = SMALLEST_BEND * board.longer_side();

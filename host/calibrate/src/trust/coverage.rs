@@ -1,4 +1,4 @@
-//! What a calibration saw: where on the sensor the observations lie, and from where the board was seen.
+//! Coverage of a calibration: positions of the observations on the sensor, and the poses of the board.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
@@ -12,21 +12,20 @@ use evcal_geometry::numerics::statistics::quantile;
 /// Columns and rows of the cells of the sensor.
 pub const CELLS: (usize, usize) = (12, 9);
 
-/// Poses are looked at so often (s).
+/// Interval between the evaluated poses (s).
 const INTERVAL: f64 = 0.02;
 
-/// A cell is covered when it has at least this share of the observations that it would have if all
-/// cells had the same.
+/// Share of the mean number of observations per cell from which a cell counts as covered.
 const COVERED_SHARE: f64 = 0.03;
 
-/// A quantity over all poses.
+/// Distribution of a quantity over all poses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
-    /// Five of a hundred poses have less.
+    /// 5th percentile.
     pub low: f64,
-    /// Half of the poses have less.
+    /// Median.
     pub median: f64,
-    /// Five of a hundred poses have more.
+    /// 95th percentile.
     pub high: f64,
 }
 
@@ -38,7 +37,7 @@ impl Spread {
     }
 }
 
-/// What was seen.
+/// Coverage of the sensor, and distribution of the poses.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Coverage {
     /// Columns of cells of the sensor.
@@ -60,20 +59,20 @@ pub struct Coverage {
 }
 
 impl Coverage {
-    /// Whether cell `index` has enough observations to count as covered.
+    /// Returns `true` if cell `index` has enough observations to count as covered.
     pub fn is_covered(&self, index: usize) -> bool {
         let total: usize = self.counts.iter().sum();
         let count = self.counts.get(index).copied().unwrap_or(0);
         count > 0 && count as f64 >= COVERED_SHARE * total as f64 / self.counts.len() as f64
     }
 
-    /// Whether the calibration is backed by observations around `pixel` of a sensor of this size.
+    /// Returns `true` if the calibration has observations around `pixel` of a sensor of this size.
     pub fn backs(&self, pixel: [f64; 2], sensor: Sensor) -> bool {
         self.is_covered(cell(pixel, sensor))
     }
 }
 
-/// Index of the cell of `pixel`.
+/// Returns the index of the cell of `pixel`.
 fn cell([x, y]: [f64; 2], Sensor { width, height }: Sensor) -> usize {
     let place = |position: f64, size: u16, count: usize| {
         (((position + 0.5) / f64::from(size) * count as f64).max(0.0) as usize).min(count - 1)
@@ -81,7 +80,7 @@ fn cell([x, y]: [f64; 2], Sensor { width, height }: Sensor) -> usize {
     place(y, height, CELLS.1) * CELLS.0 + place(x, width, CELLS.0)
 }
 
-/// What the observations of `problem`, which `state` solves, saw of `board`.
+/// Computes the coverage of the observations of `problem` at its solution `state`; `board` is the board they show.
 pub fn coverage(problem: &Problem, state: &State, board: &Board) -> Coverage {
     let events = problem.segments.iter().flat_map(|segment| &segment.events);
     let points = problem.segments.iter().flat_map(|segment| &segment.points);
@@ -97,8 +96,8 @@ pub fn coverage(problem: &Problem, state: &State, board: &Board) -> Coverage {
     coverage_of(&state.camera, problem.sensor, board, pixels, poses, Some(duration))
 }
 
-/// What observations at these `pixels`, made from these `poses` (`T_world_camera`) in `duration` seconds, saw
-/// of `board`.
+/// Computes the coverage of observations at these `pixels`, made from these `poses` (`T_world_camera`) in `duration` seconds, of
+/// `board`.
 pub fn coverage_of(
     camera: &Camera<f64>,
     sensor: Sensor,

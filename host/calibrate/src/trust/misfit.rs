@@ -1,8 +1,8 @@
-//! What another lens model says where this one cannot follow the lens.
+//! Comparison with other lens models, when the model cannot follow the lens.
 //!
-//! Residuals that stay in the same places of the image say that a model cannot bend as the lens does, but not how far
-//! it is off: poses and other parameters take up a part of it. So the other models are solved from where this one
-//! ended, on a part of its events. The projection of the best of them differs by about what this one is wrong.
+//! Residuals that stay in the same parts of the image show that a model cannot follow the lens, but not how large its error is,
+//! because poses and other parameters absorb a part of it. So the other models are solved on a part of the events, starting at
+//! the result of this model. The projection difference to the best of them estimates the error of this model.
 
 use evcal_core::camera::refit::refit;
 use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
@@ -17,7 +17,7 @@ use evcal_geometry::board::shape::BoardShape;
 use evcal_geometry::lens::folds::folds;
 use evcal_geometry::lens::projection_difference::{ProjectionDifference, projection_difference};
 
-/// Models that are tried, those first that OpenCV and ROS hold.
+/// Models to try, first those that OpenCV and ROS support.
 const CANDIDATES: [ModelKind; 6] = [
     ModelKind::Radtan,
     ModelKind::KannalaBrandt,
@@ -27,17 +27,17 @@ const CANDIDATES: [ModelKind; 6] = [
     ModelKind::Omni,
 ];
 
-/// Events with which a model is tried, about.
+/// Approximate number of events with which a model is tried.
 const EVENTS: usize = 80_000;
 
 /// Most iterations for each model.
 const ITERATIONS: usize = 6;
 
-/// Most iterations where the board changes, further than models usually do.
+/// Most iterations when the board's shape changes, which takes longer than a change of the model.
 const SHAPE_ITERATIONS: usize = 10;
 
-/// A model explains the events better when it takes so many times the cost that chance can away, in variances of the
-/// estimate over those of independent events.
+/// Decrease of the cost, relative to the decrease by chance, from which a model explains the events better; in units of the
+/// variance of the estimate over the variance with independent events.
 const CERTAIN: f64 = 8.0;
 
 /// A lens model that follows the lens better.
@@ -45,36 +45,36 @@ const CERTAIN: f64 = 8.0;
 pub struct BetterModel {
     /// The model.
     pub kind: ModelKind,
-    /// What the calibrated camera is off if it is right.
+    /// Error of the calibrated camera if this model is right.
     pub difference: ProjectionDifference,
 }
 
-/// Where two models differ by more than this (px), the wrong one did not find its events, and what is known there is a
-/// guess.
+/// Difference of two models (px) above which the wrong one had no events in that part of the image, so that its projection is
+/// extrapolated.
 const LOST: f64 = 1.0;
 
-/// Such places count as so many times the largest difference: the other model did not see events there either.
+/// Weight of such parts, as a multiple of the largest difference elsewhere: the other model had no events there either.
 const GUESS: f64 = 2.0;
 
-/// How far a lens model is from the lens.
+/// Difference between a lens model and the lens.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Misfit {
-    /// Error of the projection over the sensor that the model brings (rms, px).
+    /// Error of the projection over the sensor that the model causes (rms, px).
     pub rms: f64,
     /// A model without that error, if there is one.
     pub better: Option<BetterModel>,
 }
 
-/// How far the model of `state`, which solves `problem`, is from the lens, when `pattern` is what its residuals leave and
-/// `inflation` the variance of the estimate over that of independent events.
+/// Computes the misfit of the model of `state`, the solution of `problem`. `pattern` is the pattern in its residuals, and
+/// `inflation` the variance of the estimate divided by the variance with independent events.
 pub fn misfit(problem: &Problem, state: &State, pattern: &ResidualPattern, inflation: f64) -> Misfit {
     let better = better_model(problem, state, inflation);
     let rms = better.as_ref().map_or(0.0, |better| cautious_rms(&better.difference)).max(pattern.shift);
     Misfit { rms, better }
 }
 
-/// The root mean square of a difference over the sensor, in which places beyond [`LOST`] count
-/// [`GUESS`] times as much as the worst.
+/// Returns the root mean square of a difference over the sensor. Positions with more than [`LOST`] count as [`GUESS`] times the
+/// worst of the others.
 fn cautious_rms(difference: &ProjectionDifference) -> f64 {
     let squares = difference.grid.iter().filter_map(|place| {
         let [x, y] = place.difference?;
@@ -85,8 +85,8 @@ fn cautious_rms(difference: &ProjectionDifference) -> f64 {
     (sum / count.max(1) as f64).sqrt()
 }
 
-/// Whether another lens model, with the board as it is, explains more than a board of another `shape` with the `asked` parameters
-/// free.
+/// Returns `true` if another lens model, with the present board, explains more than a board of another `shape` with the `asked`
+/// parameters estimated.
 pub fn lens_explains_more(
     problem: &Problem,
     state: &State,
@@ -108,7 +108,7 @@ pub fn lens_explains_more(
     })
 }
 
-/// One of how many events a model is tried with.
+/// Returns the stride of the events with which a model is tried.
 fn thinning(problem: &Problem) -> usize {
     let count: usize = problem.segments.iter().map(|segment| segment.events.len()).sum();
     (count / EVENTS).max(1)
@@ -118,7 +118,7 @@ fn intrinsics_of(kind: ModelKind) -> [bool; MAX_PARAMETERS] {
     std::array::from_fn(|index| index < kind.parameter_names().len())
 }
 
-/// `problem` with one in `step` of its events and these parameters free.
+/// Returns `problem` with one in `step` of its events and these estimated parameters.
 fn thinned(problem: &Problem, step: usize, free: FreeParameters, iterations: usize) -> Problem {
     let segments = problem.segments.iter().map(|segment| segment.every(step)).collect();
     Problem { iterations, free, ..problem.with_segments(segments) }
@@ -143,14 +143,14 @@ fn better_model(problem: &Problem, state: &State, inflation: f64) -> Option<Bett
     if best + chance >= own_cost {
         return None;
     }
-    // Of those that explain as much, the first that does not fold over inside the image.
+    // Of the models that explain as much, the first that does not fold over inside the image.
     let as_good = others.into_iter().filter(|(_, _, cost)| *cost <= best + chance);
     let (kind, camera, _) = as_good.min_by_key(|(_, camera, _)| folds(camera, problem.sensor))?;
     let difference = projection_difference(&state.camera, &camera, problem.sensor).ok()?;
     Some(BetterModel { kind, difference })
 }
 
-/// `uncertainty` made so much larger that the bound of `projection` has room for the misfit too.
+/// Enlarges `uncertainty` so that the bound of `projection` includes the misfit.
 pub fn with_misfit(uncertainty: Uncertainty, projection: &ProjectionUncertainty, misfit: &Misfit) -> Uncertainty {
     if projection.rms_95 <= 0.0 {
         return uncertainty;

@@ -1,4 +1,4 @@
-//! The poses of a calibration, each with how sure it is.
+//! The poses of a calibration, each with its uncertainty.
 
 pub mod csv;
 
@@ -12,20 +12,20 @@ use crate::solve::pose_covariance::{PoseCovariance, PoseSigma};
 use evcal_geometry::timed_pose::TimedPose;
 
 settings! {
-    /// Which poses are written.
+    /// Selection of the poses that are written.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct PoseSettings {
-        /// Poses a second in `trajectory.txt` and `trajectory.csv`.
+        /// Poses per second in `trajectory.txt` and `trajectory.csv`.
         pub rate: f64 = 200.0, "Hz", above(0.0).at_most(10_000.0);
     }
 }
 
-/// Poses whose centre is known worse than this along any axis (m) are only in `trajectory.csv`.
+/// Largest σ of the centre along any axis (m); poses with more are only in `trajectory.csv`.
 const LARGEST_POSITION_SIGMA: f64 = 0.005;
-/// The same for the rotation about any axis (rad).
+/// Largest σ of the rotation about any axis (rad); poses with more are only in `trajectory.csv`.
 const LARGEST_ROTATION_SIGMA: f64 = 0.01;
-/// Poses whose uncertainty is more than this many times the usual one in the recording (the median) are only there, too.
+/// Largest ratio of the uncertainty to the usual one in the recording (the median); poses with more are only in `trajectory.csv`.
 const LARGEST_WEAKNESS: f64 = 4.0;
 
 /// A pose with its standard deviation.
@@ -33,12 +33,12 @@ const LARGEST_WEAKNESS: f64 = 4.0;
 pub struct UncertainPose {
     /// Time in seconds since the start of the recording, and the pose.
     pub pose: TimedPose,
-    /// Its standard deviation; `None` where it could not be told.
+    /// Its standard deviation; `None` if it could not be determined.
     pub sigma: Option<PoseSigma>,
 }
 
 impl UncertainPose {
-    /// Whether it is sure enough; a pose whose σ is not known is not.
+    /// Returns `true` if the pose is determined well enough; `false` if its σ is not known.
     pub fn is_determined(&self) -> bool {
         self.sigma.is_some_and(|sigma| {
             sigma.position.iter().all(|sigma| *sigma <= LARGEST_POSITION_SIGMA)
@@ -48,13 +48,13 @@ impl UncertainPose {
     }
 }
 
-/// Those of `poses` that are sure enough.
+/// Returns the `poses` that are determined well enough.
 pub fn determined(poses: &[UncertainPose]) -> impl Iterator<Item = TimedPose> {
     poses.iter().filter(|pose| pose.is_determined()).map(|pose| pose.pose)
 }
 
-/// The poses along the trajectories of `recording`, at whole multiples of one over the rate, in order of time, but for the
-/// stretches that are left out.
+/// Samples the poses along the trajectories of `recording` at whole multiples of one over the rate, in order of time, without the
+/// excluded intervals.
 pub fn sampled_poses(
     state: &State,
     covariance: &PoseCovariance,
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pose_must_be_sure_by_itself_and_among_the_others() {
+    fn a_pose_must_be_determined_in_absolute_terms_and_relative_to_the_others() {
         let of = |position: f64, rotation: f64, weakness: f64| {
             let sigma = PoseSigma { position: [0.0, position, 0.0], rotation: [rotation, 0.0, 0.0], weakness };
             UncertainPose { pose: TimedPose { t: 0.0, pose: Isometry3::identity() }, sigma: Some(sigma) }

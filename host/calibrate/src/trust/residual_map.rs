@@ -1,13 +1,12 @@
-//! Where on the sensor the final residuals are not noise.
+//! Systematic residuals over the sensor.
 //!
-//! The sensor is cut into cells. An event tells how far it lies from where it is expected, across its edge
-//! only: r = n · d + m, with the edge's unit normal n, the displacement d of what is seen in the cell, and
-//! what m lies further out all around the dots. Both are estimated in each cell by weighted least squares. d is what a
-//! lens model that cannot bend enough leaves; edges of all directions average it away in the mean of r. m is what
-//! the event biases leave.
+//! The sensor is divided into cells. The residual of an event measures a displacement only across its edge: r = n · d + m, with
+//! the edge's unit normal n, the displacement d of the image in the cell, and the outward shift m of the events all around the
+//! dots. Both are estimated in each cell by weighted least squares. d is the error of a lens model that cannot follow the lens;
+//! in the mean of r it would cancel over edges of all directions. m is the error that the event biases leave.
 //!
-//! Events of one crossing of an edge err together. The standard errors are therefore those of sums over
-//! blocks of time (the sandwich estimator with clusters; Liang and Zeger, Biometrika 1986).
+//! Events of one crossing of an edge have errors in common. The standard errors are therefore computed for sums over blocks of
+//! time (the sandwich estimator with clusters; Liang and Zeger, Biometrika 1986).
 
 pub mod histogram;
 
@@ -20,17 +19,17 @@ use crate::solve::stretch::{EventResidual, PointResidual, point_residuals};
 use crate::solve::{Problem, State};
 use evcal_geometry::numerics::huber::huber;
 
-/// Columns of square cells into which the sensor is cut; the rows follow.
+/// Number of columns of square cells; the number of rows follows.
 const COLUMNS: usize = 16;
-/// Events within this time may err together (s): standard errors are those of sums over such blocks.
+/// Time within which events may have errors in common (s): standard errors are computed for sums over such blocks.
 const BLOCK: f64 = 0.05;
-/// Fewest blocks that saw something in a cell, to estimate a displacement there.
+/// Fewest blocks with observations in a cell from which a displacement is estimated.
 const FEWEST_BLOCKS: usize = 12;
-/// Displacements that stay in the same places of the image, beyond what noise explains: from this size on (px, rms) other lens models
-/// are asked, if they are also so many times what noise makes of them.
+/// Displacements that stay in the same parts of the image, beyond what noise explains, from which other lens models are tried:
+/// size (px, rms), and ratio to the size that noise causes.
 const SUSPICIOUS: [f64; 2] = [0.002, 1.2];
-/// Such displacements larger than this (px, rms), and than so many times what noise makes of them, speak against the calibration
-/// although no other model is better.
+/// Displacements above which the calibration is doubtful although no other model is better: size (px, rms), and ratio to the size
+/// that noise causes.
 const CONDEMNING: [f64; 2] = [0.008, 1.5];
 
 /// One scalar residual: r = row · (d, m).
@@ -38,10 +37,10 @@ const CONDEMNING: [f64; 2] = [0.008, 1.5];
 struct Observation {
     t: f64,
     pixel: [f64; 2],
-    /// Normal of the edge, and 1 where m is estimated.
+    /// Normal of the edge, and 1 if m is estimated.
     row: Vector3<f64>,
     residual: f64,
-    /// Inverse variance, less for outliers.
+    /// Inverse variance, reduced for outliers.
     weight: f64,
 }
 
@@ -56,12 +55,12 @@ pub struct ResidualMap {
     pub cell: f64,
     /// The cells, row by row.
     pub cells: Vec<CellResiduals>,
-    /// What they say together.
+    /// Summary of all cells.
     pub pattern: ResidualPattern,
 }
 
 impl ResidualMap {
-    /// Left, top, right and bottom of each cell in pixels.
+    /// Returns left, top, right and bottom of each cell in pixels.
     pub fn places(&self) -> impl Iterator<Item = [f64; 4]> {
         (0..self.rows * self.columns).map(|index| {
             let left = (index % self.columns) as f64 * self.cell - 0.5;
@@ -80,44 +79,44 @@ pub struct CellResiduals {
     pub blocks: usize,
     /// Root mean square of the residuals (px).
     pub rms: f64,
-    /// What is displaced, where enough was seen.
+    /// Systematic displacement, if there are enough observations.
     pub displacement: Option<Displacement>,
 }
 
-/// What the residuals of a cell have in common.
+/// Systematic part of the residuals of a cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Displacement {
-    /// How far what is seen in the cell lies from where the model puts it (px).
+    /// Observed minus modelled position of the image in the cell (px).
     pub shift: Vector2<f64>,
     /// Covariance of `shift` (px²).
     pub covariance: Matrix2<f64>,
-    /// How much further out of the dots events lie than their classes expect (px), with its standard error;
-    /// `None` for circle centres.
+    /// Mean distance by which events lie further out of the dots than their classes predict (px), with its standard error; `None`
+    /// for circle centres.
     pub outward: Option<(f64, f64)>,
 }
 
-/// The figures of a residual map that stand for all of it.
+/// Summary of a residual map.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ResidualPattern {
     /// Cells with a displacement.
     pub cells: usize,
-    /// Root mean square displacement over the cells, less what noise explains (px).
+    /// Root mean square displacement over the cells, with the part that noise explains subtracted (px).
     pub shift: f64,
-    /// Root mean square displacement in units of its standard error: 1 when it is noise alone.
+    /// Root mean square displacement in units of its standard error: 1 if it is noise alone.
     pub shift_ratio: f64,
-    /// Root mean square of what events lie further out, less what noise explains (px).
+    /// Root mean square outward shift, with the part that noise explains subtracted (px).
     pub outward: f64,
-    /// The same in units of its standard error.
+    /// Root mean square outward shift in units of its standard error.
     pub outward_ratio: f64,
 }
 
 impl ResidualPattern {
-    /// Whether displacements that stay in the same places are large enough to ask other models.
+    /// Returns `true` if the displacements are large enough that other models should be tried.
     pub fn is_suspicious(&self) -> bool {
         self.is_beyond(SUSPICIOUS)
     }
 
-    /// Whether they speak against the calibration although no other model is better.
+    /// Returns `true` if the displacements make the calibration doubtful although no other model is better.
     pub(super) fn is_condemning(&self) -> bool {
         self.is_beyond(CONDEMNING)
     }
@@ -127,7 +126,7 @@ impl ResidualPattern {
     }
 }
 
-/// The residuals of `problem` at `state` over the sensor; `events` are those of all its events.
+/// Computes the residual map of `problem` at `state`; `events` are the residuals of all its events.
 pub fn residual_map(problem: &Problem, state: &State, events: &[EventResidual]) -> ResidualMap {
     if events.is_empty() {
         let points = point_residuals(problem, state);
@@ -176,7 +175,7 @@ struct CellSums {
     estimate: Option<(Matrix3<f64>, Vector3<f64>)>,
     block: Option<i64>,
     blocks: usize,
-    /// Score of the current block, and the sum of the outer products of those before.
+    /// Score of the current block, and the sum of the outer products of the scores before.
     score: Vector3<f64>,
     scatter: Matrix3<f64>,
 }
@@ -208,14 +207,13 @@ impl CellSums {
     }
 }
 
-/// The inverse of the normal matrix of a cell; `None` where edges of too few directions leave a displacement
-/// along them undetermined.
+/// Inverts the normal matrix of a cell; `None` if the edges have too few directions to determine a displacement.
 fn inverse(normal: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     /// Smallest share of the information that the weakest direction may have.
     const WEAKEST: f64 = 0.02;
     let mut normal = *normal;
     if normal[(2, 2)] <= 0.0 {
-        // Circle centres say nothing of m.
+        // Circle centres do not determine m.
         normal[(2, 2)] = 0.5 * normal.trace();
     }
     let inverse = normal.try_inverse()?;
@@ -224,7 +222,7 @@ fn inverse(normal: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     (information.min() >= WEAKEST * information.max()).then_some(inverse)
 }
 
-/// The map of the observations that every call of `observations` gives in order of time.
+/// Builds the map from the observations that every call of `observations` returns in order of time.
 fn map_of<O: Iterator<Item = Observation>>(sensor: Sensor, observations: impl Fn() -> O) -> ResidualMap {
     let cell = f64::from(sensor.width.max(1)) / COLUMNS as f64;
     let rows = (f64::from(sensor.height.max(1)) / cell).ceil().max(1.0) as usize;
@@ -282,7 +280,7 @@ fn pattern(cells: &[CellResiduals]) -> ResidualPattern {
     ResidualPattern { cells: shift.count, shift: shift_pixels, shift_ratio, outward: outward_pixels, outward_ratio }
 }
 
-/// Mean squares of a figure over the cells: beyond noise, and in units of its standard error.
+/// Mean squares of a quantity over the cells: beyond noise, and in units of its standard error.
 #[derive(Default)]
 struct MeanSquare {
     count: usize,

@@ -1,12 +1,12 @@
-//! Two halves of the observations, calibrated apart.
+//! Comparison of two halves of the observations, calibrated separately.
 //!
-//! Time is cut into slices; the even ones make one half, the odd ones the other. Each half is solved on its
-//! own, from the common result on: two cameras from data that have no event in common. They should differ
-//! by what the stated uncertainty of both says, and each should explain the other half's events about as well
-//! as that half's own camera does (with the trajectory free in both cases).
+//! Time is cut into slices; the even ones form one half, the odd ones the other. Each half is solved on its own, starting at the
+//! common result: two cameras from data without a common event. They should differ by no more than the reported uncertainty of
+//! both, and each should explain the other half's events about as well as the other half's own camera does (with the trajectory
+//! estimated in both cases).
 //!
-//! The common result is so near to that of each half that one step of Newton leads there, and the equations at the common result
-//! tell the rest: no event is looked at once more for the halves.
+//! The common result is so near the result of each half that one Newton step leads there, and everything else follows from the
+//! equations at the common result: the events are not processed again.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use nalgebra::{DMatrix, DVector};
@@ -25,50 +25,50 @@ use crate::trust::uncertainty::projection::projection_uncertainty;
 use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::lens::projection_difference::{ProjectionDifference, projection_difference};
 
-/// Length of a slice of time (s); even slices make one half, odd ones the other.
+/// Length of a slice of time (s); even slices form one half, odd ones the other.
 const SLICE: f64 = 0.5;
-/// Recordings with fewer slices are not halved.
+/// Recordings with fewer slices are not divided.
 const FEWEST_SLICES: f64 = 4.0;
 
-/// How well a camera explains events that it was not calibrated from.
+/// Residuals of events for a camera that was not calibrated from them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HeldOutResidual {
     /// Observations in both halves.
     pub count: usize,
     /// Root mean square residual with the camera of the other half (px).
     pub rms: f64,
-    /// The same with the half's own camera (px).
+    /// Root mean square residual with the half's own camera (px).
     pub own_rms: f64,
 }
 
-/// Two calibrations from one half of the observations each.
+/// Two calibrations, each from one half of the observations.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SplitHalf {
     /// The two cameras.
     pub cameras: [CameraDescription; 2],
-    /// Where the second would put what the first sees.
+    /// Projection of the second camera minus the projection of the first.
     pub difference: ProjectionDifference,
-    /// The root mean square difference that their stated uncertainties lead to expect (px).
+    /// The root mean square difference that their reported uncertainties predict (px).
     pub expected_rms: f64,
-    /// What it stays below in 95 of 100 cases if those are right (px).
+    /// 95 % bound of the difference if those are right (px).
     pub bound: f64,
-    /// Held-out residuals.
+    /// Residuals of each half with the camera of the other.
     pub held_out: HeldOutResidual,
 }
 
 impl SplitHalf {
-    /// Whether the halves differ by no more than stated.
+    /// Returns `true` if the halves differ by no more than the bound.
     pub fn consistent(&self) -> bool {
         self.difference.rms <= self.bound
     }
 }
 
-/// The number of the slice in which time `t` (s) lies.
+/// Returns the number of the slice that contains time `t` (s).
 fn slice(t: f64) -> i64 {
     (t / SLICE).floor() as i64
 }
 
-/// Segment and slice of a stretch.
+/// Returns segment and slice of an interval.
 fn slice_of(stretch: &Stretch, segments: &[SegmentObservations]) -> (usize, i64) {
     (stretch.segment, slice(stretch.start(segments)))
 }
@@ -101,7 +101,7 @@ pub struct Halves<'a> {
 }
 
 impl<'a> Halves<'a> {
-    /// Empty ones of `problem`, which `state` solves; `None` where there is too little to halve.
+    /// Creates empty halves of `problem`, whose solution is `state`; `None` if the recording is too short.
     pub fn new(problem: &'a Problem, state: &State) -> Option<Self> {
         const NOT_STIFF: &Stiffness = &Stiffness::new();
         let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
@@ -130,7 +130,7 @@ impl<'a> Halves<'a> {
         }
     }
 
-    /// Both halves with their solutions; `None` where the observations of one do not determine it.
+    /// Solves both halves; `None` if the observations of one do not determine it.
     pub fn solved(&self) -> Option<SolvedHalves> {
         let [first, second] = &self.halves;
         let solved = |half: &Half| Some((half.solved()?, half.loss.cost));
@@ -141,8 +141,8 @@ impl<'a> Halves<'a> {
 /// The solutions of both halves, each with the cost of its observations at the common result.
 pub struct SolvedHalves([(SolvedHalf, f64); 2]);
 
-/// Compares the `halves` of `problem`, which `state` solves with these residuals of the events; `parts` say where the covariance of the
-/// whole comes from. `None` when they cannot be compared.
+/// Compares the `halves` of `problem`, whose solution is `state` with these residuals of the events; `parts` are the parts of the
+/// covariance of the whole. Returns `None` if they cannot be compared.
 pub fn split_half(
     problem: &Problem,
     state: &State,
@@ -156,7 +156,7 @@ pub fn split_half(
     let [first, second] = &halves.0;
     let cameras = [camera(first)?, camera(second)?];
     let formal = [formal(first), formal(second)];
-    // What both halves have in common cancels.
+    // Errors common to both halves cancel.
     let scattered = &parts.noise + &parts.between_parts;
     let covariance = alike(&(&formal[0] + &formal[1]), &parts.noise, &scattered, &free)?;
     let difference = projection_difference(&cameras[0], &cameras[1], problem.sensor).ok()?;
@@ -165,7 +165,7 @@ pub fn split_half(
     let distance = DVector::from_fn(formal[0].nrows(), |row, _| first.0.globals[row] - second.0.globals[row]);
     let mut held_out = HeldOutResidual { count: 0, rms: 0.0, own_rms: 0.0 };
     for (((half, cost), formal), squares) in halves.0.iter().zip(&formal).zip(squares(problem, state, events)) {
-        // The cost is half the sum of the squares, each over its own variance.
+        // The cost is half the sum of the squared residuals, each over its own variance.
         let share = |decrease: f64| squares.sum * (1.0 - decrease / cost.max(f64::MIN_POSITIVE));
         held_out.count += squares.count;
         held_out.own_rms += share(half.decrease);
@@ -182,14 +182,14 @@ pub fn split_half(
     })
 }
 
-/// The camera with its parameters moved by the first of `globals`; `None` where the model refuses them.
+/// Returns the camera with its parameters moved by the first of `globals`; `None` if the model rejects them.
 fn moved(camera: &Camera<f64>, globals: &[f64; GLOBAL_COUNT]) -> Option<Camera<f64>> {
     let mut parameters = camera.parameters();
     parameters.iter_mut().zip(globals.iter().take(MAX_PARAMETERS)).for_each(|(parameter, step)| *parameter += step);
     Camera::from_parameters(camera.kind(), &parameters)
 }
 
-/// The square of a `distance` of the intrinsics in units of their `covariance`; those that are not `free` do not count.
+/// Returns the squared `distance` of the intrinsics in units of their `covariance`; parameters that are not `free` do not count.
 fn within(covariance: &DMatrix<f64>, distance: &DVector<f64>, free: &[bool; GLOBAL_COUNT]) -> Option<f64> {
     let places: Vec<usize> = (0..distance.len()).filter(|&index| free[index]).collect();
     let distance = distance.select_rows(&places);
@@ -204,7 +204,7 @@ struct Squares {
     sum: f64,
 }
 
-/// Those of the even slices, then of the odd ones.
+/// Returns the squared residuals of the even slices, then of the odd ones.
 fn squares(problem: &Problem, state: &State, events: &[EventResidual]) -> [Squares; 2] {
     let mut halves = [Squares::default(); 2];
     let [even, odd] = &mut halves;
@@ -218,8 +218,9 @@ fn squares(problem: &Problem, state: &State, events: &[EventResidual]) -> [Squar
     halves
 }
 
-/// What is to `formal` as `scattered` is to `noise`: covariances of the intrinsics, with zeros where a parameter is not `free`. For a
-/// `formal` that is k times `noise` it is k times `scattered`. `None` where one of them is not positive definite.
+/// Scales `formal` by the ratio of `scattered` to `noise`, as matrices: if `formal` is k times `noise`, the result is k times
+/// `scattered`. All are covariances of the intrinsics, with zeros for parameters that are not `free`. Returns `None` if one of
+/// them is not positive definite.
 fn alike(
     formal: &DMatrix<f64>,
     noise: &DMatrix<f64>,
@@ -257,16 +258,16 @@ mod tests {
     }
 
     #[test]
-    fn the_scatter_of_halves_has_the_shape_of_that_of_the_whole() {
+    fn the_scatter_of_halves_has_the_shape_of_the_whole_covariance() {
         let noise = DMatrix::from_row_slice(3, 3, &[2.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0, 1.0]);
         let scattered = DMatrix::from_row_slice(3, 3, &[9.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 3.0]);
         let mut free = [false; GLOBAL_COUNT];
         (free[0], free[2]) = (true, true);
-        // Each half alone is half as sure, and the difference of two once more.
+        // Each half alone has twice the variance, and the difference of two has twice that.
         let four = alike(&(&noise * 4.0), &noise, &scattered, &free).unwrap();
         assert!((four - &scattered * 4.0).norm() < 1e-12);
         let formal = DMatrix::from_row_slice(3, 3, &[7.0, 0.0, 2.0, 0.0, 0.0, 0.0, 2.0, 0.0, 5.0]);
-        // Without a shape of its own, the scatter only enlarges.
+        // If the scatter has the shape of the noise, the covariance is only enlarged.
         let enlarged = alike(&formal, &noise, &(&noise * 2.5), &free).unwrap();
         assert!((enlarged - &formal * 2.5).norm() < 1e-12);
         let scatter = alike(&formal, &noise, &scattered, &free).unwrap();

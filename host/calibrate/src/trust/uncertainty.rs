@@ -1,24 +1,22 @@
-//! How sure the intrinsics are.
+//! Uncertainty of the intrinsics.
 //!
-//! The inverse of the normal equations would be their covariance if every event were a measurement of its
-//! own. It is not: events of one passage of an edge share what the pixel, the spline and the bias terms get
-//! wrong, so that the formal σ is several times too small. How much too small, the recording itself tells:
-//! the observations are cut into blocks of time, each long enough that its errors hardly reach into the
-//! next, and the estimate's scatter when one block after the other is left out (the jackknife, to first
-//! order, with the trajectories giving way) gives another covariance. How long is long enough is not known,
-//! so several lengths are tried: the one with the largest scatter gives the size of the covariance, the mean
-//! of all its shape. From a few to some tens of blocks that shape is noisy; the formal one is not, but it knows
-//! nothing of what correlates errors. What is stated is three parts of the former and one of the latter, blown up to the
-//! same size by one number, [`Uncertainty::inflation`].
+//! The inverse of the normal equations would be their covariance if all events were independent. They are not: events of one
+//! passage of an edge share the errors of the pixel, the spline and the bias terms, so that the formal σ is several times too
+//! small. The factor is estimated from the recording itself. The observations are cut into blocks of time, each so long that its
+//! errors hardly reach into the next. The scatter of the estimate when each block in turn is left out (the jackknife, to first
+//! order, with the trajectories adapting) yields another covariance. The necessary length is not known, so several lengths are
+//! tried: the one with the largest scatter determines the size of the covariance, the mean of all its shape. With a few to some
+//! tens of blocks that shape is noisy. The formal covariance is not noisy, but contains no correlated errors. The reported
+//! covariance is three parts of the former and one of the latter, scaled to the same size by one number,
+//! [`Uncertainty::inflation`].
 //!
-//! What drifts over the whole recording (focus, temperature, the board's place) shows only between long parts, up to its
-//! halves. There are few of them, so that their scatter is chance to a good part: they count by the lower end of what
-//! it may be, one standard deviation below.
+//! Drifts over the whole recording (focus, temperature, the board's position) show only between long parts, up to its halves.
+//! There are few of these, so their scatter is partly chance: it is reduced by one standard deviation before it counts.
 //!
-//! No scatter shows an error that every part of a recording has. Simulated recordings with known truth do. What the biases of
-//! the events do not follow, some thousandths of a pixel, is the larger the more their latencies move them. It moves the camera in the
-//! directions that the views hardly determine, the further the less they do (`MODEL_ERROR`; the poses and the board
-//! go with it), and the focal lengths, even if the views determine them well (`LATENCY_SCALE`).
+//! Scatter cannot show an error that is common to all parts of a recording; simulated recordings with known ground truth do. The
+//! error that the event biases leave, some thousandths of a pixel, grows with the shift that their latencies cause. It biases the
+//! camera along poorly determined directions, in proportion to how poorly determined they are (`MODEL_ERROR`; poses and board
+//! follow), and it biases the focal lengths even if the views determine them well (`LATENCY_SCALE`).
 
 pub mod blocks;
 pub mod parts;
@@ -40,10 +38,10 @@ use blocks::{Scatter, scatter, sum_by_block};
 use parts::CovarianceParts;
 use projection::{NoView, ProjectionUncertainty, projection_uncertainty};
 
-/// Length of the blocks of time whose scatter tells how far events are correlated (s); blocks of half, twice and four times this
-/// length are looked at too, and the largest figure counts.
+/// Length of the blocks of time from whose scatter the correlation of events is estimated (s). Blocks of half, twice and four
+/// times this length are used too, and the largest value counts.
 pub const BLOCK: f64 = 0.25;
-/// Shorter recordings get shorter blocks, so that there are this many.
+/// Smallest number of blocks; shorter recordings get shorter blocks.
 const FEWEST_BLOCKS: f64 = 4.0;
 /// Lower limit of the σ of the focal lengths, as a share of them: one error common to both.
 const SYSTEMATIC_SCALE: f64 = 5e-5;
@@ -57,44 +55,44 @@ const MODEL_ERROR: f64 = 1.3e-5;
 /// Error of a pose from imperfections of the event model, as a share of the usual σ of a pose. For a pose that is w times less
 /// certain, it is w² times as large.
 pub const POSE_MODEL_ERROR: f64 = 0.2;
-/// The least error of the circles' radius that all events have in common, where it is estimated (px, σ).
+/// Smallest error of the circles' radius that is common to all events, if the radius is estimated (px, σ).
 const SYSTEMATIC_RADIUS: f64 = 0.03;
 
-/// How sure the intrinsics of a calibration are.
+/// Uncertainty of the intrinsics of a calibration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Uncertainty {
-    /// Covariance of the intrinsics, in the order of the camera model's parameters; rows and columns of
-    /// parameters that are held are zero.
+    /// Covariance of the intrinsics, in the order of the camera model's parameters; rows and columns of fixed parameters are
+    /// zero.
     pub covariance: DMatrix<f64>,
-    /// What of it all parts of the recording have in common, so that their scatter does not tell it; zero where nothing is known of it.
+    /// Part of it that is common to all parts of the recording, so that their scatter does not show it; zero if it is not known.
     pub systematic: DMatrix<f64>,
-    /// The least error of the focal lengths that all events have in common, as a share of them (σ).
+    /// Smallest error of the focal lengths that is common to all events, as a share of them (σ).
     pub systematic_scale: f64,
-    /// Variance of the estimate over what it would be if all observations were independent, at least 1.
+    /// Variance of the estimate divided by its variance if all observations were independent, at least 1.
     pub inflation: f64,
     /// Number of observations.
     pub observations: usize,
-    /// Number of blocks of time that the inflation was found with.
+    /// Number of blocks of time from which the inflation was estimated.
     pub blocks: usize,
 }
 
-/// How sure a joint solve is.
+/// Uncertainty of a joint solve.
 pub struct SolveUncertainty {
-    /// That of the intrinsics.
+    /// Uncertainty of the intrinsics.
     pub intrinsics: Uncertainty,
-    /// Where it comes from.
+    /// Causes of that uncertainty.
     pub parts: CovarianceParts,
-    /// Standard deviation of each parameter of the board that was estimated; zero where it is held.
+    /// Standard deviation of each estimated parameter of the board; zero for fixed ones.
     pub board_sigma: [f64; BOARD_PARAMETERS],
-    /// What the observations say of the board with all its parameters free; `None` where they cannot tell.
+    /// Evidence about the board with all its parameters estimated; `None` if the observations do not determine them.
     pub board: Option<BoardEvidence>,
-    /// Standard deviation of each bias of each event class; zero where it is held.
+    /// Standard deviation of each bias of each event class; zero for fixed ones.
     pub bias_sigma: BiasSigma,
-    /// How sure each pose is.
+    /// Covariance of the poses.
     pub poses: PoseCovariance,
-    /// Covariance of all global parameters that are free, if observations were independent.
+    /// Covariance of all estimated global parameters, if observations were independent.
     pub formal: DMatrix<f64>,
-    /// Both halves of the observations, solved apart; `None` where they are too few.
+    /// Both halves of the observations, solved separately; `None` if there are too few.
     pub halves: Option<SolvedHalves>,
 }
 
@@ -102,12 +100,12 @@ pub struct SolveUncertainty {
 pub type BiasSigma = [Biases<f64>; CLASS_COUNT];
 
 impl Uncertainty {
-    /// Standard deviation of each intrinsic parameter, in the order of the camera model.
+    /// Returns the standard deviation of each intrinsic parameter, in the order of the camera model.
     pub fn sigma(&self) -> Vec<f64> {
         self.covariance.diagonal().iter().map(|variance| variance.max(0.0).sqrt()).collect()
     }
 
-    /// Correlation of the intrinsics, 1 on the diagonal; zero beside it where a parameter is held.
+    /// Returns the correlation of the intrinsics: 1 on the diagonal; zero off the diagonal for fixed parameters.
     pub fn correlation(&self) -> DMatrix<f64> {
         let sigma = self.sigma();
         DMatrix::from_fn(sigma.len(), sigma.len(), |row, column| {
@@ -122,32 +120,32 @@ impl Uncertainty {
         })
     }
 
-    /// Independent observations that would determine the camera as well.
+    /// Returns the number of independent observations that would determine the camera as well.
     pub fn effective_observations(&self) -> f64 {
         self.observations as f64 / self.inflation
     }
 }
 
-/// Lengths of blocks that are looked at, as multiples of the one in the settings.
+/// Lengths of blocks, as multiples of [`BLOCK`].
 const BLOCK_LENGTHS: [f64; 4] = [0.5, 1.0, 2.0, 4.0];
 /// The longest of them.
 const LAST_LENGTH: usize = BLOCK_LENGTHS.len() - 1;
 
-/// Part of the stated covariance whose shape is that of the scatter of blocks; the rest has that of the formal one.
+/// Share of the reported covariance whose shape follows the scatter of blocks; the rest has the shape of the formal one.
 const SCATTER_PART: f64 = 0.75;
 
-/// Long parts of the recordings that are looked at for drifts, as shares of all.
+/// Lengths of the parts of the recordings that are compared to detect drifts, as shares of the whole.
 const LONG_PARTS: [f64; 3] = [0.125, 0.25, 0.5];
 
-/// The lower end of what the inflation may be that was found from few blocks: their scatter in each of `directions` is χ²
-/// distributed.
+/// Returns the lower end of the inflation's uncertainty when it was estimated from few blocks: their scatter in each of
+/// `directions` is χ² distributed.
 fn lower_end(scatter: &Scatter, directions: usize) -> f64 {
     let freedom = (scatter.blocks.max(2) - 1) * directions.max(1);
     scatter.inflation / (1.0 + (2.0 / freedom as f64).sqrt())
 }
 
-/// The covariance that is stated, its inflation, and the number of blocks that the inflation was found with, from the formal
-/// one and from the `scatters` of blocks.
+/// Combines the formal covariance and the `scatters` of blocks to the reported covariance. Returns it with its inflation and the
+/// number of blocks from which the inflation was estimated.
 fn combined(formal: &DMatrix<f64>, scatters: impl Iterator<Item = Scatter>) -> (DMatrix<f64>, f64, usize) {
     let (mut shape, mut lengths) = (DMatrix::zeros(formal.nrows(), formal.ncols()), 0.0);
     let (mut inflation, mut blocks) = (1.0, 0);
@@ -163,21 +161,22 @@ fn combined(formal: &DMatrix<f64>, scatters: impl Iterator<Item = Scatter>) -> (
     (shape * inflation, inflation, blocks)
 }
 
-/// The uncertainty of `state`, which solves `problem`; `system` is the one there, or one small step before.
+/// Computes the uncertainty of `state`, the solution of `problem`; `system` are the normal equations there, or one small step
+/// before.
 ///
 /// # Errors
-/// [`SolveError::Singular`] when the observations do not determine the free parameters.
+/// [`SolveError::Singular`] if the observations do not determine the estimated parameters.
 pub fn uncertainty(problem: &Problem, state: &State, system: System) -> Result<SolveUncertainty, SolveError> {
     let stretches = stretches(&problem.segments);
     let free = problem.free.mask();
     let singular = |_| SolveError::Singular;
     let observations = system.loss.count;
-    // The derivative of an event's place by the offset of its class is 1, that by the latency the edge's speed.
+    // The derivative of an event's distance by the offset of its class is 1, by the latency the edge's speed.
     let latency_shift = latency_shift(state.bias.iter().enumerate().map(|(class, bias)| {
         let sums = [Bias::Offset, Bias::Latency].map(|bias| system.information_of(bias_index(class, bias)));
         (bias.biases[Bias::Latency], sums)
     }));
-    // Long trajectories have large systems: there is one of a kind at a time.
+    // Long trajectories have large systems, so only one of each kind is in memory at a time.
     let reduced = system.into_reduced(0.0, &with_board(problem).mask()).map_err(singular)?;
     let places = reduced.places(&free);
     let formal = reduced.covariance(&places).map_err(singular)?;
@@ -208,7 +207,7 @@ pub fn uncertainty(problem: &Problem, state: &State, system: System) -> Result<S
     drop(contributions_with_board);
 
     let count = state.camera.parameters().len();
-    // What all parts of the recording have in common, as a share of the formal covariance and as an error of the focal lengths.
+    // Errors common to all parts of the recording, as a share of the formal covariance and as an error of the focal lengths.
     let noise = intrinsics_of(&formal, &free, count);
     let (common, systematic_scale) = if problem.segments.iter().all(|segment| segment.events.is_empty()) {
         (0.0, 0.0)
@@ -230,7 +229,7 @@ pub fn uncertainty(problem: &Problem, state: &State, system: System) -> Result<S
     let systematic = &parts.event_model + &parts.focal_lengths;
     let covariance = stated_intrinsics + &systematic;
 
-    // The poses follow the camera: what moves it moves them.
+    // The poses follow the camera, so its errors move them too.
     let scale = DVector::from_fn(places.len(), |row, _| scale.get(places[row]).copied().unwrap_or(0.0));
     let of_globals = &formal * (1.0 + common / inflation) + &scale * scale.transpose() / inflation;
     let controls = follows.control_covariances(&places, &of_globals).ok_or(SolveError::Singular)?;
@@ -256,22 +255,23 @@ pub fn uncertainty(problem: &Problem, state: &State, system: System) -> Result<S
     Ok(SolveUncertainty { intrinsics, parts, board_sigma, board, bias_sigma, poses, formal, halves })
 }
 
-/// When observations were made.
+/// Times of the observations.
 #[derive(Clone, Copy, Debug)]
 pub struct Time<'a> {
-    /// Where stretches of them begin: segment, and seconds.
+    /// Start of each interval of them: segment, and seconds.
     pub starts: &'a [(usize, f64)],
-    /// How long all trajectories are (s).
+    /// Total length of all trajectories (s).
     pub total: f64,
 }
 
-/// How many of the parameters that are `free` are intrinsics or the board's, which come first.
+/// Returns the number of `free` parameters that are intrinsics or the board's, which come first.
 fn first_count(free: &[bool; GLOBAL_COUNT]) -> usize {
     free.iter().take(BOARD_INDEX + BOARD_PARAMETERS).filter(|&&free| free).count()
 }
 
-/// The stated covariance of the `first` parameters from what `part` makes of what each block of time says, its inflation, and the
-/// number of blocks behind it; `formal` is the inverse of the whole information, `contributions` what stretches of observations say.
+/// Computes the reported covariance of the `first` parameters, its inflation, and the number of blocks behind it. `part` extracts
+/// what is needed of a block's contribution, `formal` is the inverse of the whole information, and `contributions` come from
+/// intervals of observations.
 pub fn stated(
     formal: &DMatrix<f64>,
     contributions: &[PackedContribution],
@@ -283,7 +283,7 @@ pub fn stated(
     let formal_first = formal.view((0, 0), (first, first)).into_owned();
     let lengths = BLOCK_LENGTHS.map(|factor| (factor * BLOCK).min(longest));
     let of_length = |length: f64| {
-        // One at a time: all of them would be as large as the contributions.
+        // One at a time, because all of them together would be as large as the contributions.
         scatter(formal, sum_by_block(time.starts, contributions, length).map(part), first)
     };
     let (stated, inflation, blocks) = combined(&formal_first, lengths.into_iter().filter_map(of_length));
@@ -292,7 +292,8 @@ pub fn stated(
     (stated * (drift / inflation), drift, blocks)
 }
 
-/// What the observations say of the board, with the `formal` covariance and the step of all parameters when it may change too.
+/// Computes the evidence about the board from the `formal` covariance and the step of all parameters when the board may change
+/// too.
 fn board_evidence(
     problem: &Problem,
     state: &State,
@@ -312,8 +313,8 @@ fn board_evidence(
     BoardEvidence::new(state, step, parameters.board, variances.into_iter(), radius_error)
 }
 
-/// What the model of events gets wrong, as a share of the `formal` covariance of the intrinsics; `model_error` is what it moves the
-/// projection for each unit of leverage (px rms, σ).
+/// Returns the errors of the event model as a share of the `formal` covariance of the intrinsics; `model_error` is the error of
+/// the projection per unit of leverage (px rms, σ).
 fn common_share(problem: &Problem, state: &State, formal: &DMatrix<f64>, observations: usize, model_error: f64) -> f64 {
     match projection_uncertainty(&state.camera, formal, problem.sensor) {
         // A projection error of `model_error` times the leverage N rms² / s².
@@ -324,9 +325,10 @@ fn common_share(problem: &Problem, state: &State, formal: &DMatrix<f64>, observa
     }
 }
 
-/// How far the latencies of event classes move events apart (px, root mean square over all events), from each class's latency (s) and the
-/// sums over its events of their weights, and of their weights times the squares of the edges' speeds (px²/s²). The latency that all have in
-/// common, in the mean over these squares, moves none: it is a shift of the clock.
+/// Returns the displacement that the latencies of event classes cause (px, root mean square over all events). Each class has its
+/// latency (s), the sum of the weights of its events, and the sum of their weights times the squared speeds of the edges
+/// (px²/s²). The common latency, the mean weighted with these squares, causes no displacement, because it is a shift of the
+/// clock.
 fn latency_shift(classes: impl Iterator<Item = (f64, [f64; 2])>) -> f64 {
     let (mut weights, mut speeds, mut latencies, mut squares) = (0.0, 0.0, 0.0, 0.0);
     for (latency, [weight, speed]) in classes {
@@ -342,7 +344,7 @@ fn latency_shift(classes: impl Iterator<Item = (f64, [f64; 2])>) -> f64 {
     }
 }
 
-/// The square of the spread that weighs the events of `problem` (px²), the harmonic mean over all of them.
+/// Returns the squared spread with which the events of `problem` are weighted (px²), the harmonic mean over all of them.
 fn spread_squared(problem: &Problem, state: &State) -> f64 {
     let (mut weights, mut count) = (0.0, 0_usize);
     for event in problem.segments.iter().flat_map(|segment| &segment.events) {
@@ -356,8 +358,8 @@ fn spread_squared(problem: &Problem, state: &State) -> f64 {
     if weights > 0.0 { count as f64 / weights } else { 1.0 }
 }
 
-/// The common error of both `focal_lengths`, the first intrinsics, that keeps their σ from being below this `share` of them; it is to be
-/// added to `covariance`.
+/// Returns the common error of both `focal_lengths`, the first intrinsics, which is to be added to `covariance` so that their σ
+/// are at least this `share` of them.
 fn scale_error(covariance: &DMatrix<f64>, focal_lengths: [f64; 2], share: f64) -> DVector<f64> {
     let lacking = |axis: usize| {
         let focal_length = focal_lengths[axis];
@@ -381,31 +383,31 @@ mod tests {
             covariance + &error * error.transpose()
         };
         let after = with_scale_error(before.clone(), 1e-3);
-        // Of 0.3 px and 0.4 px, 0.15 px and 0.2 px are stated already.
+        // Of 0.3 px and 0.4 px, 0.15 px and 0.2 px are included already.
         assert!((after[(0, 0)] - 0.09).abs() < 1e-12 && (after[(1, 1)] - 0.16).abs() < 1e-12, "{after}");
         assert_eq!(with_scale_error(after.clone(), 9e-4), after);
         let difference = after - before;
-        // Their ratio is as well known as before.
+        // The uncertainty of their ratio is unchanged.
         let ratio = DVector::from_column_slice(&[1.0 / 300.0, -1.0 / 400.0, 0.0, 0.0]);
         assert!((&difference * &ratio).norm() < 1e-12, "{difference}");
         assert_eq!(difference.view((2, 2), (2, 2)).norm(), 0.0);
     }
 
     #[test]
-    fn only_differences_between_latencies_move_events_apart() {
+    fn only_differences_between_latencies_displace_events() {
         // As many events of either class, on edges of 500 px/s.
         let sums = [2.0, 2.0 * 250_000.0];
         let shift = |latencies: [f64; 2]| latency_shift(latencies.map(|latency| (latency, sums)).into_iter());
-        // Half a millisecond away from the middle of both.
+        // Half a millisecond from the mean of both.
         assert!((shift([0.0, 1e-3]) - 0.25).abs() < 1e-12);
         assert!((shift([7e-3, 8e-3]) - 0.25).abs() < 1e-9);
         assert!(shift([3e-3, 3e-3]) < 1e-6);
-        // Where nothing moves, no latency shows.
+        // Without motion, latencies have no effect.
         assert_eq!(latency_shift([(0.0, [2.0, 0.0]), (1e-3, [2.0, 0.0])].into_iter()), 0.0);
     }
 
     #[test]
-    fn the_largest_scatter_tells_the_size_and_all_of_them_the_shape() {
+    fn the_largest_scatter_determines_the_size_and_all_of_them_the_shape() {
         let formal = DMatrix::from_diagonal_element(2, 2, 1.0);
         let of = |x: f64, y: f64, blocks: usize| Scatter {
             covariance: DMatrix::from_diagonal(&nalgebra::DVector::from_column_slice(&[x, y])),
@@ -421,14 +423,14 @@ mod tests {
     }
 
     #[test]
-    fn few_blocks_count_by_the_lower_end_of_what_they_say() {
+    fn the_scatter_of_few_blocks_is_reduced_to_its_lower_end() {
         let of = |blocks: usize| Scatter { covariance: DMatrix::zeros(0, 0), inflation: 6.0, blocks };
         assert!((lower_end(&of(3), 1) - 3.0).abs() < 1e-12);
         assert!(lower_end(&of(2), 9) < lower_end(&of(8), 9) && lower_end(&of(8), 9) < 6.0);
     }
 
     #[test]
-    fn without_scatter_the_formal_covariance_is_stated() {
+    fn without_scatter_the_formal_covariance_is_reported() {
         let formal = DMatrix::from_diagonal_element(3, 3, 0.2);
         assert_eq!(combined(&formal, std::iter::empty()), (formal.clone(), 1.0, 0));
     }

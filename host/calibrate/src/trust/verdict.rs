@@ -1,4 +1,4 @@
-//! Whether a calibration is good, in words, and if not, why and what to do.
+//! The verdict on a calibration: a grade, and findings with reasons and advice.
 
 mod board_statement;
 mod findings;
@@ -18,20 +18,20 @@ use crate::trust::{EventTrust, Trust};
 use evcal_geometry::board::Board;
 use evcal_geometry::lens::axial_focal::axial_focal_gradients;
 
-/// How good a calibration is; what is worse comes later.
+/// Grade of a calibration, from best to worst.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Grade {
-    /// Nothing speaks against it.
+    /// Without warnings.
     Good,
-    /// It can be used, with what the findings say in mind.
+    /// With warnings; the calibration can be used with the findings in mind.
     Usable,
-    /// It should be done again.
+    /// The calibration should be repeated.
     NotGood,
 }
 
 impl Grade {
-    /// The grade where findings matter as much as these.
+    /// Returns the grade that follows from findings of these severities.
     pub fn of(severities: impl IntoIterator<Item = Severity>) -> Self {
         match severities.into_iter().max() {
             Some(Severity::Failure) => Self::NotGood,
@@ -40,7 +40,7 @@ impl Grade {
         }
     }
 
-    /// How the verdict on a sensor beside the camera begins, whose findings are notes below it.
+    /// Returns the beginning of the verdict on another sensor, whose findings are listed below it as notes.
     pub fn opening(self) -> &'static str {
         match self {
             Self::Good => "Good",
@@ -50,19 +50,19 @@ impl Grade {
     }
 }
 
-/// How much a finding matters.
+/// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Severity {
-    /// Worth knowing.
+    /// Information only.
     Note,
-    /// Lowers trust.
+    /// Lowers the quality.
     Warning,
     /// Makes the calibration not good enough.
     Failure,
 }
 
-/// What a finding is about.
+/// Subject of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Cause {
@@ -76,15 +76,15 @@ pub enum Cause {
     HeadOn,
     /// Parts of the sensor never saw the board.
     Uncovered,
-    /// The circles are larger or smaller than stated, for the stated spacing.
+    /// The circles are larger or smaller than stated, relative to the spacing.
     RadiusDisagrees,
-    /// The board is bent, or printed other than stated, which was estimated.
+    /// The board is bent, or its print differs from the stated one; both were estimated.
     BoardNotAsStated,
     /// fx and fy differ.
     PixelsNotSquare,
     /// The lens model folds over inside the sensor.
     NotOneToOne,
-    /// Zero is within the uncertainty of a distortion coefficient.
+    /// A distortion coefficient is not significantly different from zero.
     ParameterUndetermined,
     /// The lens model leaves a pattern of residuals.
     ModelTooPoor,
@@ -96,7 +96,7 @@ pub enum Cause {
     Saturated,
     /// The light flickers.
     Flicker,
-    /// Hot pixels send much of what there is.
+    /// Hot pixels send a large share of the events.
     HotPixels,
     /// Columns of the sensor send nothing.
     DeadColumns,
@@ -104,15 +104,15 @@ pub enum Cause {
     RepeatedEvents,
     /// The lens is out of focus, or dirty.
     Defocused,
-    /// The camera's own frames give another camera.
+    /// The calibration from the camera's own frames differs.
     FramesDisagree,
-    /// The camera's own frames are flipped, moved or of another time against its events.
+    /// The camera's own frames are flipped, shifted or delayed against its events.
     FramesMisaligned,
     /// Events are not in the order of their times.
     OutOfOrder,
-    /// Times come in steps of more than a fifth of a millisecond.
+    /// Timestamps have steps of more than a fifth of a millisecond.
     CoarseTimes,
-    /// Events were undistorted before.
+    /// Events were already undistorted.
     Undistorted,
     /// Rows or columns of the board were never found.
     PartOfBoard,
@@ -122,32 +122,32 @@ pub enum Cause {
     OtherCamera,
 }
 
-/// Something that speaks for caution. Its advice is data, or a `String` in the words of a program.
+/// A reason for caution. Its advice is data, or a `String` in the words of a program.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Finding<A = Advice> {
-    /// What it is about.
+    /// Its subject.
     pub cause: Cause,
-    /// How much it matters.
+    /// Its severity.
     pub severity: Severity,
-    /// What is the case, as the end of a sentence.
+    /// The observation, as the end of a sentence.
     pub reason: String,
-    /// What to do.
+    /// The recommended action.
     pub advice: A,
 }
 
 /// The verdict.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Verdict<A = Advice> {
-    /// How good.
+    /// Grade.
     pub grade: Grade,
-    /// In one sentence.
+    /// The verdict in one sentence.
     pub sentence: String,
-    /// The reasons, gravest first; among those that weigh the same, causes before what follows from them.
+    /// The findings, most severe first; among findings of the same severity, causes before consequences.
     pub findings: Vec<Finding<A>>,
 }
 
 impl Verdict {
-    /// The same with its advice in the words of a program.
+    /// Returns the verdict with its advice in the words of a program.
     pub fn worded(&self, wording: Wording) -> Verdict<String> {
         let findings = self.findings.iter().map(|finding| Finding {
             cause: finding.cause,
@@ -174,8 +174,8 @@ impl<A: fmt::Display> fmt::Display for Verdict<A> {
     }
 }
 
-/// The verdict on `camera`, with findings of other origin in `more`; `events` are there for a calibration
-/// along trajectories.
+/// Builds the verdict on `camera`, with findings from other checks in `more`; `events` is given for a calibration along
+/// trajectories.
 pub fn verdict(
     camera: &Camera<f64>,
     trust: &Trust,
@@ -188,7 +188,7 @@ pub fn verdict(
     let mut findings = more;
     findings.extend(findings_on(camera, trust, events, board, sensor, settings));
     if findings.iter().any(|finding| finding.cause == Cause::Undistorted) {
-        // Pixels that are moved by rounding leave a pattern that no lens has.
+        // Pixels shifted by rounding leave a pattern that no lens has.
         findings.retain(|finding| finding.cause != Cause::ModelTooPoor);
     }
     sort(&mut findings);
@@ -196,7 +196,8 @@ pub fn verdict(
     Verdict { grade, sentence: sentence(grade, camera, trust, &findings), findings }
 }
 
-/// The gravest first. What makes the projection uncertain comes before that it is: to mend the one mends the other.
+/// Sorts findings by severity. Causes of an uncertain projection come before the uncertainty itself, because removing them
+/// removes it.
 fn sort(findings: &mut [Finding]) {
     findings.sort_by_key(|finding| (std::cmp::Reverse(finding.severity), finding.cause == Cause::Uncertain));
 }
@@ -216,19 +217,19 @@ fn sentence(grade: Grade, camera: &Camera<f64>, trust: &Trust, findings: &[Findi
     }
 }
 
-/// What the sentence names of `findings`, gravest first.
+/// Returns the reasons that the sentence names, most severe first.
 fn reasons(findings: &[Finding]) -> Vec<&str> {
-    // A sentence about a failure names no warning, which would not make the calibration fail.
+    // A sentence about a failure names no warnings, because they did not cause it.
     let worst = findings.first().map(|finding| finding.severity).filter(|severity| *severity > Severity::Note);
     let grave = || findings.iter().filter(|finding| Some(finding.severity) == worst);
-    // How well the projection is known is told anyway: here the causes count, if there are any.
+    // The sentence reports the uncertainty of the projection anyway, so only the causes are named, if there are any.
     let causes: Vec<&str> =
         grave().filter(|finding| finding.cause != Cause::Uncertain).map(|finding| finding.reason.as_str()).collect();
     if causes.is_empty() { grave().map(|finding| finding.reason.as_str()).collect() } else { causes }
 }
 
-/// Name, value and σ of the focal length along x. In models whose fx can only be told together with a shape
-/// parameter it is that of the image's middle.
+/// Returns name, value and σ of the focal length along x. In models in which fx is only determined together with a shape
+/// parameter, it is the focal length in the middle of the image.
 fn focal_length(camera: &Camera<f64>, trust: &Trust) -> Option<(&'static str, f64, f64)> {
     let covariance = &trust.uncertainty.covariance;
     let [value, _] = camera.axial_focal_lengths()?;
@@ -249,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn causes_come_before_what_follows_from_them() {
+    fn causes_come_before_consequences() {
         let uncertain = finding(Cause::Uncertain, Severity::Failure, "known to 1.59 px");
         let poor = finding(Cause::ModelTooPoor, Severity::Failure, "radtan8 cannot follow this lens");
         let far = finding(Cause::FarAway, Severity::Warning, "far away");

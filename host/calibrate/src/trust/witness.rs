@@ -1,7 +1,7 @@
-//! Do the camera's pictures agree with its events?
+//! Cross-check with frames: comparison of the calibration from the camera's pictures with the one from its events.
 //!
-//! Both calibrations see through the same lens, so that the difference of their projections over the
-//! sensor, with the implied rotation removed, must be what the uncertainty of both makes likely.
+//! Both calibrations are of the same lens, so the difference of their projections over the sensor, with the implied rotation
+//! removed, must be consistent with the uncertainty of both.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
@@ -15,24 +15,24 @@ use crate::trust::verdict::{Cause, Finding, Severity};
 use evcal_geometry::lens::camera_file::{CameraDescription, Parameters};
 use evcal_geometry::lens::projection_difference::{NoCommonView, ProjectionDifference, projection_difference};
 
-/// Pictures and events agree while their projections differ by at most this many times what the uncertainty of both makes likely.
+/// Largest ratio of the projection difference to the expected difference at which pictures and events agree.
 const AGREEMENT: f64 = 2.0;
-/// Uncertainty of the pictures' projection (px, rms over the sensor) above which they cannot tell whether the events are right.
+/// Uncertainty of the pictures' projection (px, rms over the sensor) above which they cannot confirm or refute the events.
 const TOO_UNCERTAIN: f64 = 1.0;
 
-/// What the pictures say.
+/// Result of the comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Agreement {
-    /// They differ by no more than both uncertainties explain.
+    /// The difference is explained by both uncertainties.
     Agrees,
-    /// They differ by more.
+    /// The difference is larger.
     Disagrees,
-    /// The pictures' own uncertainty is too large to tell.
+    /// The uncertainty of the pictures is too large for a decision.
     TooUncertain,
 }
 
-/// One parameter as events and pictures have it.
+/// One parameter from events and from pictures.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ComparedParameter {
     /// Its name.
@@ -41,14 +41,13 @@ pub struct ComparedParameter {
     pub events: f64,
     /// From pictures.
     pub frames: f64,
-    /// Standard deviation of the one from pictures.
+    /// Standard deviation of the value from pictures.
     pub frames_sigma: f64,
     /// Standard deviation of the difference.
     pub difference_sigma: f64,
 }
 
-/// How far the projections of two uncertain calibrations are expected to be apart (px, rms over the
-/// sensor).
+/// Expected projection difference of two uncertain calibrations (px, rms over the sensor).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ExpectedDifference {
     /// From the uncertainty of both.
@@ -59,33 +58,33 @@ pub struct ExpectedDifference {
     pub frames: f64,
 }
 
-/// The calibration from pictures as a witness of that from events.
+/// Comparison of the calibration from pictures with the one from events, with the difference over the sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PictureWitness {
-    /// What it says.
+    /// The comparison.
     pub comparison: Comparison,
     /// The difference at every point of the sensor.
     pub difference: ProjectionDifference,
 }
 
-/// What the comparison of two calibrations says.
+/// Comparison of two calibrations.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {
-    /// What follows, in words.
+    /// The result in words.
     pub sentence: String,
-    /// Whether both agree.
+    /// The result.
     pub agreement: Agreement,
-    /// How frames and events differ in what they show at the same moment, if they do.
+    /// Misalignment of frames and events of the same moment, if there is any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub misalignment: Option<Misalignment>,
-    /// Root mean square of the projection difference over the sensor (px), pictures less events, the
-    /// implied rotation removed.
+    /// Root mean square of the projection difference over the sensor (px), pictures minus events, with the implied rotation
+    /// removed.
     pub difference_rms: f64,
     /// Its greatest value (px).
     pub difference_max: f64,
     /// The pixel where it is greatest.
     pub difference_max_at: [f64; 2],
-    /// What was to be expected.
+    /// The expected difference.
     pub expected: ExpectedDifference,
     /// Difference over expected difference.
     pub ratio: f64,
@@ -95,49 +94,49 @@ pub struct Comparison {
     pub parameters: Vec<ComparedParameter>,
     /// Standard deviation of a dot's centre along one axis (px).
     pub spread: f64,
-    /// Variance of the camera's parameters over that of independent residuals.
+    /// Variance of the camera's parameters over the variance with independent residuals.
     pub inflation: f64,
-    /// What became of the pictures.
+    /// Counts of the pictures that were used, and of those that were not, by reason.
     pub report: PictureReport,
 }
 
-/// What the pictures said of a calibration from events.
+/// Result of the cross-check with pictures.
 #[derive(Clone, Debug)]
 pub enum WitnessOutcome {
     /// They were calibrated and compared.
     Witness(Box<PictureWitness>),
-    /// They gave no camera, or none that can be compared.
+    /// They yielded no camera, or none that can be compared.
     Failed(FailedWitness),
 }
 
-/// Why the pictures say nothing of a calibration from events, and what became of them.
+/// Reason why pictures cannot be compared with a calibration from events, and counts of the pictures.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{reason}")]
 pub struct FailedWitness {
-    /// Why.
+    /// The reason.
     pub reason: NoWitness,
-    /// How they differ from the events in what they show at the same moment.
+    /// Misalignment of frames and events of the same moment, if there is any.
     pub misalignment: Option<Misalignment>,
-    /// What became of the pictures.
+    /// Counts of the pictures that were used, and of those that were not, by reason.
     pub report: Box<PictureReport>,
 }
 
-/// Why the pictures say nothing of a calibration from events.
+/// Reasons why pictures cannot be compared with a calibration from events.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NoWitness {
-    /// They give no camera.
+    /// They yield no camera.
     #[error("{0}")]
     NoCalibration(#[source] PictureFailure),
-    /// Their camera sees another part of the sensor than that of the events.
+    /// Their camera covers another part of the sensor than the camera from events.
     #[error("{0}")]
     NoCommonView(#[from] NoCommonView),
-    /// A camera sees next to nothing of the sensor.
+    /// A camera covers almost nothing of the sensor.
     #[error("{0}")]
     NoView(#[from] NoView),
 }
 
 impl WitnessOutcome {
-    /// What became of the pictures.
+    /// Returns the counts of the pictures.
     pub fn report(&self) -> &PictureReport {
         match self {
             Self::Witness(witness) => &witness.comparison.report,
@@ -145,7 +144,7 @@ impl WitnessOutcome {
         }
     }
 
-    /// The same where the events show a larger board than stated.
+    /// Adds that the events show a larger board than stated.
     pub fn with_larger_board(self) -> Self {
         match self {
             Self::Failed(FailedWitness { reason: NoWitness::NoCalibration(reason), misalignment, report }) => {
@@ -156,7 +155,7 @@ impl WitnessOutcome {
         }
     }
 
-    /// What the verdict must know: that pictures and events disagree.
+    /// Returns the finding for the verdict: that pictures and events disagree.
     pub fn finding(&self) -> Option<Finding> {
         let misalignment = match self {
             Self::Witness(witness) => witness.comparison.misalignment,
@@ -188,11 +187,11 @@ impl WitnessOutcome {
     }
 }
 
-/// Compares the calibration from pictures with the `camera` from events, whose parameters have
-/// `covariance`; calibrations of frames and events that do not show the same at the same moment disagree, however near they are.
+/// Compares the calibration from pictures with the `camera` from events, whose parameters have `covariance`. They disagree,
+/// however similar they are, if frames and events of the same moment do not show the same.
 ///
 /// # Errors
-/// When both have no part of the sensor in common.
+/// [`NoWitness`] if both have no part of the sensor in common.
 pub fn picture_witness(
     camera: &Camera<f64>,
     covariance: &DMatrix<f64>,
@@ -275,12 +274,12 @@ fn sentence(
             format!("the camera's {frames} frames agree with its events: {apart}, {expected} ({ratio:.1} times)")
         }
         Agreement::Disagrees => format!(
-            "the camera's {frames} frames DISAGREE with its events: {apart}, {expected} ({ratio:.1} times). Both look \
-             through the same lens, so one of the two is wrong or less certain than it says: is the lens in focus, is \
+            "the camera's {frames} frames DISAGREE with its events: {apart}, {expected} ({ratio:.1} times). Both have \
+             the same lens, so one of the two is wrong or less certain than reported: is the lens in focus, is \
              the board flat, was it seen all over the image by both, did the lens or the board change while recording?"
         ),
         Agreement::TooUncertain => format!(
-            "the camera's {frames} frames cannot tell whether the events are right: {expected}. More light, slower motion \
+            "the camera's {frames} frames can neither confirm nor refute the events: {expected}. More light, slower motion \
              and a longer recording make better frames"
         ),
     }

@@ -1,4 +1,4 @@
-//! Pictures without distortion.
+//! Undistortion of pictures.
 
 use evcal_core::sensor::Sensor;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ pub enum PictureError {
     Read {
         /// The picture.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         error: ImageFileError,
     },
     /// It cannot be written.
@@ -26,7 +26,7 @@ pub enum PictureError {
     /// Two pictures would have the same name in the folder.
     #[error("two of the pictures would become {}: give one of them another name", .0.display())]
     SameName(PathBuf),
-    /// It is not of this camera.
+    /// It does not have the size of this camera's sensor.
     #[error(
         "{} has {} x {} pixels, the calibration is for {} x {}", path.display(), size.0, size.1, sensor.width, sensor.height
     )]
@@ -35,7 +35,7 @@ pub enum PictureError {
         path: PathBuf,
         /// Its width and height.
         size: (u32, u32),
-        /// Those of the calibrated sensor.
+        /// Size of the calibrated sensor.
         sensor: Sensor,
     },
 }
@@ -43,21 +43,21 @@ pub enum PictureError {
 /// Extensions of pictures.
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
-/// Whether a file is a picture by its name.
+/// Returns `true` if a file is a picture by its name.
 pub fn is_picture(path: &Path) -> bool {
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
     extension.is_some_and(|extension| EXTENSIONS.contains(&extension.as_str()))
 }
 
-/// Whether `output` is the name of the one picture of `inputs`, and not a folder for them.
+/// Returns `true` if `output` is the name of the only picture of `inputs`, and not a folder.
 pub fn is_single(inputs: &[PathBuf], output: &Path) -> bool {
     inputs.len() == 1 && output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"))
 }
 
-/// Where the pictures `inputs` are written: the PNG `output` or, if there are several, `NAME.png` in that folder.
+/// Returns the output names of the pictures `inputs`: the PNG `output` or, if there are several, `NAME.png` in that folder.
 ///
 /// # Errors
-/// [`PictureError::SameName`].
+/// [`PictureError::SameName`] if two outputs have the same name.
 pub fn picture_outputs(inputs: &[PathBuf], output: &Path) -> Result<Vec<PathBuf>, PictureError> {
     if is_single(inputs, output) {
         return Ok(vec![output.to_owned()]);
@@ -73,11 +73,11 @@ pub fn picture_outputs(inputs: &[PathBuf], output: &Path) -> Result<Vec<PathBuf>
     Ok(paths)
 }
 
-/// Undistorts pictures of a sensor, each into the PNG of `outputs` beside it, in place of one that was there. `back` leads from new
-/// to old pixels.
+/// Undistorts pictures of a sensor, each to the PNG of the same index in `outputs`, which is overwritten. `back` maps new to old
+/// pixels.
 ///
 /// # Errors
-/// [`PictureError`]; pictures before it are written.
+/// [`PictureError`]; the pictures before the failed one are written.
 pub fn undistort_pictures(inputs: &[PathBuf], outputs: &[PathBuf], back: &PixelMap) -> Result<(), PictureError> {
     for (input, output) in inputs.iter().zip(outputs) {
         undistort_picture(input, back)?.write_png(output)?;
@@ -85,10 +85,10 @@ pub fn undistort_pictures(inputs: &[PathBuf], outputs: &[PathBuf], back: &PixelM
     Ok(())
 }
 
-/// The picture at `path` of a sensor, undistorted; `back` leads from new to old pixels.
+/// Returns the undistorted picture at `path`; `back` maps new to old pixels.
 ///
 /// # Errors
-/// [`PictureError`].
+/// [`PictureError`] if it cannot be read or has another size.
 fn undistort_picture(path: &Path, back: &PixelMap) -> Result<ImageFile, PictureError> {
     let picture = image_file::read(path).map_err(|error| PictureError::Read { path: path.to_owned(), error })?;
     let (sensor, ImageFile { size, channels, samples }) = (back.sensor(), picture);
@@ -102,7 +102,7 @@ fn undistort_picture(path: &Path, back: &PixelMap) -> Result<ImageFile, PictureE
     Ok(ImageFile { size, channels, samples })
 }
 
-/// Undistorts a frame of a recording in place. A frame of a part of the sensor stays one of that part.
+/// Undistorts a frame of a recording in place. A frame of a part of the sensor remains one of that part.
 pub fn undistort_frame(frame: &mut Frame, back: &PixelMap) {
     frame.pixels = remap(&frame.pixels, frame.channels, frame.size.into(), frame.position, back);
 }
@@ -114,7 +114,7 @@ pub fn undistort_frame(frame: &mut Frame, back: &PixelMap) {
 pub fn write_frame(frame: &Frame, path: &Path) -> Result<(), PictureError> {
     let mut samples = frame.pixels.clone();
     if frame.channels > 2 {
-        // Frames are blue-green-red, pictures the other way round.
+        // Frames are blue-green-red, picture files red-green-blue.
         samples.chunks_exact_mut(frame.channels).for_each(|pixel| pixel.swap(0, 2));
     }
     let size = (u32::from(frame.size.0), u32::from(frame.size.1));
@@ -125,7 +125,7 @@ pub fn write_frame(frame: &Frame, path: &Path) -> Result<(), PictureError> {
 /// A channel of a pixel.
 trait Sample: Copy {
     fn value(self) -> f64;
-    /// Rounded; a mean of samples is always in range.
+    /// Rounds to the nearest value; a mean of samples is always in range.
     fn nearest(value: f64) -> Self;
 }
 
@@ -149,7 +149,8 @@ impl Sample for u16 {
     }
 }
 
-/// The picture of `size` at `position` of the sensor with each pixel taken from where `back` says, black beyond the rim.
+/// Returns the picture of `size` at `position` of the sensor with each pixel taken from the position in `back`, black outside the
+/// picture.
 fn remap<T: Sample>(pixels: &[T], channels: usize, size: Sensor, position: (u16, u16), back: &PixelMap) -> Vec<T> {
     let (width, height) = (usize::from(size.width), usize::from(size.height));
     let sample = |x: i64, y: i64, channel: usize| {
@@ -196,7 +197,7 @@ mod tests {
         for (x, y) in (0..12).flat_map(|x| (0..10).map(move |y| (x, y))) {
             let expected = match (x, y) {
                 (_, 0) | (11, _) => 0,
-                // Half of the last column, half of the black beyond.
+                // Half of the last column, half of the black outside.
                 (10, _) => (11_000 + (y - 1) * 10) / 2,
                 _ => x * 1000 + 1500 + (y - 1) * 10,
             };
@@ -205,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_of_the_sensor_stays_where_it_is() {
+    fn a_part_of_the_sensor_keeps_its_position() {
         let back = PixelMap::new(&pinhole(5.0, 4.0), &pinhole(6.0, 4.0), Sensor::new(12, 10));
         let pixels: Vec<u8> = (0..3 * 2).collect();
         let mut frame =

@@ -1,4 +1,4 @@
-//! Recordings without distortion.
+//! Undistortion of recordings.
 
 use evcal_core::sensor::Sensor;
 use std::fs;
@@ -21,9 +21,9 @@ use event_recordings::encode::OutputFormat;
 use event_recordings::extras::{Extra, NoExtras, left_out};
 use event_recordings::{EventReader, Recording, RecordingError, RecordingOptions};
 
-/// The camera of undistorted frames or pictures, in their folder.
+/// File name of the camera of undistorted frames or pictures, in their folder.
 pub const FRAMES_CAMERA: &str = "camera.json";
-/// What the names of undistorted frames begin with.
+/// Prefix of the names of undistorted frames.
 const FRAME: &str = "frame-";
 
 /// The maps between a camera and the one without distortion.
@@ -36,16 +36,16 @@ pub struct Maps {
 }
 
 impl Maps {
-    /// Between the pixels of `camera` on a `sensor` and those of `new` on one of the same size.
+    /// Creates the maps between the pixels of `camera` on a `sensor` and the pixels of `new` on one of the same size.
     pub fn new(camera: &Camera<f64>, new: &Camera<f64>, sensor: Sensor) -> Self {
         Self { forth: PixelMap::new(camera, new, sensor), back: PixelMap::new(new, camera, sensor) }
     }
 }
 
-/// Opens the recording at `path` of a camera with this `sensor`, which holds where the recording does not tell its own.
+/// Opens the recording at `path` of a camera with this `sensor`, which is used if the recording does not contain its own.
 ///
 /// # Errors
-/// [`EventsError`] when it holds circles or cannot be read.
+/// [`EventsError`] if it contains circles or cannot be read.
 pub fn open_recording(path: &Path, options: RecordingOptions, sensor: Sensor) -> Result<Recording, EventsError> {
     let told = match options.sensor {
         Some(sensor) => Some(sensor),
@@ -54,21 +54,22 @@ pub fn open_recording(path: &Path, options: RecordingOptions, sensor: Sensor) ->
     open_events(path, RecordingOptions { sensor: told.or(Some(sensor)), ..options })
 }
 
-/// Where the camera of an output is written: `events.csv` has `events.camera.json`.
+/// Returns the file name of the camera of an output: `events.csv` has `events.camera.json`.
 pub fn camera_path_beside(output: &Path) -> PathBuf {
     output.with_extension("camera.json")
 }
 
-/// Writes a camera as a file that evcal reads as a calibration.
+/// Writes a camera to a file that can be read as a calibration.
 ///
 /// # Errors
-/// [`FileError`].
+/// [`FileError`] if the file cannot be written.
 pub fn write_camera(path: &Path, camera: &Camera<f64>, sensor: Sensor) -> Result<(), FileError> {
     let text = camera_text(camera, sensor).map_err(|error| FileError::new(path, error.into()))?;
     evcal_files::write(path, text.as_bytes())
 }
 
-/// Whether the file at `path` is what [`write_camera`] would write: the same recording in another format has the same camera.
+/// Returns `true` if the file at `path` equals the output of [`write_camera`]: the same recording in another format has the same
+/// camera.
 pub fn holds_camera(path: &Path, camera: &Camera<f64>, sensor: Sensor) -> bool {
     match (fs::read(path), camera_text(camera, sensor)) {
         (Ok(there), Ok(text)) => there == text.as_bytes(),
@@ -80,17 +81,17 @@ fn camera_text(camera: &Camera<f64>, sensor: Sensor) -> serde_json::Result<Strin
     serde_json::to_string_pretty(&CameraFile { sensor, camera: CameraDescription::new(camera) })
 }
 
-/// What became of a recording.
+/// Report on the undistortion of a recording.
 #[derive(Debug, Default, Serialize)]
 pub struct UndistortionReport {
-    /// Events that were beyond the new image and are left out.
+    /// Number of events outside the new image, which are dropped.
     pub events_outside: u64,
-    /// What was written, and what was met on the way.
+    /// Report of the conversion.
     #[serde(flatten)]
     pub conversion: ConversionReport,
 }
 
-/// Nothing, or not all, was undistorted.
+/// Reasons why a recording was not, or not completely, undistorted.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum UndistortError {
@@ -103,14 +104,14 @@ pub enum UndistortError {
     /// A frame cannot be written.
     #[error("{0}")]
     Picture(#[from] PictureError),
-    /// It is of another sensor.
+    /// It has another sensor.
     #[error("{file} is of a sensor with {found} pixels, the calibration of one with {calibrated}")]
     Sensor {
         /// The recording.
         file: String,
         /// Its sensor.
         found: Sensor,
-        /// That of the calibration.
+        /// The sensor of the calibration.
         calibrated: Sensor,
     },
     /// A file or the folder of the frames cannot be written.
@@ -128,12 +129,12 @@ fn check_sensor(recording: &Recording, reader: &EventReader, maps: &Maps) -> Res
     }
 }
 
-/// Writes the undistorted `recording` to a file at `path`, in place of one that was there: events at their nearest pixels, frames interpolated.
-/// `progress` is told how far it is.
+/// Writes the undistorted `recording` to a file at `path`, which is overwritten: events at their nearest pixels, frames
+/// interpolated. `progress` gets the progress.
 ///
 /// # Errors
-/// [`UndistortError`] if it cannot begin or the output cannot be written. Should the recording break off, what came
-/// before is written, and the report says so.
+/// [`UndistortError`] if it cannot begin or the output cannot be written. If the recording is damaged, everything before the
+/// damage is written, and the report contains the error.
 pub fn undistort_recording(
     recording: &Recording,
     path: &Path,
@@ -164,10 +165,10 @@ pub fn undistort_recording(
     Ok(UndistortionReport { events_outside, conversion })
 }
 
-/// As [`undistort_recording`], with the fractions of pixels kept. Frames are left out.
+/// Does the same as [`undistort_recording`], with the fractions of pixels kept and without frames.
 ///
 /// # Errors
-/// As there.
+/// As for [`undistort_recording`].
 pub fn undistort_sub_pixel(
     recording: &Recording,
     path: &Path,
@@ -208,7 +209,7 @@ pub fn undistort_sub_pixel(
     Ok(report)
 }
 
-/// Whether a file of a folder, by its path in it, is one that [`undistort_frames`] or the camera beside its frames may be.
+/// Returns `true` if a file of a folder, by its path in it, may be an output of [`undistort_frames`] or the camera of its frames.
 pub fn is_frame_file(file: &Path) -> bool {
     let name = file.to_str().unwrap_or_default();
     name == FRAMES_CAMERA || (name.starts_with(FRAME) && name.ends_with(".png"))
@@ -219,15 +220,15 @@ pub fn is_frame_file(file: &Path) -> bool {
 pub struct WrittenFrames {
     /// Their number.
     pub count: u64,
-    /// What of the recording could not be read, in sentences.
+    /// Parts of the recording that could not be read, as sentences.
     pub lost: Vec<String>,
 }
 
-/// Writes the undistorted frames of `recording` as `frame-000000-T.png`, T the middle of the exposure in µs, into
-/// `folder`, which is created. Frames before a damaged one are written.
+/// Writes the undistorted frames of `recording` as `frame-000000-T.png`, with T the middle of the exposure in µs, to `folder`,
+/// which is created. Frames before a damaged one are written.
 ///
 /// # Errors
-/// [`UndistortError`].
+/// [`UndistortError`] if the recording cannot be read or a frame cannot be written.
 pub fn undistort_frames(recording: &Recording, folder: &Path, maps: &Maps) -> Result<WrittenFrames, UndistortError> {
     check_sensor(recording, &recording.open()?, maps)?;
     fs::create_dir_all(folder).map_err(|error| FileError::new(folder, error))?;

@@ -1,42 +1,42 @@
-//! The camera without distortion that takes the place of a calibrated one.
+//! The camera without distortion that replaces a calibrated one.
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
-/// Points along each side of the grid that finds what the sensor sees: as many as OpenCV takes.
+/// Number of points along each side of the grid that samples the field of view, as in OpenCV.
 const GRID: u16 = 9;
 
-/// How the new camera projects.
+/// Projection of the new camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum TargetProjection {
     /// As a pinhole: straight lines stay straight.
     #[default]
     Pinhole,
-    /// Distance from the principal point = f · angle from the axis: for lenses that see too much for a pinhole.
+    /// Distance from the principal point = f · angle from the axis, for lenses whose field of view is too wide for a pinhole.
     Equidistant,
 }
 
-/// Why there is no such camera.
+/// Reasons why there is no such camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TargetError {
-    /// The rim of the sensor is outside of what the projection holds.
+    /// The border of the sensor is outside the range of the projection.
     #[error(
         "the view at the edge of the sensor is too wide for this projection: keep the camera matrix, or take the projection equidistant"
     )]
     RimUnseen,
-    /// The calibrated camera is none that can be inverted.
+    /// The calibrated camera cannot be inverted.
     #[error("no undistorted camera can be made from this calibration: fx or fy is not positive")]
     Impossible,
 }
 
 impl TargetProjection {
-    /// All of them.
+    /// All projections.
     pub const ALL: &[Self] = &[Self::Pinhole, Self::Equidistant];
 
-    /// Its name.
+    /// Returns the name.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Pinhole => "pinhole",
@@ -44,7 +44,7 @@ impl TargetProjection {
         }
     }
 
-    /// What it is, in a few words.
+    /// Returns a short description.
     pub const fn description(self) -> &'static str {
         match self {
             Self::Pinhole => "Straight lines stay straight",
@@ -52,7 +52,7 @@ impl TargetProjection {
         }
     }
 
-    /// The camera with this projection and fx, fy, cx, cy.
+    /// Returns the camera with this projection and fx, fy, cx, cy.
     pub fn camera(self, matrix: [f64; 4]) -> Option<Camera<f64>> {
         let kind = match self {
             // Without coefficients it is a pinhole.
@@ -64,11 +64,11 @@ impl TargetProjection {
     }
 }
 
-/// The camera without distortion that takes the place of `camera` on a `sensor`: the part of the image that is kept
-/// is `alpha` ([`optimal_matrix`]), or without it the camera matrix stays ([`same_matrix`]).
+/// Returns the camera without distortion that replaces `camera` on a `sensor`: `alpha` determines the part of the image that is
+/// kept ([`optimal_matrix`]); without it the camera matrix is kept ([`same_matrix`]).
 ///
 /// # Errors
-/// [`TargetError`].
+/// [`TargetError`] if there is none.
 pub fn target_camera(
     camera: &Camera<f64>,
     projection: TargetProjection,
@@ -81,24 +81,24 @@ pub fn target_camera(
     }
 }
 
-/// The camera with the matrix of `camera` and no distortion.
+/// Returns the camera with the matrix of `camera` and no distortion.
 ///
 /// # Errors
-/// [`TargetError::Impossible`].
+/// [`TargetError::Impossible`] if the camera is invalid.
 pub fn same_matrix(camera: &Camera<f64>, projection: TargetProjection) -> Result<Camera<f64>, TargetError> {
     let parameters = camera.parameters();
     let (matrix, _) = parameters.split_first_chunk::<4>().ok_or(TargetError::Impossible)?;
     projection.camera(*matrix).ok_or(TargetError::Impossible)
 }
 
-/// The camera without distortion that shows of what `camera` sees on a `sensor` (width, height) the largest rectangle
-/// without black corners (`alpha` 0), all of it (1), or what lies between.
+/// Returns the camera without distortion that shows the largest rectangle without black corners (`alpha` 0) of the field of view
+/// of `camera` on a `sensor` (width, height), all of it (1), or something in between.
 ///
-/// As OpenCV's `getOptimalNewCameraMatrix`: the rectangles are those of the rim points and of all points of a
-/// grid of 9 × 9 pixels that spans the sensor; focal lengths and principal point are interpolated.
+/// As OpenCV's `getOptimalNewCameraMatrix`: one rectangle fits inside the border points, the other encloses all points of a grid
+/// of 9 × 9 pixels that spans the sensor; focal lengths and principal point are interpolated between them.
 ///
 /// # Errors
-/// [`TargetError`].
+/// [`TargetError`] if there is none.
 pub fn optimal_matrix(
     camera: &Camera<f64>,
     projection: TargetProjection,
@@ -145,7 +145,7 @@ struct Rectangle {
 }
 
 impl Rectangle {
-    /// fx, fy, cx, cy of the camera that it fills an image of `size` with.
+    /// Returns fx, fy, cx, cy of the camera for which it fills an image of `size`.
     fn filling(&self, size: [f64; 2]) -> [f64; 4] {
         let ([left, top], [right, bottom]) = (self.least, self.most);
         let (fx, fy) = (size[0] / (right - left), size[1] / (bottom - top));
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn an_undistorted_camera_stays_what_it_is() {
+    fn an_undistorted_camera_does_not_change() {
         let camera = TargetProjection::Pinhole.camera([330.0, 331.0, 170.0, 131.0]).unwrap();
         assert_eq!(same_matrix(&camera, TargetProjection::Pinhole), Ok(camera));
         for alpha in [0.0, 0.4, 1.0] {
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_pinhole_cannot_show_is_refused() {
+    fn a_field_of_view_too_wide_for_a_pinhole_is_refused() {
         let wide = [100.0, 100.0, 172.5, 129.5, 0.0, 0.0, 0.0, 0.0];
         let wide: Camera<f64> = Camera::from_parameters(ModelKind::KannalaBrandt, &wide).unwrap();
         assert_eq!(optimal_matrix(&wide, TargetProjection::Pinhole, SENSOR, 1.0), Err(TargetError::RimUnseen));

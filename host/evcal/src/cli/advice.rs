@@ -1,16 +1,14 @@
-//! What to do about an error, in the words of the command line. The libraries say what is wrong, as data; what to do next depends
-//! on who called them.
+//! Advice about errors, with options of the command line. The libraries return errors as data; advice depends on their caller.
 //!
-//! An error is looked for along its chain of causes: an enum that wraps another error has it as its source, for which
-//! `#[error("{0}")]` serves and `#[error(transparent)]` does not, since that passes over the wrapped error.
+//! [`advice`] searches the chain of causes. An enum that wraps another error must therefore return it as its source: use
+//! `#[error("{0}")]`, because `#[error(transparent)]` skips the wrapped error.
 
 pub mod calibrate;
 mod recordings;
 
 use std::error::Error;
 
-/// The one thing to do next about `error`, if there is one to name: about the first error of its chain of causes that one of the
-/// modules here knows.
+/// Returns the advice for the first error in the chain of causes of `error` that a module here knows.
 pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
     let mut cause = Some(error);
     while let Some(error) = cause {
@@ -22,7 +20,7 @@ pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
     None
 }
 
-/// `error` and what to do about it, in one sentence.
+/// Returns `error` and its advice in one sentence.
 pub fn with_advice(error: &(dyn Error + 'static)) -> String {
     match advice(error) {
         Some(next) => format!("{error}; {next}"),

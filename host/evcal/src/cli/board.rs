@@ -13,7 +13,7 @@ use evcal_geometry::board::sheet::{Page, board_sheet, board_that_fits};
 use super::output_arguments::OutputArguments;
 use super::{print, value};
 
-/// The pattern of a board of which nothing is said.
+/// Pattern of the board without `--board`.
 const PATTERN: Pattern = Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 };
 
 /// Arguments of `evcal board`.
@@ -23,21 +23,21 @@ pub struct Arguments {
     /// Board to print, for example acircles:9x4:23mm:r7.3mm [default: the largest acircles:9x4 that fits]
     #[arg(long, value_parser = super::board_argument::board)]
     board: Option<Board>,
-    /// PDF to write
+    /// PDF file to write
     #[arg(long, value_name = "FILE", group = "outputs", value_parser = value::output_file())]
     pdf: Option<PathBuf>,
-    /// SVG to write
+    /// SVG file to write
     #[arg(long, value_name = "FILE", group = "outputs", value_parser = value::output_file())]
     svg: Option<PathBuf>,
     #[command(flatten)]
     results: OutputArguments,
-    /// Paper: a4, a3, a2, a1, a0, letter, tabloid, or a size such as 600x400mm; upright or lying as it fits
+    /// Paper: a4, a3, a2, a1, a0, letter, tabloid, or a size such as 600x400mm; portrait or landscape, as the board fits
     #[arg(long, default_value = "a4")]
     paper: Paper,
-    /// White along the edges that a printer may cut (mm)
+    /// White margin along the edges, which a printer may cut off (mm)
     #[arg(long, value_name = "MM", default_value = "10", value_parser = value::number(0.0..=100.0, " mm"))]
     margin: f64,
-    /// Print what was written as JSON
+    /// Print the board and the written files as JSON
     #[arg(long)]
     json: bool,
 }
@@ -75,6 +75,9 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     for path in written {
         print::line(format!("written to {}", visible::path(path)))?;
     }
-    print::line(format!("{width} x {height} mm: print at 100 %, check that both rulers measure {} mm", sheet.ruler))?;
+    print::line(format!(
+        "{width} x {height} mm: print at 100 % and check that both rulers measure {} mm",
+        sheet.ruler
+    ))?;
     print::line(format!("calibrate with --board {board}"))
 }

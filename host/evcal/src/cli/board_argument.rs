@@ -1,4 +1,4 @@
-//! The board as the command line takes it: a description, or a target file of Kalibr.
+//! The value of `--board`: a description of the board, or a target file of Kalibr.
 
 use std::path::Path;
 
@@ -6,28 +6,26 @@ use evcal_geometry::board::request::BoardRequest;
 use evcal_geometry::board::squares::kalibr::{CircleTarget, Target, TargetFileError, read};
 use evcal_geometry::board::{Board, BoardError};
 
-/// Why `--board` names no board.
+/// Errors in the value of `--board`.
 #[derive(Debug, thiserror::Error)]
 pub enum BoardArgumentError {
-    /// It is no description of one.
+    /// The description is not valid.
     #[error("{0}")]
     Description(#[from] BoardError),
-    /// The file is no target of Kalibr's.
+    /// The file is not a target file of Kalibr.
     #[error("{0}")]
     File(#[from] TargetFileError),
-    /// The file has circles without a radius.
-    #[error(
-        "{file} does not state how large its circles are: write --board {target}:rRADIUS with the radius of a circle, measured"
-    )]
+    /// The file describes circles without their radius.
+    #[error("{file} does not contain the radius of the circles: measure it, and write --board {target}:rRADIUS")]
     RadiusUnknown {
         /// The file.
         file: String,
-        /// What it states.
+        /// The circles without their radius.
         target: CircleTarget,
     },
 }
 
-/// The board that `text` describes, or that the target file of this name does, with all its sizes.
+/// Parses a description of a board, or reads the target file with the name `text`.
 ///
 /// # Errors
 /// [`BoardArgumentError`].
@@ -38,7 +36,7 @@ pub fn board(text: &str) -> Result<Board, BoardArgumentError> {
     }
 }
 
-/// The same, or that it is to be recognised.
+/// Parses the same, or a request to recognise the board.
 ///
 /// # Errors
 /// [`BoardArgumentError`].
@@ -49,7 +47,7 @@ pub fn board_request(text: &str) -> Result<BoardRequest, BoardArgumentError> {
     }
 }
 
-/// The board in the target file of this name; `None` if it is no name of one.
+/// Reads the board from the target file with the name `text`; `None` if it is not the name of a YAML file.
 fn board_file(text: &str) -> Option<Result<Board, BoardArgumentError>> {
     let path = Path::new(text);
     let is_yaml = path

@@ -41,10 +41,10 @@ use super::progress::{Waiting, short_name};
 use super::source_arguments::SourceArguments;
 use super::{NotGoodEnough, UsageError, print, value};
 
-/// Above the options that few need.
-const METHOD: &str = "How it is calibrated";
+/// Heading of the options for experts.
+const METHOD: &str = "Method";
 
-/// What is told while circles come through a serial port.
+/// Progress message while a serial port delivers circles.
 pub(super) const LISTENING: &str = "listening to the serial port";
 
 /// Arguments of `evcal calibrate`.
@@ -57,32 +57,32 @@ pub struct Arguments {
     recordings: Vec<PathBuf>,
     #[command(flatten)]
     calibration: CalibrationArguments,
-    #[command(flatten, next_help_heading = "What the recording does not say")]
+    #[command(flatten, next_help_heading = "Input")]
     source: SourceArguments,
-    #[command(flatten, next_help_heading = "A second camera on the same mount")]
+    #[command(flatten, next_help_heading = "Other cameras on the same mount")]
     second: SecondCameraArguments,
 }
 
-/// Options of `evcal calibrate` for cameras that are fixed to the first one.
+/// Options of `evcal calibrate` for cameras that are rigidly connected to the first one.
 #[derive(clap::Args)]
 struct SecondCameraArguments {
-    /// The recording of another camera that is fixed to this one, of the same board at the same time: where it is, and how its
-    /// clock goes, from one recording of each (docs/second-camera.md). Events, a folder of images with data.csv (EuRoC form), or a bag
-    /// with images and no events; can be repeated
+    /// Recording of another camera, rigidly connected to the first, of the same board at the same time; estimates its pose and clock
+    /// offset (docs/second-camera.md). Events, a folder of images with data.csv (EuRoC format), or a bag with images and no events;
+    /// can be repeated
     #[arg(long, value_name = "RECORDING", conflicts_with = "frames_only")]
     with: Vec<PathBuf>,
-    /// Name of the stream or topic to read in the file of --with, of events or of images [default: as --stream, or the only
-    /// topic of images]; can be repeated, in the order of --with
+    /// Stream or topic of events or images to read from the file of --with [default: as --stream, or the only topic of images]; can
+    /// be repeated, in the order of --with
     #[arg(long, value_name = "STREAM", requires = "with")]
     with_stream: Vec<String>,
-    /// Size of the sensor of the camera of --with in pixels, where its file does not tell it [default: as --sensor]; can be
-    /// repeated, in the order of --with
+    /// Sensor size of the camera of --with in pixels, if its file does not contain it [default: as --sensor]; can be repeated, in the
+    /// order of --with
     #[arg(long, value_name = "WxH", value_parser = value::sensor, requires = "with")]
     with_sensor: Vec<Sensor>,
     /// Camera model of the camera of --with [default: as --model]; can be repeated, in the order of --with
     #[arg(long, value_name = "MODEL", value_parser = value::model_request(), requires = "with")]
     with_model: Vec<ModelRequest>,
-    /// What the time stamps of the images of --with stand for
+    /// Meaning of the timestamps of the images of --with
     #[arg(
         long,
         requires = "with",
@@ -90,11 +90,11 @@ struct SecondCameraArguments {
         value_parser = value::named(Stamps::ALL, Stamps::name, Stamps::description)
     )]
     with_stamps: Stamps,
-    /// The images of --with are of a rolling shutter: their rows are exposed one after the other
+    /// The camera of --with has a rolling shutter: it exposes the rows of an image one after the other
     #[arg(long, requires = "with")]
     rolling_shutter: bool,
-    /// With --imu or --with, keep the first camera's intrinsics as they are in this calibration or camera file [default: they are
-    /// estimated together with the rest]
+    /// With --imu or --with, fix the first camera's intrinsics at the values in this calibration or camera file [default: estimate
+    /// them together with the other parameters]
     #[arg(long, value_name = "FILE|DIR")]
     camera: Option<PathBuf>,
     /// The same for the camera of --with; can be repeated, in the order of --with
@@ -103,7 +103,7 @@ struct SecondCameraArguments {
 }
 
 impl SecondCameraArguments {
-    /// What is given in the order of `--with` is given for these at most.
+    /// Refuses options in the order of `--with` that are more numerous than `--with`.
     fn one_for_each_other(&self) -> Result<(), UsageError> {
         let counts = [
             ("--with-stream", self.with_stream.len()),
@@ -119,12 +119,11 @@ impl SecondCameraArguments {
         }
     }
 
-    /// The cameras whose intrinsics are held.
+    /// Reads the cameras whose intrinsics are fixed.
     fn held_cameras(&self, calibration: &CalibrationArguments) -> Result<HeldCameras, Box<dyn Error>> {
         let together = calibration.imu.is_some() || calibration.with_frames || !self.with.is_empty();
         if self.camera.is_some() && !together {
-            let advice =
-                "--camera works only together with --imu, --with or --with-frames: add one of them, or leave it out";
+            let advice = "--camera works only together with --imu, --with or --with-frames: add one of them, or leave out --camera";
             return Err(UsageError(advice.to_owned()).into());
         }
         let first = self.camera.as_deref().map(HeldCamera::read).transpose()?;
@@ -133,7 +132,7 @@ impl SecondCameraArguments {
     }
 }
 
-/// Where results go, and what is printed.
+/// Options of every subcommand that calibrates.
 #[derive(clap::Args)]
 pub struct CalibrationArguments {
     #[command(flatten)]
@@ -143,7 +142,7 @@ pub struct CalibrationArguments {
     pub output: PathBuf,
     #[command(flatten)]
     results: OutputArguments,
-    /// End with exit code 0 even if the calibration is not good enough
+    /// Exit with 0 even if the calibration is not good enough
     #[arg(long)]
     accept_any: bool,
     /// Print the calibration as JSON
@@ -152,21 +151,21 @@ pub struct CalibrationArguments {
     /// Print the stage report
     #[arg(short, long)]
     verbose: bool,
-    /// Calibrate from the camera's own frames alone, as ordinary image calibration does
+    /// Calibrate from the camera's own frames only, as ordinary image calibration does
     #[arg(long, conflicts_with_all = ["joint_frames", "imu", "fix", "free"])]
     frames_only: bool,
-    /// Solve the camera's own frames and its events together
+    /// Solve for events and the camera's own frames jointly
     #[arg(long)]
     joint_frames: bool,
-    /// Check frames and events against each other: the camera's own frames are treated as a second camera, which has to come out at
-    /// the place of the first
+    /// Cross-check events with the camera's own frames: treat the frames as a second camera, which should get the same position as the
+    /// first
     #[arg(long, conflicts_with_all = ["frames_only", "joint_frames"])]
     with_frames: bool,
-    /// Calibrate the inertial unit too, from the samples in the recording, or from a CSV file whose first line names
+    /// Also calibrate the IMU, from the samples in the recording, or from a CSV file whose first line contains the
     /// columns with their units: t_us,ax_g,ay_g,az_g,gx_deg_s,gy_deg_s,gz_deg_s (docs/imu.md)
     #[arg(long, value_name = "FILE", num_args = 0..=1)]
     imu: Option<Option<PathBuf>>,
-    /// Size of gravity where the recording was made, for --imu
+    /// Magnitude of gravity at the place of the recording, for --imu
     #[arg(
         long,
         value_name = "M/S²",
@@ -175,25 +174,25 @@ pub struct CalibrationArguments {
         value_parser = value::number(9.7..=9.9, " m/s²")
     )]
     gravity: f64,
-    /// Keep a parameter at a value: one of the lens (k3=0, cx=173.2) or of the board (print-ratio=1.002, bend-x=1.5mm, bend-y=0mm,
+    /// Fix a parameter of the lens (k3=0, cx=173.2) or of the board (print-ratio=1.002, bend-x=1.5mm, bend-y=0mm,
     /// radius=17.4mm); can be repeated
     #[arg(long, value_name = "NAME=VALUE", help_heading = METHOD)]
     fix: Vec<String>,
-    /// Estimate a parameter even where the recording says little of it: one of the lens, or print-ratio, bend-x, bend-y, radius of
-    /// the board; can be repeated
+    /// Estimate a parameter of the lens, or print-ratio, bend-x, bend-y or radius of the board, even if the recording hardly determines
+    /// it; can be repeated
     #[arg(long, value_name = "NAME", help_heading = METHOD)]
     free: Vec<String>,
 }
 
-/// What is calibrated, and how; whatever the events come from.
+/// Options for the board, the camera model and the method.
 #[derive(clap::Args)]
 pub struct MethodArguments {
     /// Board: circles such as acircles:9x4:55mm:r17.5mm (layout, rows x columns, spacing, radius), checkerboard:6x9:25mm (rows x columns of
-    /// inner corners), aprilgrid:6x6:35.2mm:0.3, apriltags:3x4:30mm:0.25, charuco:5x7:30mm:22mm:DICT_5X5_100, or Kalibr's target file;
+    /// inner corners), aprilgrid:6x6:35.2mm:0.3, apriltags:3x4:30mm:0.25, charuco:5x7:30mm:22mm:DICT_5X5_100, or a target file of Kalibr;
     /// auto:55mm:r17.5mm recognises a grid of circles
     #[arg(long, value_parser = super::board_argument::board_request)]
     pub board: BoardRequest,
-    /// Camera model. auto takes the simplest model that fits held-out circles as well as the best one
+    /// Camera model; auto chooses the simplest model that fits held-out circles as well as the best one
     #[arg(long, default_value = "radtan", value_parser = super::value::model_request())]
     pub model: ModelRequest,
     /// Circle extraction: hard or soft [default: hard]
@@ -205,13 +204,13 @@ pub struct MethodArguments {
     /// Grid finder: lattice or opencv [default: lattice]
     #[arg(long, help_heading = METHOD)]
     grid: Option<Grid>,
-    /// Settings file (TOML); names and defaults are in docs/settings.md
+    /// Settings file (TOML); docs/settings.md lists names and defaults
     #[arg(long, value_name = "FILE", help_heading = METHOD)]
     settings: Option<PathBuf>,
 }
 
 impl MethodArguments {
-    /// All thresholds.
+    /// Returns the settings of the file, with the options that replace some of them.
     pub fn settings(&self) -> Result<Settings, Box<dyn Error>> {
         let mut settings = read_settings(self.settings.as_deref(), self.grid)?;
         settings.detection.extraction = self.extraction.unwrap_or(settings.detection.extraction);
@@ -219,7 +218,7 @@ impl MethodArguments {
         Ok(settings)
     }
 
-    /// The board that was named, or the one that is recognised in those of the files that hold events.
+    /// Returns the given board, or recognises it in the files that contain events.
     pub fn choose_board(
         &self,
         files: &[PathBuf],
@@ -230,7 +229,7 @@ impl MethodArguments {
     }
 }
 
-/// The board that is asked for, or the one that is recognised in those of the files that hold events, which is told.
+/// Returns the requested board, or recognises it in the files that contain events, and prints it.
 pub(super) fn board_in(
     request: &BoardRequest,
     files: &[PathBuf],
@@ -248,7 +247,7 @@ pub(super) fn board_in(
     }
     let recordings: Vec<&Recording> = recordings.iter().collect();
     let board = choose_board(request, &recordings, settings)?;
-    print::aside(format!("the board is {board}, as far as it was recognised"));
+    print::aside(format!("recognised board: {board}"));
     Ok(board)
 }
 
@@ -261,7 +260,7 @@ pub(super) fn extraction(text: &str) -> Result<Extraction, &'static str> {
 }
 
 impl CalibrationArguments {
-    /// What is held, and what is free.
+    /// Returns the parameters that are fixed or always estimated.
     pub fn parameters(&self) -> Result<ParameterRequests, UsageError> {
         let model = match self.method.model {
             ModelRequest::Given(model) => Some(model),
@@ -270,7 +269,7 @@ impl CalibrationArguments {
         ParameterRequests::new(model, &self.fix, &self.free).map_err(|error| UsageError(with_advice(&error)))
     }
 
-    /// The inertial unit that is asked for.
+    /// Returns the request for an IMU calibration, if there is one.
     fn inertial_request(&self) -> Option<InertialRequest> {
         let file = self.imu.clone()?;
         Some(InertialRequest {
@@ -279,7 +278,7 @@ impl CalibrationArguments {
         })
     }
 
-    /// The folder for the results, which holds none yet unless they may be replaced.
+    /// Opens the folder for the results; fails if it contains results, unless `--force` is given.
     pub fn open_folder(&self) -> Result<OutputFolder, FolderError> {
         self.results.open_folder(&self.output, is_result, FOLDERS)
     }
@@ -289,7 +288,7 @@ impl CalibrationArguments {
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let outcome = open_and_calibrate(arguments);
     match &outcome {
-        // Its calibration was printed.
+        // With `NotGoodEnough`, the calibration was printed already.
         Err(error) if arguments.calibration.json && !error.is::<NotGoodEnough>() => match error.downcast_ref() {
             Some(Failed { failure, .. }) => print::json(failure)?,
             None => print::json(&serde_json::json!({ "error": with_advice(&**error) }))?,
@@ -300,11 +299,11 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 }
 
 fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
-    // Before the work, not after it.
+    // Mistakes in the arguments are reported before the work begins.
     arguments.second.one_for_each_other()?;
     arguments.calibration.parameters()?;
     let settings = arguments.calibration.method.settings()?;
-    // Read again after the camera: in a live session the file may still grow meanwhile.
+    // The samples are read again after the camera, because the file may still grow during a live session.
     if let Some(Some(samples)) = &arguments.calibration.imu {
         inertial::csv::read(samples)?;
     }
@@ -319,34 +318,35 @@ fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
     };
     let held = arguments.second.held_cameras(&arguments.calibration)?;
     let recordings = CameraRecordings { first: &arguments.recordings, others, held };
-    calibrate_recordings(recordings, &arguments.source.options(), &arguments.calibration, &settings, &folder)
+    let waiting = Waiting::new(arguments.calibration.json);
+    calibrate_recordings(recordings, &arguments.source.options(), &arguments.calibration, &settings, &folder, waiting)
 }
 
-/// Recordings of one camera, and one of each other camera on its mount.
+/// Recordings of one camera, and one recording per other camera on its mount.
 pub struct CameraRecordings<'a> {
     pub first: &'a [PathBuf],
     pub others: OtherCameras<'a>,
     pub held: HeldCameras,
 }
 
-/// A recording of each other camera.
+/// One recording per other camera, with its options.
 #[derive(Clone, Copy, Default)]
 pub struct OtherCameras<'a> {
     pub recordings: &'a [PathBuf],
-    /// Which of their streams to read, for the first of them.
+    /// Streams to read, for the first recordings.
     pub streams: &'a [String],
-    /// Sizes of their sensors, for the first of them.
+    /// Sensor sizes, for the first recordings.
     pub sensors: &'a [Sensor],
-    /// Their camera models, for the first of them.
+    /// Camera models, for the first recordings.
     pub models: &'a [ModelRequest],
-    /// What the time stamps of images stand for.
+    /// Meaning of the timestamps of images.
     pub stamps: Stamps,
-    /// Whether the rows of images are exposed one after the other.
+    /// `true` if the cameras have a rolling shutter.
     pub rolling_shutter: bool,
 }
 
 impl<'a> OtherCameras<'a> {
-    /// The recordings, each with the stream that is named for it.
+    /// Returns the recordings, each with its stream if one is given.
     fn with_streams(self) -> impl Iterator<Item = (&'a PathBuf, Option<&'a str>)> {
         let streams = self.streams.iter().map(|stream| Some(stream.as_str())).chain(std::iter::repeat(None));
         self.recordings.iter().zip(streams)
@@ -354,7 +354,7 @@ impl<'a> OtherCameras<'a> {
 }
 
 impl<'a> CameraRecordings<'a> {
-    /// Of one camera alone.
+    /// Returns the recordings of a camera without others.
     pub fn alone(first: &'a [PathBuf]) -> Self {
         Self { first, others: OtherCameras::default(), held: HeldCameras::default() }
     }
@@ -367,9 +367,9 @@ pub fn calibrate_recordings(
     arguments: &CalibrationArguments,
     settings: &Settings,
     folder: &OutputFolder,
+    mut waiting: Waiting,
 ) -> super::Outcome {
     check_others(recordings, others, options)?;
-    let mut waiting = Waiting::new(arguments.json);
     let board = arguments.method.choose_board(recordings, options, &settings.detection)?;
     let inputs = recordings
         .iter()
@@ -381,7 +381,7 @@ pub fn calibrate_recordings(
             && let [first, .., last] = recording.files()[..]
         {
             let (count, first, last) = (recording.files().len(), short_name(first), short_name(last));
-            print::aside(format!("{count} files continue each other, from {first} to {last}: they are one recording"));
+            print::aside(format!("{count} consecutive files, {first} to {last}, are read as one recording"));
         }
     }
     if let Some(request) = arguments.inertial_request() {
@@ -416,7 +416,7 @@ pub fn calibrate_recordings(
     work.finish(attempt, waiting, folder)
 }
 
-/// What is wrong with the recordings of other cameras before they are opened.
+/// Refuses wrong recordings of other cameras before they are opened.
 fn check_others(
     recordings: &[PathBuf],
     others: OtherCameras,
@@ -431,7 +431,7 @@ fn check_others(
     for (other, stream) in others.with_streams() {
         if stream.is_some() && other.is_dir() {
             let folder = visible::path(other);
-            return Err(UsageError(format!("{folder} is a folder of images, without streams: leave out --with-stream, or name other files of --with first")).into());
+            return Err(UsageError(format!("{folder} is a folder of images and has no streams: leave out --with-stream, or put the folder after the other files of --with")).into());
         }
         let this = (place(other), stream.or(own));
         if known.contains(&this) {
@@ -442,8 +442,8 @@ fn check_others(
     Ok(())
 }
 
-/// Opens a recording, or listens to a serial port. What comes from a port is saved to `folder` unless its
-/// address says where, so that a calibration that fails can be tried again.
+/// Opens a recording, or reads from a serial port. Data from a port are saved to `folder` unless its address contains a file, so that a
+/// failed calibration can be repeated.
 fn open_input(
     path: &Path,
     options: &RecordingOptions,
@@ -459,7 +459,7 @@ fn open_input(
     Ok(Input::listen(&address, board, progress)?)
 }
 
-/// The port that `path` is the address of.
+/// Parses the address of a serial port.
 pub(super) fn serial_address(path: &Path) -> Result<SerialAddress, UsageError> {
     path.to_string_lossy().parse().map_err(|error: SerialError| UsageError(error.to_string()))
 }

@@ -1,4 +1,4 @@
-//! Which camera, and how it is set up.
+//! The choice and configuration of a live camera.
 
 use std::error::Error;
 use std::time::Duration;
@@ -11,38 +11,38 @@ use usb_davis::dump::Growth;
 
 use super::value;
 
-/// Options of every subcommand that runs a camera.
+/// Options of every subcommand that uses a live camera.
 #[derive(clap::Args)]
 pub struct CameraArguments {
-    /// Stop after this time at the latest, for example 10s; Ctrl-C stops earlier
+    /// Longest duration of the recording, for example 10s; Ctrl-C stops earlier
     #[arg(long, value_name = "TIME", value_parser = value::seconds)]
     duration: Option<f64>,
-    /// Record frames, too: 9 MB/s more
+    /// Also record frames (9 MB/s more)
     #[arg(long)]
     frames: bool,
-    /// Settings of the camera
+    /// Configuration of the camera
     #[arg(long, value_enum, default_value_t = Preset::Calibration)]
     preset: Preset,
-    /// Serial number of the camera [default: the first that can be used]
+    /// Serial number of the camera [default: the first available one]
     #[arg(long, value_name = "NUMBER")]
     serial: Option<String>,
 }
 
-/// Settings of the camera.
+/// Configuration of the camera.
 #[derive(Clone, Copy, ValueEnum)]
 enum Preset {
-    /// Without the background-activity filter, which would take the first event of each edge
+    /// Without the background-activity filter, which would remove the first event of each edge
     Calibration,
-    /// As iniVation's software sets it up
+    /// The configuration of iniVation's software
     Default,
 }
 
 impl CameraArguments {
-    /// Opens the camera and sets it up.
+    /// Opens and configures the camera.
     pub fn open(&self) -> Result<Camera, Box<dyn Error>> {
         let selector = Selector { serial: self.serial.clone(), ..Selector::default() };
         let mut camera = Camera::open(&selector).map_err(|error| match error {
-            DeviceError::NotFound { .. } => format!("{error}; evcal devices says what to look at").into(),
+            DeviceError::NotFound { .. } => format!("{error}; run evcal devices for advice").into(),
             error => Box::<dyn Error>::from(error),
         })?;
         camera.configure(&match self.preset {
@@ -52,12 +52,12 @@ impl CameraArguments {
         Ok(camera)
     }
 
-    /// Whether frames are recorded, too.
+    /// Returns whether frames are recorded, too.
     pub fn has_frames(&self) -> bool {
         self.frames
     }
 
-    /// What to record, and for how long.
+    /// Returns the streams to record, and the duration.
     pub fn plan(&self) -> RecordingPlan {
         RecordingPlan {
             streams: if self.frames { Streams::ALL } else { Streams::EVENTS },

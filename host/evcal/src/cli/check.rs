@@ -24,12 +24,12 @@ pub struct Arguments {
     board: Option<BoardRequest>,
     #[command(flatten)]
     source: SourceArguments,
-    /// Print what was seen as JSON
+    /// Print the result as JSON
     #[arg(long)]
     json: bool,
 }
 
-/// What was seen, and what to do next.
+/// The result of a check, and the next step.
 #[derive(Serialize)]
 struct WithNext {
     #[serde(flatten)]
@@ -41,10 +41,10 @@ struct WithNext {
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let recording = open_events(&arguments.recording, arguments.source.options())?;
     let mut waiting = Waiting::new(arguments.json);
-    waiting.stage(&format!("looking at {}", short_name(&arguments.recording)), None);
+    waiting.stage(&format!("examining {}", short_name(&arguments.recording)), None);
     let settings = Settings::default();
     let board = match &arguments.board {
-        // What is to be measured is said with everything else.
+        // The result names the lengths to measure.
         None | Some(BoardRequest::Recognise(None)) => None,
         Some(request) => {
             let files = std::slice::from_ref(&arguments.recording);

@@ -1,18 +1,18 @@
-//! Circle streams, in which there are boards of circles alone.
+//! The board of a circle stream, which must consist of circles.
 
 use evcal_geometry::board::{Board, CircleBoard};
 
-/// A board of squares where there are only circles.
+/// A board of squares was given for a circle stream.
 #[derive(Debug, thiserror::Error)]
-#[error("{board}: a circle stream holds circles, not squares")]
+#[error("{board}: a circle stream contains circles, not squares")]
 pub struct CirclesOnly {
     board: Board,
 }
 
-/// The circles of `board`.
+/// Returns the circles of `board`.
 ///
 /// # Errors
-/// [`CirclesOnly`] where it has none.
+/// [`CirclesOnly`] if the board consists of squares.
 pub fn circles_of(board: &Board) -> Result<&CircleBoard, CirclesOnly> {
     board.circles().ok_or(CirclesOnly { board: *board })
 }

@@ -12,7 +12,7 @@ pub struct Arguments {
     /// A calibration: its folder or calibration.json
     #[arg(value_name = "FILE|DIR")]
     first: PathBuf,
-    /// Another one
+    /// Another calibration
     #[arg(value_name = "FILE|DIR")]
     second: PathBuf,
     /// Print the figures as JSON

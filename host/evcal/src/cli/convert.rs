@@ -16,7 +16,7 @@ use super::{print, value};
 /// Arguments of `evcal convert`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Recording of any format, told apart by its content
+    /// Recording; the format is detected from the content
     #[arg(value_name = "IN")]
     input: PathBuf,
     /// File to write
@@ -24,22 +24,22 @@ pub struct Arguments {
     output: PathBuf,
     #[command(flatten)]
     results: OutputArguments,
-    /// Format to write, such as aedat4, npz, hdf5 or csv; any unknown name prints the list [default: by the extension of OUT]
+    /// Format to write, such as aedat4, npz, hdf5 or csv; an unknown name prints the list [default: by the extension of OUT]
     #[arg(long, value_name = "FORMAT")]
     to: Option<OutputFormat>,
-    /// Write Unix times (since 1970), where the recording says when it began
+    /// Write Unix times (since 1970), if the recording contains its start time
     #[arg(long)]
     unix_time: bool,
     #[command(flatten)]
     source: SourceArguments,
-    /// Print what was converted as JSON
+    /// Print the statistics as JSON
     #[arg(long)]
     json: bool,
 }
 
-/// Reading stopped before the end of the recording.
+/// An error stopped the conversion before the end of the recording.
 #[derive(Debug, thiserror::Error)]
-#[error("{error}\nwhat came before is in {}", visible::path(output))]
+#[error("{error}\nthe part before the error is in {}", visible::path(output))]
 pub(super) struct BrokenOff {
     #[source]
     pub error: ConvertError,
@@ -64,7 +64,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     match (arguments.json, is_stream(output)) {
         (true, _) => print::json(&report)?,
         (false, false) => print::line(format!("{}: {report}", visible::path(output)))?,
-        // The recording may have gone to standard output.
+        // Standard output may be the converted recording.
         (false, true) => print::aside(format!("{}: {report}", visible::path(output))),
     }
     match report.error {

@@ -25,16 +25,16 @@ use super::{UsageError, print, value};
 /// Arguments of `evcal detect`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Recording of events, circle stream of a detector, or its serial port,
+    /// Recording of events, circle stream of a detector, or the serial port of a detector,
     /// serial:PORT?baud=921600&seconds=10&save=FILE
     recording: PathBuf,
-    /// Board to look for, for example acircles:9x4:55mm:r17.5mm, or auto; without it, circles of any kind
+    /// Board to find, for example acircles:9x4:55mm:r17.5mm, or auto; without it, all circles
     #[arg(long, value_parser = super::board_argument::board_request)]
     board: Option<BoardRequest>,
     /// Circle extraction: hard or soft [default: hard]
     #[arg(long, value_parser = super::calibrate::extraction)]
     extraction: Option<Extraction>,
-    /// Without a board: fewest circles that make a window worth keeping
+    /// Without a board: smallest number of circles in a window that is written
     #[arg(long, default_value_t = 1, value_name = "COUNT", conflicts_with = "board")]
     fewest: usize,
     /// Settings file (TOML)
@@ -42,10 +42,10 @@ pub struct Arguments {
     settings: Option<PathBuf>,
     #[command(flatten)]
     source: SourceArguments,
-    /// Circle-track file to write (CSV)
+    /// Circle track to write (CSV)
     #[arg(short, long, value_name = "FILE", value_parser = value::output_file())]
     output: Option<PathBuf>,
-    /// Picture of the window with most circles (PNG)
+    /// Picture to write, of the window with most circles (PNG)
     #[arg(long, value_name = "FILE", value_parser = value::output_file())]
     picture: Option<PathBuf>,
     #[command(flatten)]
@@ -65,11 +65,16 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             circles_of(board)?;
         }
         if arguments.picture.is_some() {
-            return Err(UsageError("a circle stream holds no events to paint: leave out --picture".to_owned()).into());
+            return Err(UsageError("a circle stream contains no events to draw: leave out --picture".to_owned()).into());
         }
         let found = search_stream(stream, arguments.source.sensor, wanted);
         write(arguments, &found)?;
-        return tell(arguments, &found, format!("{} windows with circles came", found.report.windows), None);
+        return print_report(
+            arguments,
+            &found,
+            format!("{} windows with circles received", found.report.windows),
+            None,
+        );
     }
     let mut settings = read_settings(arguments.settings.as_deref(), None)?;
     settings.detection.extraction = arguments.extraction.unwrap_or(settings.detection.extraction);
@@ -90,10 +95,10 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let report = &found.report;
     let tried = format!("{} events, {} windows tried", report.events, report.windows);
     let idle = format!("{} windows had too few events to be tried", report.too_few_events);
-    tell(arguments, &found, tried, Some(idle))
+    print_report(arguments, &found, tried, Some(idle))
 }
 
-/// What to look for, of which the layout of the board alone counts.
+/// Returns what to search for. Of the board, only the layout matters.
 fn wanted(
     arguments: &Arguments,
     recordings: &[&Recording],
@@ -103,14 +108,14 @@ fn wanted(
         Some(BoardRequest::Given(board)) => SearchFor::from(board),
         Some(BoardRequest::Recognise(_)) => {
             let found = recognise_layout(recordings, settings)?;
-            print::aside(format!("the board is {found}"));
+            print::aside(format!("recognised board: {found}"));
             SearchFor::Board(found.pattern)
         }
         None => SearchFor::Circles(arguments.fewest),
     })
 }
 
-/// The circle stream that the recording is, or that comes from its serial port.
+/// Reads a circle stream from its file or serial port; `None` if the recording consists of events.
 fn open_stream(arguments: &Arguments) -> Result<Option<CircleStream>, Box<dyn std::error::Error>> {
     let path = &arguments.recording;
     if SerialAddress::is_address(path) {
@@ -130,23 +135,23 @@ fn write(arguments: &Arguments, found: &FoundCircles) -> super::Outcome {
     Ok(arguments.output.as_deref().map_or(Ok(()), |path| found.write_track(path))?)
 }
 
-fn tell(arguments: &Arguments, found: &FoundCircles, tried: String, idle: Option<String>) -> super::Outcome {
+fn print_report(arguments: &Arguments, found: &FoundCircles, tried: String, idle: Option<String>) -> super::Outcome {
     let report = &found.report;
     if arguments.json {
         return print::line(serde_json::to_string_pretty(report)?);
     }
-    let kind = if arguments.board.is_some() { "held the board" } else { "held enough circles" };
+    let kind = if arguments.board.is_some() { "with the board" } else { "with enough circles" };
     let mut text: String = found.notes.iter().map(|note| format!("note: {note}\n")).collect();
     text += &format!("{tried}, {} {kind}\n", report.found);
     text.extend(idle.map(|idle| idle + "\n"));
     for (reason, count) in &report.grids_refused {
-        text += &format!("{count} windows refused: {reason}\n");
+        text += &format!("{count} windows rejected: {reason}\n");
     }
     text += &format!("{} circles, {} of them on boards", report.circles, report.board_circles);
     if report.found == 0 {
         let board = arguments.board.as_ref().map_or(String::new(), |_| " with the same --board".to_owned());
         let file = shell_word(&arguments.recording.to_string_lossy());
-        text += &format!("\nnext: evcal check {file}{board}, which says why nothing was found");
+        text += &format!("\nnext: run evcal check {file}{board} to see why nothing was found");
     }
     print::line(text)
 }

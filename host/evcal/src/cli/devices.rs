@@ -5,12 +5,12 @@ use usb_davis::device::{Availability, DeviceError, Listing, UDEV_RULE, UDEV_RULE
 
 use super::print;
 
-/// What to look at when there is no camera.
+/// No camera was found; the message contains advice.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "{}\n  evcal works with the DAVIS346; lsusb should show a line with 152a:841a\n  \
-     if it does and evcal sees none: put this line into {UDEV_RULE_FILE}, then plug the camera in again:\n  {UDEV_RULE}\n  \
-     recordings of other cameras are calibrated from their files: evcal calibrate --help",
+    "{}\n  evcal supports the DAVIS346; lsusb should list it as 152a:841a\n  \
+     if it does, write this line to {UDEV_RULE_FILE}, then reconnect the camera:\n  {UDEV_RULE}\n  \
+     for other cameras, calibrate from a recording: evcal calibrate --help",
     DeviceError::NotFound { wanted: String::new() }
 )]
 struct NoCamera;
@@ -23,7 +23,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Runs `evcal devices`. That there is no camera, or none that can be used, is a failure.
+/// Runs `evcal devices`. It fails if no camera is available.
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let cameras = list()?;
     if arguments.json {
@@ -52,7 +52,7 @@ fn as_text(camera: &Listing) -> String {
     format!("DAVIS346, serial number {serial}, bus {bus}, address {address}, firmware {firmware}, {state}")
 }
 
-/// What is wrong, without the lines that say what to do.
+/// Returns the error without advice.
 fn first_line(error: &DeviceError) -> String {
     match error {
         DeviceError::Forbidden { .. } => "forbidden".to_owned(),

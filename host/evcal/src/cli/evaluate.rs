@@ -22,32 +22,32 @@ mod motion_capture;
 /// Arguments of `evcal evaluate`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The calibration: calibration.json, truth.json or the folder that holds one of them
+    /// The calibration: calibration.json, truth.json or a folder with one of them
     #[arg(value_name = "CALIBRATION")]
     calibration: PathBuf,
-    /// What to compare it with: the truth or another calibration, file or folder
+    /// The truth or another calibration to compare with, file or folder
     #[arg(long, value_name = "FILE|DIR", required_unless_present = "motion_capture")]
     truth: Option<PathBuf>,
-    /// Motion capture of a body of markers on the camera to compare its trajectory with: where the body is, the error of the
-    /// trajectory (TUM, EuRoC, CSV of OptiTrack Motive)
+    /// Motion capture of a marker body on the camera; estimates the pose of the body and the error of the camera's trajectory
+    /// (TUM, EuRoC, CSV of OptiTrack Motive)
     #[arg(long, value_name = "FILE", conflicts_with_all = ["truth", "true_trajectory"])]
     motion_capture: Option<PathBuf>,
-    /// The body on the camera, where the capture holds several
+    /// Name of the marker body on the camera, if the capture contains several
     #[arg(long, value_name = "NAME", requires = "motion_capture", conflicts_with = "truth")]
     body: Option<String>,
-    /// Estimated trajectory (TUM) [default: trajectory.txt beside the calibration, if it is there]
+    /// Estimated trajectory (TUM) [default: trajectory.txt next to the calibration, if it exists]
     #[arg(long, value_name = "FILE")]
     trajectory: Option<PathBuf>,
-    /// True trajectory (TUM) [default: trajectory.txt beside the truth, if it is there]
+    /// True trajectory (TUM) [default: trajectory.txt next to the truth, if it exists]
     #[arg(long, value_name = "FILE")]
     true_trajectory: Option<PathBuf>,
-    /// Largest constant difference of the clocks that is looked for
+    /// Largest constant clock offset to search for
     #[arg(long, value_name = "TIME", default_value = "20ms", value_parser = value::seconds)]
     time_shift: f64,
     /// Print the figures as JSON
     #[arg(long)]
     json: bool,
-    /// Print all figures of the trajectory errors and, as JSON, the difference at every point
+    /// Print all figures of the trajectory errors and, with --json, the difference at every point
     #[arg(short, long)]
     verbose: bool,
 }
@@ -96,15 +96,15 @@ pub fn run(arguments: Arguments) -> super::Outcome {
     match trajectory {
         ComparedTrajectories::Compared(figures) => print_trajectory(figures, verbose),
         ComparedTrajectories::OtherTimes { estimate, truth } => print::line(format!(
-            "\nthe trajectories {} and {} have no times in common: they are of different recordings, and were not compared",
+            "\nthe trajectories {} and {} have no times in common, so they are of different recordings and were not compared",
             visible::path(estimate),
             visible::path(truth)
         )),
         ComparedTrajectories::WithoutPoses(file) => print::line(format!(
-            "\nthe trajectories were not compared: {} has no pose, for none was sure enough; trajectory.csv beside it has them all",
+            "\nthe trajectories were not compared: {} is empty because all poses are too uncertain; trajectory.csv in the same folder contains them",
             visible::path(file)
         )),
-        _ => print::line(format!("\nno trajectories to compare: {TRAJECTORY_FILE} is not beside both files")),
+        _ => print::line(format!("\nno trajectories to compare: {TRAJECTORY_FILE} is not next to both files")),
     }
 }
 
@@ -112,8 +112,8 @@ fn print_trajectory(figures: &TrajectoryComparison, verbose: bool) -> super::Out
     let TrajectoryComparison { estimate, truth, direct, shifted } = figures;
     if !figures.is_related() {
         print::line(format!(
-            "\nthe trajectories {} and {} are not of the same recording: they are {:.0} mm apart where the camera moves by {:.0} mm. \
-             Compare with the trajectory of this recording: --true-trajectory FILE",
+            "\nthe trajectories {} and {} are not of the same recording: they differ by {:.0} mm while the camera moves by {:.0} mm. \
+             Compare with the trajectory of the same recording: --true-trajectory FILE",
             visible::path(estimate),
             visible::path(truth),
             1e3 * direct.aligned.rmse,
@@ -123,7 +123,7 @@ fn print_trajectory(figures: &TrajectoryComparison, verbose: bool) -> super::Out
             return Ok(());
         }
     }
-    print::line(format!("\ntrajectory {} against {}", visible::path(estimate), visible::path(truth)))?;
+    print::line(format!("\ntrajectory {} compared with {}", visible::path(estimate), visible::path(truth)))?;
     if verbose {
         print::line(direct)?;
         return shifted.as_ref().map_or(Ok(()), print::line);
@@ -140,7 +140,7 @@ fn print_trajectory(figures: &TrajectoryComparison, verbose: bool) -> super::Out
     row(format!("{} poses, own clock", direct.direct.count), direct)?;
     match shifted {
         Some(error) => row(format!("times {:+.1} us", 1e6 * error.time_shift), error),
-        None => print::line("no time shift was looked for: fewer than 3 poses are far enough from both ends"),
+        None => print::line("no time shift was estimated: fewer than 3 poses are far enough from both ends"),
     }
 }
 

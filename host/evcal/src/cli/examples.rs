@@ -1,4 +1,4 @@
-//! What stands below the help of each subcommand: commands to begin with.
+//! The examples below the help of each subcommand.
 
 pub const EVCAL: &str = "\
 From a printed board to a calibrated camera:
@@ -7,30 +7,30 @@ From a printed board to a calibrated camera:
   evcal calibrate recording.dvraw --board acircles:9x4:23mm:r7.3mm -o calibration
   evcal export calibration --format ros -o camera_info.yaml
 
-Each subcommand has examples of its own: evcal calibrate --help";
+Each subcommand has examples: evcal calibrate --help";
 
 pub const CALIBRATE: &str = "\
 Examples:
-  A recording and the board in it (half the distance in a row, and the radius):
+  A recording and its board (spacing: half the distance in a row; radius):
     evcal calibrate recording.aedat4 --board acircles:9x4:55mm:r17.5mm -o calibration
-  A board of which only the size is known, half the distance in a row and the radius:
+  Only the spacing and radius of the board are known:
     evcal calibrate recording.aedat4 --board auto:55mm:r17.5mm -o calibration
-  Text in columns of its own, times in milliseconds:
+  Text with other columns, times in milliseconds:
     evcal calibrate events.txt --columns x,y,p,t --time-unit ms --board circles:6x3:40mm:r9mm -o out
-  A fisheye, or whichever model fits best:
+  A fisheye lens, or the best model:
     evcal calibrate recording.dvraw --board acircles:9x4:55mm:r17.5mm --model kannala-brandt -o out
     evcal calibrate recording.dvraw --board acircles:9x4:55mm:r17.5mm --model auto -o out
 
-The exit code is 3 where a verdict is \"not good enough\", unless --accept-any is given.";
+The exit code is 3 if a verdict is \"not good enough\", unless --accept-any is given.";
 
 pub const DETECT: &str = "\
 Examples:
   evcal detect recording.dvraw --board acircles:9x4:55mm:r17.5mm -o circles.csv
-  A board of which rows and columns are not known:
+  A board with unknown rows and columns:
     evcal detect recording.dvraw --board auto -o circles.csv
-  Any circles, and a picture of the window with most of them:
+  All circles, and a picture of the window with most circles:
     evcal detect recording.dvraw --picture circles.png
-  What a detector sends over a serial port:
+  Circles from a detector on a serial port:
     evcal detect serial:/dev/ttyACM0?seconds=30 --board acircles:9x4:55mm:r17.5mm -o circles.csv";
 
 pub const DEVICES: &str = "\
@@ -42,16 +42,16 @@ pub const RECORD: &str = "\
 Examples:
   Until Ctrl-C:
     evcal record recording.dvraw
-  With frames, half a minute:
+  Half a minute, with frames:
     evcal record recording.dvraw --frames --duration 30s";
 
 pub const LIVE: &str = "\
 Examples:
-  With a camera; open the address that is printed in a browser:
+  With a camera; open the printed address in a browser:
     evcal live --board acircles:9x4:55mm:r17.5mm -o calibration
   Without a camera:
     evcal live --replay recording.dvraw --board acircles:9x4:55mm:r17.5mm -o calibration
-  On a terminal alone, the same hints once a second; as JSON, the calibration is the last object:
+  Hints on the terminal once per second, as JSON; the last object is the calibration:
     evcal live --board acircles:9x4:55mm:r17.5mm -o calibration --no-page --json";
 
 pub const INFO: &str = "\
@@ -62,7 +62,7 @@ Examples:
 pub const CHECK: &str = "\
 Examples:
   evcal check recording.aedat4 --board acircles:9x4:55mm:r17.5mm
-  Which board is it?
+  Recognise the board:
     evcal check recording.aedat4
   evcal check events.txt --time-unit ms --sensor 346x260";
 
@@ -98,14 +98,14 @@ pub const UNDISTORT: &str = "\
 Examples:
   evcal undistort recording.dvraw -c calibration -o undistorted.aedat4
   evcal undistort picture.png -c calibration -o undistorted.png
-  The camera's frames as pictures, all that the lens sees in them:
+  The camera's frames as pictures, with the whole field of view:
     evcal undistort recording.dvraw -c calibration --frames pictures --alpha 1";
 
 pub const BOARD: &str = "\
 Examples:
   The largest board that fits on A4:
     evcal board --pdf board.pdf
-  A given one, on a paper of its own:
+  A given board, on another paper:
     evcal board --board acircles:9x4:55mm:r17.5mm --paper 600x460mm --pdf board.pdf";
 
 pub const SIMULATE: &str = "\
@@ -113,7 +113,7 @@ Examples:
   evcal simulate -o simulation
   evcal calibrate simulation/events.aedat4 --board acircles:9x4:55mm:r17.5mm -o calibration
   evcal evaluate calibration --truth simulation
-  Your own camera, in dim light, with frames:
+  Your camera in dim light, with frames:
     evcal simulate --camera calibration --light low --frames -o simulation";
 
 pub const COMPLETIONS: &str = "\

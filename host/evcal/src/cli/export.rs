@@ -7,7 +7,7 @@ use clap::builder::PossibleValuesParser;
 use evcal_calibrate::export;
 use evcal_calibrate::export::content::Exported;
 use evcal_calibrate::export::undistortion_table::{ExportedTable, fit_table, ideal_of, table};
-use evcal_calibrate::export::{FORMATS, inertial, second_camera};
+use evcal_calibrate::export::{FORMATS, files_beside};
 use evcal_calibrate::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC, plain};
 use evcal_calibrate::result::calibration_file::CalibrationFile;
 use evcal_core::undistortion::IdealCamera;
@@ -19,10 +19,10 @@ use evcal_geometry::lens::nearest::Replacement;
 use super::output_arguments::OutputArguments;
 use super::{UsageError, print, value};
 
-/// Name that stands for every format.
+/// Name for all formats.
 const ALL: &str = "all";
 
-/// Turns a table into source code.
+/// Writes a table as source code.
 type Writer = fn(&ExportedTable) -> String;
 
 /// Arguments of `evcal export`.
@@ -33,7 +33,7 @@ pub struct Arguments {
     /// The calibration: its folder or calibration.json, or truth.json of a simulation
     #[arg(value_name = "FILE|DIR")]
     calibration: PathBuf,
-    /// Write the camera as another program reads it
+    /// Write the camera in the format of another program
     #[arg(long, value_name = "NAME", group = "outputs", value_parser = format_names())]
     format: Option<String>,
     /// File for --format, or the folder for --format all [default: standard output]
@@ -41,7 +41,7 @@ pub struct Arguments {
     output: Option<PathBuf>,
     #[command(flatten)]
     results: OutputArguments,
-    /// Name of the camera in the file, such as DAVIS346_00000001 [default: that of the calibration]
+    /// Name of the camera in the file, such as DAVIS346_00000001 [default: the name in the calibration]
     #[arg(long, value_name = "NAME", requires = "format")]
     camera_name: Option<String>,
     /// Topic of the camera's images, for Kalibr
@@ -49,21 +49,21 @@ pub struct Arguments {
     ros_topic: String,
     #[command(flatten)]
     table: TableArguments,
-    /// Print what was written as JSON
+    /// Print the written files as JSON
     #[arg(long)]
     json: bool,
 }
 
-/// Which look-up for a device, and how good.
+/// Options of undistortion look-up tables for devices.
 #[derive(clap::Args)]
 struct TableArguments {
-    /// Write the undistortion look-up for events as a Rust module that needs nothing but `core`
+    /// Write an undistortion look-up table for events as a Rust module that depends only on `core`
     #[arg(long, value_name = "FILE", groups = ["outputs", "tables"], value_parser = value::output_file())]
     rust_table: Option<PathBuf>,
-    /// Write the undistortion look-up for events as a C99 header
+    /// Write an undistortion look-up table for events as a C99 header
     #[arg(long, value_name = "FILE", groups = ["outputs", "tables"], value_parser = value::output_file())]
     c_header: Option<PathBuf>,
-    /// Largest error of the look-up in pixels; of node spacings of 64, 32, … 1 px the widest that keeps it is taken
+    /// Largest error of the look-up table in pixels; sets the node spacing (64, 32, … 1 px)
     #[arg(
         long,
         value_name = "PIXELS",
@@ -72,16 +72,16 @@ struct TableArguments {
         value_parser = value::number(1e-6..=100.0, " pixels")
     )]
     max_error: f64,
-    /// Number of nodes of the look-up, instead of an error to keep
+    /// Number of nodes of the look-up table, instead of --max-error
     #[arg(long, value_name = "COLUMNSxROWS", value_parser = nodes, conflicts_with = "max_error", requires = "tables")]
     nodes: Option<[u16; 2]>,
-    /// Camera that undistorted pixels belong to: fx,fy,cx,cy in pixels; 1,1,0,0 gives X/Z and Y/Z
-    /// [default: that of the calibration]
+    /// Ideal camera of the undistorted pixels: fx,fy,cx,cy in pixels; 1,1,0,0 for X/Z and Y/Z
+    /// [default: as in the calibration]
     #[arg(long, value_name = "NUMBERS", allow_hyphen_values = true, value_parser = ideal_camera, requires = "tables")]
     ideal: Option<IdealCamera<f64>>,
 }
 
-/// The formats, and `all` of them.
+/// Returns a parser for the names of the formats, and `all`.
 fn format_names() -> PossibleValuesParser {
     PossibleValuesParser::new(FORMATS.iter().map(|format| format.name).chain([ALL]))
 }
@@ -102,15 +102,15 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         ..calibrated
     };
     let calibration = camera_path(&arguments.calibration);
-    let beside = match arguments.format.as_deref() {
+    let others = match arguments.format.as_deref() {
         Some(ALL) => files_of_others(&calibration, &calibrated)?,
         _ => Vec::new(),
     };
-    arguments.results.check(outputs(arguments, &beside).iter().map(PathBuf::as_path), &[&calibration])?;
+    arguments.results.check(outputs(arguments, &others).iter().map(PathBuf::as_path), &[&calibration])?;
     let mut report = serde_json::Map::new();
     let mut written = Vec::new();
     if let Some(name) = arguments.format.as_deref() {
-        let refits = write_formats(arguments, name, &calibrated, &beside, &mut written)?;
+        let refits = write_formats(arguments, name, &calibrated, &others, &mut written)?;
         report.insert("refits".to_owned(), serde_json::to_value(refits)?);
     }
     if arguments.table.rust_table.is_some() || arguments.table.c_header.is_some() {
@@ -123,26 +123,22 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     Ok(())
 }
 
-/// Name and content of each file of the camera with its inertial unit or with the other cameras on its mount, as far as the calibration has
-/// them.
+/// Returns name and content of each file for the camera with its IMU or with the other cameras on its mount, if the calibration contains
+/// them; none if the file is not a calibration.
 fn files_of_others(path: &Path, camera: &CalibratedCamera) -> Result<Vec<(String, String)>, Box<dyn Error>> {
-    if camera_file::version(path)?.is_none() {
-        return Ok(Vec::new());
+    match camera_file::version(path)? {
+        Some(_) => Ok(files_beside(camera, &camera_file::parse::<CalibrationFile>(path)?)?),
+        None => Ok(Vec::new()),
     }
-    let calibration: CalibrationFile = camera_file::parse(path)?;
-    let others = &calibration.second_cameras;
-    let with_unit = calibration.inertial.iter().flat_map(|unit| inertial::files(camera, unit, others));
-    let with_unit = with_unit.map(|(name, text)| (name.to_owned(), text));
-    Ok(with_unit.chain(second_camera::files(camera, others)?).collect())
 }
 
-/// The files that are to be written, those of `beside` too. Of a folder that is not there yet, none can be in the way.
-fn outputs(arguments: &Arguments, beside: &[(String, String)]) -> Vec<PathBuf> {
+/// Returns the files that the export will write, including `others`; none in a folder that does not exist yet.
+fn outputs(arguments: &Arguments, others: &[(String, String)]) -> Vec<PathBuf> {
     let tables = arguments.table.rust_table.iter().chain(&arguments.table.c_header).cloned();
     let formats = match (&arguments.output, arguments.format.as_deref().and_then(export::from_name)) {
         (Some(file), Some(_)) => vec![file.clone()],
         (Some(folder), None) if folder.is_dir() => {
-            let names = FORMATS.iter().map(|format| format.file).chain(beside.iter().map(|(name, _)| name.as_str()));
+            let names = FORMATS.iter().map(|format| format.file).chain(others.iter().map(|(name, _)| name.as_str()));
             names.map(|name| folder.join(name)).collect()
         }
         _ => Vec::new(),
@@ -150,7 +146,7 @@ fn outputs(arguments: &Arguments, beside: &[(String, String)]) -> Vec<PathBuf> {
     formats.into_iter().chain(tables).collect()
 }
 
-/// What a refit cost, for the JSON report.
+/// Error of a replacement by another model, for the JSON report.
 #[derive(serde::Serialize)]
 struct RefitReport {
     format: &'static str,
@@ -160,12 +156,12 @@ struct RefitReport {
     sensor_max_px: f64,
 }
 
-/// Writes the format of this name or all of them.
+/// Writes the format with this name, or all formats.
 fn write_formats(
     arguments: &Arguments,
     name: &str,
     calibrated: &CalibratedCamera,
-    beside: &[(String, String)],
+    others: &[(String, String)],
     written: &mut Vec<PathBuf>,
 ) -> Result<Vec<RefitReport>, Box<dyn Error>> {
     let mut refits = Vec::new();
@@ -189,11 +185,10 @@ fn write_formats(
                     write_file(arguments, &path, &exported, written)?;
                     refit_report(format.name, exported.refit);
                 }
-                // The others are worth having all the same.
                 Err(error) => print::aside(format!("not written: {error}")),
             }
         }
-        for (name, text) in beside {
+        for (name, text) in others {
             let exported = Exported { text: text.clone(), camera: calibrated.camera, refit: None, note: None };
             write_file(arguments, &folder.path().join(name), &exported, written)?;
         }
@@ -226,7 +221,7 @@ fn write_file(arguments: &Arguments, path: &Path, exported: &Exported, written: 
     print::line(format!("written to {}{note}", visible::path(path)))
 }
 
-/// Writes the look-ups that were asked for.
+/// Writes the requested look-up tables.
 fn write_tables(
     arguments: &Arguments,
     calibrated: &CalibratedCamera,
@@ -268,7 +263,7 @@ fn write_tables(
         return Ok(());
     }
     print::line(format!(
-        "undistortion look-up of {columns} x {rows} nodes, {} bytes; largest error {:.4} px, at pixel ({x}, {y})",
+        "undistortion table of {columns} x {rows} nodes, {} bytes; largest error {:.4} px, at pixel ({x}, {y})",
         exported.bytes(),
         exported.largest_error
     ))?;

@@ -1,10 +1,10 @@
-//! The help of the program itself: its subcommands in groups.
+//! The help of the program, with its subcommands in groups.
 
 use std::fmt::Write as _;
 
 use clap::CommandFactory as _;
 
-/// Subcommands by what they are for.
+/// Groups of subcommands.
 const GROUPS: &[(&str, &[&str])] = &[
     ("Calibrate", &["board", "calibrate", "live"]),
     ("Use a calibration", &["export", "undistort", "compare", "evaluate", "repeat"]),
@@ -13,7 +13,7 @@ const GROUPS: &[(&str, &[&str])] = &[
     ("This program", &["completions", "man", "help"]),
 ];
 
-/// The program as clap knows it, with its subcommands in groups.
+/// Returns the clap command of the program, with its subcommands in groups.
 pub fn command() -> clap::Command {
     let mut command = super::Arguments::command();
     command.build();
@@ -55,7 +55,7 @@ mod tests {
     }
 
     #[test]
-    fn examples_are_understood() {
+    fn examples_are_valid_commands() {
         let mut command = crate::cli::Arguments::command();
         command.build();
         let help: Vec<String> = std::iter::once(&command)
@@ -65,7 +65,7 @@ mod tests {
         let lines = help.iter().flat_map(|text| text.lines()).map(str::trim).filter(|line| line.starts_with("evcal "));
         let mut count = 0;
         for line in lines {
-            // Longer ones would be cut in two where the terminal does not tell its width.
+            // Longer lines would be wrapped on a terminal of unknown width.
             assert!(line.len() <= 96, "{line}");
             let words = line.split(" > ").next().unwrap_or(line).split_whitespace();
             let parsed = crate::cli::Arguments::command().try_get_matches_from(words);

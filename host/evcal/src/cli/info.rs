@@ -15,17 +15,17 @@ use super::source_arguments::SourceArguments;
 /// Arguments of `evcal info`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Recordings of any format, told apart by their content
+    /// Recordings; the format is detected from the content
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     #[command(flatten)]
     source: SourceArguments,
-    /// Print one JSON object per file, each on its line
+    /// Print one JSON object per file, one per line
     #[arg(long)]
     json: bool,
 }
 
-/// Runs `evcal info`. A file that cannot be read does not keep the others from being told of.
+/// Runs `evcal info`. After a file that cannot be read, it continues with the others.
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let mut failures = Vec::new();
     for (index, path) in arguments.files.iter().enumerate() {

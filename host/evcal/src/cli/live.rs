@@ -33,38 +33,38 @@ pub struct Arguments {
     calibration: CalibrationArguments,
     #[command(flatten)]
     camera: CameraArguments,
-    /// Play this recording instead of a camera, until enough was seen; calibrate from all of it
+    /// Play this recording instead of using a camera, until it is good enough; then calibrate from all of it
     #[arg(long, value_name = "RECORDING", conflicts_with_all = ["duration", "frames", "preset", "serial"])]
     replay: Option<PathBuf>,
-    /// How fast to play, 1 being as recorded, or max
+    /// Playback speed; 1 is the original speed, max is as fast as possible
     #[arg(long, value_name = "NUMBER|max", default_value = "1", value_parser = speed, requires = "replay")]
     speed: Speed,
     #[command(flatten)]
     source: SourceArguments,
-    /// Stop once a calibration states an error of the projection of at most this: one standard deviation, root mean square over
-    /// the sensor [default: 0.05px]
+    /// Stop when the uncertainty of the projection is at most this: one standard deviation, rms over the sensor
+    /// [default: 0.05px]
     #[arg(long, value_name = "ERROR", value_parser = value::pixels)]
     target: Option<f64>,
-    /// Hints as lines of text only, no page
+    /// No page; print hints as lines of text only
     #[arg(long)]
     no_page: bool,
-    /// Port of the page [default: the first free one from 8346 on]
+    /// Port of the page [default: the first free port from 8346 on]
     #[arg(long, conflicts_with = "no_page")]
     port: Option<u16>,
-    /// Serve the page to other computers too, at this address of this one, 0.0.0.0 for all; whoever has the address with its token
-    /// sees it [default: this computer alone]
+    /// Serve the page to other computers at this address of this computer (0.0.0.0: all its addresses); anybody with the printed
+    /// URL and its token can open it [default: this computer only]
     #[arg(long, value_name = "ADDRESS", conflicts_with = "no_page")]
     listen: Option<IpAddr>,
     /// Do not open a browser
     #[arg(long, conflicts_with = "no_page")]
     no_open: bool,
-    /// Mirror the picture and the hints, for someone who holds the board and watches the screen
+    /// Mirror the picture and the hints, for a person who holds the board and watches the screen
     #[arg(long)]
     mirror: bool,
 }
 
 impl Arguments {
-    /// All thresholds.
+    /// Returns the settings of the file, with the target of the command line.
     fn settings(&self) -> Result<Settings, Box<dyn std::error::Error>> {
         let mut settings = self.calibration.method.settings()?;
         settings.live.target = self.target.unwrap_or(settings.live.target);
@@ -72,12 +72,12 @@ impl Arguments {
     }
 }
 
-/// How fast a recording is played.
+/// Playback speed of a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Speed {
-    /// So many seconds of the recording a second.
+    /// Seconds of the recording per second.
     Times(f64),
-    /// As fast as the detector.
+    /// As fast as the detector can process it.
     Max,
 }
 
@@ -98,13 +98,13 @@ fn speed(text: &str) -> Result<Speed, &'static str> {
     }
 }
 
-/// Runs `evcal live`: records, or plays a recording, while it says where the board should go; then calibrates as
+/// Runs `evcal live`: records, or plays a recording, and shows where to move the board; then calibrates as
 /// `evcal calibrate` does.
 pub fn run(arguments: &Arguments) -> super::Outcome {
     if arguments.replay.is_none() && arguments.source.options() != RecordingOptions::default() {
         return Err(UsageError("these options describe a recording: add --replay RECORDING".to_owned()).into());
     }
-    // Before the session, not after it.
+    // Mistakes in the arguments are reported before the session begins.
     arguments.calibration.parameters()?;
     let settings = arguments.settings()?;
     let interrupt = Interrupt::catch()?;
@@ -115,7 +115,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     }
 }
 
-/// Opens the page, unless it is not wanted; `has_frames` says whether there may be frames to show.
+/// Opens the page, unless `--no-page` is given; `has_frames` is `true` if there may be frames to show.
 fn open_window(
     arguments: &Arguments,
     folder: &OutputFolder,

@@ -1,4 +1,4 @@
-//! What was probably meant by a command line that clap refuses.
+//! Suggestions for command lines that clap refuses.
 
 use std::error::Error as _;
 use std::path::Path;
@@ -7,8 +7,8 @@ use clap::error::{ContextKind, ContextValue, ErrorKind};
 
 use super::advice::advice;
 
-/// Adds to `error`, of the words `words`, what clap does not think of: a recording in place of a subcommand, a long option with one
-/// hyphen, and how a board is written.
+/// Adds a suggestion to an `error` in the command line `words` for mistakes that clap has no suggestion for, such as a recording instead of
+/// a subcommand, a long option with one hyphen, or a missing board.
 pub fn explained(mut error: clap::Error, words: impl Iterator<Item = String>) -> clap::Error {
     let tip = match error.kind() {
         ErrorKind::InvalidSubcommand => file_first(&error),
@@ -26,29 +26,29 @@ pub fn explained(mut error: clap::Error, words: impl Iterator<Item = String>) ->
     error
 }
 
-/// `evcal FILE`.
+/// A file instead of a subcommand: `evcal FILE`.
 fn file_first(error: &clap::Error) -> Option<String> {
     let Some(ContextValue::String(word)) = error.get(ContextKind::InvalidSubcommand) else { return None };
     Path::new(word).exists().then(|| format!("the subcommand comes first, for example 'evcal info {word}'"))
 }
 
-/// A command without its board, of which a newcomer may not know how to write it.
+/// A command without its board: shows how to write one.
 fn without_board(error: &clap::Error) -> Option<String> {
     let Some(ContextValue::Strings(missing)) = error.get(ContextKind::InvalidArg) else { return None };
     let is_board = missing.iter().any(|argument| argument.starts_with("--board"));
     is_board.then(|| {
-        "a board is for example '--board acircles:9x4:55mm:r17.5mm'; 'evcal check RECORDING' tells which one is in a recording".to_owned()
+        "for example '--board acircles:9x4:55mm:r17.5mm'; 'evcal check RECORDING' recognises the board in a recording".to_owned()
     })
 }
 
-/// Options of Kalibr, and a recording that `evcal live` is to play.
+/// Options of Kalibr, a recording for `evcal live` without `--replay`, and negative numbers.
 fn other_program(error: &clap::Error, words: &[String]) -> Option<String> {
     let Some(ContextValue::String(refused)) = error.get(ContextKind::InvalidArg) else { return None };
     let tip = match refused.as_str() {
-        "--bag" | "--bags" => "the recording stands alone, without an option: 'evcal calibrate RECORDING'".to_owned(),
-        "--target" | "--target-yaml" => "the board is named in words: '--board acircles:9x4:55mm:r17.5mm'".to_owned(),
-        "--topic" | "--topics" => "one topic of a bag is read with '--stream TOPIC'".to_owned(),
-        "--models" => "the camera model is named with '--model'".to_owned(),
+        "--bag" | "--bags" => "the recording has no option in front: 'evcal calibrate RECORDING'".to_owned(),
+        "--target" | "--target-yaml" => "the board is given as '--board acircles:9x4:55mm:r17.5mm'".to_owned(),
+        "--topic" | "--topics" => "the topic of a bag is given with '--stream TOPIC'".to_owned(),
+        "--models" => "the camera model is given with '--model'".to_owned(),
         file if words.first().is_some_and(|word| word == "live") && Path::new(file).exists() => {
             format!("a recording is played with '--replay {file}'")
         }
@@ -60,7 +60,7 @@ fn other_program(error: &clap::Error, words: &[String]) -> Option<String> {
     Some(tip)
 }
 
-/// `-board`, of which clap names `-b` only.
+/// A long option with one hyphen, such as `-board`, which clap reports as `-b`.
 fn one_hyphen(error: &clap::Error, mut words: impl Iterator<Item = String>) -> Option<String> {
     let Some(ContextValue::String(refused)) = error.get(ContextKind::InvalidArg) else { return None };
     let long = |word: &String| {

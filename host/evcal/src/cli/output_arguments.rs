@@ -1,4 +1,4 @@
-//! Results that are there already: one rule for all subcommands that can make theirs again.
+//! The option `--force` for existing results.
 
 use std::path::Path;
 
@@ -14,12 +14,12 @@ pub struct OutputArguments {
 }
 
 impl OutputArguments {
-    /// Whether the files can be written; `inputs` are those that are read, and stay in any case.
+    /// Checks that the files can be written. Files among `inputs` are never overwritten.
     pub fn check<'a>(&self, paths: impl IntoIterator<Item = &'a Path>, inputs: &[&Path]) -> Result<(), OutputError> {
         check_outputs(paths, inputs, if self.force { Existing::Replace } else { Existing::Keep })
     }
 
-    /// The folder for results, which holds none yet unless they may be replaced; `folders` are those that results have in it.
+    /// Opens the folder for results, which must not contain results unless `--force` is given; `folders` are its subfolders.
     pub fn open_folder(
         &self,
         path: &Path,
@@ -30,7 +30,7 @@ impl OutputArguments {
             true => OutputFolder::open(path),
             false => OutputFolder::open_new(path, &is_result),
         }?;
-        folder.check_places(is_result, folders)?;
+        folder.check_paths(is_result, folders)?;
         Ok(folder)
     }
 }

@@ -1,5 +1,5 @@
-//! Standard output, where a reader may leave early (`evcal info … | head`), and standard error. Nothing that comes from a file reaches
-//! a terminal as a control character: see [`visible`].
+//! Printing to standard output, whose reader may close the pipe early (`evcal info … | head`), and to standard error. Control characters from
+//! files never reach a terminal: see [`visible`].
 
 use std::fmt::Display;
 use std::io::{self, ErrorKind, IsTerminal as _, Write};
@@ -7,12 +7,12 @@ use std::io::{self, ErrorKind, IsTerminal as _, Write};
 use evcal_files::visible;
 use serde::Serialize;
 
-/// Prints `text` and a line end. A reader that has left is no error.
+/// Prints `text` and a line end. A closed pipe is not an error.
 pub fn line(text: impl Display) -> super::Outcome {
     styled(visible::lines(&text.to_string()))
 }
 
-/// As [`line`], of a text with colours of the program's own. What is in it from outside must have been made [`visible`] before.
+/// Prints as [`line`] does, but keeps colours of the program. Untrusted parts of `text` must have been made [`visible`] before.
 pub fn styled(text: impl Display) -> super::Outcome {
     written(writeln!(io::stdout().lock(), "{text}"))
 }
@@ -22,7 +22,7 @@ pub fn json(value: &impl Serialize) -> super::Outcome {
     line(serde_json::to_string(value)?)
 }
 
-/// Prints `text`, which has its own line ends, as it is unless somebody looks at it. A reader that has left is no error.
+/// Prints `text` without another line end; unchanged, unless standard output is a terminal. A closed pipe is not an error.
 pub fn text(text: &str) -> super::Outcome {
     let mut output = io::stdout().lock();
     written(match output.is_terminal() {
@@ -38,12 +38,12 @@ fn written(written: io::Result<()>) -> super::Outcome {
     }
 }
 
-/// Prints what is not part of the output, on standard error. Nobody need listen.
+/// Prints a message on standard error; ignores errors.
 pub fn aside(text: impl Display) {
     detail(format_args!("evcal: {text}"));
 }
 
-/// Prints a line that belongs to the one before it on standard error.
+/// Prints a line that continues the previous message on standard error.
 pub fn detail(text: impl Display) {
     let _ = writeln!(io::stderr().lock(), "{}", visible::lines(&text.to_string()));
 }

@@ -1,4 +1,4 @@
-//! How far the work is: a bar on a terminal, a line for each stage in a pipe.
+//! Progress: a bar on a terminal, otherwise one line per stage.
 
 use std::fmt;
 use std::io::IsTerminal;
@@ -8,17 +8,17 @@ use std::time::Duration;
 use evcal_files::visible;
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
-/// Where it is not known how much is to be done.
+/// Style without a known total.
 const WITHOUT_END: &str = "{spinner} {elapsed:>4} {wide_msg}";
-/// Where it is.
+/// Style with a known total.
 const WITH_END: &str = "{spinner} {elapsed:>4} {bar:24} {percent:>3} %{left} {wide_msg}";
 /// Length of the bar in steps.
 const LENGTH: u64 = 1000;
-/// Time left is told after so much of the work, and so long.
+/// Share of the work, and time in seconds, before the remaining time is shown.
 const FIRST_SHARE: f64 = 0.02;
 const FIRST_SECOND: f64 = 1.0;
 
-/// A spinner with a message on standard error; invisible when that is no terminal.
+/// Creates a spinner with a message on standard error; invisible if that is not a terminal.
 pub fn spinner(silent: bool) -> ProgressBar {
     if silent || !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();
@@ -37,7 +37,7 @@ fn style(template: &str) -> ProgressStyle {
     })
 }
 
-/// How long the rest takes if it goes on as it went for `elapsed` seconds, in which the part `done` was done.
+/// Estimates the remaining time from the share `done` of the work after `elapsed` seconds.
 fn time_left(elapsed: f64, done: f64) -> Option<String> {
     if done < FIRST_SHARE || elapsed < FIRST_SECOND {
         return None;
@@ -50,33 +50,43 @@ fn time_left(elapsed: f64, done: f64) -> Option<String> {
     })
 }
 
-/// The file without the folders that it is in: a line has no room for more.
+/// Returns the name of a file without its folders, for lines with little room.
 pub fn short_name(path: &Path) -> String {
     visible::path(path.file_name().unwrap_or(path.as_os_str()))
 }
 
-/// What is going on, for who waits.
+/// The progress of a command.
 pub struct Waiting {
     bar: ProgressBar,
-    /// Whether a line is printed for each stage.
+    /// `true` if each stage is printed as a line.
     lines: bool,
     stage: String,
     has_end: bool,
+    /// Who else is told.
+    listener: Option<Listener>,
 }
 
+/// Is told what is done, and which part of it is done.
+pub type Listener = Box<dyn FnMut(&str, Option<f64>) + Send>;
+
 impl Waiting {
-    /// Tells nothing if `silent`.
+    /// Creates the progress; if `silent`, nothing is shown.
     pub fn new(silent: bool) -> Self {
         let lines = !silent && !std::io::stderr().is_terminal();
-        Self { bar: spinner(silent), lines, stage: String::new(), has_end: false }
+        Self { bar: spinner(silent), lines, stage: String::new(), has_end: false, listener: None }
     }
 
-    /// Tells what is done now, and which part of it is done, 0 to 1, if that is known.
+    /// Tells `listener`, too.
+    pub fn and(self, listener: Option<Listener>) -> Self {
+        Self { listener, ..self }
+    }
+
+    /// Shows the current stage, and the share that is done, 0 to 1, if it is known.
     pub fn stage(&mut self, text: &str, done: Option<f64>) {
         self.part(text, text, done);
     }
 
-    /// As [`Self::stage`], with more words where someone looks at it.
+    /// Shows the current stage as [`Self::stage`] does, with the longer `text` on a terminal.
     pub fn part(&mut self, stage: &str, text: &str, done: Option<f64>) {
         if self.stage != stage {
             stage.clone_into(&mut self.stage);
@@ -94,9 +104,12 @@ impl Waiting {
             self.bar.set_position((done.clamp(0.0, 1.0) * LENGTH as f64) as u64);
         }
         self.bar.set_message(visible::name(text).into_owned());
+        if let Some(listener) = &mut self.listener {
+            listener(stage, done);
+        }
     }
 
-    /// The work is over.
+    /// Removes the bar.
     pub fn finish(self) {
         self.bar.finish_and_clear();
     }
@@ -107,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn time_left_is_told_when_something_is_known_of_it() {
+    fn remaining_time_is_shown_after_some_progress() {
         assert_eq!(time_left(0.5, 0.5), None);
         assert_eq!(time_left(10.0, 0.001), None);
         assert_eq!(time_left(10.0, 0.25).as_deref(), Some("30 s"));

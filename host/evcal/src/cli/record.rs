@@ -14,7 +14,7 @@ use super::{print, progress};
 /// Arguments of `evcal record`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// File to write, .dvraw; one that is there already is never replaced
+    /// File to write (.dvraw); an existing file is never replaced
     #[arg(value_name = "OUT.dvraw", value_parser = dvraw)]
     output: PathBuf,
     #[command(flatten)]
@@ -24,13 +24,13 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Only what the ending promises is written.
+/// Parses the output file, which must end in `.dvraw`.
 fn dvraw(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     match path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("dvraw")) {
         true => Ok(path),
         false => Err(format!(
-            "a camera is recorded as .dvraw: write {}, then make other formats of it with evcal convert",
+            "cameras are recorded as .dvraw: write {}, then convert it with evcal convert",
             visible::path(path.with_extension("dvraw"))
         )),
     }
@@ -56,7 +56,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     good_end(&report)
 }
 
-/// An error if the recording ended otherwise than planned.
+/// Returns an error if the recording did not end as planned.
 pub(super) fn good_end(report: &RecorderReport) -> super::Outcome {
     if report.ending.is_good() {
         return Ok(());
@@ -67,20 +67,21 @@ pub(super) fn good_end(report: &RecorderReport) -> super::Outcome {
         _ => "",
     };
     Err(format!(
-        "{}; what came before is in {file}: {} events in {:.1} s, {} bytes{advice}",
+        "{}; the part before is in {file}: {} events in {:.1} s, {} bytes{advice}",
         report.ending, status.events, status.seconds, report.file_bytes
     )
     .into())
 }
 
-/// One line.
+/// Returns the status in one line.
 pub(super) fn as_text(status: &RecordingStatus) -> String {
     let (rate, megabytes) = (status.event_rate / 1e6, status.bytes as f64 / 1e6);
-    let silent = if status.events == 0 { "; no event yet: is the lens cap off, does anything move?" } else { "" };
+    let silent =
+        if status.events == 0 { "; no event yet: remove the lens cap, and move something in the scene" } else { "" };
     format!("{rate:.3} Mev/s, {megabytes:.1} MB, {} events dropped by the camera{silent}", status.dropped)
 }
 
-/// What was recorded, in a few lines.
+/// Returns a summary of a recording in a few lines.
 pub(super) fn summary(report: &RecorderReport) -> String {
     let status = &report.status;
     let mut text = format!(
@@ -94,16 +95,15 @@ pub(super) fn summary(report: &RecorderReport) -> String {
     );
     if status.dropped > 0 || report.starved > 0 {
         text += &format!(
-            "\nthe camera dropped {} events; {} transfers had to wait for this computer: end other programs, record to a faster disk",
+            "\nthe camera dropped {} events; {} transfers were late because this computer was busy: close other programs, or record to a faster disk",
             status.dropped, report.starved
         );
     }
     if report.failed > 0 {
-        text +=
-            &format!("\n{} transfers failed: what they would have brought is lost; check cable and hub", report.failed);
+        text += &format!("\n{} transfers failed and their data are lost: check cable and hub", report.failed);
     }
     if report.faults > 0 {
-        text += &format!("\n{} faults in the stream: see evcal info; check cable and hub", report.faults);
+        text += &format!("\n{} errors in the data stream (details: evcal info): check cable and hub", report.faults);
     }
     text
 }

@@ -27,7 +27,7 @@ pub struct Arguments {
     /// Length of each part in seconds
     #[arg(long, value_name = "TIME", default_value = "4s", value_parser = value::seconds)]
     seconds: f64,
-    /// Seed of the parts' random places; the same seed gives the same result
+    /// Seed of the random positions of the parts; the same seed gives the same result
     #[arg(long, value_name = "NUMBER", default_value_t = 1)]
     seed: u64,
     /// Print the result as JSON
@@ -69,26 +69,25 @@ fn table(repetition: &Repetition) -> String {
         let _ = match &run.outcome {
             Ok(camera) => writeln!(
                 text,
-                "fx {:9.3} ± {:.3}, {:.4} px from the mean (95 % stated: {:.4})",
+                "fx {:9.3} ± {:.3}, {:.4} px from the mean (95 % bound: {:.4} px)",
                 camera.parameters.first().unwrap_or(&f64::NAN),
                 camera.sigma.first().unwrap_or(&f64::NAN),
                 camera.difference,
                 camera.stated
             ),
-            Err(reason) => writeln!(text, "none: {reason}"),
+            Err(reason) => writeln!(text, "failed: {reason}"),
         };
     }
     let overlap = |(index, run): (usize, &Run)| {
         repetition.runs.iter().skip(index + 1).any(|other| other.start < run.end && run.start < other.end)
     };
     if repetition.runs.iter().enumerate().any(overlap) {
-        text +=
-            "parts overlap: their results have events in common, and scatter less than those of new recordings would\n";
+        text += "parts overlap: their results share events, so they scatter less than results of separate recordings\n";
     }
     let _ = writeln!(
         text,
         "\n{:<4} {:>12} {:>11} {:>11} {:>9}",
-        repetition.model, "mean", "scatter", "stated σ", "σ/scatter"
+        repetition.model, "mean", "scatter", "reported σ", "σ/scatter"
     );
     for parameter in &repetition.parameters {
         let _ = writeln!(
@@ -101,7 +100,8 @@ fn table(repetition: &Repetition) -> String {
             parameter.stated / parameter.scatter
         );
     }
-    text += "σ/scatter is 1 where the stated uncertainty is right, less where results scatter more than they say, more where they scatter less\n";
-    let _ = write!(text, "projection: {:.4} px rms from that of the mean", repetition.projection);
+    text +=
+        "σ/scatter is 1 if the reported uncertainty is right, below 1 if it is too small, above 1 if it is too large\n";
+    let _ = write!(text, "projection: {:.4} px rms from the mean camera", repetition.projection);
     text
 }

@@ -1,4 +1,4 @@
-//! The settings of a run: those of a file, with OpenCV as the start where this program has it.
+//! The settings of a run, from a file or the defaults, with OpenCV for the initial camera if this build contains it.
 
 use std::error::Error;
 use std::path::Path;
@@ -8,10 +8,10 @@ use evcal_calibrate::settings::Settings;
 
 use super::UsageError;
 
-/// The settings in `file`, or the defaults; `grid` counts before them.
+/// Returns the settings in `file`, or the defaults; `grid` overrides the grid finder.
 ///
 /// # Errors
-/// When the file cannot be read, or OpenCV's grid finder is asked for and not there.
+/// The file cannot be read, or OpenCV's grid finder is requested from a build without OpenCV.
 pub fn read_settings(file: Option<&Path>, grid: Option<Grid>) -> Result<Settings, Box<dyn Error>> {
     let mut settings = file.map(Settings::read).transpose()?.unwrap_or_default();
     settings.detection.grid = grid.unwrap_or(settings.detection.grid);
@@ -21,7 +21,7 @@ pub fn read_settings(file: Option<&Path>, grid: Option<Grid>) -> Result<Settings
         settings.detection.opencv = Some(evcal_opencv::WHOLE_BOARD);
     }
     if settings.detection.grid == Grid::Opencv && settings.detection.opencv.is_none() {
-        let message = "this evcal was built without OpenCV: write lattice, or build it with the cargo feature `opencv`";
+        let message = "this evcal was built without OpenCV: use lattice, or build it with the cargo feature `opencv`";
         return Err(UsageError(message.to_owned()).into());
     }
     Ok(settings)

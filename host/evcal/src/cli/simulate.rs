@@ -32,7 +32,7 @@ use super::{UsageError, print, value};
 /// Arguments of `evcal simulate`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Folder for events.aedat4 (or .dvraw, .csv, .bin), truth.json, trajectory.txt, and with
+    /// Folder for events.aedat4 (or .dvraw, .csv, .bin, .raw), truth.json, trajectory.txt, and with
     /// --frames frames.csv, with --imu imu.csv, with --motion-capture motion_capture.txt, with --second-camera second.aedat4,
     /// with --second-frames the folder second
     #[arg(short, long, value_name = "DIR")]
@@ -45,25 +45,25 @@ pub struct Arguments {
     /// Parameters of the model: fx,fy,cx,cy in pixels, then the distortion coefficients
     #[arg(long, value_name = "NUMBERS", requires = "model", allow_hyphen_values = true)]
     parameters: Option<Numbers>,
-    /// Take lens and sensor size from this calibration.json or truth.json, or from that of this folder
+    /// Use the lens and sensor size of this calibration.json or truth.json, or of a folder with one of them
     #[arg(long, value_name = "FILE|DIR", conflicts_with_all = ["model", "parameters", "sensor"])]
     camera: Option<PathBuf>,
-    /// Size of the sensor in pixels, or a sensor with its pixels by name: dvs128, davis240, davis346, dvxplorer, gen31, genx320,
-    /// imx636. With a name, speeds of --motion grow with its width [default: 346x260]
+    /// Size of the sensor in pixels, or the name of a sensor: dvs128, davis240, davis346, dvxplorer, gen31, genx320, imx636. A name
+    /// also sets its pixels, and scales the speed of --motion with its width [default: 346x260]
     #[arg(long, value_name = "WIDTHxHEIGHT|NAME", value_parser = sensor)]
     sensor: Option<SensorChoice>,
     /// The board: layout, rows x columns, spacing (asymmetric: half the distance in a row), radius; or checkerboard:6x9:25mm (inner
     /// corners), aprilgrid:6x6:35.2mm:0.3, apriltags:3x4:30mm:0.25, charuco:5x7:30mm:22mm:DICT_5X5_100
     #[arg(long, default_value = "acircles:9x4:55mm:r17.5mm", value_parser = super::board_argument::board)]
     board: Board,
-    /// How the camera moves
+    /// Motion of the camera
     #[arg(
         long,
         default_value = MotionPreset::Slow.name(),
         value_parser = value::named(MotionPreset::ALL, MotionPreset::name, MotionPreset::description)
     )]
     motion: MotionPreset,
-    /// How good the light and the pixels are
+    /// Quality of the light and the pixels
     #[arg(
         long,
         default_value = LightPreset::Default.name(),
@@ -73,7 +73,7 @@ pub struct Arguments {
     /// Length of the recording
     #[arg(long, value_name = "TIME", default_value = "6s", value_parser = value::seconds)]
     duration: f64,
-    /// Seed of all that is random; the same seed gives the same files
+    /// Seed of the random numbers; the same seed gives the same files
     #[arg(long, value_name = "NUMBER", default_value_t = 1)]
     seed: u64,
     /// Format of the recording
@@ -83,48 +83,47 @@ pub struct Arguments {
         value_parser = value::named(RecordingFormat::ALL, RecordingFormat::name, RecordingFormat::description)
     )]
     format: RecordingFormat,
-    /// What goes wrong in the room, separated by commas: flicker:100Hz:20% (of lamps), background (textured, moving), hand
-    /// (over part of the board), glare, smudges (on the lens), vignetting:60% (less light in the corners), defocus:2px,
-    /// hot-pixels:300, dead-columns:5
+    /// Disturbances, separated by commas: flicker:100Hz:20% (of lamps), background (textured, moving), hand (over part of the
+    /// board), glare, smudges (on the lens), vignetting:60% (less light in the corners), defocus:2px, hot-pixels:300,
+    /// dead-columns:5
     #[arg(long, value_name = "EFFECTS", value_delimiter = ',')]
     effects: Vec<Effect>,
-    /// What is printed in place of the dots of a board of circles
+    /// Shapes printed instead of the dots of a board of circles
     #[arg(
         long,
         default_value = Dots::Circles.name(),
         value_parser = value::named(Dots::ALL, Dots::name, Dots::description)
     )]
     dots: Dots,
-    /// How much longer than stated the print is along x (a row) than along y, as a ratio: 1.003 for 0.3 %
+    /// Scale of the print along x (a row) divided by its scale along y, for example 1.003
     #[arg(long, value_name = "RATIO", value_parser = value::number(0.5..=2.0, ""))]
     print_ratio: Option<f64>,
-    /// How far the board's middle is bent away from the camera, along x and along y; negative towards it
+    /// Bend of the board along x and along y: distance of its centre behind its edges; negative towards the camera
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true, value_parser = bend)]
     bend: Option<[f64; 2]>,
-    /// Radius of the circles, or half the width of a dark square or module, where the print has another one than --board says
+    /// Radius of the printed circles, or half the width of a printed dark square or module, if it differs from --board
     #[arg(long, value_name = "LENGTH", value_parser = printed_radius)]
     printed_radius: Option<f64>,
-    /// Frames too, with a global shutter, so many a second [default: 25] (aedat4 and dvraw)
-    #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "25", value_parser = value::number(0.1..=1000.0, " a second"))]
+    /// Also simulate frames with a global shutter, at this rate per second [default: 25] (aedat4 and dvraw)
+    #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "25", value_parser = value::number(0.1..=1000.0, " per second"))]
     frames: Option<f64>,
     /// Give the frames another lens (parameters of the same model), to test that a calibration detects it
     #[arg(long, value_name = "NUMBERS", requires = "frames", allow_hyphen_values = true)]
     frame_lens: Option<Numbers>,
-    /// Inertial samples too, 1000 a second (aedat4 and dvraw): of a perfect unit in the camera, or, with davis346, of a
-    /// real one beside it with filters, scale and misalignment; or as a file says (the part "imu" of a truth.json's
-    /// "davis.settings")
+    /// Also simulate IMU samples, 1000 per second (aedat4 and dvraw): perfect, at the camera's position; davis346, next to the
+    /// camera with filters, scale and misalignment; or a JSON file (the part "imu" of "davis.settings" in a truth.json)
     #[arg(long, value_name = "UNIT", num_args = 0..=1, default_missing_value = "perfect")]
     imu: Option<String>,
-    /// Motion capture too: poses of a body of markers on the camera (TUM), 120 a second with 0.3 mm and 0.2 degrees of noise, or
-    /// as a file says (the part "motion_capture.settings" of a truth.json)
+    /// Also simulate motion capture: poses of a marker body on the camera (TUM), 120 per second with 0.3 mm and 0.2 degrees of
+    /// noise; or a JSON file (the part "motion_capture.settings" of a truth.json)
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "")]
     motion_capture: Option<String>,
-    /// A second event camera too, 100 mm beside and turned by some degrees, with a lens, noise and a clock of its own, as
-    /// second.aedat4; or as a file says (the part "second_camera.settings" of a truth.json)
+    /// Also simulate a second event camera, 100 mm next to the first and rotated by some degrees, with its own lens, noise and
+    /// clock (second.aedat4); or a JSON file (the part "second_camera.settings" of a truth.json)
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "")]
     second_camera: Option<String>,
-    /// The second camera takes frames in place of events, 30 a second on a sensor of 640x512 pixels, as a folder second with
-    /// data.csv and images (the form of EuRoC data sets); other frames with "frames" in the file of --second-camera
+    /// The second camera takes frames instead of events, 30 per second with 640x512 pixels, written to the folder second with
+    /// data.csv and images (EuRoC format); for other frames, set "frames" in the file of --second-camera
     #[arg(long)]
     second_frames: bool,
     /// Print the truth as JSON
@@ -135,10 +134,10 @@ pub struct Arguments {
     verbose: bool,
 }
 
-/// What `--sensor` asks for.
+/// Value of `--sensor`.
 #[derive(Clone, Copy, Debug)]
 enum SensorChoice {
-    /// Pixels of a DAVIS346, so many of them.
+    /// Size of a sensor with the pixels of a DAVIS346.
     Size(Sensor),
     /// A sensor with its own pixels.
     Preset(SensorPreset),
@@ -182,7 +181,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             _ => None,
         };
         if let Some((name, most)) = most {
-            return Err(UsageError(format!("--effects {name}: a sensor of {sensor} pixels has {most} at most")).into());
+            return Err(UsageError(format!("--effects {name}: a sensor of {sensor} pixels has at most {most}")).into());
         }
         effect.apply(&mut scene, &mut pixels);
     }
@@ -215,10 +214,10 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         waiting.stage("simulating", Some(done as f64 / slices as f64));
     })?;
     waiting.finish();
-    tell(arguments, &written)
+    print_summary(arguments, &written)
 }
 
-fn tell(arguments: &Arguments, written: &WrittenFolder) -> super::Outcome {
+fn print_summary(arguments: &Arguments, written: &WrittenFolder) -> super::Outcome {
     let WrittenFolder { files, truth, counts, davis } = written;
     if arguments.json {
         return print::json(truth);
@@ -234,26 +233,26 @@ fn tell(arguments: &Arguments, written: &WrittenFolder) -> super::Outcome {
         truth.mean_speed,
     ))?;
     if truth.davis.is_some() {
-        print::line(format!("{} frames, {} inertial samples", davis.frames.len(), davis.imu.len()))?;
+        print::line(format!("{} frames, {} IMU samples", davis.frames.len(), davis.imu.len()))?;
     }
     files.iter().try_for_each(|file| print::line(visible::path(file)))
 }
 
-/// The board as it is printed, where that is not as stated.
+/// Returns the shape of the printed board; `None` if it is the nominal shape.
 fn printed(arguments: &Arguments) -> Result<Option<BoardShape>, UsageError> {
-    let stated = BoardShape::stated(&arguments.board);
+    let nominal = BoardShape::stated(&arguments.board);
     let shape = BoardShape {
-        print_ratio: arguments.print_ratio.unwrap_or(stated.print_ratio),
-        bend: arguments.bend.unwrap_or(stated.bend),
-        radius: arguments.printed_radius.unwrap_or(stated.radius),
+        print_ratio: arguments.print_ratio.unwrap_or(nominal.print_ratio),
+        bend: arguments.bend.unwrap_or(nominal.bend),
+        radius: arguments.printed_radius.unwrap_or(nominal.radius),
     };
     if !shape.is_possible(&arguments.board) {
         return Err(UsageError(format!(
-            "this print ratio, bend and radius are impossible for {}: circles must not overlap, nor dark squares cover the light ones, and a bend must be below half the board's side",
+            "this print ratio, bend and radius are impossible for {}: circles must not overlap, dark squares must not cover the light ones, and a bend must be below half the board's side",
             arguments.board
         )));
     }
-    Ok((shape != stated).then_some(shape))
+    Ok((shape != nominal).then_some(shape))
 }
 
 /// Reads the bend of a board along x and y (m).
@@ -270,20 +269,20 @@ fn printed_radius(text: &str) -> Result<f64, String> {
         .ok_or_else(|| "write a length above 0 with its unit, for example 17mm".to_owned())
 }
 
-/// Frames and inertial samples, as far as asked for.
+/// Returns the settings of the requested frames and IMU samples.
 fn davis_settings(arguments: &Arguments) -> Result<DavisSettings, Box<dyn Error>> {
     let settings = DavisSettings {
         frames: arguments.frames.map(|rate| arguments.light.frames(rate)),
         imu: arguments.imu.as_deref().map(|unit| inertial_unit(unit, arguments.light)).transpose()?,
     };
     if settings != DavisSettings::default() && !arguments.format.holds_more_than_events() {
-        return Err(UsageError("frames and inertial samples need --format aedat4 or dvraw".to_owned()).into());
+        return Err(UsageError("frames and IMU samples need --format aedat4 or dvraw".to_owned()).into());
     }
     settings.check()?;
     Ok(settings)
 }
 
-/// An inertial unit by name, or as a file says.
+/// Returns the settings of an IMU by name or from a file.
 fn inertial_unit(unit: &str, light: LightPreset) -> Result<InertialSettings, Box<dyn Error>> {
     match unit {
         "perfect" => Ok(light.inertia()),
@@ -298,7 +297,7 @@ fn inertial_unit(unit: &str, light: LightPreset) -> Result<InertialSettings, Box
     }
 }
 
-/// The capture system, as far as asked for.
+/// Returns the settings of motion capture, if it is requested.
 fn motion_capture(arguments: &Arguments) -> Result<Option<MotionCaptureSettings>, Box<dyn Error>> {
     let settings: Option<MotionCaptureSettings> =
         usual_or_file("--motion-capture", arguments.motion_capture.as_deref())?;
@@ -306,7 +305,7 @@ fn motion_capture(arguments: &Arguments) -> Result<Option<MotionCaptureSettings>
     Ok(settings)
 }
 
-/// The second camera, as far as asked for, behind a first one with the lens `first`.
+/// Returns the second camera, if it is requested, next to a first camera with the lens `first`.
 fn second_camera(
     arguments: &Arguments,
     first: &Camera<f64>,
@@ -320,14 +319,14 @@ fn second_camera(
     Ok(settings.map(|settings| SecondCamera::new(settings, first, sensor, arguments.seed)).transpose()?)
 }
 
-/// What an option asks for: nothing, the usual, or what a file in JSON says.
+/// Returns the settings of an option: none, the defaults, or the content of a JSON file.
 fn usual_or_file<T: Default + DeserializeOwned>(option: &str, value: Option<&str>) -> Result<Option<T>, UsageError> {
     match value {
         None => Ok(None),
         Some("") => Ok(Some(T::default())),
         Some(file) => {
             let wrong = |error: &dyn std::fmt::Display| {
-                UsageError(format!("{option} {file}: {error}: write a JSON file, or nothing behind the option"))
+                UsageError(format!("{option} {file}: {error}: give a JSON file, or no value"))
             };
             let text = std::fs::read_to_string(file).map_err(|error| wrong(&error))?;
             serde_json::from_str(&text).map(Some).map_err(|error| wrong(&error))
@@ -335,7 +334,7 @@ fn usual_or_file<T: Default + DeserializeOwned>(option: &str, value: Option<&str
     }
 }
 
-/// The lens and the size of the sensor.
+/// Returns the lens and the size of the sensor.
 fn lens(arguments: &Arguments) -> Result<(Camera<f64>, Sensor), Box<dyn Error>> {
     if let Some(file) = &arguments.camera {
         return Ok(camera_file::read(file)?);

@@ -37,21 +37,21 @@ pub struct Arguments {
     output: Option<PathBuf>,
     #[command(flatten)]
     results: OutputArguments,
-    /// How the camera without distortion projects: pinhole, or equidistant for lenses that see too much for that
+    /// Projection of the camera without distortion: pinhole, or equidistant for wide-angle lenses
     #[arg(
         long,
         default_value = TargetProjection::Pinhole.name(),
         value_parser = value::named(TargetProjection::ALL, TargetProjection::name, TargetProjection::description)
     )]
     model: TargetProjection,
-    /// Part of the image kept, from 0 (no black corners) to 1 (all of it), as in OpenCV's
-    /// getOptimalNewCameraMatrix [default: the camera matrix stays]
+    /// Part of the image to keep, from 0 (no black corners) to 1 (the whole image), as in OpenCV's
+    /// getOptimalNewCameraMatrix [default: keep the camera matrix]
     #[arg(long, value_name = "0..1", value_parser = value::number(0.0..=1.0, ""))]
     alpha: Option<f64>,
-    /// Keep the fractions of pixels: OUT is .csv, .txt or .bin (EventCalib)
+    /// Write fractions of pixels; OUT must be .csv, .txt, .h5 or .bin (EventCalib)
     #[arg(long)]
     subpixel: bool,
-    /// Format of the recording to write, such as aedat4, npz, hdf5 or csv; any unknown name prints the list
+    /// Format of the recording to write, such as aedat4, npz, hdf5 or csv; an unknown name prints the list
     /// [default: by the extension of OUT]
     #[arg(long, value_name = "FORMAT", conflicts_with = "subpixel")]
     to: Option<OutputFormat>,
@@ -60,7 +60,7 @@ pub struct Arguments {
     frames: Option<PathBuf>,
     #[command(flatten)]
     source: SourceArguments,
-    /// Print what was written as JSON
+    /// Print the statistics as JSON
     #[arg(long)]
     json: bool,
 }
@@ -88,16 +88,16 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
     let mut waiting = Waiting::new(arguments.json);
     let stage = format!("undistorting {}", short_name(path));
     waiting.stage(&stage, None);
-    let mut tell = |at: ConversionProgress| {
+    let mut show_progress = |at: ConversionProgress| {
         waiting.part(&stage, &format!("{stage}: {} events", at.events), at.done);
     };
     let mut report = None;
     if let Some(output) = &arguments.output {
         let done = if arguments.subpixel {
-            undistort_sub_pixel(&recording, output, SubPixelFormat::from_extension(output)?, maps, &mut tell)?
+            undistort_sub_pixel(&recording, output, SubPixelFormat::from_extension(output)?, maps, &mut show_progress)?
         } else {
             let target = arguments.to.map_or_else(|| output_of(output), Ok)?;
-            undistort_recording(&recording, output, target, maps, &mut tell)?
+            undistort_recording(&recording, output, target, maps, &mut show_progress)?
         };
         write_camera(&camera_path_beside(output), new, sensor)?;
         report = Some((output, done));
@@ -120,7 +120,7 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
         print::line(describe(new))?;
         if let Some((output, UndistortionReport { events_outside, conversion })) = &report {
             print::line(format!("{}: {conversion}", visible::path(output)))?;
-            print::line(format!("{events_outside} events were beyond the new image and are left out"))?;
+            print::line(format!("{events_outside} events outside the new image were left out"))?;
             print::line(format!("the camera is in {}", visible::path(camera_path_beside(output))))?;
         }
         if let Some((folder, WrittenFrames { count, .. })) = &frames {
@@ -130,7 +130,7 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
     if let Some((folder, WrittenFrames { lost, .. })) = frames
         && !lost.is_empty()
     {
-        return Err(format!("{}\nwhat came before is in {}", lost.join("\n"), visible::path(folder)).into());
+        return Err(format!("{}\nthe frames before the error are in {}", lost.join("\n"), visible::path(folder)).into());
     }
     match report {
         Some((output, UndistortionReport { conversion, .. })) => match conversion.error {
@@ -144,7 +144,9 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
 fn undistort_several(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sensor: Sensor) -> super::Outcome {
     let for_recordings = arguments.subpixel || arguments.to.is_some() || arguments.frames.is_some();
     let Some(output) = arguments.output.as_ref().filter(|_| !for_recordings) else {
-        return Err(UsageError("--subpixel, --to and --frames are for recordings; pictures take -o".to_owned()).into());
+        return Err(
+            UsageError("--subpixel, --to and --frames are for recordings; for pictures use -o".to_owned()).into()
+        );
     };
     let written = picture_outputs(&arguments.inputs, output)?;
     let single = is_single(&arguments.inputs, output);
@@ -163,7 +165,7 @@ fn undistort_several(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sens
     print::line(format!("the camera is in {}", visible::path(camera)))
 }
 
-/// What is to be written must not be there yet, but for the file of the same camera.
+/// Refuses existing outputs, except for a camera file with the same camera.
 fn check_outputs<'a>(
     arguments: &Arguments,
     outputs: impl IntoIterator<Item = &'a Path>,

@@ -1,4 +1,4 @@
-//! Values that several subcommands take.
+//! Parsers for the values of options.
 
 use std::ffi::OsStr;
 use std::ops::RangeInclusive;
@@ -12,7 +12,7 @@ use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
 use event_recordings::MAX_SENSOR_SIZE;
 
-/// What other programs call a camera model, and which one it is here.
+/// Names of camera models in other programs, with the corresponding model.
 const OTHER_NAMES: &[(&str, &str)] = &[
     ("pinhole", "a pinhole with distortion is radtan (k1 k2 p1 p2 k3, as OpenCV), radtan4 (Kalibr's pinhole-radtan)"),
     ("fisheye", "OpenCV's fisheye is kannala-brandt"),
@@ -20,12 +20,15 @@ const OTHER_NAMES: &[(&str, &str)] = &[
     ("equi", "equidistant (ROS, Kalibr) is kannala-brandt"),
     ("pinhole-equi", "Kalibr's pinhole-equi is kannala-brandt"),
     ("kb4", "basalt's kb4 is kannala-brandt"),
-    ("kb", "that is kannala-brandt"),
+    ("kb", "kb is kannala-brandt"),
     ("pinhole-radtan", "Kalibr's pinhole-radtan is radtan4"),
     ("plumb_bob", "ROS's plumb_bob is radtan"),
     ("brown", "Brown-Conrady is radtan"),
     ("brown-conrady", "Brown-Conrady is radtan"),
-    ("opencv", "OpenCV's model of five coefficients is radtan, that of eight radtan8, its fisheye kannala-brandt"),
+    (
+        "opencv",
+        "OpenCV's model with five coefficients is radtan, with eight radtan8; its fisheye model is kannala-brandt",
+    ),
     ("rational", "the rational model of eight coefficients is radtan8"),
     ("rational_polynomial", "ROS's rational_polynomial is radtan8"),
     ("omnidir", "OpenCV's omnidir is omni"),
@@ -37,7 +40,7 @@ const OTHER_NAMES: &[(&str, &str)] = &[
     ("atan", "the field-of-view model is fov"),
 ];
 
-/// Takes the name of a file to write.
+/// Parses the name of a file to write.
 pub fn output_file() -> impl TypedValueParser<Value = PathBuf> {
     PathBufValueParser::new().try_map(|path| match path.as_os_str() == "-" {
         true => Err("`-` is not accepted as an output; give a file name, or /dev/stdout for a pipe"),
@@ -45,7 +48,7 @@ pub fn output_file() -> impl TypedValueParser<Value = PathBuf> {
     })
 }
 
-/// Numbers with commas between them.
+/// Numbers, separated by commas.
 #[derive(Clone, Debug)]
 pub struct Numbers(pub Vec<f64>);
 
@@ -56,23 +59,23 @@ impl FromStr for Numbers {
         let numbers = text.split(',').map(|number| number.trim().parse()).collect::<Result<_, _>>();
         numbers
             .map(Self)
-            .map_err(|_| "write numbers with a point in them and a comma between them, such as 331.6,331.1,176.9,134.2")
+            .map_err(|_| "write numbers with decimal points, separated by commas, such as 331.6,331.1,176.9,134.2")
     }
 }
 
-/// Reads the name of a camera model; the help lists them all.
+/// Parses the name of a camera model; the help lists all names.
 pub fn model() -> impl TypedValueParser<Value = ModelKind> {
     NameParser { names: ModelKind::ALL.iter().map(|kind| kind.name()).collect() }
         .try_map(|name| name.parse::<ModelKind>())
 }
 
-/// Reads the name of a camera model, or `auto`; the help lists them all.
+/// Parses the name of a camera model, or `auto`; the help lists all names.
 pub fn model_request() -> impl TypedValueParser<Value = ModelRequest> {
     let names = ModelKind::ALL.iter().map(|kind| kind.name()).chain([ModelRequest::AUTO]).collect();
     NameParser { names }.try_map(|name| name.parse::<ModelRequest>())
 }
 
-/// Takes one of the names, and says which model is meant by a name that other programs use.
+/// Parses one of the names; for a name of another program, the error contains the corresponding model.
 #[derive(Clone)]
 struct NameParser {
     names: Vec<&'static str>,
@@ -104,7 +107,7 @@ impl TypedValueParser for NameParser {
     }
 }
 
-/// Reads one of `all` by its name; the help lists them with their descriptions.
+/// Parses the name of one of `all`; the help lists all with their descriptions.
 pub fn named<T: Copy + Send + Sync + 'static>(
     all: &'static [T],
     name: fn(T) -> &'static str,
@@ -115,7 +118,7 @@ pub fn named<T: Copy + Send + Sync + 'static>(
         .try_map(move |text| all.iter().copied().find(|&one| name(one) == text).ok_or("no value of this name"))
 }
 
-/// Reads a number in `range`.
+/// Parses a number in `range`.
 pub fn number(range: RangeInclusive<f64>, unit: &'static str) -> impl TypedValueParser<Value = f64> {
     StringValueParser::new().try_map(move |text| {
         let number = text.parse().ok().filter(|number| range.contains(number));
@@ -123,7 +126,7 @@ pub fn number(range: RangeInclusive<f64>, unit: &'static str) -> impl TypedValue
     })
 }
 
-/// Reads a whole number in `range`.
+/// Parses an integer in `range`.
 pub fn count(range: RangeInclusive<u16>) -> impl TypedValueParser<Value = u16> {
     StringValueParser::new().try_map(move |text| {
         let number = text.parse().ok().filter(|number| range.contains(number));
@@ -131,7 +134,7 @@ pub fn count(range: RangeInclusive<u16>) -> impl TypedValueParser<Value = u16> {
     })
 }
 
-/// Reads `WIDTHxHEIGHT` in pixels.
+/// Parses `WIDTHxHEIGHT` in pixels.
 pub fn sensor(text: &str) -> Result<Sensor, String> {
     let size = |part: &str| part.trim().parse().ok().filter(|size| (1..=MAX_SENSOR_SIZE).contains(size));
     text.split_once('x')
@@ -139,9 +142,9 @@ pub fn sensor(text: &str) -> Result<Sensor, String> {
         .ok_or_else(|| format!("write WIDTHxHEIGHT in pixels, 1 to {MAX_SENSOR_SIZE} each, for example 346x260"))
 }
 
-/// Reads a time with its unit; the result is in seconds.
+/// Parses a time with its unit; returns seconds.
 pub fn seconds(text: &str) -> Result<f64, String> {
-    // "ms" and "us" end in "s" too, so the longer units are tried first.
+    // "ms" and "us" also end in "s", so the longer units are tried first.
     [("ms", 1e-3), ("us", 1e-6), ("min", 60.0), ("s", 1.0)]
         .iter()
         .find_map(|(unit, factor)| Some((text.strip_suffix(unit)?, factor)))
@@ -150,7 +153,7 @@ pub fn seconds(text: &str) -> Result<f64, String> {
         .ok_or_else(|| "write a time above 0 with its unit us, ms, s or min, for example 6s".to_owned())
 }
 
-/// Reads a distance in the image with its unit; the result is in pixels.
+/// Parses a distance in the image with its unit; returns pixels.
 pub fn pixels(text: &str) -> Result<f64, String> {
     let number = text.strip_suffix("px").and_then(|number| number.trim().parse::<f64>().ok());
     number
@@ -181,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn the_models_of_other_programs_lead_to_models() {
+    fn names_of_other_programs_have_a_corresponding_model() {
         for (name, meaning) in OTHER_NAMES {
             assert_eq!(ModelKind::from_name(name), None, "{name}");
             let known = ModelKind::ALL.iter().any(|kind| meaning.contains(kind.name()));

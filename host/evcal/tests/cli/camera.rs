@@ -64,12 +64,12 @@ fn a_forbidden_camera_comes_with_the_rule_that_opens_it() {
     let directory = tempfile::tempdir().unwrap();
     fs::set_permissions(directory.path(), Permissions::from_mode(0o755)).unwrap();
     let program = directory.path().join("evcal");
-    // Not `fs::copy`: a test that starts a program meanwhile would hand it the file open for writing.
+    // Not `fs::copy`: another test that starts a program at this moment would pass it the file open for writing.
     let copy = Command::new("cp").arg(env!("CARGO_BIN_EXE_evcal")).arg(&program).status().unwrap();
     assert!(copy.success());
     let mut command = Command::new(&program);
     command.arg("devices").envs(bus.environment());
-    // Root may open everything.
+    // Root can open every file.
     if fs::metadata(directory.path()).unwrap().uid() == 0 {
         command.uid(NOBODY).gid(NOBODY);
     }
@@ -111,7 +111,7 @@ fn a_camera_is_chosen_by_its_serial_number() {
     let listing = json(&run(&bus, &["devices", "--json"]).1);
     let mut serials: Vec<&str> =
         listing.as_array().unwrap().iter().map(|camera| camera["serial"].as_str().unwrap()).collect();
-    // The system lists them in the order in which it met them.
+    // The system lists them in the order of their connection.
     serials.sort_unstable();
     assert_eq!(serials, ["00000042", "00000043"]);
     for (serial, events) in [("00000042", 3000), ("00000043", 6000)] {
@@ -130,16 +130,16 @@ fn a_recording_ends_with_its_time_or_at_ctrl_c_and_has_everything() {
     let file = directory.path().join("interrupted.dvraw");
     let recorder = start(&bus, &["record", text(&file)]);
     wait_for("the stream", || bus.model(|model| model.sent()) >= total(COUNT));
-    let (code, told, errors) = interrupt(recorder);
-    assert_eq!((code, errors.as_str()), (Some(0), ""), "{told}");
-    assert!(told.contains("200000 events") && told.contains("(stopped)"), "{told}");
+    let (code, printed, errors) = interrupt(recorder);
+    assert_eq!((code, errors.as_str()), (Some(0), ""), "{printed}");
+    assert!(printed.contains("200000 events") && printed.contains("(stopped)"), "{printed}");
     assert_eq!(count(&file), COUNT);
     assert_eq!(Capture::open(&file).unwrap().header().camera_name(), "DAVIS346_00000042");
 
     let timed = directory.path().join("timed.dvraw");
-    let (code, told, errors) = run(&bus, &["record", text(&timed), "--duration", "3s", "--json"]);
+    let (code, printed, errors) = run(&bus, &["record", text(&timed), "--duration", "3s", "--json"]);
     assert_eq!(code, Some(0), "{errors}");
-    let report = json(&told);
+    let report = json(&printed);
     assert_eq!((&report["ending"], &report["dropped"]), (&"the time is over".into(), &0.into()));
     assert_eq!(report["events"].as_u64(), Some(count(&timed)));
 
@@ -160,9 +160,9 @@ fn unplugged_in_mid_stream_everything_before_it_is_kept() {
         let bus = EmulatedBus::start(camera(COUNT).with_faults(faults)).unwrap();
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("half.dvraw");
-        let (code, told, errors) = run(&bus, &["record", text(&file)]);
-        assert_eq!(code, Some(1), "{told}");
-        assert!(errors.contains(reason) && errors.contains("what came before is in"), "{errors}");
+        let (code, printed, errors) = run(&bus, &["record", text(&file)]);
+        assert_eq!(code, Some(1), "{printed}");
+        assert!(errors.contains(reason) && errors.contains("the part before is in"), "{errors}");
         assert!(count(&file).abs_diff(COUNT / 2) < COUNT / 100);
     }
 }
@@ -191,21 +191,21 @@ fn a_start_that_failed_can_be_tried_again_with_the_same_name() {
 }
 
 #[test]
-fn a_full_disk_ends_the_recording_which_tells_what_is_in_the_file() {
+fn a_full_disk_ends_the_recording_with_a_report_of_the_file() {
     let bus = EmulatedBus::start(camera(1_000_000)).unwrap();
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("full.dvraw");
-    // A limit of the file's length is met as the end of a disk is: by a write that is cut, then refused.
+    // A limit of the file size acts like a full disk: one write is cut short, the next fails.
     let output = Command::new("bash")
         .args(["-c", r#"ulimit -f 1000; trap "" XFSZ; exec "$0" "$@""#, env!("CARGO_BIN_EXE_evcal")])
         .args(["record", text(&file), "--json"])
         .envs(bus.environment())
         .output()
         .unwrap();
-    let (code, told, errors) = ended(output);
-    assert_eq!(code, Some(1), "{told}");
+    let (code, printed, errors) = ended(output);
+    assert_eq!(code, Some(1), "{printed}");
     assert!(errors.contains("could not be written any more") && errors.contains("make room on the disk"), "{errors}");
-    let (report, events) = (json(&told), count(&file));
+    let (report, events) = (json(&printed), count(&file));
     assert!(events > 100_000, "{events}");
     assert_eq!(report["events"].as_u64(), Some(events));
     assert!(errors.contains(&format!("{events} events")), "{errors}");
@@ -219,13 +219,13 @@ fn a_full_disk_ends_the_recording_which_tells_what_is_in_the_file() {
 }
 
 #[test]
-fn what_an_earlier_recording_lost_is_not_told_again() {
+fn losses_of_an_earlier_recording_are_not_reported_again() {
     let earlier = [(mux::DVS_DROPPED, 0), (mux::DVS_DROPPED.next(), 77)];
     let bus = EmulatedBus::start(camera(3000).with_registers(earlier)).unwrap();
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("second.dvraw");
-    let (code, told, errors) = run(&bus, &["record", text(&file), "--duration", "1s", "--json"]);
-    assert_eq!((code, json(&told)["dropped"].as_u64()), (Some(0), Some(0)), "{errors}");
+    let (code, printed, errors) = run(&bus, &["record", text(&file), "--duration", "1s", "--json"]);
+    assert_eq!((code, json(&printed)["dropped"].as_u64()), (Some(0), Some(0)), "{errors}");
     let recording = Recording::new(&file, RecordingOptions::default()).unwrap();
     let mut reader = recording.open().unwrap();
     let mut batch = Vec::new();
@@ -233,13 +233,19 @@ fn what_an_earlier_recording_lost_is_not_told_again() {
     assert_eq!(reader.report().stream.dropped, 0);
 }
 
-/// All files of results with their content but for the report, which tells the command line.
+/// All result files with their content, except the report and the parts of calibration.json that depend on the command line.
 fn results(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let mut files = Vec::new();
     for path in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
         let name = path.file_name().unwrap().to_string_lossy().into_owned();
         if path.is_dir() {
             files.extend(results(&path));
+        } else if name == "calibration.json" {
+            let mut calibration: serde_json::Value = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
+            for key in ["command", "input_files"] {
+                calibration.as_object_mut().unwrap().remove(key);
+            }
+            files.push((name, calibration.to_string().into_bytes()));
         } else if name != "report.html" && !name.ends_with(".dvraw") {
             files.push((name, fs::read(path).unwrap()));
         }
@@ -254,7 +260,7 @@ fn live_stops_when_it_has_enough_and_calibrates_as_from_the_recording() {
     let pieces = board_recording(directory.path(), "7");
     let sent: u64 = pieces.iter().map(|piece| piece.bytes.len() as u64).sum();
     let unplug = Faults { unplug_at: Some(sent - 1000), ..Faults::default() };
-    // At full pace nothing is dropped, so that the byte at which it is unplugged comes.
+    // At full speed nothing is dropped, so the byte at which the camera disconnects is reached.
     for (name, faults, pace) in [("enough", Faults::default(), Pace::Real), ("unplugged", unplug, Pace::Full)] {
         let pieces = pieces.clone();
         let model = Model::new("00000042", move || pieces.clone().into_iter()).with_pace(pace);
@@ -266,12 +272,12 @@ fn live_stops_when_it_has_enough_and_calibrates_as_from_the_recording() {
         if !is_unplugged {
             arguments.extend(["--settings", text(&settings)]);
         }
-        let (code, told, errors) = run(&bus, &arguments);
+        let (code, printed, errors) = run(&bus, &arguments);
         let recording = live.join("recording.dvraw");
-        assert_eq!(code, Some(i32::from(is_unplugged)), "{told}\n{errors}");
-        assert!(is_unplugged || (told.contains("Mev/s") && told.contains("% of the sensor")), "{told}");
+        assert_eq!(code, Some(i32::from(is_unplugged)), "{printed}\n{errors}");
+        assert!(is_unplugged || (printed.contains("Mev/s") && printed.contains("% of the sensor")), "{printed}");
         assert_eq!(errors.contains("the camera was unplugged"), is_unplugged, "{errors}");
-        assert_eq!(told.contains("(stopped)"), !is_unplugged, "{told}");
+        assert_eq!(printed.contains("(stopped)"), !is_unplugged, "{printed}");
         let mut arguments = vec!["calibrate", text(&recording), "--board", BOARD, "-o", text(&again), "--accept-any"];
         if !is_unplugged {
             arguments.extend(["--settings", text(&settings)]);
@@ -279,7 +285,7 @@ fn live_stops_when_it_has_enough_and_calibrates_as_from_the_recording() {
         let output = Command::new(env!("CARGO_BIN_EXE_evcal")).args(&arguments).output().unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         let (live, again) = (results(&live), results(&again));
-        assert!(live.iter().any(|(name, _)| name == "calibration.json"), "{told}");
+        assert!(live.iter().any(|(name, _)| name == "calibration.json"), "{printed}");
         assert!(live == again, "{name}: the results differ");
     }
 }

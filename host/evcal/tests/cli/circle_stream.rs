@@ -1,4 +1,4 @@
-//! What a detector on a microcontroller sends, calibrated on the host: from a file and from a serial port.
+//! Calibration from the circle stream of a detector on a microcontroller: from a file and from a serial port.
 
 use std::f64::consts::TAU;
 use std::fs::{self, File};
@@ -22,11 +22,11 @@ use tempfile::TempDir;
 const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
 const SENSOR: Sensor = Sensor::new(346, 260);
 const LENS: [f64; 9] = [330.0, 331.0, 170.0, 131.5, -0.35, 0.15, 0.0, 0.0, 0.0];
-/// Windows 10 ms apart, 4 ms long.
+/// Windows of 4 ms, one per 10 ms.
 const WINDOWS: u32 = 500;
 
-/// The frames that a device sends that sees a hand-moved board: centres with 0.05 px of noise, some circles
-/// missing, some that are none of the board.
+/// Frames from a device in front of a hand-moved board: centres with 0.05 px of noise, some circles missing, some
+/// not of the board.
 fn frames() -> Vec<Vec<u8>> {
     let camera = Camera::from_parameters(ModelKind::Radtan, &LENS).unwrap();
     let board: CircleBoard = BOARD.parse().unwrap();
@@ -124,12 +124,12 @@ fn notes(calibration: &Value) -> String {
     calibration["stages"]["recordings"][0]["notes"].to_string()
 }
 
-/// A pseudo-terminal: the device's end, the path of the computer's, and the computer's held open but not
-/// locked, for bytes to wait in it until the program comes.
+/// A pseudo-terminal: the device's end, the path of the computer's end, and that end, kept open but not locked, so that
+/// bytes wait in it until the program starts.
 #[expect(unsafe_code, reason = "serialport gives no handle that the safe wrappers of fcntl take")]
 fn port_pair() -> (TTYPort, PathBuf, File) {
     let (device, computer) = TTYPort::pair().unwrap();
-    // A program that inherits the device's end would never hear it hang up.
+    // A program that inherited the device's end would never see it close.
     // SAFETY: a flag is set on a descriptor that `device` owns.
     assert_eq!(unsafe { libc::fcntl(device.as_raw_fd(), libc::F_SETFD, libc::FD_CLOEXEC) }, 0);
     let path = PathBuf::from(computer.name().unwrap());
@@ -157,7 +157,7 @@ fn a_stream_is_calibrated_from_a_file_and_from_a_serial_port_alike() {
         device.write_all(part).unwrap();
     }
     device.flush().unwrap();
-    // What is unread when the device goes is lost.
+    // Bytes that are unread when the device closes are lost.
     let saved = || {
         let entries = fs::read_dir(&output).ok()?.map(|entry| entry.unwrap().path());
         entries.into_iter().find(|path| path.extension().is_some_and(|extension| extension == "circles"))
@@ -176,7 +176,7 @@ fn a_stream_is_calibrated_from_a_file_and_from_a_serial_port_alike() {
     assert!(notes(&from_port).contains("ended after"), "{}", notes(&from_port));
 }
 
-/// What a device sent once does not come again.
+/// A device does not send its data again.
 #[test]
 fn a_stream_that_was_saved_is_never_overwritten() {
     let directory = TempDir::new().unwrap();
@@ -193,13 +193,13 @@ fn a_stream_that_was_saved_is_never_overwritten() {
     };
 
     let listen = |options: &str| format!("serial:{}?{options}", computer.display());
-    // Nothing comes.
+    // The device sends nothing.
     let program = evcal(&["calibrate", &listen("baud=115200&seconds=0.2"), "--board", BOARD, "-o", text(&output)]);
-    let told = errors(program);
-    assert!(told.contains("no circle in 0 bytes"), "{told}");
+    let printed = errors(program);
+    assert!(printed.contains("no circle in 0 bytes"), "{printed}");
     assert!(!second.exists());
-    let told = errors(evcal(&["detect", &listen(&format!("baud=115200&seconds=0.2&save={}", text(&first)))]));
-    assert!(told.contains("is there already: choose another name"), "{told}");
+    let printed = errors(evcal(&["detect", &listen(&format!("baud=115200&seconds=0.2&save={}", text(&first)))]));
+    assert!(printed.contains("is there already: choose another name"), "{printed}");
 
     let program = evcal(&["calibrate", &listen("baud=115200&seconds=600"), "--board", BOARD, "-o", text(&output)]);
     device.write_all(b"no circle").unwrap();
@@ -211,15 +211,15 @@ fn a_stream_that_was_saved_is_never_overwritten() {
         std::thread::sleep(Duration::from_millis(100));
     }
     drop(device);
-    let told = errors(program);
-    assert!(told.contains("no circle in 9 bytes"), "{told}");
+    let printed = errors(program);
+    assert!(printed.contains("no circle in 9 bytes"), "{printed}");
     assert_eq!(fs::read(&second).unwrap(), b"no circle");
     assert_eq!(fs::read(&first).unwrap(), b"first");
 }
 
-/// 219 MB were kept of a port that sent no circle, and more would have been.
+/// The program once saved 219 MB from a port that sent no circle.
 #[test]
-fn listening_ends_where_no_circle_is_to_be_expected() {
+fn listening_ends_if_no_circle_is_received() {
     let directory = TempDir::new().unwrap();
     let output = directory.path().join("calibration");
     let (mut device, computer, open) = port_pair();
@@ -230,8 +230,8 @@ fn listening_ends_where_no_circle_is_to_be_expected() {
     let ended = program.wait_with_output().unwrap();
     drop(open);
     drop(sending);
-    let told = String::from_utf8(ended.stderr).unwrap();
-    assert!(ended.status.code() == Some(1) && told.contains("after 4 MB without a circle"), "{told}");
+    let printed = String::from_utf8(ended.stderr).unwrap();
+    assert!(ended.status.code() == Some(1) && printed.contains("after 4 MB without a circle"), "{printed}");
     assert!(fs::metadata(&saved).unwrap().len() < (4 << 20) + 8192);
 }
 
@@ -239,7 +239,7 @@ fn listening_ends_where_no_circle_is_to_be_expected() {
 fn a_damaged_stream_is_calibrated_with_what_is_left() {
     let directory = TempDir::new().unwrap();
     let mut bytes = frames().concat();
-    // Joined in the middle of a frame, a byte changed in every 40th frame, and one piece missing.
+    // Starts in the middle of a frame; every 40th frame has a changed byte; one part is missing.
     bytes.drain(..20);
     for byte in bytes.iter_mut().skip(500).step_by(1201) {
         *byte ^= 0x55;
@@ -278,7 +278,7 @@ fn detection_puts_the_circles_of_a_stream_in_order() {
 }
 
 #[test]
-fn what_cannot_be_heard_is_told() {
+fn unusable_streams_are_reported() {
     let directory = TempDir::new().unwrap();
     let output = directory.path().join("never");
     let run = |input: &str| {

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-/// What a run with these arguments gives.
+/// Runs the program with these arguments.
 pub fn evcal(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_evcal")).args(arguments).output().unwrap()
 }

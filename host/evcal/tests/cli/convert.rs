@@ -19,7 +19,7 @@ use tempfile::TempDir;
 /// 10 September 2026 in µs.
 const UNIX_TIME: i64 = 1_789_000_000_000_000;
 
-/// Two seconds of events on a DAVIS346: bursts, several events a microsecond, a rest of 0.3 s.
+/// Two seconds of events on a DAVIS346: bursts, several events per microsecond, a pause of 0.3 s.
 fn events(start: i64) -> Vec<Event> {
     (0..40_000i64)
         .map(|index| {
@@ -47,13 +47,13 @@ fn frame(t: i64, seed: usize) -> Frame {
     }
 }
 
-fn sample(t: i64, turn: f32) -> InertialSample {
+fn sample(t: i64, rate: f32) -> InertialSample {
     InertialSample {
         t,
         temperature: 21.0 + 3339.0 / 333.87,
-        // Whole units of the camera: at ±4 g and ±500 °/s, where the rate is above that at ±1000 °/s.
+        // Multiples of the camera's units at ±4 g and ±500 °/s; for higher rates at ±1000 °/s.
         acceleration: [1.0, -1.0 / 8192.0, 0.0],
-        angular_velocity: [turn, -turn, 250.0],
+        angular_velocity: [rate, -rate, 250.0],
     }
 }
 
@@ -117,10 +117,16 @@ fn frames_and_inertial_samples_go_to_the_cameras_words_and_back() {
     let samples: Vec<InertialSample> =
         (1..900).map(|index| sample(1000 * index, index as f32 / 1024.0 * 1000.0)).collect();
     write_aedat4(&file("first.aedat4"), &expected, &frames, &samples);
-    let told = succeed(&["convert", text(&file("first.aedat4")), text(&file("camera.dvraw"))]);
-    assert!(told.contains("40000 events, 20 frames, 899 inertial samples") && !told.contains("not kept"), "{told}");
-    let told = succeed(&["convert", text(&file("camera.dvraw")), text(&file("again.aedat4"))]);
-    assert!(told.contains("40000 events, 20 frames, 899 inertial samples") && told.contains("10 bits"), "{told}");
+    let printed = succeed(&["convert", text(&file("first.aedat4")), text(&file("camera.dvraw"))]);
+    assert!(
+        printed.contains("40000 events, 20 frames, 899 inertial samples") && !printed.contains("not kept"),
+        "{printed}"
+    );
+    let printed = succeed(&["convert", text(&file("camera.dvraw")), text(&file("again.aedat4"))]);
+    assert!(
+        printed.contains("40000 events, 20 frames, 899 inertial samples") && printed.contains("10 bits"),
+        "{printed}"
+    );
     assert_eq!(read(&file("again.aedat4")).0, expected);
     let mut reader = FrameReader::open(&file("again.aedat4"), &RecordingOptions::default()).unwrap();
     for frame in &frames {
@@ -134,7 +140,7 @@ fn frames_and_inertial_samples_go_to_the_cameras_words_and_back() {
         assert_eq!((again.t, again.acceleration), (sample.t, sample.acceleration));
         assert!((again.temperature - sample.temperature).abs() < 1e-3);
         for (again, value) in again.angular_velocity.iter().zip(sample.angular_velocity) {
-            // Half a unit of the full scale that holds it.
+            // Half a unit of the full scale that contains the value.
             let unit = if sample.angular_velocity[0] < 500.0 { 500.0 / 32768.0 } else { 1000.0 / 32768.0 };
             assert!((again - value).abs() <= 0.5 * unit + 1e-4, "{again} {value}");
         }
@@ -144,10 +150,10 @@ fn frames_and_inertial_samples_go_to_the_cameras_words_and_back() {
     let elements = |index: usize| information["streams"][index]["elements"].as_u64().unwrap();
     assert_eq!([elements(0), elements(1), elements(2), elements(3)], [40_000, 20, 899, 0]);
     assert_eq!(information["report"]["stream"]["gaps"], 0);
-    let told = succeed(&["convert", text(&file("camera.dvraw")), text(&file("events.csv"))]);
-    assert!(told.contains("not kept: 20 frames") && told.contains("not kept: 899 inertial samples"), "{told}");
-    let told = succeed(&["convert", text(&file("first.aedat4")), text(&file("events.bin"))]);
-    assert!(told.contains("20 packets of 1 frames (FRME)"), "{told}");
+    let printed = succeed(&["convert", text(&file("camera.dvraw")), text(&file("events.csv"))]);
+    assert!(printed.contains("not kept: 20 frames") && printed.contains("not kept: 899 inertial samples"), "{printed}");
+    let printed = succeed(&["convert", text(&file("first.aedat4")), text(&file("events.bin"))]);
+    assert!(printed.contains("20 packets of 1 frames (FRME)"), "{printed}");
 }
 
 #[test]
@@ -155,8 +161,8 @@ fn times_since_1970_are_kept_for_the_way_back() {
     let (_directory, file) = place();
     let expected = events(UNIX_TIME);
     write_aedat4(&file("first.aedat4"), &expected, &[frame(UNIX_TIME + 20_000, 1)], &[]);
-    let told = succeed(&["convert", text(&file("first.aedat4")), text(&file("camera.dvraw"))]);
-    assert!(told.contains(&format!("times count from {UNIX_TIME} us")), "{told}");
+    let printed = succeed(&["convert", text(&file("first.aedat4")), text(&file("camera.dvraw"))]);
+    assert!(printed.contains(&format!("times count from {UNIX_TIME} us")), "{printed}");
     let relative: Vec<Event> = events(0);
     assert_eq!(read(&file("camera.dvraw")).0, relative);
     succeed(&["convert", text(&file("camera.dvraw")), text(&file("again.aedat4")), "--unix-time"]);
@@ -169,10 +175,10 @@ fn times_since_1970_are_kept_for_the_way_back() {
         .t;
     assert_eq!(frame_time, UNIX_TIME + 20_000);
     // RAW spent a word on each 4 ms since 1970, 800 GB in all.
-    let told = succeed(&["convert", text(&file("camera.dvraw")), text(&file("again.raw")), "--unix-time"]);
-    assert!(told.contains(&format!("times count from {UNIX_TIME} us")), "{told}");
+    let printed = succeed(&["convert", text(&file("camera.dvraw")), text(&file("again.raw")), "--unix-time"]);
+    assert!(printed.contains(&format!("times count from {UNIX_TIME} us")), "{printed}");
     assert_eq!(read(&file("again.raw")).0, relative);
-    // Transfers are copied as they are.
+    // Transfers are copied unchanged.
     let error = fail(&["convert", text(&file("camera.dvraw")), text(&file("copy.dvraw")), "--unix-time"]);
     assert!(error.contains("leave out --unix-time"), "{error}");
     let error = fail(&["convert", text(&file("first.aedat4")), text(&file("none.csv")), "--unix-time"]);
@@ -181,7 +187,7 @@ fn times_since_1970_are_kept_for_the_way_back() {
 }
 
 #[test]
-fn what_cannot_be_done_is_said_and_nothing_is_overwritten() {
+fn impossible_conversions_are_reported_and_nothing_is_overwritten() {
     let (_directory, file) = place();
     write_aedat4(&file("first.aedat4"), &events(0), &[], &[]);
     succeed(&["convert", text(&file("first.aedat4")), text(&file("events.bin"))]);
@@ -207,18 +213,18 @@ fn what_cannot_be_done_is_said_and_nothing_is_overwritten() {
     damaged[middle..middle + 200].fill(0x5a);
     fs::write(file("damaged.aedat4"), damaged).unwrap();
     let error = fail(&["convert", text(&file("damaged.aedat4")), text(&file("saved.csv"))]);
-    assert!(error.contains("what came before is in"), "{error}");
+    assert!(error.contains("the part before the error is in"), "{error}");
     let (saved, _) = read(&file("saved.csv"));
     assert!(saved.len() > 10_000 && saved == events(0)[..saved.len()]);
 }
 
-/// It was replaced by a file without events.
+/// An existing file was replaced by one without events.
 #[test]
-fn a_recording_that_breaks_off_at_once_replaces_nothing() {
+fn a_recording_that_is_damaged_at_its_beginning_replaces_nothing() {
     let (_directory, file) = place();
     write_aedat4(&file("damaged.aedat4"), &events(0), &[], &[]);
     let mut content = fs::read(file("damaged.aedat4")).unwrap();
-    // Behind the head of the first packet stands a frame of LZ4, which begins with its mark.
+    // The head of the first packet is followed by an LZ4 frame, which begins with its magic number.
     let mark = content.windows(4).position(|bytes| bytes == [0x04, 0x22, 0x4d, 0x18]).unwrap();
     content[mark] ^= 0xff;
     fs::write(file("damaged.aedat4"), content).unwrap();
@@ -248,10 +254,10 @@ fn after_a_gap_times_are_right_and_the_gap_is_reported() {
     let stream = &information["report"]["stream"];
     assert_eq!((&stream["gaps"], &stream["repaired_gaps"]), (&1.into(), &1.into()), "{stream}");
     assert!(stream["restored_us"].as_u64().unwrap() > 300_000, "{stream}");
-    let told = succeed(&["info", text(&file("gap.dvraw"))]);
-    assert!(told.contains("lost in 1 place") && told.contains("computer's clock"), "{told}");
+    let printed = succeed(&["info", text(&file("gap.dvraw"))]);
+    assert!(printed.contains("lost in 1 place") && printed.contains("computer's clock"), "{printed}");
     // A copy of the stream keeps the gap.
-    let told = succeed(&["convert", text(&file("gap.dvraw")), text(&file("copy.dvraw"))]);
-    assert!(told.contains("transfers as they were") && told.contains("1 damaged places"), "{told}");
+    let printed = succeed(&["convert", text(&file("gap.dvraw")), text(&file("copy.dvraw"))]);
+    assert!(printed.contains("transfers as they were") && printed.contains("has 1 damaged place, which"), "{printed}");
     assert_eq!(read(&file("copy.dvraw")).0, found);
 }

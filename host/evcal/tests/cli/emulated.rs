@@ -14,7 +14,7 @@ use usb_davis::emulator::{Model, Piece};
 use usb_davis::protocol::{Encoder, Layout, Polarity, PolarityEvent};
 
 pub const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
-/// Long enough for a computer that has other things to do.
+/// Long enough for a busy computer.
 pub const PATIENCE: Duration = Duration::from_secs(120);
 
 /// `count` events as pieces of some 16 KiB.
@@ -51,7 +51,7 @@ pub fn start(bus: &EmulatedBus, arguments: &[&str]) -> Child {
     command(bus, arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
-/// Waits for something to become true.
+/// Waits until a condition is true.
 pub fn wait_for(what: &str, mut is_true: impl FnMut() -> bool) {
     let end = Instant::now() + PATIENCE;
     while !is_true() {
@@ -76,7 +76,7 @@ pub fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// A simulated recording of the board and what the camera sends of it.
+/// A simulated recording of the board, and the bytes that a camera sends for it.
 pub fn board_recording(directory: &Path, seed: &str) -> Vec<Piece> {
     let evcal = |arguments: &[&str]| {
         let output = Command::new(env!("CARGO_BIN_EXE_evcal")).args(arguments).output().unwrap();

@@ -1,4 +1,4 @@
-//! The examples do what they say. `cargo test` builds them before the tests.
+//! Runs of the examples, which `cargo test` builds before the tests.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -9,7 +9,7 @@ fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/board").join(name)
 }
 
-/// What the example prints.
+/// Runs an example; returns its output.
 fn example(name: &str, arguments: &[&Path]) -> String {
     // target/PROFILE/deps/test, target/PROFILE/examples/NAME.
     let test = std::env::current_exe().unwrap();
@@ -30,11 +30,11 @@ fn example(name: &str, arguments: &[&Path]) -> String {
 fn a_calibration_is_near_the_truth_and_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let results = folder.path().join("calibration");
-    let told = example("calibrate", &[&fixture("events.dvraw"), Path::new(BOARD), &results]);
+    let printed = example("calibrate", &[&fixture("events.dvraw"), Path::new(BOARD), &results]);
     let truth: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(fixture("truth.json")).unwrap()).unwrap();
     for name in ["fx", "fy", "cx", "cy"] {
-        let line = told.lines().find(|line| line.starts_with(name)).unwrap();
+        let line = printed.lines().find(|line| line.starts_with(name)).unwrap();
         let numbers: Vec<f64> = line.split_whitespace().filter_map(|word| word.parse().ok()).collect();
         let [value, sigma] = numbers.as_slice() else { panic!("{line}") };
         let error = value - truth["camera"]["parameters"][name].as_f64().unwrap();
@@ -45,16 +45,16 @@ fn a_calibration_is_near_the_truth_and_is_written() {
 
 #[test]
 fn the_board_is_found_and_events_are_moved() {
-    let told = example("detect", &[&fixture("events.dvraw"), Path::new(BOARD)]);
-    assert!(told.lines().count() > 100 && told.contains("the board was found in"), "{told}");
-    let told = example("undistort", &[&fixture("events.dvraw"), &fixture("truth.json")]);
-    let numbers: Vec<u64> = told.split_whitespace().filter_map(|word| word.parse().ok()).collect();
-    let [kept, all] = numbers.as_slice() else { panic!("{told}") };
-    assert!(kept < all && *kept > all / 2, "{told}");
+    let printed = example("detect", &[&fixture("events.dvraw"), Path::new(BOARD)]);
+    assert!(printed.lines().count() > 100 && printed.contains("the board was found in"), "{printed}");
+    let printed = example("undistort", &[&fixture("events.dvraw"), &fixture("truth.json")]);
+    let numbers: Vec<u64> = printed.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+    let [kept, all] = numbers.as_slice() else { panic!("{printed}") };
+    assert!(kept < all && *kept > all / 2, "{printed}");
 }
 
 #[test]
 fn a_fisheye_is_simulated() {
-    let told = example("simulate", &[]);
-    assert_eq!(told.lines().filter(|line| line.ends_with(" events")).count(), 4 + 1, "{told}");
+    let printed = example("simulate", &[]);
+    assert_eq!(printed.lines().filter(|line| line.ends_with(" events")).count(), 4 + 1, "{printed}");
 }

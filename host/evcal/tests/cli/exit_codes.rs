@@ -8,7 +8,7 @@ use assert_cmd::Command;
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// A lens without distortion whose centre is that of the sensor.
+/// A lens without distortion, centred on the sensor.
 const PINHOLE: &str = "300,300,172.5,129.5,0,0,0,0";
 
 fn evcal(arguments: &[&str]) -> Output {
@@ -57,11 +57,11 @@ fn simulate(directory: &TempDir, name: &str, options: &[&str]) -> PathBuf {
 }
 
 #[test]
-fn the_version_is_told() {
+fn the_version_is_printed() {
     assert_eq!(succeed(&["--version"]).trim(), concat!("evcal ", env!("CARGO_PKG_VERSION")));
 }
 
-/// Who follows the help calibrates with the board that was printed.
+/// The board that the help prints is the board that its calibration uses.
 #[test]
 fn the_help_calibrates_with_the_board_that_it_prints() {
     let directory = tempfile::tempdir().unwrap();
@@ -71,7 +71,7 @@ fn the_help_calibrates_with_the_board_that_it_prints() {
 }
 
 #[test]
-fn wrong_usage_is_told_and_ends_with_2() {
+fn wrong_usage_is_reported_with_exit_code_2() {
     let directory = tempfile::tempdir().unwrap();
     let output = directory.path().join("never");
     let simulate = ["simulate", "-o", text(&output)];
@@ -185,7 +185,7 @@ fn a_seed_gives_the_same_files_on_any_number_of_threads() {
 #[test]
 fn every_format_holds_the_simulated_events() {
     let directory = tempfile::tempdir().unwrap();
-    for format in ["aedat4", "csv", "bin"] {
+    for format in ["aedat4", "csv", "bin", "raw"] {
         let output = simulate(&directory, format, &["--format", format]);
         let truth = read_json(&output.join("truth.json"));
         let [off, on] = ["off_events", "on_events"].map(|count| truth[count].as_u64().unwrap());
@@ -196,14 +196,14 @@ fn every_format_holds_the_simulated_events() {
         assert!((share - on as f64 / (off + on) as f64).abs() < 1e-12, "{format}: {share}");
         let [first, last] = [0, 1].map(|index| information["times_us"][index].as_i64().unwrap());
         assert!((0..5_000).contains(&first) && (95_000..101_000).contains(&last), "{format}: {first} to {last}");
-        if format == "aedat4" {
+        if ["aedat4", "raw"].contains(&format) {
             assert_eq!(information["sensor"], serde_json::json!({ "width": 346, "height": 260 }));
         }
     }
 }
 
 #[test]
-fn a_recording_cut_short_is_read_to_its_end_and_the_loss_is_told() {
+fn a_truncated_recording_is_read_to_its_end_and_the_loss_is_reported() {
     let directory = tempfile::tempdir().unwrap();
     let output = simulate(&directory, "whole", &[]);
     let whole = output.join("events.aedat4");
@@ -307,7 +307,7 @@ fn evaluation_finds_a_known_difference() {
 }
 
 #[test]
-fn what_cannot_be_compared_is_told() {
+fn impossible_comparisons_are_reported() {
     let directory = tempfile::tempdir().unwrap();
     let path = |name: &str| directory.path().join(name);
     camera_file(&path("a.json"), 300.0, 346);
@@ -343,16 +343,18 @@ fn what_cannot_be_compared_is_told() {
     }
     assert!(succeed(&["evaluate", text(&a), "--truth", text(&a)]).contains("no trajectories"));
 
-    // A trajectory without poses beside a calibration does not keep the cameras from being compared; one that is asked for does.
+    // An empty trajectory next to a calibration does not prevent the comparison of the cameras; an empty one given by option does.
     fs::write(path("trajectory.txt"), "# t tx ty tz qx qy qz qw\n").unwrap();
-    assert!(succeed(&["evaluate", text(&a), "--truth", text(&a)]).contains("has no pose"));
+    assert!(
+        succeed(&["evaluate", text(&a), "--truth", text(&a)]).contains("is empty because all poses are too uncertain")
+    );
     let asked = with(&path("trajectory.txt"));
     assert_eq!(code(&asked), 1);
     assert!(stderr(&asked).contains("no pose"), "{}", stderr(&asked));
 }
 
 #[test]
-fn a_reader_that_leaves_early_is_no_error() {
+fn a_closed_pipe_is_not_an_error() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("a.csv");
     fs::write(&file, "t_us,x,y,p\n10,1,2,1\n20,3,4,0\n").unwrap();
@@ -367,7 +369,7 @@ fn a_reader_that_leaves_early_is_no_error() {
     assert_eq!(code(&output), 0, "{}", stderr(&output));
 }
 
-/// In a build with OpenCV the name is known, and what is missing is the recording.
+/// A build with OpenCV accepts the name, and fails only because the recording is missing.
 #[test]
 fn the_grid_finder_of_opencv_is_refused_by_a_build_without_it() {
     let directory = TempDir::new().unwrap();
@@ -375,6 +377,6 @@ fn the_grid_finder_of_opencv_is_refused_by_a_build_without_it() {
     let board = "acircles:9x4:55mm:r17.5mm";
     let output = evcal(&["calibrate", text(&missing), "--board", board, "-o", text(&folder), "--grid", "opencv"]);
     assert_ne!(code(&output), 0);
-    let refused = stderr(&output).contains("built without OpenCV: write lattice");
+    let refused = stderr(&output).contains("built without OpenCV: use lattice");
     assert_eq!(refused, !cfg!(feature = "opencv"), "{}", stderr(&output));
 }

@@ -1,4 +1,4 @@
-//! What a newcomer gets wrong, and what the program says and leaves behind.
+//! The program as a new user meets it: existing results, interruptions, helpful messages.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -82,7 +82,7 @@ fn recordings_are_described_in_the_same_words_everywhere() {
     assert!(stderr(&calibrated).contains("no pattern found"), "{}", stderr(&calibrated));
     let repeated = with(&["repeat", text(&file), "--board", BOARD]);
     assert!(stderr(&repeated).contains("0.5 s long"), "{}", stderr(&repeated));
-    // And a stream that is not there is looked for.
+    // The program also searches for a missing stream.
     let simulation = directory.path().join("simulation");
     succeed(&["simulate", "-o", text(&simulation), "--duration", "20ms"]);
     let events = simulation.join("events.aedat4");
@@ -93,7 +93,7 @@ fn recordings_are_described_in_the_same_words_everywhere() {
     assert_eq!(names(&output), ["failure.txt"], "no result is written");
 }
 
-/// One rule for all that can be made again: what is there stays, unless --force is given.
+/// One rule for all results: existing files are kept, unless --force is given.
 #[test]
 fn results_replace_others_only_by_force() {
     let directory = tempfile::tempdir().unwrap();
@@ -124,7 +124,7 @@ fn results_replace_others_only_by_force() {
     }
 }
 
-/// A pipe has nothing to keep, and what is told does not come between the events.
+/// A pipe has no content to keep, and messages are not mixed with the events.
 #[cfg(unix)]
 #[test]
 fn a_recording_can_go_into_a_pipe() {
@@ -155,14 +155,14 @@ fn a_calibration_may_be_named_by_its_folder() {
         succeed(&["undistort", text(&to.join("events.aedat4")), "-c", text(from), "-o", text(&to.join("new.csv"))]);
     }
     assert_eq!(fs::read(at("a/new.csv")).unwrap(), fs::read(at("b/new.csv")).unwrap());
-    // A folder without one says what was looked for.
+    // For a folder without a calibration, the message contains the expected file.
     let errors = fail(1, &["export", text(&at("a/..").join("nothing")), "--format", "ros"]);
     assert!(errors.contains("nothing"), "{errors}");
 }
 
 #[test]
 fn the_folder_is_tried_before_the_work() {
-    // The recording is not there either; but without a place for the results nothing is worth beginning.
+    // The recording is missing, too; the folder for the results is checked first.
     for folder in ["/proc/evcal", "/dev/null/evcal"] {
         let errors = fail(1, &["calibrate", "missing.dvraw", "--board", BOARD, "-o", folder]);
         assert!(errors.contains(folder) && errors.contains("-o") && !errors.contains("missing.dvraw"), "{errors}");
@@ -179,15 +179,15 @@ fn a_calibration_is_not_overwritten_by_chance() {
     let arguments = ["calibrate", "missing.dvraw", "--board", BOARD, "-o", text(&folder)];
     let errors = fail(1, &arguments);
     assert!(errors.contains("calibration.json is there already") && errors.contains("--force"), "{errors}");
-    // With --force what fails still leaves the old result.
+    // A failure keeps the old result even with --force.
     let errors = fail(1, &[&arguments[..], &["--force"]].concat());
     assert!(errors.contains("missing.dvraw"), "{errors}");
     assert_eq!(fs::read(folder.join("calibration.json")).unwrap(), before);
 }
 
-/// What is in the way of a result is told before the work, and nothing of the old result is lost.
+/// An obstacle for the result is reported before the work, and the old result stays complete.
 #[test]
-fn a_result_that_cannot_have_its_name_is_told_before_the_work() {
+fn a_result_that_cannot_be_written_is_reported_before_the_work() {
     for (wrong, is_folder, force) in [("exports", false, true), ("calibration.json", true, false)] {
         let directory = tempfile::tempdir().unwrap();
         let folder = directory.path().join("out");
@@ -202,7 +202,7 @@ fn a_result_that_cannot_have_its_name_is_told_before_the_work() {
             }
         }
         let before = names(&folder);
-        // The recording is not there either: it is not even opened.
+        // The recording is missing, too: it is not even opened.
         let mut arguments = vec!["calibrate", "missing.dvraw", "--board", BOARD, "-o", text(&folder)];
         arguments.extend(force.then_some("--force"));
         let errors = fail(1, &arguments);
@@ -218,7 +218,7 @@ fn a_result_that_cannot_have_its_name_is_told_before_the_work() {
     }
 }
 
-/// The same recording in two formats has the same camera beside it; another camera is not overwritten.
+/// The same recording in two formats shares one camera file; the file of another camera is not overwritten.
 #[test]
 fn undistorted_recordings_of_one_name_share_their_camera() {
     let directory = tempfile::tempdir().unwrap();
@@ -250,10 +250,10 @@ fn a_new_simulation_leaves_nothing_of_the_old_one() {
     assert_eq!(names(&folder), ["events.csv", "notes.txt", "trajectory.txt", "truth.json"]);
 }
 
-/// The old simulation is whole for as long as the new one is not.
+/// The old simulation stays complete until the new one is complete.
 #[cfg(unix)]
 #[test]
-fn a_new_simulation_that_does_not_come_to_its_end_leaves_the_old_one() {
+fn an_interrupted_simulation_leaves_the_old_one() {
     let directory = tempfile::tempdir().unwrap();
     let folder = directory.path().join("simulation");
     succeed(&["simulate", "-o", text(&folder), "--duration", "50ms", "--frames"]);
@@ -264,7 +264,7 @@ fn a_new_simulation_that_does_not_come_to_its_end_leaves_the_old_one() {
     end_when(&longer, "INT", || has_unfinished_bytes(&folder));
     assert_eq!(content(), old);
 
-    // What is in the way is told before the work.
+    // An obstacle is reported before the work.
     fs::write(folder.join("second"), "mine").unwrap();
     let errors = fail(1, &[&longer[..], &["--second-camera", "--second-frames"]].concat());
     assert!(errors.contains("second is not a folder") && errors.contains("move it away"), "{errors}");
@@ -276,7 +276,7 @@ fn a_new_simulation_that_does_not_come_to_its_end_leaves_the_old_one() {
     assert_eq!(content(), old);
 }
 
-/// Whether something is written in the folder that is not whole yet.
+/// Returns whether the folder contains an unfinished file.
 fn has_unfinished_bytes(folder: &Path) -> bool {
     let entries = match fs::read_dir(folder) {
         Ok(entries) => entries,
@@ -292,7 +292,7 @@ fn has_unfinished_bytes(folder: &Path) -> bool {
     )
 }
 
-/// Starts the program, and ends it by a signal as soon as `begun` says so.
+/// Starts the program, and ends it with a signal as soon as `begun` returns true.
 #[cfg(unix)]
 fn end_when(arguments: &[&str], signal: &str, begun: impl Fn() -> bool) {
     end_in_when(Path::new("."), arguments, signal, begun);
@@ -301,7 +301,7 @@ fn end_when(arguments: &[&str], signal: &str, begun: impl Fn() -> bool) {
 /// The same with the program in this folder.
 #[cfg(unix)]
 fn end_in_when(folder: &Path, arguments: &[&str], signal: &str, begun: impl Fn() -> bool) {
-    // Tests that run under nohup have HUP ignored, and so would the program.
+    // Under nohup, tests ignore HUP, and the program would inherit that.
     let mut command = Command::new("env");
     command.args(["--default-signal=HUP", env!("CARGO_BIN_EXE_evcal")]).args(arguments);
     let mut child = command.current_dir(folder).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
@@ -318,7 +318,7 @@ fn wait_until(child: &mut Child, begun: impl Fn() -> bool) {
     }
 }
 
-/// Starts the program and kills it as soon as `begun` says so.
+/// Starts the program, and kills it as soon as `begun` returns true.
 fn kill_when(arguments: &[&str], begun: impl Fn() -> bool) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
     let mut child = command.args(arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
@@ -343,7 +343,7 @@ fn a_program_that_is_killed_leaves_no_cut_file_behind() {
     let converted = other.join("events.bin");
     kill_when(&["convert", text(&recording), text(&converted), "--sensor", "346x260"], || has_unfinished_bytes(&other));
     assert!(!converted.exists());
-    // What is left does not keep the next one from its work.
+    // Leftovers do not prevent the next run.
     succeed(&["convert", text(&recording), text(&converted), "--sensor", "346x260"]);
     assert_eq!(fs::metadata(&converted).unwrap().len() % 2_000_000, 0);
     assert_eq!(names(&other), ["events.bin"]);
@@ -364,7 +364,7 @@ fn a_program_that_is_interrupted_leaves_nothing() {
     }
 }
 
-/// What is removed depends on who made it, not on what it is called or how it is named.
+/// The program removes only what it created, whatever the names of folders are.
 #[cfg(unix)]
 #[test]
 fn an_interrupt_removes_made_folders_and_nothing_of_the_user() {
@@ -387,7 +387,7 @@ fn an_interrupt_removes_made_folders_and_nothing_of_the_user() {
 }
 
 #[test]
-fn a_full_disk_is_told_with_the_file() {
+fn a_full_disk_is_reported_with_the_file() {
     let directory = tempfile::tempdir().unwrap();
     let folder = calibration(&directory);
     let errors = fail(1, &["export", text(&folder), "--format", "ros", "-o", "/dev/full"]);
@@ -413,12 +413,12 @@ fn shells_and_man_find_every_subcommand() {
     assert!(page.contains("Examples") && page.contains("\\-\\-board"), "{page}");
 }
 
-/// The recorded session in the fixtures, with a board of 9 x 4 circles, 55 mm apart, of 17.5 mm radius.
+/// The recorded session in the fixtures, with a board of 9 x 4 circles with a spacing of 55 mm and a radius of 17.5 mm.
 fn fixture() -> String {
     concat!(env!("CARGO_MANIFEST_DIR"), "/../../fixtures/board/events.dvraw").to_owned()
 }
 
-/// Events of a camera a millisecond apart on average would be a thousand times as many.
+/// Writes events in milliseconds; read as microseconds, their rate is a thousand times too high.
 fn write_milliseconds(path: &Path) {
     let lines: String = (0..50_000)
         .map(|index| format!("{:.3},{},{},1\n", f64::from(index) * 0.004, index % 346, index % 260))
@@ -468,7 +468,7 @@ fn two_calibrations_are_compared_in_words() {
 }
 
 #[test]
-fn what_was_exported_is_a_camera_again() {
+fn exported_cameras_are_read_again() {
     let directory = tempfile::tempdir().unwrap();
     let folder = calibration(&directory);
     for format in ["opencv-yaml", "ros", "kalibr"] {
@@ -482,7 +482,7 @@ fn what_was_exported_is_a_camera_again() {
 }
 
 #[test]
-fn trajectories_of_different_recordings_are_told_apart() {
+fn trajectories_of_different_recordings_are_recognised() {
     let directory = tempfile::tempdir().unwrap();
     let at = |name: &str| directory.path().join(name);
     let simulate = |name: &str, options: &[&str]| {
@@ -497,7 +497,7 @@ fn trajectories_of_different_recordings_are_told_apart() {
     assert_eq!(figures["trajectory"]["same_recording"], false);
     let figures = succeed(&["evaluate", text(&at("one")), "--truth", text(&at("one"))]);
     assert!(figures.contains("aligned mm"), "{figures}");
-    // Of another day: the cameras are compared all the same.
+    // The trajectories are of different days; the cameras are compared nevertheless.
     let path = at("two/trajectory.txt");
     let later: String = fs::read_to_string(&path)
         .unwrap()

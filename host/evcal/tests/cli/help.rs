@@ -1,6 +1,6 @@
-//! What `--help` says of every subcommand, word for word.
+//! Snapshots of the help of every subcommand.
 //!
-//! A change that is meant: `INSTA_UPDATE=always cargo test -p evcal --release help`, and the new texts are in
+//! After an intended change, `INSTA_UPDATE=always cargo test -p evcal --release help` writes the new texts to
 //! `host/evcal/tests/cli/snapshots`.
 
 use assert_cmd::Command;
@@ -30,7 +30,7 @@ fn help_of_every_subcommand() {
     insta::assert_snapshot!("evcal", overview);
 }
 
-/// A snapshot of a subcommand that is gone would tell nobody.
+/// Without this test, nobody would notice the snapshot of a removed subcommand.
 #[test]
 fn every_snapshot_is_of_a_subcommand() {
     let overview = help(&[]);

@@ -1,5 +1,5 @@
-//! `evcal live --replay`: the same recording gives the same hints, and the camera that `evcal calibrate` gives. What is
-//! told of camera and board, against simulated recordings.
+//! `evcal live --replay`: the same recording always gives the same hints, and the camera of `evcal calibrate`. Reports on camera and
+//! board, compared with simulated recordings.
 
 use std::convert::Infallible;
 use std::ops::ControlFlow;
@@ -52,7 +52,7 @@ fn stated(calibrated: &Calibrated) -> Stated {
     Stated { rms: projection.rms, max: projection.max, halves_agree: halves.is_some_and(|halves| halves.consistent()) }
 }
 
-/// What a calibration of the first `seconds` states.
+/// Calibrates the first `seconds`; returns the reported uncertainty.
 fn state(path: &Path, seconds: f64) -> Stated {
     let board = board();
     stated(
@@ -61,16 +61,16 @@ fn state(path: &Path, seconds: f64) -> Stated {
     )
 }
 
-/// What is told, each second, of the recording played at `speed`, with a checkpoint after a second.
-fn told(speed: Option<f64>) -> Vec<String> {
+/// Plays the recording at `speed`, with a checkpoint after a second; returns the lines that are printed once per second.
+fn printed_lines(speed: Option<f64>) -> Vec<String> {
     let (settings, board) = (Settings::default(), board());
     let work = |seconds: f64, _: &_| Ok(state(Path::new(RECORDING), seconds));
     let checkpoints = Checkpoints::start(Telling::AtLength(1.5), 0.05, 1.0, work).unwrap();
     let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, &board.into(), SENSOR)
         .with_checkpoints(checkpoints);
     let latest = Latest::new(observer.seen());
-    let mut told = Vec::new();
-    let tell = |seen: &evcal_live::Seen| told.push(format!("{seen:?}"));
+    let mut printed = Vec::new();
+    let tell = |seen: &evcal_live::Seen| printed.push(format!("{seen:?}"));
     let report =
         replay(&recording(Path::new(RECORDING)), SENSOR, speed, observer, &latest, tell, |_| ControlFlow::Continue(()))
             .unwrap();
@@ -81,11 +81,11 @@ fn told(speed: Option<f64>) -> Vec<String> {
     let stated = checkpoint.stated.as_ref().unwrap();
     assert!(seen.about.unwrap() <= stated.rms && stated.rms < 0.2, "{stated:?}");
     assert!(!seen.is_enough(), "three seconds are too short");
-    told.push(format!("{seen:?}"));
-    told
+    printed.push(format!("{seen:?}"));
+    printed
 }
 
-/// A checkpoint states what a calibration of the same events states, also while the file ends in the middle of a record.
+/// A checkpoint reports the same as a calibration of the same events, also while the file ends in the middle of a record.
 #[test]
 fn a_checkpoint_is_a_calibration_of_the_beginning() {
     let (mut events, board): (Vec<Event>, CircleBoard) = (Vec::new(), board());
@@ -133,7 +133,7 @@ fn health(events: &[Event]) -> Health {
 }
 
 #[test]
-fn health_is_that_of_the_simulated_sensor() {
+fn the_reported_health_is_that_of_the_simulated_sensor() {
     let quiet = SensorModel { hot_pixels: 0, ..SensorModel::default() };
     let noisy = SensorModel { noise_rate: 5.0, hot_pixels: 12, hot_rate: [100.0, 400.0], ..SensorModel::default() };
     let (quiet, noisy) = (
@@ -162,7 +162,7 @@ fn a_blurred_lens_has_wider_edges() {
 
 /// Lamps are simulated by leaving out events of a good recording in step with them.
 #[test]
-fn a_lamp_on_mains_is_told() {
+fn a_flickering_lamp_is_reported() {
     let events = simulated(BOARD, SensorModel::default(), MotionSettings::slow(), 3.3);
     assert_eq!(health(&events).flicker, Some(None));
     let under_a_lamp = |event: &&Event| {
@@ -175,7 +175,7 @@ fn a_lamp_on_mains_is_told() {
 }
 
 #[test]
-fn why_nothing_is_found_is_told() {
+fn the_reason_for_a_missing_board_is_reported() {
     let (settings, board) = (Settings::default(), board());
     let why = |events: &[Event]| explain(events, &board.into(), SENSOR, &settings.detection).obstacle;
     let model = SensorModel::default;
@@ -198,10 +198,10 @@ fn a_board_of_another_layout_is_named() {
 }
 
 #[test]
-fn a_board_that_is_cut_off_is_told() {
+fn a_cut_off_board_is_reported() {
     let (settings, board) = (Settings::default(), board());
     let events = simulated(BOARD, SensorModel::default(), MotionSettings::fast(), 0.4);
-    // A corner of the picture alone, moved to the corner of the sensor: there is no more of the board than that.
+    // Only a corner of the picture, moved to the corner of the sensor: the rest of the board is outside.
     let corner: Vec<Event> = events
         .iter()
         .filter(|event| event.x < 150 && event.y < 120)
@@ -212,15 +212,15 @@ fn a_board_that_is_cut_off_is_told() {
 }
 
 #[test]
-fn replay_tells_the_same_at_every_speed() {
-    let first = told(None);
+fn replay_prints_the_same_at_every_speed() {
+    let first = printed_lines(None);
     assert_eq!(first.len(), 3, "two whole seconds and the end");
-    assert_eq!(told(None), first);
-    assert_eq!(told(Some(2.0)), first);
+    assert_eq!(printed_lines(None), first);
+    assert_eq!(printed_lines(Some(2.0)), first);
 }
 
 #[test]
-fn replay_ends_in_the_camera_of_calibrate() {
+fn replay_results_in_the_camera_of_calibrate() {
     let folder = TempDir::new().unwrap();
     let out = folder.path().join("out");
     let run = |arguments: &[&str]| {
@@ -228,7 +228,7 @@ fn replay_ends_in_the_camera_of_calibrate() {
         let output =
             command.args(arguments).args(["--board", BOARD, "--json", "--force", "-o"]).arg(&out).output().unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        // One object a line, the calibration as well.
+        // One object per line, also for the calibration.
         let text = String::from_utf8(output.stdout).unwrap();
         text.lines().map(|line| serde_json::from_str(line).unwrap()).collect::<Vec<Value>>()
     };
@@ -246,9 +246,9 @@ fn replay_ends_in_the_camera_of_calibrate() {
     }
 }
 
-/// A camera that sends nothing at all has no clock either.
+/// Without data from the camera there is no time either.
 #[test]
-fn silence_is_told() {
+fn a_silent_camera_is_reported() {
     let (settings, board) = (Settings::default(), board());
     let mut observer = Observer::new(&settings.detection, &settings.initial, &settings.live, &board.into(), SENSOR);
     assert_eq!(observer.seen().explanation, None);
@@ -268,9 +268,9 @@ fn silence_is_told() {
     assert_eq!((seen.hint, seen.explanation.unwrap().obstacle), (Hint::Lost, Obstacle::NoEvents));
 }
 
-/// The error in the cells is that of the whole sensor, cell by cell, and what is remembered is known from the start.
+/// The uncertainties of the cells agree with that of the sensor, and remembered observations count from the start.
 #[test]
-fn the_map_of_the_error_agrees_with_its_mean_and_is_remembered() {
+fn the_map_of_the_uncertainty_agrees_with_its_mean_and_is_remembered() {
     let (settings, board) = (Settings::default(), board());
     let new = || Observer::new(&settings.detection, &settings.initial, &settings.live, &board.into(), SENSOR);
     let mut observer = new();
@@ -293,7 +293,7 @@ fn the_map_of_the_error_agrees_with_its_mean_and_is_remembered() {
     assert_eq!((remembered.hint, remembered.board, remembered.watched), (Hint::Show, None, 0.0));
 }
 
-/// Frames of a recording come with the events beside them, not before.
+/// Frames of a recording are shown with the events of the same time, not earlier.
 #[test]
 fn frames_of_a_recording_come_in_time() {
     let folder = TempDir::new().unwrap();
@@ -325,7 +325,7 @@ fn frames_of_a_recording_come_in_time() {
 }
 
 #[test]
-fn wrong_use_is_told() {
+fn wrong_usage_is_reported() {
     for (arguments, reason) in [
         (&["--speed", "2"] as &[&str], "--replay"),
         (&["--replay", RECORDING, "--speed", "fast"], "a number from 0.01 to 1000, or max"),

@@ -1,4 +1,4 @@
-//! The program as its users run it, and what it says to them.
+//! Tests that run the program as its users do.
 
 mod camera;
 mod circle_stream;
@@ -16,4 +16,6 @@ mod page;
 mod progress;
 mod regressions;
 mod settings_documented;
+#[cfg(target_os = "linux")]
+mod signals;
 mod undistortion_tables;

@@ -1,6 +1,6 @@
-//! The mistakes that newcomers make, one a line: what the program answers, how it ends, what it leaves behind.
+//! Mistakes of new users, one per line, with the answer of the program, its exit code, and the files that it leaves.
 //!
-//! Every answer names the cause and what to do next, is not a dump of the insides, and leaves no result.
+//! Every answer contains the cause and the next step, no internals of the program, and leaves no result.
 
 use std::fs;
 use std::path::Path;
@@ -13,7 +13,7 @@ const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
 const FIXTURE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../fixtures/board/events.dvraw");
 
 /// One mistake: the command line, in which `DIR` stands for a folder with the files of [`prepare`], `FIXTURE` and `BOARD`
-/// for those above; the exit code; what the answer says of the cause, and of what to do.
+/// for the constants above; the exit code; parts of the answer about the cause and about the next step.
 struct Mistake {
     command: &'static str,
     code: i32,
@@ -25,7 +25,7 @@ const fn mistake(command: &'static str, code: i32, cause: &'static str, next: &'
     Mistake { command, code, cause, next }
 }
 
-/// Mistakes on the command line, which nothing is read for.
+/// Mistakes on the command line, found before a file is read.
 const USAGE: &[Mistake] = &[
     mistake("calibrate a.csv -o DIR/out", 2, "--board", "evcal check RECORDING"),
     mistake("calibrate a.csv --board BOARD", 2, "--output", "--help"),
@@ -101,7 +101,7 @@ const USAGE: &[Mistake] = &[
     mistake(
         "live --board auto -o DIR/out",
         1,
-        "`auto` needs a recording of events to look at",
+        "`auto` requires a recording of events",
         "--board acircles:9x4:55mm:r17.5mm",
     ),
     mistake("live --sensor 346x260 --board BOARD -o DIR/out", 2, "describe a recording", "--replay RECORDING"),
@@ -125,8 +125,8 @@ const USAGE: &[Mistake] = &[
     mistake("calibrate a.bag --target board.yaml -o DIR/out", 2, "'--target'", "--board acircles:9x4"),
     mistake("calibrate a.bag --topics /dvs/events --board BOARD -o DIR/out", 2, "'--topics'", "--stream TOPIC"),
     mistake("simulate -o DIR/out --duration -1s", 2, "'-1'", "above 0"),
-    mistake("simulate -o DIR/out --frames 0", 2, "--frames", "0.1 to 1000 a second"),
-    mistake("simulate -o DIR/out --effects hot-pixels:99999999", 2, "hot-pixels", "89960 at most"),
+    mistake("simulate -o DIR/out --frames 0", 2, "--frames", "0.1 to 1000 per second"),
+    mistake("simulate -o DIR/out --effects hot-pixels:99999999", 2, "hot-pixels", "at most 89960"),
     mistake("repeat a.csv --board BOARD --runs 1", 2, "--runs", "2 to 65535"),
     mistake("info --threads 99999999 a.csv", 2, "--threads", "1 to 1024"),
     mistake("undistort a.png -c c -o b.png --alpha 1.5", 2, "--alpha", "from 0 to 1"),
@@ -142,52 +142,47 @@ const FILES: &[Mistake] = &[
         "calibrate DIR/missing.dvraw --board BOARD -o DIR/out",
         1,
         "missing.dvraw: cannot be read: No such file",
-        "is the path right?",
+        "check the path",
     ),
-    mistake("calibrate DIR/my recording.dvraw --board BOARD -o DIR/out", 1, "/my: cannot be read", "needs quotes"),
+    mistake("calibrate DIR/my recording.dvraw --board BOARD -o DIR/out", 1, "/my: cannot be read", "need quotes"),
+    mistake("calibrate DIR/*.aedat4 --board BOARD -o DIR/out", 1, "*.aedat4: cannot be read", "check the folder"),
+    mistake("calibrate ~/a.bag --board BOARD -o DIR/out", 1, "~/a.bag: cannot be read", "write the full path"),
+    mistake("info -", 1, "standard input is not supported", "write it to a file"),
     mistake(
-        "calibrate DIR/*.aedat4 --board BOARD -o DIR/out",
+        "calibrate https://example.org/a.raw --board BOARD -o DIR/out",
         1,
-        "*.aedat4: cannot be read",
-        "is it the right folder?",
+        "addresses are not supported",
+        "download the file",
     ),
-    mistake("calibrate ~/a.bag --board BOARD -o DIR/out", 1, "~/a.bag: cannot be read", "write the whole path"),
-    mistake("info -", 1, "standard input is not read", "write it to a file"),
-    mistake("calibrate https://example.org/a.raw --board BOARD -o DIR/out", 1, "an address is no file", "download it"),
     mistake("calibrate /dev/ttyACM99 --board BOARD -o DIR/out", 1, "cannot be read", "serial:PORT"),
-    mistake("calibrate DIR/camera --board BOARD -o DIR/out", 1, "is a folder", "name"),
+    mistake("calibrate DIR/camera --board BOARD -o DIR/out", 1, "is a folder", "give the recording"),
     mistake(
         "calibrate DIR/several --board BOARD -o DIR/out",
         1,
         "is a folder",
-        "name the recording in it (a.raw, b.raw, c.raw …)",
+        "give the recording in it (a.raw, b.raw, c.raw …)",
     ),
-    mistake(
-        "calibrate DIR/video.mp4 --board BOARD -o DIR/out",
-        1,
-        "is a video file",
-        "the events that the camera recorded",
-    ),
-    mistake(
-        "calibrate DIR/video.avi --board BOARD -o DIR/out",
-        1,
-        "is a video file",
-        "the events that the camera recorded",
-    ),
+    mistake("calibrate DIR/video.mp4 --board BOARD -o DIR/out", 1, "is a video file", "the events of the camera"),
+    mistake("calibrate DIR/video.avi --board BOARD -o DIR/out", 1, "is a video file", "the events of the camera"),
     mistake("calibrate DIR/recording.tar --board BOARD -o DIR/out", 1, "is a tar file", "unpack it with tar"),
     mistake("calibrate DIR/recording.7z --board BOARD -o DIR/out", 1, "is a 7z file", "unpack it first"),
     mistake("calibrate DIR/recording.rar --board BOARD -o DIR/out", 1, "is a RAR file", "unpack it first"),
     mistake("calibrate DIR/events.parquet --board BOARD -o DIR/out", 1, "is a Parquet file", "numpy.savez"),
     mistake("calibrate DIR/events.pkl --board BOARD -o DIR/out", 1, "is a Python pickle file", "numpy.savez"),
     mistake("calibrate DIR/events.mat --board BOARD -o DIR/out", 1, "is a MATLAB file", "-v7.3"),
-    mistake("calibrate DIR/page.raw --board BOARD -o DIR/out", 1, "is a downloaded HTML file", "download it again"),
+    mistake(
+        "calibrate DIR/page.raw --board BOARD -o DIR/out",
+        1,
+        "is a downloaded HTML file",
+        "download the recording again",
+    ),
     mistake("calibrate DIR/pointer.aedat4 --board BOARD -o DIR/out", 1, "Git LFS pointer", "git lfs pull"),
     mistake("calibrate DIR/windows.csv --board BOARD -o DIR/out", 1, "is a UTF-16 text file", "save it as UTF-8"),
     mistake(
         "calibrate DIR/german.csv --sensor 346x260 --board BOARD -o DIR/out",
         1,
         "line 2: has 5 fields, not 4",
-        "write 0.5, not 0,5",
+        "write 0.5 instead of 0,5",
     ),
     mistake("calibrate FIXTURE --imu DIR/missing.csv --board BOARD -o DIR/out", 1, "missing.csv", "is the path right?"),
     mistake(
@@ -214,7 +209,7 @@ const FILES: &[Mistake] = &[
         "lie outside the 240",
         "true size",
     ),
-    mistake("calibrate DIR/milliseconds.csv --board BOARD -o DIR/out", 1, "events a second", "--time-unit ms"),
+    mistake("calibrate DIR/milliseconds.csv --board BOARD -o DIR/out", 1, "events per second", "--time-unit ms"),
     mistake("convert DIR/sizeless.csv DIR/out.csv --sensor 240x180", 1, "lie outside the", "give the true size"),
     mistake(
         "calibrate DIR/shuffled.csv --sensor 346x260 --board BOARD -o DIR/out",
@@ -231,7 +226,7 @@ const FILES: &[Mistake] = &[
     mistake(
         "calibrate DIR/sizeless.csv --sensor 346x260 --frames-only --board BOARD -o DIR/out",
         1,
-        "holds no frames",
+        "contains no frames",
         "record with --frames",
     ),
     mistake("evaluate DIR/camera --truth DIR/foreign.json", 1, "no camera file", "\"parameters\": {\"fx\""),
@@ -266,14 +261,14 @@ const FILES: &[Mistake] = &[
     mistake("detect FIXTURE --picture DIR/nodir/c.png", 1, "nodir/c.png", "does the folder exist?"),
     mistake("convert FIXTURE DIR/nodir/c.csv", 1, "nodir/c.csv", "does the folder exist?"),
     mistake("convert DIR/sizeless.csv DIR/x.aedat4", 1, "does not say how many pixels", "--sensor 346x260"),
-    mistake("info DIR/camera", 1, "holds a calibration", "undistort -c read"),
-    mistake("info DIR/opencv.yaml", 1, "a camera for OpenCV", "name the recording"),
-    mistake("info DIR/report.html", 1, "is a calibration report file", "browsers show it"),
+    mistake("info DIR/camera", 1, "contains a calibration", "undistort -c"),
+    mistake("info DIR/opencv.yaml", 1, "is for OpenCV", "give the recording"),
+    mistake("info DIR/report.html", 1, "is a calibration report file", "open it in a browser"),
     mistake("convert FIXTURE DIR/events.xyz", 1, "events.xyz", "csv"),
     mistake("repeat FIXTURE --board BOARD", 1, "3.0 s long", "--seconds 1.4s"),
 ];
 
-/// Mistakes that only the circles in the recording show.
+/// Mistakes that the program finds only in the circles of the recording.
 const BOARDS: &[Mistake] = &[
     mistake(
         "calibrate FIXTURE --board acircles:9x4:55mm:r35mm -o DIR/out",
@@ -284,7 +279,7 @@ const BOARDS: &[Mistake] = &[
     mistake(
         "calibrate FIXTURE --board acircles:9x4:110mm:r17.5mm -o DIR/out",
         1,
-        "half is asked for?",
+        "half of it is required",
         "--board acircles:9x4:55mm:r17.5mm",
     ),
     mistake(
@@ -314,13 +309,13 @@ const BOARDS: &[Mistake] = &[
     mistake(
         "calibrate FIXTURE --board BOARD --fix cx=9999 --model radtan -o DIR/out",
         1,
-        "no event lies near the board's circles",
+        "no event is near the board's circles",
         "leave out --fix",
     ),
     mistake("calibrate FIXTURE --board auto -o DIR/out", 1, "the board is acircles:9x4", "--board acircles:9x4:"),
 ];
 
-/// Files that a newcomer may have.
+/// Writes the files that a new user may have.
 fn prepare() -> TempDir {
     let directory = tempfile::tempdir().unwrap();
     let put = |name: &str, content: &[u8]| fs::write(directory.path().join(name), content).unwrap();
@@ -384,7 +379,7 @@ fn run(command: &str, directory: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_evcal")).args(words.split(' ')).output().unwrap()
 }
 
-/// Runs each and tells all that is wrong at once.
+/// Runs each mistake, and reports all wrong answers together.
 fn check(mistakes: &[Mistake]) {
     let directory = prepare();
     let path = directory.path();
@@ -433,10 +428,13 @@ fn a_board_that_is_too_small_leads_to_the_whole_one() {
     let output = run("calibrate FIXTURE --board acircles:7x3:55mm:r17.5mm -o DIR/out", directory.path());
     let errors = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(1), "{errors}");
-    assert!(errors.contains("is the board right?") && errors.contains("--board acircles:9x4:55mm:r17.5mm"), "{errors}");
+    assert!(
+        errors.contains("is the board described correctly?") && errors.contains("--board acircles:9x4:55mm:r17.5mm"),
+        "{errors}"
+    );
 }
 
-/// A name may hold what ends a text in YAML or JSON.
+/// Names may contain characters that end a string in YAML or JSON.
 #[test]
 fn any_name_of_a_camera_leaves_a_file_whole() {
     let directory = prepare();
@@ -448,10 +446,10 @@ fn any_name_of_a_camera_leaves_a_file_whole() {
     assert!(text.contains("a_b_c") && !text.contains("a\"b"), "{text}");
 }
 
-/// Exit codes are for scripts, which may well have nowhere to write.
+/// Scripts need the exit code even if standard error is closed.
 #[cfg(target_os = "linux")]
 #[test]
-fn the_exit_code_holds_where_errors_cannot_be_written() {
+fn the_exit_code_is_right_even_if_errors_cannot_be_written() {
     for (arguments, code) in [(&["info", "/missing.dvraw"][..], 1), (&["info"], 2)] {
         let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
         let status = Command::new(env!("CARGO_BIN_EXE_evcal")).args(arguments).stderr(full).status().unwrap();
@@ -460,53 +458,60 @@ fn the_exit_code_holds_where_errors_cannot_be_written() {
 }
 
 #[test]
-fn what_looks_wrong_with_events_is_named() {
+fn suspicious_events_are_reported() {
     let directory = prepare();
-    let told = |command: &str| String::from_utf8(run(command, directory.path()).stdout).unwrap();
-    assert!(told("info DIR/milliseconds.csv").contains("add --time-unit ms"));
-    let checked = told("check DIR/sizeless.csv");
-    assert!(checked.contains("ON events only") && checked.contains("too short to tell"), "{checked}");
+    let printed = |command: &str| String::from_utf8(run(command, directory.path()).stdout).unwrap();
+    assert!(printed("info DIR/milliseconds.csv").contains("add --time-unit ms"));
+    let checked = printed("check DIR/sizeless.csv");
+    assert!(checked.contains("ON events only") && checked.contains("recording too short"), "{checked}");
     fs::write(directory.path().join("one.csv"), "# sensor 346 x 260\nt_us,x,y,p\n7,1,2,1\n").unwrap();
-    assert!(!told("check DIR/one.csv").contains("inf"));
+    assert!(!printed("check DIR/one.csv").contains("inf"));
 }
 
-/// What a calibration would fail with is said by the look before it.
+/// `check` reports errors with which a calibration would fail.
 #[test]
-fn a_check_tells_a_radius_that_is_not_seen() {
+fn check_reports_a_wrong_radius() {
     let directory = prepare();
     for board in ["acircles:9x4:55mm:r35mm", "acircles:9x4:110mm:r17.5mm"] {
         let output = run(&format!("check FIXTURE --board {board}"), directory.path());
-        let told = String::from_utf8(output.stdout).unwrap();
-        assert!(told.contains("next: the circles look like") && !told.contains("next: evcal"), "{board}: {told}");
-        assert!(told.contains("--board acircles:9x4:55mm:r17.5mm"), "{board}: {told}");
+        let printed = String::from_utf8(output.stdout).unwrap();
+        assert!(
+            printed.contains("next: the circles appear to have") && !printed.contains("next: evcal"),
+            "{board}: {printed}"
+        );
+        assert!(printed.contains("--board acircles:9x4:55mm:r17.5mm"), "{board}: {printed}");
     }
 }
 
 #[test]
-fn a_failure_leaves_what_was_seen() {
+fn a_failure_leaves_a_description() {
     let directory = prepare();
     let failed = run("calibrate FIXTURE --board acircles:9x4:55mm:r35mm --json -o DIR/out", directory.path());
-    let told: serde_json::Value = serde_json::from_slice(&failed.stdout).unwrap();
-    assert!(told["error"].as_str().unwrap().contains("circles look like"), "{told}");
-    assert!(told["stages"].as_array().unwrap().len() >= 2, "{told}");
-    assert!(told["seen"]["windows"]["found"].as_u64().unwrap() > 300, "{told}");
+    let printed: serde_json::Value = serde_json::from_slice(&failed.stdout).unwrap();
+    assert!(printed["error"].as_str().unwrap().contains("circles appear to have"), "{printed}");
+    assert!(printed["stages"].as_array().unwrap().len() >= 2, "{printed}");
+    assert!(printed["seen"]["windows"]["found"].as_u64().unwrap() > 300, "{printed}");
     let text = fs::read_to_string(directory.path().join("out/failure.txt")).unwrap();
-    for part in
-        ["circles look like", "looking for the board in", "initial model from", "windows tried", "--board acircles"]
-    {
+    for part in [
+        "circles appear to have",
+        "looking for the board in",
+        "initial model from",
+        "windows tried",
+        "--board acircles",
+    ] {
         assert!(text.contains(part), "{part}: {text}");
     }
     let picture = fs::read(directory.path().join("out/failure.png")).unwrap();
     assert!(picture.starts_with(b"\x89PNG") && picture.ends_with(b"IEND\xaeB`\x82"));
-    // Where nothing could be read nothing is left, and the error is JSON all the same.
+    // If nothing could be read, no file is left, and the error is nevertheless JSON.
     let failed = run("calibrate DIR/empty.csv --board BOARD --json -o DIR/nothing", directory.path());
-    let told: serde_json::Value = serde_json::from_slice(&failed.stdout).unwrap();
-    assert!(told["error"].as_str().unwrap().contains("is empty"), "{told}");
+    let printed: serde_json::Value = serde_json::from_slice(&failed.stdout).unwrap();
+    assert!(printed["error"].as_str().unwrap().contains("is empty"), "{printed}");
     assert!(!directory.path().join("nothing").exists());
-    // The next try needs no --force, and a success leaves nothing of the failure.
+    // The next run needs no --force, and a success removes the files of the failure.
     let good = run("calibrate FIXTURE --board auto:55mm:r17.5mm -o DIR/out", directory.path());
     assert_eq!(good.status.code(), Some(0), "{}", String::from_utf8_lossy(&good.stderr));
-    assert!(String::from_utf8_lossy(&good.stderr).contains("the board is acircles:9x4:55mm:r17.5mm"));
+    assert!(String::from_utf8_lossy(&good.stderr).contains("recognised board: acircles:9x4:55mm:r17.5mm"));
     assert!(directory.path().join("out/calibration.json").exists());
     assert!(!directory.path().join("out/failure.txt").exists() && !directory.path().join("out/failure.png").exists());
 }

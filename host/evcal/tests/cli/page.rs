@@ -1,4 +1,4 @@
-//! The page of `evcal live` on an emulated camera: it changes nothing of a recording, and asks for the next.
+//! The page of `evcal live` on an emulated camera: it does not change a recording, and can start the next one.
 #![cfg(target_os = "linux")]
 
 use std::fs;
@@ -16,21 +16,21 @@ use crate::emulated::{
     BOARD, board_recording, camera, count, easy_settings, events, json, start, text, total, wait_for,
 };
 
-/// Who looks at the page while it is recorded.
+/// Clients of the page during a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Watching {
     Nobody,
-    /// A page that draws what it gets.
+    /// A page that reads and draws the states.
     Page,
-    /// One that asks and reads nothing.
+    /// A client that sends a request and reads nothing.
     Frozen,
-    /// Sixteen that send a byte a second.
+    /// Sixteen clients that send one byte per second.
     Slow,
 }
 
 const WATCHING: [Watching; 4] = [Watching::Nobody, Watching::Page, Watching::Frozen, Watching::Slow];
 
-/// Watches the page at `address` until `is_over`; how many states came.
+/// Requests the page at `address` until `is_over`; returns the number of received states.
 fn watch(watching: Watching, address: &str, token: &str, is_over: &AtomicBool) -> usize {
     let ask = |request: &str| {
         let mut stream = TcpStream::connect(address).ok()?;
@@ -70,7 +70,7 @@ fn watch(watching: Watching, address: &str, token: &str, is_over: &AtomicBool) -
                     open.push(stream);
                 }
                 let byte = [head.as_bytes()[round % head.len()]];
-                // The server closes those that take too long.
+                // The server closes connections that take too long.
                 open.retain_mut(|stream| stream.write_all(&byte).is_ok());
                 (0..50).take_while(|_| !is_over.load(Ordering::Relaxed)).for_each(|_| sleep(Duration::from_millis(20)));
             }
@@ -84,7 +84,7 @@ fn watch(watching: Watching, address: &str, token: &str, is_over: &AtomicBool) -
     states
 }
 
-/// Records `model` with `evcal live` for `seconds`, watched so: what is in the recording, and how many states the page got.
+/// Records `model` with `evcal live` for `seconds` with these clients; returns the bytes of the recording and the number of states.
 fn recorded(model: Model, watching: Watching, seconds: &str) -> (Vec<u8>, usize) {
     let directory = tempfile::tempdir().unwrap();
     let bus = EmulatedBus::start(model).unwrap();
@@ -101,12 +101,13 @@ fn recorded(model: Model, watching: Watching, seconds: &str) -> (Vec<u8>, usize)
         (address, token) = (place.to_owned(), rest.chars().take(32).collect());
     }
     let is_over = AtomicBool::new(false);
-    let mut told = String::new();
+    let mut printed = String::new();
     let states = thread::scope(|scope| {
         let watcher = scope.spawn(|| watch(watching, &address, &token, &is_over));
         let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
-        // The line that sums the recording up.
-        told = lines.find_map(|line| line.ok().filter(|line| line.contains("(the time is over)"))).unwrap_or_default();
+        // The summary of the recording.
+        printed =
+            lines.find_map(|line| line.ok().filter(|line| line.contains("(the time is over)"))).unwrap_or_default();
         is_over.store(true, Ordering::Relaxed);
         let states = watcher.join().unwrap();
         lines.for_each(drop);
@@ -115,18 +116,18 @@ fn recorded(model: Model, watching: Watching, seconds: &str) -> (Vec<u8>, usize)
     let mut error = String::new();
     errors.read_to_string(&mut error).unwrap();
     child.wait().unwrap();
-    assert!(!told.is_empty(), "{error}");
+    assert!(!printed.is_empty(), "{error}");
     let mut capture = Capture::open(directory.path().join("recording.dvraw")).unwrap();
     let mut bytes = Vec::new();
     while let Some(transfer) = capture.next_transfer().unwrap() {
         assert!(!transfer.gap_before, "{watching:?}: a transfer was lost");
         bytes.extend_from_slice(transfer.payload);
     }
-    println!("{watching:?}: {} bytes, {states} states; {told}", bytes.len());
+    println!("{watching:?}: {} bytes, {states} states; {printed}", bytes.len());
     (bytes, states)
 }
 
-/// Whoever looks at the page, or holds connections open: the recording holds what the camera sent, to the byte.
+/// Whatever clients do, the recording contains exactly the bytes that the camera sent.
 #[test]
 fn no_page_changes_the_recording() {
     const EVENTS: u64 = 3_000_000;
@@ -138,8 +139,8 @@ fn no_page_changes_the_recording() {
     }
 }
 
-/// The same at 10 million events a second for 10 s, for a computer that has nothing else to do: the camera drops what is
-/// not fetched in time.
+/// The same at 10 million events per second for 10 s. Needs an idle computer: the camera drops data that is not fetched
+/// in time.
 #[test]
 #[ignore = "needs a computer that has nothing else to do"]
 fn no_page_loses_events_of_a_fast_camera() {
@@ -152,9 +153,9 @@ fn no_page_loses_events_of_a_fast_camera() {
     }
 }
 
-/// After the result the page can ask for another recording: beside the first, or in its place.
+/// After the result, the page can start another recording: in addition to the first, or instead of it.
 #[test]
-fn another_recording_is_added_or_takes_the_place() {
+fn another_recording_is_added_or_replaces_the_first() {
     let directory = tempfile::tempdir().unwrap();
     // The same events twice would be refused.
     let both = ["7", "8"].map(|seed| board_recording(directory.path(), seed));
@@ -195,7 +196,7 @@ fn another_recording_is_added_or_takes_the_place() {
     for (wish, count) in [("add", 2), ("again", 1)] {
         ask(&format!("POST /{wish}"));
         wait_for("the next recording", || !ask("GET /live?after=0").contains("\"phase\":\"done\""));
-        // What the recording before showed counts for one that is added, and not for one in its place.
+        // Observations of the earlier recording count for an added one, but not for a replacement.
         let mut state = String::new();
         wait_for("its first picture", || {
             state = ask("GET /live?after=0");

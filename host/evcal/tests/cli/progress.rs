@@ -1,6 +1,6 @@
-//! What somebody sees who waits: a bar on a terminal, a line for each stage in a pipe.
+//! Progress: a bar on a terminal, one line per stage in a pipe.
 #![cfg(unix)]
-#![expect(unsafe_code, reason = "ends of a terminal are handed on")]
+#![expect(unsafe_code, reason = "the ends of a terminal become streams of a child process")]
 
 use std::fs::File;
 use std::io::Read;
@@ -48,7 +48,7 @@ fn a_terminal_gets_a_bar() {
     let mut child = convert("events.csv", &directory).stderr(terminal).stdout(Stdio::null()).spawn().unwrap();
     let reading = std::thread::spawn(move || {
         let (mut seen, mut part) = (Vec::new(), [0; 4096]);
-        // The end of a terminal is an error.
+        // At the end of a terminal, reading fails.
         while let Ok(count @ 1..) = computer.read(&mut part) {
             seen.extend_from_slice(&part[..count]);
         }
@@ -63,27 +63,27 @@ fn a_terminal_gets_a_bar() {
     assert!(bars.iter().any(|line| line.contains("converting")), "{seen}");
 }
 
-/// Words and the part that is done.
-type Told = Vec<(String, Option<f64>)>;
+/// Texts of the steps, with the share that is done.
+type Steps = Vec<(String, Option<f64>)>;
 
-/// What a calibration tells until `end` has heard enough, and how it ended.
-fn told(end: impl Fn(&Step) -> bool + Sync) -> (Told, Result<(), CalibrateError>) {
+/// Calibrates until `end` returns true; returns the steps and the result.
+fn steps_until(end: impl Fn(&Step) -> bool + Sync) -> (Steps, Result<(), CalibrateError>) {
     let inputs: [Input; 1] = [Recording::new(recording(), RecordingOptions::default()).unwrap().into()];
     let board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
-    let mut told = Vec::new();
+    let mut printed = Vec::new();
     let calibrated = calibrate(&Task::new(&inputs, &board), |step| {
-        told.push((step.text.to_owned(), step.done));
+        printed.push((step.text.to_owned(), step.done));
         if end(&step) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
-    (told, calibrated.map(|_| ()))
+    (printed, calibrated.map(|_| ()))
 }
 
 #[test]
 fn each_round_of_the_solve_has_a_bar_that_never_goes_back() {
-    let (told, calibrated) = told(|_| false);
+    let (printed, calibrated) = steps_until(|_| false);
     calibrated.unwrap();
     let is_round = |text: &str| text.starts_with("joint solve, round ");
-    let rounds: Vec<_> = told.chunk_by(|a, b| a.0 == b.0).filter(|steps| is_round(&steps[0].0)).collect();
+    let rounds: Vec<_> = printed.chunk_by(|a, b| a.0 == b.0).filter(|steps| is_round(&steps[0].0)).collect();
     assert!(rounds.len() > 1);
     for steps in rounds {
         let done: Vec<f64> = steps.iter().map(|(_, done)| done.unwrap()).collect();
@@ -96,8 +96,8 @@ fn each_round_of_the_solve_has_a_bar_that_never_goes_back() {
 
 #[test]
 fn a_solve_can_be_ended_between_two_iterations() {
-    let (told, calibrated) = told(|step| step.text.starts_with("joint solve") && step.done > Some(0.4));
+    let (printed, calibrated) = steps_until(|step| step.text.starts_with("joint solve") && step.done > Some(0.4));
     assert!(matches!(calibrated, Err(CalibrateError::Stopped)));
-    let (text, done) = &told[told.len() - 1];
+    let (text, done) = &printed[printed.len() - 1];
     assert!(text == "joint solve, round 1" && *done < Some(0.95), "{text}: {done:?}");
 }

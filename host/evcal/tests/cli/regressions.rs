@@ -68,9 +68,9 @@ fn read(path: &Path) -> Vec<Event> {
     all
 }
 
-/// The message spoke of "the reading options", of which there is no list.
+/// The message mentioned "the reading options", which were listed nowhere.
 #[test]
-fn the_advice_on_damaged_packets_names_the_option_that_leaves_them_out() {
+fn the_advice_about_damaged_packets_contains_the_option_to_skip_them() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("damaged.aedat4");
     write_aedat4(&file, &[], &[]);
@@ -81,21 +81,21 @@ fn the_advice_on_damaged_packets_names_the_option_that_leaves_them_out() {
     fs::write(&file, bytes).unwrap();
     let message = fail(&["info", text(&file)]);
     let advice = message.split(['(', ')', ' ', '\n']).find(|word| word.starts_with("--")).expect("an option is named");
-    let told: Value = serde_json::from_str(&succeed(&["info", "--json", advice, text(&file)])).unwrap();
-    let left = told["events"].as_u64().unwrap();
+    let printed: Value = serde_json::from_str(&succeed(&["info", "--json", advice, text(&file)])).unwrap();
+    let left = printed["events"].as_u64().unwrap();
     assert!((5000..10_000).contains(&left), "{left} of 10000 events are left");
 }
 
-/// Frames and samples were given to the encoder of a raw dump in any order: a frame without the times of its read-out
-/// came after events that it had to stand before, and was left out.
+/// The encoder of raw dumps received frames and samples in any order: a frame without the times of its read-out
+/// came after later events, and was left out.
 #[test]
 fn a_frame_that_does_not_say_when_it_was_read_reaches_the_raw_dump() {
     let directory = tempfile::tempdir().unwrap();
     let [from, to] = ["from.aedat4", "to.dvraw"].map(|name| directory.path().join(name));
     let frames: Vec<Frame> = (1..20).map(|index| Frame { readout: None, ..frame(50_000 * index) }).collect();
     write_aedat4(&from, &frames, &[sample(500), sample(600_000)]);
-    let told = succeed(&["convert", text(&from), text(&to)]);
-    assert!(told.contains("10000 events, 19 frames, 2 inertial samples"), "{told}");
+    let printed = succeed(&["convert", text(&from), text(&to)]);
+    assert!(printed.contains("10000 events, 19 frames, 2 inertial samples"), "{printed}");
     assert_eq!(read(&to), events());
 }
 
@@ -117,16 +117,22 @@ fn times_that_cannot_be_are_left_out_of_a_raw_dump() {
     let [from, to] = ["from.aedat4", "to.dvraw"].map(|name| directory.path().join(name));
     let endless = Frame { exposure: Some((298_000, HOURS)), readout: Some((291_000, HOURS)), ..frame(300_000) };
     write_aedat4(&from, &[frame(100_000), endless], &[sample(500), sample(HOURS)]);
-    let told = succeed(&["convert", text(&from), text(&to)]);
-    assert!(told.contains("10000 events, 1 frames, 1 inertial samples"), "{told}");
-    assert!(told.contains("more than a minute after the last event") && told.contains("cannot be"), "{told}");
+    let printed = succeed(&["convert", text(&from), text(&to)]);
+    assert!(
+        printed.contains(
+            "10000 events, 1 frame, 1 inertial sample
+"
+        ),
+        "{printed}"
+    );
+    assert!(printed.contains("more than a minute after the last event") && printed.contains("cannot be"), "{printed}");
     let information: Value = serde_json::from_str(&succeed(&["info", "--json", text(&to)])).unwrap();
     assert_eq!(information["times_us"], serde_json::json!([0, 999_900]));
 }
 
-/// An error that has its cause's words in its own was told twice.
+/// An error whose message contains that of its cause was printed twice.
 #[test]
-fn a_cause_is_told_once() {
+fn a_cause_is_printed_once() {
     let directory = tempfile::tempdir().unwrap();
     let missing = directory.path().join("missing.aedat4");
     let output = directory.path().join("output");
@@ -140,7 +146,7 @@ fn a_cause_is_told_once() {
     }
 }
 
-/// Two ways to calibrate asked for the common sensor, each in its own words.
+/// Two kinds of calibration checked for a common sensor, with different messages.
 #[test]
 fn recordings_of_two_sensors_are_refused_however_they_are_calibrated() {
     let directory = tempfile::tempdir().unwrap();
@@ -156,10 +162,10 @@ fn recordings_of_two_sensors_are_refused_however_they_are_calibrated() {
     assert!(!output.exists());
 }
 
-/// A camera with the lens cap on looked like one that is slow.
+/// A camera with its lens cap on was not distinguishable from a slow one.
 #[cfg(target_os = "linux")]
 #[test]
-fn a_camera_without_events_is_told_of() {
+fn a_camera_without_events_is_reported() {
     use usb_davis::emulator::Model;
     use usb_davis::emulator::umockdev::EmulatedBus;
 
@@ -169,13 +175,13 @@ fn a_camera_without_events_is_told_of() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
     command.args(["live", "--board", BOARD, "--duration", "2s", "-o", text(&output)]).envs(bus.environment());
     let ended = command.output().unwrap();
-    let told = String::from_utf8_lossy(&ended.stdout);
-    assert!(told.contains("no event yet: is the lens cap off"), "{told}{}", stderr(&ended));
+    let printed = String::from_utf8_lossy(&ended.stdout);
+    assert!(printed.contains("no event yet: remove the lens cap"), "{printed}{}", stderr(&ended));
 }
 
-/// Whole milliseconds that were written as microseconds were taken for nanoseconds without a word, and the board was to blame.
+/// Milliseconds, written as microseconds, were read as nanoseconds without a message, and the error was about the board.
 #[test]
-fn what_times_were_taken_for_is_printed() {
+fn the_assumed_unit_of_times_is_printed() {
     let directory = tempfile::tempdir().unwrap();
     let [path, output] = ["coarse.csv", "output"].map(|name| directory.path().join(name));
     let line = |index: i64| format!("{},{},{},{}\n", index / 650 * 1000, index % 346, index % 260, index % 2);
@@ -186,7 +192,7 @@ fn what_times_were_taken_for_is_printed() {
     assert!(message.contains("no board found, and times come in steps of 1.00 ms"), "{message}");
 }
 
-/// Standard output that goes to a file was taken for that file, which is there already; what was converted was then told in it.
+/// Standard output, redirected to a file, was taken for that existing file, and the report was then written into it.
 #[cfg(unix)]
 #[test]
 fn standard_output_is_a_stream_wherever_it_goes() {
@@ -197,15 +203,15 @@ fn standard_output_is_a_stream_wherever_it_goes() {
     for name in ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"] {
         let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
         command.args(["convert", text(&from), name, "--to", "csv"]).stdout(File::create(&to).unwrap());
-        let told = command.output().unwrap();
-        assert_eq!(told.status.code(), Some(0), "{}", stderr(&told));
-        assert!(stderr(&told).contains("2 events"), "{}", stderr(&told));
+        let printed = command.output().unwrap();
+        assert_eq!(printed.status.code(), Some(0), "{}", stderr(&printed));
+        assert!(stderr(&printed).contains("2 events"), "{}", stderr(&printed));
         assert_eq!(fs::read_to_string(&to).unwrap(), content);
         assert_eq!(succeed(&["convert", text(&from), name, "--to", "csv"]), content);
     }
 }
 
-/// A folder for temporary files that is missing was taken for a missing folder of the result.
+/// A missing folder for temporary files was reported as a missing folder of the result.
 #[cfg(unix)]
 #[test]
 fn a_missing_folder_for_temporary_files_is_named() {
@@ -213,8 +219,8 @@ fn a_missing_folder_for_temporary_files_is_named() {
     let [from, to] = ["from.csv", "to.npz"].map(|name| directory.path().join(name));
     fs::write(&from, "# sensor 346 x 260\nt_us,x,y,p\n10,1,2,1\n20,3,4,0\n").unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
-    let told = command.args(["convert", text(&from), text(&to)]).env("TMPDIR", "/missing").output().unwrap();
-    assert!(stderr(&told).contains("/missing (TMPDIR)"), "{}", stderr(&told));
+    let printed = command.args(["convert", text(&from), text(&to)]).env("TMPDIR", "/missing").output().unwrap();
+    assert!(stderr(&printed).contains("/missing (TMPDIR)"), "{}", stderr(&printed));
 }
 
 /// Names of cameras and files, and lines of settings, moved the cursor and changed the colours and the title of the terminal.
@@ -234,33 +240,33 @@ fn control_characters_from_outside_are_shown() {
         assert!(!text.chars().any(|letter| letter.is_control() && letter != '\n'), "{text:?}");
         text
     };
-    let told = crate::command::evcal(&["info", text(&recording)]);
-    let information = is_plain(&told.stdout);
+    let printed = crate::command::evcal(&["info", text(&recording)]);
+    let information = is_plain(&printed.stdout);
     assert!(
         information.contains("\\u001b]0;PWNED") && information.contains("a\\u000a\\u001b[2Jb.raw"),
         "{information}"
     );
-    is_plain(&told.stderr);
+    is_plain(&printed.stderr);
     for arguments in [
         vec!["calibrate", text(&recording), "--board", BOARD, "-o", text(&output), "--settings", text(&settings)],
         vec!["calibrate", text(&recording), "--board", BOARD, "-o", text(&output)],
         vec!["convert", text(&recording), "/missing\u{1b}[31m/b.csv"],
     ] {
-        let told = crate::command::evcal(&arguments);
-        assert_eq!(told.status.code(), Some(1), "{arguments:?}");
-        is_plain(&told.stdout);
-        assert!(!is_plain(&told.stderr).contains("a\n"), "{arguments:?}");
+        let printed = crate::command::evcal(&arguments);
+        assert_eq!(printed.status.code(), Some(1), "{arguments:?}");
+        is_plain(&printed.stdout);
+        assert!(!is_plain(&printed.stderr).contains("a\n"), "{arguments:?}");
     }
 }
-/// 4600 events, one each 0.9 s, took half a minute: each made a spectrum of a second.
+/// 4600 events, one per 0.9 s, took half a minute: each needed the spectrum of a second.
 #[test]
-fn seldom_events_make_as_little_work_as_they_are() {
+fn rare_events_need_little_work() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("sparse.csv");
     let line = |index: i64| format!("{},{},{},1\n", index * 900_000, index % 346, index % 260);
     let lines: String = (0..20_000).map(line).collect();
     fs::write(&path, format!("# sensor 346 x 260\nt_us,x,y,p\n{lines}")).unwrap();
-    // Minutes, before.
-    let told = succeed(&["info", text(&path)]);
-    assert!(told.contains("20000, 100.0 % ON"), "{told}");
+    // The defect took minutes.
+    let printed = succeed(&["info", text(&path)]);
+    assert!(printed.contains("20000, 100.0 % ON"), "{printed}");
 }

@@ -1,4 +1,4 @@
-//! `docs/settings.md` has every setting as the code declares it.
+//! `docs/settings.md` lists the settings of the code.
 
 use evcal_calibrate::settings::document;
 

@@ -41,7 +41,7 @@ fn export(calibration: &Path, options: &[&str]) -> Value {
     serde_json::from_str(&report).unwrap()
 }
 
-/// Pixels to ask for: all corners, between pixels, and beyond the sensor.
+/// Queried pixels: all corners, between pixels, and outside the sensor.
 fn queries() -> Vec<(f32, f32)> {
     let mut queries: Vec<(f32, f32)> =
         (0..HEIGHT).step_by(7).flat_map(|y| (0..WIDTH).step_by(5).map(move |x| (x.into(), y.into()))).collect();
@@ -63,7 +63,7 @@ fn compare(answers: &str, largest_error: f64) {
         match values.as_slice() {
             &[u, v] if inside => {
                 let error = (Vector2::new(u, v) - exact).norm();
-                // Beyond the outermost pixels' centres the outermost cells are continued.
+                // Beyond the centres of the outermost pixels, the outermost cells are extrapolated.
                 let most = if x < 0.0 || y < 0.0 || x > 345.0 || y > 259.0 { 2.0 } else { 1.0 } * largest_error;
                 assert!(error <= most, "({x}, {y}): {answer}, not {exact}, off by {error} of {most}");
             }
@@ -75,7 +75,7 @@ fn compare(answers: &str, largest_error: f64) {
 }
 
 #[test]
-fn the_c_header_compiles_and_holds_its_error() {
+fn the_c_header_compiles_and_keeps_its_error() {
     let directory = TempDir::new().unwrap();
     let (header, source) = (directory.path().join("undistortion.h"), directory.path().join("main.c"));
     let calibration = calibration(&directory);
@@ -98,12 +98,12 @@ fn the_c_header_compiles_and_holds_its_error() {
     let binary = directory.path().join("main");
     let strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror"];
     run(Command::new("cc").args(strict).arg(&source).arg("-o").arg(&binary));
-    // The error is of all pixels; between them it may be a little larger, and one focal length is not the other.
+    // The stated error applies to pixel centres; between them it may be slightly larger, and fx differs from fy.
     compare(&run(&mut Command::new(&binary)), largest_error * 300.0 / 330.0 * 1.1 + 1e-4);
 }
 
 #[test]
-fn the_rust_table_compiles_and_holds_its_error() {
+fn the_rust_table_compiles_and_keeps_its_error() {
     let directory = TempDir::new().unwrap();
     let (module, source) = (directory.path().join("undistortion.rs"), directory.path().join("main.rs"));
     let calibration = calibration(&directory);
@@ -128,7 +128,7 @@ fn the_rust_table_compiles_and_holds_its_error() {
 }
 
 #[test]
-fn a_smaller_error_takes_more_nodes_and_wrong_use_is_told() {
+fn a_smaller_error_needs_more_nodes_and_wrong_usage_is_reported() {
     let directory = TempDir::new().unwrap();
     let calibration = calibration(&directory);
     let header = directory.path().join("t.h");

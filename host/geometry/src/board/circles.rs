@@ -1,4 +1,4 @@
-//! The printed circle grid: what the user types for it, and where its circles are.
+//! The printed circle grid: parsing of its description, and positions of its circles.
 
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -26,34 +26,34 @@ pub struct CircleBoard {
 pub const BOARD_FORM: &str = "LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS with LAYOUT acircles or circles and lengths in mm, cm, m or in, \
      for example acircles:9x4:55mm:r17.5mm";
 
-/// Why a board description was refused.
+/// Reason why a board description was rejected.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("board {text:?}: {problem}{}", .problem.form())]
 pub struct CircleBoardError {
-    /// What was typed.
+    /// The description as given.
     pub text: String,
-    /// What is wrong.
+    /// The problem.
     pub problem: BoardProblem,
 }
 
-/// What is wrong with a board description.
+/// Problem of a board description.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BoardProblem {
     /// A board that is not made of circles.
     #[error("{0} cannot be used, only boards of circles can")]
     NoCircles(&'static str),
-    /// A layout by the name that other programs have for it.
+    /// A layout under the name that another program uses.
     #[error("{given} is called {} here", layout_word(*layout))]
     OtherName {
-        /// Its name there.
+        /// The name as given.
         given: String,
-        /// Which one that is.
+        /// The layout that it means.
         layout: Layout,
-        /// The description with the layout as it is called here, where all else is right.
+        /// The corrected description, if everything else is right.
         meant: Option<String>,
     },
-    /// A grid that may be of either layout.
+    /// A grid that may have either layout.
     #[error(
         "{0} may be either of two layouts: acircles where every other row is shifted (asymmetricGrid: True in Kalibr), else circles"
     )]
@@ -61,7 +61,7 @@ pub enum BoardProblem {
     /// The name of a file.
     #[error("looks like a file, not like a description")]
     File,
-    /// A part is missing or too much.
+    /// A part is missing or superfluous.
     #[error("has {0} part(s) between colons, not 4")]
     Parts(usize),
     /// The layout is unknown.
@@ -76,7 +76,7 @@ pub enum BoardProblem {
     /// The radius cannot be read.
     #[error("radius {0:?} is not r and a length with a unit, from 0.001mm to 10m")]
     Radius(String),
-    /// A board to recognise, described in too many or too few words.
+    /// A description of a board to recognise has too many or too few parts.
     #[error("a board to recognise is auto:SPACING:rRADIUS")]
     Auto,
     /// Circles of this radius do not fit into this spacing.
@@ -85,18 +85,18 @@ pub enum BoardProblem {
 }
 
 impl BoardProblem {
-    /// The right form, where that is what is missing.
+    /// Returns the correct form as a suffix of the message, if it helps.
     fn form(&self) -> String {
         match self {
             Self::NoCircles(_) => String::new(),
             Self::OtherName { meant: Some(board), .. } => format!("; write {board}"),
-            Self::Auto => "; write for example auto:55mm:r17.5mm, or auto alone to be told rows and columns".to_owned(),
+            Self::Auto => "; write for example auto:55mm:r17.5mm, or auto alone to print rows and columns".to_owned(),
             _ => format!("; write {BOARD_FORM}"),
         }
     }
 }
 
-/// Boards of other kinds, by what their names hold.
+/// Other kinds of boards, by parts of their names.
 const OTHER_BOARDS: [(&str, &str); 6] = [
     ("check", "a checkerboard"),
     ("chess", "a checkerboard"),
@@ -106,8 +106,8 @@ const OTHER_BOARDS: [(&str, &str); 6] = [
     ("tag", "a board of tags"),
 ];
 
-/// Grids of circles by other names, written without signs and in lower case: OpenCV's and ROS's first, then those that say that rows
-/// are shifted, then those that say nothing of it.
+/// Other names of circle grids, in lower case without punctuation: first OpenCV's and ROS's names, then names of
+/// shifted grids, then names that do not determine the layout.
 const OTHER_NAMES: [(&str, Option<Layout>); 7] = [
     ("asym", Some(Layout::Asymmetric)),
     ("acirc", Some(Layout::Asymmetric)),
@@ -118,7 +118,7 @@ const OTHER_NAMES: [(&str, Option<Layout>); 7] = [
     ("circle", Some(Layout::Symmetric)),
 ];
 
-/// What is wrong with a board whose first part, `given`, is no layout that is known here.
+/// Returns the problem of a board whose first part, `given`, is not a known layout.
 fn unknown_layout(given: &str, rest: &str) -> BoardProblem {
     let bare: String = given.to_lowercase().chars().filter(|letter| letter.is_alphabetic()).collect();
     match OTHER_NAMES.iter().find(|(name, _)| bare.contains(name)) {
@@ -132,7 +132,8 @@ fn unknown_layout(given: &str, rest: &str) -> BoardProblem {
     }
 }
 
-/// What is wrong with a description that has not the four `parts` of a board, the first of them being a layout if it is `known`.
+/// Returns the problem of a description that does not have the four `parts` of a board; `known` is the layout in its
+/// first part, if there is one.
 fn not_four_parts(text: &str, parts: &[&str], known: Option<Layout>) -> BoardProblem {
     let is_alone = parts.len() == 1;
     if is_alone && text.contains('.') {
@@ -146,18 +147,18 @@ fn not_four_parts(text: &str, parts: &[&str], known: Option<Layout>) -> BoardPro
 }
 
 impl CircleBoard {
-    /// Number of circles on the board.
+    /// Returns the number of circles on the board.
     pub fn circle_count(&self) -> usize {
         self.pattern.circle_count()
     }
 
-    /// Centre of circle `index` on the board plane, in metres.
+    /// Returns the centre of circle `index` on the board plane, in metres.
     pub fn circle_center(&self, index: usize) -> Vector2<f64> {
         let (x, y) = self.pattern.lattice_position(index);
         Vector2::new(f64::from(x), f64::from(y)) * self.spacing
     }
 
-    /// Points around circle `index`, the first one again at the end, in metres.
+    /// Returns points on the rim of circle `index` as a closed polyline, in metres.
     pub(super) fn rim(&self, index: usize) -> Vec<Vector2<f64>> {
         const STEPS: usize = 48;
         let center = self.circle_center(index);
@@ -168,8 +169,8 @@ impl CircleBoard {
         (0..=STEPS).map(point).collect()
     }
 
-    /// The circle nearest to `point` (metres on the board plane), if one lies within one lattice
-    /// spacing of it in x and y.
+    /// Returns the circle nearest to `point` (metres on the board plane), if it is within one lattice spacing in x and
+    /// y.
     pub fn nearest_circle(&self, point: Vector2<f64>) -> Option<usize> {
         let x = point.x / self.spacing;
         let y = point.y / self.spacing;
@@ -179,7 +180,7 @@ impl CircleBoard {
         match self.pattern.layout {
             Layout::Symmetric => self.pattern.index_at(x.round() as i32, y.round() as i32),
             Layout::Asymmetric => {
-                // The circles sit where x + y is even: a square lattice turned by 45°.
+                // Circles exist where x + y is even, which is a square lattice rotated by 45°.
                 let diagonal = ((x + y) / 2.0).round();
                 let antidiagonal = ((x - y) / 2.0).round();
                 self.pattern.index_at((diagonal + antidiagonal) as i32, (diagonal - antidiagonal) as i32)
@@ -187,7 +188,7 @@ impl CircleBoard {
         }
     }
 
-    /// Distance between neighbouring circle centres, in metres.
+    /// Returns the distance between neighbouring circle centres, in metres.
     pub fn neighbour_distance(&self) -> f64 {
         match self.pattern.layout {
             Layout::Symmetric => self.spacing,
@@ -195,28 +196,28 @@ impl CircleBoard {
         }
     }
 
-    /// Centre of the area that the circles cover, in metres.
+    /// Returns the centre of the area that the circles cover, in metres.
     pub fn middle(&self) -> Vector2<f64> {
         Board::Circles(*self).middle()
     }
 
-    /// Lowest and highest coordinates of the circles' centres, in metres.
+    /// Returns the lowest and highest coordinates of the circle centres, in metres.
     pub fn extent(&self) -> (Vector2<f64>, Vector2<f64>) {
         Board::Circles(*self).extent()
     }
 
-    /// Longer side of the area that the circles' centres cover, in metres.
+    /// Returns the longer side of the area that the circle centres cover, in metres.
     pub fn longer_side(&self) -> f64 {
         Board::Circles(*self).longer_side()
     }
 }
 
-/// Layout, rows and columns as in `acircles:9x4`.
+/// Returns layout, rows and columns in the form `acircles:9x4`.
 pub fn layout_name(pattern: &Pattern) -> String {
     format!("{}:{}x{}", layout_word(pattern.layout), pattern.rows, pattern.columns)
 }
 
-/// How a layout is called in a board's description.
+/// Returns the name of a layout in a board's description.
 const fn layout_word(layout: Layout) -> &'static str {
     match layout {
         Layout::Asymmetric => "acircles",
@@ -224,15 +225,16 @@ const fn layout_word(layout: Layout) -> &'static str {
     }
 }
 
-/// What is printed of a board is rounded to nanometres; with these bounds (in metres) it is read back as the same. Circles ten
-/// metres apart are millimetres written as metres.
+/// Range of lengths in metres. A printed description is rounded to nanometres, so within this range it is read back
+/// unchanged. Circles ten metres apart are more likely millimetres written as metres.
 pub(super) const LENGTHS: RangeInclusive<f64> = 1e-6..=10.0;
 
 pub(super) fn length(text: &str) -> Option<f64> {
     any_length(text).filter(|metres| LENGTHS.contains(metres))
 }
 
-/// A length of either sign with its unit (mm, cm, in or m), in metres; `None` where the text is none.
+/// Parses a length of either sign with its unit (mm, cm, in or m), in metres; returns `None` if the text is not a
+/// length.
 pub fn any_length(text: &str) -> Option<f64> {
     // "mm" and "cm" end in "m" too, so the longer units are tried first.
     let (number, factor) = [("mm", 1e-3), ("cm", 1e-2), ("in", 0.0254), ("m", 1.0)]
@@ -242,12 +244,12 @@ pub fn any_length(text: &str) -> Option<f64> {
     Some(value * factor).filter(|metres| metres.is_finite())
 }
 
-/// The radius in `r17.5mm`, in metres.
+/// Parses the radius in `r17.5mm`, in metres.
 pub(super) fn radius_of(text: &str) -> Option<f64> {
     text.strip_prefix('r').and_then(length)
 }
 
-/// Metres in millimetres, as they are written.
+/// Converts metres to millimetres, rounded as in descriptions.
 pub(super) fn millimetres(metres: f64) -> f64 {
     (metres * 1e9).round() / 1e6
 }
@@ -295,7 +297,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reads_the_form_of_the_documentation_and_writes_it_back() {
+    fn the_documented_form_is_read_and_written_back() {
         let board: CircleBoard = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
         assert_eq!(board.pattern, Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 });
         assert!((board.spacing - 0.055).abs() < 1e-12 && (board.radius - 0.0175).abs() < 1e-12);
@@ -305,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn a_typo_gets_the_right_form() {
+    fn an_error_shows_the_correct_form() {
         for text in [
             "",
             "dots:9x4:55mm:r17mm",
@@ -326,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn boards_without_circles_lead_to_one_with() {
+    fn boards_without_circles_are_rejected() {
         for text in ["checkerboard:9x6:25mm", "chessboard:9x6", "aprilgrid:6x6:24mm:0.3", "ChArUco:5x7:30mm:r22mm"] {
             let message = text.parse::<CircleBoard>().unwrap_err().to_string();
             assert!(message.contains("only boards of circles"), "{message}");
@@ -334,31 +336,31 @@ mod tests {
     }
 
     #[test]
-    fn the_names_of_other_programs_lead_to_the_board() {
-        let told = |text: &str| text.parse::<CircleBoard>().unwrap_err().to_string();
+    fn names_of_other_programs_are_recognised() {
+        let error = |text: &str| text.parse::<CircleBoard>().unwrap_err().to_string();
         let rest = "9x4:55mm:r17.5mm";
         for name in
             ["asymmetric_circles_grid", "asymmetric_circlegrid", "acirclesgrid", "CirclesA", "ACircles", "acircle"]
         {
-            let message = told(&format!("{name}:{rest}"));
+            let message = error(&format!("{name}:{rest}"));
             assert!(message.ends_with(&format!("is called acircles here; write acircles:{rest}")), "{message}");
-            assert!(told(name).contains("is called acircles here; write LAYOUT:"), "{}", told(name));
+            assert!(error(name).contains("is called acircles here; write LAYOUT:"), "{}", error(name));
         }
         for name in ["symmetric", "Circles"] {
-            let message = told(&format!("{name}:{rest}"));
+            let message = error(&format!("{name}:{rest}"));
             assert!(message.ends_with(&format!("is called circles here; write circles:{rest}")), "{message}");
         }
         for name in ["circlegrid", "circles_grid"] {
-            assert!(told(&format!("{name}:{rest}")).contains("asymmetricGrid: True"), "{name}");
+            assert!(error(&format!("{name}:{rest}")).contains("asymmetricGrid: True"), "{name}");
         }
-        assert!(told("april_6x6.yaml").contains("only boards of circles"));
-        assert!(told("target.yaml").contains("looks like a file"));
-        assert!(told("recording.aedat4").contains("looks like a file"));
-        assert!(told("dots:9x4:55mm:r17.5mm").contains("unknown layout"));
+        assert!(error("april_6x6.yaml").contains("only boards of circles"));
+        assert!(error("target.yaml").contains("looks like a file"));
+        assert!(error("recording.aedat4").contains("looks like a file"));
+        assert!(error("dots:9x4:55mm:r17.5mm").contains("unknown layout"));
     }
 
     #[test]
-    fn the_nearest_circle_is_the_one_a_search_finds() {
+    fn the_nearest_circle_equals_that_of_an_exhaustive_search() {
         for text in ["acircles:9x4:55mm:r17.5mm", "circles:6x3:40mm:r10mm"] {
             let board: CircleBoard = text.parse().unwrap();
             for step in 0..4000 {

@@ -1,11 +1,11 @@
-//! Homography between the board plane and an image, and what follows from it.
+//! Homography between the board plane and an image, and the pose that follows from it.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3};
 
-/// The fewest points that determine a homography.
+/// Smallest number of points that determines a homography.
 pub const MINIMUM_POINTS: usize = 4;
 
-/// Similarity that moves points to mean 0 and root mean square distance √2 (Hartley 1997).
+/// Returns the similarity that moves points to mean 0 and root mean square distance √2 (Hartley 1997).
 fn normalisation(points: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
     let count = points.len() as f64;
     let mean = points.iter().sum::<Vector2<f64>>() / count;
@@ -15,9 +15,9 @@ fn normalisation(points: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
         .then(|| Matrix3::new(scale, 0.0, -scale * mean.x, 0.0, scale, -scale * mean.y, 0.0, 0.0, 1.0))
 }
 
-/// The homography from `plane` to `image` by the normalised direct linear transform; its sign is such
-/// that the points lie in front (third coordinate positive). `None` for fewer than
-/// [`MINIMUM_POINTS`] or points in one line.
+/// Computes the homography from `plane` to `image` by the normalised direct linear transform. Its sign is chosen so
+/// that the points lie in front (third coordinate positive). Returns `None` for fewer than [`MINIMUM_POINTS`] points or
+/// collinear points.
 pub fn homography(plane: &[Vector2<f64>], image: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
     if plane.len() < MINIMUM_POINTS || plane.len() != image.len() {
         return None;
@@ -36,7 +36,7 @@ pub fn homography(plane: &[Vector2<f64>], image: &[Vector2<f64>]) -> Option<Matr
     let eigen = normal.symmetric_eigen();
     let mut order: Vec<usize> = (0..9).collect();
     order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
-    // Two vanishing eigenvalues: points in one line leave a family of solutions.
+    // Two vanishing eigenvalues: collinear points have a family of solutions.
     if eigen.eigenvalues[order[1]] < 1e-9 * eigen.eigenvalues[order[8]] {
         return None;
     }
@@ -48,7 +48,7 @@ pub fn homography(plane: &[Vector2<f64>], image: &[Vector2<f64>]) -> Option<Matr
     h.iter().all(|value| value.is_finite()).then_some(h)
 }
 
-/// `T_camera_world` of the plane z = 0 from its homography to normalised image coordinates.
+/// Computes `T_camera_world` of the plane z = 0 from its homography to normalised image coordinates.
 pub fn pose_from_homography(h: &Matrix3<f64>) -> Option<Isometry3<f64>> {
     let (h1, h2, h3) = (h.column(0).into_owned(), h.column(1).into_owned(), h.column(2).into_owned());
     let scale = 2.0 / (h1.norm() + h2.norm());
@@ -67,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pose_comes_back_from_exact_images() {
+    fn the_pose_is_recovered_from_exact_images() {
         let pose = Isometry3::new(Vector3::new(-0.1, -0.2, 0.7), Vector3::new(0.3, -0.4, 0.9));
         let plane: Vec<Vector2<f64>> =
             (0..20).map(|index| Vector2::new(f64::from(index % 5) * 0.05, f64::from(index / 5) * 0.07)).collect();
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn points_in_one_line_have_no_homography() {
+    fn collinear_points_have_no_homography() {
         let line: Vec<Vector2<f64>> =
             (0..8).map(|index| Vector2::new(f64::from(index), 2.0 * f64::from(index))).collect();
         assert_eq!(homography(&line, &line), None);

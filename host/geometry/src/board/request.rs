@@ -1,4 +1,4 @@
-//! What a user says of the board: all of it, or that it is to be recognised.
+//! The user's request for a board: a full description, or recognition.
 
 use std::fmt;
 use std::str::FromStr;
@@ -6,16 +6,16 @@ use std::str::FromStr;
 use super::circles::{length, millimetres, radius_of};
 use super::{Board, BoardError, BoardProblem, CircleBoardError};
 
-/// The board of a recording, as far as it is known.
+/// A board that is given or to be recognised.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BoardRequest {
-    /// All of it is.
+    /// The board is fully described.
     Given(Board),
     /// Layout, rows and columns are to be recognised: `auto` or `auto:55mm:r17.5mm`.
     Recognise(Option<CircleSize>),
 }
 
-/// What events cannot tell of a board: how large it is.
+/// Size of the circles of a board, which events do not determine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CircleSize {
     /// Lattice spacing in metres, as [`CircleBoard::spacing`](super::CircleBoard::spacing).
@@ -24,7 +24,7 @@ pub struct CircleSize {
     pub radius: f64,
 }
 
-/// Asks that a board be recognised.
+/// Word that requests recognition of the board.
 const AUTO: &str = "auto";
 
 impl FromStr for BoardRequest {

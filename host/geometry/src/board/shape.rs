@@ -1,13 +1,16 @@
-//! How a printed board differs from its description: scale of the print, bending, radius of the circles or width of dark squares.
+//! Deviations of a printed board from its description: scale of the print, bending, radius of the circles or width of
+//! dark squares.
 //!
-//! The print is a plane with coordinates (u, v), on which circles are round and lie on the stated lattice. On the board it
-//! is stretched about the middle of its circles by √q along x and 1/√q along y, with the print ratio q, and lies on
+//! The print is a plane with coordinates (u, v), on which circles are round and lie on the nominal lattice. On the
+//! board it is stretched about the middle of its circles by √q along x and 1/√q along y, with the print ratio q, and
+//! lies on
 //!
 //! z = k_x (1 − x̄²) + k_y (1 − ȳ²),
 //!
-//! where x̄ and ȳ go from −1 to 1 over the area of the circles' centres (as in mrcal). A camera in front of the board is at
-//! z < 0, so that a board with positive k is hollow seen from the camera: its edges are nearer than its middle. Lengths along the
-//! bent surface are not those of the print, by 2k²/3 in half the width: 0.05 mm for a bend of 4 mm in 0.2 m.
+//! where x̄ and ȳ range from −1 to 1 over the area of the circle centres (as in mrcal). A camera in front of the board
+//! is at z < 0, so a board with positive k is concave as seen from the camera: its edges are nearer than its middle.
+//! Lengths along the bent surface differ from lengths on the print, by 2k²/3 in half the width: 0.05 mm for a bend of 4
+//! mm in 0.2 m.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,40 +19,40 @@ use super::Board;
 /// Number of parameters of a shape: print ratio, bend along x, bend along y, radius.
 pub const PARAMETERS: usize = 4;
 
-/// What can differ from the description of a board.
+/// Deviations from the description of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BoardShape {
-    /// Scale of the print along x over that along y; their geometric mean is 1.
+    /// Scale of the print along x divided by the scale along y; their geometric mean is 1.
     pub print_ratio: f64,
-    /// How much further from a camera in front the middle is than the edges, along x and along y, in metres.
+    /// Distance by which the middle is farther from a camera in front than the edges, along x and along y, in metres.
     pub bend: [f64; 2],
-    /// Radius of the circles in metres; of a board of squares half the width of a dark square or module.
+    /// Radius of the circles in metres; for a board of squares, half the width of a dark square or module.
     pub radius: f64,
 }
 
 impl BoardShape {
-    /// A board as it is stated.
+    /// Returns the nominal shape of a board.
     pub fn stated(board: &Board) -> Self {
         Self { print_ratio: 1.0, bend: [0.0; 2], radius: board.print_radius() }
     }
 
-    /// Print ratio, bend along x, bend along y, radius.
+    /// Returns print ratio, bend along x, bend along y, radius.
     pub fn parameters(&self) -> [f64; PARAMETERS] {
         [self.print_ratio, self.bend[0], self.bend[1], self.radius]
     }
 
-    /// The shape with these parameters.
+    /// Creates the shape with these parameters.
     pub fn from_parameters([print_ratio, bend_x, bend_y, radius]: [f64; PARAMETERS]) -> Self {
         Self { print_ratio, bend: [bend_x, bend_y], radius }
     }
 
-    /// Whether the print is true to scale and flat.
+    /// Returns `true` if the print is true to scale and flat.
     pub fn is_flat(&self) -> bool {
         self.print_ratio == 1.0 && self.bend == [0.0; 2]
     }
 
-    /// Whether a calibration can make sense of it: no factor or length out of all proportion to `board`.
+    /// Returns `true` if all factors and lengths are plausible for `board`.
     pub fn is_possible(&self, board: &Board) -> bool {
         let side = board.longer_side();
         (0.5..2.0).contains(&self.print_ratio)
@@ -64,18 +67,18 @@ impl BoardShape {
 pub struct CircleArea {
     /// Its middle, in metres.
     pub middle: [f64; 2],
-    /// Half of its width and height, in metres.
+    /// Half its width and height, in metres.
     pub half: [f64; 2],
 }
 
 impl CircleArea {
-    /// The area of `board`.
+    /// Returns the area of `board`.
     pub fn new(board: &Board) -> Self {
         let (low, high) = board.extent();
         Self { middle: (0.5 * (low + high)).into(), half: (0.5 * (high - low)).into() }
     }
 
-    /// 1 − x̄² and 1 − ȳ² at `point` (metres on the board): how far the surface rises there for each metre of bend.
+    /// Returns 1 − x̄² and 1 − ȳ² at `point` (metres on the board): the height of the surface there per metre of bend.
     #[inline(always)]
     pub fn rise(&self, point: [f64; 2]) -> [f64; 2] {
         std::array::from_fn(|axis| {
@@ -85,25 +88,25 @@ impl CircleArea {
     }
 }
 
-/// The surface that a print of some shape lies on.
+/// The surface of a print of some shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     middle: [f64; 2],
-    /// Metres on the board for each metre of the print, along x and y, and one over that.
+    /// Metres on the board per metre of the print, along x and y, and the reciprocals.
     scale: [f64; 2],
     per_scale: [f64; 2],
     /// Height of the middle in metres.
     height: f64,
-    /// Bend over the square of half the side, per metre.
+    /// Bend divided by the square of half the side, per metre.
     curvature: [f64; 2],
 }
 
-/// Where a ray meets a board.
+/// Intersection of a ray with a board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Meeting {
-    /// Length along the ray, in units of its direction's length (metres). Not a number where it meets nothing.
+    /// Length along the ray, in units of its direction's length (metres). NaN if there is no intersection.
     pub depth: f64,
-    /// One over the component of the direction along (−slope, 1).
+    /// Reciprocal of the component of the direction along (−slope, 1).
     pub inverse: f64,
     /// The point without its height, in metres.
     pub point: [f64; 2],
@@ -112,7 +115,7 @@ pub struct Meeting {
 }
 
 impl Surface {
-    /// The surface of a board with circles in `area` and of this `shape`.
+    /// Creates the surface of a board with circles in `area` and of this `shape`.
     pub fn new(area: &CircleArea, shape: &BoardShape) -> Self {
         let root = shape.print_ratio.sqrt();
         Self {
@@ -124,10 +127,10 @@ impl Surface {
         }
     }
 
-    /// Where the ray from `camera` along `direction` meets it.
+    /// Returns the intersection of the surface with the ray from `camera` along `direction`.
     ///
-    /// The root of a t² + b t + c = 0 that stays finite for a plane, t = −2c / (b ± √(b² − 4ac)); the square root is also the
-    /// component of the direction along the surface's normal.
+    /// It is the root of a t² + b t + c = 0 that stays finite for a plane, t = −2c / (b ± √(b² − 4ac)); the square root
+    /// is also the component of the direction along the surface's normal.
     #[inline(always)]
     pub fn meet(&self, camera: &[f64; 3], direction: &[f64; 3]) -> Meeting {
         let [x, y] = [camera[0] - self.middle[0], camera[1] - self.middle[1]];
@@ -142,19 +145,19 @@ impl Surface {
         Meeting { depth, inverse: 1.0 / root, point, slope }
     }
 
-    /// Metres of the print for each metre on the board, along x and y.
+    /// Returns metres of the print per metre on the board, along x and y.
     #[inline(always)]
     pub fn per_scale(&self) -> [f64; 2] {
         self.per_scale
     }
 
-    /// The place on the print of a `point` on the board.
+    /// Converts a `point` on the board to its position on the print.
     #[inline(always)]
     pub fn to_print(&self, point: [f64; 2]) -> [f64; 2] {
         std::array::from_fn(|axis| (point[axis] - self.middle[axis]) * self.per_scale[axis] + self.middle[axis])
     }
 
-    /// Where a `place` on the print is in space.
+    /// Returns the position in space of a `place` on the print.
     pub fn place(&self, place: [f64; 2]) -> [f64; 3] {
         let beside: [f64; 2] = std::array::from_fn(|axis| (place[axis] - self.middle[axis]) * self.scale[axis]);
         let fall = self.curvature[0] * beside[0] * beside[0] + self.curvature[1] * beside[1] * beside[1];
@@ -171,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn the_middle_of_a_bent_board_is_as_far_behind_its_edges_as_stated() {
+    fn the_middle_of_a_bent_board_is_behind_its_edges_by_the_bend() {
         let (board, bend) = (board(), [0.003, -0.001]);
         let area = CircleArea::new(&board);
         let surface = Surface::new(&area, &BoardShape { bend, ..BoardShape::stated(&board) });
@@ -183,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ray_meets_the_surface_where_its_point_is() {
+    fn a_ray_to_a_point_of_the_surface_meets_it_there() {
         let board = board();
         let area = CircleArea::new(&board);
         let shape = BoardShape { print_ratio: 1.01, bend: [0.004, -0.02], ..BoardShape::stated(&board) };

@@ -1,7 +1,7 @@
-//! The printed board: where everything lies on a sheet of paper, before it becomes PDF or SVG.
+//! Layout of a printed board on a sheet of paper, before it becomes PDF or SVG.
 //!
-//! Lengths are millimetres, x to the right and y down from the top-left corner of the sheet. The board's
-//! rows run along x, so that what is read upright is seen by a camera as the board's own frame.
+//! Lengths are in millimetres, x to the right and y down from the top-left corner of the sheet. The board's rows run
+//! along x, so that the upright print corresponds to the board's own frame as seen by a camera.
 
 mod circles;
 mod either;
@@ -20,29 +20,29 @@ use crate::board::squares::raster::Rectangle;
 use crate::board::{Board, CircleBoard};
 use paper::{PAPERS, Paper};
 
-/// White around the board, at least: to the next mark or text.
+/// Smallest white space around the board, to the next mark or text.
 const CLEARANCE: f64 = 6.0;
-/// Length of the end lines of a ruler; the others are shorter.
+/// Length of the end ticks of a ruler; the other ticks are shorter.
 const END_TICK: f64 = 4.0;
 const TICK: f64 = 2.5;
-/// Distance of the lines of a ruler.
+/// Distance between the ticks of a ruler.
 const TICK_DISTANCE: f64 = 10.0;
-/// Longest ruler: within the reach of a caliper.
+/// Longest ruler, within the range of a caliper.
 const LONGEST_RULER: f64 = 100.0;
 const THIN: f64 = 0.1;
-/// Letters: Courier, whose letters are all 0.6 of the size wide.
+/// Text is set in Courier, whose letters are all 0.6 of their size wide.
 const LETTER_SIZE: f64 = 2.6;
 const LETTER_WIDTH: f64 = 0.6 * LETTER_SIZE;
 const LINE_HEIGHT: f64 = 3.6;
-/// Letters beside the lines of a ruler.
+/// Size of the numerals at the ticks of a ruler.
 const NUMERAL_SIZE: f64 = 1.8;
 /// Length of an arrow of the orientation mark.
 const ARROW: f64 = 7.0;
-/// Radius of a dot by the spacing, where no board is given: that of 17.5 mm on 55 mm.
+/// Ratio of dot radius to spacing if no board is given: 17.5 mm to 55 mm.
 const RADIUS_BY_SPACING: f64 = 17.5 / 55.0;
-/// What arithmetic may lose (mm).
+/// Tolerance for rounding errors (mm).
 const ROUNDING: f64 = 1e-9;
-/// Smallest spacing that is proposed.
+/// Smallest spacing that is proposed (mm).
 const SMALLEST_SPACING: f64 = 2.0;
 
 /// A dot.
@@ -67,16 +67,16 @@ pub struct Shapes {
 
 /// A board that can be printed. Its `Display` is its description.
 pub trait Printable: Copy + fmt::Display {
-    /// Width and height of the area of its dark parts (mm).
+    /// Returns width and height of the area of the dark parts (mm).
     fn size(&self) -> [f64; 2];
 
-    /// Its dark parts, if the top left corner of their area is at `corner` (mm).
+    /// Returns the dark parts, with the top left corner of their area at `corner` (mm).
     fn shapes(&self, corner: [f64; 2]) -> Shapes;
 
-    /// A sentence with the lengths that a caliper can check.
+    /// Returns a sentence with the lengths that can be checked with a caliper.
     fn lengths(&self) -> String;
 
-    /// The same board with its spacing, or side of a square or tag, of `spacing` (mm) and all else in proportion.
+    /// Returns the same board scaled to a `spacing`, or side of a square or tag, in mm.
     fn scaled(&self, spacing: f64) -> Option<Self>;
 }
 
@@ -85,35 +85,35 @@ pub trait Printable: Copy + fmt::Display {
 pub struct Line {
     /// One end (mm).
     pub from: [f64; 2],
-    /// The other (mm).
+    /// The other end (mm).
     pub to: [f64; 2],
     /// Its width (mm).
     pub width: f64,
 }
 
-/// A line of letters.
+/// A line of text.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Words {
     /// Left end of the base line (mm).
     pub at: [f64; 2],
-    /// Size of the letters (mm), each 0.6 of it wide.
+    /// Size of the letters (mm); each is 0.6 of it wide.
     pub size: f64,
-    /// The letters, all ASCII.
+    /// The text, in ASCII.
     pub text: String,
 }
 
-/// Where a board is to be printed, and what is written below it.
+/// Paper for a board, and text below the board.
 #[derive(Clone, Copy, Debug)]
 pub struct Page<'a> {
-    /// The paper, upright or lying.
+    /// The paper, in either orientation.
     pub paper: Paper,
-    /// Left white along the edges, at least (mm).
+    /// Smallest white margin along the edges (mm).
     pub margin: f64,
-    /// What to type before the board's description.
+    /// Command to print before the board's description.
     pub typed: &'a str,
 }
 
-/// A sheet that shows a board.
+/// A sheet with a board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardSheet {
     /// Width and height of the sheet (mm).
@@ -128,16 +128,16 @@ pub struct BoardSheet {
     pub rectangles: Vec<Rectangle>,
     /// Rulers and orientation mark.
     pub lines: Vec<Line>,
-    /// What is written on it.
+    /// Text on the sheet.
     pub words: Vec<Words>,
 }
 
-/// A board does not fit.
+/// Error: a board does not fit on the paper.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub struct DoesNotFit<B: Printable = Board> {
     board: B,
     paper: Paper,
-    /// Smallest sheet that holds it (mm).
+    /// Smallest sheet that the board fits on (mm).
     pub needed: [f64; 2],
     /// The board of this layout with the largest spacing that fits on the paper.
     pub largest: Option<B>,
@@ -150,21 +150,21 @@ impl<B: Printable> fmt::Display for DoesNotFit<B> {
         let Self { board, paper, needed: [width, height], largest, papers } = self;
         write!(f, "{board} does not fit on {paper}: it needs {width:.0} x {height:.0} mm with margins and rulers; ")?;
         match largest {
-            Some(largest) => write!(f, "the largest of its kind that fits is {largest}")?,
-            None => write!(f, "this paper is too small for any board of its kind")?,
+            Some(largest) => write!(f, "the largest board of this kind that fits is {largest}")?,
+            None => write!(f, "this paper is too small for any board of this kind")?,
         }
         if papers.is_empty() {
-            write!(f, ", and no paper that evcal knows is large enough")
+            write!(f, ", and none of evcal's papers is large enough")
         } else {
             write!(f, "; it fits on {}", papers.join(", "))
         }
     }
 }
 
-/// Lays out `board` on a page, upright or lying.
+/// Lays out `board` on a page, in either orientation.
 ///
 /// # Errors
-/// [`DoesNotFit`] says what would.
+/// Returns [`DoesNotFit`] with the largest board and the papers that would fit.
 pub fn board_sheet<B: Printable>(board: &B, page: &Page) -> Result<BoardSheet, DoesNotFit<B>> {
     lay_out(board, page).ok_or_else(|| {
         let fits = |paper: &&Paper| lay_out(board, &Page { paper: **paper, ..*page }).is_some();
@@ -178,7 +178,7 @@ pub fn board_sheet<B: Printable>(board: &B, page: &Page) -> Result<BoardSheet, D
     })
 }
 
-/// The board of this `pattern` with the largest spacing, in whole millimetres, that fits on a page.
+/// Returns the board of this `pattern` with the largest spacing, in whole millimetres, that fits on a page.
 pub fn board_that_fits(pattern: Pattern, page: &Page) -> Option<CircleBoard> {
     largest_board(&CircleBoard { pattern, spacing: 1.0, radius: RADIUS_BY_SPACING }, page)
 }
@@ -189,11 +189,11 @@ fn largest_board<B: Printable>(board: &B, page: &Page) -> Option<B> {
     spacings.filter_map(|spacing| board.scaled(spacing)).find(|board| lay_out(board, page).is_some())
 }
 
-/// Width of the white, ruler and mark between the margin and the board: left, top.
+/// Width of white space, ruler and mark between the margin and the board: left, top.
 const LEFT: f64 = END_TICK + CLEARANCE;
 const TOP: f64 = LINE_HEIGHT + CLEARANCE;
 
-/// Height of ruler and writing between the board and the margin.
+/// Returns the height of ruler and text between the board and the margin.
 fn bottom(lines: usize) -> f64 {
     CLEARANCE + END_TICK + 1.0 + LINE_HEIGHT * lines as f64
 }
@@ -206,12 +206,12 @@ fn needed(board: &impl Printable, page: &Page) -> [f64; 2] {
         .map(|side| side + 2.0 * page.margin)
 }
 
-/// The first line below the board: what to type.
+/// Returns the first line below the board: the text to type.
 fn name(board: &impl Printable, page: &Page) -> String {
     format!("{}{board}", page.typed)
 }
 
-/// The lines below the board, of at most `width` mm.
+/// Returns the lines below the board, at most `width` mm wide.
 fn writing(board: &impl Printable, page: &Page, ruler: f64, width: f64) -> Vec<String> {
     let sentences = format!(
         "{} Print at 100 %, without scaling: both rulers must measure {ruler} mm between their end lines. If a caliper says otherwise, \
@@ -235,7 +235,7 @@ fn writing(board: &impl Printable, page: &Page, ruler: f64, width: f64) -> Vec<S
     lines
 }
 
-/// The sheet the way round that leaves more room, if the board fits either way.
+/// Returns the sheet in the orientation that leaves more room, if the board fits.
 fn lay_out(board: &impl Printable, page: &Page) -> Option<BoardSheet> {
     let [short, long] = page.paper.size;
     let sheets = [[short, long], [long, short]].map(|size| draw(board, size, page));
@@ -244,13 +244,13 @@ fn lay_out(board: &impl Printable, page: &Page) -> Option<BoardSheet> {
     best.map(|(sheet, _)| sheet)
 }
 
-/// The sheet of this width and height, and what it leaves free in the tighter direction (mm).
+/// Returns the sheet of this width and height, and the space that remains in the tighter direction (mm).
 fn draw(board: &impl Printable, size: [f64; 2], page: &Page) -> Option<(BoardSheet, f64)> {
     let margin = page.margin;
     let [width, height] = board.size();
     let across = size[0] - 2.0 * margin;
     let inner = [across - LEFT, size[1] - 2.0 * margin - TOP];
-    // A shorter ruler takes no more lines to write.
+    // A shorter ruler needs no more lines of text.
     let below = bottom(writing(board, page, LONGEST_RULER, across).len());
     let longest = inner[0].min(inner[1] - below).min(LONGEST_RULER);
     let ruler = (longest / TICK_DISTANCE).floor() * TICK_DISTANCE;
@@ -281,7 +281,7 @@ fn draw(board: &impl Printable, size: [f64; 2], page: &Page) -> Option<(BoardShe
     Some((BoardSheet { size, board: board.to_string(), ruler, dots, rectangles, lines, words }, room))
 }
 
-/// A ruler of `length` from `start` along `direction`, its lines to the right of that.
+/// Returns the lines of a ruler of `length` from `start` along `direction`, with its ticks to the right of that.
 fn ruler_lines(start: [f64; 2], direction: [f64; 2], length: f64) -> Vec<Line> {
     let at = |along: f64, across: f64| {
         [
@@ -299,8 +299,8 @@ fn ruler_lines(start: [f64; 2], direction: [f64; 2], length: f64) -> Vec<Line> {
     lines
 }
 
-/// The length from the start at each line of a ruler (mm) but the first and the last, whose lines are longer; `place` is where the words
-/// begin, for a length along the ruler and half the width of the words.
+/// Returns numerals with the length from the start (mm) at each tick of a ruler except the first and the last, whose
+/// ticks are longer. `place` returns the start of a text for a length along the ruler and half the width of the text.
 fn numerals(length: f64, place: impl Fn(f64, f64) -> [f64; 2]) -> impl Iterator<Item = Words> {
     let ticks = (length / TICK_DISTANCE).round() as u32;
     (1..ticks).map(move |tick| {
@@ -311,7 +311,8 @@ fn numerals(length: f64, place: impl Fn(f64, f64) -> [f64; 2]) -> impl Iterator<
     })
 }
 
-/// An arrow along a row, above the top left corner of the board: too thin to be taken for a part of it.
+/// Returns an arrow along a row, above the top left corner of the board; it is too thin to be taken for a part of the
+/// board.
 fn arrow(start: [f64; 2]) -> [Line; 3] {
     let tip = [start[0] + ARROW, start[1]];
     let line = |from| Line { from, to: tip, width: 2.0 * THIN };

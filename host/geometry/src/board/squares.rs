@@ -1,7 +1,7 @@
 //! Printed boards of squares: checkerboards, grids of tags, ChArUco boards.
 //!
-//! Lengths are metres. On the upright print x runs to the right and y downwards; z = 0 on the board. Kalibr's y and z, upwards and out of
-//! the board, are these with the other sign.
+//! Lengths are in metres. On the upright print x runs to the right and y downwards; z = 0 on the board. Kalibr's y and
+//! z, upwards and out of the board, have the opposite sign.
 
 mod codes;
 pub mod edges;
@@ -29,7 +29,7 @@ pub enum SquareBoard {
     Charuco(Charuco),
 }
 
-/// Dark or light.
+/// Shade of a part of the print.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shade {
     /// Black as printed.
@@ -38,28 +38,28 @@ pub enum Shade {
     Light,
 }
 
-/// A checkerboard. Its origin is the first inner corner, which is the top left one.
+/// A checkerboard. Its origin is the first inner corner, at the top left.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Checkerboard {
-    /// Rows of inner corners; there is one row of squares more.
+    /// Rows of inner corners; there is one more row of squares.
     pub rows: u8,
-    /// Columns of inner corners; there is one column of squares more.
+    /// Columns of inner corners; there is one more column of squares.
     pub columns: u8,
     /// Side of a square in metres.
     pub square: f64,
-    /// The square at the top left. If one of `rows` and `columns` is odd and the other even, both shades are the same board, half a
-    /// turn from each other.
+    /// Shade of the square at the top left. If one of `rows` and `columns` is odd and the other even, both shades
+    /// describe the same board, rotated by 180°.
     pub first: Shade,
 }
 
-/// How the tags of a grid are numbered, along each row first.
+/// Numbering of the tags of a grid, along each row first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TagOrder {
-    /// From the bottom row up, as Kalibr does. The origin is the outer corner of the bottom left tag: y is negative. AprilTags
-    /// are upright as their authors print them.
+    /// From the bottom row up, as in Kalibr. The origin is the outer corner of the bottom left tag, so y is negative.
+    /// AprilTags are upright as printed by their authors.
     Upwards,
-    /// From the top row down, as OpenCV's `GridBoard` does. The origin is the outer corner of the top left tag.
-    /// AprilTags are half a turn from upright, as OpenCV draws them.
+    /// From the top row down, as in OpenCV's `GridBoard`. The origin is the outer corner of the top left tag. AprilTags
+    /// are rotated by 180° from upright, as drawn by OpenCV.
     Downwards,
 }
 
@@ -74,7 +74,7 @@ pub struct TagGrid {
     pub tag: f64,
     /// Gap between neighbouring tags as a fraction of `tag`.
     pub spacing: f64,
-    /// `true` if dark squares fill the crossings of the gaps, at the outer corners as well.
+    /// `true` if dark squares fill the crossings of the gaps, including the outer corners.
     pub corner_squares: bool,
     /// The tags.
     pub dictionary: Dictionary,
@@ -82,23 +82,23 @@ pub struct TagGrid {
     pub border: u8,
     /// Id of the first tag.
     pub first_id: u16,
-    /// How the tags are numbered.
+    /// Numbering of the tags.
     pub order: TagOrder,
 }
 
-/// In which squares of a ChArUco board with an even number of rows the tags are. With an odd number both are the same.
+/// Position of the tags on a ChArUco board with an even number of rows. With an odd number both layouts are equal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CharucoLayout {
-    /// The square at the top left is dark, as OpenCV draws boards from 4.6 on.
+    /// The square at the top left is dark, as in OpenCV from 4.6 on.
     Current,
-    /// The square at the top left has the first tag, as OpenCV drew boards before 4.6 (opencv_contrib #3291).
+    /// The square at the top left contains the first tag, as in OpenCV before 4.6 (opencv_contrib #3291).
     Legacy,
 }
 
 /// A ChArUco board. Its origin is the top left corner of the top left square.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Charuco {
-    /// Rows of squares. (OpenCV states the columns first.)
+    /// Rows of squares. (OpenCV gives the columns first.)
     pub rows: u8,
     /// Columns of squares.
     pub columns: u8,
@@ -108,19 +108,19 @@ pub struct Charuco {
     pub marker: f64,
     /// The tags.
     pub dictionary: Dictionary,
-    /// In which squares the tags are.
+    /// Position of the tags.
     pub layout: CharucoLayout,
 }
 
 impl SquareBoard {
-    /// The points that a calibration uses, in metres on the board. Checkerboard: the inner corners row by row. Grid of tags: the tags'
-    /// corners, row by row over the grid of 2 × rows by 2 × columns corners, as in Kalibr. ChArUco: the inner corners of the
-    /// checkerboard in the order of OpenCV's ids.
+    /// Returns the points that a calibration uses, in metres on the board. Checkerboard: the inner corners row by row.
+    /// Grid of tags: the tags' corners, row by row over the grid of 2 × rows by 2 × columns corners, as in Kalibr.
+    /// ChArUco: the inner corners of the checkerboard in the order of OpenCV's ids.
     pub fn points(&self) -> Vec<Vector2<f64>> {
         (0..self.point_count()).map(|index| self.point(index)).collect()
     }
 
-    /// The tags in the order of their ids; none on a checkerboard.
+    /// Returns the tags in the order of their ids; a checkerboard has no tags.
     pub fn tags(&self) -> Vec<Tag> {
         match self {
             Self::Checkerboard(_) => Vec::new(),
@@ -129,7 +129,7 @@ impl SquareBoard {
         }
     }
 
-    /// All dark and light parts of the board.
+    /// Returns all dark and light parts of the board.
     pub fn raster(&self) -> Raster {
         let mut dark = match self {
             Self::Checkerboard(board) => {
@@ -142,7 +142,7 @@ impl SquareBoard {
         Raster::of_dark(&dark)
     }
 
-    /// The rectangle that the board covers: all squares, or all tags with the corner squares.
+    /// Returns the rectangle that the board covers: all squares, or all tags with the corner squares.
     pub fn bounds(&self) -> Rectangle {
         let sides = |columns: u8, rows: u8, side: f64| [f64::from(columns) * side, f64::from(rows) * side];
         match self {
@@ -159,7 +159,7 @@ impl SquareBoard {
         }
     }
 
-    /// The rotations about its normal, in quarters, after which the board looks the same.
+    /// Returns the rotations about the normal, in multiples of 90°, after which the board looks the same.
     pub fn quarters(&self) -> &'static [u8] {
         match self {
             Self::Checkerboard(board) if (board.rows + board.columns) % 2 == 1 => &[0],
@@ -169,7 +169,7 @@ impl SquareBoard {
         }
     }
 
-    /// The lattice on which the points lie, row by row in the order of their indices.
+    /// Returns the lattice on which the points lie, row by row in the order of their indices.
     pub fn lattice(&self) -> Pattern {
         let (rows, columns) = match self {
             Self::Checkerboard(board) => (board.rows, board.columns),
@@ -179,12 +179,12 @@ impl SquareBoard {
         Pattern { layout: Layout::Symmetric, rows, columns }
     }
 
-    /// Number of points.
+    /// Returns the number of points.
     pub fn point_count(&self) -> usize {
         self.lattice().circle_count()
     }
 
-    /// Point `index` of [`points`](Self::points), in metres.
+    /// Returns point `index` of [`points`](Self::points), in metres.
     pub fn point(&self, index: usize) -> Vector2<f64> {
         let columns = usize::from(self.lattice().columns).max(1);
         let [column, row] = [index % columns, index / columns].map(|index| index as u8);
@@ -195,7 +195,7 @@ impl SquareBoard {
         }
     }
 
-    /// Side of a square of a checkerboard or a module of a tag, whichever is smaller, in metres.
+    /// Returns the side of a square of a checkerboard or of a module of a tag, whichever is smaller, in metres.
     pub fn module(&self) -> f64 {
         let modules =
             |dictionary: Dictionary, border: u8| (dictionary.family.inner_side() + 2 * usize::from(border)) as f64;
@@ -207,7 +207,8 @@ impl SquareBoard {
     }
 }
 
-/// The dark squares of a checkerboard with this many rows and columns of squares, whose first square begins at `origin`.
+/// Returns the dark squares of a checkerboard with this many rows and columns of squares, whose first square begins at
+/// `origin`.
 fn squares(rows: u8, columns: u8, first: Shade, origin: [f64; 2], side: f64) -> Vec<Rectangle> {
     let parity = u8::from(first == Shade::Light);
     let at = |column: u8, row: u8| [origin[0] + f64::from(column) * side, origin[1] + f64::from(row) * side];
@@ -219,7 +220,7 @@ fn squares(rows: u8, columns: u8, first: Shade, origin: [f64; 2], side: f64) -> 
         .collect()
 }
 
-/// The dark modules of a tag.
+/// Returns the dark modules of a tag.
 fn dark_modules(tag: &Tag) -> Vec<Rectangle> {
     let [top_left, top_right, _, bottom_left] = tag.corners;
     let share = |module: usize| module as f64 / tag.side as f64;
@@ -238,13 +239,14 @@ fn dark_modules(tag: &Tag) -> Vec<Rectangle> {
     .collect()
 }
 
-/// Top left, top right, bottom right and bottom left of an upright tag whose lowest coordinates are `low`.
+/// Returns the top left, top right, bottom right and bottom left corner of an upright tag whose lowest coordinates are
+/// `low`.
 fn upright(low: [f64; 2], side: f64) -> [[f64; 2]; 4] {
     let [x, y] = low;
     [[x, y], [x + side, y], [x + side, y + side], [x, y + side]]
 }
 
-/// The same corners, beginning with the one that is the top left of the tag's family after OpenCV drew it.
+/// Returns the same corners, beginning with the corner that is the top left one of the tag's family as drawn by OpenCV.
 fn as_opencv_draws(dictionary: Dictionary, [a, b, c, d]: [[f64; 2]; 4]) -> [[f64; 2]; 4] {
     match dictionary.family.is_april() {
         true => [c, d, a, b],
@@ -253,17 +255,18 @@ fn as_opencv_draws(dictionary: Dictionary, [a, b, c, d]: [[f64; 2]; 4]) -> [[f64
 }
 
 impl TagGrid {
-    /// Distance of neighbouring tags from edge to same edge, in metres.
+    /// Returns the distance between the same edges of neighbouring tags, in metres.
     pub fn period(&self) -> f64 {
         (1.0 + self.spacing) * self.tag
     }
 
-    /// Coordinate of edge `index` of the tags along either axis: two a tag.
+    /// Returns the coordinate of edge `index` of the tags along either axis; each tag has two edges.
     fn edge(&self, index: u8) -> f64 {
         f64::from(index / 2) * self.period() + f64::from(index % 2) * self.tag
     }
 
-    /// A place on the board that is this far from its origin along the rows and from row to row, in metres.
+    /// Returns the position on the board at these distances from its origin along the rows and from row to row, in
+    /// metres.
     fn on_board(&self, [along, across]: [f64; 2]) -> [f64; 2] {
         match self.order {
             TagOrder::Upwards => [along, -across],
@@ -292,7 +295,7 @@ impl TagGrid {
         places.zip(self.first_id..).filter_map(tag).collect()
     }
 
-    /// The squares in the crossings of the gaps, if the grid has them.
+    /// Returns the squares in the crossings of the gaps, if the grid has them.
     fn corner_squares(&self) -> Vec<Rectangle> {
         let gap = self.spacing * self.tag;
         let at = |index: u8| f64::from(index) * self.period();
@@ -306,7 +309,7 @@ impl TagGrid {
 }
 
 impl Charuco {
-    /// The square at the top left.
+    /// Returns the shade of the square at the top left.
     fn first(&self) -> Shade {
         match self.layout {
             CharucoLayout::Legacy if self.rows.is_multiple_of(2) => Shade::Light,
@@ -314,7 +317,7 @@ impl Charuco {
         }
     }
 
-    /// Number of tags.
+    /// Returns the number of tags.
     fn tag_count(&self) -> usize {
         let squares = usize::from(self.rows) * usize::from(self.columns);
         match self.first() {

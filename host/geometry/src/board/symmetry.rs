@@ -1,19 +1,19 @@
-//! The turns of a board after which it looks the same: what a camera alone cannot tell apart.
+//! Rotations of a board after which it looks the same, which a camera alone cannot distinguish.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 
 use super::Board;
 
-/// A turn of the board onto itself.
+/// A rotation of the board onto itself.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Symmetry {
-    /// From places on the board to those where they look the same (m).
+    /// Maps positions on the board to positions where it looks the same (m).
     pub pose: Isometry3<f64>,
-    /// For each point the one in whose place it comes.
+    /// For each point, the index of the point at whose position it arrives.
     pub points: Vec<u16>,
 }
 
-/// All turns of `board` about its normal onto itself, the one by nothing first.
+/// Returns all rotations of `board` about its normal onto itself, the identity first.
 pub fn symmetries(board: &Board) -> Vec<Symmetry> {
     let quarters = match board {
         Board::Circles(_) => &[0, 1, 2, 3],
@@ -22,7 +22,7 @@ pub fn symmetries(board: &Board) -> Vec<Symmetry> {
     quarters.iter().filter_map(|&quarters| symmetry(board, quarters)).collect()
 }
 
-/// The turn by so many quarters, if the board looks the same after it.
+/// Returns the rotation by this multiple of 90°, if the board looks the same after it.
 fn symmetry(board: &Board, quarters: u8) -> Option<Symmetry> {
     let (low, high) = board.extent();
     let middle = Vector3::new(0.5 * (low.x + high.x), 0.5 * (low.y + high.y), 0.0);
@@ -57,14 +57,14 @@ mod tests {
     }
 
     #[test]
-    fn others_have_a_half_turn_and_squares_quarter_turns() {
+    fn others_look_the_same_after_180_degrees_and_squares_after_90() {
         assert_eq!(found("acircles:10x4:55mm:r17.5mm").len(), 2);
         assert_eq!(found("circles:5x4:50mm:r15mm").len(), 2);
         assert_eq!(found("circles:5x5:50mm:r15mm").len(), 4);
     }
 
     #[test]
-    fn circles_come_where_the_turn_puts_them() {
+    fn circles_arrive_where_the_rotation_puts_them() {
         let board: Board = "circles:5x5:50mm:r15mm".parse().unwrap();
         for Symmetry { pose, points } in symmetries(&board) {
             for (index, other) in points.iter().enumerate() {

@@ -1,15 +1,15 @@
-//! The square tags of a board, as finders and printers need them.
+//! Square tags of a board.
 
 /// A square tag on a board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tag {
     /// Its number in its family or dictionary.
     pub id: u16,
-    /// Its corners on the board in metres: top left, top right, bottom right, bottom left, of the tag as its family prints it
-    /// upright.
+    /// Its corners on the board in metres: top left, top right, bottom right, bottom left of the tag in the upright
+    /// orientation of its family.
     pub corners: [[f64; 2]; 4],
     /// Modules along each side, with the dark border.
     pub side: usize,
-    /// Which modules are light, row by row from the top left.
+    /// `true` for each light module, row by row from the top left.
     pub light: Vec<bool>,
 }

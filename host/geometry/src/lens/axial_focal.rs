@@ -1,8 +1,8 @@
-//! How the focal lengths on the optical axis depend on a camera's parameters.
+//! Dependence of the focal lengths on the optical axis on a camera's parameters.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 
-/// Derivatives of the focal lengths on the axis by the camera's parameters.
+/// Returns the derivatives of the focal lengths on the axis with respect to the camera's parameters.
 pub fn axial_focal_gradients(camera: &Camera<f64>) -> Option<[[f64; MAX_PARAMETERS]; 2]> {
     const STEP: f64 = 1e-6;
     let parameters = camera.parameters();

@@ -1,5 +1,5 @@
-//! A camera as JSON: the part of `calibration.json` and `truth.json` that describes the lens. The files of other programs are
-//! read as well ([`yaml`]).
+//! Camera files: the part of `calibration.json` and `truth.json` that describes the lens, and the camera files of other
+//! programs ([`yaml`]).
 
 mod parameters;
 mod tree;
@@ -19,12 +19,12 @@ use evcal_core::sensor::Sensor;
 pub struct CameraDescription {
     /// Name of the model, for example `radtan`.
     pub model: String,
-    /// Parameters by name, in the model's order: `fx`, `fy`, `cx`, `cy` in pixels and the distortion
-    /// coefficients. A file may give them in any order.
+    /// Parameters by name, in the model's order: `fx`, `fy`, `cx`, `cy` in pixels and the distortion coefficients. A
+    /// file may list them in any order.
     pub parameters: Parameters,
 }
 
-/// The part of a JSON file that this module reads; other keys are left alone.
+/// The part of a JSON file that this module reads; other keys are ignored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CameraFile {
     /// Size of the sensor.
@@ -33,16 +33,17 @@ pub struct CameraFile {
     pub camera: CameraDescription,
 }
 
-/// Version of the layout that is written, and the latest that can be read.
+/// Layout version that is written, and the latest that can be read.
 pub const LATEST_VERSION: u32 = 1;
 
-/// The form of a camera file, shown where another is met.
+/// Example of a camera file, shown in errors.
 pub const CAMERA_FORM: &str = r#"{"sensor": {"width": 346, "height": 260}, "camera": {"model": "radtan4", "parameters": {"fx": 250.1, "fy": 250.3, "cx": 172.5, "cy": 129.8, "k1": -0.35, "k2": 0.12, "p1": 0.0, "p2": 0.0}}}"#;
 
-/// Files of a folder that describe its camera, the best first.
+/// Files of a folder that describe its camera, in order of preference.
 const CAMERA_FILES: [&str; 2] = ["calibration.json", "truth.json"];
 
-/// The camera file that `path` stands for: the file itself, or that of the folder of a calibration or simulation.
+/// Returns the camera file for `path`: the file itself, or the camera file in the folder of a calibration or
+/// simulation.
 pub fn camera_path(path: &Path) -> PathBuf {
     if !path.is_dir() {
         return path.to_owned();
@@ -52,7 +53,7 @@ pub fn camera_path(path: &Path) -> PathBuf {
     found.cloned().unwrap_or_else(|| path.to_owned())
 }
 
-/// Why a camera could not be read from JSON.
+/// Reason why a camera could not be read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CameraFileError {
@@ -61,23 +62,23 @@ pub enum CameraFileError {
     Read {
         /// The file.
         file: String,
-        /// What the system said.
+        /// Error of the operating system.
         error: std::io::Error,
     },
-    /// The text is not JSON of the expected shape.
-    #[error("{file} is no camera file ({error}): write it as {}", CAMERA_FORM)]
+    /// The text is not JSON of the expected structure.
+    #[error("{file} is not a camera file ({error}): write it as {}", CAMERA_FORM)]
     Parse {
         /// The file.
         file: String,
-        /// What is wrong, with line and column.
+        /// The problem, with line and column.
         error: serde_json::Error,
     },
-    /// The text is not that of a camera of another program.
-    #[error("{file} is no camera file: {error}; write one as {}", CAMERA_FORM)]
+    /// The text is not a camera file of a supported program.
+    #[error("{file} is not a camera file: {error}; write one as {}", CAMERA_FORM)]
     Yaml {
         /// The file.
         file: String,
-        /// What is wrong.
+        /// The problem.
         error: yaml::YamlError,
     },
     /// The model is unknown or its parameters are incomplete.
@@ -85,10 +86,10 @@ pub enum CameraFileError {
     Model {
         /// The file.
         file: String,
-        /// What is wrong.
+        /// The problem.
         error: DescriptionError,
     },
-    /// No sensor has this size.
+    /// The size of the sensor is impossible.
     #[error(
         "{file}: the sensor has {sensor} pixels; state its true size, 1 to {} pixels a side",
         Sensor::MOST_PIXELS_A_SIDE
@@ -96,22 +97,22 @@ pub enum CameraFileError {
     SensorSize {
         /// The file.
         file: String,
-        /// The size in it.
+        /// The size in the file.
         sensor: Sensor,
     },
-    /// The file is of a later program.
+    /// The file was written by a later version of evcal.
     #[error("{file}: this file has layout version {version}; this evcal reads up to {known}: update evcal")]
     Version {
         /// The file.
         file: String,
-        /// Its version.
+        /// Layout version of the file.
         version: u32,
-        /// The latest version that can be read.
+        /// Latest version that can be read.
         known: u32,
     },
 }
 
-/// A description is not that of a camera.
+/// Reason why a description is not a valid camera.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DescriptionError {
@@ -131,21 +132,21 @@ fn model_names() -> String {
 }
 
 impl CameraDescription {
-    /// Describes `camera`.
+    /// Creates the description of `camera`.
     pub fn new(camera: &Camera<f64>) -> Self {
         Self::of_values(camera.kind(), camera.parameters())
     }
 
-    /// A value for each parameter of cameras of this `kind`, in their order.
+    /// Creates a description from one value per parameter of cameras of this `kind`, in their order.
     pub fn of_values(kind: ModelKind, values: impl IntoIterator<Item = f64>) -> Self {
         let parameters = Parameters::new(kind.parameter_names().iter().copied().zip(values));
         Self { model: kind.name().to_owned(), parameters }
     }
 
-    /// The camera described.
+    /// Returns the described camera.
     ///
     /// # Errors
-    /// [`DescriptionError`] when the model or a parameter is missing.
+    /// [`DescriptionError`] if the model is unknown, or a parameter is missing or out of range.
     pub fn camera(&self) -> Result<Camera<f64>, DescriptionError> {
         let kind =
             ModelKind::from_name(&self.model).ok_or_else(|| DescriptionError::UnknownModel(self.model.clone()))?;
@@ -156,7 +157,7 @@ impl CameraDescription {
     }
 }
 
-/// Reads sensor size and camera from a JSON file, or from that of a folder ([`camera_path`]).
+/// Reads sensor size and camera from a file, or from the camera file of a folder ([`camera_path`]).
 ///
 /// # Errors
 /// [`CameraFileError`].
@@ -171,13 +172,13 @@ pub fn read(path: &Path) -> Result<(Camera<f64>, Sensor), CameraFileError> {
     Ok((camera, parsed.sensor))
 }
 
-/// A camera whose numbers are not in `parameters`, as other simulators write it.
+/// A camera whose values are not in `parameters`, a form used by other simulators.
 #[derive(Deserialize)]
 struct Flat {
     camera: FlatCamera,
 }
 
-/// See there.
+/// Camera of [`Flat`].
 #[derive(Deserialize)]
 struct FlatCamera {
     model: String,
@@ -198,21 +199,21 @@ fn flat(path: &Path) -> Option<CameraFile> {
     Some(CameraFile { sensor: Sensor::new(width, height), camera: CameraDescription { model, parameters } })
 }
 
-/// The layout of a file, and nothing else of it.
+/// The layout version of a file.
 #[derive(Deserialize)]
 struct Layout {
     version: Option<u32>,
 }
 
-/// Version of the layout of a camera file; `None` for one that does not tell, such as `truth.json`.
+/// Returns the layout version of a camera file; `None` for files without one, such as `truth.json`.
 ///
 /// # Errors
-/// [`CameraFileError`] when it is no camera file.
+/// [`CameraFileError`] if the file is not a camera file.
 pub fn version(path: &Path) -> Result<Option<u32>, CameraFileError> {
     Ok(parse_any::<Layout>(path)?.version)
 }
 
-/// Reads a JSON file that holds a [`CameraFile`] and more.
+/// Reads a JSON file that contains a [`CameraFile`] and more.
 ///
 /// # Errors
 /// [`CameraFileError`].
@@ -228,7 +229,7 @@ pub fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
 fn parse_any<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
     let file = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|error| CameraFileError::Read { file: file.clone(), error })?;
-    // Always from text: of what is read in several ways the program has several copies.
+    // Always parse from text, because each source of input would add another copy of the code to the program.
     let json = match of_other_program(&text) {
         None => Ok(text),
         Some(camera) => {
@@ -238,14 +239,14 @@ fn parse_any<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
     };
     let json = json.map_err(|error| CameraFileError::Parse { file: file.clone(), error })?;
     let parsed = serde_json::from_str(&json).map_err(|error| CameraFileError::Parse { file, error })?;
-    // Whatever is read of the file: no part of it holds for an impossible sensor.
+    // An impossible sensor size invalidates every part of the file.
     match serde_json::from_str::<SizeOnly>(&json) {
         Ok(SizeOnly { sensor }) => check_size(path, sensor).map(|()| parsed),
         Err(_) => Ok(parsed),
     }
 }
 
-/// The sensor of a camera file, and nothing else of it.
+/// The sensor of a camera file.
 #[derive(Deserialize)]
 struct SizeOnly {
     sensor: Sensor,
@@ -259,28 +260,28 @@ fn check_size(path: &Path, sensor: Sensor) -> Result<(), CameraFileError> {
     }
 }
 
-/// What tells evcal's own files from those of others.
+/// Key that distinguishes evcal's own files from other files.
 #[derive(Deserialize)]
 struct Own {
     camera: Option<IgnoredAny>,
 }
 
-/// The camera of a text that is not in evcal's own form.
+/// Reads the camera of a text that is not in evcal's own form.
 fn of_other_program(text: &str) -> Option<Result<CameraFile, yaml::YamlError>> {
     match text.trim_start().chars().next() {
         Some('<') => Some(yaml::parse_xml(text)),
         Some('{') => match serde_json::from_str::<Own>(text) {
             Ok(Own { camera: Some(_) }) => None,
-            // What is in no known form is told to be none of evcal's.
+            // An unknown form is reported as an error of evcal's own form.
             Ok(_) => Some(yaml::parse_json(text)).filter(|camera| *camera != Err(yaml::YamlError::NoCamera)),
-            // mrcal's dictionaries are no JSON.
+            // mrcal's dictionaries are not JSON.
             Err(_) => Some(yaml::parse(text)).filter(Result::is_ok),
         },
         _ => Some(yaml::parse(text)),
     }
 }
 
-/// The error for a camera that is none.
+/// Returns the error for an invalid camera.
 pub fn wrong(path: &Path, error: DescriptionError) -> CameraFileError {
     CameraFileError::Model { file: path.display().to_string(), error }
 }
@@ -289,9 +290,9 @@ pub fn wrong(path: &Path, error: DescriptionError) -> CameraFileError {
 mod tests {
     use super::*;
 
-    /// What other simulators write as their truth: numbers beside the model, the size within the camera.
+    /// The form that other simulators use for their ground truth: values next to the model, the size within the camera.
     #[test]
-    fn a_camera_with_its_numbers_beside_the_model_is_read() {
+    fn a_camera_with_its_values_next_to_the_model_is_read() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("truth.json");
         let text = |model: &str, dist: &str| {

@@ -3,31 +3,31 @@
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
-/// How far outside the outline a point still counts as inside (px): rounding.
+/// Distance outside the outline at which a point still counts as inside (px), because of rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// Points on the rim of a circle that stand for it.
+/// Number of points on the rim that represent a circle.
 const RIM_POINTS: usize = 16;
 
-/// Points that are held at one time, about.
+/// Approximate largest number of points stored at once.
 const MOST_POINTS: usize = 16_384;
 
 /// A convex region of the sensor, outside of which a calibration is extrapolation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CoveredRegion {
-    /// Its corners in pixels, in the sense in which x turns to y; the last is joined to the first.
+    /// Its corners in pixels, in the sense of rotation from x to y; the last is joined to the first.
     corners: Vec<Vector2<f64>>,
 }
 
 impl CoveredRegion {
-    /// All of a `sensor` (width, height).
+    /// Returns the region of a whole `sensor`.
     pub fn whole(sensor: Sensor) -> Self {
         let (right, bottom) = (f64::from(sensor.width) - 0.5, f64::from(sensor.height) - 0.5);
         let corners = [[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]];
         Self { corners: corners.map(Vector2::from).to_vec() }
     }
 
-    /// The convex hull of `points` (px), as far as they are on the `sensor`.
+    /// Returns the convex hull of `points` (px), limited to the `sensor`.
     pub fn around(points: impl IntoIterator<Item = Vector2<f64>>, sensor: Sensor) -> Self {
         let (right, bottom) = (f64::from(sensor.width) - 0.5, f64::from(sensor.height) - 0.5);
         let finite = points.into_iter().filter(|point| point.x.is_finite() && point.y.is_finite());
@@ -43,10 +43,10 @@ impl CoveredRegion {
         Self { corners }
     }
 
-    /// The convex hull of what 16 points on the rim of each of `circles`, given by centre and radius (px), stand for,
-    /// as far as they are on the `sensor`.
+    /// Returns the convex hull of 16 points on the rim of each of `circles`, given by centre and radius (px), limited
+    /// to the `sensor`.
     ///
-    /// Most circles lie inside the hull of a few far out, and none of their points is a corner; so only the others are looked at.
+    /// Most circles lie inside the hull of a few outer ones and contribute no corner, so only the others are processed.
     pub fn around_circles(circles: impl Iterator<Item = (Vector2<f64>, f64)> + Clone, sensor: Sensor) -> Self {
         let directions: [Vector2<f64>; RIM_POINTS] = std::array::from_fn(|step| {
             let angle = step as f64 * std::f64::consts::TAU / RIM_POINTS as f64;
@@ -72,7 +72,7 @@ impl CoveredRegion {
         Self::around(points, sensor)
     }
 
-    /// Whether the circle about `center` lies in it.
+    /// Returns `true` if the circle about `center` lies in the region.
     fn contains_circle(&self, center: &Vector2<f64>, radius: f64) -> bool {
         let next = self.corners.iter().cycle().skip(1);
         self.corners.len() > 2
@@ -82,25 +82,25 @@ impl CoveredRegion {
             })
     }
 
-    /// Its corners in pixels, in the sense in which x turns to y.
+    /// Returns its corners in pixels, in the sense of rotation from x to y.
     pub fn corners(&self) -> &[Vector2<f64>] {
         &self.corners
     }
 
-    /// Whether `pixel` lies in it or on its rim.
+    /// Returns `true` if `pixel` lies in the region or on its boundary.
     pub fn contains(&self, pixel: &Vector2<f64>) -> bool {
         let next = self.corners.iter().cycle().skip(1);
         self.corners.len() > 2
             && self.corners.iter().zip(next).all(|(from, to)| {
                 let side = to - from;
                 let distance = side.perp(&(pixel - from));
-                // Most places are well inside, where the side's length does not matter.
+                // Most points are well inside, where the side's length does not matter.
                 distance >= 0.0 || distance >= -ROUNDING * side.norm()
             })
     }
 }
 
-/// One half of the hull of sorted points, by Andrew's monotone chain (1979).
+/// Returns one half of the hull of sorted points, by Andrew's monotone chain (1979).
 fn chain<'a>(points: impl Iterator<Item = &'a Vector2<f64>>) -> Vec<Vector2<f64>> {
     let mut chain: Vec<Vector2<f64>> = Vec::new();
     for point in points {
@@ -123,7 +123,7 @@ mod tests {
     const SENSOR: Sensor = Sensor::new(346, 260);
 
     #[test]
-    fn circles_far_inside_need_not_be_looked_at() {
+    fn circles_far_inside_do_not_change_the_hull() {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(3);
         let mut uniform = |low: f64, high: f64| uniform_in(&mut random, low, high);
         let circles: Vec<(Vector2<f64>, f64)> = (0..5000)

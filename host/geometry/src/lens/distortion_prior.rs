@@ -1,29 +1,29 @@
-//! What is expected of a distortion before anything is seen: weakly, that no term bends the image more than lenses do.
+//! Weak prior on the distortion: no term is expected to bend the image more than in real lenses.
 
 use evcal_core::camera::expectation::CoefficientEffect;
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::sensor::Sensor;
 use nalgebra::SVector;
 
-/// Part of the radius that one distortion term is expected to change at the furthest corner.
+/// Fraction of the radius that one distortion term is expected to change at the farthest corner.
 const PRIOR_CHANGE: f64 = 0.3;
 
 /// Pixel noise for which the prior has its nominal weight.
 const PRIOR_NOISE: f64 = 0.1;
 
-/// What is expected of the distortion before anything is seen.
+/// Gaussian prior of the distortion coefficients.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DistortionPrior {
-    /// Weight in px² of the squared deviation of each parameter; zero for those without a prior.
+    /// Weight in px² of the squared deviation of each parameter; zero for parameters without a prior.
     pub weights: [f64; MAX_PARAMETERS],
     /// Expected value of each parameter.
     pub expected: [f64; MAX_PARAMETERS],
 }
 
-/// The prior of a camera's model.
+/// Returns the prior for a camera's model.
 ///
-/// Radial terms are expected to change the radius at the corner furthest from the principal point by
-/// `PRIOR_CHANGE` of itself, more or less.
+/// A radial term is expected to change the radius at the corner farthest from the principal point by a fraction of
+/// about `PRIOR_CHANGE`.
 pub fn distortion_prior(camera: &Camera<f64>, sensor: Sensor) -> DistortionPrior {
     let mut prior = DistortionPrior { weights: [0.0; MAX_PARAMETERS], expected: [0.0; MAX_PARAMETERS] };
     let &[fx, fy, cx, cy, ..] = camera.parameters().as_slice() else { return prior };
@@ -40,7 +40,7 @@ pub fn distortion_prior(camera: &Camera<f64>, sensor: Sensor) -> DistortionPrior
     prior
 }
 
-/// What a prior adds to the normal equations of the camera's parameters.
+/// Contribution of a prior to the normal equations of the camera's parameters.
 pub struct PriorEquations {
     /// Added to the diagonal.
     pub weights: SVector<f64, MAX_PARAMETERS>,
@@ -49,19 +49,20 @@ pub struct PriorEquations {
 }
 
 impl DistortionPrior {
-    /// How far parameter `index` may be from what is expected of it (σ); `None` where nothing is expected.
+    /// Returns the standard deviation of parameter `index` around its expected value; `None` if it has no prior.
     pub fn sigma(&self, index: usize) -> Option<f64> {
         self.weights.get(index).filter(|weight| **weight > 0.0).map(|weight| PRIOR_NOISE / weight.sqrt())
     }
 
-    /// What the prior adds to the cost of `camera`.
+    /// Returns the contribution of the prior to the cost of `camera`.
     pub fn cost(&self, camera: &Camera<f64>) -> f64 {
         let parameters = camera.parameters();
         let expected = self.weights.iter().zip(&self.expected);
         parameters.iter().zip(expected).map(|(value, (weight, expected))| weight * (value - expected).powi(2)).sum()
     }
 
-    /// What the prior adds to the normal equations at `camera`, of which the `free` parameters may change.
+    /// Returns the contribution of the prior to the normal equations at `camera`; only the `free` parameters are
+    /// estimated.
     pub fn equations(&self, camera: &Camera<f64>, free: &[bool]) -> PriorEquations {
         let mut equations = PriorEquations { weights: SVector::zeros(), gradient: SVector::zeros() };
         let expected = self.weights.iter().zip(&self.expected);

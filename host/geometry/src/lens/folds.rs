@@ -1,13 +1,13 @@
-//! Whether a distortion folds over inside the image: beyond the fold, a pixel belongs to no bearing.
+//! Detection of distortion that folds over inside the image: beyond the fold, a pixel has no bearing.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use nalgebra::{Vector2, Vector3};
 
-/// Every so many pixels are looked at, along rows and columns.
+/// Step between the pixels examined, along rows and columns.
 const STEP: usize = 4;
 
-/// Share of the sensor's pixels, 0 to 1, that belong to no bearing.
+/// Returns the fraction of the sensor's pixels, 0 to 1, that have no bearing.
 pub fn folded_share(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> f64 {
     let pixels = (0..height).step_by(STEP).flat_map(|y| (0..width).step_by(STEP).map(move |x| (x, y)));
     let (right, bottom) = (width.saturating_sub(1), height.saturating_sub(1));
@@ -20,21 +20,22 @@ pub fn folded_share(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> f
     folded as f64 / count as f64
 }
 
-/// Directions from the optical axis, and steps between angles to it (rad), that are looked at.
+/// Number of directions from the optical axis, and step between angles to the axis (rad).
 const DIRECTIONS: usize = 48;
 const ANGLE_STEP: f64 = 0.005;
-/// Steps from the axis to the side and a little behind.
+/// Number of steps, from the axis to a little more than 90°.
 const STEPS: usize = 400;
-/// A step in the image that is so many times as long as the one before is a jump.
+/// A step in the image that is this many times as long as the previous one is a jump.
 const JUMP: f64 = 4.0;
 
-/// Whether pixels belong to no bearing, or to one at or beyond a place where the distortion turns back or jumps, as that of `radtan8` does
-/// at a pole.
+/// Returns `true` if some pixels have no bearing, or a bearing at or beyond a position where the distortion turns back
+/// or jumps, as in `radtan8` at a pole.
 pub fn folds(camera: &Camera<f64>, sensor: Sensor) -> bool {
     folded_share(camera, sensor) > 0.0 || (0..DIRECTIONS).any(|direction| breaks_off(camera, sensor, direction))
 }
 
-/// Whether bearings further and further from the axis do not move steadily outwards until they leave the image.
+/// Returns `true` if bearings with increasing angle to the axis do not move steadily outwards until they leave the
+/// image.
 fn breaks_off(camera: &Camera<f64>, Sensor { width, height }: Sensor, direction: usize) -> bool {
     let (sin, cos) = (std::f64::consts::TAU * direction as f64 / DIRECTIONS as f64).sin_cos();
     let Some(center) = camera.project(&Vector3::z()) else { return true };
@@ -71,7 +72,8 @@ mod tests {
         };
         let sensor = Sensor::new(200, 200);
         assert_eq!(folded_share(&camera(300.0), sensor), 0.0);
-        // 120 px from the middle, of the 141 px to a corner: the share of a square of 200 px outside a circle of 120 px.
+        // Of 141 px from the middle to a corner, 120 px are visible: the share of a square of 200 px outside a circle
+        // of 120 px radius.
         let half = 99.5_f64;
         let radius = 0.651 * 120.0 / 0.651;
         let angle = (half / radius).acos();
@@ -81,7 +83,8 @@ mod tests {
         assert!((found - outside).abs() < 0.01, "{found} {outside}");
     }
 
-    /// r (1 − r² / zero²) / (1 − r² / pole²) is nearly r but for the pole, before which all that is farther away is seen.
+    /// r (1 − r² / zero²) / (1 − r² / pole²) is nearly r except at the pole, before which all farther points are seen
+    /// as well.
     #[test]
     fn a_jump_at_a_pole_is_a_fold() {
         let camera = |zero: f64, pole: f64| {

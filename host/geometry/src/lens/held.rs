@@ -1,4 +1,4 @@
-//! The lens that comes nearest to another one, with some of its parameters held at given values.
+//! Fits a lens to another one with some parameters fixed.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::sensor::Sensor;
@@ -6,13 +6,14 @@ use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 
 use super::projection_difference::grid;
 
-/// Newton steps; each brings a lens that is linear in what is left nearly all the way.
+/// Largest number of Newton steps; each step nearly reaches the solution if the remaining problem is linear.
 const STEPS: usize = 20;
-/// The fit ends when no parameter moves by more than this share of itself.
+/// The fit ends when no parameter changes by more than this fraction.
 const SETTLED: f64 = 1e-10;
 
-/// `camera` with the parameters of which `held` has a value at that value, and the others so that bearings on `sensor` are seen as near
-/// as possible to where they were. `None` where the model refuses the values.
+/// Returns `camera` with the parameters that have a value in `held` fixed at that value, and the others fitted so that
+/// bearings on `sensor` are seen as close as possible to their previous pixels. Returns `None` if the model rejects the
+/// values.
 pub fn with_held(camera: &Camera<f64>, held: &[Option<f64>; MAX_PARAMETERS], sensor: Sensor) -> Option<Camera<f64>> {
     let mut parameters = camera.parameters();
     let free: Vec<usize> = (0..parameters.len()).filter(|&index| held[index].is_none()).collect();
@@ -38,7 +39,7 @@ pub fn with_held(camera: &Camera<f64>, held: &[Option<f64>; MAX_PARAMETERS], sen
     Some(nearest)
 }
 
-/// The step of the `free` parameters that brings what is `seen` nearer.
+/// Returns the step of the `free` parameters that brings the projections closer to the pixels in `seen`.
 fn step(camera: &Camera<f64>, seen: &[(Vector2<f64>, Vector3<f64>)], free: &[usize]) -> Option<DVector<f64>> {
     let mut information = DMatrix::zeros(free.len(), free.len());
     let mut gradient = DVector::zeros(free.len());
@@ -60,7 +61,7 @@ mod tests {
     use crate::lens::projection_difference::projection_difference;
 
     #[test]
-    fn the_others_make_up_for_a_coefficient_that_is_held() {
+    fn other_parameters_compensate_for_a_fixed_coefficient() {
         let sensor = Sensor::new(346, 260);
         let parameters = [331.0, 332.0, 176.0, 134.0, -0.35, 0.15, -4e-4, 5e-4, -0.03];
         let camera = Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap();

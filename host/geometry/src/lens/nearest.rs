@@ -1,4 +1,4 @@
-//! The camera that a format can hold: the calibrated one, or the nearest of another model.
+//! The camera that a file format can represent: the calibrated one, or the nearest of another model.
 
 use evcal_core::sensor::Sensor;
 
@@ -9,56 +9,56 @@ use rayon::prelude::*;
 
 use super::covered_region::CoveredRegion;
 
-/// About how many pixels two cameras are compared at.
+/// Approximate number of pixels at which two cameras are compared.
 const SAMPLES: f64 = 1e5;
 
-/// Within so many pixels, a model of OpenCV's family stands for another of it, whichever other model may come nearer: users look
-/// for the coefficients that they know.
+/// Distance in pixels within which a model of OpenCV's family replaces another of the family even if a different model
+/// comes nearer, because users expect the coefficients that they know.
 const SAME_FAMILY: f64 = 0.1;
 
-/// OpenCV's models, of which each has the coefficients of the one before and more.
+/// OpenCV's models; each has the coefficients of the previous one and more.
 const RADTAN_FAMILY: [ModelKind; 3] = [ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8];
 
-/// Whether both models are OpenCV's.
+/// Returns `true` if both models are OpenCV's.
 fn are_related(one: ModelKind, other: ModelKind) -> bool {
     RADTAN_FAMILY.contains(&one) && RADTAN_FAMILY.contains(&other)
 }
 
-/// A camera of a model that the format has.
+/// A camera of a model that the format supports.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Nearest {
     /// The camera.
     pub camera: Camera<f64>,
-    /// What it cost to get it, where the calibrated model is another one.
+    /// Error of the replacement, if the calibrated model is another one.
     pub refit: Option<Replacement>,
 }
 
-/// How a camera was replaced by the nearest one of another model.
+/// Replacement of a camera by the nearest one of another model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Replacement {
     /// The calibrated model.
     pub from: ModelKind,
     /// The model that replaces it.
     pub to: ModelKind,
-    /// How far the cameras are apart where the board was seen, where they were brought together.
+    /// Distance between the cameras in the region where the board was seen, which was used in the fit.
     pub covered: Distance,
-    /// How far they are apart on the whole sensor.
+    /// Distance between the cameras on the whole sensor.
     pub sensor: Distance,
 }
 
-/// How far two cameras are apart.
+/// Distance between two cameras.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distance {
     /// Root mean square, in pixels.
     pub rms: f64,
     /// Largest, in pixels.
     pub largest: f64,
-    /// Share of the pixels that the replacement cannot see.
+    /// Fraction of the pixels that the replacement cannot see.
     pub unseen: f64,
 }
 
 impl Replacement {
-    /// What a file for `program`, which has these `models`, costs, in a sentence.
+    /// Describes in a sentence the error of a file for `program`, which supports these `models`.
     pub fn sentence(&self, program: &str, models: &[ModelKind]) -> String {
         let Self { from, to, covered, sensor } = self;
         let missing = self.missing(models);
@@ -77,7 +77,7 @@ impl Replacement {
         )
     }
 
-    /// The coefficients of a camera of OpenCV's family that no model of the family among `models` has.
+    /// Returns the coefficients of a camera of OpenCV's family that no model of the family among `models` has.
     fn missing(&self, models: &[ModelKind]) -> Vec<&'static str> {
         let is_relative = |model: &&ModelKind| are_related(self.from, **model);
         let relatives = models.iter().filter(is_relative);
@@ -87,23 +87,24 @@ impl Replacement {
         self.from.parameter_names().iter().copied().filter(|name| !held.contains(name)).collect()
     }
 
-    /// Whether it is as good as the calibrated model for all who look for its coefficients.
+    /// Returns `true` if the replacement has known coefficients and is close enough to the calibrated model.
     fn is_close_relative(&self) -> bool {
         are_related(self.from, self.to) && self.covered.unseen == 0.0 && self.covered.largest <= SAME_FAMILY
     }
 }
 
-/// A distance in words.
+/// Formats a distance.
 fn at_most(pixels: f64) -> String {
     if pixels < 0.01 { "less than 0.01 px".to_owned() } else { format!("up to {pixels:.2} px") }
 }
 
-/// The camera of one of `models` that stands for `camera`.
+/// Returns the camera of one of `models` that represents `camera`.
 ///
-/// It is `camera` itself if its model is among them, or the same camera under another name: where all that a model
-/// lacks or has beyond it is zero, and for the unified model as the extended one with beta = 1. Else every model of `substitutes` is
-/// fitted to `camera` within `covered`, all parameters of it, and the one that comes nearest is taken, or one of OpenCV's family for
-/// another of it where that is near enough. `None` if none sees the region.
+/// This is `camera` itself if its model is among them, or the same camera under another name: if all coefficients that
+/// a model lacks or has in addition are zero, and for the unified model as the extended one with beta = 1. Otherwise
+/// every model of `substitutes` is fitted to `camera` within `covered`, with all parameters, and the nearest one is
+/// chosen; within OpenCV's family, another model of the family is preferred if it is near enough. Returns `None` if no
+/// model sees the region.
 pub fn nearest(
     camera: &Camera<f64>,
     models: &[ModelKind],
@@ -131,13 +132,13 @@ pub fn nearest(
             order.then(a.covered.largest.total_cmp(&b.covered.largest))
         })
     };
-    // A close relative is taken whatever the others are.
+    // A close relative is chosen even if another model is nearer.
     let related: Vec<ModelKind> = substitutes.iter().copied().filter(|to| are_related(from, *to)).collect();
     let relative = best(&related).filter(|(_, refit)| refit.is_close_relative());
     relative.or_else(|| best(substitutes)).map(|(camera, refit)| Nearest { camera, refit: Some(refit) })
 }
 
-/// The very same camera in another model: of OpenCV's family, or the unified model as the extended one.
+/// Returns the same camera in another model: of OpenCV's family, or the unified model as the extended one.
 fn same_camera(camera: &Camera<f64>, to: ModelKind) -> Option<Camera<f64>> {
     if (camera.kind(), to) == (ModelKind::Ucm, ModelKind::Eucm) {
         let mut parameters = camera.parameters().to_vec();
@@ -154,8 +155,8 @@ fn same_camera(camera: &Camera<f64>, to: ModelKind) -> Option<Camera<f64>> {
     beyond.iter().all(|value| *value == 0.0).then(|| Camera::from_parameters(to, kept)).flatten()
 }
 
-/// How far `other` is from `reference`, in its pixels, within `covered` and on the whole sensor; `None` if there is
-/// nothing that both see.
+/// Returns the distance of `other` from `reference`, in pixels of `reference`, within `covered` and on the whole
+/// sensor; `None` if no pixel is seen by both.
 fn distances(
     reference: &Camera<f64>,
     other: &Camera<f64>,
@@ -186,7 +187,7 @@ fn distances(
     Some((there.distance()?, everywhere.distance()?))
 }
 
-/// Squared distances, added up.
+/// Sum of squared distances.
 #[derive(Default)]
 struct Sum {
     sum: f64,
@@ -241,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refit_says_what_it_costs() {
+    fn a_refit_reports_its_error() {
         let calibrated = camera(ModelKind::InverseRadial, &[0.33, 0.16, 0.09, 0.04, 0.02]);
         let models = [ModelKind::Radtan, ModelKind::KannalaBrandt];
         let Nearest { camera: near, refit } = nearest(&calibrated, &models, &models, SENSOR, &region()).unwrap();
@@ -278,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_relative_is_taken_as_long_as_it_is_near() {
+    fn a_relative_is_chosen_if_it_is_near() {
         let substitutes = [ModelKind::KannalaBrandt, ModelKind::Radtan4, ModelKind::Eucm];
         let to = |k3: f64| {
             let five = camera(ModelKind::Radtan, &[-0.3, 0.1, 0.001, -0.0005, k3]);
@@ -290,7 +291,7 @@ mod tests {
             near.sentence("Kalibr", &substitutes).starts_with("Kalibr has no radtan with k3: exported as radtan4, "),
             "{near:?}"
         );
-        // So much k3 that four coefficients cannot follow: another model is taken where it comes nearer.
+        // With this k3 four coefficients are not enough; another model is chosen because it comes nearer.
         let far = to(-0.3);
         let four = nearest(
             &camera(ModelKind::Radtan, &[-0.3, 0.1, 0.001, -0.0005, -0.3]),
@@ -304,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_never_seen_has_no_twin() {
+    fn an_unseen_region_has_no_equivalent() {
         let calibrated = camera(ModelKind::InverseRadial, &[0.33, 0.16, 0.09, 0.04, 0.02]);
         let nothing = CoveredRegion::around([], SENSOR);
         assert_eq!(nearest(&calibrated, &[ModelKind::Radtan], &[ModelKind::Radtan], SENSOR, &nothing), None);

@@ -1,11 +1,10 @@
-//! Where two calibrations would put the same point in the image, the implied rotation removed.
+//! Difference between the projections of two calibrations, with the implied rotation removed.
 //!
-//! A calibration fixes the camera frame only through its own errors: a principal point moved by
-//! one pixel and a camera turned by the angle of one pixel nearly explain each other. So each
-//! pixel of a grid goes through the first lens backwards to its bearing, through the one rotation
-//! that fits best over the whole grid, and through the second lens to a pixel; what is left is the
-//! difference (as `mrcal`'s `show-projection-diff` without distance does). It is a function of the
-//! place on the sensor: its root mean square, its greatest value and a map are reported.
+//! A calibration determines the camera frame only up to its own errors: a principal point moved by one pixel and a
+//! camera rotated by the angle of one pixel have nearly the same effect. Therefore each pixel of a grid is unprojected
+//! by the first lens, rotated by the one rotation that fits best over the whole grid, and projected by the second lens.
+//! The remainder is the difference (as in mrcal's `show-projection-diff` without distance). It depends on the position
+//! on the sensor, so its root mean square, its maximum and a map are reported.
 
 use std::fmt;
 
@@ -18,9 +17,9 @@ use crate::numerics::rigid::best_rotation;
 
 /// Number of columns of the grid of pixels.
 const COLUMNS: u16 = 61;
-/// Rounds of Gauss-Newton at most.
+/// Largest number of Gauss-Newton iterations.
 const ROUNDS: usize = 30;
-/// Turn in radians below which the rotation is found.
+/// Change of the rotation in radians below which it has converged.
 const CONVERGED: f64 = 1e-12;
 
 /// The difference at one pixel of the grid.
@@ -28,7 +27,7 @@ const CONVERGED: f64 = 1e-12;
 pub struct GridDifference {
     /// The pixel in the first calibration.
     pub pixel: [f64; 2],
-    /// Its pixel in the second calibration less itself; `None` where one of the lens models ends.
+    /// Its pixel in the second calibration minus itself; `None` outside the domain of one of the lens models.
     pub difference: Option<[f64; 2]>,
 }
 
@@ -41,32 +40,32 @@ pub struct ProjectionDifference {
     pub rows: u16,
     /// The differences, row by row.
     pub grid: Vec<GridDifference>,
-    /// The implied rotation, which maps bearings of the first camera to those of the second, as a
-    /// rotation vector in radians.
+    /// The implied rotation, which maps bearings of the first camera to bearings of the second, as a rotation vector in
+    /// radians.
     pub rotation: [f64; 3],
     /// Root mean square of the differences in pixels.
     pub rms: f64,
-    /// Greatest difference in pixels.
+    /// Largest difference in pixels.
     pub max: f64,
-    /// The pixel where the difference is greatest.
+    /// The pixel of the largest difference.
     pub max_at: [f64; 2],
-    /// Pixels of the grid at which one of the lens models ends.
+    /// Number of grid pixels outside the domain of one of the lens models.
     pub uncovered: usize,
 }
 
-/// Why two calibrations cannot be compared.
+/// Reason why two calibrations cannot be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "the lens models share only {covered} of {total} points of the sensor, 3 are needed: are both for this sensor size?"
 )]
 pub struct NoCommonView {
-    /// Pixels that both models cover.
+    /// Number of pixels in the domain of both models.
     pub covered: usize,
-    /// Pixels looked at.
+    /// Number of pixels examined.
     pub total: usize,
 }
 
-/// The projection difference of `second` to `first` over `sensor`.
+/// Computes the projection difference of `second` to `first` over `sensor`.
 pub fn projection_difference(
     first: &Camera<f64>,
     second: &Camera<f64>,
@@ -98,7 +97,7 @@ fn difference(
         for (pixel, bearing) in seen() {
             let turned = rotation * bearing;
             if let Some((projected, by_point)) = project_second(&turned) {
-                // A further small turn ω moves the point by ω × p.
+                // A further small rotation ω moves the point by ω × p.
                 let by_turn = -by_point * turned.cross_matrix();
                 normal += by_turn.transpose() * by_turn;
                 gradient += by_turn.transpose() * (projected - pixel);
@@ -147,13 +146,13 @@ fn difference(
     })
 }
 
-/// Columns and rows of the grid of pixels on a sensor.
+/// Returns the columns and rows of the grid of pixels on a sensor.
 pub fn grid_size(sensor: Sensor) -> (u16, u16) {
     let rows = (f64::from(COLUMNS) * f64::from(sensor.height) / f64::from(sensor.width.max(1))).round();
     (COLUMNS, rows.clamp(2.0, 1000.0) as u16)
 }
 
-/// The grid of pixels on a sensor, row by row.
+/// Returns the grid of pixels on a sensor, row by row.
 pub fn grid(sensor: Sensor) -> Vec<Vector2<f64>> {
     let (columns, rows) = grid_size(sensor);
     let place = |index: u16, count: u16, size: u16| {
@@ -167,12 +166,12 @@ pub fn grid(sensor: Sensor) -> Vec<Vector2<f64>> {
         .collect()
 }
 
-/// Columns and rows of the map in the text.
+/// Columns and rows of the map in the text form.
 const MAP: (usize, usize) = (8, 6);
 
 impl ProjectionDifference {
-    /// Root mean square of the differences in each cell of a `columns` × `rows` division of the
-    /// sensor, row by row; `None` for cells without any.
+    /// Returns the root mean square of the differences in each cell of a `columns` × `rows` division of the sensor, row
+    /// by row; `None` for cells without grid pixels.
     pub fn map(&self, columns: usize, rows: usize) -> Vec<Option<f64>> {
         let mut sums = vec![(0.0, 0u32); columns * rows];
         let (grid_columns, grid_rows) = (usize::from(self.columns), usize::from(self.rows));
@@ -262,8 +261,8 @@ mod tests {
         }
     }
 
-    /// To first order a turn by `a` about y moves the pixel of the image point (x, y) of a pinhole
-    /// camera by f a (1 + x², x y): this least-squares problem has a solution in closed form.
+    /// To first order a rotation by `a` about y moves the pixel of the image point (x, y) of a pinhole camera by
+    /// f a (1 + x², x y): this least-squares problem has a solution in closed form.
     #[test]
     fn a_shifted_principal_point_is_partly_a_rotation() {
         let (focal, shift) = (300.0, 0.1);
@@ -288,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn a_focal_length_is_no_rotation() {
+    fn a_focal_length_is_not_a_rotation() {
         let first = camera(ModelKind::Radtan4, &[300.0, 300.0, 172.5, 129.5, 0.0, 0.0, 0.0, 0.0]);
         let second = camera(ModelKind::Radtan4, &[303.0, 303.0, 172.5, 129.5, 0.0, 0.0, 0.0, 0.0]);
         let result = projection_difference(&first, &second, SIZE).unwrap();

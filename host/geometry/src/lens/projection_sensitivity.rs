@@ -1,29 +1,28 @@
-//! How the projection over the sensor answers to a change of the camera's parameters.
+//! Sensitivity of the projection over the sensor to the camera's parameters.
 //!
-//! A bearing goes through the lens to a pixel; how far would it land elsewhere, were a parameter another?
-//! Part of that is only a camera frame turned by a little, which no user of a calibration can notice: the
-//! rotation that fits best over the sensor is taken out, as in [`projection_difference`](super::projection_difference)
-//! (and as mrcal's projection uncertainty does).
+//! It is the change of a bearing's pixel when a parameter changes. A part of that change is a small rotation of the
+//! camera frame, which has no effect on users of a calibration. Therefore the rotation that fits best over the sensor
+//! is removed, as in [`projection_difference`](super::projection_difference) (and in mrcal's projection uncertainty).
 
 use evcal_core::camera::Camera;
 use nalgebra::{DMatrix, Matrix2x3, Matrix2xX, Matrix3, Vector2};
 
-/// The answer of the projection at some pixels.
+/// Derivatives of the projection at some pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProjectionSensitivity {
-    /// For each pixel the derivative of the projection by the parameters (2 × parameters, px per unit of the
-    /// parameter), the rotation taken out; `None` where the lens model ends.
+    /// For each pixel the derivative of the projection with respect to the parameters (2 × parameters, px per unit of
+    /// the parameter), with the rotation removed; `None` outside the domain of the lens model.
     pub changes: Vec<Option<Matrix2xX<f64>>>,
     /// Sum over the pixels of CᵀC for each change C (parameters × parameters).
     pub squares: DMatrix<f64>,
-    /// Pixels that the lens sees.
+    /// Number of pixels that the lens sees.
     pub seen: usize,
 }
 
-/// The sensitivity of `camera` at `pixels`; `None` when the lens sees fewer than 3 of them.
+/// Computes the sensitivity of `camera` at `pixels`; `None` if the lens sees fewer than 3 of them.
 pub fn projection_sensitivity(camera: &Camera<f64>, pixels: &[Vector2<f64>]) -> Option<ProjectionSensitivity> {
     let count = camera.parameters().len();
-    // At each pixel: derivatives of the projection by the parameters, and by a turn of the camera.
+    // At each pixel: derivatives of the projection with respect to the parameters and to a rotation of the camera.
     let places: Vec<Option<(DMatrix<f64>, Matrix2x3<f64>)>> = pixels
         .iter()
         .map(|pixel| {

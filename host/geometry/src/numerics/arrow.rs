@@ -1,9 +1,9 @@
-//! Least squares with an arrow shape: many poses, each with residuals of its own, and a border of
-//! parameters that all residuals share.
+//! Least squares with an arrow-shaped matrix: many poses, each with its own residuals, and border parameters shared by
+//! all residuals.
 //!
-//! The normal equations have a 6 × 6 block for each pose and a border. A pose is eliminated by the Schur
-//! complement of its block; the border is solved, and the poses follow from it (Triggs et al. 2000,
-//! *Bundle Adjustment: A Modern Synthesis*, section 6.1).
+//! The normal equations have a 6 × 6 block per pose and a border. Each pose is eliminated by the Schur complement of
+//! its block; then the border is solved, and the poses follow from it (Triggs et al. 2000, *Bundle Adjustment: A Modern
+//! Synthesis*, section 6.1).
 
 use nalgebra::allocator::Allocator;
 use nalgebra::{Cholesky, DefaultAllocator, Dim, Matrix6, OMatrix, OVector, SMatrix, SVector, U6, Vector2, Vector6};
@@ -26,7 +26,7 @@ pub struct PoseEquations<const N: usize> {
 }
 
 impl<const N: usize> PoseEquations<N> {
-    /// Equations of no residuals.
+    /// Creates equations without residuals.
     pub fn new() -> Self {
         Self {
             border: SMatrix::zeros(),
@@ -56,8 +56,8 @@ impl<const N: usize> PoseEquations<N> {
         self.squares += weight * error.norm_squared();
     }
 
-    /// Eliminates the pose, the diagonal of whose block is raised by `damping` times itself; `None` if
-    /// the residuals do not determine the pose.
+    /// Eliminates the pose, after raising the diagonal of its block by `damping` times itself; returns `None` if the
+    /// residuals do not determine the pose.
     pub fn eliminate(&self, damping: f64) -> Option<Eliminated<N>> {
         let mut block = self.block;
         for index in 0..6 {
@@ -69,7 +69,7 @@ impl<const N: usize> PoseEquations<N> {
         Some(Eliminated { border, gradient, factor })
     }
 
-    /// The step of the pose that goes with a step of the border.
+    /// Returns the step of the pose that corresponds to a step of the border.
     pub fn pose_step(&self, eliminated: &Eliminated<N>, border_step: &SVector<f64, N>) -> Vector6<f64> {
         -eliminated.factor.solve(&(self.block_gradient + self.mixed.transpose() * border_step))
     }
@@ -81,7 +81,7 @@ impl<const N: usize> Default for PoseEquations<N> {
     }
 }
 
-/// What the elimination of one pose takes off the border.
+/// Contribution of an eliminated pose to the border's equations.
 #[derive(Clone, Debug)]
 pub struct Eliminated<const N: usize> {
     /// To be subtracted from the border's matrix.
@@ -92,8 +92,8 @@ pub struct Eliminated<const N: usize> {
     factor: Cholesky<f64, U6>,
 }
 
-/// A symmetric matrix scaled to a unit diagonal, and the scale of its rows and columns; rows whose
-/// diagonal is not positive keep their scale.
+/// Returns a symmetric matrix scaled to a unit diagonal, and the scale of its rows and columns; rows without a positive
+/// diagonal keep their scale.
 pub fn unit_diagonal<D: Dim>(matrix: &OMatrix<f64, D, D>) -> (OMatrix<f64, D, D>, OVector<f64, D>)
 where
     DefaultAllocator: Allocator<D> + Allocator<D, D>,
@@ -115,7 +115,7 @@ mod tests {
     const BORDER: usize = 3;
     const POSES: usize = 4;
 
-    /// The whole system at once, damped as by [`PoseEquations::eliminate`], has the same solution.
+    /// The whole system, damped as in [`PoseEquations::eliminate`] and solved at once, has the same solution.
     #[test]
     fn elimination_solves_the_whole_system() {
         let mut random = ChaCha8Rng::seed_from_u64(3);

@@ -1,9 +1,9 @@
 //! Cholesky factorisation of symmetric, positive definite, banded matrices.
 //!
-//! The normal equations of a spline couple only control points that share a knot span, so they are
-//! banded: factoring takes `dimension · bandwidth²` steps instead of `dimension³/3`. Storage is the
-//! lower band, row by row, so that the inner loops run over contiguous memory. Sums are always
-//! formed in the same order: the result does not depend on the machine.
+//! The normal equations of a spline couple only control points that share a knot span, so they are banded: factoring
+//! takes `dimension · bandwidth²` steps instead of `dimension³/3`. The lower band is stored row by row, so that the
+//! inner loops run over contiguous memory. Sums always have the same order, so the result does not depend on the
+//! machine.
 
 use super::panel::{Panel, backward, forward};
 
@@ -28,36 +28,36 @@ use super::panel::{Panel, backward, forward};
 pub struct BandedCholesky {
     dimension: usize,
     bandwidth: usize,
-    /// Row `i` holds columns `i - bandwidth ..= i`; columns before 0 stay zero. After factoring the
-    /// diagonal holds the reciprocals of L's diagonal.
+    /// Row `i` contains columns `i - bandwidth ..= i`; columns before 0 stay zero. After factoring the diagonal
+    /// contains the reciprocals of L's diagonal.
     rows: Vec<f64>,
 }
 
 impl BandedCholesky {
-    /// The zero matrix of `dimension` rows and columns with `bandwidth` diagonals below the main one.
+    /// Creates the zero matrix of `dimension` rows and columns with `bandwidth` diagonals below the main one.
     pub fn zeros(dimension: usize, bandwidth: usize) -> Self {
         Self { dimension, bandwidth, rows: vec![0.0; dimension * (bandwidth + 1)] }
     }
 
-    /// Number of rows and columns.
+    /// Returns the number of rows and columns.
     pub fn dimension(&self) -> usize {
         self.dimension
     }
 
-    /// Number of diagonals below the main one.
+    /// Returns the number of diagonals below the main one.
     pub fn bandwidth(&self) -> usize {
         self.bandwidth
     }
 
-    /// Sets every entry to zero, ready for another matrix of the same shape.
+    /// Sets every entry to zero, for another matrix of the same shape.
     pub fn clear(&mut self) {
         self.rows.fill(0.0);
     }
 
-    /// The part of row `row` from column `row - bandwidth` (or 0) to the diagonal.
+    /// Returns the part of row `row` from column `row - bandwidth` (or 0) to the diagonal.
     ///
     /// # Panics
-    /// When `row` is not below the dimension.
+    /// If `row` is not below the dimension.
     pub fn row_mut(&mut self, row: usize) -> &mut [f64] {
         let width = self.bandwidth + 1;
         &mut self.rows[row * width + self.bandwidth.saturating_sub(row)..(row + 1) * width]
@@ -66,7 +66,7 @@ impl BandedCholesky {
     /// Adds `value` to the entry at (`row`, `column`) of the lower triangle.
     ///
     /// # Panics
-    /// When the entry lies outside the lower band.
+    /// If the entry lies outside the lower band.
     pub fn add(&mut self, row: usize, column: usize, value: f64) {
         assert!(
             row < self.dimension && column <= row && row - column <= self.bandwidth,
@@ -78,8 +78,8 @@ impl BandedCholesky {
     /// Replaces `A` by its factor.
     ///
     /// # Errors
-    /// The row of the first pivot that is not positive, to the precision of its diagonal entry: `A` is
-    /// not positive definite. The contents are of no use then.
+    /// Returns the row of the first pivot that is not positive, to the precision of its diagonal entry: `A` is not
+    /// positive definite. The contents are then undefined.
     pub fn factor(&mut self) -> Result<(), usize> {
         let bandwidth = self.bandwidth;
         let width = bandwidth + 1;
@@ -90,13 +90,13 @@ impl BandedCholesky {
             let first = bandwidth.saturating_sub(i);
             let above = done[done.len() - (bandwidth - first) * width..].chunks_exact(width);
             for (c, above) in (first..bandwidth).zip(above) {
-                // The row above is shifted: its entry of the same column is bandwidth - c further.
+                // The row above is shifted: its entry of the same column is `bandwidth - c` further.
                 let sum = dot(&row[first..c], &above[first + bandwidth - c..bandwidth]);
                 row[c] = (row[c] - sum) * above[bandwidth];
             }
             let diagonal = row[bandwidth];
             let pivot = diagonal - dot(&row[first..bandwidth], &row[first..bandwidth]);
-            // Written so that a NaN fails.
+            // Written so that a NaN is rejected.
             if !(pivot > diagonal * f64::EPSILON && pivot.is_finite()) {
                 return Err(i);
             }
@@ -105,11 +105,11 @@ impl BandedCholesky {
         Ok(())
     }
 
-    /// Replaces each right-hand side by the solution of `A x = b`; [`BandedCholesky::factor`] must have
-    /// succeeded. `columns` holds one or several right-hand sides, one after the other.
+    /// Replaces each right-hand side by the solution of `A x = b`; [`BandedCholesky::factor`] must have succeeded.
+    /// `columns` contains one or more right-hand sides, one after the other.
     ///
     /// # Panics
-    /// When the length of `columns` is not a multiple of the dimension.
+    /// If the length of `columns` is not a multiple of the dimension.
     pub fn solve_in_place(&self, columns: &mut [f64]) {
         if self.dimension == 0 {
             return;
@@ -130,7 +130,7 @@ impl BandedCholesky {
     /// Replaces `column` by the solution of `Lᵀ x = column`; [`BandedCholesky::factor`] must have succeeded.
     ///
     /// # Panics
-    /// When `column` is shorter than the dimension.
+    /// If `column` is shorter than the dimension.
     pub fn solve_transposed_in_place(&self, column: &mut [f64]) {
         let (bandwidth, width) = (self.bandwidth, self.bandwidth + 1);
         for (i, row) in self.rows.chunks_exact(width).enumerate().rev() {
@@ -163,7 +163,7 @@ pub struct SymmetricBand {
 }
 
 impl SymmetricBand {
-    /// The entry at (`row`, `column`); 0 outside the matrix or further from the diagonal than the bandwidth.
+    /// Returns the entry at (`row`, `column`); 0 outside the matrix or the band.
     pub fn at(&self, row: usize, column: usize) -> f64 {
         let (row, column) = (row.max(column), row.min(column));
         if row - column > self.bandwidth {
@@ -174,7 +174,7 @@ impl SymmetricBand {
 }
 
 impl BandedCholesky {
-    /// The entries of A⁻¹ inside the band, without the rest of it (Takahashi, Fagan and Chin 1973);
+    /// Returns the entries of A⁻¹ inside the band, without computing the rest (Takahashi, Fagan and Chin 1973);
     /// [`BandedCholesky::factor`] must have succeeded.
     pub fn inverse_band(&self) -> SymmetricBand {
         let (bandwidth, width) = (self.bandwidth, self.bandwidth + 1);
@@ -195,7 +195,7 @@ impl BandedCholesky {
     }
 }
 
-/// Dot product in four partial sums, which a compiler keeps in one register.
+/// Returns the dot product, summed in four partial sums, which a compiler keeps in one register.
 #[inline]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (a_parts, a_rest) = a.as_chunks::<4>();
@@ -219,8 +219,8 @@ mod tests {
     use super::*;
     use crate::numerics::panel::{PANEL, panel_product};
 
-    /// A random positive definite banded matrix: `B Bᵀ` with a banded, lower triangular `B`, and as
-    /// much on the diagonal as keeps its condition number near 1e4.
+    /// Returns a random positive definite banded matrix: `B Bᵀ` with a banded, lower triangular `B`, and a diagonal
+    /// large enough for a condition number near 1e4.
     fn random(dimension: usize, bandwidth: usize, seed: u64) -> DMatrix<f64> {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         let factor = DMatrix::from_fn(dimension, dimension, |row, column| {
@@ -285,7 +285,7 @@ mod tests {
         }
 
         #[test]
-        fn the_inverse_near_the_diagonal_is_that_of_a_dense_matrix(
+        fn the_inverse_near_the_diagonal_equals_that_of_a_dense_matrix(
             dimension in 1..40_usize,
             bandwidth in 0..12_usize,
             seed in any::<u64>(),
@@ -360,7 +360,7 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "outside the lower band")]
-    fn the_upper_triangle_is_refused() {
+    fn the_upper_triangle_is_rejected() {
         BandedCholesky::zeros(3, 2).add(0, 1, 1.0);
     }
 }

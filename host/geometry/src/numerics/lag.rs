@@ -1,50 +1,52 @@
-//! By how much one series is later than another: their normalised correlation over all shifts, with a test that the answer is clear.
+//! Estimates the time lag between two series from their normalised correlation over all shifts, with a test for
+//! uniqueness.
 
-/// What makes an answer clear.
+/// Criteria for a clear result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rules {
     /// Smallest number of pairs.
     pub fewest_pairs: f64,
-    /// Smallest correlation that is believed.
+    /// Smallest acceptable correlation.
     pub correlation: f64,
-    /// Share of the best peak that another one must stay below.
+    /// Upper bound of any other peak, as a fraction of the best.
     pub second_peak: f64,
-    /// Nearest another peak may be, in steps.
+    /// Smallest distance of another peak, in steps.
     pub peak_distance: usize,
 }
 
-/// Two series of one thing.
+/// Lag between two series of the same quantity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lag {
-    /// How many steps later the second series is: its value at `i + steps` belongs to that of the first at `i`.
+    /// Number of steps by which the second series is later: its value at `i + steps` corresponds to the first series at
+    /// `i`.
     pub steps: f64,
-    /// Their correlation there.
+    /// Correlation at this lag.
     pub correlation: f64,
 }
 
-/// Why there is no answer.
+/// Reason why the lag is not determined.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NoLag {
-    /// The series are not of one thing.
+    /// The series do not correlate.
     Unlike {
         /// The largest correlation.
         correlation: f64,
     },
-    /// Two shifts fit nearly alike.
+    /// Two shifts fit almost equally well.
     Ambiguous {
         /// The better one, in steps.
         first: f64,
-        /// The other.
+        /// The other one, in steps.
         second: f64,
     },
-    /// The first series is nearly the same all the time, and no shift shows.
+    /// The first series is nearly constant, so no shift can be determined.
     Steady {
         /// Its mean.
         mean: f64,
     },
 }
 
-/// Standard deviation over the mean below which a series of sizes is nearly the same all the time.
+/// Ratio of standard deviation to mean below which a series is nearly constant.
 const STEADY: f64 = 0.2;
 
 /// Sums over the pairs of one shift.
@@ -76,15 +78,15 @@ impl Pairs {
     }
 }
 
-/// How much later `second` is than `first`; both have one value a step, where it is known.
+/// Returns the lag of `second` relative to `first`; both have one value per step, if it is known.
 ///
 /// # Errors
-/// [`NoLag`] when no shift is clearly the best.
+/// [`NoLag`] if no shift is clearly the best.
 pub fn lag(first: &[Option<f64>], second: &[Option<f64>], rules: &Rules) -> Result<Lag, NoLag> {
     best(first, second, rules).map_err(|error| steady(first).map_or(error, |mean| NoLag::Steady { mean }))
 }
 
-/// The mean of a series that is nearly the same all the time.
+/// Returns the mean of a nearly constant series; `None` for other series.
 fn steady(series: &[Option<f64>]) -> Option<f64> {
     let count = series.iter().flatten().count().max(1) as f64;
     let mean = series.iter().flatten().sum::<f64>() / count;
@@ -101,10 +103,10 @@ fn best(first: &[Option<f64>], second: &[Option<f64>], rules: &Rules) -> Result<
     }
 }
 
-/// All lags that may be the right one, the best first, `most` of them at the most: what else is known must decide between them.
+/// Returns all plausible lags, at most `most`, the best first; other knowledge must decide between them.
 ///
 /// # Errors
-/// [`NoLag::Unlike`] if no shift fits, [`NoLag::Steady`] if none can show.
+/// [`NoLag::Unlike`] if no shift fits, [`NoLag::Steady`] if the first series is nearly constant.
 pub fn lags(first: &[Option<f64>], second: &[Option<f64>], rules: &Rules, most: usize) -> Result<Vec<Lag>, NoLag> {
     let found = peaks(first, second, rules, most);
     match (&found, steady(first)) {
@@ -147,7 +149,7 @@ fn peaks(first: &[Option<f64>], second: &[Option<f64>], rules: &Rules, most: usi
             _ => break,
         }
     }
-    // The top of the parabola through the three.
+    // Maximum of the parabola through the three values.
     let top = |index: usize| {
         let (before, middle, after) = (at(index.saturating_sub(1)), at(index), at(index + 1));
         let bend = before - 2.0 * middle + after;
@@ -185,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn other_and_periodic_series_have_none() {
+    fn unrelated_and_periodic_series_have_no_lag() {
         let other = |t: f64| (0.11 * t).sin() + (0.002 * t * t).cos();
         let found = lag(&series(wavy, 0.0, 1000), &series(other, 0.0, 1000), &RULES);
         assert!(matches!(found, Err(NoLag::Unlike { correlation }) if correlation < 0.9), "{found:?}");
@@ -197,11 +199,11 @@ mod tests {
     }
 
     #[test]
-    fn a_series_that_is_steady_is_told() {
+    fn a_constant_series_is_reported() {
         let steady = |seed: f64| series(move |t| 3.0 + 0.1 * (seed * t * t).sin(), 0.0, 1000);
         let found = lag(&steady(0.017), &steady(0.041), &RULES);
         assert!(matches!(found, Err(NoLag::Steady { mean }) if (mean - 3.0).abs() < 0.05), "{found:?}");
-        // What little there is of a change is enough where it shows.
+        // A small change is sufficient if it is visible.
         let changes = |later: f64| series(|t| 30.0 + wavy(t), later, 1000);
         let found = lag(&changes(0.0), &changes(40.0), &RULES).unwrap();
         assert!((found.steps + 40.0).abs() < 0.05, "{found:?}");

@@ -1,20 +1,20 @@
-//! Levenberg-Marquardt: damped steps downhill.
+//! The Levenberg-Marquardt method.
 //!
-//! The estimate, its equations and how a damped step is found belong to the caller; here is when to
-//! damp more, when less, and when to stop.
+//! The caller provides the estimate, its equations and the solution of a damped step; this module decides when to
+//! increase or decrease the damping, and when to stop.
 
-/// How far to go and how much to damp.
+/// Limits of iterations and damping.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Schedule {
     /// Damping of the first step, relative to the diagonal.
     pub first_damping: f64,
-    /// Least damping.
+    /// Smallest damping.
     pub smallest_damping: f64,
-    /// From this damping on, no step is tried.
+    /// Damping from which on no step is tried.
     pub largest_damping: f64,
-    /// Most steps.
+    /// Largest number of steps.
     pub most_steps: usize,
-    /// A step that lowers the cost by less than this part of it is the last one.
+    /// A step that lowers the cost by less than this fraction is the last one.
     pub smallest_gain: f64,
 }
 
@@ -27,11 +27,11 @@ pub struct Costed<S> {
     pub cost: f64,
 }
 
-/// Lowers the cost of `best` step by step; gives the number of steps taken.
+/// Lowers the cost of `best` step by step; returns the number of steps.
 ///
-/// `linearise` sets up the equations at an estimate, `trial` is the estimate after a step with this
-/// damping; `None` where the equations have no solution. A step that does not lower the cost is
-/// tried again with ten times the damping; after one that does, the damping is a tenth.
+/// `linearise` sets up the equations at an estimate; `trial` returns the estimate after a step with the given damping,
+/// or `None` if the equations have no solution. A step that does not lower the cost is repeated with ten times the
+/// damping; after a successful step the damping is divided by ten.
 pub fn minimise<S, E>(
     best: &mut Costed<S>,
     schedule: &Schedule,
@@ -74,7 +74,7 @@ mod tests {
         smallest_gain: 1e-12,
     };
 
-    /// Rosenbrock's valley, as two residuals.
+    /// Rosenbrock's function, as two residuals.
     fn residuals(at: &Vector2<f64>) -> Vector2<f64> {
         Vector2::new(1.0 - at.x, 10.0 * (at.y - at.x * at.x))
     }
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn the_floor_of_a_bent_valley_is_found() {
+    fn the_minimum_of_rosenbrocks_function_is_found() {
         let (best, steps) = rosenbrock(&SCHEDULE);
         assert!((best.estimate - Vector2::new(1.0, 1.0)).norm() < 1e-9, "{best:?} after {steps}");
         assert!(steps < SCHEDULE.most_steps);
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn equations_without_a_solution_leave_the_estimate_alone() {
+    fn equations_without_a_solution_do_not_change_the_estimate() {
         let mut best = Costed { estimate: 3.0, cost: 9.0 };
         assert_eq!(minimise(&mut best, &SCHEDULE, |_| (), |_, (), _| None), 0);
         assert_eq!(best, Costed { estimate: 3.0, cost: 9.0 });

@@ -1,17 +1,17 @@
-//! Several vectors side by side, so that a banded solve or a product works on all of them at once.
+//! Several vectors stored next to each other, so that a banded solve or a product processes all of them at once.
 //!
-//! Every sum is formed in the same order whatever the width of the machine's vectors.
+//! Every sum is formed in the same order, whatever the machine's vector width.
 
 use multiversion::multiversion;
 
-/// So many vectors stand side by side.
+/// Number of vectors in a panel.
 pub const PANEL: usize = 16;
 
-/// A line for each row of a matrix: that row of [`PANEL`] vectors.
+/// One line per row of a matrix, with that row of [`PANEL`] vectors.
 pub type Panel = Vec<[f64; PANEL]>;
 
-/// Replaces each vector b of `panel` by the solution of `L y = b`. Of the lower triangle L, `rows` holds for each row the `bandwidth`
-/// entries before the diagonal and one over the diagonal.
+/// Replaces each vector b of `panel` by the solution of `L y = b`. For each row of the lower triangle L, `rows`
+/// contains the `bandwidth` entries before the diagonal and the reciprocal of the diagonal.
 #[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
 pub fn forward(rows: &[f64], bandwidth: usize, panel: &mut [[f64; PANEL]]) {
     for (i, row) in rows.chunks_exact(bandwidth + 1).enumerate() {
@@ -19,7 +19,7 @@ pub fn forward(rows: &[f64], bandwidth: usize, panel: &mut [[f64; PANEL]]) {
         let (solved, open) = panel.split_at_mut(i);
         let Some(line) = open.first_mut() else { return };
         let (entries, reciprocal) = (&row[bandwidth - count..bandwidth], row[bandwidth]);
-        // Two sums, so that an addition need not wait for the one before it.
+        // Two sums, so that an addition does not wait for the previous one.
         let mut sums = [[0.0; PANEL]; 2];
         let (pairs, rest) = entries.as_chunks::<2>();
         let (solved_pairs, solved_rest) = solved[i - count..].as_chunks::<2>();
@@ -58,8 +58,8 @@ pub fn backward(rows: &[f64], bandwidth: usize, panel: &mut [[f64; PANEL]]) {
     }
 }
 
-/// The products of all vectors of panel `a` with all of panel `b`, which has as many lines: aᵀb. Each is a sum in the order
-/// of the lines, whatever the machine.
+/// Returns the products of all vectors of panel `a` with all vectors of panel `b`, which has the same number of lines:
+/// aᵀb. Each is summed in the order of the lines, on every machine.
 pub fn panel_product(a: &[[f64; PANEL]], b: &[[f64; PANEL]]) -> [[f64; PANEL]; PANEL] {
     let mut sums = [[0.0; PANEL]; PANEL];
     add_products(a, b, &mut sums);

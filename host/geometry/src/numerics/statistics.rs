@@ -1,12 +1,12 @@
-//! The figures by which a set of errors is reported.
+//! Statistics of a set of errors.
 
 use std::cmp::Ordering;
 use std::fmt;
 
-/// Standard deviation of a normal distribution over the median of its absolute values.
+/// Ratio of the standard deviation of a normal distribution to the median of its absolute values.
 pub const SIGMA_BY_MEDIAN: f64 = 1.4826;
 
-/// Figures of a set of non-negative errors, all in the unit of the errors.
+/// Statistics of a set of non-negative errors, all in the unit of the errors.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Statistics {
     /// Number of errors.
@@ -26,7 +26,7 @@ pub struct Statistics {
 }
 
 impl Statistics {
-    /// Figures of `errors`; `None` when there are none.
+    /// Returns the statistics of `errors`; `None` if there are no errors.
     pub fn new(mut errors: Vec<f64>) -> Option<Self> {
         errors.sort_by(f64::total_cmp);
         let (min, max) = (*errors.first()?, *errors.last()?);
@@ -39,7 +39,7 @@ impl Statistics {
         Some(Self { count, rmse: square.sqrt(), mean, median, std: variance.sqrt(), min, max })
     }
 
-    /// The same figures in a unit `factor` times as small.
+    /// Converts the statistics to a unit `factor` times as small.
     pub fn scaled(&self, factor: f64) -> Self {
         let [rmse, mean, median, std, min, max] =
             [self.rmse, self.mean, self.median, self.std, self.min, self.max].map(|value| value * factor);
@@ -57,7 +57,7 @@ impl fmt::Display for Statistics {
     }
 }
 
-/// The middle one of `values` in `order`, of an even number the upper one; `None` without any.
+/// Returns the middle one of `values` in `order`, for an even number the upper one; `None` if there are no values.
 /// Changes their order.
 pub fn median<T: Copy>(values: &mut [T], order: impl FnMut(&T, &T) -> Ordering) -> Option<T> {
     let middle = values.len() / 2;
@@ -67,7 +67,8 @@ pub fn median<T: Copy>(values: &mut [T], order: impl FnMut(&T, &T) -> Ordering) 
     Some(*values.select_nth_unstable_by(middle, order).1)
 }
 
-/// The value below which `share` (0 to 1) of the `sorted` values lie, to the nearest rank; `None` without any.
+/// Returns the value below which a `share` (0 to 1) of the `sorted` values lie, to the nearest rank; `None` if there
+/// are no values.
 pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
     let index = (share * sorted.len().saturating_sub(1) as f64).round() as usize;
     sorted.get(index).copied()

@@ -1,4 +1,4 @@
-//! One hint at a time, in the words of whoever holds the board.
+//! Hints for the person who holds the board, one at a time.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -7,20 +7,20 @@ use nalgebra::{Isometry3, Vector2, Vector3};
 use super::place::Place;
 use crate::Tilt;
 
-/// Distance in the image that is near enough, as a share of the sensor's width.
+/// Tolerance of the position in the image, as a fraction of the sensor's width.
 const NEAR_ENOUGH: f64 = 0.15;
-/// Ratio of distances that is near enough.
+/// Tolerance of the ratio of distances.
 const SIZE_ENOUGH: f64 = 1.1;
-/// Angle between the boards' normals that is near enough (rad).
+/// Tolerance of the angle between the boards' normals (rad).
 const TILT_ENOUGH: f64 = 12.0 * PI / 180.0;
-/// Turn about the camera's axis that is near enough (rad).
+/// Tolerance of the rotation about the camera's axis (rad).
 const ROLL_ENOUGH: f64 = 25.0 * PI / 180.0;
-/// Another hint must be worth this much more than the one that is shown.
+/// Factor by which another hint must be more important than the current one.
 const WORTH_CHANGE: f64 = 1.5;
-/// A board that is swung about its place may be so far from it, in units of what is near enough.
+/// Largest distance from its pose of a board that is swung about it, in units of the tolerance.
 const SWUNG: f64 = 1.5;
 
-/// How to move the board about a place: only what moves makes events, and a changing tilt tells most.
+/// Motion of the board about a pose: only motion triggers events, and a changing tilt is most informative.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Swing {
     /// About a vertical axis.
@@ -30,19 +30,19 @@ pub enum Swing {
 }
 
 impl Swing {
-    /// About the axis about which the place is tilted.
+    /// Returns the swing about the axis of the pose's tilt.
     pub fn of(place: &Place) -> Self {
         if place.tilt.x.abs() > place.tilt.y.abs() { Self::ToAndFro } else { Self::Sideways }
     }
 }
 
-/// What to do with the board.
+/// Instruction for the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Hint {
-    /// It was not seen yet.
+    /// The board was not seen yet.
     Show,
-    /// It was seen, and is not any more.
+    /// The board was seen before, but is not seen now.
     Lost,
     /// Move it in the image: to the right, downwards (each −1, 0 or 1).
     Shift(i8, i8),
@@ -54,18 +54,18 @@ pub enum Hint {
     Nearer(Tilt),
     /// Turn it clockwise, as the camera sees it.
     Clockwise,
-    /// Turn it the other way.
+    /// Turn it counterclockwise.
     Counterclockwise,
-    /// It is where it should be.
+    /// The board is at its target pose.
     Stay,
-    /// It is where it should be: move it about there.
+    /// The board is at its target pose: swing it there.
     Swing(Swing),
     /// Enough was seen.
     Done,
 }
 
 impl Hint {
-    /// The hint in words, as the camera sees the board, or as one sees it in a mirror.
+    /// Returns the text of the hint, for a view as seen by the camera or in a mirror.
     pub fn words(self, mirrored: bool) -> &'static str {
         match self {
             Self::Show => "show the board",
@@ -90,7 +90,7 @@ impl Hint {
         }
     }
 
-    /// Whether two hints speak of the same thing, whatever the direction.
+    /// Returns `true` if two hints concern the same quantity, in any direction.
     fn is_like(self, other: Self) -> bool {
         std::mem::discriminant(&self) == std::mem::discriminant(&other)
     }
@@ -109,7 +109,7 @@ fn shift(x: i8, y: i8) -> &'static str {
     }
 }
 
-/// A board in front of the camera.
+/// A visible board.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen {
     /// `T_camera_world`.
@@ -120,14 +120,14 @@ pub struct Seen {
     pub pixel: Vector2<f64>,
 }
 
-/// How far `now` is from `goal`, each kind of error in units of what is near enough, with the hint that goes with it.
-/// Half a turn of the board about the camera's axis is no error: it looks the same.
+/// Returns the deviations of `now` from `goal`, each in units of its tolerance, with the corresponding hint. A rotation
+/// of the board by 180° about the camera's axis is not an error, because the board looks the same.
 pub fn errors(now: &Seen, goal: &Seen, width: f64) -> [(Hint, f64); 4] {
     let shift = goal.pixel - now.pixel;
     let eighth = |part: f64| if part.abs() > shift.norm() * (PI / 8.0).sin() { part.signum() as i8 } else { 0 };
     let ratio = now.middle.z / goal.middle.z;
     let (normal, wanted) = (now.pose.rotation * Vector3::z(), goal.pose.rotation * Vector3::z());
-    // Depth on the board falls along its normal's direction in the image.
+    // Depth on the board decreases along its normal's direction in the image.
     let lean = (wanted - normal).xy();
     let side = match (lean.x.abs() > lean.y.abs(), lean.x > 0.0, lean.y > 0.0) {
         (true, true, _) => Tilt::Right,
@@ -144,7 +144,7 @@ pub fn errors(now: &Seen, goal: &Seen, width: f64) -> [(Hint, f64); 4] {
     ]
 }
 
-/// The hint for these errors: the largest, or the one before as long as it is worth about as much.
+/// Returns the hint for these errors: the largest error, or the previous hint while it is about equally important.
 pub fn choose(errors: &[(Hint, f64); 4], before: Hint) -> Hint {
     let largest = errors.iter().fold((Hint::Stay, 1.0), |best, error| if error.1 > best.1 { *error } else { best });
     let same = errors.iter().find(|(hint, _)| hint.is_like(before));
@@ -155,13 +155,13 @@ pub fn choose(errors: &[(Hint, f64); 4], before: Hint) -> Hint {
     }
 }
 
-/// Turn of the board's rows in the image, positive clockwise (rad).
+/// Returns the rotation of the board's rows in the image, positive clockwise (rad).
 pub fn roll(pose: &Isometry3<f64>) -> f64 {
     let row = pose.rotation * Vector3::x();
     row.y.atan2(row.x)
 }
 
-/// An angle up to half turns, from −90° to 90°.
+/// Reduces an angle modulo 180° to −90° to 90°.
 pub fn half_turn(angle: f64) -> f64 {
     (angle + FRAC_PI_2).rem_euclid(PI) - FRAC_PI_2
 }

@@ -1,4 +1,4 @@
-//! Where a board is in front of the camera, and places worth showing it at.
+//! Poses of the board in front of the camera, and candidates for the guidance.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -12,9 +12,9 @@ use evcal_calibrate::initial::information::{Information, view_information};
 use evcal_geometry::board::{Board, SquareBoard};
 use evcal_geometry::numerics::random::normal;
 
-/// How large the board appears: its longer side as a share of the sensor's shorter one.
+/// Apparent sizes of the board: ratio of its longer side to the sensor's shorter side.
 const SIZES: [f64; 5] = [0.47, 0.62, 0.8, 1.0, 1.24];
-/// Places in the image in each direction, from the middle, as shares of the sensor.
+/// Positions in the image in each direction, relative to the middle, as fractions of the sensor.
 const OFFSETS: [f64; 5] = [-0.4, -0.2, 0.0, 0.2, 0.4];
 /// Tilts about the camera's x and y axes in degrees.
 const TILTS: [[f64; 2]; 13] = [
@@ -32,37 +32,37 @@ const TILTS: [[f64; 2]; 13] = [
     [23.0, -23.0],
     [-23.0, -23.0],
 ];
-/// Turns about the camera's axis.
+/// Rotations about the camera's axis.
 const ROLLS: [f64; 2] = [0.0, FRAC_PI_2];
-/// Of more than twice as many candidates, every third or fifth is kept.
+/// If there are more than twice as many candidates, every third or fifth is kept.
 const MOST_CANDIDATES: usize = 180;
-/// How far a person's hands are from where they should be: radians and metres (standard deviations).
+/// Standard deviations of a person's hands from the target pose, in radians and metres.
 const HAND_TURN: f64 = 0.12;
 const HAND_SHIFT: f64 = 0.025;
-/// Poses over which a candidate is averaged.
+/// Number of poses over which a candidate is averaged.
 const JITTERS: usize = 8;
-/// Smallest radius of a circle, across the board's tilt, that the detector finds, in px.
+/// Smallest radius of a circle, across the board's tilt, that the detector finds (px).
 const SMALLEST_RADIUS: f64 = 1.6;
-/// Share of the board's circles that must be in the image.
+/// Smallest fraction of the board's circles in the image.
 const SHARE_IN_IMAGE: f64 = 2.0 / 3.0;
-/// Ends of a board that differ by less are the same (m).
+/// Ends of a board that differ by less than this are equal (m).
 const SAME_END: f64 = 1e-9;
-/// Steepest view of the board: the cosine between its normal and the line of sight.
+/// Cosine of the largest angle between the board's normal and the line of sight.
 const STEEPEST: f64 = 0.5;
 
-/// A pose of the board as a person would say it.
+/// A pose of the board, with parameters that a person understands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
     /// The board's middle in camera coordinates (m).
     pub position: Vector3<f64>,
     /// Tilt as a rotation vector about the camera's x and y axes (rad).
     pub tilt: Vector2<f64>,
-    /// Turn about the camera's axis before the tilt (rad).
+    /// Rotation about the camera's axis before the tilt (rad).
     pub roll: f64,
 }
 
 impl Place {
-    /// `T_camera_world` of the board.
+    /// Returns `T_camera_world` of the board.
     pub fn pose(&self, board: &Board) -> Isometry3<f64> {
         let tilt = UnitQuaternion::from_scaled_axis(Vector3::new(self.tilt.x, self.tilt.y, 0.0));
         let rotation = tilt * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.roll);
@@ -72,16 +72,16 @@ impl Place {
     }
 }
 
-/// The circles or corners (board plane, m) that a detector would find with the board at `pose`; `None` where a single window does not
-/// say where the board is: where the image cuts off the first or the last row or column, it could lie a row further
-/// ([`evcal_core::grid`]).
+/// Returns the circles or corners (board plane, m) that a detector would find with the board at `pose`. Returns `None`
+/// if a single window does not determine the position of the board: if the image cuts off the first or the last row or
+/// column, the board could be shifted by a row ([`evcal_core::grid`]).
 pub fn visible(
     camera: &Camera<f64>,
     board: &Board,
     sensor: Sensor,
     pose: &Isometry3<f64>,
 ) -> Option<Vec<Vector2<f64>>> {
-    // Every tag says where it belongs.
+    // Every tag identifies its position.
     let is_lattice = matches!(board, Board::Circles(_) | Board::Squares(SquareBoard::Checkerboard(_)));
     in_image(camera, board, sensor, pose).filter(|points| !is_lattice || reach_all_ends(points, board))
 }
@@ -93,8 +93,8 @@ fn reach_all_ends(circles: &[Vector2<f64>], board: &Board) -> bool {
     (first - low).amax() < SAME_END && (high - last).amax() < SAME_END
 }
 
-/// The circles or corners (board plane, m) that a detector would find with the board at `pose`, if windows before say where it is;
-/// `None` where too few are in the image, too small or too steep.
+/// Returns the circles or corners (board plane, m) that a detector would find with the board at `pose`, if earlier
+/// windows determine its position; `None` if too few are in the image, or the board is too small or too steep.
 pub fn in_image(
     camera: &Camera<f64>,
     board: &Board,
@@ -123,19 +123,19 @@ pub fn in_image(
     (circles.len() as f64 >= SHARE_IN_IMAGE * board.point_count() as f64).then_some(circles)
 }
 
-/// A place worth showing the board at.
+/// A candidate pose with its information.
 #[derive(Clone, Copy, Debug)]
 pub struct Candidate {
-    /// The place.
+    /// The pose.
     pub place: Place,
-    /// What one window there tells, averaged over where a person's hands really are.
+    /// Information of one window there, averaged over the typical errors of a person's hands.
     pub information: Information,
 }
 
-/// What one window of the board near `place` tells of `camera`: the mean over poses as a person's hands reach them,
-/// nothing for those in which the board would not be found.
+/// Returns the information about `camera` of one window with the board near `place`: the mean over poses as reached by
+/// a person's hands, zero for those in which the board would not be found.
 pub fn expected_information(camera: &Camera<f64>, board: &Board, sensor: Sensor, place: &Place) -> Information {
-    // The same hands for every place, so that places can be compared.
+    // The same errors of the hands for every pose, so that poses can be compared.
     let mut hands = ChaCha8Rng::seed_from_u64(1);
     let mut sum = Information::zeros();
     for _ in 0..JITTERS {
@@ -152,7 +152,7 @@ pub fn expected_information(camera: &Camera<f64>, board: &Board, sensor: Sensor,
     sum / JITTERS as f64
 }
 
-/// Places at which `camera` would see the board, all over the image, near and far, tilted and turned.
+/// Returns poses at which `camera` would see the board: all over the image, near and far, tilted and rotated.
 pub fn candidates(camera: &Camera<f64>, board: &Board, sensor: Sensor) -> Vec<Candidate> {
     let Some(focal) = camera.parameters().first().copied() else { return Vec::new() };
     let (width, height) = (f64::from(sensor.width), f64::from(sensor.height));
@@ -170,7 +170,7 @@ pub fn candidates(camera: &Camera<f64>, board: &Board, sensor: Sensor) -> Vec<Ca
             }
         }
     }
-    // An odd step meets both turns of each tilt.
+    // An odd step includes both rotations of each tilt.
     let step = (places.len() / MOST_CANDIDATES) | 1;
     places
         .into_iter()

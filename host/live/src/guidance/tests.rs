@@ -1,4 +1,4 @@
-//! Guidance against known answers, and with a simulated person who follows it.
+//! Guidance compared with known answers, and with a simulated person who follows it.
 
 use nalgebra::{DMatrix, Isometry3, Point3, Vector2, Vector3};
 use rand_chacha::ChaCha8Rng;
@@ -60,7 +60,7 @@ fn hints_say_what_brings_the_board_to_the_ghost() {
     assert_eq!(Hint::Nearer(Tilt::Left).words(true), "right edge nearer");
 }
 
-/// The edge that a hint names is the one whose corners come nearer on the way to the ghost.
+/// The corners of the edge in a hint come nearer on the way to the ghost.
 #[test]
 fn the_edge_that_is_named_comes_nearer() {
     let ahead = place([0.0, 0.0, 1.0], [0.0, 0.0], 0.0);
@@ -100,7 +100,7 @@ fn a_hint_stays_until_another_is_worth_more() {
     assert_eq!((choose(&errors(1.4, 0.9), swing), choose(&errors(1.6, 0.9), swing)), (Hint::Stay, Hint::Shift(1, 0)));
 }
 
-/// The pose eliminated is the pose estimated along: the inverse of the information is a block of the inverse of the
+/// Eliminating the pose is the same as estimating it: the inverse of the information is a block of the inverse of the
 /// whole normal equations, here with numerical derivatives.
 #[test]
 fn information_is_that_of_an_estimate_of_camera_and_pose() {
@@ -143,7 +143,7 @@ fn information_is_that_of_an_estimate_of_camera_and_pose() {
     }
 }
 
-/// More views never make the camera less sure, and tilted ones tell more than frontal ones.
+/// More views never increase the uncertainty of the camera, and tilted views are more informative than frontal ones.
 #[test]
 fn tilted_views_tell_more_than_frontal_ones() {
     let (camera, board) = (camera(), board());
@@ -177,7 +177,7 @@ fn candidates_are_seen_and_many() {
     );
 }
 
-/// Where the image cuts off the first or the last row, the board could lie a row further, however many circles are left.
+/// If the image cuts off the first or the last row, the board could be shifted by a row, however many circles remain.
 #[test]
 fn a_board_without_an_end_is_not_found() {
     let (camera, board) = (camera(), board());
@@ -188,28 +188,28 @@ fn a_board_without_an_end_is_not_found() {
     }
 }
 
-/// Whom a simulated person listens to.
+/// Behaviour of a simulated person.
 #[derive(Clone, Copy)]
 enum Follows {
-    /// The ghost, with these errors of the hands (rad, m).
+    /// Follows the ghost, with these errors of the hands (rad, m).
     Ghost(f64, f64),
-    /// The coverage: to the emptiest part of the image, then tilted to the side that is missing.
+    /// Follows the coverage: moves to the emptiest part of the image, then tilts to the side that is missing.
     Coverage,
-    /// Nobody, and holds the board frontally.
+    /// Follows nothing, and holds the board frontally.
     Nobody,
 }
 
-/// What became of a simulated session.
+/// Result of a simulated session.
 struct Session {
-    /// Time until the expected error was reached (s); the whole time when it was not.
+    /// Time until the expected error was reached (s); the whole time if it was not.
     reached: f64,
-    /// Share of the time in which the board was seen.
+    /// Fraction of the time in which the board was seen.
     seen: f64,
     guidance: Guidance,
     coverage: LiveCoverage,
 }
 
-/// A person who moves the board at up to 0.35 m/s and 1 rad/s, with a tremor, for at most `seconds`.
+/// Simulates a person who moves the board at up to 0.35 m/s and 1 rad/s, with a tremor, for at most `seconds`.
 fn session(follows: Follows, target: f64, seconds: f64, seed: u64) -> Session {
     let (camera, board) = (camera(), board());
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -291,7 +291,7 @@ fn by_coverage(coverage: &LiveCoverage, step: u64, random: &mut ChaCha8Rng) -> P
     place([0.08 * normal(random), 0.06 * normal(random), z], tilt, 0.0)
 }
 
-/// A window: once the board was seen, it may lose an end and still be followed.
+/// Returns a window: once the board was seen, it may lose an end and still be tracked.
 fn frame(
     camera: &Camera<f64>,
     board: &Board,
@@ -320,8 +320,8 @@ fn median_time(follows: Follows, target: f64) -> (f64, f64) {
     (0.5 * (times[4] + times[5]), sessions.iter().map(|session| session.seen).sum::<f64>() / SEEDS as f64)
 }
 
-/// What guidance is for: whoever follows the ghost is done in about half the time of someone who follows the coverage
-/// (docs/live.md has the figures that this prints).
+/// Purpose of the guidance: a person who follows the ghost finishes in about half the time of someone who follows the
+/// coverage (docs/live.md contains the figures printed here).
 #[test]
 fn following_the_ghost_is_faster_than_following_the_coverage() {
     let (by_coverage, _) = median_time(Follows::Coverage, 0.05);
@@ -344,7 +344,7 @@ fn the_provisional_camera_comes_near_the_true_one() {
     }
 }
 
-/// Without tilts there is no end, however long it takes.
+/// Without tilts the session never ends.
 #[test]
 fn a_board_held_frontally_is_never_enough() {
     let Session { coverage, guidance, .. } = session(Follows::Nobody, 0.001, 90.0, 1);

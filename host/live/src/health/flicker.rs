@@ -1,13 +1,13 @@
-//! Does the light flicker now?
+//! Flicker of the light.
 
 use evcal_core::event::Event;
 
 use evcal_calibrate::diagnosis::flicker::{Flicker, RateBins};
 
-/// Time that is looked at together (µs).
+/// Period of time that is analysed at once (µs).
 const PERIOD: i64 = 3_000_000;
 
-/// [`RateBins`] of the last whole 3 s.
+/// [`RateBins`] of the last complete 3 s.
 #[derive(Clone, Debug, Default)]
 pub struct RecentFlicker {
     bins: RateBins,
@@ -16,11 +16,11 @@ pub struct RecentFlicker {
 }
 
 impl RecentFlicker {
-    /// Takes the next events, in order of time (µs since the first).
+    /// Adds the next events, in order of time (µs since the first).
     pub fn push(&mut self, events: &[Event]) {
         for event in events {
             if event.t - self.start >= PERIOD {
-                // The event that comes after the last whole second closes it.
+                // The first event after the period closes it.
                 self.bins.add(event.t - self.start, event.polarity);
                 self.latest = Some(self.bins.flicker());
                 (self.bins, self.start) = (RateBins::default(), event.t);
@@ -29,7 +29,7 @@ impl RecentFlicker {
         }
     }
 
-    /// What they showed; the outer `None` before the first 3 s.
+    /// Returns the flicker; the outer `None` before the first 3 s.
     pub fn flicker(&self) -> Option<Option<Flicker>> {
         self.latest
     }

@@ -1,35 +1,35 @@
-//! How sharp the circles are: the width of the band of events about their rims.
+//! Sharpness of the circles: the width of the band of events about their rims.
 //!
-//! Motion widens the band too, so that the sharpest windows of the last seconds count.
+//! Motion widens the band too, so the sharpest windows of the last seconds count.
 
 use std::collections::VecDeque;
 
 use evcal_calibrate::circles::reference_frame::ReferenceFrame;
 use evcal_calibrate::detection::focus::band_width;
 
-/// Time between two windows that are measured (s).
+/// Time between two measured windows (s).
 const INTERVAL: f64 = 0.1;
-/// Time over which the sharpest is held (s).
+/// Time over which the sharpest window counts (s).
 const HELD: f64 = 5.0;
 
-/// How sharp circles are.
+/// Sharpness of circles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Focus {
     /// Width of the band about the rims in the latest window (px): twice the median distance from the rim.
     pub width: f64,
-    /// The smallest of the last 5 s (px).
+    /// Smallest width of the last 5 s (px).
     pub sharpest: f64,
 }
 
-/// Measures windows with the board.
+/// Measures the sharpness of windows with the board.
 #[derive(Clone, Debug, Default)]
 pub struct FocusMeter {
-    /// Time and width of those of the last [`HELD`] seconds.
+    /// Time and width of the windows of the last [`HELD`] seconds.
     recent: VecDeque<(f64, f64)>,
 }
 
 impl FocusMeter {
-    /// Takes a window with the board.
+    /// Adds a window with the board.
     pub fn see(&mut self, frame: &ReferenceFrame) {
         let now = frame.t();
         if self.recent.back().is_some_and(|(t, _)| (0.0..INTERVAL).contains(&(now - t))) {
@@ -41,7 +41,7 @@ impl FocusMeter {
         }
     }
 
-    /// How sharp they are; `None` before the board was seen.
+    /// Returns the sharpness; `None` before the board was seen.
     pub fn focus(&self) -> Option<Focus> {
         let &(_, width) = self.recent.back()?;
         Some(Focus { width, sharpest: self.recent.iter().map(|(_, width)| *width).fold(width, f64::min) })
@@ -57,7 +57,7 @@ mod tests {
     use evcal_calibrate::circles::event_pixel::EventPixel;
     use evcal_calibrate::circles::reference_frame::{ObservedCircle, SeenIn};
 
-    /// One circle whose pixels lie up to `half` px to both sides of its rim.
+    /// Returns a frame with one circle whose pixels lie up to `half` px on both sides of its rim.
     fn frame(t: f64, half: f64) -> ReferenceFrame {
         let center = Vector2::new(50.0, 40.0);
         let mut pixels = Vec::new();

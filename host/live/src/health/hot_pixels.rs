@@ -1,20 +1,21 @@
-//! Pixels that fire on their own: in nearly every twentieth of a second, which no edge that moves does.
+//! Detection of hot pixels, which fire in nearly every slot of a twentieth of a second, unlike pixels that see moving
+//! edges.
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 
 /// Length of the slots (µs).
 const SLOT: i64 = 50_000;
-/// Slots that are looked at together: 2 s.
+/// Slots that are analysed at once: 2 s.
 const SLOTS: i64 = 40;
-/// A pixel that fires in so many of them is hot.
+/// A pixel that fires in at least this many of them is hot.
 const FEWEST: u8 = 37;
 
-/// Looks for hot pixels.
+/// Counts hot pixels.
 #[derive(Clone, Debug)]
 pub struct HotPixels {
     width: usize,
-    /// For each pixel: in how many slots of this period it fired, and whether it did in the present one.
+    /// For each pixel: the number of slots of this period in which it fired, and whether it fired in the current one.
     pixels: Vec<(u8, bool)>,
     slot: i64,
     /// The first slot of the period.
@@ -23,13 +24,13 @@ pub struct HotPixels {
 }
 
 impl HotPixels {
-    /// For this sensor.
+    /// Creates a counter for this sensor.
     pub fn new(sensor: Sensor) -> Self {
         let (width, height) = (usize::from(sensor.width), usize::from(sensor.height));
         Self { width, pixels: vec![(0, false); width * height], slot: 0, first: 0, count: None }
     }
 
-    /// Takes the next events, in order of time (µs).
+    /// Adds the next events, in order of time (µs).
     pub fn push(&mut self, events: &[Event]) {
         for event in events {
             let slot = event.t.div_euclid(SLOT);
@@ -55,7 +56,7 @@ impl HotPixels {
             }
         }
         if is_over {
-            // Of a period with a break in it nothing is known.
+            // A period with a gap is not evaluated.
             if next - self.first == SLOTS {
                 self.count = Some(count);
             }
@@ -63,7 +64,7 @@ impl HotPixels {
         }
     }
 
-    /// How many there were in the last whole 2 s; `None` before.
+    /// Returns the number of hot pixels in the last complete 2 s; `None` before.
     pub fn count(&self) -> Option<u32> {
         self.count
     }
@@ -84,7 +85,7 @@ mod tests {
         let mut pixels = HotPixels::new(Sensor::new(20, 10));
         let mut events = Vec::new();
         for t in (0..2_010_000).step_by(10_000) {
-            // Hot; an edge that comes back; beside the sensor.
+            // A hot pixel; an edge that returns; a pixel outside the sensor.
             events.push(event(t, 1));
             if t / 200_000 % 2 == 0 {
                 events.extend([event(t, 2); 50]);

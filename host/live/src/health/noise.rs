@@ -1,8 +1,8 @@
-//! Events of pixels before which nothing moves.
+//! Event rate of pixels without motion in front of them.
 //!
-//! The sensor is cut into cells. Where an edge passes, a cell has hundreds of events in a tenth of a second; where none
-//! does, only its noise. A low quantile over cells and time is therefore noise, whatever moves elsewhere and whichever
-//! pixels are hot.
+//! The sensor is divided into cells. A cell that an edge passes has hundreds of events in a tenth of a second; any
+//! other cell has only its noise. A low quantile over cells and time is therefore noise, regardless of motion elsewhere
+//! and of hot pixels.
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
@@ -11,34 +11,34 @@ use evcal_core::sensor::Sensor;
 const CELL: u16 = 16;
 /// Length of the slots in which cells are counted (µs).
 const SLOT: i64 = 100_000;
-/// Slots whose counts are put together: 2 s.
+/// Number of slots whose counts are combined: 2 s.
 const SLOTS: u32 = 20;
 /// The quantile.
 const SHARE: f64 = 0.2;
-/// The quantile of a normal distribution that it is, were all cells at rest.
+/// The corresponding quantile of a normal distribution, if all cells are at rest.
 const DEVIATIONS: f64 = -0.84;
 
-/// Counts the events of cells.
+/// Measures the noise from the events of cells.
 #[derive(Clone, Debug)]
 pub struct NoiseMeter {
     columns: usize,
     cells: Vec<u32>,
-    /// Counts of all cells in the slots since the figure before.
+    /// Counts of all cells in the slots since the previous figure.
     counts: Vec<u32>,
     slots: u32,
-    /// The slot that is being filled; `None` before the first event.
+    /// The current slot; `None` before the first event.
     current: Option<i64>,
     rate: Option<f64>,
 }
 
 impl NoiseMeter {
-    /// For this sensor; what is left over at its right and lower edge is not looked at.
+    /// Creates a meter for this sensor; incomplete cells at its right and lower edge are ignored.
     pub fn new(sensor: Sensor) -> Self {
         let (columns, rows) = (usize::from(sensor.width / CELL), usize::from(sensor.height / CELL));
         Self { columns, cells: vec![0; columns * rows], counts: Vec::new(), slots: 0, current: None, rate: None }
     }
 
-    /// Takes the next events, in order of time (µs).
+    /// Adds the next events, in order of time (µs).
     pub fn push(&mut self, events: &[Event]) {
         for event in events {
             let slot = event.t.div_euclid(SLOT);
@@ -66,7 +66,8 @@ impl NoiseMeter {
         }
     }
 
-    /// Events a second of a pixel at rest in the whole slots since the figure before; `None` without any.
+    /// Returns the events per second of a pixel at rest in the complete slots since the previous figure; `None` without
+    /// such slots.
     pub fn rate_so_far(&mut self) -> Option<f64> {
         let at = (SHARE * self.counts.len() as f64) as usize;
         if at >= self.counts.len() {
@@ -77,13 +78,13 @@ impl NoiseMeter {
         Some(mean_of_quantile(f64::from(*count)) / pixel_seconds)
     }
 
-    /// Events a second of a pixel at rest in the last whole 2 s; `None` before.
+    /// Returns the events per second of a pixel at rest in the last complete 2 s; `None` before.
     pub fn rate(&self) -> Option<f64> {
         self.rate
     }
 }
 
-/// The mean m of a Poisson distribution whose quantile this is: count = m + z √m.
+/// Returns the mean m of a Poisson distribution from its quantile: count = m + z √m.
 fn mean_of_quantile(count: f64) -> f64 {
     let root = 0.5 * (-DEVIATIONS + (DEVIATIONS * DEVIATIONS + 4.0 * count).sqrt());
     if count > 0.0 { root * root } else { 0.0 }

@@ -1,4 +1,4 @@
-//! How many events there are, and how near the camera is to its limit.
+//! Event rates, and the load of the camera relative to its limit.
 
 use std::collections::VecDeque;
 
@@ -7,41 +7,41 @@ use evcal_core::sensor::Sensor;
 
 /// Length of the slots that are counted (µs).
 const SLOT: i64 = 10_000;
-/// Slots that are looked at: a second.
+/// Slots over which rates are computed: a second.
 const SLOTS: usize = 100;
-/// A DAVIS346, and how many events a second it reads at most in real recordings.
+/// A DAVIS346, and its largest event rate in real recordings (events per second).
 const DAVIS346: (Sensor, f64) = (Sensor::new(346, 260), 9e6);
 
-/// Events of the last second.
+/// Event rates of the last second.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rates {
-    /// Events a second.
+    /// Mean rate in events per second.
     pub mean: f64,
-    /// Events a second in the busiest hundredth of it.
+    /// Rate in the busiest hundredth of the second, in events per second.
     pub peak: f64,
-    /// The same as a share of what the camera reads at most, where that is known.
+    /// The peak rate as a fraction of the camera's limit, if the limit is known.
     pub load: Option<f64>,
-    /// Share of ON events, 0 to 1.
+    /// Fraction of ON events, 0 to 1.
     pub on_share: f64,
 }
 
-/// Counts events.
+/// Measures event rates.
 #[derive(Clone, Debug)]
 pub struct RateMeter {
     limit: Option<f64>,
-    /// ON and OFF events of the last slots, the present one last.
+    /// ON and OFF events of the last slots, the current one last.
     slots: VecDeque<[u64; 2]>,
     current: i64,
 }
 
 impl RateMeter {
-    /// For this sensor.
+    /// Creates a meter for this sensor.
     pub fn new(sensor: Sensor) -> Self {
         let limit = (sensor == DAVIS346.0).then_some(DAVIS346.1);
         Self { limit, slots: VecDeque::new(), current: 0 }
     }
 
-    /// Takes the next events, in order of time (µs).
+    /// Adds the next events, in order of time (µs).
     pub fn push(&mut self, events: &[Event]) {
         for event in events {
             let slot = event.t.div_euclid(SLOT);
@@ -65,7 +65,7 @@ impl RateMeter {
         }
     }
 
-    /// What came in the last second, without the slot that still fills; `None` without events.
+    /// Returns the rates of the last second, without the current slot; `None` without events.
     pub fn rates(&self) -> Option<Rates> {
         let whole = self.slots.len().checked_sub(1).filter(|count| *count > 0)?;
         let slots = || self.slots.iter().take(whole);
@@ -105,7 +105,7 @@ mod tests {
         assert_eq!(rates.peak, 1e6);
         assert!((rates.mean - 109_000.0).abs() < 1.0 && (rates.on_share - 0.25).abs() < 1e-6, "{rates:?}");
         assert!((rates.load.unwrap() - 1.0 / 9.0).abs() < 1e-9);
-        // A second later nothing of it counts.
+        // A second later these events no longer count.
         meter.push(&events(4_000_000, 4_100_000, 100));
         assert!((meter.rates().unwrap().peak - 1e4).abs() < 1.0);
         let mut unknown = RateMeter::new(Sensor::new(640, 480));

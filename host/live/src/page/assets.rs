@@ -1,6 +1,6 @@
-//! The files of the page.
+//! Static files of the page.
 
-/// A file and its type.
+/// A file with its type.
 pub struct Asset {
     /// Path on the server.
     pub path: &'static str,
@@ -12,7 +12,7 @@ pub struct Asset {
 
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
-/// All of them.
+/// All files.
 pub const ASSETS: &[Asset] = &[
     Asset { path: "/", kind: "text/html; charset=utf-8", content: include_str!("page.html") },
     Asset { path: "/page.css", kind: "text/css; charset=utf-8", content: include_str!("page.css") },

@@ -1,4 +1,4 @@
-//! Who gets an answer.
+//! Access control of the page.
 
 use std::fmt;
 use std::io;
@@ -9,9 +9,9 @@ use hyper::{Method, StatusCode, Uri};
 
 use super::PageError;
 
-/// The header with the token.
+/// The request header with the token.
 pub const TOKEN: HeaderName = HeaderName::from_static("x-evcal-token");
-/// From where a browser says that a request comes.
+/// Header in which a browser states the origin of a request.
 const FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
 
 /// 128 random bits.
@@ -19,10 +19,10 @@ const FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
 pub struct Secret([u8; 16]);
 
 impl Secret {
-    /// A new one.
+    /// Creates a random secret.
     ///
     /// # Errors
-    /// [`PageError::System`] when the system gives no random numbers.
+    /// [`PageError::System`] if the operating system provides no random numbers.
     pub fn new() -> Result<Self, PageError> {
         let mut bytes = [0; 16];
         getrandom::fill(&mut bytes).map_err(|error| PageError::System(io::Error::other(error)))?;
@@ -36,29 +36,30 @@ impl fmt::Display for Secret {
     }
 }
 
-/// Which names and which token open it.
+/// Access rules of a server: accepted hosts and the token.
 pub struct Gate {
     address: SocketAddr,
     token: String,
 }
 
-/// What a request needs.
+/// Access requirement of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
-    /// The right host only: files without data, and paths that nobody can guess.
+    /// Only the correct host: for files without data, and paths that cannot be guessed.
     Host,
-    /// The token as well.
+    /// The correct host and the token.
     Token,
 }
 
 impl Gate {
-    /// The gate of a server that listens here.
+    /// Creates the access rules of a server that listens at `address`.
     pub fn new(address: SocketAddr, token: Secret) -> Self {
         Self { address, token: token.to_string() }
     }
 
-    /// Whether a host is this server: its address in numbers, or `localhost` where that leads here. A name would let a foreign one lead
-    /// here; a server that listens to all addresses of this computer answers to each of them.
+    /// Returns `true` if a host is this server: its address in numbers, or `localhost` if that is its address. Other
+    /// names are rejected to prevent DNS rebinding; a server that listens to all addresses of this computer accepts
+    /// each of them.
     fn is_own(&self, host: &str) -> bool {
         let (own, port) = (self.address.ip(), self.address.port());
         match in_numbers(host) {
@@ -71,16 +72,16 @@ impl Gate {
         }
     }
 
-    /// The token.
+    /// Returns the token.
     pub fn token(&self) -> &str {
         &self.token
     }
 
-    /// Whether a request may pass.
+    /// Checks whether a request is allowed.
     ///
     /// # Errors
-    /// 421 for a foreign host; 403 without the token, for a request that another site made, and for a command that no
-    /// page of this server sent.
+    /// 421 for another host; 403 without the token, for a request from another site, and for a command that was not
+    /// sent by a page of this server.
     pub fn check(&self, method: &Method, uri: &Uri, headers: &HeaderMap, need: Need) -> Result<(), StatusCode> {
         let is_own = |host: &str| self.is_own(host);
         let mut hosts = headers.get_all(HOST).iter();
@@ -105,12 +106,12 @@ impl Gate {
         Ok(())
     }
 
-    /// Whether a request shows the token.
+    /// Returns `true` if a request contains the token.
     pub fn has_token(&self, headers: &HeaderMap) -> bool {
         self.is_token(headers.get(TOKEN))
     }
 
-    /// Compares in a time that does not tell how much of it is right.
+    /// Compares in constant time, so that the time reveals nothing about the token.
     fn is_token(&self, given: Option<&HeaderValue>) -> bool {
         let Some(given) = given.map(HeaderValue::as_bytes) else { return false };
         let differing = given.iter().zip(self.token.as_bytes()).fold(0, |bits, (a, b)| bits | (a ^ b));
@@ -118,7 +119,7 @@ impl Gate {
     }
 }
 
-/// The address that a host states in numbers; browsers leave port 80 out.
+/// Returns the numeric address in a host; browsers omit port 80.
 fn in_numbers(host: &str) -> Option<SocketAddr> {
     let without_port = || {
         let bracketed = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));

@@ -1,4 +1,4 @@
-//! The HTTP server: few connections, short heads, short waits.
+//! The HTTP server, with limits on connections, request heads and waiting times.
 
 use std::collections::VecDeque;
 use std::convert::Infallible;
@@ -28,27 +28,29 @@ use super::assets::ASSETS;
 use super::gate::Need;
 use super::{Next, Shared};
 
-/// Connections with the token at a time; others of them are refused.
+/// Largest number of simultaneous connections that have sent the token; further ones are rejected.
 const MOST_KNOWN: usize = 16;
-/// Connections at a time that have not shown the token. Where there are more, the oldest gives way: heads that never end keep nobody out.
+/// Largest number of simultaneous connections that have not sent the token. The oldest is closed for a new one, so that
+/// incomplete requests cannot block the server.
 const MOST_UNKNOWN: usize = 64;
-/// Bytes of a request's head.
+/// Largest size of a request's head in bytes.
 const LONGEST_HEAD: usize = 16 * 1024;
 /// Longest wait for the head of a request.
 const HEAD_PATIENCE: Duration = Duration::from_secs(5);
-/// How long a page waits for a new state before it asks again.
+/// Time that a request waits for a new state before the page must ask again.
 const STATE_PATIENCE: Duration = Duration::from_secs(1);
-/// A connection is closed after this time, so that one that does not read gives way; browsers open another.
+/// Time after which a connection is closed, so that connections that are not read do not accumulate; browsers open new
+/// ones.
 const CONNECTION_AGE: Duration = Duration::from_secs(60);
-/// How long it may take to close.
+/// Longest time for closing a connection.
 const CLOSING: Duration = Duration::from_secs(5);
-/// Pause after the system could not accept a connection.
+/// Pause after a connection could not be accepted.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(50);
 
-/// What the page may load: itself, and nothing from elsewhere.
+/// Content security policy of the page: it may load only its own files.
 const PAGE_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; \
      frame-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
-/// What the report may load: its own pictures and style. No script runs in it.
+/// Content security policy of the report: it may load its own pictures and style, and run no script.
 const REPORT_POLICY: &str =
     "sandbox allow-popups; default-src 'none'; img-src data:; style-src 'unsafe-inline'; frame-ancestors 'self'";
 
@@ -57,10 +59,10 @@ const OPENER_POLICY: HeaderName = HeaderName::from_static("cross-origin-opener-p
 
 type Answer = Response<Full<Bytes>>;
 
-/// Serves until `ended`.
+/// Serves until `ended` is signalled.
 pub async fn serve(listener: TcpListener, shared: Arc<Shared>, ended: oneshot::Receiver<()>) {
     let accepting = tokio::spawn(accept(listener, shared));
-    // The sender gone is an end, too.
+    // A dropped sender also signals the end.
     let _ = ended.await;
     accepting.abort();
 }
@@ -80,7 +82,7 @@ async fn accept(listener: TcpListener, shared: Arc<Shared>) {
         {
             oldest.abort();
         }
-        // Its place among those with the token, once it has shown that.
+        // The connection's permit among those with the token, once it has sent the token.
         let known: Arc<OnceLock<OwnedSemaphorePermit>> = Arc::default();
         let (shared, places, own) = (Arc::clone(&shared), Arc::clone(&places), Arc::clone(&known));
         let task = tokio::spawn(async move {
@@ -94,7 +96,7 @@ async fn accept(listener: TcpListener, shared: Arc<Shared>) {
                 .max_buf_size(LONGEST_HEAD)
                 .serve_connection(TokioIo::new(stream), answer);
             let mut connection = pin!(connection);
-            // Errors of a connection are the other side's; there is nobody to tell.
+            // Errors of a connection are caused by the other side and are not reported.
             if timeout(CONNECTION_AGE, connection.as_mut()).await.is_err() {
                 connection.as_mut().graceful_shutdown();
                 let _ = timeout(CLOSING, connection).await;
@@ -104,7 +106,7 @@ async fn accept(listener: TcpListener, shared: Arc<Shared>) {
     }
 }
 
-/// Answers; a connection that shows the token for the first time takes a place among those that have.
+/// Answers a request; a connection that sends the token for the first time acquires a permit.
 async fn answer_known(
     shared: &Shared,
     request: &Request<Incoming>,
@@ -113,7 +115,7 @@ async fn answer_known(
 ) -> Answer {
     if known.get().is_none() && shared.gate.has_token(request.headers()) {
         match Arc::clone(places).try_acquire_owned() {
-            // It was none a moment ago, and a connection has one request at a time.
+            // The permit was absent just before, and a connection has one request at a time.
             Ok(place) => _ = known.set(place),
             Err(_) => return plain(StatusCode::SERVICE_UNAVAILABLE),
         }
@@ -161,13 +163,13 @@ fn set_next(shared: &Shared, next: Next) -> Answer {
     plain(StatusCode::NO_CONTENT)
 }
 
-/// The file of the results at this path: one of those that were named, no other.
+/// Returns the result file at this path, if it is one of the published files.
 fn file_at(shared: &Shared, path: &str) -> Option<PathBuf> {
     let files = shared.files.lock().unwrap_or_else(PoisonError::into_inner);
     files.iter().find(|served| served.path == path).map(|served| served.file.clone())
 }
 
-/// A file of the results, read as it is now.
+/// Returns the current content of a result file.
 async fn content(file: PathBuf) -> Answer {
     let kind = match file.extension().and_then(OsStr::to_str) {
         Some("png") => "image/png",
@@ -188,7 +190,7 @@ fn report(shared: &Shared) -> Answer {
     }
 }
 
-/// The newest state after the one that the page has; 204 when there is none for a while.
+/// Returns the newest state after the one that the page has; 204 if there is none for a while.
 async fn state(shared: &Shared, query: Option<&str>) -> Answer {
     *shared.asked.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
     let after = query.and_then(|query| query.strip_prefix("after=")).and_then(|after| after.parse::<u32>().ok());
@@ -204,7 +206,7 @@ async fn state(shared: &Shared, query: Option<&str>) -> Answer {
     }
 }
 
-/// An answer that is a number only.
+/// Returns an answer that contains only a status.
 fn plain(status: StatusCode) -> Answer {
     let text = match status {
         StatusCode::NO_CONTENT => "",

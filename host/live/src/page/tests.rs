@@ -1,4 +1,4 @@
-//! The server with real requests over TCP.
+//! Tests of the server with real requests over TCP.
 
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, TcpStream};
@@ -17,7 +17,7 @@ fn host(page: &Page) -> String {
     page.address.to_string()
 }
 
-/// Sends a head and gives the status and the whole answer.
+/// Sends a head; returns the status and the whole answer.
 fn ask(page: &Page, request: &str, headers: &[(&str, &str)]) -> (u16, Vec<u8>) {
     let lines: String = headers.iter().map(|(name, value)| format!("{name}: {value}\r\n")).collect();
     let mut stream = TcpStream::connect(page.address).unwrap();
@@ -36,7 +36,7 @@ fn page() -> Page {
     Page::start(Ipv4Addr::LOCALHOST.into(), Some(0)).unwrap()
 }
 
-/// A foreign name that leads to this computer (DNS rebinding) reads nothing, not even with the token.
+/// A request with a foreign host name (DNS rebinding) receives no data, even with the token.
 #[test]
 fn a_foreign_host_is_refused() {
     let page = page();
@@ -114,7 +114,7 @@ fn another_site_gives_no_commands() {
         assert_eq!(with(name, value), 403, "{name}: {value}");
     }
     assert!(!page.is_finish_asked());
-    // What a browser asks before it sends a foreign header finds no consent.
+    // The preflight request of a browser for a foreign header is not granted.
     let (status, answer) = ask(&page, "OPTIONS /finish", &[("Host", &own), ("Origin", "http://evil.example")]);
     assert_eq!(status, 403);
     assert!(!String::from_utf8_lossy(&answer).to_lowercase().contains("access-control"));
@@ -138,7 +138,7 @@ fn the_report_has_a_path_that_nobody_guesses() {
     assert_ne!(page.shared.report_path, self::page().shared.report_path);
 }
 
-/// Of the folder of the results, only what was named is served, on a path that nobody guesses.
+/// Only published files in the folder of the results are served, on a path that cannot be guessed.
 #[test]
 fn only_named_files_are_served() {
     let folder = tempfile::tempdir().unwrap();
@@ -183,7 +183,7 @@ fn frames_are_sent_on_request() {
     assert!(ask(&page, "GET /live?after=0", &good).1.ends_with(b"1\x07\x08\x09"));
 }
 
-/// Where it listens to others, this computer answers to its addresses in numbers, and still to no name that leads here.
+/// If the page listens to others, this computer answers requests for its numeric addresses, but not for names.
 #[test]
 fn a_page_for_others_answers_to_addresses_only() {
     let page = Page::start(Ipv4Addr::UNSPECIFIED.into(), Some(0)).unwrap();
@@ -209,7 +209,7 @@ fn a_page_for_others_answers_to_addresses_only() {
         assert_eq!(ask(foreign, &token), 421, "{foreign}");
     }
     assert!(!page.url().contains("0.0.0.0") || outward(Ipv4Addr::UNSPECIFIED.into()).is_none(), "{}", page.url());
-    // One address alone is that one.
+    // A single address accepts only itself.
     let gate = Gate::new("192.0.2.7:8346".parse().unwrap(), Secret::new().unwrap());
     let check = |host: &'static str| {
         let mut headers = hyper::HeaderMap::new();
@@ -249,7 +249,7 @@ fn only_this_computer_is_listened_to() {
     assert!(matches!(error, PageError::Port { .. }), "{error}");
 }
 
-/// Connections that send a byte now and then, or never read, neither hold up who publishes nor pile up states.
+/// Connections that send a byte now and then, or never read, neither block the publisher nor build up a backlog.
 #[test]
 fn slow_pages_hold_up_nobody() {
     let page = page();
@@ -269,7 +269,7 @@ fn slow_pages_hold_up_nobody() {
     let newest = page.shared.newest.borrow().clone();
     assert_eq!(newest.number, 200);
     drop(slow);
-    // The server notices in its own time that they have gone.
+    // The server notices after some time that the clients are gone.
     let good = [("Host", own.as_str()), ("X-Evcal-Token", token.as_str())];
     let answer = (0..1000).find_map(|_| {
         let (status, answer) = ask_if_possible(&page, &good)?;
@@ -278,7 +278,7 @@ fn slow_pages_hold_up_nobody() {
     assert!(answer.unwrap().ends_with(&newest.body), "only the newest is sent");
 }
 
-/// Sixty heads that never end kept everybody out.
+/// Sixty incomplete heads must not block other clients.
 #[test]
 fn half_sent_heads_lock_nobody_out() {
     let page = page();
@@ -326,7 +326,7 @@ fn no_head_ends_the_server() {
         }
         head.truncate(random.next_u32() as usize % (head.len() + 1));
         let mut stream = TcpStream::connect(page.address).unwrap();
-        // It may have closed the connection by then.
+        // The connection may already be closed.
         let _ = stream.write_all(&head);
     }
     let mut long = TcpStream::connect(page.address).unwrap();

@@ -1,11 +1,11 @@
-//! What the page is told.
+//! The state in the form that the page receives.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use nalgebra::Vector2;
 use serde::Serialize;
 
-use crate::checkpoint::Checkpoint;
+use crate::checkpoint::{CalibrationStep, Checkpoint};
 use crate::guidance::{Hint, Swing};
 use crate::health;
 use crate::picture::EventPicture;
@@ -13,26 +13,26 @@ use crate::wanted::words;
 use crate::{DISTANCES, Seen, Tilt};
 use event_recordings::pictures::GreyImage;
 
-/// How far things are.
+/// Phase of a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Phase {
     /// The board was not seen yet.
     Waiting,
-    /// It is looked at.
+    /// The board is being observed.
     Recording,
-    /// The recording is over, the camera is being calibrated.
+    /// The recording has ended, and the camera is being calibrated.
     Calibrating,
     /// There is a result.
     Done,
-    /// There is none.
+    /// The calibration failed.
     Failed,
 }
 
 /// The result of a calibration.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Outcome {
-    /// Whether it is good, in words; what went wrong where there is none.
+    /// Verdict in words, or the reason of a failure.
     pub verdict: String,
     /// Camera model.
     pub model: String,
@@ -40,19 +40,21 @@ pub struct Outcome {
     pub matrix: [[f64; 3]; 3],
     /// Distortion coefficients.
     pub distortion: Vec<f64>,
-    /// Stated error of the projection, root mean square over the sensor (px).
+    /// Reported error of the projection, root mean square over the sensor (px).
     pub sigma: Option<f64>,
+    /// Whether that is as small as was wanted, the calibration is good enough, and the board was seen everywhere and from all sides.
+    pub is_target_met: bool,
     /// Folder of the results.
     pub folder: String,
     /// Path of the report on this server.
     pub report: Option<String>,
     /// The files of the results.
     pub files: Vec<FileLink>,
-    /// Whether another recording can be made.
+    /// `true` if another recording can be made.
     pub can_record: bool,
 }
 
-/// A file of the results.
+/// A result file.
 #[derive(Clone, Debug, Serialize)]
 pub struct FileLink {
     /// Its name in the folder of the results.
@@ -61,33 +63,33 @@ pub struct FileLink {
     pub path: String,
 }
 
-/// What was not looked at.
+/// Data that were not processed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Losses {
     /// Events that the camera dropped; `None` for a recording.
     pub dropped: Option<u64>,
-    /// Transfers that the detector had no time for.
+    /// Transfers that the detector skipped.
     pub not_searched: u64,
-    /// Transfers that the picture had no time for.
+    /// Transfers that the picture skipped.
     pub not_drawn: u64,
 }
 
-/// What a state says beside what was seen.
+/// Additional content of a state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Context {
-    /// What was not looked at.
+    /// Data that were not processed.
     pub losses: Losses,
-    /// Whether the page begins mirrored.
+    /// `true` if the page is mirrored at first.
     pub mirrored: bool,
-    /// Whether there may be frames beside the events.
+    /// `true` if there may be frames.
     pub has_frames: bool,
-    /// Whether they are shown.
+    /// `true` if frames are shown.
     pub shows_frames: bool,
-    /// Recordings before this one that are calibrated together with it.
+    /// Number of earlier recordings that are calibrated together with this one.
     pub before: usize,
 }
 
-/// Words for whoever sees the board as the camera does, and for whoever sees it in a mirror.
+/// Texts for a view as seen by the camera, and for a mirrored view.
 #[derive(Serialize)]
 struct Words<T> {
     plain: T,
@@ -107,16 +109,16 @@ struct Ghost {
     outline: Vec<[f64; 2]>,
     corners: Vec<[f64; 2]>,
     gained: f64,
-    /// How far the board is from it, 1 being near enough.
+    /// Distance of the board from it, in units of the tolerance.
     distance: Option<f64>,
-    /// Whether it turns about a vertical axis.
+    /// `true` if the board swings about a vertical axis.
     sideways: bool,
 }
 
 #[derive(Serialize)]
 struct Named {
     name: &'static str,
-    /// The name in a mirror.
+    /// The name in a mirrored view.
     mirrored: &'static str,
     count: u64,
 }
@@ -136,18 +138,18 @@ struct Coverage<'a> {
 
 #[derive(Serialize)]
 struct Health {
-    /// Events a second.
+    /// Events per second.
     rate: f64,
-    /// The busiest hundredth of a second as a share of what the camera reads at most.
+    /// Rate in the busiest hundredth of a second as a fraction of the camera's limit.
     load: Option<f64>,
-    /// Share of ON events; `None` without events.
+    /// Fraction of ON events; `None` without events.
     on_share: Option<f64>,
-    /// Events a second of a pixel at rest.
+    /// Events per second of a pixel at rest.
     noise: Option<f64>,
     hot_pixels: Option<u32>,
-    /// Frequency (Hz), 0 for none; `None` until it is known.
+    /// Frequency (Hz), 0 for no flicker; `None` until it is known.
     flicker: Option<f64>,
-    /// Width of the circles' edges, and the smallest of the last seconds (px).
+    /// Width of the circles' edges, and the smallest width of the last seconds (px).
     focus: Option<[f64; 2]>,
     dropped: Option<u64>,
     not_searched: u64,
@@ -171,11 +173,11 @@ impl Health {
     }
 }
 
-/// Why nothing is found.
+/// Explanation why the board is not found.
 #[derive(Serialize)]
 struct Nothing {
     reason: String,
-    /// Circles without a place on the board: centre and radius (px).
+    /// Circles that are not on the board, as centre and radius (px).
     circles: Vec<[f64; 3]>,
 }
 
@@ -201,30 +203,45 @@ impl<'a> CheckpointView<'a> {
     }
 }
 
-/// A whole state.
+/// A step of a calibration.
+#[derive(Serialize)]
+struct StepView {
+    text: String,
+    /// Finished share of the step, 0 to 1.
+    done: Option<f64>,
+}
+
+impl From<CalibrationStep> for StepView {
+    fn from(step: CalibrationStep) -> Self {
+        Self { text: step.text, done: step.done }
+    }
+}
+
+/// A complete state.
 #[derive(Serialize)]
 pub struct View<'a> {
     phase: Phase,
-    /// When the state was made (ms since 1970 by the computer's clock).
+    /// Time at which the state was created (ms since 1970 by the computer's clock).
     made: u64,
     /// Sensor time of the picture (s since the first event).
     t: f64,
     sensor: [u16; 2],
     hint: Words<&'static str>,
-    /// Whether it is to move the board about where it is.
+    /// `true` if the board is at its target and should be swung there.
     is_there: bool,
-    /// On the way to enough, 0 to 1.
+    /// Progress, 0 to 1.
     progress: f64,
     missing: Words<Vec<String>>,
-    /// Whether the page begins mirrored.
+    /// `true` if the page is mirrored at first.
     mirrored: bool,
-    /// Whether there may be frames, whether they are shown, and the size of the one that follows the events' picture.
+    /// `true` if there may be frames, `true` if they are shown, and the size of the frame after the picture of the
+    /// events.
     has_frames: bool,
     shows_frames: bool,
     frame: Option<[usize; 2]>,
-    /// Recordings before this one that are calibrated together with it.
+    /// Number of earlier recordings that are calibrated together with this one.
     before: usize,
-    /// Places that the board was brought to for long enough.
+    /// Number of target poses at which the board stayed long enough.
     used_up: u64,
     board: Option<Outline>,
     ghost: Option<Ghost>,
@@ -233,13 +250,15 @@ pub struct View<'a> {
     nothing: Option<Nothing>,
     /// Expected error by the quick estimate (px).
     sigma: Option<f64>,
-    /// What a calibration would state now, about (px).
+    /// Expected error of a calibration now (px).
     about: Option<f64>,
-    /// What the latest checkpoint stated.
+    /// The latest checkpoint.
     checkpoint: Option<CheckpointView<'a>>,
-    /// End of the beginning that is being calibrated now (s).
+    /// End of the beginning that is being calibrated (s).
     checkpoint_under_way: Option<f64>,
-    /// What is wanted (px).
+    /// The step of the calibration that everything waits for; meanwhile there are no instructions.
+    step: Option<StepView>,
+    /// Target of the error (px).
     target: f64,
     /// Focal lengths and principal point of the first estimate (px).
     camera: Option<[f64; 4]>,
@@ -247,7 +266,7 @@ pub struct View<'a> {
 }
 
 fn pairs(points: &[Vector2<f64>]) -> Vec<[f64; 2]> {
-    // A tenth of a pixel is enough for the eye.
+    // A tenth of a pixel is sufficient for display.
     points.iter().map(|point| [rounded(point.x), rounded(point.y)]).collect()
 }
 
@@ -259,7 +278,7 @@ fn rounded(value: f64) -> f64 {
     (value * 10.0).round() / 10.0
 }
 
-/// The state while the board is looked at, with a frame where there is one.
+/// Returns the state while the board is observed, with a frame if there is one.
 pub fn looking<'a>(picture: &EventPicture, frame: Option<&GreyImage>, seen: &'a Seen, context: Context) -> View<'a> {
     let phase = if seen.board.is_none() { Phase::Waiting } else { Phase::Recording };
     let sensor = picture.sensor();
@@ -267,7 +286,12 @@ pub fn looking<'a>(picture: &EventPicture, frame: Option<&GreyImage>, seen: &'a 
     View { frame, ..state(phase, picture.seconds(), [sensor.width, sensor.height], seen, context, None) }
 }
 
-/// The state after the recording.
+/// Returns the state while the camera is calibrated after the recording.
+pub fn calibrating(sensor: [u16; 2], seen: &Seen, context: Context, step: CalibrationStep) -> View<'_> {
+    View { step: Some(step.into()), ..state(Phase::Calibrating, seen.t, sensor, seen, context, None) }
+}
+
+/// Returns the state after the recording.
 pub fn ended<'a>(
     phase: Phase,
     sensor: [u16; 2],
@@ -342,6 +366,7 @@ fn state<'a>(
         about: seen.about,
         checkpoint: seen.checkpoint.as_ref().map(CheckpointView::new),
         checkpoint_under_way: seen.checkpoint_under_way,
+        step: seen.underway.as_ref().and_then(|underway| underway.awaited()).map(StepView::from),
         target: seen.target,
         camera: seen.camera,
         outcome,

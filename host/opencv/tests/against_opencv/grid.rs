@@ -1,5 +1,5 @@
-//! The grid finder against OpenCV's `findCirclesGrid` on complete boards without clutter: both must
-//! give every candidate the same place.
+//! Comparison of the grid finder with OpenCV's `findCirclesGrid` on complete boards without clutter: both must assign
+//! every candidate to the same circle.
 
 #[path = "../../../../core/tests/support/grid_views.rs"]
 mod grid_views;
@@ -12,8 +12,8 @@ use nalgebra::Vector2;
 
 const VIEWS: usize = 150;
 
-/// Number of views that both find, of those where the orders agree (up to a turn that maps the board
-/// onto itself), and of those where OpenCV's order is not the true one.
+/// Returns the number of views in which both find the board, in which the orders agree (up to a rotation that maps the
+/// board onto itself), and in which OpenCV's order is wrong.
 fn compare(setting: &Setting) -> (usize, usize, usize) {
     let pattern = setting.pattern;
     let options = GridOptions::new(&pattern, SIZE);
@@ -61,14 +61,14 @@ fn asymmetric_boards_have_the_order_of_opencv() {
 #[test]
 fn a_fisheye_does_not_change_the_order() {
     let (both, agreeing, misread) = compare(&setting(Layout::Asymmetric, 9, 4, Lens::Fisheye));
-    // OpenCV looks for straight rows: it finds half of the boards in these views, and misreads one.
+    // OpenCV expects straight rows: it finds half of the boards in these views, and misreads one.
     assert!(both >= VIEWS / 3, "{both} of {VIEWS} found by both");
     assert!(misread <= 1, "{misread} misread by OpenCV");
     assert_eq!(agreeing, both - misread);
 }
 
 #[test]
-fn symmetric_boards_have_the_order_of_opencv_up_to_a_turn() {
+fn symmetric_boards_have_the_order_of_opencv_up_to_a_rotation() {
     for (rows, columns) in [(6, 3), (5, 4)] {
         let (both, agreeing, misread) = compare(&setting(Layout::Symmetric, rows, columns, Lens::Radtan));
         // OpenCV itself finds less than half of the symmetric boards in these views.

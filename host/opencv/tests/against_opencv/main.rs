@@ -1,4 +1,4 @@
-//! evcal's own grid finder, poses and start against OpenCV's.
+//! Comparison of evcal's own grid finder, poses and start with OpenCV's.
 
 mod grid;
 mod starts;

@@ -1,4 +1,4 @@
-//! The native start and native poses against OpenCV's.
+//! Comparison of the native start and native poses with OpenCV's.
 
 #[path = "../../../calibrate/src/initial/tests/scene.rs"]
 mod scene;
@@ -20,7 +20,7 @@ fn model(scene: &Scene, frames: &[ReferenceFrame], start: &'static dyn Start) ->
     initial_model(frames, &scene.board, SENSOR, scene.camera.kind(), &settings).unwrap()
 }
 
-/// What a start has to cope with.
+/// Inputs that a start must handle.
 fn inputs(kind: ModelKind) -> [(&'static str, Scene); 4] {
     [
         ("exact images", Scene { noise: 0.0, misplaced: u32::MAX, step: 0.1, count: 60, ..Scene::new(kind) }),
@@ -30,13 +30,13 @@ fn inputs(kind: ModelKind) -> [(&'static str, Scene); 4] {
     ]
 }
 
-/// The same frames, circles and camera from either start. What is left between the cameras comes from
-/// the prior, which remembers the start, and is far below their distance from the truth.
+/// Both starts lead to the same frames, circles and camera. The remaining difference between the cameras comes from the
+/// prior, which depends on the start, and is far below their distance from the ground truth.
 #[test]
 fn both_starts_reach_the_same_model_on_every_input() {
     for &kind in ModelKind::ALL {
         for (input, scene) in inputs(kind) {
-            // Wrong frames among many, which both must drop.
+            // Wrong frames among many, which both must exclude.
             let fault = |frame| match frame {
                 11 if input == "many views" => Fault::Turned,
                 23 if input == "many views" => Fault::Mirrored,
@@ -62,7 +62,7 @@ fn both_starts_reach_the_same_model_on_every_input() {
 
 /// Without wrong points both find the same pose first.
 #[test]
-fn poses_are_those_of_opencv() {
+fn poses_agree_with_opencv() {
     let scene = Scene::new(ModelKind::Radtan4);
     for view in 0..50 {
         let truth = scene.truth(6 * view);
@@ -70,7 +70,7 @@ fn poses_are_those_of_opencv() {
             .map(|index| {
                 let plane = board().point(index);
                 let seen = truth * Point3::new(plane.x, plane.y, 0.0);
-                // A tenth of a pixel to and fro.
+                // Alternating errors of a tenth of a pixel.
                 let error = if index % 2 == 0 { 0.1 / 345.0 } else { -0.1 / 345.0 };
                 PlanePoint { plane, image: Vector2::new(seen.x / seen.z + error, seen.y / seen.z - error) }
             })
@@ -78,7 +78,7 @@ fn poses_are_those_of_opencv() {
         let found = |start: &dyn Start| start.plane_pose(&points, 3.0 / 345.0, 100).unwrap();
         let (own, theirs) = (found(&NativeStart { seed: 0 }), found(&Opencv));
         assert_eq!(own.inliers, theirs.inliers, "view {view}");
-        // Their homography weighs the points a little differently.
+        // OpenCV's homography weights the points slightly differently.
         let apart = own.solutions[0].inverse() * theirs.solutions[0];
         let distance = apart.translation.vector.norm() + apart.rotation.angle();
         assert!(distance < 2e-3, "view {view}: {distance}");

@@ -3,6 +3,7 @@
 use evcal_core::sensor::Sensor;
 
 use crate::bytes::ByteReader;
+use crate::counted::counted;
 use crate::error::RecordingError;
 use crate::read_report::Truncation;
 
@@ -156,7 +157,8 @@ pub fn next_head(
         return Ok(None);
     }
     let Some(head) = file.array::<HEAD>()? else {
-        *truncated = Some(Truncation { byte, lost: format!("{} bytes of a packet's head are left", file.left()) });
+        let lost = counted(file.left(), "byte of a packet's head is left", "bytes of a packet's head are left");
+        *truncated = Some(Truncation { byte, lost });
         return Ok(None);
     };
     let [kind0, kind1, source0, source1, rest @ ..] = head;

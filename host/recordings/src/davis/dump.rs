@@ -13,7 +13,7 @@ use usb_davis::protocol::{Encoder, Frame, FrameStep, ImuSample, Polarity as Wire
 use usb_davis::registers::default_registers;
 use usb_davis::{PRODUCT_ID, VENDOR_ID};
 
-use crate::encode::{WriteError, check_leap};
+use crate::encode::{WriteError, check_jump};
 
 /// Size of a transfer in bytes, as `usb_davis::device` requests it.
 const TRANSFER_BYTES: usize = 128 * 1024;
@@ -125,7 +125,7 @@ impl<W: Write> DumpEncoder<W> {
 
     fn send(&mut self, time: u64, item: &Item) -> Result<(), WriteError> {
         let [before, now] = [self.encoder.time(), time].map(|time| i64::try_from(time).unwrap_or(i64::MAX));
-        check_leap(before, now)?;
+        check_jump(before, now)?;
         let due = self.since.saturating_add(self.early_packet_delay);
         if self.words.is_empty() {
             self.since = self.since.max(time);

@@ -91,8 +91,8 @@ impl DumpSink {
     /// Converts the times in an error of the encoder back to those of the recording.
     fn recorded(&self, error: WriteError) -> WriteError {
         match error {
-            WriteError::Leap { before, time } => {
-                WriteError::Leap { before: before.saturating_add(self.origin), time: time.saturating_add(self.origin) }
+            WriteError::Jump { before, time } => {
+                WriteError::Jump { before: before.saturating_add(self.origin), time: time.saturating_add(self.origin) }
             }
             other => other,
         }

@@ -6,6 +6,7 @@ use usb_davis::capture::Capture;
 use usb_davis::dump::DumpWriter;
 
 use super::dump::COMPRESSION;
+use crate::counted::counted;
 use crate::encode::{CopiedTransfers, WriteError};
 
 /// Copies the transfers of `capture` into a new dump.
@@ -33,10 +34,14 @@ pub fn copy(capture: &mut Capture, file: File) -> Result<CopiedTransfers, WriteE
     dump.finish()?;
     let damage = capture.damage();
     if damage.places > 0 || damage.unfinished > 0 {
-        copied.lost = Some(format!(
-            "{} damaged places and an incomplete end of {} bytes in the recording: they are gaps in the output",
-            damage.places, damage.unfinished
-        ));
+        let places = counted(damage.places, "damaged place", "damaged places");
+        let end = counted(damage.unfinished, "byte", "bytes");
+        let damage = match (damage.places, damage.unfinished) {
+            (_, 0) => places,
+            (0, _) => format!("an incomplete end of {end}"),
+            _ => format!("{places} and an incomplete end of {end}"),
+        };
+        copied.lost = Some(format!("the recording has {damage}, which the output contains as gaps"));
     }
     Ok(copied)
 }

@@ -93,7 +93,7 @@ fn mistakes_name_the_line_or_the_file() {
 }
 
 #[test]
-fn images_that_cannot_be_read_or_have_another_size_are_named() {
+fn images_that_cannot_be_read_or_have_a_wrong_size_are_named() {
     let directory = folder(TWO, &["a.png", "b.png"]);
     let second = directory.path().join(IMAGES).join("b.png");
     picture((5, 3), 1, 7).write_png(&second).unwrap();
@@ -104,6 +104,9 @@ fn images_that_cannot_be_read_or_have_another_size_are_named() {
         let message = refused(directory.path());
         assert!(message.contains("b.png: ") && message.contains(word), "{message}");
     }
+    picture((70_000, 1), 1, 7).write_png(&directory.path().join(IMAGES).join("a.png")).unwrap();
+    let message = refused(directory.path());
+    assert!(message.ends_with("a.png has 70000 x 1 pixels: an image needs 1 to 65535 columns and rows"), "{message}");
 }
 
 #[test]

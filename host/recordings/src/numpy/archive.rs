@@ -10,7 +10,7 @@ use rawzip::{CompressionMethod, RECOMMENDED_BUFFER_SIZE, ZipArchive};
 
 use crate::error::Usable;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::foreign::ForeignFormat;
+use crate::unsupported_format::UnsupportedFormat;
 
 /// First bytes of an archive.
 pub const MAGIC: &[u8] = b"PK\x03\x04";
@@ -189,7 +189,7 @@ pub fn members(path: &Path) -> Result<Vec<Member>, RecordingError> {
         let deflated = match entry.compression_method() {
             CompressionMethod::STORE => false,
             CompressionMethod::DEFLATE => true,
-            _ => return Err(unsupported(path, ForeignFormat::ZipCompression)),
+            _ => return Err(unsupported(path, UnsupportedFormat::ZipCompression)),
         };
         let packed = Packed { deflated, size: entry.uncompressed_size_hint(), checksum: entry.crc32() };
         let (start, end) = archive.get_entry(entry.wayfinder()).map_err(damaged)?.compressed_data_range();
@@ -201,14 +201,14 @@ pub fn members(path: &Path) -> Result<Vec<Member>, RecordingError> {
     }
     if members.is_empty() {
         return Err(match is_spreadsheet {
-            true => unsupported(path, ForeignFormat::Spreadsheet),
-            false => unsupported(path, ForeignFormat::Zip),
+            true => unsupported(path, UnsupportedFormat::Spreadsheet),
+            false => unsupported(path, UnsupportedFormat::Zip),
         });
     }
     Ok(members)
 }
 
-fn unsupported(path: &Path, format: ForeignFormat) -> RecordingError {
+fn unsupported(path: &Path, format: UnsupportedFormat) -> RecordingError {
     RecordingError::new(path, RecordingErrorKind::Unsupported(format))
 }
 

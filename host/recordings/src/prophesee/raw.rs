@@ -10,11 +10,11 @@ use super::write::OUTPUT;
 use super::{TRIGGERS, store_counts};
 use crate::bytes::ByteReader;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::foreign::ForeignFormat;
 use crate::format::{FileFormat, Head, Opened};
 use crate::options::RecordingOptions;
 use crate::read_report::{ReadReport, Truncation};
 use crate::reader::{Decode, RecordingInformation};
+use crate::unsupported_format::UnsupportedFormat;
 
 /// Prophesee RAW.
 pub const FORMAT: FileFormat = FileFormat {
@@ -114,7 +114,7 @@ struct Decoder {
 }
 
 fn open(path: &Path, _: &RecordingOptions) -> Opened {
-    let unsupported = RecordingErrorKind::Unsupported(ForeignFormat::PropheseeEncoding);
+    let unsupported = RecordingErrorKind::Unsupported(UnsupportedFormat::PropheseeEncoding);
     let head = Head::read(path)?;
     let words = |header: Header| {
         let words = Words::new(&header, head.bytes.get(header.length..).unwrap_or_default())?;

@@ -7,7 +7,7 @@ use std::io::{BufWriter, Write};
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 
-use crate::encode::{Description, Encode, OutputFormat, WriteError, check_leap};
+use crate::encode::{Description, Encode, OutputFormat, WriteError, check_jump};
 
 /// RAW in EVT 3.0.
 pub const OUTPUT: OutputFormat = OutputFormat {
@@ -72,7 +72,7 @@ impl Encoder {
         let (high, low) = (t >> HIGH_SHIFT, t & MASK);
         if self.high != Some(high) {
             let before = self.high.unwrap_or(0) << HIGH_SHIFT;
-            check_leap(before.saturating_add(self.zero), t.saturating_add(self.zero))?;
+            check_jump(before.saturating_add(self.zero), t.saturating_add(self.zero))?;
             // Writes all time highs in between, as a camera does: some readers detect a wrap of the clock only from the
             // last one before it.
             for step in self.high.map_or(0, |latest| latest + 1)..=high {
@@ -170,7 +170,7 @@ mod tests {
         assert!(error.contains("1700000000000000 us") && error.contains("more than a day"), "{error}");
         let zero = 1_600_000_000_000_000;
         let error = written(&[at(zero + 8192), at(zero + 86_500_000_000)], Sensor::new(1280, 720), zero).unwrap_err();
-        let WriteError::Leap { before, time } = error else { panic!("{error}") };
+        let WriteError::Jump { before, time } = error else { panic!("{error}") };
         assert_eq!((before, time), (zero + 8192, zero + 86_500_000_000));
     }
 

@@ -15,6 +15,7 @@ use super::message::Kind;
 use super::write::BAG_OUTPUT;
 use super::{events, extras};
 use crate::bytes::ByteReader;
+use crate::counted::counted;
 use crate::error::RecordingError;
 use crate::format::{FileFormat, Uses};
 use crate::read_report::Truncation;
@@ -221,7 +222,10 @@ impl Bag {
         if let Some(length) = length.filter(|length| *length <= self.file.left()) {
             return Ok(Some(length));
         }
-        let lost = format!("a record is incomplete: {} bytes of it are left", self.file.left());
+        let lost = format!(
+            "a record is incomplete: {}",
+            counted(self.file.left(), "byte of it is left", "bytes of it are left")
+        );
         self.truncated = Some(Truncation { byte: record, lost });
         self.ended = true;
         Ok(None)

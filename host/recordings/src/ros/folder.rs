@@ -11,9 +11,9 @@ use yaml_rust2::Yaml;
 use super::container::{Container, MessageHead, OpenContainer, Topic};
 use super::{BAG_FORMAT, DB3_FORMAT, MCAP_FORMAT, bag, db3, events, extras, mcap};
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::foreign;
 use crate::format::{FileFormat, Head, Uses};
 use crate::read_report::Truncation;
+use crate::unsupported_format;
 use evcal_files::yaml;
 
 /// Folder of a ROS 2 bag. It is recognised by the files in it.
@@ -69,8 +69,8 @@ fn open_file(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
         None => {
             let another =
                 || RecordingErrorKind::NoEventStream("content in a format other than those of bags".to_owned());
-            let kind =
-                foreign::recognise(&Head::read(path)?.bytes).map_or_else(another, RecordingErrorKind::Unsupported);
+            let kind = unsupported_format::recognise(&Head::read(path)?.bytes)
+                .map_or_else(another, RecordingErrorKind::Unsupported);
             Err(RecordingError::new(path, kind))
         }
     }

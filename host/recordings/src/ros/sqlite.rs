@@ -7,6 +7,7 @@
 use std::path::Path;
 
 use crate::bytes::{ByteReader, share};
+use crate::counted::counted;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::read_report::Truncation;
 
@@ -285,7 +286,8 @@ impl Pages {
     }
 
     fn cut_off(&mut self) {
-        let lost = format!("{} pages of the database are missing", self.promised - self.count);
+        let lost =
+            counted(self.promised - self.count, "page of the database is missing", "pages of the database are missing");
         self.truncated = Some(Truncation { byte: self.count * self.size as u64, lost });
     }
 

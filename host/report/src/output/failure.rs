@@ -1,4 +1,4 @@
-//! What a calibration that failed leaves: why, how far it came, what was seen, and a picture of it.
+//! The files that a failed calibration writes: the error, the stages that it reached, what was found in the recording, and a picture.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -13,42 +13,42 @@ use evcal_calibrate::detection::DetectionReport;
 use evcal_calibrate::detection::search::{FoundCircles, SearchFor, search_events, sensor_of};
 use evcal_files::FileError;
 
-/// The text.
+/// File with the text.
 pub const TEXT: &str = "failure.txt";
-/// The window with most circles.
+/// File with a picture of the window with most circles.
 pub const PICTURE: &str = "failure.png";
 
 /// A calibration that failed.
 #[derive(Clone, Debug, Serialize)]
 pub struct Failure {
-    /// Why.
+    /// The error in words.
     pub error: String,
-    /// What was begun, in order; the last is where it failed.
+    /// Stages in their order; the last one failed.
     pub stages: Vec<String>,
-    /// What was seen of the board, or of circles where there was none; `None` where nothing was looked for.
+    /// Detections in the first recording; `None` if the error does not depend on the content of recordings.
     pub seen: Option<Seen>,
-    /// Files that tell more.
+    /// Files with more details.
     pub files: Vec<PathBuf>,
 }
 
-/// What was seen in a recording.
+/// Detections in a recording.
 #[derive(Clone, Debug, Serialize)]
 pub struct Seen {
     /// The recording.
     pub file: String,
-    /// What became of its windows.
+    /// Counts of windows with the board, and of the others by reason.
     pub windows: DetectionReport,
-    /// Circles in the window with most of them.
+    /// Number of circles in the window with most circles.
     pub most_circles: usize,
 }
 
-/// Whether a file of a folder, by its path in it, is one that [`write_failure`] writes.
+/// Returns whether [`write_failure`] writes a file with this path inside its folder.
 pub fn is_failure(file: &Path) -> bool {
     [TEXT, PICTURE].iter().any(|name| Path::new(name) == file)
 }
 
-/// Tells of a failed calibration, and writes into `folder` what was seen, if anything was looked at. `why` is the error in the words of
-/// the program.
+/// Describes a failed calibration, and writes the description into `folder` if the error depends on what the recordings show. `why` is the
+/// error in the words of the program.
 ///
 /// # Errors
 /// [`FileError`] names the file that could not be written.
@@ -63,11 +63,11 @@ pub fn write_failure(
     if !error.is_of_what_was_seen() {
         return Ok(failure);
     }
-    let found = task.inputs.iter().find_map(|input| look_again(input, task, error));
+    let found = task.inputs.iter().find_map(|input| search_again(input, task, error));
     if let Some((file, found, picture)) = found {
         let most_circles = found.best_window().map_or(0, |window| window.circles.len());
         let windows = match error {
-            // Why there was no board, rather than that there were circles.
+            // The search for the board explains the failure; the second search was for single circles.
             CalibrateError::NoPattern(nowhere) => nowhere.report().clone(),
             _ => found.report,
         };
@@ -84,14 +84,13 @@ pub fn write_failure(
     Ok(failure)
 }
 
-/// Looks for the board once more, or for circles where there was no board, and draws the window with most of them.
-fn look_again(input: &Input, task: &Task, error: &CalibrateError) -> Option<(String, FoundCircles, Option<Vec<u8>>)> {
+/// Searches the recording once more, for the board, or for circles if the board was not found, and draws the window with most circles.
+fn search_again(input: &Input, task: &Task, error: &CalibrateError) -> Option<(String, FoundCircles, Option<Vec<u8>>)> {
     let Input::Events(recording) = input else { return None };
     let wanted = match error {
         CalibrateError::NoPattern(_) if task.board.circles().is_some() => SearchFor::Circles(1),
         _ => SearchFor::from(task.board),
     };
-    // What cannot be read any more is not looked at.
     let sensor = sensor_of(recording).ok()?;
     let found = search_events(recording, sensor, wanted, &task.settings.detection).ok()?;
     let picture =
@@ -104,27 +103,30 @@ fn text(failure: &Failure, task: &Task) -> String {
     if !task.command_line.is_empty() {
         let _ = writeln!(text, "{}", task.command_line);
     }
-    let _ = writeln!(text, "\nfailed: {}\n\nwhat was done, up to the failure:", failure.error);
+    let _ = writeln!(text, "\nfailed: {}\n\nstages up to the failure:", failure.error);
     for stage in &failure.stages {
         let _ = writeln!(text, "  {stage}");
     }
     if let Some(Seen { file, windows, most_circles }) = &failure.seen {
-        let _ = writeln!(text, "\nwhat was seen in {file}, board {}:", task.board);
+        let _ = writeln!(text, "\nfound in {file} with the board {}:", task.board);
         let tried = windows.windows;
         let _ = writeln!(text, "  {} events, {tried} windows tried, {} with the board", windows.events, windows.found);
-        let _ = writeln!(text, "  {} circles, {most_circles} in the window with most", windows.circles);
+        let _ = writeln!(text, "  {} circles, at most {most_circles} per window", windows.circles);
         if windows.too_few_events > 0 {
             let _ = writeln!(text, "  {} windows had too few events to be tried", windows.too_few_events);
         }
         for (reason, count) in &windows.grids_refused {
-            let _ = writeln!(text, "  {count} windows refused: {reason}");
+            let _ = writeln!(text, "  {count} windows rejected: {reason}");
         }
         for (reason, count) in &windows.pairs_refused {
-            let _ = writeln!(text, "  {count} pairs of clusters are no circle: {reason}");
+            let _ = writeln!(text, "  {count} pairs of clusters are not circles: {reason}");
         }
     }
     if failure.files.iter().any(|file| file.ends_with(PICTURE)) {
-        let _ = writeln!(text, "\n{PICTURE}: that window, its events in red (ON) and blue (OFF), its circles in black");
+        let _ = writeln!(
+            text,
+            "\n{PICTURE}: the window with most circles: ON events in blue, OFF events in orange, circles in black"
+        );
     }
     text
 }

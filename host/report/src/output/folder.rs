@@ -1,13 +1,14 @@
-//! The folder that a calibration writes.
+//! Writes the folder of a calibration.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use super::failure::is_failure;
+use super::input_files::input_files;
 use super::summary::summary;
 use crate::report::drawing::{Picture, grey_frame_picture, reference_frame_picture};
-use crate::report::{ResultFile, sections};
+use crate::report::{ResultFile, Sections, sections};
 use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
 use evcal_calibrate::calibrate::input::Input;
@@ -19,7 +20,7 @@ use evcal_calibrate::export::{inertial, kalibr, opencv, ros, second_camera};
 use evcal_calibrate::initial::PosedFrame;
 use evcal_calibrate::picture_calibration::calibration::PictureSource;
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
-use evcal_calibrate::result::calibration_file::CalibrationFile;
+use evcal_calibrate::result::calibration_file::{CalibrationFile, InputFile};
 use evcal_calibrate::result::stage_report::stage_report;
 use evcal_calibrate::trust::poses::{PoseSettings, UncertainPose, csv, determined, sampled_poses};
 use evcal_files::FileError;
@@ -28,35 +29,35 @@ use evcal_geometry::board::Board;
 use evcal_geometry::timed_pose::TimedPose;
 use evcal_geometry::tum;
 
-/// Folder of files for other programs.
+/// Subfolder with the files for other programs.
 const EXPORTS: &str = "exports";
-/// The folders of a result.
+/// Subfolders of a result.
 pub const FOLDERS: &[&str] = &[EXPORTS];
 
-/// Formats that every calibration is written in, and the folder of each; exports on demand write the others.
+/// Formats that every calibration is exported to, with the subfolder of each. The other formats are exported on demand.
 const FOR_OTHERS: &[(ExportFormat, &str)] = &[(opencv::YAML, ""), (ros::FORMAT, EXPORTS), (kalibr::FORMAT, EXPORTS)];
 
-/// Files of one name each.
+/// Files that a result has once, whatever the number of recordings.
 const FILES: [&str; 6] =
     ["calibration.json", "settings.toml", "stages.txt", "report.html", "good-frame.png", "bad-frame.png"];
-/// Name and extension of the poses of a recording; those after the first have a number between.
+/// Name and extension of the poses of a recording; from the second recording on, a number is in between.
 const TRAJECTORY: (&str, &str) = ("trajectory", "txt");
-/// Name and extension of the same poses with their standard deviations.
+/// Name and extension of the file with the same poses and their standard deviations.
 const POSES: (&str, &str) = ("trajectory", "csv");
-/// Name and extension of its circles.
+/// Name and extension of the circles of a recording.
 const CIRCLES: (&str, &str) = ("circles", "csv");
 
-/// What was written, for the terminal.
+/// Text about a written result, for a terminal.
 pub struct Written {
     /// The content of `calibration.json`, on one line.
     pub json: String,
     /// A few lines with the result.
     pub summary: String,
-    /// What every stage took in and gave out.
+    /// Input, output and rejected data of each stage.
     pub stage_report: String,
 }
 
-/// Whether a file of a folder, by its path in it, is one that [`write_folder`] writes.
+/// Returns whether [`write_folder`] writes a file with this path inside its folder.
 pub fn is_result(file: &Path) -> bool {
     let numbered = |name: &str, extension: &str| {
         let rest = file.to_str().and_then(|file| file.strip_prefix(name)?.strip_suffix(extension)?.strip_suffix('.'));
@@ -74,7 +75,7 @@ pub fn is_result(file: &Path) -> bool {
         || numbered(CIRCLES.0, CIRCLES.1)
 }
 
-/// Why a result was not written.
+/// Reasons why a result was not written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WriteError {
@@ -86,21 +87,21 @@ pub enum WriteError {
     File(#[from] FileError),
 }
 
-/// Writes the result of `task` into a folder that holds none yet: all that [`write_folder`] does.
+/// Writes the result of `task` as [`write_folder`] does, into a folder without an earlier result.
 ///
 /// # Errors
-/// [`WriteError`] when there is a result, or the folder or a file cannot be written.
+/// [`WriteError`] if the folder contains a result, or a file cannot be written.
 pub fn write_new_folder(folder: impl AsRef<Path>, calibrated: &Calibrated, task: &Task) -> Result<Written, WriteError> {
     let folder = OutputFolder::open_new(folder.as_ref(), is_result)?;
-    folder.check_places(is_result, FOLDERS)?;
+    folder.check_paths(is_result, FOLDERS)?;
     Ok(write_folder(&folder, calibrated, task, &mut |_| {})?)
 }
 
 /// Writes `calibration.json`, `camera.yaml`, `exports` (ROS and Kalibr), `trajectory.txt`, `trajectory.csv`,
-/// `settings.toml`, `circles.csv`, `stages.txt`, `report.html` and pictures of a good and a bad reference frame into `folder`, from
-/// which earlier results and what earlier failures left are removed. Of several recordings, each has its own clock: those after the first have their own
+/// `settings.toml`, `circles.csv`, `stages.txt`, `report.html` and pictures of a good and a bad reference frame into `folder`, and removes
+/// the files of earlier results and failures from it. Each recording has its own clock: from the second on, a recording has its own
 /// `trajectory-2.txt`, `circles-2.csv` and so on.
-/// `progress` is told how far the report is, which takes most of the time.
+/// `progress` receives the progress of the report, which takes most of the time.
 ///
 /// # Errors
 /// [`FileError`] names the file that could not be written.
@@ -110,45 +111,38 @@ pub fn write_folder(
     task: &Task,
     progress: &mut (dyn FnMut(Step) + Send),
 ) -> Result<Written, FileError> {
-    let calibration = CalibrationFile::new(calibrated, task.board, task.wording);
-    let failed = |error: serde_json::Error| FileError::new(&folder.path().join("calibration.json"), error.into());
-    let json = serde_json::to_string_pretty(&calibration).map_err(failed)?;
-    let on_one_line = serde_json::to_string(&calibration).map_err(failed)?;
-    let stage_report = stage_report(calibrated);
-    let mut summary = summary(&calibration);
-    let texts = Texts { calibration: &calibration, json: &json, stage_report: &stage_report };
-    let mut tell = |done| progress(Step { text: "report", done: Some(done) });
-    let notes = folder.replace(
+    let mut report_progress = |done| progress(Step { text: "report", done: Some(done) });
+    folder.replace(
         |file| is_result(file) || is_failure(file),
         |folder| {
-            let (notes, sections) =
-                rayon::join(|| write_files(folder, calibrated, task, &texts), || sections(calibrated, task, &mut tell));
-            let notes = notes?;
-            evcal_files::write(&folder.join("report.html"), sections.beside(&results_in(folder)).as_bytes())?;
-            Ok::<_, FileError>(notes)
+            let (written, sections) = rayon::join(
+                || write_files(folder, calibrated, task),
+                || sections(calibrated, task, &mut report_progress),
+            );
+            let (written, inputs) = written?;
+            write_report(folder, sections, &inputs)?;
+            Ok(written)
         },
-    )?;
-    summary += &notes;
-    Ok(Written { json: on_one_line, summary, stage_report })
+    )
 }
 
-/// What is known of a result before its files are written.
-struct Texts<'a> {
-    calibration: &'a CalibrationFile,
-    json: &'a str,
-    stage_report: &'a str,
+fn write_report(folder: &Path, sections: Sections, inputs: &[InputFile]) -> Result<(), FileError> {
+    evcal_files::write(&folder.join("report.html"), sections.finish(inputs, &results_in(folder)).as_bytes())
 }
 
-/// Writes everything but the report. What the summary is to say of it, line by line, each begun with a new line.
-fn write_files(
-    folder: &Path,
-    calibrated: &Calibrated,
-    task: &Task,
-    Texts { calibration, json, stage_report }: &Texts,
-) -> Result<String, FileError> {
+/// Writes all files except the report; returns the text for a terminal, and the files that the calibration was made from.
+fn write_files(folder: &Path, calibrated: &Calibrated, task: &Task) -> Result<(Written, Vec<InputFile>), FileError> {
     let put = |path: PathBuf, content: &[u8]| evcal_files::write(&path, content);
-    let mut summary = String::new();
-    put(folder.join("calibration.json"), json.as_bytes())?;
+    let calibration = CalibrationFile {
+        command: (!task.command_line.is_empty()).then(|| task.command_line.to_owned()),
+        input_files: input_files(task),
+        ..CalibrationFile::new(calibrated, task.board, task.wording)
+    };
+    let failed = |error: serde_json::Error| FileError::new(&folder.join("calibration.json"), error.into());
+    let json = serde_json::to_string(&calibration).map_err(failed)?;
+    let stage_report = stage_report(calibrated);
+    let mut summary = summary(&calibration);
+    put(folder.join("calibration.json"), serde_json::to_string_pretty(&calibration).map_err(failed)?.as_bytes())?;
     put(folder.join("settings.toml"), task.settings.to_commented_toml().as_bytes())?;
     put(folder.join("stages.txt"), stage_report.as_bytes())?;
     let mut distances = None;
@@ -170,11 +164,11 @@ fn write_files(
             evcal_files::write_with(&folder.join(of_recording(POSES)), |file| csv::write(file, &poses))?;
         }
         if 2 * determined.len() < poses.len() {
-            let (sure, all) = (of_recording(TRAJECTORY), of_recording(POSES));
+            let (certain, all) = (of_recording(TRAJECTORY), of_recording(POSES));
             let (kept, count) = (determined.len(), poses.len());
             let _ = write!(
                 summary,
-                "\n{sure} has {kept} of {count} poses: the others are not sure enough; {all} has them all"
+                "\n{certain} contains {kept} of {count} poses; the others are too uncertain. {all} contains all"
             );
         }
         let frames = frames(calibrated, recording);
@@ -184,11 +178,11 @@ fn write_files(
         })?;
     }
     if let Some((nearest, farthest)) = distances {
-        // A mistake in the unit of the board shows here.
+        // A user notices a wrong unit of the board here.
         let _ = write!(
             summary,
-            "\nboard: {nearest:.2} to {farthest:.2} m away from the camera; if it was not, its lengths are stated wrongly by the same \
-             factor, which no other figure shows"
+            "\nboard: {nearest:.2} to {farthest:.2} m away from the camera. If this is wrong, the stated lengths of the board are wrong by the same \
+             factor; no other figure shows that"
         );
     }
     let pictures = match &calibrated.evidence {
@@ -230,13 +224,14 @@ fn write_files(
             }
         }
         Err(error) => {
-            let _ = write!(summary, "\nno files of several cameras: {error}");
+            let _ = write!(summary, "\nno exports for several cameras: {error}");
         }
     }
-    Ok(summary)
+    let CalibrationFile { input_files, .. } = calibration;
+    Ok((Written { json, summary, stage_report }, input_files))
 }
 
-/// The results in `folder`, in the order of their names.
+/// Lists the result files in `folder`, sorted by name.
 pub fn results_in(folder: &Path) -> Vec<ResultFile> {
     let entries = [PathBuf::new(), EXPORTS.into()].into_iter().flat_map(|place| {
         let entries = std::fs::read_dir(folder.join(&place)).into_iter().flatten().flatten();
@@ -251,7 +246,7 @@ pub fn results_in(folder: &Path) -> Vec<ResultFile> {
     results
 }
 
-/// How far the camera is from the middle of the board, in metres.
+/// Returns the distance of the camera from the centre of the board in metres.
 fn distance(pose: &TimedPose, board: &Board) -> f64 {
     (pose.pose.translation.vector - board.middle().push(0.0)).norm()
 }
@@ -261,7 +256,7 @@ fn nearest_and_farthest(known: Option<(f64, f64)>, distance: f64) -> Option<(f64
     Some((nearest.min(distance), farthest.max(distance)))
 }
 
-/// The reference frames with the smallest and the largest error of the initial model.
+/// Draws the reference frames with the smallest and the largest error of the initial model.
 fn window_examples(calibrated: &Calibrated, board: &Board) -> Vec<(&'static str, Picture)> {
     best_and_worst(calibrated.posed().filter(|(_, frame)| frame.is_shown()), |posed, frame| {
         let pose = calibrated.best_pose(posed, frame);
@@ -269,7 +264,7 @@ fn window_examples(calibrated: &Calibrated, board: &Board) -> Vec<(&'static str,
     })
 }
 
-/// The camera's own pictures with the smallest and the largest error, as far as they can be read again.
+/// Draws the camera's own pictures with the smallest and the largest error, if they can be read again.
 fn picture_examples(calibrated: &Calibrated, task: &Task) -> Vec<(&'static str, Picture)> {
     best_and_worst(calibrated.posed(), |posed, frame| {
         let Some(Input::Events(recording)) = task.inputs.get(frame.recording) else { return None };
@@ -295,7 +290,7 @@ fn best_and_worst<'a>(
         .collect()
 }
 
-/// All frames of one recording, in order of time.
+/// Returns all frames of one recording in the order of time.
 fn frames(calibrated: &Calibrated, recording: usize) -> impl Iterator<Item = Cow<'_, ReferenceFrame>> {
     let others = calibrated.events().map_or(&[][..], |events| &events.other_windows);
     let mut others = others.iter().filter(move |window| window.recording == recording).peekable();
@@ -306,17 +301,17 @@ fn frames(calibrated: &Calibrated, recording: usize) -> impl Iterator<Item = Cow
     })
 }
 
-/// The poses of one recording, which begins at `start` seconds of its own clock: along the trajectories, or those of
-/// the pictures.
-fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &PoseSettings) -> Vec<UncertainPose> {
+/// Returns the poses of one recording, which begins at `start` seconds of its own clock: samples of the trajectories, or one pose per
+/// picture.
+pub fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &PoseSettings) -> Vec<UncertainPose> {
     let mut poses = match &calibrated.evidence {
         Evidence::Events(events) => {
             let (state, left_out) = (&events.refined.state, &events.refined.left_out);
             let mut poses = sampled_poses(state, &events.trust.poses, left_out, recording, settings);
-            let followed = events.followed.iter().filter(|stretch| stretch.recording == recording);
-            poses.extend(followed.flat_map(|stretch| &stretch.poses).copied());
+            let followed = events.followed.iter().filter(|interval| interval.recording == recording);
+            poses.extend(followed.flat_map(|interval| &interval.poses).copied());
             poses.sort_by(|a, b| a.pose.t.total_cmp(&b.pose.t));
-            // A window on the border of two stretches is in both; what is in the joint solve comes first.
+            // Adjacent intervals share the window at their border; the pose of the joint solve precedes the other.
             poses.dedup_by(|later, earlier| later.pose.t == earlier.pose.t);
             poses
         }
@@ -335,7 +330,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn results_are_known_by_their_names() {
+    fn files_of_a_result_are_recognised_by_name() {
         for name in ["calibration.json", "camera.yaml", "exports/camchain.yaml", "trajectory.txt", "circles-12.csv"] {
             assert!(is_result(Path::new(name)), "{name}");
         }

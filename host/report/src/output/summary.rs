@@ -1,4 +1,4 @@
-//! A calibration in a few lines, for the terminal.
+//! The summary of a calibration for a terminal.
 
 use std::fmt::Write as _;
 
@@ -8,7 +8,7 @@ use evcal_calibrate::result::calibration_file::{CalibrationFile, FramesResult};
 use evcal_calibrate::result::second_camera_result::SecondCameraResult;
 use event_recordings::pass::RecordingReport;
 
-/// The lens, the verdict and what stands behind it.
+/// Returns the parameters of the lens, the verdict and the figures behind it.
 pub fn summary(calibration: &CalibrationFile) -> String {
     let mut text = String::new();
     let sensor = calibration.sensor;
@@ -21,7 +21,7 @@ pub fn summary(calibration: &CalibrationFile) -> String {
         calibration.camera.model, sensor.width, sensor.height
     );
     for (index, name) in parameter_names(&calibration.camera.model).iter().enumerate() {
-        // Focal lengths and principal point; the rest has no unit.
+        // The first four are focal lengths and principal point; the others have no unit.
         let unit = if index < 4 { " px" } else { "" };
         let value = calibration.camera.parameters.get(name).unwrap_or(f64::NAN);
         let sigma = calibration.sigma.parameters.get(name).unwrap_or(f64::NAN);
@@ -34,8 +34,8 @@ pub fn summary(calibration: &CalibrationFile) -> String {
     if let Some(halves) = &calibration.split_half {
         let _ = writeln!(
             text,
-            "two halves of the recording, each calibrated alone, differ by {:.4} px ({:.4} px expected, at most {:.4} px in 95 of 100 cases); the residual is {:.4} px \
-             on its own half, {:.4} px on the other",
+            "two halves of the recording, calibrated separately, differ by {:.4} px (expected: {:.4} px, at most {:.4} px in 95 of 100 cases); \
+             residual {:.4} px on the own half, {:.4} px on the other",
             halves.difference_rms, halves.expected_rms, halves.bound, halves.held_out.own_rms, halves.held_out.rms
         );
     }
@@ -70,7 +70,7 @@ pub fn summary(calibration: &CalibrationFile) -> String {
     if let Some(joint) = &calibration.joint_frames {
         let _ = write!(
             text,
-            "\nsolved together with {} dots of {} frames, whose times are {:.3} ± {:.3} ms early against those of the events",
+            "\nsolved jointly with {} dots in {} frames; frame timestamps are {:.3} ± {:.3} ms earlier than event timestamps",
             joint.dots,
             joint.frames,
             1e3 * joint.time_offset,
@@ -91,7 +91,7 @@ pub fn summary(calibration: &CalibrationFile) -> String {
     text
 }
 
-/// What is to be noted of recordings, one line for all that have the same.
+/// Returns the notes on recordings; recordings with the same note share a line.
 fn notes(recordings: &[RecordingReport]) -> Vec<String> {
     let mut noted: Vec<(&str, Vec<usize>)> = Vec::new();
     for (number, recording) in (1..).zip(recordings) {
@@ -110,7 +110,7 @@ fn notes(recordings: &[RecordingReport]) -> Vec<String> {
     noted.into_iter().map(line).collect()
 }
 
-/// The parameters of a model in their order.
+/// Returns the names of a model's parameters in their order.
 fn parameter_names(model: &str) -> &'static [&'static str] {
     ModelKind::from_name(model).map_or(&[], ModelKind::parameter_names)
 }

@@ -1,4 +1,4 @@
-//! All events together: as the sensor saw them, and carried to the board.
+//! All events in two pictures: on the sensor, and transformed to the board.
 
 use maud::html;
 use nalgebra::Vector2;
@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::example_frames::{figure, scale};
 use super::number::count;
 use super::page::Section;
-use crate::report::drawing::Picture;
+use crate::report::drawing::{OFF, ON, Picture};
 use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::{Calibrated, EventCalibration};
 use evcal_calibrate::solve::bearing_table::BearingTable;
@@ -21,14 +21,14 @@ use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::Board;
 
-/// Columns of the picture of the board, on which single events tell less than a pixel of the sensor.
+/// Columns of the picture of the board: its pixels are smaller than sensor pixels.
 const BOARD_COLUMNS: u16 = 800;
-/// Runs of events that a thread carries in a go.
+/// Runs of events that a thread transforms at once.
 const PIECE: usize = 3;
-/// Time over which the camera's motion is taken to be even (s).
+/// Time over which the motion of the camera is approximated as uniform (s).
 const BIN: f64 = 0.5e-3;
 
-/// Events seen in each pixel of a picture.
+/// Number of events in each pixel of a picture.
 struct Accumulation {
     size: Sensor,
     off: Vec<u32>,
@@ -52,14 +52,14 @@ impl Accumulation {
         }
     }
 
-    /// Adds what was seen in another picture of this size.
+    /// Adds the counts of another picture of the same size.
     fn include(&mut self, other: &Self) {
         for (counts, more) in [(&mut self.on, &other.on), (&mut self.off, &other.off)] {
             counts.iter_mut().zip(more).for_each(|(count, more)| *count += more);
         }
     }
 
-    /// White without events; red where ON and blue where OFF events are.
+    /// Returns a picture that is white without events and takes on the colours [`ON`] and [`OFF`] with the number of events.
     fn picture(&self, scale: usize) -> Picture {
         let full = brightest(&self.on).max(brightest(&self.off)).max(1.0);
         let share = |counts: &[u32], index: usize| {
@@ -69,21 +69,22 @@ impl Accumulation {
             let (column, row) = (place.x.round().max(0.0) as usize, place.y.round().max(0.0) as usize);
             let index = row * usize::from(self.size.width) + column;
             let (on, off) = (share(&self.on, index), share(&self.off, index));
-            let left =
-                |on_takes: f64, off_takes: f64| (255.0 * (1.0 - on_takes * on) * (1.0 - off_takes * off)).round() as u8;
-            [left(0.15, 0.85), left(0.8, 0.6), left(0.8, 0.15)]
+            let absorbed = |color: u8, share: f64| 1.0 - share * (1.0 - f64::from(color) / 255.0);
+            std::array::from_fn(|channel| {
+                (255.0 * absorbed(ON[channel], on) * absorbed(OFF[channel], off)).round() as u8
+            })
         })
     }
 }
 
-/// The count that one in two hundred of the pixels with events exceeds.
+/// Returns the count that 0.5 % of the pixels with events exceed.
 fn brightest(counts: &[u32]) -> f64 {
     let mut counts: Vec<u32> = counts.iter().copied().filter(|&count| count > 0).collect();
     let place = counts.len().saturating_sub(1 + counts.len() / 200);
     if counts.is_empty() { 0.0 } else { f64::from(*counts.select_nth_unstable(place).1) }
 }
 
-/// Both pictures, where the input is events.
+/// Returns both pictures; `None` if the input is not events.
 pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     let events = calibrated.events()?;
     if events.measured == Measured::CircleCentres {
@@ -121,42 +122,36 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
         || {
             figure(
                 &sensor.picture(scale(calibrated.sensor).min(2)),
-                "Events of the whole recording on the sensor: a blur.",
-                "As the sensor saw them.",
+                "Events of the whole recording on the sensor: blurred.",
+                "On the sensor.",
             )
         },
-        || {
-            figure(
-                &board.picture(1),
-                "The same events carried to the board: the rims of its dots.",
-                "Carried to the board by the result.",
-            )
-        },
+        || figure(&board.picture(1), "The same events on the board: the edges of its print.", "On the board."),
     );
     let content = html! {
         p {
-            "The same " (count(used)) " events twice. First each is drawn where the sensor saw it: the moving board is a blur. Then "
-            "each is carried through the calibrated lens and the camera's pose at its own time onto the board. The better lens "
-            "and trajectory are, the sharper the rims of the dots."
+            "Both pictures show the same " (count(used)) " events. On the sensor, the moving board is blurred. On the board, each event "
+            "is projected with the calibrated lens and the pose of the camera at the event's own time: the better the calibration, "
+            "the sharper the edges."
         }
         div.pair {
             (on_sensor)
             (on_board)
         }
     };
-    Some(Section { id: "accumulation", title: "All events together", content })
+    Some(Section { id: "accumulation", title: "All events on the board", folded: false, content })
 }
 
-/// Where points of the board lie in its picture.
+/// The relation between points of the board and pixels of its picture.
 pub struct BoardFrame {
     corner: Vector2<f64>,
     pixels_per_metre: f64,
-    /// Width and height of the picture.
+    /// Width and height of the picture (px).
     pub size: Sensor,
 }
 
 impl BoardFrame {
-    /// A picture of all points of `board` with a margin, of so many `columns`, or fewer where it would be more than twice as high as wide.
+    /// Fits a picture around all points of `board` with a margin: `columns` wide, or less if it would be more than twice as high as wide.
     pub fn new(board: &Board, columns: u16) -> Self {
         let (low, high) = board.extent();
         let margin = Vector2::repeat(0.6 * board.print_period());
@@ -168,23 +163,23 @@ impl BoardFrame {
         Self { corner, pixels_per_metre, size: Sensor::new(pixels(extent.x), pixels(extent.y)) }
     }
 
-    /// Where a point of the board (m) lies in the picture.
+    /// Returns the position of a point of the board (m) in the picture (px).
     pub fn place(&self, point: Vector2<f64>) -> Vector2<f64> {
         (point - self.corner) * self.pixels_per_metre
     }
 
-    /// The point of the board (m) at a place in the picture.
+    /// Returns the point of the board (m) at a position in the picture (px).
     pub fn point(&self, place: Vector2<f64>) -> Vector2<f64> {
         place / self.pixels_per_metre + self.corner
     }
 }
 
-/// Where a ray is on the print, in front of the camera.
+/// Returns the point where a ray meets the print, if that is in front of the camera.
 fn place<S: BoardSurface>(ray: &BoardRay<S>) -> Option<Vector2<f64>> {
     is_in_front(ray.depth()).then(|| ray.point())
 }
 
-/// Carries the events of one recording to the board.
+/// Transforms the events of one recording to the board.
 struct Carrier<'a> {
     trajectories: Vec<&'a Trajectory>,
     bearings: &'a BearingTable,
@@ -201,7 +196,7 @@ impl<'a> Carrier<'a> {
         Self { trajectories, bearings, ground, bin: i64::MIN, pose: None }
     }
 
-    /// Where on the print (m) the event was, `None` while there is no trajectory.
+    /// Returns the position of the event on the print (m); `None` outside the trajectories.
     fn carry(&mut self, event: &RankedEvent) -> Option<Vector2<f64>> {
         let t = event.t as f64 * 1e-6;
         let bin = (t / BIN).floor() as i64;

@@ -1,4 +1,4 @@
-//! Where the board was: how far, how tilted.
+//! The positions of the board: pixels on the sensor, distance, tilt.
 
 use maud::html;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -6,45 +6,50 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::chart::{Chart, Color, Series, range_of};
 use super::number::percent;
 use super::page::Section;
+use super::trusted_places::observation_map;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::trust::coverage::Coverage;
 use evcal_geometry::board::Board;
 
-/// The board in one reference frame, seen from the camera.
+/// Limit of points in a plot; more would not be distinguishable.
+const MOST: usize = 600;
+
+/// Position of the board relative to the camera in one reference frame.
 struct Place {
-    /// Distance of its middle from the camera (m).
+    /// Distance of its centre from the camera (m).
     distance: f64,
-    /// Angle between the board's normal and the line of sight to its middle (°).
+    /// Angle between the board's normal and the line of sight to its centre (°).
     tilt: f64,
-    /// Direction towards which the board's face leans: to the right and downwards in the image (°).
+    /// Tilt (°) as a vector in the image, right and down, towards the side that the board faces.
     lean: [f64; 2],
 }
 
-/// Distances and tilts.
+/// Returns the observations on the sensor, distances and tilts.
 pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     let places: Vec<Place> = poses(calibrated).map(|pose| place(board, &pose)).collect();
     let Coverage { distance, tilt, fill, .. } = &calibrated.trust.coverage;
     let content = html! {
         p {
-            "Focal length and distance can only be told apart by boards that are tilted, to all sides, and near. Here the board was "
+            "Focal length and distance are determined separately only if the board is near and tilted in all directions. Here it was "
             (format!("{:.2} to {:.2} m away, tilted by up to {:.0}°, and filled up to {} of the image's shorter side", distance.low, distance.high, tilt.high, percent(fill.high)))
-            " (5 of 100 poses are beyond each figure)."
+            " (5 % of the poses are beyond each figure)."
         }
-        div.pair {
+        div.trio {
+            (observation_map(calibrated))
             figure {
                 (distances(&places).render())
-                figcaption { "Distance and tilt of the board, one point for each reference frame." }
+                figcaption { "Distance and tilt of the board, one point per reference frame." }
             }
             figure {
                 (tilts(&places).render())
-                figcaption { "To which side the board was tilted. Points all around the middle are best." }
+                figcaption { "Direction of the tilt. Points on all sides of the centre are best." }
             }
         }
     };
-    Some(Section { id: "board", title: "Where the board was", content })
+    Some(Section { id: "board", title: "Positions of the board", folded: false, content })
 }
 
-/// `T_world_camera` of the reference frames in use.
+/// Returns `T_world_camera` of the reference frames in use.
 fn poses(calibrated: &Calibrated) -> impl Iterator<Item = Isometry3<f64>> {
     calibrated.posed().map(|(posed, frame)| calibrated.best_pose(posed, frame))
 }
@@ -52,7 +57,7 @@ fn poses(calibrated: &Calibrated) -> impl Iterator<Item = Isometry3<f64>> {
 fn place(board: &Board, pose: &Isometry3<f64>) -> Place {
     let middle = board.middle();
     let to_middle = pose.inverse_transform_point(&Point3::new(middle.x, middle.y, 0.0)).coords;
-    // The board's face looks towards −z of the world, where the camera is.
+    // The camera is at −z of the world, in front of the board.
     let normal = pose.inverse_transform_vector(&-Vector3::z());
     let sight = -to_middle;
     let lean = normal - sight * (normal.dot(&sight) / sight.norm_squared());
@@ -63,12 +68,11 @@ fn place(board: &Board, pose: &Isometry3<f64>) -> Place {
 }
 
 fn points(name: &str, points: Vec<(f64, f64)>) -> Vec<Series> {
-    vec![Series { name: name.to_owned(), color: Color::Off, curves: Vec::new(), points: thinned(&points) }]
+    vec![Series { name: name.to_owned(), color: Color::First, curves: Vec::new(), points: thinned(&points) }]
 }
 
-/// At most so many points as tell apart in a plot.
+/// Returns at most [`MOST`] of the points, evenly chosen.
 fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
-    const MOST: usize = 600;
     points.iter().step_by(points.len().div_ceil(MOST).max(1)).copied().collect()
 }
 
@@ -76,7 +80,7 @@ fn distances(places: &[Place]) -> Chart<'static> {
     let far = places.iter().map(|place| place.distance).fold(0.0, f64::max);
     let tilted = places.iter().map(|place| place.tilt).fold(30.0, f64::max);
     Chart {
-        description: "Distance of the board from the camera against its tilt, one point for each reference frame."
+        description: "Distance of the board from the camera against its tilt, one point per reference frame."
             .to_owned(),
         x_label: "tilt (°)",
         y_label: "distance (m)",
@@ -91,7 +95,7 @@ fn tilts(places: &[Place]) -> Chart<'static> {
     let most = leans().map(|(x, y)| x.abs().max(y.abs())).fold(30.0, f64::max);
     let range = range_of([-most, most].into_iter(), 1.0);
     Chart {
-        description: "Direction and size of the board's tilt, one point for each reference frame.".to_owned(),
+        description: "Direction and size of the board's tilt, one point per reference frame.".to_owned(),
         x_label: "faces left ← tilt (°) → faces right",
         y_label: "down ← tilt (°) → up",
         x: range.clone(),
@@ -108,17 +112,16 @@ mod tests {
     fn seen(rotation: UnitQuaternion<f64>, distance: f64) -> Place {
         let board: Board = "circles:5x5:40mm:r10mm".parse().unwrap();
         let middle = board.middle();
-        // The camera looks at the middle of the board from `distance`.
+        // The camera looks at the centre of the board from `distance`.
         let center = Vector3::new(middle.x, middle.y, 0.0) - rotation * Vector3::z() * distance;
         place(&board, &Isometry3::from_parts(Translation3::from(center), rotation))
     }
 
     #[test]
-    fn distance_and_tilt_are_those_of_the_board_from_the_camera() {
+    fn distance_and_tilt_are_relative_to_the_camera() {
         let head_on = seen(UnitQuaternion::identity(), 0.7);
         assert!((head_on.distance - 0.7).abs() < 1e-12 && head_on.tilt < 1e-6);
-        // The camera moved to the board's left (−x) and turned to the right: the board's face looks to the right of the
-        // camera.
+        // The camera is to the left of the board (−x) and looks right, so the board faces to the right of the camera.
         let from_left = seen(UnitQuaternion::from_euler_angles(0.0, 0.5, 0.0), 0.7);
         assert!((from_left.tilt - 0.5_f64.to_degrees()).abs() < 1e-9);
         assert!(from_left.lean[0].abs() > 28.0 && from_left.lean[1].abs() < 1e-9);

@@ -1,19 +1,20 @@
-//! What the camera's own pictures say.
+//! The camera's own pictures: their calibration compared with that from events, and examples.
 
 use maud::{Markup, html};
 
-use super::chart::{SensorMap, cells_of_grid, round_up};
+use super::chart::{SensorMap, round_up};
 use super::number::{count, signed, with_sigma};
 use super::overview::capital;
 use super::page::{Section, scrolling};
 use super::palette::Palette;
 use super::picture_examples;
+use super::trusted_places::difference_cells;
 use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use evcal_calibrate::picture_calibration::calibration::{PictureReport, PictureSource};
 use evcal_calibrate::trust::witness::{Comparison, PictureWitness, WitnessOutcome};
 
-/// The witness and examples, where the recordings have pictures.
+/// Returns the comparison and examples; `None` if the recordings contain no pictures.
 pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     let report = calibrated.picture_report()?;
     if report.source == PictureSource::StillViews {
@@ -21,38 +22,38 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     }
     let content = html! {
         @match &calibrated.evidence {
-            Evidence::Events(events) => (beside_events(calibrated, events)),
-            Evidence::Pictures(_) => p { "This calibration is from the camera's frames alone; events were not used." },
+            Evidence::Events(events) => (with_events(calibrated, events)),
+            Evidence::Pictures(_) => p { "This calibration uses the camera's frames only, no events." },
         }
         (counts(report))
         (picture_examples::pictures(calibrated, task))
     };
-    Some(Section { id: "camera-frames", title: "The camera's own frames", content })
+    Some(Section { id: "camera-frames", title: "Comparison with the camera's frames", folded: false, content })
 }
 
 fn of_views(report: &PictureReport) -> Section {
     let content = html! {
         p {
-            "The board blinked before a camera at rest. Every view is a picture: the pixels on what blinks sent many events, the others few. "
-            "The corners or dots found in them are solved together with a pose for each view, as those of ordinary pictures are."
+            "The board blinked in front of a camera at rest. Each view is an image: the pixels on the blinking parts have many events, the others few. "
+            "The calibration estimates a pose for each view, as from ordinary images."
         }
         (counts(report))
     };
-    Section { id: "views", title: "Views of a board that blinks", content }
+    Section { id: "views", title: "Views of a blinking board", folded: false, content }
 }
 
-fn beside_events(calibrated: &Calibrated, events: &EventCalibration) -> Markup {
+fn with_events(calibrated: &Calibrated, events: &EventCalibration) -> Markup {
     html! {
         @match &events.witness {
-            Some(WitnessOutcome::Witness(witness)) => (witnessed(calibrated, witness)),
-            Some(WitnessOutcome::Failed(failure)) => p { "The recording has frames, but no calibration could be made of them: " (failure) "." },
+            Some(WitnessOutcome::Witness(witness)) => (compared(calibrated, witness)),
+            Some(WitnessOutcome::Failed(failure)) => p { "The frames of the recording could not be calibrated: " (failure) "." },
             None => {}
         }
         @if let Some(joint) = &events.joint {
             p {
-                "Frames and events were then solved together: " (count(joint.dots as u64)) " dots of " (count(joint.frames as u64))
-                " frames, whose clock is " (signed(1e3 * joint.time_offset, 3)) " ± " (signed(1e3 * joint.time_offset_sigma, 3))
-                " ms from that of the events."
+                "Frames and events were then solved jointly: " (count(joint.dots as u64)) " dots in " (count(joint.frames as u64))
+                " frames, with a clock offset of " (signed(1e3 * joint.time_offset, 3)) " ± " (signed(1e3 * joint.time_offset_sigma, 3))
+                " ms to the events."
             }
         }
     }
@@ -64,28 +65,25 @@ fn counts(report: &PictureReport) -> Markup {
         detection.refused.iter().map(|(reason, number)| format!("{} {reason}", count(*number))).collect();
     html! {
         p {
-            "Of " (count(detection.frames)) " " (pictures) " " (count(detection.with_board)) " show the board and " (count(report.used as u64))
-            " were used to calibrate from " (pictures)
-            @if !refused.is_empty() { " (not: " (refused.join(", ")) ")" }
+            (count(detection.with_board)) " of " (count(detection.frames)) " " (pictures) " show the board; their calibration used " (count(report.used as u64))
+            @if !refused.is_empty() { " (rejected: " (refused.join(", ")) ")" }
             "."
-            @if detection.blur > 0.0 { " The edges of their dots are blurred by " (signed(detection.blur, 2)) " px." }
+            @if detection.blur > 0.0 { " The edges of the dots are blurred by " (signed(detection.blur, 2)) " px." }
         }
         @for note in &detection.notes { p { (note) } }
     }
 }
 
-fn witnessed(calibrated: &Calibrated, witness: &PictureWitness) -> Markup {
+fn compared(calibrated: &Calibrated, witness: &PictureWitness) -> Markup {
     let PictureWitness { comparison, difference } = witness;
-    let points: Vec<_> =
-        difference.grid.iter().map(|point| (point.pixel, point.difference.map(|[x, y]| x.hypot(y)))).collect();
+    let (cells, largest) = difference_cells(calibrated, difference);
     let map = SensorMap {
         description: format!(
-            "Map of the sensor: difference of the projections from frames and from events, up to {:.3} px.",
-            difference.max
+            "Map of the sensor: difference of the projections from frames and from events, up to {largest:.3} px in regions with observations."
         ),
         sensor: calibrated.sensor,
-        cells: cells_of_grid(&points, usize::from(difference.columns), usize::from(difference.rows)),
-        range: 0.0..round_up(difference.max),
+        cells,
+        range: 0.0..round_up(largest),
         palette: Palette::Error,
         unit: "px",
         arrows: Vec::new(),
@@ -93,14 +91,15 @@ fn witnessed(calibrated: &Calibrated, witness: &PictureWitness) -> Markup {
     html! {
         p { strong { (capital(&comparison.sentence)) "." } }
         p {
-            "They look through the same lens with the same pixels, but share neither light nor method with the events: a second, independent calibration. Both differ by "
-            (signed(comparison.difference_rms, 3)) " px over the sensor; by their uncertainties one expects " (signed(comparison.expected.rms, 3)) " px ("
-            (signed(comparison.expected.events, 3)) " px from the events, " (signed(comparison.expected.frames, 3)) " px from the frames)."
+            "Frames and events have the same lens and pixels, but neither the light nor the method in common, so the frames are an independent check. The two "
+            "calibrations differ by " (signed(comparison.difference_rms, 3)) " px over the sensor (rms); from their uncertainties one expects "
+            (signed(comparison.expected.rms, 3)) " px (" (signed(comparison.expected.events, 3)) " px from the events, "
+            (signed(comparison.expected.frames, 3)) " px from the frames)."
         }
         div.pair {
             figure {
                 (map.render())
-                figcaption { "Difference of the projections from frames and from events, with the rotation between the two cameras removed." }
+                figcaption { "Difference of the projections from frames and from events, with the rotation between the two cameras removed. Grey: no observations." }
             }
             (scrolling("Parameters from events and from frames", &parameters(comparison)))
         }

@@ -1,7 +1,7 @@
-//! Plots as inline SVG that follows the page's colours and width.
+//! Plots and sensor maps as inline SVG with the colours and width of the page.
 //!
-//! The plotting library writes fixed colours; the page's style sheet gives those of [`Color`] their shade for
-//! light, dark and paper.
+//! The plotting library writes fixed colours. The page's style sheet replaces each [`Color`] by its shade for light, dark and paper, and
+//! adds its dashes.
 
 use evcal_core::sensor::Sensor;
 use std::ops::Range;
@@ -13,61 +13,62 @@ use plotters::style::Color as _;
 
 use super::palette::Palette;
 
-/// Width of the drawings in their own units; they are scaled to the page.
+/// Width of the drawings in their own units; the page scales them.
 const WIDTH: u32 = 960;
 const TEXT: u32 = 34;
 const LABEL_WIDTH: u32 = 150;
 const LABEL_HEIGHT: u32 = 84;
 const MARGIN: u32 = 16;
-/// Room for half of the last label.
+/// Room for the right half of the last label.
 const RIGHT_MARGIN: u32 = 32;
 const GRID: RGBColor = RGBColor(0xd0, 0xd0, 0xd0);
 const NOTHING: RGBColor = RGBColor(0xe4, 0xe7, 0xeb);
 const INK: RGBColor = RGBColor(1, 2, 3);
 
-/// A colour of the style sheet.
+/// A colour and dash of the style sheet. The colours of ON and OFF events are not among them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Color {
-    /// Red, that of ON events.
-    On,
-    /// Blue, that of OFF events.
-    Off,
-    /// Green.
+    /// Red, solid.
+    First,
+    /// Green, dashed.
+    Second,
+    /// Indigo, dotted.
     Third,
-    /// Brown.
+    /// Brown, dash and dot.
     Fourth,
 }
 
 impl Color {
-    /// All, in the order in which curves take them.
-    pub const ALL: [Self; 4] = [Self::Off, Self::On, Self::Third, Self::Fourth];
+    /// All, in the order in which curves use them; the axes x, y and z use the first three.
+    pub const ALL: [Self; 4] = [Self::First, Self::Second, Self::Third, Self::Fourth];
 
     fn rgb(self) -> RGBColor {
         match self {
-            Self::On => RGBColor(0xc8, 0x35, 0x2f),
-            Self::Off => RGBColor(0x2a, 0x66, 0xc8),
-            Self::Third => RGBColor(0x1d, 0x7f, 0x4f),
-            Self::Fourth => RGBColor(0x8a, 0x5a, 0x00),
+            Self::First => RGBColor(0xb8, 0x2a, 0x4f),
+            Self::Second => RGBColor(0x1d, 0x7f, 0x4f),
+            Self::Third => RGBColor(0x4a, 0x3f, 0xb8),
+            Self::Fourth => RGBColor(0x7a, 0x5c, 0x00),
         }
     }
 
-    fn variable(self) -> &'static str {
+    /// Class of the style sheet for lines of this colour and dash.
+    pub fn class(self) -> &'static str {
         match self {
-            Self::On => "--on",
-            Self::Off => "--off",
-            Self::Third => "--third",
-            Self::Fourth => "--fourth",
+            Self::First => "first",
+            Self::Second => "second",
+            Self::Third => "third",
+            Self::Fourth => "fourth",
         }
     }
 }
 
-/// Curves or points that belong together.
+/// A group of curves or points.
 pub struct Series {
-    /// Name in the legend.
+    /// Name in the legend; empty for a series without an entry.
     pub name: String,
     /// Colour.
     pub color: Color,
-    /// Curves, each without interruption.
+    /// Curves; each is drawn without gaps.
     pub curves: Vec<Vec<(f64, f64)>>,
     /// Single points.
     pub points: Vec<(f64, f64)>,
@@ -75,21 +76,21 @@ pub struct Series {
 
 /// A plot of curves and points.
 pub struct Chart<'a> {
-    /// What is to be seen, for who does not see it.
+    /// Alternative text for screen readers.
     pub description: String,
-    /// Name and unit of x.
+    /// Quantity and unit along x.
     pub x_label: &'a str,
-    /// Name and unit of y.
+    /// Quantity and unit along y.
     pub y_label: &'a str,
-    /// Shown part of x.
+    /// Range of the x axis.
     pub x: Range<f64>,
-    /// Shown part of y.
+    /// Range of the y axis.
     pub y: Range<f64>,
-    /// What is drawn.
+    /// Curves and points.
     pub series: Vec<Series>,
 }
 
-/// The smallest range that holds `values` with a margin, at least `narrowest` wide.
+/// Returns the smallest range around `values` with a margin, at least `narrowest` wide.
 pub fn range_of(values: impl Iterator<Item = f64>, narrowest: f64) -> Range<f64> {
     let (low, high) = values
         .filter(|value| value.is_finite())
@@ -120,7 +121,7 @@ fn figure(description: &str, height: u32, draw: impl FnOnce(&Drawing) -> Result<
 }
 
 impl Chart<'_> {
-    /// The plot with its legend.
+    /// Returns the plot with its legend.
     pub fn render(&self) -> Markup {
         let named = || self.series.iter().filter(|series| !series.name.is_empty());
         html! {
@@ -128,7 +129,7 @@ impl Chart<'_> {
             @if named().count() > 1 {
                 ul.legend {
                     @for series in named() {
-                        li { i style=(format!("background:var({})", series.color.variable())) {} (series.name) }
+                        li { (sample(series.color)) (series.name) }
                     }
                 }
             }
@@ -165,7 +166,14 @@ impl Chart<'_> {
     }
 }
 
-/// A value on an axis: no more digits than it has, a true minus sign.
+/// Returns a short line in the colour and dash of a series.
+fn sample(color: Color) -> Markup {
+    html! {
+        i.sample.(color.class()) {}
+    }
+}
+
+/// Returns a number for an axis, without trailing zeros and with a minus sign (U+2212).
 fn label(value: &f64) -> String {
     let text = format!("{value:.6}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
@@ -176,13 +184,13 @@ fn label(value: &f64) -> String {
     }
 }
 
-/// The largest of 1, 2 and 5 times a power of ten that is not above `value`.
+/// Returns the largest of 1, 2 and 5 times a power of ten that is not above `value`.
 pub fn round_down(value: f64) -> f64 {
     let power = 10_f64.powf(value.max(1e-9).log10().floor());
     [5.0, 2.0, 1.0].into_iter().map(|step| step * power).find(|step| *step <= value).unwrap_or(power)
 }
 
-/// The smallest of 1, 1.5, 2, 3, 5 and 7 times a power of ten that is not below `value`.
+/// Returns the smallest of 1, 1.5, 2, 3, 5 and 7 times a power of ten that is not below `value`.
 pub fn round_up(value: f64) -> f64 {
     let power = 10_f64.powf(value.max(1e-9).log10().floor());
     [1.0, 1.5, 2.0, 3.0, 5.0, 7.0]
@@ -192,8 +200,8 @@ pub fn round_up(value: f64) -> f64 {
         .unwrap_or(10.0 * power)
 }
 
-/// The cells of a map whose values stand at the points of a regular grid, row by row, up to the sensor's outermost pixels.
-pub fn cells_of_grid(points: &[([f64; 2], Option<f64>)], columns: usize, rows: usize) -> Vec<([f64; 4], Option<f64>)> {
+/// Returns a cell of a map around each point (px) of a regular grid, row by row, with the value at that point.
+pub fn cells_of_grid(points: &[([f64; 2], Option<f64>)], columns: usize, rows: usize) -> Vec<Cell> {
     let (Some(first), Some(last)) = (points.first(), points.last()) else { return Vec::new() };
     let half = |axis: usize, count: usize| 0.5 * (last.0[axis] - first.0[axis]) / count.saturating_sub(1).max(1) as f64;
     let (half_x, half_y) = (half(0, columns), half(1, rows));
@@ -201,26 +209,29 @@ pub fn cells_of_grid(points: &[([f64; 2], Option<f64>)], columns: usize, rows: u
     points.iter().map(cell).collect()
 }
 
+/// Left, top, right and bottom (px) of a cell of a map, and its value; `None` without data.
+pub type Cell = ([f64; 4], Option<f64>);
+
 /// A map of the sensor in cells.
 pub struct SensorMap {
-    /// What is to be seen, for who does not see it.
+    /// Alternative text for screen readers.
     pub description: String,
     /// Width and height of the sensor (px).
     pub sensor: Sensor,
-    /// Left, top, right and bottom of each cell (px) and its value, `None` where nothing is known.
-    pub cells: Vec<([f64; 4], Option<f64>)>,
-    /// Values of the palette's ends.
+    /// Cells, in any order.
+    pub cells: Vec<Cell>,
+    /// Values at the ends of the palette; values beyond get the colour of the end.
     pub range: Range<f64>,
     /// Colours.
     pub palette: Palette,
-    /// Unit behind the values at the ends of the scale.
+    /// Unit of the values.
     pub unit: &'static str,
-    /// Arrows from a place (px) along a vector (px, already enlarged).
+    /// Arrows: start (px) and vector (px, enlarged by the caller).
     pub arrows: Vec<([f64; 2], [f64; 2])>,
 }
 
 impl SensorMap {
-    /// The map with its scale.
+    /// Returns the map with its scale.
     pub fn render(&self) -> Markup {
         let (width, height) = (f64::from(self.sensor.width.max(1)), f64::from(self.sensor.height.max(1)));
         let room = f64::from(WIDTH - LABEL_WIDTH - MARGIN - RIGHT_MARGIN);
@@ -231,15 +242,19 @@ impl SensorMap {
             div.scale aria-hidden="true" {
                 span { (label(&self.range.start)) }
                 span.bar style=(self.palette.gradient()) {}
-                span { (label(&self.range.end)) " " (self.unit) }
+                span { @if self.exceeds_scale() { "≥ " } (label(&self.range.end)) " " (self.unit) }
                 @if unknown { span.nothing {} span { "no data" } }
             }
         }
     }
 
+    fn exceeds_scale(&self) -> bool {
+        self.cells.iter().any(|cell| cell.1.is_some_and(|value| value > self.range.end))
+    }
+
     fn draw(&self, drawing: &Drawing) -> Result<(), DrawingError> {
         let (width, height) = (f64::from(self.sensor.width), f64::from(self.sensor.height));
-        // Rows count downwards.
+        // The y axis of the plot points up, the rows of the sensor are counted downwards.
         let mut chart = ChartBuilder::on(drawing)
             .margin(MARGIN)
             .margin_right(RIGHT_MARGIN)
@@ -303,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn ranges_hold_their_values_and_have_a_width() {
+    fn ranges_contain_their_values_and_have_a_width() {
         let range = range_of([1.0, 3.0, f64::NAN].into_iter(), 0.1);
         assert!(range.start < 1.0 && range.end > 3.0 && range.end < 3.2);
         assert_eq!(range_of([2.0].into_iter(), 1.0), 1.5..2.5);
@@ -314,7 +329,7 @@ mod tests {
     fn a_chart_is_one_labelled_drawing_and_text_is_escaped() {
         let series = |name: &str| Series {
             name: name.to_owned(),
-            color: Color::On,
+            color: Color::First,
             curves: vec![vec![(0.0, 0.0), (1.0, 1.0)]],
             points: vec![(0.5, 0.5)],
         };

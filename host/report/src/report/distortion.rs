@@ -1,4 +1,4 @@
-//! How the lens distorts, and how the circles scatter about it.
+//! The distortion curve of the lens, and the reprojection errors of the detected circles.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
@@ -10,29 +10,38 @@ use super::number::{count, signed};
 use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
 use evcal_geometry::board::Board;
 
-/// Points of a curve.
+/// Number of points of a curve.
 const POINTS: usize = 200;
-/// Circles that are drawn; more would hide each other.
+/// Limit of drawn circles; more would hide each other.
 const MOST_CIRCLES: usize = 1500;
 
-/// The distortion curve, and where circles were found against where the camera puts them.
-pub fn pictures(calibrated: &Calibrated, board: &Board) -> Markup {
-    let offsets = offsets(calibrated, board);
+/// Returns the distortion curve.
+pub fn curve_figure(calibrated: &Calibrated) -> Markup {
     html! {
-        div.pair {
-            figure {
-                (curve(calibrated.camera(), calibrated.sensor).render())
-                figcaption {
-                    "Distortion: how far from the principal point a ray appears, towards the farthest corner of the image, with this lens and with one that "
-                    "does not distort. The curve ends at the corner."
-                }
+        figure {
+            (curve(calibrated.camera(), calibrated.sensor).render())
+            figcaption {
+                "Distance of a ray's image from the principal point, towards the farthest corner of the sensor, with this lens and with a lens without "
+                "distortion."
             }
-            @if !offsets.is_empty() { (scatter(&offsets, matches!(calibrated.evidence, Evidence::Events(_)))) }
         }
     }
 }
 
-/// Distance from the principal point (px) over the angle from the optical axis (°).
+/// Returns the reprojection errors, folded; empty if no frame has a pose.
+pub fn reprojection_errors(calibrated: &Calibrated, board: &Board) -> Markup {
+    let offsets = offsets(calibrated, board);
+    html! {
+        @if !offsets.is_empty() {
+            details {
+                summary { "Reprojection errors of circles" }
+                div.pair { (scatter(&offsets, matches!(calibrated.evidence, Evidence::Events(_)))) }
+            }
+        }
+    }
+}
+
+/// Returns the distance from the principal point (px) over the angle from the optical axis (°).
 fn curve(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Chart<'static> {
     let parameters = camera.parameters();
     let at = |index: usize| parameters.get(index).copied().unwrap_or_default();
@@ -44,7 +53,7 @@ fn curve(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Chart<'stati
     let corner = Vector2::new(side(center.x, width), side(center.y, height));
     let farthest = camera.unproject(&(center + corner));
     let largest = farthest.map_or(0.0, |ray| ray.angle(&Vector3::z())).max(1e-3);
-    // Along one plane through the axis; a lens that is not centred bends it a little.
+    // The rays are in one plane through the axis; the tangential distortion of a decentred lens bends it slightly.
     let plane = farthest.map_or(Vector2::x(), |ray| ray.xy()).try_normalize(0.0).unwrap_or(Vector2::x());
     let angles = || (0..=POINTS).map(|index| largest * index as f64 / POINTS as f64);
     let seen = angles().filter_map(|angle| {
@@ -53,7 +62,7 @@ fn curve(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Chart<'stati
     });
     let seen: Vec<(f64, f64)> = seen.collect();
     let top = round_up(1.3 * seen.iter().map(|point| point.1).fold(1.0, f64::max));
-    // Models that are not of the pinhole kind have another scale in their middle.
+    // In some models the scale at the axis is not the focal length.
     let scale = seen.get(1).filter(|point| point.0 > 0.0).map_or(focal, |point| point.1 / point.0.to_radians().tan());
     let straight = angles().map(|angle| (angle.to_degrees(), scale * angle.tan()));
     let straight: Vec<(f64, f64)> = straight.take_while(|point| (0.0..=top).contains(&point.1)).collect();
@@ -65,11 +74,11 @@ fn curve(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Chart<'stati
         y_label: "distance (px)",
         x: 0.0..largest.to_degrees(),
         y: 0.0..top,
-        series: vec![series("this lens", Color::Off, seen), series("no distortion", Color::Third, straight)],
+        series: vec![series("this lens", Color::First, seen), series("no distortion", Color::Second, straight)],
     }
 }
 
-/// From where the camera and pose of each frame put a circle to where it was found (px).
+/// Returns the offset (px) of each detected circle from its projection with the camera and the pose of its frame.
 fn offsets(calibrated: &Calibrated, board: &Board) -> Vec<Vector2<f64>> {
     let camera = match &calibrated.evidence {
         Evidence::Events(events) => &events.initial.camera,
@@ -97,14 +106,14 @@ fn scatter(offsets: &[Vector2<f64>], from_events: bool) -> Markup {
         y_label: "along the column (px)",
         x: -half..half,
         y: -half..half,
-        series: vec![Series { name: String::new(), color: Color::Off, curves: Vec::new(), points: shown.clone() }],
+        series: vec![Series { name: String::new(), color: Color::First, curves: Vec::new(), points: shown.clone() }],
     };
     html! {
         figure {
             (chart.render())
             figcaption {
-                "Reprojection errors of circles" @if from_events { " in the first camera, before the joint solve" }
-                ": " (signed(rms, 3)) " px (rms). " (count(shown.len() as u64)) " of " (count(offsets.len() as u64)) " circles. The points should scatter evenly around 0."
+                "Reprojection errors of circles" @if from_events { " with the initial camera, before the joint solve" }
+                ": " (signed(rms, 3)) " px (rms). " (count(shown.len() as u64)) " of " (count(offsets.len() as u64)) " circles are drawn. The points should scatter evenly around 0."
             }
         }
     }
@@ -117,14 +126,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_curve_ends_at_the_farthest_corner_and_begins_as_without_distortion() {
+    fn the_curve_ends_at_the_farthest_corner_and_begins_without_distortion() {
         let parameters = [300.0, 300.0, 150.0, 120.0, -0.3, 0.05, 0.0, 0.0, 0.0];
         let camera = Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap();
         let chart = curve(&camera, Sensor::new(346, 260));
         let corner = (195.0_f64 * 195.0 + 139.0 * 139.0).sqrt();
         let [lens, straight] = [0, 1].map(|index| chart.series[index].curves[0].clone());
         assert!((lens.last().unwrap().1 - corner).abs() < 1e-6);
-        // Barrel distortion: the lens stays below.
+        // With barrel distortion the curve of the lens is below the other.
         assert!(straight.last().unwrap().1 > lens[straight.len() - 1].1 + 5.0);
         assert!((straight[1].1 - 300.0 * straight[1].0.to_radians().tan()).abs() < 1e-3);
     }

@@ -1,4 +1,4 @@
-//! Pictures of windows: events, circles found, and where the model puts the board.
+//! Pictures of windows: their events, the detected circles, and the board as the calibration projects it.
 
 use evcal_core::sensor::Sensor;
 use std::io;
@@ -16,18 +16,18 @@ use evcal_files::FileError;
 use evcal_geometry::board::Board;
 use event_recordings::pictures::GreyImage;
 
-/// Picture pixels for each sensor pixel in the pictures that stand in files.
+/// Picture pixels along each side of a sensor pixel, for pictures in files of their own.
 const SCALE: usize = 3;
 /// Colour of a pixel without events.
 pub const WHITE: [u8; 3] = [255, 255, 255];
-/// Colour of ON events.
-pub const ON: [u8; 3] = [220, 50, 47];
-/// Colour of OFF events.
-pub const OFF: [u8; 3] = [38, 100, 210];
-/// Colour of what lies beyond the sensor.
+/// Colour of ON events: blue, as in the style sheets of the report and of the live page.
+pub const ON: [u8; 3] = [10, 88, 176];
+/// Colour of OFF events: orange, as there.
+pub const OFF: [u8; 3] = [176, 68, 0];
+/// Colour outside the sensor.
 pub const BEYOND: [u8; 3] = [205, 210, 216];
 const FOUND: [u8; 3] = [20, 20, 20];
-const ROW_LINE: [u8; 3] = [230, 160, 0];
+const ROW_LINE: [u8; 3] = [210, 40, 190];
 const MODEL: [u8; 3] = [0, 150, 70];
 
 /// An RGB picture.
@@ -37,21 +37,20 @@ pub struct Picture {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Three bytes a pixel, row by row.
+    /// Three bytes per pixel, row by row.
     pub rgb: Vec<u8>,
-    /// Picture pixels for each sensor pixel.
+    /// Picture pixels along each side of a sensor pixel.
     scale: usize,
 }
 
 impl Picture {
-    /// A white picture with `scale` x `scale` pixels for each pixel of a sensor of `sensor` (width, height)
-    /// pixels.
+    /// Creates a white picture with `scale` x `scale` pixels for each pixel of the sensor.
     pub fn new(sensor: Sensor, scale: usize) -> Self {
         let (width, height) = (usize::from(sensor.width) * scale, usize::from(sensor.height) * scale);
         Self { width, height, rgb: WHITE.repeat(width * height), scale }
     }
 
-    /// The picture of what `color` gives for each place on the sensor (px).
+    /// Creates a picture with the colours that `color` returns for positions on the sensor (px).
     pub fn of_sensor(sensor: Sensor, scale: usize, color: impl Fn(Vector2<f64>) -> [u8; 3] + Sync) -> Self {
         let mut picture = Self::new(sensor, scale);
         let row_bytes = 3 * picture.width.max(1);
@@ -102,7 +101,7 @@ impl Picture {
         }
     }
 
-    /// Draws a grey picture that begins at pixel `position` of the sensor.
+    /// Draws a grey image whose top left pixel is at `position` of the sensor.
     fn grey(&mut self, image: &GreyImage, position: (u16, u16)) {
         for (index, &value) in image.pixels.iter().enumerate() {
             let (x, y) = (index % image.width(), index / image.width());
@@ -119,8 +118,8 @@ impl Picture {
         }
     }
 
-    /// Draws the edges of `board` where `project` puts points of the board (metres) in green, and the circles found in `frame`,
-    /// moved by `place` (px to px), in black, joined along the rows.
+    /// Draws the edges of `board` in green, with `project` from points of the board (m) to pixels, and the detected circles of `frame` in
+    /// black, joined along the rows, with `place` from sensor pixels to pixels of the picture.
     pub fn board(
         &mut self,
         frame: &ReferenceFrame,
@@ -143,7 +142,7 @@ impl Picture {
         }
     }
 
-    /// Draws the edges of `board` in green where `project` puts its points (metres).
+    /// Draws the edges of `board` in green, with `project` from points of the board (m) to pixels.
     pub fn edges(&mut self, board: &Board, project: impl Fn(&Point3<f64>) -> Option<Vector2<f64>>) {
         for outline in board.outlines() {
             let images: Vec<_> = outline.iter().map(|point| project(&Point3::new(point.x, point.y, 0.0))).collect();
@@ -155,18 +154,18 @@ impl Picture {
         }
     }
 
-    /// Writes the picture as PNG.
+    /// Writes the picture as a PNG file.
     ///
     /// # Errors
-    /// [`FileError`] when it cannot be written.
+    /// [`FileError`] if the file cannot be written.
     pub fn write_png(&self, path: &Path) -> Result<(), FileError> {
         evcal_files::write_with(path, |file| self.encode_png(file, png::Compression::default()))
     }
 
-    /// The picture as PNG.
+    /// Returns the picture as PNG.
     ///
     /// # Errors
-    /// A picture too large for PNG.
+    /// The picture is too large for PNG.
     pub fn to_png(&self) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
         self.encode_png(&mut bytes, png::Compression::Fast)?;
@@ -184,8 +183,8 @@ impl Picture {
     }
 }
 
-/// A reference frame: ON events red, OFF events blue, or the picture made of events; circles or corners found in black, joined along the rows
-/// of the board, and the edges where `camera` at `pose` (`T_world_camera`) puts them in green.
+/// Draws a reference frame: ON events in blue and OFF events in orange, or the image reconstructed from events; detected circles or corners in
+/// black, joined along the rows of the board; and in green the edges of the board, projected by `camera` at `pose` (`T_world_camera`).
 pub fn reference_frame_picture(
     frame: &ReferenceFrame,
     sensor: Sensor,
@@ -202,7 +201,7 @@ pub fn reference_frame_picture(
     picture
 }
 
-/// The same over one of the camera's own pictures, which begins at pixel `position` of the sensor.
+/// Draws the same over a picture of the camera, whose top left pixel is at `position` of the sensor.
 pub fn grey_frame_picture(
     image: &GreyImage,
     position: (u16, u16),
@@ -218,7 +217,7 @@ pub fn grey_frame_picture(
     picture
 }
 
-/// Circles (centre and radius in pixels) or corners over what a window shows.
+/// Draws circles (centre and radius in pixels) or corners over the content of a window.
 pub fn circle_picture(content: WindowContent, circles: &[(Vector2<f64>, f64)], sensor: Sensor) -> Picture {
     let mut picture = Picture::new(sensor, SCALE);
     match content {
@@ -238,7 +237,7 @@ mod tests {
     use evcal_core::event::Event;
 
     #[test]
-    fn events_and_circles_are_where_they_should_be_and_png_reads_back() {
+    fn events_and_circles_have_their_positions_and_the_png_file_has_all_pixels() {
         let event = Event { t: 0, x: 5, y: 7, polarity: Polarity::On };
         let pixels = [EventPixel::new(&event)];
         let circles = [(Vector2::new(20.0, 15.0), 4.0)];

@@ -1,69 +1,71 @@
-//! Two halves of the recordings, calibrated apart.
+//! Two halves of the recordings, calibrated separately.
 
 use maud::{Markup, html};
 
-use super::chart::{SensorMap, cells_of_grid, round_down, round_up};
+use super::chart::{SensorMap, round_down, round_up};
 use super::number::signed;
 use super::page::{Section, scrolling};
 use super::palette::Palette;
+use super::trusted_places::difference_cells;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::trust::split_half::SplitHalf;
 
-/// How the halves differ. Nothing for a calibration from pictures alone, each of which has a pose of its own: its
-/// uncertainty is found by leaving pictures out.
+/// Returns the differences of the halves; `None` for a calibration from pictures alone, whose uncertainty comes from leaving pictures out.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let content = match &calibrated.events()?.trust.split_half {
         Some(halves) => compared(calibrated, halves),
         None => {
-            html! { p { "The recordings are too short to be halved: the stated uncertainty could not be put to the test." } }
+            html! { p { "The recordings are too short to be split into halves, so the uncertainty could not be tested." } }
         }
     };
-    Some(Section { id: "halves", title: "Two halves against each other", content })
+    Some(Section {
+        id: "halves",
+        title: "Test of the uncertainty: two halves of the recording",
+        folded: false,
+        content,
+    })
 }
 
 fn compared(calibrated: &Calibrated, halves: &SplitHalf) -> Markup {
     let (difference, held_out) = (&halves.difference, halves.held_out);
     html! {
         p {
-            "Every other slice of time makes one half, the rest the other; each is calibrated by itself. The two cameras differ by "
-            strong { (signed(difference.rms, 3)) " px" } " over the sensor (at most " (signed(difference.max, 3)) " px). By the stated uncertainty one expects "
+            "Alternating slices of time form two halves, which are calibrated separately. The two cameras differ by "
+            strong { (signed(difference.rms, 3)) " px" } " over the sensor (rms; at most " (signed(difference.max, 3)) " px). From the uncertainty one expects "
             (signed(halves.expected_rms, 3)) " px, and in 95 of 100 cases no more than " (signed(halves.bound, 3)) " px: "
-            @if halves.consistent() { "the stated uncertainty is plausible." } @else { "the stated uncertainty is too small, or the lens changed." }
-        }
-        p {
-            "Each half's camera explains the other half, which it has not seen, to " (signed(held_out.rms, 4)) " px; that half's own camera to "
-            (signed(held_out.own_rms, 4)) " px."
+            @if halves.consistent() { "the uncertainty is plausible." } @else { "the uncertainty is too small, or the lens changed." }
+            " The residual of a half is " (signed(held_out.rms, 4)) " px with the camera of the other half, and " (signed(held_out.own_rms, 4))
+            " px with its own."
         }
         div.pair {
             figure {
                 (map(calibrated, halves).render())
-                figcaption { "Difference of the two halves' projections, with the rotation between the two cameras removed; arrows point from the first to the second." (format!(" They are enlarged {} times.", enlargement(calibrated, halves))) }
+                figcaption { "Difference of the two projections, with the rotation between the two cameras removed. Grey: no observations. Arrows point from the first half to the second" (format!(", enlarged {} times.", enlargement(calibrated, halves))) }
             }
             div {
                 (scrolling("Parameters of the halves", &parameters(calibrated, halves)))
-                p.faint { "σ is that of the whole; a half has about 1.4 times as much." }
+                p.faint { "σ is for the whole recording; for a half it is about 1.4 times as large." }
             }
         }
     }
 }
 
-/// Points of the grid between arrows.
+/// Distance between arrows in points of the grid.
 const STEP: usize = 5;
 
-/// How much longer than the differences the arrows are.
+/// Returns the factor by which arrows are longer than the differences.
 fn enlargement(calibrated: &Calibrated, halves: &SplitHalf) -> f64 {
     let difference = &halves.difference;
     let room = STEP as f64 * f64::from(calibrated.sensor.width) / f64::from(difference.columns.max(1));
-    // The corners may have many times the rest.
+    // Differences in the corners can be many times larger than elsewhere.
     let longest = difference.max.min(3.0 * difference.rms);
     round_down(0.9 * room / longest.max(1e-9))
 }
 
 fn map(calibrated: &Calibrated, halves: &SplitHalf) -> SensorMap {
     let difference = &halves.difference;
-    let (columns, rows) = (usize::from(difference.columns), usize::from(difference.rows));
-    let points: Vec<_> =
-        difference.grid.iter().map(|point| (point.pixel, point.difference.map(|[x, y]| x.hypot(y)))).collect();
+    let columns = usize::from(difference.columns);
+    let (cells, largest) = difference_cells(calibrated, difference);
     let enlarged = enlargement(calibrated, halves);
     let drawn = |index: usize| index % columns.max(1) % STEP == STEP / 2 && index / columns.max(1) % STEP == STEP / 2;
     let arrows = difference.grid.iter().enumerate().filter(|(index, _)| drawn(*index)).filter_map(|(_, point)| {
@@ -72,12 +74,11 @@ fn map(calibrated: &Calibrated, halves: &SplitHalf) -> SensorMap {
     });
     SensorMap {
         description: format!(
-            "Map of the sensor: difference of the projections of two halves, up to {:.3} px.",
-            difference.max
+            "Map of the sensor: difference of the projections of two halves, up to {largest:.3} px in regions with observations."
         ),
         sensor: calibrated.sensor,
-        cells: cells_of_grid(&points, columns, rows),
-        range: 0.0..round_up(difference.max),
+        cells,
+        range: 0.0..round_up(largest),
         palette: Palette::Error,
         unit: "px",
         arrows: arrows.collect(),

@@ -1,70 +1,71 @@
-//! Where something on the mount of the camera is and its axes point, drawn beside the axes of the camera.
+//! A drawing of the position and axes of another sensor on the mount, next to the axes of the camera.
 
 use maud::{Markup, html};
 use nalgebra::{Isometry3, Vector2, Vector3};
+
+use super::chart::Color;
 
 /// Width and height of the drawing in its own units.
 const WIDTH: f64 = 640.0;
 const HEIGHT: f64 = 420.0;
 /// Length of an axis.
 const AXIS: f64 = 90.0;
-/// How far the thing is drawn from the camera, unless it is nearer than [`NEAR`].
-const APART: f64 = 170.0;
-/// Distance below which the drawing shrinks with it (m).
+/// Distance in the drawing between the camera and a thing farther away than [`NEAR`].
+const SEPARATION: f64 = 170.0;
+/// Distance (m) below which the distance in the drawing shrinks in proportion.
 const NEAR: f64 = 0.005;
-/// Where the line of sight, which leads away from the reader, is drawn: to the upper right, half as long.
+/// Direction of the camera's line of sight in the drawing: to the upper right, half as long as x and y.
 const FORWARD: Vector2<f64> = Vector2::new(0.42, -0.3);
-/// Where a name stands: above its origin, or below where the other name is in the way.
+/// Height of a name above its origin, or below if the names would overlap.
 const ABOVE: f64 = -12.0;
 const BELOW: f64 = 28.0;
-/// Distance of the origins on paper below which names are in each other's way.
+/// Distance of the origins in the drawing below which the names would overlap.
 const CROWDED: f64 = 60.0;
-/// Names of the axes, and their colours in the style sheet.
-const AXES: [(&str, &str); 3] = [("x", "var(--on)"), ("y", "var(--third)"), ("z", "var(--off)")];
+/// Names of the axes, in the order of [`Color::ALL`].
+const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// The axes of the camera and those of a thing, a noun, whose place is `thing_from_camera` (T_thing_camera); `names` are what is
-/// written beside both.
+/// Returns a drawing of the axes of the camera and of a thing at the pose `thing_from_camera` (T_thing_camera). `thing` is a noun for the
+/// alternative text, `names` are the labels of the two origins.
 pub fn drawing(thing: &str, names: [&str; 2], thing_from_camera: &Isometry3<f64>) -> Markup {
     let camera_from_thing = thing_from_camera.inverse();
-    let place = camera_from_thing.translation.vector;
-    let apart = on_paper(&place) * (APART / place.norm().max(NEAR));
-    let camera = Vector2::new(0.5 * WIDTH, 0.5 * HEIGHT) - apart * 0.5;
-    let unit = camera + apart;
+    let position = camera_from_thing.translation.vector;
+    let offset = on_paper(&position) * (SEPARATION / position.norm().max(NEAR));
+    let camera = Vector2::new(0.5 * WIDTH, 0.5 * HEIGHT) - offset * 0.5;
+    let unit = camera + offset;
     html! {
         svg role="img" aria-label={ "Axes of the camera and of the " (thing) "." } viewBox={ "0 0 " (WIDTH) " " (HEIGHT) }
-            style="width:100%;max-width:40rem" font-size="20" fill="currentColor" {
-            (line(camera, unit, "currentColor", Some("3 6")))
+            class="axes" font-size="20" fill="currentColor" {
+            (line(camera, unit, "mount"))
             (frame(names[0], ABOVE, camera, |axis| axis))
-            (frame(names[1], if apart.norm() < CROWDED { BELOW } else { ABOVE }, unit, |axis| camera_from_thing.rotation * axis))
+            (frame(names[1], if offset.norm() < CROWDED { BELOW } else { ABOVE }, unit, |axis| camera_from_thing.rotation * axis))
         }
     }
 }
 
-/// A direction of the camera frame on paper: x to the right, y down.
+/// Projects a direction of the camera frame into the drawing: x to the right, y down.
 fn on_paper(direction: &Vector3<f64>) -> Vector2<f64> {
     direction.xy() + FORWARD * direction.z
 }
 
-/// Three axes, each turned to the camera frame by `turn`, and a name to the left of their origin, so far above or below it.
+/// Draws three axes, which `turn` rotates to the camera frame, and a name to the left of their origin, at `height` relative to it.
 fn frame(name: &str, height: f64, origin: Vector2<f64>, turn: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Markup {
     let tip = |index: usize| origin + on_paper(&turn(Vector3::ith(index, 1.0))) * AXIS;
-    let axes = AXES.iter().enumerate().map(|(index, axis)| (axis, tip(index)));
+    let axes = AXES.into_iter().enumerate().map(|(index, axis)| (axis, tip(index)));
     html! {
-        @for ((axis, color), tip) in axes {
+        @for ((axis, tip), color) in axes.zip(Color::ALL) {
             @let label = tip + (tip - origin) * 0.16;
-            (line(origin, tip, color, None))
-            circle cx=(round(tip.x)) cy=(round(tip.y)) r="5" fill=(color) {}
-            text x=(round(label.x)) y=(round(label.y + 6.0)) text-anchor="middle" fill=(color) { (axis) }
+            (line(origin, tip, color.class()))
+            circle.(color.class()) cx=(round(tip.x)) cy=(round(tip.y)) r="5" {}
+            text.(color.class()) x=(round(label.x)) y=(round(label.y + 6.0)) text-anchor="middle" { (axis) }
         }
         circle cx=(round(origin.x)) cy=(round(origin.y)) r="6" {}
         text x=(round(origin.x - 12.0)) y=(round(origin.y + height)) text-anchor="end" { (name) }
     }
 }
 
-fn line(from: Vector2<f64>, to: Vector2<f64>, color: &str, dashes: Option<&str>) -> Markup {
+fn line(from: Vector2<f64>, to: Vector2<f64>, class: &str) -> Markup {
     html! {
-        line x1=(round(from.x)) y1=(round(from.y)) x2=(round(to.x)) y2=(round(to.y)) stroke=(color) stroke-width="3"
-            stroke-dasharray=[dashes] {}
+        line.(class) x1=(round(from.x)) y1=(round(from.y)) x2=(round(to.x)) y2=(round(to.y)) stroke-width="3" {}
     }
 }
 
@@ -76,9 +77,9 @@ fn round(value: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Places of the circles at the tips, in the order in which they are drawn.
+    /// Centres of the drawn circles: the tips of the axes and the origin of the camera, then of the other sensor.
     fn tips(pose: &Isometry3<f64>) -> Vec<(f64, f64)> {
-        let text = drawing("inertial unit", ["camera", "unit"], pose).into_string();
+        let text = drawing("IMU", ["camera", "IMU"], pose).into_string();
         let number = |part: &str, name: &str| {
             let rest = part.split_once(&format!("{name}=\"")).unwrap().1;
             rest.split_once('"').unwrap().0.parse::<f64>().unwrap()
@@ -86,9 +87,9 @@ mod tests {
         text.split("<circle ").skip(1).map(|part| (number(part, "cx"), number(part, "cy"))).collect()
     }
 
-    /// A unit half a turn about the line of sight away has x to the left and y up, at its place below the camera.
+    /// An IMU below the camera, rotated by 180° about the line of sight: its x points left, its y up.
     #[test]
-    fn axes_point_where_the_unit_has_them() {
+    fn axes_are_drawn_in_the_rotation_of_the_imu() {
         let turn = Vector3::z() * std::f64::consts::PI;
         let unit_in_camera = Isometry3::new(Vector3::new(0.0, 0.02, 0.0), turn);
         let tips = tips(&unit_in_camera.inverse());
@@ -100,15 +101,14 @@ mod tests {
         assert!(unit_x.0 < unit.0 - 80.0 && unit_y.1 < unit.1 - 80.0 && unit_z.0 > unit.0);
     }
 
-    /// The names of a camera and a unit in one place were drawn one over the other.
     #[test]
-    fn names_of_what_is_in_one_place_do_not_overlap() {
-        let text = drawing("inertial unit", ["camera", "unit"], &Isometry3::translation(1e-5, 0.0, 2e-5)).into_string();
+    fn names_do_not_overlap_if_both_origins_coincide() {
+        let text = drawing("IMU", ["camera", "IMU"], &Isometry3::translation(1e-5, 0.0, 2e-5)).into_string();
         let height = |name: &str| {
             let before = text.split_once(&format!(">{name}<")).unwrap().0;
             let rest = before.rsplit_once(" y=\"").unwrap().1;
             rest.split_once('"').unwrap().0.parse::<f64>().unwrap()
         };
-        assert!((height("camera") - height("unit")).abs() > 20.0, "{text}");
+        assert!((height("camera") - height("IMU")).abs() > 20.0, "{text}");
     }
 }

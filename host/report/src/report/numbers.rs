@@ -1,4 +1,4 @@
-//! The lens in numbers.
+//! The parameters of the lens, and the choice of its model.
 
 use evcal_core::camera::Camera;
 use maud::{Markup, html};
@@ -15,7 +15,7 @@ use evcal_core::sensor::Sensor;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::shape::PARAMETERS;
 
-/// The parameters with their standard deviations.
+/// Returns the parameters with their standard deviations; the model comparison, the board, correlations and texts to copy are folded.
 pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     let camera = calibrated.camera();
     let uncertainty = &calibrated.trust.uncertainty;
@@ -29,8 +29,8 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
                 th scope="col" { "parameter" }
                 th.number scope="col" { "value" }
                 th.number scope="col" { "± σ" }
-                th.number scope="col" { "first estimate" }
-                th scope="col" { "what it is" }
+                th.number scope="col" { "initial" }
+                th scope="col" { "meaning" }
             } }
             tbody {
                 @for (index, (name, &value)) in rows {
@@ -49,34 +49,35 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     };
     let content = html! {
         p {
-            "Camera model " code { (camera.kind().name()) } ". Pixel (0, 0) is the centre of the top-left pixel, as in OpenCV and ROS. σ is one standard deviation; the true "
-            "value lies within 2σ in about 95 of 100 calibrations. Observations of one moment share their errors: "
-            (count(uncertainty.observations as u64)) " observations count as much as " (count(uncertainty.effective_observations() as u64))
-            " independent ones, which σ takes into account."
+            "Camera model " code { (camera.kind().name()) } ". " (view(camera, calibrated.sensor)) "Pixel (0, 0) is the centre of the top-left pixel, as in OpenCV "
+            "and ROS. ± σ is one standard deviation: the true value is within 2σ in about 95 of 100 calibrations. Observations of one moment share "
+            "their errors, so " (count(uncertainty.observations as u64)) " observations are worth " (count(uncertainty.effective_observations() as u64))
+            " independent ones; σ accounts for this."
         }
-        (scrolling("Camera parameters", &table))
-        (view(camera, calibrated.sensor))
+        div.trio {
+            div.wide { (scrolling("Camera parameters", &table)) }
+            (distortion::curve_figure(calibrated))
+        }
         @if let Some(choice) = &calibrated.model_choice { (chosen(choice)) }
         @if let Some(events) = calibrated.events() { (printed_board(&events.trust.board)) }
-        (distortion::pictures(calibrated, board))
-        (to_copy::forms(calibrated, board))
-        h3 { "Correlation" }
+        (distortion::reprojection_errors(calibrated, board))
         details {
-            summary { "Which parameters are correlated" }
+            summary { "Correlation of the parameters" }
             p {
-                "Near ±1 the recording cannot tell two parameters apart. Distortion coefficients are always correlated. Only the projection as a whole counts then, "
-                "which is mapped below."
+                "If a correlation is near ±1, the recording does not determine the two parameters separately. Distortion coefficients are always "
+                "correlated; their combined effect is the uncertainty of the projection, in the map at the top."
             }
             (scrolling("Correlation of the parameters", &correlation(calibrated)))
         }
+        (to_copy::forms(calibrated, board))
     };
-    Some(Section { id: "numbers", title: "The lens in numbers", content })
+    Some(Section { id: "numbers", title: "Lens parameters", folded: false, content })
 }
 
-/// The board: what of it was estimated, and what the observations say with all of it free.
+/// Returns the shape of the board: as it was used, and as the observations estimate it with all parameters free.
 fn printed_board(estimate: &BoardEstimate) -> Markup {
     const ROWS: [(&str, &str, f64); PARAMETERS] = [
-        ("scale of the print along x over that along y", "", 1.0),
+        ("ratio of the print's scales along x and y", "", 1.0),
         ("bend along x", "mm", 1e3),
         ("bend along y", "mm", 1e3),
         ("radius of the circles", "mm", 1e3),
@@ -87,12 +88,13 @@ fn printed_board(estimate: &BoardEstimate) -> Markup {
         evidence.sigma[index].is_finite().then(|| (evidence.values[index], evidence.sigma[index]))
     };
     html! {
-        h3 { "The board" }
+        details {
+        summary { "Shape of the board" }
         p {
-            "If the recording shows that the board is bent, printed unevenly or with another radius, this is estimated together with the camera. A positive bend means "
-            "that the middle of the board is further away than its edges. The last column is what comes out if all four are estimated."
+            "If the recording shows that the board is bent, unevenly printed or has another dot radius, the calibration estimates this together with the camera. "
+            "Positive bend: the centre of the board is farther away than its edges. Last column: the values if all four are estimated."
         }
-        (scrolling("The board as it is", &html! {
+        (scrolling("Shape of the board", &html! {
             table.short {
                 thead { tr {
                     th scope="col" { "" }
@@ -106,7 +108,7 @@ fn printed_board(estimate: &BoardEstimate) -> Markup {
                         tr {
                             th scope="row" { (name) @if !unit.is_empty() { " (" (unit) ")" } }
                             td.number { (value) }
-                            td.number { @if estimate.estimated[index] { (sigma) } @else { "as stated" } }
+                            td.number { @if estimate.estimated[index] { (sigma) } @else { "fixed" } }
                             td.number {
                                 @if let Some((value, sigma)) = free(index) {
                                     @let (value, sigma) = with_sigma(factor * value, factor * sigma);
@@ -118,6 +120,7 @@ fn printed_board(estimate: &BoardEstimate) -> Markup {
                 }
             }
         }))
+        }
     }
 }
 
@@ -126,12 +129,12 @@ fn chosen(choice: &ModelChoice) -> Markup {
     let is_nearly =
         choice.candidates.iter().any(|candidate| candidate.model == choice.chosen && candidate.nearly_as_good);
     html! {
-        h3 { "Choice of the model" }
+        details {
+        summary { "Choice of the camera model: " (choice.chosen) }
         p {
-            code { (choice.chosen) } " was chosen: of the models that predict unseen circles as well as the best one"
-            @if is_nearly { ", or nearly so" }
-            ", it has the fewest parameters"
-            @if WIDELY_HELD.iter().any(|kind| kind.name() == choice.chosen) { ", among those that OpenCV and ROS hold" }
+            code { (choice.chosen) } " has the fewest parameters of the models that predict circles of other frames as well as the best one"
+            @if is_nearly { ", or nearly as well" }
+            @if WIDELY_HELD.iter().any(|kind| kind.name() == choice.chosen) { ", among the models that OpenCV and ROS support" }
             "."
         }
         (scrolling("Camera models compared", &html! {
@@ -139,7 +142,7 @@ fn chosen(choice: &ModelChoice) -> Markup {
                 thead { tr {
                     th scope="col" { "model" }
                     th.number scope="col" { "parameters" }
-                    th.number scope="col" { "error of unseen circles (px)" }
+                    th.number scope="col" { "error in other frames (px)" }
                     th scope="col" { "" }
                 } }
                 tbody {
@@ -159,6 +162,7 @@ fn chosen(choice: &ModelChoice) -> Markup {
                 }
             }
         }))
+        }
     }
 }
 
@@ -185,7 +189,7 @@ fn correlation(calibrated: &Calibrated) -> Markup {
     }
 }
 
-/// Angle of view in words.
+/// Returns the angle of view in a sentence.
 fn view(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Markup {
     let (right, bottom) = (f64::from(width) - 0.5, f64::from(height) - 0.5);
     let (middle_x, middle_y) = (0.5 * (right - 0.5), 0.5 * (bottom - 0.5));
@@ -197,19 +201,19 @@ fn view(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Markup {
     let down = angle([middle_x, -0.5], [middle_x, bottom]);
     html! {
         @if let (Some(across), Some(down)) = (across, down) {
-            p { (format!("Angle of view: {across:.1}° horizontally, {down:.1}° vertically.")) }
+            (format!("Angle of view: {across:.1}° horizontally, {down:.1}° vertically. "))
         }
     }
 }
 
 fn meaning(name: &str) -> &'static str {
     match name {
-        "fx" => "focal length along the rows, in pixels",
-        "fy" => "focal length along the columns, in pixels",
-        "cx" => "principal point: column, in pixels",
-        "cy" => "principal point: row, in pixels",
-        "p1" | "p2" => "distortion across the radius (a lens that is not quite centred)",
+        "fx" => "focal length along the rows (px)",
+        "fy" => "focal length along the columns (px)",
+        "cx" => "principal point, column (px)",
+        "cy" => "principal point, row (px)",
+        "p1" | "p2" => "tangential distortion (decentred lens)",
         "xi" | "alpha" | "beta" | "w" => "shape of the projection",
-        _ => "distortion along the radius",
+        _ => "radial distortion",
     }
 }

@@ -1,4 +1,4 @@
-//! What the page begins with: the verdict, its reasons, and the figures behind it.
+//! The top of the page: the verdict, its reasons, and the main figures.
 
 use maud::{Markup, html};
 
@@ -13,34 +13,34 @@ use evcal_calibrate::solve::residual_statistics::Measured;
 use evcal_calibrate::trust::verdict::{Finding, Grade, SMALLEST_COVERAGE, Severity, VerdictSettings};
 use evcal_core::sensor::Sensor;
 
-/// What a browser's window and a printed page are called.
+/// Returns the title of the page.
 pub fn title(calibrated: &Calibrated) -> String {
     let name = calibrated.camera_name().unwrap_or("Camera");
     let date = calibrated.recorded().map_or_else(String::new, |recorded| format!(", {recorded}"));
     format!("{name}{date}: {} calibration", calibrated.camera().kind().name())
 }
 
-/// The head of the page.
+/// Returns the top of the page.
 pub fn head(calibrated: &Calibrated, task: &Task) -> Markup {
     let Sensor { width, height } = calibrated.sensor;
     let verdict = &calibrated.verdict;
-    let beside = verdicts_beside(calibrated);
+    let others = verdicts_beside(calibrated);
     html! {
         h1 { "Calibration of " (calibrated.camera_name().unwrap_or("a camera")) }
         p.faint {
-            "Camera model " (calibrated.camera().kind().name()) " on a sensor of " (width) " × " (height) " pixels, from "
+            "Camera model " (calibrated.camera().kind().name()) ", " (width) " × " (height) " pixels, from "
             span.path { (task.inputs.iter().map(Input::name).collect::<Vec<_>>().join(", ")) }
-            @if let Some(date) = calibrated.recorded() { ", recorded " (date) }
+            @if let Some(date) = calibrated.recorded() { ", recorded on " (date) }
             "."
         }
         div.verdict.(class(verdict.grade)) {
-            p.sentence { @if !beside.is_empty() { "Camera: " } (verdict.sentence) }
+            p.sentence { @if !others.is_empty() { "Camera: " } (verdict.sentence) }
             @if let (true, Some(first)) = (verdict.grade != Grade::Good, verdict.findings.first()) {
                 p.first { strong { "Do this first: " } ((task.wording)(&first.advice)) "." }
             }
             @if !verdict.findings.is_empty() { (findings(&verdict.findings, task.wording)) }
         }
-        @for VerdictBeside { about, grade, sentence } in &beside {
+        @for VerdictBeside { about, grade, sentence } in &others {
             div.verdict.(class(*grade)) { p.sentence { (about) ": " (sentence) } }
         }
         (figures(calibrated, &task.settings.verdict))
@@ -76,7 +76,7 @@ fn severity(severity: Severity) -> &'static str {
     }
 }
 
-/// The text with a capital letter in front, unless it begins with a name such as fx.
+/// Capitalises the first letter, unless the text begins with the name of a parameter such as fx.
 pub fn capital(text: &str) -> String {
     let first = text.split([' ', ',']).next().unwrap_or_default();
     let name = first.len() == 2 && (first.starts_with('f') || first.ends_with(|last: char| last.is_ascii_digit()));
@@ -93,16 +93,16 @@ fn figures(calibrated: &Calibrated, settings: &VerdictSettings) -> Markup {
     let residuals = calibrated.residuals();
     html! {
         dl.figures {
-            (figure("Expected projection error", &format!("{} px", signed(projection.rms_95, 3)), &format!("or less over the sensor, in 95 of 100 cases; good is up to {} px", settings.good)))
-            @if let Some((pixel, sigma)) = worst_place(calibrated) {
-                (figure("Worst place seen", &format!("{} px", signed(2.0 * sigma, 3)), &format!("or less at pixel ({:.0}, {:.0}), in 95 of 100 cases (2σ)", pixel[0], pixel[1])))
+            (figure("Expected projection error", &format!("{} px", signed(projection.rms_95, 3)), &format!("or less over the sensor (rms), in 95 of 100 cases; good: up to {} px", settings.good)))
+            @if let Some((pixel, sigma)) = largest_uncertainty(calibrated) {
+                (figure("Largest projection error", &format!("{} px", signed(2.0 * sigma, 3)), &format!("or less where the board was seen: at pixel ({:.0}, {:.0}), in 95 of 100 cases (2σ)", pixel[0], pixel[1])))
             }
-            (figure("Sensor covered", &percent(trust.coverage.covered), &format!("of its cells saw enough; good is from {}", percent(SMALLEST_COVERAGE))))
+            (figure("Sensor covered", &percent(trust.coverage.covered), &format!("of its cells have enough observations; good: {} or more", percent(SMALLEST_COVERAGE))))
             @if let Some(halves) = calibrated.events().and_then(|events| events.trust.split_half.as_ref()) {
                 (figure(
                     "Two halves differ by",
                     &format!("{} px", signed(halves.difference.rms, 3)),
-                    &format!("{}, up to {} px is expected", if halves.consistent() { "as they should" } else { "too much" }, signed(halves.bound, 3)),
+                    &format!("{}; expected: up to {} px", if halves.consistent() { "consistent" } else { "too much" }, signed(halves.bound, 3)),
                 ))
             }
             (figure("Residual", &format!("{} px", signed(residuals.rms, 3)), &format!("rms {}", typical_residual(calibrated.measured()))))
@@ -111,20 +111,20 @@ fn figures(calibrated: &Calibrated, settings: &VerdictSettings) -> Markup {
     }
 }
 
-/// What residuals usually are: those of the simulated sessions in docs/accuracy.md.
+/// Returns typical residuals; the values are from the simulated recordings of docs/accuracy.md.
 fn typical_residual(measured: Measured) -> &'static str {
     match measured {
-        Measured::EventEdges => "over single events; 0.1 to 0.3 px is usual",
-        Measured::CircleCentres => "over circle centres; below 0.3 px is usual",
-        Measured::Corners => "over corners; below 0.3 px is usual",
+        Measured::EventEdges => "of single events; typical: 0.1 to 0.3 px",
+        Measured::CircleCentres => "of circle centres; typical: below 0.3 px",
+        Measured::Corners => "of corners; typical: below 0.3 px",
     }
 }
 
-/// The pixel where the projection is known worst, of those that observations back, and its σ there.
-fn worst_place(calibrated: &Calibrated) -> Option<([f64; 2], f64)> {
+/// Returns the pixel with the largest σ of the projection among those with observations, and that σ (px).
+fn largest_uncertainty(calibrated: &Calibrated) -> Option<([f64; 2], f64)> {
     let grid = calibrated.trust.projection.grid.iter();
-    let backed = grid.filter(|point| calibrated.trust.coverage.backs(point.pixel, calibrated.sensor));
-    backed.filter_map(|point| Some((point.pixel, point.sigma?))).max_by(|a, b| a.1.total_cmp(&b.1))
+    let supported = grid.filter(|point| calibrated.trust.coverage.backs(point.pixel, calibrated.sensor));
+    supported.filter_map(|point| Some((point.pixel, point.sigma?))).max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 #[cfg(test)]
@@ -132,10 +132,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sentences_begin_with_a_capital_letter_but_names_stay() {
+    fn sentences_are_capitalised_but_names_of_parameters_are_not() {
         assert_eq!(capital("the board was far"), "The board was far");
         assert_eq!(capital("fx and fy differ"), "fx and fy differ");
-        assert_eq!(capital("p1, k3 cannot be told"), "p1, k3 cannot be told");
+        assert_eq!(capital("p1, k3 are uncertain"), "p1, k3 are uncertain");
         assert_eq!(capital("in corners"), "In corners");
         assert_eq!(capital("a pattern is left"), "A pattern is left");
         assert_eq!(capital(""), "");

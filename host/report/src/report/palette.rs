@@ -1,13 +1,13 @@
-//! Colours for values.
+//! Scales of colours for values.
 
-/// A scale of colours that can be told apart in print and by the colour-blind.
+/// A scale of colours that stay distinguishable in print and with a colour vision deficiency.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Palette {
-    /// From little (dark blue) to much (yellow).
+    /// From low (dark blue) to high (yellow).
     Amount,
     /// From good (yellow) to bad (dark).
     Error,
-    /// From negative (blue) over nothing (white) to positive (red).
+    /// From negative (blue) through zero (white) to positive (red).
     Signed,
 }
 
@@ -25,7 +25,7 @@ impl Palette {
         }
     }
 
-    /// The colour at `share`, 0 to 1, of the scale; the ends stand for what is beyond.
+    /// Returns the colour at `share` of the scale, which is clamped to 0 to 1.
     pub fn color(self, share: f64) -> [u8; 3] {
         let anchors = self.anchors();
         let place = if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) } * (anchors.len() - 1) as f64;
@@ -40,7 +40,7 @@ impl Palette {
         }
     }
 
-    /// The scale as a CSS background.
+    /// Returns the scale as a CSS background.
     pub fn gradient(self) -> String {
         let stops: Vec<String> = self.anchors().iter().map(|[r, g, b]| format!("rgb({r},{g},{b})")).collect();
         format!("background:linear-gradient(90deg,{})", stops.join(","))

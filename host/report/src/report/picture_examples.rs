@@ -1,4 +1,4 @@
-//! Pictures of the camera: one before and after rectification, and many carried to the board.
+//! Pictures of the camera: one with and without distortion, and the mean of many on the board.
 
 use maud::{Markup, html};
 use nalgebra::{Isometry3, Point3, Vector2};
@@ -16,22 +16,22 @@ use evcal_calibrate::circles::reference_frame::ReferenceFrame;
 use evcal_geometry::board::Board;
 use event_recordings::pictures::{GreyImage, TimedImage};
 
-/// Most pictures that are carried to the board.
+/// Limit of the pictures whose mean is shown on the board.
 const MOST_PICTURES: usize = 24;
-/// Columns of the picture of the board: about as many as the sensor has for it.
+/// Columns of the picture of the board, about as many as the board has on the sensor.
 const BOARD_COLUMNS: u16 = 400;
-/// A picture is that of a reference frame when their times differ by less (s).
+/// A picture belongs to a reference frame if their times differ by less than this (s).
 const SAME_TIME: f64 = 1e-3;
 
 /// A picture with its pose.
 struct Shown {
     image: GreyImage,
     position: Vector2<f64>,
-    /// `T_world_camera` in the middle of the exposure.
+    /// `T_world_camera` at the midpoint of the exposure.
     pose: Isometry3<f64>,
 }
 
-/// Examples, where pictures show the board.
+/// Returns the examples; empty if no picture has a pose.
 pub fn pictures(calibrated: &Calibrated, task: &Task) -> Markup {
     let (shown, used) = pictures_with_pose(calibrated, task);
     let Some(example) = shown.get(shown.len() / 2) else { return html! {} };
@@ -46,15 +46,15 @@ pub fn pictures(calibrated: &Calibrated, task: &Task) -> Markup {
     rectified.edges(task.board, |point| projected(&ideal, &in_camera(point)));
     let together = carried(calibrated, task.board, &shown);
     html! {
-        div.pair {
-            (figure(&seen, "A frame of the camera with the board's rims.", "A frame as the sensor saw it. Green is where the result puts the dots."))
-            (figure(&rectified, "The same frame without the distortion of the lens.", "Without distortion."))
-            (figure(&together, "The mean of many frames carried to the board.", &format!("The mean of {} of the {} frames for whose time there is a pose, each carried to the board by the result: sharp if both fit.", shown.len(), count(used as u64))))
+        div.trio {
+            (figure(&seen, "A frame of the camera with the edges of the board.", "A frame of the camera. Green: the board, projected by the calibration."))
+            (figure(&rectified, "The same frame without the distortion of the lens.", "The same frame without distortion."))
+            (figure(&together, "The mean of many frames on the board.", &format!("The mean of {} of the {} frames with a pose, each projected onto the board by the calibration: sharp if both agree.", shown.len(), count(used as u64))))
         }
     }
 }
 
-/// At most [`MOST_PICTURES`] pictures with a pose, evenly chosen, and how many there are.
+/// Returns at most [`MOST_PICTURES`] pictures with a pose, evenly chosen, and the number of all pictures with a pose.
 fn pictures_with_pose(calibrated: &Calibrated, task: &Task) -> (Vec<Shown>, usize) {
     let mut used = 0_usize;
     visit_with_pose(calibrated, task, |_, _| used += 1);
@@ -70,7 +70,7 @@ fn pictures_with_pose(calibrated: &Calibrated, task: &Task) -> (Vec<Shown>, usiz
     (shown, used)
 }
 
-/// Hands on the pictures of all recordings that can be used and have a pose. What cannot be read again is left out.
+/// Calls `visit` for each readable picture of the recordings that has a pose.
 fn visit_with_pose(calibrated: &Calibrated, task: &Task, mut visit: impl FnMut(TimedImage, Isometry3<f64>)) {
     for (number, (input, &start)) in task.inputs.iter().zip(&calibrated.starts).enumerate() {
         let Input::Events(recording) = input else { continue };
@@ -86,7 +86,7 @@ fn visit_with_pose(calibrated: &Calibrated, task: &Task, mut visit: impl FnMut(T
     }
 }
 
-/// `T_world_camera` at `t` seconds from the start of a recording.
+/// Returns `T_world_camera` at `t` seconds from the start of a recording.
 fn pose_at(calibrated: &Calibrated, recording: usize, t: f64) -> Option<Isometry3<f64>> {
     match &calibrated.evidence {
         Evidence::Events(events) => {
@@ -101,13 +101,13 @@ fn pose_at(calibrated: &Calibrated, recording: usize, t: f64) -> Option<Isometry
 }
 
 impl Shown {
-    /// The grey value at a place on the sensor, interpolated.
+    /// Interpolates the grey value at a position on the sensor.
     fn grey(&self, pixel: Vector2<f64>) -> Option<f64> {
         let place = pixel - self.position;
         if !(place.x >= 0.0 && place.y >= 0.0) {
             return None;
         }
-        // Cut off, which is rounding down, without the call that this takes on older processors.
+        // The conversion rounds down without the function call that `floor` needs on older processors.
         let (column, row) = (place.x as usize, place.y as usize);
         let (right_share, lower_share) = (place.x - column as f64, place.y - row as f64);
         let value = |column: usize, row: usize| self.image.get(column, row).map(f64::from);
@@ -117,7 +117,7 @@ impl Shown {
     }
 }
 
-/// The mean of `shown` on the board.
+/// Returns the mean of `shown` on the board.
 fn carried(calibrated: &Calibrated, board: &Board, shown: &[Shown]) -> Picture {
     let frame = BoardFrame::new(board, BOARD_COLUMNS);
     let camera = calibrated.camera();

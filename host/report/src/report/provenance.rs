@@ -1,4 +1,4 @@
-//! Where the result comes from: recordings, board, command line, settings, version.
+//! The origin of the result: recordings, board, command line, version, settings and files.
 
 use maud::{Markup, html};
 use toml::{Table, Value};
@@ -8,34 +8,54 @@ use super::number::count;
 use super::page::{Section, scrolling};
 use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
-use evcal_calibrate::calibrate::input::Input;
+use evcal_calibrate::result::calibration_file::InputFile;
 use evcal_calibrate::settings::Settings;
 
-/// Everything that is needed to get the same result again.
-pub fn section(calibrated: &Calibrated, task: &Task, files: &[ResultFile]) -> Option<Section> {
+/// Returns the inputs of the calibration, and the command that repeats it.
+pub fn section(calibrated: &Calibrated, task: &Task, inputs: &[InputFile]) -> Option<Section> {
+    let content = html! {
+        p {
+            "Board " code { (task.board) } ", evcal " (env!("CARGO_PKG_VERSION")) ". The same version with the same input and options writes the same "
+            "calibration, byte for byte."
+        }
+        @if !task.command_line.is_empty() { pre.command { (task.command_line) } }
+        (scrolling("Recordings", &recordings(calibrated, task)))
+        @if !inputs.is_empty() { (scrolling("Checksums", &checksums(inputs))) }
+    };
+    Some(Section { id: "provenance", title: "Recordings and command", folded: false, content })
+}
+
+fn checksums(inputs: &[InputFile]) -> Markup {
+    html! {
+        table.checksums {
+            thead { tr { th scope="col" { "file" } th.number scope="col" { "bytes" } th scope="col" { "SHA-256" } } }
+            tbody {
+                @for InputFile { path, bytes, sha256 } in inputs {
+                    tr { th.path scope="row" { (path) } td.number { (count(*bytes)) } td.path { code { (sha256) } } }
+                }
+            }
+        }
+    }
+}
+
+/// Returns the settings, and the files in the folder of the report.
+pub fn settings(task: &Task, files: &[ResultFile]) -> Option<Section> {
     let changed = changed(task.settings);
     let content = html! {
-        p { "The same program with the same input gives the same result, byte for byte." }
-        (scrolling("Recordings", &recordings(calibrated, task)))
-        p { "Board: " code { (task.board) } ". Program: evcal " (env!("CARGO_PKG_VERSION")) "." }
-        @if !task.command_line.is_empty() {
-            h3 { "Command line" }
-            pre.command { (task.command_line) }
-        }
         @if !files.is_empty() {
             h3 { "Files" }
             (scrolling("Files", &table_of(files)))
         }
         h3 { "Settings" }
         @if changed.is_empty() {
-            p { "All settings have their defaults." }
+            p { "All settings have their default values." }
         } @else {
-            p { "Not the default: " }
+            p { "Settings that differ from their defaults: " }
             ul { @for (name, value) in &changed { li { code { (name) " = " (value) } } } }
         }
-        details { summary { "All settings" } pre { (task.settings.to_toml()) } }
+        details.screen { summary { "All settings" } pre { (task.settings.to_toml()) } }
     };
-    Some(Section { id: "provenance", title: "Where this comes from", content })
+    Some(Section { id: "settings", title: "Settings and files", folded: true, content })
 }
 
 fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
@@ -45,7 +65,6 @@ fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
                 th scope="col" { "file" }
                 th scope="col" { "camera" }
                 th scope="col" { "recorded" }
-                th.number scope="col" { "MB" }
                 th.number scope="col" { "events or circles" }
                 th.number scope="col" { "duration (s)" }
                 th scope="col" { "notes" }
@@ -54,9 +73,8 @@ fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
                 @for (input, report) in task.inputs.iter().zip(&calibrated.recordings) {
                     tr {
                         th.path scope="row" { (input.name()) }
-                        td { (report.camera_name.as_deref().unwrap_or("not named")) }
-                        td { (report.began.as_deref().unwrap_or("not told")) }
-                        td.number { (megabytes(input).unwrap_or_default()) }
+                        td { (report.camera_name.as_deref().unwrap_or("unknown")) }
+                        td { (report.began.as_deref().unwrap_or("unknown")) }
                         td.number { (count(report.count)) }
                         td.number { (format!("{:.3}", report.duration)) }
                         td.words { (report.notes.join("; ")) }
@@ -67,28 +85,28 @@ fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
     }
 }
 
-/// What the files of a calibration are, by the beginnings of their names.
+/// Contents of the result files, by the beginnings of their names.
 const MEANINGS: [(&str, &str); 21] = [
     ("calibration.json", "all results, for programs"),
     ("camera.yaml", "the camera for OpenCV"),
     ("exports/camera_info.yaml", "the camera for ROS"),
     ("exports/camchain-cameras.yaml", "all cameras on the mount for Kalibr"),
-    ("exports/stereo", "both cameras for OpenCV, as stereoCalibrate names them"),
-    ("exports/static_transforms.yaml", "where the other cameras are, for ROS"),
-    ("exports/camchain-imucam.yaml", "camera and inertial unit for Kalibr"),
+    ("exports/stereo", "both cameras for OpenCV, with the names of stereoCalibrate"),
+    ("exports/static_transforms.yaml", "poses of the other cameras for ROS"),
+    ("exports/camchain-imucam.yaml", "camera and IMU for Kalibr"),
     ("exports/camchain.yaml", "the camera for Kalibr"),
-    ("exports/imu.yaml", "noise of the inertial unit for Kalibr"),
-    ("exports/kalibr_im", "camera and inertial unit for OpenVINS"),
-    ("exports/vins-fusion.yaml", "camera and inertial unit for VINS-Fusion"),
-    ("exports/basalt-imu.json", "camera and inertial unit for basalt"),
-    ("exports/dv-processing-imu.json", "camera and inertial unit for DV"),
-    ("exports/static_transform.yaml", "where the camera is on the inertial unit, for ROS"),
-    ("circles", "where circles were found"),
-    ("settings.toml", "all settings as they were used"),
-    ("stages.txt", "what every stage took in and gave out"),
-    ("good-frame.png", "a window that the first camera explains well"),
-    ("bad-frame.png", "the window that it explains worst"),
-    ("trajectory", "the camera's poses; .csv has their standard deviations"),
+    ("exports/imu.yaml", "noise of the IMU for Kalibr"),
+    ("exports/kalibr_im", "camera and IMU for OpenVINS"),
+    ("exports/vins-fusion.yaml", "camera and IMU for VINS-Fusion"),
+    ("exports/basalt-imu.json", "camera and IMU for basalt"),
+    ("exports/dv-processing-imu.json", "camera and IMU for DV"),
+    ("exports/static_transform.yaml", "pose of the camera relative to the IMU for ROS"),
+    ("circles", "detected circles"),
+    ("settings.toml", "all settings of this calibration"),
+    ("stages.txt", "input, output and rejected data of each stage"),
+    ("good-frame.png", "the window with the smallest error of the initial model"),
+    ("bad-frame.png", "the window with the largest error"),
+    ("trajectory", "poses of the camera; .csv with standard deviations"),
     ("report.html", "this page"),
 ];
 
@@ -97,7 +115,7 @@ fn table_of(files: &[ResultFile]) -> Markup {
         |name: &str| MEANINGS.iter().find(|(start, _)| name.starts_with(start)).map_or("", |(_, meaning)| meaning);
     html! {
         table.short {
-            thead { tr { th scope="col" { "file" } th.number scope="col" { "kB" } th scope="col" { "what it is" } } }
+            thead { tr { th scope="col" { "file" } th.number scope="col" { "kB" } th scope="col" { "content" } } }
             tbody {
                 @for file in files {
                     tr {
@@ -111,13 +129,7 @@ fn table_of(files: &[ResultFile]) -> Markup {
     }
 }
 
-/// Size of the file, where the input is one.
-fn megabytes(input: &Input) -> Option<String> {
-    let length = std::fs::metadata(input.name()).ok().filter(std::fs::Metadata::is_file)?.len();
-    Some(format!("{:.1}", length as f64 / 1e6))
-}
-
-/// Settings that differ from their defaults: dotted name and value.
+/// Returns the settings that differ from their defaults: dotted name and value.
 fn changed(settings: &Settings) -> Vec<(String, String)> {
     let mut found = Vec::new();
     compare(&settings.table(), &Settings::default().table(), "", &mut found);
@@ -140,7 +152,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn settings_that_were_changed_are_named() {
+    fn changed_settings_are_listed() {
         let mut settings = Settings::default();
         assert!(changed(&settings).is_empty());
         settings.refinement.most_seconds = 30.0;

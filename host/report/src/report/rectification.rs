@@ -1,14 +1,14 @@
-//! Pictures as an ideal camera would have seen them.
+//! The ideal camera that shows pictures without the distortion of the lens.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use evcal_core::undistortion::IdealCamera;
 use nalgebra::{Point3, Vector2, Vector3};
 
-/// Largest angle from the optical axis that a rectified picture shows (rad).
+/// Largest angle from the optical axis in a rectified picture (rad).
 const WIDEST: f64 = 1.2;
 
-/// An ideal camera with as many pixels as the sensor that sees as far as the middles of the sensor's sides.
+/// Returns an ideal camera with the pixels of the sensor whose image contains the midpoints of the sensor's sides.
 pub fn ideal_camera(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> IdealCamera<f64> {
     let (right, bottom) = (f64::from(width) - 1.0, f64::from(height) - 1.0);
     let (cx, cy) = (0.5 * right, 0.5 * bottom);
@@ -22,12 +22,12 @@ pub fn ideal_camera(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> I
     IdealCamera { fx: focal, fy: focal, cx, cy }
 }
 
-/// Where `camera` sees what `ideal` sees at `pixel`.
+/// Returns the pixel of `camera` that shows the same direction as `pixel` of `ideal`.
 pub fn distorted(camera: &Camera<f64>, ideal: &IdealCamera<f64>, pixel: Vector2<f64>) -> Option<Vector2<f64>> {
     camera.project(&Vector3::new((pixel.x - ideal.cx) / ideal.fx, (pixel.y - ideal.cy) / ideal.fy, 1.0))
 }
 
-/// Where `ideal` sees a point in camera coordinates.
+/// Projects a point in camera coordinates with the ideal camera.
 pub fn projected(ideal: &IdealCamera<f64>, point: &Point3<f64>) -> Option<Vector2<f64>> {
     (point.z > 0.0)
         .then(|| Vector2::new(ideal.fx * point.x / point.z + ideal.cx, ideal.fy * point.y / point.z + ideal.cy))
@@ -39,7 +39,7 @@ mod tests {
     use evcal_core::camera::ModelKind;
 
     #[test]
-    fn the_ideal_camera_shows_the_middles_of_all_sides_and_straight_lines() {
+    fn the_ideal_camera_shows_the_midpoints_of_all_sides() {
         let camera =
             Camera::from_parameters(ModelKind::Radtan4, &[330.0, 331.0, 172.0, 130.0, -0.35, 0.12, 0.0, 0.0]).unwrap();
         let ideal = ideal_camera(&camera, Sensor::new(346, 260));
@@ -51,7 +51,7 @@ mod tests {
             assert!((back - Vector2::from(side)).norm() < 1e-6);
             nearest = nearest.min(seen.x.min(345.0 - seen.x)).min(seen.y.min(259.0 - seen.y));
         }
-        // As large as it can be.
+        // A larger focal length would cut off a midpoint.
         assert!(nearest < 2.0, "{nearest}");
     }
 }

@@ -1,4 +1,4 @@
-//! What the model does not explain.
+//! The residuals of the joint solve, by position on the sensor and by event class.
 
 use maud::{Markup, html};
 
@@ -17,27 +17,26 @@ use evcal_core::event::Polarity;
 
 const RANKS: [&str; RANK_COUNT] = ["first", "second", "third", "later"];
 
-/// Residuals by class and by place.
+/// Returns the residuals by position and by event class.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let content = match &calibrated.evidence {
         Evidence::Events(events) => of_events(calibrated, events),
         Evidence::Pictures(_) => in_words(calibrated),
     };
-    Some(Section { id: "residuals", title: "What the model does not explain", content })
+    Some(Section { id: "residuals", title: "Residuals", folded: true, content })
 }
 
 fn in_words(calibrated: &Calibrated) -> Markup {
     let statistics = calibrated.residuals();
     html! {
         p {
-            "A residual is the distance between where something was seen and where the result puts it: "
+            "A residual is "
             @match calibrated.measured() {
-                Measured::EventEdges => "for an event, its distance across the edge of its dot.",
-                Measured::CircleCentres => "for a circle, that of its centre.",
-                Measured::Corners => "for a square, that of its corner.",
+                Measured::EventEdges => "the distance of an event from the projected edge of its dot.",
+                Measured::CircleCentres => "the distance of a detected circle from the projection of its centre.",
+                Measured::Corners => "the distance of a detected corner from its projection.",
             }
-            " Their median size is " (signed(statistics.median, 3)) " px, their root mean square "
-            (signed(statistics.rms, 3)) " px."
+            " The median is " (signed(statistics.median, 3)) " px, the root mean square " (signed(statistics.rms, 3)) " px."
         }
     }
 }
@@ -49,49 +48,41 @@ fn of_events(calibrated: &Calibrated, calibration: &EventCalibration) -> Markup 
     let highest = by_rank.iter().flat_map(|class| (0..BIN_COUNT).map(|bin| density(class, bin))).fold(0.1, f64::max);
     html! {
         (in_words(calibrated))
-        @if map.cells.iter().any(|cell| cell.count > 0) { (by_place(calibrated, map)) }
+        @if map.cells.iter().any(|cell| cell.count > 0) { (by_position(calibrated, map)) }
         @if calibration.measured == Measured::EventEdges {
             h3 { "By event class" }
             p {
-                "When an edge passes, a pixel sends a burst of events. OFF (darker) and ON (brighter) events of each rank in bursts of each "
-                "length have their own bias, which is part of the result. Curves should be narrow, alike on both sides and centred on 0."
+                "A passing edge triggers a burst of events at a pixel. OFF (darker) and ON (brighter) events of each rank in bursts of each "
+                "length have their own bias, which the calibration estimates. The curves should be narrow, symmetric and centred on 0."
             }
             div.pair {
                 figure { (histogram(off, "OFF", highest).render()) figcaption { "Residuals of OFF events, by rank in the burst." } }
                 figure { (histogram(on, "ON", highest).render()) figcaption { "Residuals of ON events, by rank in the burst." } }
             }
             (scrolling("Event classes", &class_table(calibration, classes)))
-            p.faint { "Offsets are those of a straight, slow edge, positive outside the dot; latencies count from the mean of all first OFF events of bursts." }
+            p.faint { "Offsets apply to a straight, slow edge and are positive outside the dot; latencies are relative to the mean of all first OFF events of bursts." }
         }
     }
 }
 
-fn by_place(calibrated: &Calibrated, map: &ResidualMap) -> Markup {
+/// Returns the map of the displacements; empty if no cell has enough observations.
+pub fn displacement_map(calibrated: &Calibrated) -> Markup {
+    let Some(events) = calibrated.events() else { return html! {} };
+    let map = &events.trust.residuals;
     let shifts: Vec<_> =
         map.places().zip(&map.cells).filter_map(|(place, cell)| Some((place, cell.displacement?))).collect();
+    if shifts.is_empty() {
+        return html! {};
+    }
     let longest = shifts.iter().map(|(_, displacement)| displacement.shift.norm()).fold(0.0, f64::max);
     let enlarged = round_down(0.9 * map.cell / longest.max(1e-9));
     let arrows = shifts.iter().map(|([left, top, right, bottom], displacement)| {
         let along = displacement.shift * enlarged;
         ([0.5 * (left + right) - 0.5 * along.x, 0.5 * (top + bottom) - 0.5 * along.y], along.into())
     });
-    let most = map.cells.iter().map(|cell| cell.rms).fold(0.0, f64::max);
-    let rms = SensorMap {
-        description: format!("Map of the sensor: root mean square residual in each cell, up to {most:.2} px."),
-        sensor: calibrated.sensor,
-        cells: map
-            .places()
-            .zip(&map.cells)
-            .map(|(place, cell)| (place, (cell.count > 0).then_some(cell.rms)))
-            .collect(),
-        range: 0.0..round_up(most),
-        palette: Palette::Error,
-        unit: "px",
-        arrows: Vec::new(),
-    };
     let sizes = SensorMap {
         description: format!(
-            "Map of the sensor: displacement of what is seen in each cell from where the model puts it, up to {longest:.3} px."
+            "Map of the sensor: mean displacement of the observations in each cell, up to {longest:.3} px."
         ),
         sensor: calibrated.sensor,
         cells: map
@@ -105,34 +96,65 @@ fn by_place(calibrated: &Calibrated, map: &ResidualMap) -> Markup {
         arrows: arrows.collect(),
     };
     html! {
-        h3 { "By place on the sensor" }
-        (pattern_in_words(&map.pattern))
-        div.pair {
-            @if !shifts.is_empty() {
-                figure {
-                    (sizes.render())
-                    figcaption {
-                        "Mean displacement in each cell; arrows are enlarged " (format!("{enlarged}")) " times. Neighbouring arrows that agree "
-                        "are a pattern that the camera model cannot follow."
-                    }
-                }
+        figure {
+            (sizes.render())
+            figcaption {
+                "Residuals: mean displacement of the observations in each cell from their projection; arrows are enlarged " (format!("{enlarged}"))
+                " times. If neighbouring arrows agree, the camera model does not fit the lens there."
             }
-            figure { (rms.render()) figcaption { "Root mean square of the residuals in each cell." } }
         }
     }
+}
+
+fn by_position(calibrated: &Calibrated, map: &ResidualMap) -> Markup {
+    let most = largest_of_full_cells(map);
+    let rms = SensorMap {
+        description: format!("Map of the sensor: root mean square residual in each cell, up to {most:.2} px."),
+        sensor: calibrated.sensor,
+        cells: map
+            .places()
+            .zip(&map.cells)
+            .map(|(place, cell)| (place, (cell.count > 0).then_some(cell.rms)))
+            .collect(),
+        range: 0.0..round_up(most),
+        palette: Palette::Error,
+        unit: "px",
+        arrows: Vec::new(),
+    };
+    html! {
+        h3 { "By position on the sensor" }
+        (pattern_in_words(&map.pattern))
+        div.pair {
+            figure {
+                (rms.render())
+                figcaption { "Root mean square of the residuals in each cell. Cells with few observations do not set the scale." }
+            }
+        }
+    }
+}
+
+/// Returns the largest rms (px) of the cells with at least a tenth of the observations of the median cell. In cells with fewer
+/// observations, chance dominates the rms.
+fn largest_of_full_cells(map: &ResidualMap) -> f64 {
+    let mut counts: Vec<usize> = map.cells.iter().map(|cell| cell.count).filter(|&count| count > 0).collect();
+    counts.sort_unstable();
+    let median = counts.get(counts.len() / 2).copied().unwrap_or(0);
+    let full = map.cells.iter().filter(|cell| 10 * cell.count >= median);
+    full.map(|cell| cell.rms).fold(0.0, f64::max)
 }
 
 fn pattern_in_words(pattern: &ResidualPattern) -> Markup {
     let ResidualPattern { cells, shift, shift_ratio, outward, outward_ratio } = *pattern;
     html! {
         @if cells == 0 {
-            p { "No cell of the sensor saw enough to tell noise from a pattern." }
+            p { "No cell of the sensor has enough observations to distinguish a pattern from noise." }
         } @else {
             p {
-                "Mean displacements of the cells are " strong { (format!("{shift_ratio:.1} times")) } " as large as noise alone would make them (1 is noise; from "
-                "1.5 on there is a pattern); beyond noise they are " (signed(shift, 3)) " px."
+                "The mean displacements of the cells (map at the top) are " strong { (format!("{shift_ratio:.1} times")) } " as large as from noise alone: 1 is noise, "
+                "1.5 and more a pattern. Without the noise they are " (signed(shift, 3)) " px (rms)."
                 @if outward_ratio > 0.0 {
-                    " Edges are displaced into or out of the dots " (format!("{outward_ratio:.1}")) " times as far as noise alone would; beyond noise that is " (signed(outward, 3)) " px."
+                    " The edges of dots are displaced inwards or outwards " (format!("{outward_ratio:.1}")) " times as far as from noise alone; without the noise "
+                    (signed(outward, 3)) " px."
                 }
             }
         }
@@ -142,12 +164,12 @@ fn pattern_in_words(pattern: &ResidualPattern) -> Markup {
 /// Width of a bin (px).
 const BIN: f64 = 2.0 * BOUND / BIN_COUNT as f64;
 
-/// Share of the events of a class in a bin, per px.
+/// Returns the share of the events of a class in a bin, per pixel.
 fn density(class: &ClassResiduals, bin: usize) -> f64 {
     class.bins.get(bin).map_or(0.0, |&count| count as f64 / class.count.max(1) as f64 / BIN)
 }
 
-/// One curve a rank, up to `highest`, so that both polarities have one scale.
+/// Returns one curve per rank. `highest` is the end of the y axis, the same for both polarities.
 fn histogram(ranks: &[ClassResiduals], polarity: &str, highest: f64) -> Chart<'static> {
     let series: Vec<Series> = ranks
         .iter()
@@ -163,7 +185,7 @@ fn histogram(ranks: &[ClassResiduals], polarity: &str, highest: f64) -> Chart<'s
         })
         .collect();
     Chart {
-        description: format!("Histogram of the residuals of {polarity} events, one curve for each rank in the burst."),
+        description: format!("Histogram of the residuals of {polarity} events, one curve per rank in the burst."),
         x_label: "residual (px), positive outside the dot",
         y_label: "share per px",
         x: -BOUND..BOUND,
@@ -207,7 +229,7 @@ fn class_table(calibration: &EventCalibration, classes: &[ClassResiduals; CLASS_
     }
 }
 
-/// What a class is called.
+/// Returns the name of an event class.
 fn class_name(class: usize) -> String {
     let EventKind { polarity, place } = EventKind::of_class(class);
     let polarity = match polarity {

@@ -1,4 +1,4 @@
-//! Other cameras on the mount: where they are, and how well their events fit the trajectory of the first.
+//! Other cameras on the mount: their poses, and the residuals of their events along the trajectory of the first camera.
 
 use maud::{Markup, html};
 
@@ -11,15 +11,15 @@ use evcal_calibrate::calibrate::mounted::SecondCamera;
 use evcal_calibrate::result::second_camera_result::SecondCameraResult;
 use evcal_calibrate::second_camera::joint::Misfit;
 
-/// Points of the curve.
+/// Number of points of the curve.
 const POINTS: usize = 300;
 
-/// Result in words, a drawing, and the residuals over time.
+/// Returns for each other camera the result in words, a drawing, and the residuals over time.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let cameras = &calibrated.events()?.second_cameras;
-    let title = if cameras.len() > 1 { "The other cameras" } else { "The second camera" };
+    let title = if cameras.len() > 1 { "Other cameras" } else { "Second camera" };
     let content = html! { @for second in cameras { (one(second)) } };
-    (!cameras.is_empty()).then_some(Section { id: "second-camera", title, content })
+    (!cameras.is_empty()).then_some(Section { id: "second-camera", title, folded: false, content })
 }
 
 fn one(second: &SecondCamera) -> Markup {
@@ -33,22 +33,21 @@ fn one(second: &SecondCamera) -> Markup {
             figure {
                 (drawing("second camera", ["first", "second"], &second.calibration.mount.second_first))
                 figcaption {
-                    "Axes of both cameras (x to the right, y down, z along the line of sight, which leads away from you); the dashed line "
-                    "between them always has the same length, whatever their distance."
+                    "Axes of both cameras (x right, y down, z along the line of sight, away from you); the distance between them is not to scale."
                 }
             }
             figure {
                 (over_time(&second.calibration.misfit, &seen))
                 figcaption {
                     (seen.distance) ", in units of their "
-                    "usual spread. It should be even over time: where it rises, the mount gave way, or a trajectory is uncertain."
+                    "typical spread. It should be constant over time: a rise means that the mount moved or that a trajectory is uncertain."
                 }
             }
         }
     }
 }
 
-/// Words for what the second camera saw.
+/// Names of the observations of a second camera.
 struct Seen {
     name: &'static str,
     distance: &'static str,
@@ -58,12 +57,12 @@ struct Seen {
 impl Seen {
     const EVENTS: Self = Self {
         name: "events",
-        distance: "How far events of the second camera are from the edges that the trajectory of the first camera predicts",
+        distance: "Distance of the second camera's events from the edges predicted by the trajectory of the first camera",
         unit: "rms (σ of an event)",
     };
     const CIRCLES: Self = Self {
         name: "circles",
-        distance: "How far circles in the second camera's frames are from where the trajectory of the first camera predicts them",
+        distance: "Distance of the circles in the second camera's frames from their positions predicted by the trajectory of the first camera",
         unit: "rms (σ of a circle)",
     };
 }
@@ -78,7 +77,7 @@ fn over_time(misfit: &[Misfit], seen: &Seen) -> Markup {
     let x = range_of(curve.iter().map(|point| point.0), 1.0);
     let top = range_of(curve.iter().map(|point| point.1).chain([0.0]), 1e-6).end;
     let series =
-        vec![Series { name: seen.name.to_owned(), color: Color::Off, curves: vec![curve], points: Vec::new() }];
+        vec![Series { name: seen.name.to_owned(), color: Color::First, curves: vec![curve], points: Vec::new() }];
     let description = "Residuals of the second camera over time.".to_owned();
     Chart { description, x_label: "time of the first camera (s)", y_label: seen.unit, x, y: 0.0..top, series }.render()
 }

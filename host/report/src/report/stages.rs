@@ -1,4 +1,4 @@
-//! What every stage took in and gave out.
+//! Input, output and rejected data of each stage.
 
 use maud::{Markup, html};
 
@@ -7,13 +7,13 @@ use super::page::{Section, scrolling};
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::result::stage_lines::{Amount, StageLine, stage_lines};
 
-/// The stages as a table.
+/// Returns the stages as a table.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let content = html! {
-        p { "How much of the data each stage keeps. If a calibration disappoints, look first at a stage that keeps little." }
+        p { "How much of the data each stage keeps. If a calibration is poor, first examine a stage that rejects most of its input." }
         (scrolling("Stages", &table(&stage_lines(calibrated))))
     };
-    Some(Section { id: "stages", title: "What each stage kept", content })
+    Some(Section { id: "stages", title: "Data kept by each stage", folded: true, content })
 }
 
 fn table(lines: &[StageLine]) -> Markup {
@@ -26,9 +26,9 @@ fn table(lines: &[StageLine]) -> Markup {
         table.stages {
             thead { tr {
                 th scope="col" { "stage" }
-                th scope="col" { "took" }
-                th scope="col" { "gave" }
-                th scope="col" { "the rest" }
+                th scope="col" { "input" }
+                th scope="col" { "output" }
+                th scope="col" { "rejected, and notes" }
             } }
             tbody {
                 @for line in lines {

@@ -1,4 +1,4 @@
-//! The camera in the form of other programs, to copy.
+//! The camera in the formats of other programs, to copy.
 
 use std::fmt::Write as _;
 
@@ -10,7 +10,7 @@ use evcal_calibrate::export::{kalibr, opencv, ros};
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_geometry::board::Board;
 
-/// K and D for OpenCV in Python, for ROS and for Kalibr.
+/// Returns K and D for OpenCV in Python, and the camera files for ROS and Kalibr, each folded.
 pub fn forms(calibrated: &Calibrated, board: &Board) -> Markup {
     let camera = CalibratedCamera::new(calibrated, board);
     let opencv = opencv::YAML.export(&camera).ok().map(|exported| python(&exported.camera));
@@ -23,14 +23,13 @@ pub fn forms(calibrated: &Calibrated, board: &Board) -> Markup {
         ("Kalibr: camchain.yaml", file(kalibr::FORMAT)),
     ];
     html! {
-        h3 { "To copy" }
         @for (name, text) in forms {
-            @if let Some(text) = text { details { summary { (name) } pre { (text) } } }
+            @if let Some(text) = text { details.screen { summary { "To copy: " (name) } pre { (text) } } }
         }
     }
 }
 
-/// Two lines for Python.
+/// Returns K and D as NumPy arrays.
 fn python(camera: &Camera<f64>) -> String {
     let parameters = camera.parameters();
     let Some(([fx, fy, cx, cy], distortion)) = parameters.split_first_chunk() else { return String::new() };

@@ -1,4 +1,4 @@
-//! How the camera moved.
+//! The motion of the camera.
 
 use std::ops::Range;
 
@@ -14,16 +14,16 @@ use evcal_calibrate::solve::pose_covariance::{PoseCovariance, PoseSigma};
 use evcal_calibrate::solve::refinement::Refined;
 use evcal_calibrate::trajectory::Trajectory;
 
-/// Angles about x, y and z of the board, turned in this order.
+/// Angles about x, y and z of the board, in this order of rotations.
 const ANGLES: [&str; 3] = ["roll (about x)", "pitch (about y)", "yaw (about z)"];
-/// Points of a curve over a whole recording.
+/// Number of points of a curve over a whole recording.
 const POINTS: f64 = 700.0;
-/// Recordings that are plotted.
+/// Limit of plotted recordings.
 const PLOTTED: usize = 4;
-/// Segments that are listed.
+/// Limit of listed segments.
 const LISTED: usize = 60;
 
-/// Position and rotation over time, and the segments.
+/// Returns position and rotation over time, and the segments.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let events = calibrated.events()?;
     let refined = &events.refined;
@@ -33,23 +33,23 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
         .filter_map(|recording| plots(trajectories, &events.trust.poses, recording, recordings));
     let content = html! {
         p {
-            "The camera's pose in the frame of the board: the origin is the first circle, x runs along a row, y from row to row, and the camera is at "
-            "negative z. Gaps are times without the board; each stretch between gaps is a segment with a spline of its own."
+            "The pose of the camera in the frame of the board: the origin is the first circle, x is along a row, y across the rows, and the camera is at "
+            "negative z. Gaps are times without the board; each segment between gaps has its own spline."
         }
         @for plots in plots { (plots) }
         @if let Some(choice) = &events.choice { (chosen(choice, recordings)) }
         (left_out(&events.trust.left_out))
-        @if recordings > PLOTTED { p.faint { "The other recordings are in the trajectory files." } }
-        details {
+        @if recordings > PLOTTED { p.faint { "The trajectory files contain the other recordings." } }
+        details.screen {
             summary { (trajectories.len()) @if trajectories.len() == 1 { " segment" } @else { " segments" } }
             (scrolling("Segments", &segments(refined)))
-            @if trajectories.len() > LISTED { p.faint { "The first " (LISTED) " segments; all are in calibration.json." } }
+            @if trajectories.len() > LISTED { p.faint { "The first " (LISTED) " segments; calibration.json contains all." } }
         }
     };
-    Some(Section { id: "trajectory", title: "How the camera moved", content })
+    Some(Section { id: "trajectory", title: "Motion of the camera", folded: true, content })
 }
 
-/// Which seconds are in the joint solve, and what each brought.
+/// Returns the seconds of a long recording that the joint solve used, with the information in each.
 fn chosen(choice: &StretchChoice, recordings: usize) -> Markup {
     let of_recording = |recording: usize| {
         let seconds = choice.chosen.iter().filter(move |second| second.recording == recording);
@@ -58,18 +58,18 @@ fn chosen(choice: &StretchChoice, recordings: usize) -> Markup {
         (recording, gains)
     };
     html! {
-        h3 { "What is in the joint solve" }
+        h3 { "Seconds in the joint solve" }
         p {
-            "The board was in view for " (choice.seconds) " s, more than the joint solve takes. The recordings were cut into "
-            (choice.chosen.len()) " parts, and of each part it took the second that says most about the camera. The curves above are of these. Along "
-            "the others the trajectory was solved afterwards, with the camera as it came out; its poses are in the trajectory files."
+            "The board was in view for " (choice.seconds) " s, more than the joint solve uses. The recordings were divided into " (choice.chosen.len())
+            " parts, and the joint solve used the most informative second of each; the curves above show these. The trajectory at other times was "
+            "estimated afterwards, with the camera fixed; its poses are in the trajectory files."
         }
         @for (recording, gains) in (0..recordings.min(PLOTTED)).map(of_recording).filter(|(_, gains)| !gains.is_empty()) {
             figure {
                 (gains_chart(&gains).render())
                 figcaption {
-                    "How much each second" @if recordings > 1 { " of recording " (recording + 1) }
-                    " brought: by how much the variance of the projection would grow without it, as far as the windows tell."
+                    "Information in each second" @if recordings > 1 { " of recording " (recording + 1) }
+                    ": the increase of the projection's variance without it, estimated from the reference frames."
                 }
             }
         }
@@ -79,16 +79,16 @@ fn chosen(choice: &StretchChoice, recordings: usize) -> Markup {
 fn gains_chart(gains: &[(f64, f64)]) -> Chart<'static> {
     let (first, last) = (gains.first().map_or(0.0, |gain| gain.0), gains.last().map_or(1.0, |gain| gain.0));
     Chart {
-        description: "What each second in the joint solve brought, over time.".to_owned(),
+        description: "Information in each second of the joint solve, over time.".to_owned(),
         x_label: "time (s)",
-        y_label: "brought (%)",
+        y_label: "information (%)",
         x: first - 0.5..last + 0.5,
         y: 0.0..1.1 * gains.iter().map(|gain| gain.1).fold(0.1, f64::max),
-        series: vec![Series { name: String::new(), color: Color::Off, curves: Vec::new(), points: gains.to_vec() }],
+        series: vec![Series { name: String::new(), color: Color::First, curves: Vec::new(), points: gains.to_vec() }],
     }
 }
 
-/// One curve for each segment.
+/// One curve per segment.
 type Curves = Vec<Vec<(f64, f64)>>;
 
 /// Position (m), roll, pitch and yaw (°) and their standard deviations (mm, °) over time, by axis.
@@ -101,7 +101,7 @@ struct PoseCurves {
 }
 
 impl PoseCurves {
-    /// Adds the curves of one segment, a point every `step` seconds.
+    /// Adds the curves of one segment, with a point every `step` seconds.
     fn add(&mut self, trajectory: &Trajectory, sigma: impl Fn(f64) -> Option<PoseSigma>, step: f64) {
         let length = trajectory.end() - trajectory.start();
         let count = (length / step).ceil().clamp(2.0, POINTS) as usize;
@@ -111,9 +111,9 @@ impl PoseCurves {
             let t = (trajectory.start() + length * index as f64 / count as f64).min(trajectory.end());
             let Some(pose) = trajectory.pose(t) else { continue };
             let (roll, pitch, yaw) = pose.rotation.euler_angles();
-            let place = pose.translation.vector.iter().copied();
-            let (places, angles) = poses.split_at_mut(3);
-            places.iter_mut().zip(place).for_each(|(curve, value)| curve.push((t, value)));
+            let position = pose.translation.vector.iter().copied();
+            let (positions, angles) = poses.split_at_mut(3);
+            positions.iter_mut().zip(position).for_each(|(curve, value)| curve.push((t, value)));
             angles.iter_mut().zip([roll, pitch, yaw].map(f64::to_degrees)).for_each(|(curve, angle)| {
                 let last = curve.last().map_or(angle, |point| point.1);
                 curve.push((t, nearest_turn(angle, last)));
@@ -130,7 +130,7 @@ impl PoseCurves {
     }
 }
 
-/// The same angle (°) with as many whole turns as bring it near to `last`.
+/// Returns the same angle (°) plus the multiple of 360° that brings it nearest to `last`.
 fn nearest_turn(angle: f64, last: f64) -> f64 {
     angle + 360.0 * ((last - angle) / 360.0).round()
 }
@@ -163,25 +163,25 @@ fn plots(
         @if recordings > 1 { h3 { "Recording " (recording + 1) } }
         div.pair {
             figure { (position.render()) figcaption { "Position of the camera." } }
-            figure { (rotation.render()) figcaption { "Rotation of the camera against the board; 0 is straight on." } }
+            figure { (rotation.render()) figcaption { "Rotation of the camera relative to the board; at 0 it faces the board." } }
         }
         @if let Some([position, rotation]) = sigmas {
             div.pair {
-                figure { (position.render()) figcaption { "How sure the position is: one σ along each axis of the board." } }
-                figure { (rotation.render()) figcaption { "How sure the rotation is: one σ about each axis of the camera." } }
+                figure { (position.render()) figcaption { "Uncertainty of the position: σ along each axis of the board." } }
+                figure { (rotation.render()) figcaption { "Uncertainty of the rotation: σ about each axis of the camera." } }
             }
         }
     })
 }
 
-/// The stretches that are left out, and why.
-fn left_out(stretches: &[LeftOut]) -> Markup {
-    /// Stretches that are named.
+/// Returns the intervals that are left out, with the reasons.
+fn left_out(intervals: &[LeftOut]) -> Markup {
+    /// Limit of listed intervals.
     const NAMED: usize = 20;
-    let of = |reason: Reason| stretches.iter().filter(move |stretch| stretch.reason == reason);
+    let of = |reason: Reason| intervals.iter().filter(move |interval| interval.reason == reason);
     let reasons = [
-        (Reason::Unexplained, "no curve explains the events there"),
-        (Reason::Saturated, "there were more events than the camera can send"),
+        (Reason::Unexplained, "no trajectory fits the events"),
+        (Reason::Saturated, "the camera sent as many events as it can, and lost others"),
     ];
     html! {
         @for (reason, why) in reasons {

@@ -1,52 +1,77 @@
-//! Where on the sensor the result can be trusted.
+//! The uncertainty of the projection over the sensor.
 
 use maud::{Markup, html};
 
-use super::chart::{SensorMap, cells_of_grid, round_up};
+use super::chart::{Cell, SensorMap, cells_of_grid, round_up};
 use super::number::{percent, signed};
 use super::page::Section;
 use super::palette::Palette;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::trust::uncertainty::parts::ProjectionParts;
+use evcal_geometry::lens::projection_difference::ProjectionDifference;
 
-/// Coverage and uncertainty of the projection.
+/// Returns the uncertainty of the projection in words.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let projection = &calibrated.trust.projection;
-    let coverage = &calibrated.trust.coverage;
     let content = html! {
         p {
-            "How far the image of a point may be off, if the same camera were calibrated again and again: one standard deviation, σ, is " (signed(projection.rms, 3))
-            " px over the sensor (rms). The figure at the top, " (signed(projection.rms_95, 3)) " px, is what 95 of 100 calibrations stay below. Where the board was never seen, no data supports the "
-            "result, however small the number: it relies on the lens model alone."
+            "If the same camera were calibrated many times, the image of a distant point would vary by " (signed(projection.rms, 3))
+            " px: one standard deviation (σ), rms over the sensor. In 95 of 100 calibrations the rms error is below " (signed(projection.rms_95, 3))
+            " px, the figure at the top. In regions without observations (grey in the map at the top) the result depends on the lens model alone, and may "
+            "be wrong by more than σ."
         }
         @if let Some(events) = calibrated.events() { (parts(&events.trust.projection_parts)) }
-        div.pair {
-            figure {
-                (uncertainty(calibrated).render())
-                figcaption {
-                    "Standard deviation of the projection, far away and with the camera's rotation removed. Grey: not backed by observations."
-                }
-            }
-            figure {
-                (seen(calibrated).render())
-                figcaption { "Observations in each cell of the sensor; " (percent(coverage.covered)) " of the cells saw enough." }
-            }
-        }
     };
-    Some(Section { id: "trust", title: "Where it can be trusted", content })
+    Some(Section { id: "trust", title: "Uncertainty of the projection", folded: false, content })
 }
 
-/// Where σ comes from.
+/// Returns the map of the uncertainty.
+pub fn uncertainty_map(calibrated: &Calibrated) -> Markup {
+    html! {
+        figure {
+            (uncertainty(calibrated).render())
+            figcaption {
+                "Uncertainty: standard deviation of the projection of distant points, with the rotation of the camera removed. Grey: no observations support "
+                "the result."
+            }
+        }
+    }
+}
+
+/// Returns the map of the observations.
+pub fn observation_map(calibrated: &Calibrated) -> Markup {
+    html! {
+        figure {
+            (seen(calibrated).render())
+            figcaption { "Observations per cell of the sensor; " (percent(calibrated.trust.coverage.covered)) " of the cells have enough." }
+        }
+    }
+}
+
+/// Returns the contributions to σ.
 fn parts(parts: &ProjectionParts) -> Markup {
     let ProjectionParts { noise, between_parts, event_model, focal_lengths, misfit } = *parts;
     html! {
         p {
-            "σ has several parts, whose squares add up: " (signed(noise, 4)) " px from the noise of single events, " (signed(between_parts, 4))
-            " px from what events of one moment share and what changes during the recording, " (signed(event_model, 4))
-            " px from what the model of the events does not follow, " (signed(focal_lengths, 4))
-            " px from the lower limit set for the σ of the focal lengths, and " (signed(misfit, 4)) " px from what the lens model does not follow."
+            "σ² is the sum of the squares of: " (signed(noise, 4)) " px (noise of single events), " (signed(between_parts, 4))
+            " px (errors that events of one moment share, and changes during the recording), " (signed(event_model, 4))
+            " px (errors of the event model), " (signed(focal_lengths, 4)) " px (lower limit for σ of the focal lengths), " (signed(misfit, 4))
+            " px (errors of the lens model)."
         }
     }
+}
+
+/// Returns the sizes of the differences on the sensor as cells of a map, without those where no observations support the calibration, and
+/// the largest of them (px).
+pub fn difference_cells(calibrated: &Calibrated, difference: &ProjectionDifference) -> (Vec<Cell>, f64) {
+    let coverage = &calibrated.trust.coverage;
+    let size = |pixel, difference: Option<[f64; 2]>| {
+        difference.filter(|_| coverage.backs(pixel, calibrated.sensor)).map(|[x, y]| x.hypot(y))
+    };
+    let points: Vec<_> =
+        difference.grid.iter().map(|point| (point.pixel, size(point.pixel, point.difference))).collect();
+    let largest = points.iter().filter_map(|point| point.1).fold(0.0, f64::max);
+    (cells_of_grid(&points, usize::from(difference.columns), usize::from(difference.rows)), largest)
 }
 
 fn uncertainty(calibrated: &Calibrated) -> SensorMap {
@@ -57,7 +82,7 @@ fn uncertainty(calibrated: &Calibrated) -> SensorMap {
     let most = points.iter().filter_map(|point| point.1).fold(0.0, f64::max);
     SensorMap {
         description: format!(
-            "Map of the sensor: standard deviation of the projection, up to {most:.3} px where observations back it."
+            "Map of the sensor: standard deviation of the projection, up to {most:.3} px in regions with observations."
         ),
         sensor: calibrated.sensor,
         cells: cells_of_grid(&points, usize::from(projection.columns), usize::from(projection.rows)),

@@ -1,4 +1,4 @@
-//! How a simulated camera moves.
+//! Settings of the motion of a simulated camera.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,7 +10,7 @@ fn is_free(turning: &Turning) -> bool {
     *turning == Turning::Free
 }
 
-/// How the camera moves.
+/// Motion of the camera.
 ///
 /// | preset | mean image speed |
 /// |---|---|
@@ -23,39 +23,38 @@ fn is_free(turning: &Turning) -> bool {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MotionSettings {
-    /// Mean speed in the image of the board's points in view, in pixels per second, while the
-    /// camera moves.
+    /// Mean speed in the image of the board's points in view, in pixels per second, while the camera moves.
     pub mean_speed: f64,
-    /// Relative rise and fall of the speed within two seconds, 0 to 0.9.
+    /// Relative variation of the speed with a period of two seconds, 0 to 0.9.
     pub speed_variation: f64,
-    /// Size of the circle area relative to the shorter side of the image, from farthest to nearest
-    /// (0.6 and 1: 0.6 m to 1 m for a lens of 330 px and a board of 0.45 m).
+    /// Size of the circle area relative to the shorter side of the image, from farthest to nearest (0.6 and 1 mean 0.6
+    /// m to 1 m for a lens of 330 px and a board of 0.45 m).
     pub fill: [f64; 2],
     /// Factor on the distance from the board.
     pub distance_scale: f64,
-    /// Greatest angle between the line of sight and the board's normal, in degrees, below 80.
+    /// Largest angle between the line of sight and the board's normal, in degrees, below 80.
     pub tilt: f64,
-    /// Greatest turn about the line of sight from `roll_offset` to each side, in degrees.
+    /// Largest rotation about the line of sight from `roll_offset` to each side, in degrees.
     pub roll: f64,
-    /// Mean turn about the line of sight, in degrees.
+    /// Mean rotation about the line of sight, in degrees.
     pub roll_offset: f64,
-    /// How far the circle area may leave the image, as a share of the half field of view.
+    /// Distance by which the circle area may leave the image, as a fraction of the half field of view.
     pub overshoot: f64,
-    /// Where in the image the board's middle is on average, right and down from the middle of the image, as
-    /// a share of the half field of view.
+    /// Mean position of the board's middle in the image, right and down from the middle of the image, as a fraction of
+    /// the half field of view.
     pub aim: [f64; 2],
-    /// How much of the room that the image leaves the board's middle uses, 0 to 1.
+    /// Fraction of the available range of positions that the board's middle uses, 0 to 1.
     pub reach: f64,
     /// Amplitude of the tremor in degrees.
     pub tremor: f64,
-    /// Spans in which the camera is held still; 0.2 s of slowing down and speeding up around them.
+    /// Intervals in which the camera is still; it slows down and speeds up within 0.2 s around them.
     pub pauses: Vec<Interval>,
-    /// Spans in which the camera looks away; 0.8 s of turning around them.
+    /// Intervals in which the camera looks away; it turns within 0.8 s around them.
     pub absences: Vec<Interval>,
-    /// How the camera turns.
+    /// Rotation of the camera.
     #[serde(default, skip_serializing_if = "is_free")]
     pub turning: Turning,
-    /// Seconds after which the motion repeats itself; without them it never does.
+    /// Period in seconds after which the motion repeats; without it the motion never repeats.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub period: Option<f64>,
 }
@@ -87,8 +86,7 @@ impl MotionSettings {
         Self { mean_speed: 350.0, tremor: 0.1, ..Self::slow() }
     }
 
-    /// Quick sweeps of 350 px/s with a pause in every three seconds, and a look away in every three
-    /// seconds, up to `duration` seconds.
+    /// Quick sweeps of 350 px/s with a pause and a look away every three seconds, up to `duration` seconds.
     pub fn interrupted(duration: f64) -> Self {
         let spans = |first: f64| {
             let starts = (0..).map(move |round| first + INTERRUPTION_PERIOD * f64::from(round));
@@ -104,7 +102,7 @@ impl MotionSettings {
         Self { pauses: vec![Interval { start: middle - 1.0, end: middle + 1.0 }], ..Self::fast() }
     }
 
-    /// Quick sweeps two and a half times as far away: the board fills a third of the image.
+    /// Quick sweeps at two and a half times the distance: the board fills a third of the image.
     pub fn far() -> Self {
         Self { distance_scale: 2.6, ..Self::fast() }
     }
@@ -119,12 +117,12 @@ impl MotionSettings {
         Self { fill: [0.35, 0.45], aim: [-0.45, -0.45], reach: 0.15, ..Self::fast() }
     }
 
-    /// Quick motion on a machine that turns the camera in this way: without a tremor.
+    /// Quick motion by a machine with this rotation, without a tremor.
     pub fn turned(turning: Turning) -> Self {
         Self { turning, tremor: 0.0, ..Self::fast() }
     }
 
-    /// Quick sweeps to and fro along the same path, every two seconds.
+    /// Quick sweeps back and forth along the same path, every two seconds.
     pub fn to_and_fro() -> Self {
         Self { period: Some(2.0), speed_variation: 0.0, tremor: 0.0, ..Self::fast() }
     }
@@ -140,7 +138,7 @@ impl MotionSettings {
     }
 }
 
-/// Time from one pause, or one look away, to the next in seconds.
+/// Time in seconds from one pause, or look away, to the next.
 const INTERRUPTION_PERIOD: f64 = 3.0;
 /// Length of a pause or a look away in seconds, without its ramps.
 const INTERRUPTION_LENGTH: f64 = 0.3;

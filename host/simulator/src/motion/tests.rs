@@ -59,7 +59,7 @@ fn the_tilt_stays_within_its_limit() {
     let motion = Motion::new(&settings, &board, &rays, 20.0, 9).unwrap();
     let angles = (0..2000).map(|step| {
         let pose = motion.pose(f64::from(step) * 0.01);
-        // The line of sight that the tilt is measured from goes to the middle of the board.
+        // The tilt is measured from the line of sight to the middle of the board.
         let sight = (motion.middle - pose.translation.vector).normalize();
         sight.z.acos().to_degrees()
     });
@@ -108,7 +108,7 @@ fn the_motion_is_smooth() {
     let h = 1e-4;
     let position = |t: f64| motion.pose(t).translation.vector;
     let acceleration = |t: f64| (position(t + h) - 2.0 * position(t) + position(t - h)) / (h * h);
-    // A jump of position, velocity or acceleration would stand out between samples 0.1 ms apart.
+    // A jump of position, velocity or acceleration would be visible between samples 0.1 ms apart.
     for step in 10..30_000 {
         let t = f64::from(step) * 1e-4;
         let change = (acceleration(t + 1e-4) - acceleration(t)).norm();
@@ -124,7 +124,7 @@ fn other_seeds_move_otherwise() {
     assert!((pose(1).translation.vector - pose(2).translation.vector).norm() > 1e-3);
 }
 
-/// Angular velocities in the axes of the camera (rad/s), every 20 ms of 6 s.
+/// Returns angular velocities in the axes of the camera (rad/s), every 20 ms for 6 s.
 fn turns(settings: &MotionSettings, seed: u64) -> Vec<Vector3<f64>> {
     let motion = Motion::new(settings, &board(), &Rays::new(&radtan(), SIZE), 6.0, seed).unwrap();
     let rotation = |t: f64| motion.pose(t).rotation;

@@ -1,37 +1,38 @@
-//! Ways to turn a camera that leave something open.
+//! Degenerate rotations of a camera, which do not determine all calibration parameters.
 
 use nalgebra::{Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// How the camera turns while it moves before the board.
+/// Rotation of the camera while it moves in front of the board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Turning {
-    /// About all axes, as a hand does.
+    /// About all axes, like a hand.
     #[default]
     Free,
-    /// Not at all.
+    /// No rotation.
     Never,
     /// About its y axis only.
     OneAxis,
-    /// About its line of sight, at the same rate all the time.
+    /// About its line of sight, at a constant rate.
     Evenly,
     /// About all axes, by a few degrees.
     Little,
 }
 
-/// How the board is tilted about the x axis of a camera that does not turn, in degrees: seen from the front it would not tell the
-/// focal length.
+/// Tilt of the board about the x axis of a camera that does not rotate, in degrees: a frontal view would not determine
+/// the focal length.
 const TILT: f64 = 30.0;
-/// Greatest angle of turns about one axis, and of little turns, in degrees.
+/// Largest angle of rotations about one axis, and of small rotations, in degrees.
 const WIDE: f64 = 40.0;
 const SMALL: f64 = 8.0;
-/// Rate of even turns in degrees per second.
+/// Constant rate of rotation in degrees per second.
 const RATE: f64 = 60.0;
 
 impl Turning {
-    /// The rotation from the board's axes to the camera's at time `t` where three waves are at `waves`; `None` where it is free.
+    /// Returns the rotation from the board's axes to the camera's at time `t`, for three waves with values `waves`;
+    /// `None` if the rotation is free.
     pub fn rotation(self, t: f64, waves: [f64; 3]) -> Option<Rotation3<f64>> {
         let turn = match self {
             Self::Free => return None,

@@ -7,11 +7,12 @@ use crate::sensor::{Arbiter, Photoreceptor, SensorModel};
 
 /// An event camera.
 ///
-/// Size, least contrast, latency and throughput are those of table 1 of Gallego et al., "Event-based Vision: A Survey" (TPAMI
-/// 2020, [arXiv:1904.08405](https://arxiv.org/abs/1904.08405)): IMX636 as its Gen4 CD, Gen3.1 as its Gen3 CD, DVXplorer as its
-/// DVS-Gen3, but with iniVation's throughput and time of a scan. For GenX320 figures of pixels are not public: those of
-/// IMX636 are taken. What the table does not have (mismatch, noise, leak, refractory time, blur) is as for the DAVIS346, and so are
-/// thresholds in units of the least contrast, for nobody runs a camera at its least.
+/// Size, smallest contrast, latency and throughput are taken from table 1 of Gallego et al., "Event-based Vision: A
+/// Survey" (TPAMI 2020, [arXiv:1904.08405](https://arxiv.org/abs/1904.08405)): IMX636 from its Gen4 CD, Gen3.1 from its
+/// Gen3 CD, DVXplorer from its DVS-Gen3, but with iniVation's throughput and scan time. Pixel data of GenX320 are not
+/// public; the values of IMX636 are used. Values that the table does not contain (mismatch, noise, leak, refractory
+/// time, blur) are those of the DAVIS346, and so are thresholds in units of the smallest contrast, because cameras are
+/// not operated at their smallest contrast.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SensorPreset {
@@ -31,18 +32,18 @@ pub enum SensorPreset {
     Imx636,
 }
 
-/// What differs from sensor to sensor.
+/// Properties that differ between sensors.
 struct Figures {
     size: Sensor,
-    /// Least contrast that makes an event, as a share.
+    /// Smallest contrast that triggers an event, as a fraction.
     contrast: f64,
-    /// Cut-off of the photoreceptor at white in hertz: 1 / (2 π · largest stated latency).
+    /// Cut-off of the photoreceptor at white in hertz: 1 / (2 π · largest specified latency).
     bandwidth: f64,
-    /// Time on the bus for each event in seconds: 1 / throughput.
+    /// Time on the bus per event in seconds: 1 / throughput.
     event_time: f64,
-    /// Extra time on the bus when the next event is in another row, in seconds.
+    /// Additional time on the bus if the next event is in another row, in seconds.
     row_time: f64,
-    /// Time between two scans of the whole sensor in seconds.
+    /// Time between two scans of the whole sensor in seconds, for sensors that scan.
     scan: Option<f64>,
 }
 
@@ -54,7 +55,8 @@ const DAVIS346: Figures = Figures {
     row_time: 65e-9,
     scan: None,
 };
-/// Its least contrast is 14.3 to 22.5 %; the pixels of the three oldest are of one family and in the same light equally fast.
+/// Its smallest contrast is 14.3 to 22.5 %; the pixels of the three oldest sensors belong to one family and are equally
+/// fast in the same light.
 const DVS128: Figures =
     Figures { size: Sensor::new(128, 128), contrast: 0.17, event_time: 1e-6, row_time: 0.0, ..DAVIS346 };
 const DAVIS240: Figures = Figures { size: Sensor::new(240, 180), contrast: 0.11, ..DAVIS346 };
@@ -85,11 +87,11 @@ const IMX636: Figures = Figures {
 const GENX320: Figures = Figures { size: Sensor::new(320, 320), ..IMX636 };
 
 impl SensorPreset {
-    /// All of them.
+    /// All sensors.
     pub const ALL: &[Self] =
         &[Self::Dvs128, Self::Davis240, Self::Davis346, Self::DvXplorer, Self::Gen31, Self::GenX320, Self::Imx636];
 
-    /// Its name.
+    /// Returns the name.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Dvs128 => "dvs128",
@@ -102,7 +104,7 @@ impl SensorPreset {
         }
     }
 
-    /// Number of columns and rows.
+    /// Returns the number of columns and rows.
     pub const fn size(self) -> Sensor {
         self.figures().size
     }
@@ -119,8 +121,8 @@ impl SensorPreset {
         }
     }
 
-    /// The pixels of this sensor in the light in which those of a DAVIS346 are `davis346`: its share of hot pixels is the same, and
-    /// what has no delay there has none here.
+    /// Returns the pixels of this sensor in the same light as `davis346`: the fraction of hot pixels is the same, and
+    /// delays that are absent there are absent here.
     pub fn pixels(self, davis346: SensorModel) -> SensorModel {
         let Figures { size, contrast, bandwidth, event_time, row_time, scan } = self.figures();
         let threshold = libm::log1p(*contrast) / libm::log1p(DAVIS346.contrast);
@@ -145,7 +147,8 @@ impl SensorPreset {
         }
     }
 
-    /// The motion of the same hand: image speeds grow with the columns of the sensor, for the usual lens does.
+    /// Returns the same motion of the hand: image speeds are proportional to the number of columns, because the focal
+    /// length of the usual lens is.
     pub fn motion(self, davis346: MotionSettings) -> MotionSettings {
         let columns = |sensor: Sensor| f64::from(sensor.width);
         MotionSettings { mean_speed: davis346.mean_speed * columns(self.size()) / columns(DAVIS346.size), ..davis346 }
@@ -166,7 +169,8 @@ mod tests {
 
     #[test]
     fn figures_are_those_of_the_table() {
-        // Thresholds of IMX636 stand to those of a DAVIS346 as ln 1.11 to ln 1.184; its bus carries 1066 events a microsecond.
+        // The thresholds of IMX636 and DAVIS346 have the ratio of ln 1.11 to ln 1.184; the bus of IMX636 carries 1066
+        // events per microsecond.
         let imx636 = SensorPreset::Imx636.pixels(SensorModel::default());
         assert!((imx636.threshold_on - 0.42 * 0.10436 / 0.16890).abs() < 1e-4, "{}", imx636.threshold_on);
         assert!((imx636.arbiter.unwrap().event_time - 1e-6 / 1066.0).abs() < 1e-15);

@@ -10,7 +10,7 @@ use crate::tests::{board, kannala_brandt, radtan};
 
 const POINT_SPREAD: f64 = 0.6;
 
-/// A camera at `distance` metres from the middle of the board, tilted and rolled in degrees.
+/// Returns a camera pose at `distance` metres from the middle of the board, tilted and rolled in degrees.
 fn pose(board: &Board, distance: f64, tilt: f64, roll: f64) -> Isometry3<f64> {
     let turn = nalgebra::UnitQuaternion::from_euler_angles(tilt.to_radians(), 0.3 * tilt.to_radians(), 0.0)
         * nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, roll.to_radians());
@@ -18,7 +18,7 @@ fn pose(board: &Board, distance: f64, tilt: f64, roll: f64) -> Isometry3<f64> {
     Isometry3::from_parts(position.into(), turn)
 }
 
-/// A print by the board's own list of circles or cells.
+/// A print defined by the board's own list of circles or cells.
 enum TrueScene {
     Circles { centers: Vec<Vector2<f64>>, margin: f64 },
     Squares { raster: Raster, bounds: Rectangle, margin: f64, further: f64 },
@@ -46,7 +46,7 @@ impl TrueScene {
         }
     }
 
-    /// Whether a point of the sheet is dark.
+    /// Returns `true` if a point of the sheet is dark.
     fn is_dark(&self, point: &Vector2<f64>, printed: &BoardShape) -> bool {
         match self {
             Self::Circles { centers, .. } => centers.iter().any(|center| (center - point).norm() < printed.radius),
@@ -59,7 +59,7 @@ impl TrueScene {
         }
     }
 
-    /// Whether a point is on the sheet.
+    /// Returns `true` if a point is on the sheet.
     fn is_sheet(&self, point: &Vector2<f64>) -> bool {
         let (low, high, margin) = match self {
             Self::Circles { centers, margin } => {
@@ -72,7 +72,8 @@ impl TrueScene {
     }
 }
 
-/// The unblurred scene at one point of the image, by the pose itself. The ray is followed to a bent board step by step.
+/// Returns the unblurred scene at one point of the image, computed from the pose. The ray is followed to a bent board
+/// step by step.
 fn sharp(
     camera: &Camera<f64>,
     pose: &Isometry3<f64>,
@@ -100,9 +101,9 @@ fn sharp(
     if scene.is_sheet(&point) { settings.white } else { settings.background }
 }
 
-/// The greatest error of the rendered radiance, as a share of the contrast, over pixels of a
-/// view at the print and over those at the sheet's edge, against an integral of the point-spread
-/// function over 300 × 300 points.
+/// Returns the largest errors of the rendered radiance, as a fraction of the contrast, over pixels of a view at the
+/// print and over pixels at the sheet's edge, compared with an integral of the point-spread function over 300 × 300
+/// points.
 fn greatest_errors(
     board: &Board,
     camera: &Camera<f64>,
@@ -144,7 +145,7 @@ fn greatest_errors(
 
 #[test]
 fn radiance_is_the_integral_of_the_point_spread() {
-    // Circles of 5 px radius and more; then 3 px at the least.
+    // Circles of at least 5 px radius; then of at least 3 px.
     for (camera, distance, tilt, step, tolerances) in [
         (radtan(), 0.7, 0.0, 197, [0.001, 0.001]),
         (radtan(), 0.8, 40.0, 197, [0.002, 0.002]),

@@ -1,21 +1,23 @@
-//! The place of a lattice of corners on a checkerboard that is cut by the border of the picture.
+//! Position of a lattice of corners on a checkerboard that is cut by the border of the picture.
 //!
-//! Where the board ends, its outer squares have a corner each on the next line of the lattice: one quadrant differs from the other
-//! three. Such a line is an end of the board. With an end along each direction, or all corners between two ends, the place is certain.
+//! At an end of the board, each outer square has a corner on the next line of the lattice, where one quadrant differs
+//! from the other three. Such a line is an end of the board. With one end along each direction, or all corners between
+//! two ends, the position is certain.
 
 use evcal_geometry::board::homography::homography;
 use nalgebra::Vector2;
 
 use crate::saddles::{Saddle, SaddleTest};
 
-/// Corners within this many steps predict the position of another one, and the fewest that do.
+/// Largest distance in steps of corners that predict the position of another one, and smallest number of such corners.
 const NEIGHBOURHOOD: i32 = 3;
 const LEAST_NEIGHBOURS: usize = 6;
-/// A line is an end of the board if at least so many, and this part, of its places in the picture are corners of outer squares.
+/// A line is an end of the board if at least this number, and this fraction, of its visible lattice points are corners
+/// of outer squares.
 const LEAST_OUTER: usize = 3;
 const LEAST_OUTER_PART: f64 = 0.6;
 
-/// A corner at its place on the lattice; the turn from u to v is that from x to y.
+/// A corner at its lattice point; the rotation from u to v has the same sense as from x to y.
 #[derive(Clone, Copy)]
 pub(super) struct LatticeCorner {
     pub u: i32,
@@ -23,23 +25,23 @@ pub(super) struct LatticeCorner {
     pub saddle: Saddle,
 }
 
-/// A direction of the lattice, seen from the board.
+/// A direction of the lattice with the ends of the board.
 struct Direction {
-    /// Least and greatest place of a corner.
+    /// Smallest and largest coordinate of a corner.
     first: i32,
     last: i32,
-    /// `true` if the line before the first, after the last, is an end of the board.
+    /// `true` if the line before the first, or after the last, is an end of the board.
     begins: bool,
     ends: bool,
 }
 
 impl Direction {
-    /// The same direction, walked backwards.
+    /// Returns the same direction, reversed.
     fn reversed(&self) -> Self {
         Self { first: -self.last, last: -self.first, begins: self.ends, ends: self.begins }
     }
 
-    /// The place of the board's first line, if the board has `count` of them.
+    /// Returns the coordinate of the board's first line, if the board has `count` of them.
     fn origin(&self, count: i32) -> Option<i32> {
         let visible = self.last - self.first + 1;
         match (self.begins, self.ends) {
@@ -53,9 +55,9 @@ impl Direction {
     }
 }
 
-/// The board of a lattice, as far as its visible ends tell.
+/// Position of a lattice on the board, according to the visible ends.
 pub(super) enum Placement {
-    /// The corners by index, up to a half turn.
+    /// The corners by index, up to a rotation by 180°.
     Certain(Vec<(usize, Saddle)>),
     /// All four ends are visible, and the board has other numbers of corners.
     OtherSize { rows: usize, columns: usize },
@@ -63,7 +65,7 @@ pub(super) enum Placement {
     Uncertain,
 }
 
-/// Places a lattice on a board of `rows` × `columns` corners.
+/// Determines the position of a lattice on a board of `rows` × `columns` corners.
 pub(super) fn place_by_ends(corners: &[LatticeCorner], rows: u8, columns: u8, test: &SaddleTest) -> Placement {
     let Some([u, v]) = directions(corners, test) else { return Placement::Uncertain };
     let (rows, columns) = (i32::from(rows), i32::from(columns));
@@ -76,7 +78,7 @@ pub(super) fn place_by_ends(corners: &[LatticeCorner], rows: u8, columns: u8, te
     placed(corners, &u, &v, rows, columns).map_or(Placement::Uncertain, Placement::Certain)
 }
 
-/// The two directions of a lattice with the ends of the board.
+/// Returns the two directions of a lattice with the ends of the board.
 fn directions(corners: &[LatticeCorner], test: &SaddleTest) -> Option<[Direction; 2]> {
     let mut strengths: Vec<f32> = corners.iter().map(|corner| corner.saddle.strength).collect();
     strengths.sort_by(f32::total_cmp);
@@ -108,7 +110,7 @@ fn directions(corners: &[LatticeCorner], test: &SaddleTest) -> Option<[Direction
     Some([u, v])
 }
 
-/// The corners by index, if the ends of the board determine its place.
+/// Returns the corners by index, if the ends of the board determine its position.
 fn placed(
     corners: &[LatticeCorner],
     u: &Direction,
@@ -117,7 +119,7 @@ fn placed(
     columns: i32,
 ) -> Option<Vec<(usize, Saddle)>> {
     let upright = u.origin(columns).zip(v.origin(rows));
-    // After a quarter turn v runs along the rows and u against the columns.
+    // After a rotation by 90° v runs along the rows and u against the columns.
     let turned = v.origin(columns).zip(u.reversed().origin(rows));
     let place = |corner: &LatticeCorner| match (upright, turned) {
         (Some((x, y)), None) => Some([corner.u - x, corner.v - y]),
@@ -134,7 +136,7 @@ fn placed(
     Some(indexed)
 }
 
-/// The position of a place of the lattice, from the corners around it.
+/// Predicts the pixel of a lattice point from the corners around it.
 fn predicted(corners: &[LatticeCorner], [u, v]: [i32; 2]) -> Option<[f32; 2]> {
     let near = |corner: &&LatticeCorner| (corner.u - u).abs().max((corner.v - v).abs()) <= NEIGHBOURHOOD;
     let near: Vec<&LatticeCorner> = corners.iter().filter(near).collect();

@@ -9,27 +9,27 @@ use crate::emulator::model::Model;
 
 const HUB: &str = "sys/devices/pci0000:00/0000:00:14.0/usb2";
 
-/// A socket of the hub, from 1 on, and the camera in it.
+/// A port of the hub, counted from 1, and the camera in it.
 #[derive(Clone, Copy)]
 pub(super) struct Port(pub(super) u8);
 
 impl Port {
-    /// Its address on the bus: the hub has the first, and the second is left free.
+    /// Returns the address on the bus: the hub has the first, and the second is left free.
     pub(super) fn address(self) -> u8 {
         self.0 + 2
     }
 
-    /// Where sysfs has the device.
+    /// Returns the path of the device in sysfs.
     pub(super) fn path(self) -> String {
         format!("/devices/pci0000:00/0000:00:14.0/usb2/2-{}", self.0)
     }
 
-    /// Its node.
+    /// Returns the path of the device node.
     pub(super) fn node(self) -> String {
         format!("dev/bus/usb/002/{:03}", self.address())
     }
 
-    /// The socket to which its ioctls go.
+    /// Returns the path of the socket for ioctls.
     pub(super) fn socket(self) -> String {
         format!("ioctl/{}", self.node())
     }
@@ -43,17 +43,17 @@ impl Port {
     }
 }
 
-/// Makes the device appear on the bus.
+/// Shows the device on the bus.
 pub(super) fn show(directory: &Path, port: Port) -> io::Result<()> {
     symlink(format!("../../..{}", port.path()), directory.join(port.link()))
 }
 
-/// Makes it disappear.
+/// Hides the device.
 pub(super) fn hide(directory: &Path, port: Port) -> io::Result<()> {
     fs::remove_file(directory.join(port.link()))
 }
 
-/// Makes the bus.
+/// Creates the bus.
 pub(super) fn make_bus(directory: &Path) -> io::Result<()> {
     for path in [HUB, "sys/bus/usb/devices", "dev/bus/usb/002", "ioctl/dev/bus/usb/002"] {
         fs::create_dir_all(directory.join(path))?;
@@ -64,7 +64,7 @@ pub(super) fn make_bus(directory: &Path) -> io::Result<()> {
     symlink("../../../devices/pci0000:00/0000:00:14.0/usb2", directory.join("sys/bus/usb/devices/usb2"))
 }
 
-/// What sysfs says of every device.
+/// Writes the sysfs attributes that every device has.
 fn describe(directory: &Path, path: &str, number: u8, product: &str, depth: &str) -> io::Result<()> {
     let write = |name: &str, contents: &[u8]| fs::write(directory.join(path).join(name), contents);
     let minor = u32::from(number) + 127;
@@ -82,7 +82,7 @@ fn describe(directory: &Path, path: &str, number: u8, product: &str, depth: &str
     symlink(format!("{depth}bus/usb"), directory.join(path).join("subsystem"))
 }
 
-/// Makes the device, which is hidden still.
+/// Creates the device, still hidden.
 pub(super) fn make(directory: &Path, port: Port, model: &Model) -> io::Result<()> {
     let device = port.device();
     let write = |name: &str, contents: &[u8]| fs::write(directory.join(&device).join(name), contents);

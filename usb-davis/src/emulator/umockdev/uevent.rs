@@ -1,8 +1,7 @@
-//! What udev tells its listeners when a device comes or goes.
+//! Messages of udev to its listeners when a device is added or removed.
 //!
-//! Under the preload library a listener's netlink socket is a datagram socket `event…` in the
-//! directory of the emulated bus. A message is a header of 40 bytes and properties `NAME=value`,
-//! each ended by a zero byte.
+//! Under the preload library a listener's netlink socket is a datagram socket `event…` in the directory of the emulated
+//! bus. A message is a header of 40 bytes and properties `NAME=value`, each terminated by a zero byte.
 
 use std::fs;
 use std::io;
@@ -12,19 +11,19 @@ use std::path::Path;
 const PREFIX: &[u8; 8] = b"libudev\0";
 const MAGIC: u32 = 0xFEED_CAFE;
 const HEADER_BYTES: u32 = 40;
-/// MurmurHash2, seed 0, of the subsystem `usb` and the device type `usb_device`: listeners have the
-/// kernel filter by these.
+/// MurmurHash2, seed 0, of the subsystem `usb` and the device type `usb_device`: listeners let the kernel filter by
+/// these.
 const SUBSYSTEM_HASH: u32 = 0x0577_C5E5;
 const TYPE_HASH: u32 = 0x27F8_F50C;
 
-/// What happened to the device.
+/// Change of the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Action {
     Add,
     Remove,
 }
 
-/// One message about the USB device at `device_path` of sysfs, with node `/dev/bus/usb/BBB/AAA`.
+/// Returns a message about the USB device at `device_path` of sysfs, with node `/dev/bus/usb/BBB/AAA`.
 fn message(action: Action, number: u64, device_path: &str, bus: u8, address: u8) -> Vec<u8> {
     let action = match action {
         Action::Add => "add",
@@ -43,13 +42,13 @@ fn message(action: Action, number: u64, device_path: &str, bus: u8, address: u8)
     for hash in [SUBSYSTEM_HASH, TYPE_HASH] {
         message.extend(hash.to_be_bytes());
     }
-    // Hash of the tags: there is none.
+    // Hash of the tags; there are no tags.
     message.extend([0; 8]);
     message.extend(properties.into_bytes());
     message
 }
 
-/// Tells everybody who listens on the emulated bus in `directory`.
+/// Notifies all listeners on the emulated bus in `directory`.
 pub(super) fn send(
     directory: &Path,
     action: Action,
@@ -64,7 +63,7 @@ pub(super) fn send(
     for entry in fs::read_dir(directory)? {
         let entry = entry?;
         if entry.file_name().to_string_lossy().starts_with("event") {
-            // A listener that has ended leaves its socket behind.
+            // A listener that has ended may leave its socket behind.
             let _ = socket.send_to(&message, entry.path());
         }
     }

@@ -1,13 +1,13 @@
-//! Ports of the virtual host controller, as sysfs shows them.
+//! Ports of the virtual host controller, as in sysfs.
 //!
-//! `status` (and `status.1`, … with more controllers) has a heading and one line a port:
+//! `status` (and `status.1`, … with more controllers) has a heading and one line per port:
 //!
 //! ```text
 //! hub port sta spd dev      sockfd local_busid
 //! hs  0000 004 000 00000000 000000 0-0
 //! ss  0008 006 005 00020003 000003 4-1
 //! ```
-//! State 4 is a free port, 6 one whose device has been enumerated.
+//! State 4 is a free port, state 6 a port with an enumerated device.
 
 use std::fs;
 use std::io::{self, ErrorKind};
@@ -17,25 +17,25 @@ use std::path::Path;
 
 use super::Location;
 
-/// Where sysfs has the controller.
+/// Path of the controller in sysfs.
 pub(super) const CONTROLLER: &str = "/sys/devices/platform/vhci_hcd.0";
 const DEVICES: &str = "/sys/bus/usb/devices";
 const SUPER_SPEED_HUB: &str = "ss";
 const SPEED_SUPER: u32 = 5;
 const STATE_FREE: u32 = 4;
-/// Number of the device at the other end of the connection: bus 2, address 3. Has no meaning here.
+/// Number of the device at the other end of the connection: bus 2, address 3. It has no effect here.
 const DEVICE: u32 = 0x0002_0003;
 
-/// Why the camera cannot be plugged in or out.
+/// Reason why the camera cannot be plugged in or unplugged.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum VhciError {
-    /// There is no virtual host controller.
+    /// The virtual host controller does not exist.
     #[error(
         "the kernel's virtual USB controller is not there ({CONTROLLER}): run `modprobe vhci-hcd` as root; if there is no such module, this kernel was built without USB/IP (on Debian, the package linux-image-cloud-amd64 was, linux-image-amd64 was not)"
     )]
     ModuleNotLoaded,
-    /// Only root may plug in.
+    /// The user is not root.
     #[error("only root may plug a camera into the virtual USB controller: run it as root, for example with sudo")]
     NotRoot,
     /// All ports are used.
@@ -43,21 +43,21 @@ pub enum VhciError {
         "all {ports} SuperSpeed ports of the virtual USB controller are used: end another emulated camera, or detach a device with `usbip detach`"
     )]
     NoFreePort {
-        /// How many there are.
+        /// Number of ports.
         ports: usize,
     },
-    /// The kernel keeps a port.
+    /// The kernel did not free a port.
     #[error("the kernel has not freed port {port} of the virtual USB controller, although its camera was unplugged")]
     StillAttached {
         /// Number of the port.
         port: u32,
     },
-    /// The operating system says no.
+    /// The operating system reported an error.
     #[error("while {doing}: {source}")]
     Kernel {
-        /// What was being done.
+        /// Operation that failed.
         doing: &'static str,
-        /// What it says.
+        /// Error of the operating system.
         source: io::Error,
     },
 }
@@ -81,7 +81,7 @@ struct Port {
     device: String,
 }
 
-/// Reads the lines of a status file; the heading is none.
+/// Parses the lines of a status file, without the heading.
 fn parse(status: &str) -> impl Iterator<Item = Port> + '_ {
     status.lines().filter_map(|line| {
         let mut columns = line.split_whitespace();
@@ -107,7 +107,7 @@ fn ports(controller: &Path) -> Result<Vec<Port>, VhciError> {
     Ok(ports)
 }
 
-/// Attaches a device that speaks at the other end of `connection`; the port.
+/// Attaches a device that is at the other end of `connection`; returns the port.
 pub(super) fn attach(controller: &Path, connection: &UnixStream) -> Result<u32, VhciError> {
     let ports = ports(controller)?;
     let of_super_speed = || ports.iter().filter(|port| port.super_speed);
@@ -115,7 +115,7 @@ pub(super) fn attach(controller: &Path, connection: &UnixStream) -> Result<u32, 
         let line = format!("{} {} {DEVICE} {SPEED_SUPER}", port.number, connection.as_raw_fd());
         match fs::write(controller.join("attach"), line) {
             Ok(()) => return Ok(port.number),
-            // Somebody was faster.
+            // Another process was faster.
             Err(error) if error.kind() == ErrorKind::ResourceBusy => {}
             Err(error) => return Err(VhciError::kernel("attaching the camera")(error)),
         }
@@ -123,12 +123,12 @@ pub(super) fn attach(controller: &Path, connection: &UnixStream) -> Result<u32, 
     Err(VhciError::NoFreePort { ports: of_super_speed().count() })
 }
 
-/// Whether a device is attached to `port`.
+/// Returns `true` if a device is attached to `port`.
 pub(super) fn is_used(controller: &Path, port: u32) -> Result<bool, VhciError> {
     Ok(ports(controller)?.iter().any(|other| other.number == port && other.state != STATE_FREE))
 }
 
-/// Where the kernel put the device at `port`, once it has and has configured it.
+/// Returns bus and address of the device at `port`, once the kernel has configured it.
 pub(super) fn location(controller: &Path, port: u32) -> Result<Option<Location>, VhciError> {
     let Some(port) = ports(controller)?.into_iter().find(|other| other.number == port) else { return Ok(None) };
     let number = |name| fs::read_to_string(Path::new(DEVICES).join(&port.device).join(name)).ok()?.trim().parse().ok();
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn a_free_super_speed_port_is_taken() {
+    fn a_free_super_speed_port_is_used() {
         let directory = controller(STATUS);
         let (_, connection) = UnixStream::pair().expect("a pair");
         assert_eq!(attach(directory.path(), &connection).expect("a free port"), 9);
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_say_what_is_missing() {
+    fn errors_name_what_is_missing() {
         let (_, connection) = UnixStream::pair().expect("a pair");
         let error = |directory: &Path| attach(directory, &connection).expect_err("it must fail").to_string();
         let directory = tempfile::tempdir().expect("a directory can be made");

@@ -130,7 +130,7 @@ fn too_few_views_and_another_board_are_named() {
     assert!(matches!(few.reason, PictureFailure::TooFewViews { found: 3, read: 3, required: 6, .. }), "{few}");
     let another = blinking(&board, &"aprilgrid:4x4:30mm:0.3".parse().unwrap(), 3, 6).err().unwrap();
     assert!(
-        another.to_string().contains("blinks before a camera at rest, and no board was found in 3 views"),
+        another.to_string().contains("blinks in front of a camera at rest, but no board was found in 3 views"),
         "{another}"
     );
 }

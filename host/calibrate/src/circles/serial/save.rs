@@ -1,36 +1,35 @@
-//! The file that what comes from a port is saved to. Nothing that is there is overwritten: what a device sent once does
-//! not come again.
+//! The file for the bytes from a port. Existing files are never overwritten, because a device does not send its data again.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Why nothing can be saved.
+/// Reasons why nothing can be saved.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SaveError {
-    /// There is something of this name.
+    /// A file or folder of this name exists.
     #[error("{} is there already: choose another name for save=, as no saved stream is overwritten", .0.display())]
     Taken(PathBuf),
-    /// The folder of the file is not there.
-    #[error("{} is no folder: make it, or choose another place for save=", .0.display())]
+    /// The folder of the file does not exist.
+    #[error("{} is not a folder: create it, or choose another folder for save=", .0.display())]
     NoFolder(PathBuf),
-    /// The file cannot be made.
-    #[error("{}: {error}; choose a folder where you may write, with save=", path.display())]
+    /// The file cannot be created.
+    #[error("{}: {error}; choose a writable path with save=", path.display())]
     Failed {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         error: io::Error,
     },
 }
 
-/// Where the bytes of a port are saved.
+/// Destination of the bytes from a port.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SaveTo {
-    /// In a file of this name, which must not be there yet.
+    /// In a file of this name, which must not exist yet.
     File(PathBuf),
-    /// In this folder, as the first of `NAME.circles`, `NAME-2.circles` and so on that is not there yet.
+    /// In this folder, as the first of `NAME.circles`, `NAME-2.circles` and so on that does not exist yet.
     NextIn {
         /// The folder.
         folder: PathBuf,
@@ -40,7 +39,7 @@ pub enum SaveTo {
 }
 
 impl SaveTo {
-    /// Whether something can be saved, told before the work; no file is made.
+    /// Checks in advance that something can be saved; no file is created.
     pub(super) fn check(&self) -> Result<(), SaveError> {
         let Self::File(path) = self else { return Ok(()) };
         if let Ok(there) = fs::metadata(path) {
@@ -52,7 +51,7 @@ impl SaveTo {
         }
     }
 
-    /// Makes the file.
+    /// Creates the file.
     pub(super) fn create(&self) -> Result<File, SaveError> {
         match self {
             Self::File(path) => create_new(path),
@@ -73,12 +72,12 @@ impl SaveTo {
     }
 }
 
-/// Pipes and devices have no content to keep.
+/// Pipes and devices have no content that could be overwritten.
 fn holds_nothing(there: &Metadata) -> bool {
     !there.is_file() && !there.is_dir()
 }
 
-/// Makes a new file, or opens what has no content to keep.
+/// Creates a new file, or opens one without content that could be overwritten.
 fn create_new(path: &Path) -> Result<File, SaveError> {
     let created = match fs::metadata(path).is_ok_and(|there| holds_nothing(&there)) {
         true => OpenOptions::new().write(true).open(path),
@@ -126,6 +125,6 @@ mod tests {
         }
         assert_eq!(fs::read_to_string(&path).unwrap(), "first");
         let nowhere = SaveTo::File(folder.path().join("missing/stream")).check().unwrap_err().to_string();
-        assert!(nowhere.contains("missing is no folder: make it"), "{nowhere}");
+        assert!(nowhere.contains("missing is not a folder: create it"), "{nowhere}");
     }
 }

@@ -8,12 +8,12 @@ use nalgebra::Vector2;
 use super::{CircleFrames, CircleLineError, CircleTrack, CircleTrackErrorKind, describe};
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn, UnorderedCircle, UnorderedFrame};
 
-/// Circles further apart in time than this many seconds are not of one frame.
+/// Time between successive circles (s) from which they belong to different frames.
 const FRAME_GAP: f64 = 0.005;
-/// Seconds; beyond it, times get an origin of their own.
+/// Time (s) from which times get an origin of their own.
 const LARGEST_TIME: f64 = 1e6;
 
-/// What a column holds, with the factor that turns its numbers into seconds, pixels or pixels per second.
+/// Quantity of a column, with the factor that converts its numbers to seconds, pixels or pixels per second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Quantity {
     Time,
@@ -31,7 +31,7 @@ enum Quantity {
 
 const SEPARATORS: [char; 3] = [',', ';', '\t'];
 
-/// The quantity of a column name, its place in names, and divisor of its numbers.
+/// Returns the quantity of a column name, and the divisor of its numbers.
 fn quantity(name: &str) -> Option<(Quantity, f64)> {
     Some(match name.trim().to_lowercase().as_str() {
         "t_s" => (Quantity::Time, 1.0),
@@ -54,7 +54,7 @@ fn quantity(name: &str) -> Option<(Quantity, f64)> {
     })
 }
 
-/// Whether `text`, the beginning of a file, has the line of names of a circle track.
+/// Returns `true` if `text`, the beginning of a file, has the line of names of a circle track.
 pub fn is_circle_track(text: &str) -> bool {
     let names = text.lines().find(|line| !is_comment(line)).unwrap_or_default();
     let has = |wanted| {
@@ -69,7 +69,7 @@ fn is_comment(line: &str) -> bool {
     line.is_empty() || line.starts_with('#')
 }
 
-/// One circle as it stands in the file, in seconds and pixels.
+/// One circle from the file, in seconds and pixels.
 struct Row {
     line: u64,
     frame: Option<u64>,
@@ -79,7 +79,7 @@ struct Row {
     circle: UnorderedCircle,
 }
 
-/// Where the columns are.
+/// Positions of the columns.
 struct Columns {
     count: usize,
     /// Position in a line and divisor.
@@ -108,7 +108,7 @@ pub fn parse(bytes: &[u8], pattern: &Pattern, recording: usize) -> Result<Circle
         let fields: Vec<&str> = line.split(SEPARATORS).map(str::trim).collect();
         let row = columns.row(&fields, number);
         if !line.ends_with('\n') && (row.is_err() || columns.may_have_lost_digits()) {
-            notes.push(format!("line {number} has no end, so it may not be whole; it is left out"));
+            notes.push(format!("line {number} has no line end and may be incomplete; it was ignored"));
             break;
         }
         let mut row = row.map_err(|what| CircleTrackErrorKind::Line { line: number, what })?;
@@ -159,12 +159,12 @@ impl Columns {
             return Err(CircleTrackErrorKind::Columns { line: number, missing });
         }
         if !ignored.is_empty() {
-            notes.push(format!("columns passed over: {}", ignored.join(", ")));
+            notes.push(format!("ignored columns: {}", ignored.join(", ")));
         }
         Ok(Self { count: names.len(), places, origin: 0.0 })
     }
 
-    /// Whether a line cut off in its last field can look whole: unless that field is passed over.
+    /// Returns `true` if a line cut off in its last field can look complete, unless that field is ignored.
     fn may_have_lost_digits(&self) -> bool {
         self.places.values().any(|(index, _)| index + 1 == self.count)
     }
@@ -177,7 +177,7 @@ impl Columns {
             let (index, divisor) = self.places.get(&quantity)?;
             fields.get(*index).filter(|field| !field.is_empty()).map(|field| (*field, *divisor))
         };
-        // Subtracted before the division: whole microseconds stay exact.
+        // Subtracted before the division, so that integer microseconds are exact.
         let number_after = |origin: f64, quantity, name| {
             let parsed = field(quantity).map(|(text, divisor)| {
                 let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
@@ -240,7 +240,7 @@ fn check_places(rows: &[Row], pattern: &Pattern) -> Result<(), CircleTrackErrorK
     Err(CircleTrackErrorKind::OutsideBoard { line, column, row, board: describe(pattern), rows, columns })
 }
 
-/// Puts the circles of each frame together, in the order of the file.
+/// Groups the circles of each frame, in the order of the file.
 fn group(rows: Vec<Row>, notes: &mut Vec<String>) -> Result<Vec<Vec<Row>>, CircleTrackErrorKind> {
     let numbered = rows.iter().filter(|row| row.frame.is_some()).count();
     if numbered == rows.len() {
@@ -269,7 +269,7 @@ fn group(rows: Vec<Row>, notes: &mut Vec<String>) -> Result<Vec<Vec<Row>>, Circl
             _ => frames.push(vec![row]),
         }
     }
-    notes.push(format!("no frame numbers: {} frames were told apart by their times", frames.len()));
+    notes.push(format!("no frame numbers: {} frames were separated by their times", frames.len()));
     Ok(frames)
 }
 
@@ -279,7 +279,7 @@ fn belongs_to(row: &Row, frame: &[Row]) -> bool {
     near && !repeated
 }
 
-/// Gives frames their time windows and the order of time.
+/// Computes the time windows of frames and sorts the frames by time.
 fn arrange(frames: Vec<Vec<Row>>, pattern: &Pattern, recording: usize) -> CircleFrames {
     let window = |rows: &[Row]| {
         rows.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(start, end), row| {

@@ -1,4 +1,4 @@
-//! Against pixels that a shape darkens or leaves when it moves, by its definition.
+//! The dot shape of pixels that become darker or brighter when a shape moves, by its definition.
 
 use evcal_core::event::Event;
 use nalgebra::{Matrix3, Vector3};
@@ -8,7 +8,7 @@ use super::*;
 const PATTERN: Pattern = Pattern { layout: Layout::Symmetric, rows: 4, columns: 5 };
 const RADIUS: f64 = 0.3;
 
-/// Whether a place, in radii from the centre of a dot, is dark.
+/// Returns `true` if a position, in radii from the centre of a dot, is dark.
 type Form = fn(f64, f64) -> bool;
 
 fn disc(x: f64, y: f64) -> bool {
@@ -28,7 +28,7 @@ fn ring(x: f64, y: f64) -> bool {
     disc(x, y) && !disc(2.0 * x, 2.0 * y)
 }
 
-/// A tilted view of the lattice with dots of `pixels` radius in the middle, turned by `turn`.
+/// A tilted view of the lattice, rotated by `turn`, in which dots in the middle have a radius of `pixels`.
 fn view(pixels: f64, turn: f64) -> Matrix3<f64> {
     let scale = pixels / RADIUS;
     let (sin, cos) = turn.sin_cos();
@@ -43,7 +43,7 @@ fn through(map: &Matrix3<f64>, x: f64, y: f64) -> Vector2<f64> {
     seen.xy() / seen.z
 }
 
-/// The dots, `share` of their radius large, and the pixels that change when the board moves by `shift` radii towards `heading`.
+/// The dots, with `share` of their radius, and the pixels that change when the board moves by `shift` radii towards `heading`.
 fn window(form: Form, map: &Matrix3<f64>, share: f64, heading: f64, shift: f64) -> (Vec<Dot>, Vec<EventPixel>) {
     let back = map.try_inverse().unwrap();
     let step = Vector2::new(heading.cos(), heading.sin()) * (0.5 * shift);
@@ -91,10 +91,10 @@ fn discs_are_round_and_full_in_every_direction_of_motion() {
     }
 }
 
-/// The amplitude of four corners of a square of half side 1 is 0.12, over its mean radius of 1.12. Where it moves along a side, only
-/// two sides have events, which one window cannot tell from flat arcs for certain; the detector finds no circle there.
+/// The amplitude of four corners of a square of half side 1 is 0.12, relative to its mean radius of 1.12. If it moves along a
+/// side, only two sides have events, which one window cannot distinguish from flat arcs; the detector finds no circle there.
 #[test]
-fn squares_and_keys_have_corners_whichever_two_sides_lead() {
+fn squares_and_keys_have_corners_in_every_direction_of_motion() {
     for pixels in [4.0, 8.0, 14.0] {
         for heading in HEADINGS.into_iter().skip(1) {
             let (amplitude, sigma) = shape(square, pixels, 1.0, heading).corners().unwrap();
@@ -105,7 +105,7 @@ fn squares_and_keys_have_corners_whichever_two_sides_lead() {
     }
 }
 
-/// Panes are bright squares: their polarities are exchanged.
+/// Window panes are bright squares: their polarities are exchanged.
 #[test]
 fn bright_squares_have_corners_too() {
     let (dots, events) = window(square, &view(9.0, 0.4), 1.0, 1.1, 0.25);
@@ -132,7 +132,7 @@ fn rings_are_hollow_whichever_rim_was_found() {
 }
 
 #[test]
-fn windows_add_up() {
+fn evidence_of_windows_is_added() {
     let mut all = DotShape::default();
     assert_eq!(all.corners(), None);
     let single = shape(key, 8.0, 1.0, 0.5);
@@ -144,7 +144,7 @@ fn windows_add_up() {
 }
 
 #[test]
-fn odd_dots_tell_nothing_and_do_no_harm() {
+fn unusual_dots_have_no_evidence_and_no_effect() {
     let (dots, events) = window(disc, &view(8.0, 0.0), 1.0, 0.0, 0.2);
     assert_eq!(DotShape::of_dots(&dots[..2], &events, &PATTERN).corners(), None);
     assert_eq!(DotShape::of_dots(&dots, &[], &PATTERN).corners(), None);

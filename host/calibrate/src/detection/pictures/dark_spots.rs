@@ -1,16 +1,16 @@
-//! Dark spots of a picture: connected pixels darker than the middle of the grey levels around them.
+//! Dark spots of a picture: connected pixels darker than the mean of the darkest and the brightest pixel around them.
 
 use nalgebra::{Matrix2, Vector2};
 
 use event_recordings::pictures::GreyImage;
 
-/// Smallest share of the light around a dot that is missing in its middle.
+/// Smallest contrast of a dot: the share of the light around it that is missing in its middle.
 pub const SMALLEST_CONTRAST: f64 = 0.25;
 /// Smallest half axis of a dot (px).
 const SMALLEST_HALF_AXIS: f64 = 2.0;
 /// Largest ratio of a dot's longest to its shortest diameter.
 const MOST_ELONGATED: f64 = 4.0;
-/// Largest difference of a dot's area from that of the ellipse with its moments, as a share of it.
+/// Largest difference between a dot's area and the area of the ellipse with its moments, as a share of it.
 const LARGEST_ELLIPSE_ERROR: f64 = 0.25;
 
 /// A connected dark region.
@@ -25,12 +25,12 @@ pub struct DarkSpot {
 }
 
 impl DarkSpot {
-    /// Radius in pixels of the circle with the area of the ellipse.
+    /// Returns the radius in pixels of the circle with the area of the ellipse.
     pub fn radius(&self) -> f64 {
         self.shape.determinant().max(0.0).sqrt().sqrt()
     }
 
-    /// Longest and shortest half axis in pixels.
+    /// Returns the longest and the shortest half axis in pixels.
     pub fn half_axes(&self) -> (f64, f64) {
         let values = self.shape.symmetric_eigenvalues();
         (values.max().max(0.0).sqrt(), values.min().max(0.0).sqrt())
@@ -46,8 +46,8 @@ impl DarkSpot {
     }
 }
 
-/// The dark spots that may be dots of up to `largest_radius` pixels. Grey levels are compared within two distances, so that small
-/// dots in uneven light and large ones are both found.
+/// Returns the dark spots that may be dots of up to `largest_radius` pixels. Grey levels are compared within two distances, so
+/// that both small dots in uneven light and large dots are found.
 pub fn dark_spots(image: &GreyImage, largest_radius: f64) -> Vec<DarkSpot> {
     let mut spots: Vec<DarkSpot> = Vec::new();
     for reach in [largest_radius / 3.0, largest_radius] {
@@ -62,8 +62,8 @@ pub fn dark_spots(image: &GreyImage, largest_radius: f64) -> Vec<DarkSpot> {
     spots
 }
 
-/// Which pixels are darker than halfway between the darkest and the brightest within `reach` pixels,
-/// where these differ enough.
+/// Returns the pixels that are darker than halfway between the darkest and the brightest within `reach` pixels, where these
+/// differ enough.
 fn darker_than_around(image: &GreyImage, reach: usize) -> Vec<bool> {
     let darkest = extreme_around(image, reach, u8::MAX, |a, b| a.min(b));
     let brightest = extreme_around(image, reach, u8::MIN, |a, b| a.max(b));
@@ -75,7 +75,8 @@ fn darker_than_around(image: &GreyImage, reach: usize) -> Vec<bool> {
     pixels.map(judge).collect()
 }
 
-/// The `extreme` of the values within `reach` pixels in x and y of each pixel; it leaves a value as it is beside `neutral`.
+/// Returns the `extreme` of the values within `reach` pixels in x and y of each pixel; combining a value with `neutral` returns
+/// the value.
 fn extreme_around(image: &GreyImage, reach: usize, neutral: u8, extreme: impl Fn(u8, u8) -> u8 + Copy) -> Vec<u8> {
     let (width, height) = (image.width(), image.height());
     let window = 2 * reach + 1;
@@ -90,8 +91,8 @@ fn extreme_around(image: &GreyImage, reach: usize, neutral: u8, extreme: impl Fn
     sliding_extreme(rows, window, width, extreme)
 }
 
-/// The extremes of each `window` values that lie `step` apart, by twice as many at a time: whole slices are compared, which
-/// processors do many values at once.
+/// Returns the extremes of `window` values at distances of `step`, by repeated doubling: whole slices are compared, which
+/// processors vectorise.
 fn sliding_extreme(mut values: Vec<u8>, window: usize, step: usize, extreme: impl Fn(u8, u8) -> u8) -> Vec<u8> {
     let mut covered = 1;
     while covered < window {
@@ -103,7 +104,7 @@ fn sliding_extreme(mut values: Vec<u8>, window: usize, step: usize, extreme: imp
     values
 }
 
-/// Connected regions (over edges) of dark pixels that do not touch the border of the image.
+/// Returns connected regions (over edges) of dark pixels that do not touch the border of the image.
 fn regions(image: &GreyImage, dark: &[bool]) -> Vec<DarkSpot> {
     let (width, height) = (image.width(), image.height());
     let mut open = dark.to_vec();
@@ -135,7 +136,7 @@ fn regions(image: &GreyImage, dark: &[bool]) -> Vec<DarkSpot> {
     found
 }
 
-/// Whether the flag was set; it is no more.
+/// Returns the flag and clears it.
 fn take(flags: &mut [bool], index: usize) -> bool {
     flags.get_mut(index).is_some_and(std::mem::take)
 }
@@ -169,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn extremes_are_those_that_a_search_finds() {
+    fn extremes_agree_with_an_exhaustive_search() {
         let pixels: Vec<u8> = (0..23 * 17).map(|index: u32| (index * index * 37 % 251) as u8).collect();
         let image = GreyImage::new(23, 17, pixels).unwrap();
         for reach in [1, 4, 30] {
@@ -186,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn an_ellipse_has_its_axes_and_what_touches_the_border_is_left_out() {
+    fn an_ellipse_has_its_axes_and_spots_at_the_border_are_excluded() {
         let inside = |x: f64, y: f64| ((x - 50.3) / 12.0).powi(2) + ((y - 40.6) / 6.0).powi(2) < 1.0 || x + y < 9.0;
         let pixels =
             (0..80 * 100).map(|index| if inside((index % 100) as f64, (index / 100) as f64) { 20 } else { 200 });

@@ -1,9 +1,9 @@
-//! The centre of a dark dot to a small part of a pixel.
+//! The centre of a dark dot, to a small fraction of a pixel.
 //!
-//! Around a spot a plane is fitted to the light of the paper; what a pixel lacks of it, as a share w,
-//! sums up to the dot's area and its centre of area. Blur by the lens moves neither, and neither does
-//! the dot's motion while the shutter is open: the centre is that of the middle of the exposure, as far
-//! as the motion is straight. An edge that is fitted where it is steepest has none of that.
+//! Around a spot a plane is fitted to the light of the paper. The missing light of a pixel, as a share w, sums up to the dot's
+//! area and its centre of area. Blur by the lens does not change them. Neither does motion while the shutter is open: the centre
+//! belongs to the middle of the exposure, as far as the motion is straight. The position of the steepest edge has neither
+//! property.
 
 use std::fmt;
 
@@ -25,7 +25,7 @@ pub struct Dot {
     pub blur: f64,
 }
 
-/// Why a spot is no dot that can be measured. Declared in the order of the words, in which reports list them.
+/// Reason why a spot cannot be measured as a dot. Sorted by their words, in the order of reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum NoDot {
     /// The border of the image cuts the dot or its surroundings.
@@ -34,29 +34,28 @@ pub enum NoDot {
     /// It is hardly darker than the paper.
     #[serde(rename = "low contrast")]
     LowContrast,
-    /// The paper around it is not evenly lit, or something lies beside it.
+    /// The paper around it is not evenly lit, or there is something next to it.
     #[serde(rename = "surroundings not even")]
     UnevenSurroundings,
 }
 
 impl fmt::Display for NoDot {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // As reports have it.
+        // The same text as in reports.
         self.serialize(f)
     }
 }
 
-/// Share of the way from the rim to the outer end of the surroundings up to which the dot is summed.
+/// Share of the distance from the rim to the outer end of the surroundings up to which the dot is summed.
 const INNER_SHARE: f64 = 0.65;
-/// Rounds of centring.
+/// Number of rounds of centring.
 const ROUNDS: usize = 3;
-/// Radius, as a share of the dot's, within which a dot is as dark as it gets.
+/// Radius, as a share of the dot's, within which a dot has its full darkness.
 const CORE: f64 = 0.4;
 /// Largest scatter of the light around a dot, as a share of the dot's contrast.
 const MOST_UNEVEN: f64 = 0.15;
 
-/// Measures the dot at `spot`. `reach` is where the surroundings end, in radii: halfway to the rim of
-/// the next dot.
+/// Measures the dot at `spot`. `reach` is the outer end of the surroundings, in radii: halfway to the rim of the next dot.
 pub fn measure(image: &GreyImage, spot: &DarkSpot, reach: f64) -> Result<Dot, NoDot> {
     let inverse = spot.shape.try_inverse().ok_or(NoDot::LowContrast)?;
     let inner = 1.0 + INNER_SHARE * (reach - 1.0);
@@ -71,14 +70,14 @@ pub fn measure(image: &GreyImage, spot: &DarkSpot, reach: f64) -> Result<Dot, No
     measured
 }
 
-/// Distance from the paper's light, in standard deviations, beyond which a pixel is not of it.
+/// Distance from the paper's light, in standard deviations, beyond which a pixel does not belong to the paper.
 const OUTLIER: f64 = 3.0;
-/// Largest share of the surroundings that may be something else than evenly lit paper.
+/// Largest share of the surroundings that is not evenly lit paper.
 const FOREIGN_SHARE: f64 = 0.1;
-/// Grey levels are whole numbers: half of one is the least that their scatter can be told to, and this its median size.
+/// Smallest median deviation from the paper: grey levels are integers, so their scatter is known to half a level at best.
 const SMALLEST_SCATTER: f64 = 0.3;
 
-/// Light of the paper as a plane over the image.
+/// Light of the paper, as a plane over the image.
 struct Paper {
     plane: Vector3<f64>,
     /// Standard deviation of the pixels about it.
@@ -94,10 +93,10 @@ struct Window {
 }
 
 impl Window {
-    /// The pixels within `outer`: place relative to the centre, distance in radii, value.
+    /// Returns the pixels within `outer`: position relative to the centre, distance in radii, value.
     fn pixels<'a>(&self, image: &'a GreyImage) -> impl Iterator<Item = (Vector2<f64>, f64, f64)> + use<'a> {
         let half = Vector2::new(self.shape[(0, 0)].sqrt(), self.shape[(1, 1)].sqrt()) * self.outer;
-        // Casts saturate: what is left of or above the image begins at 0.
+        // Casts saturate: positions left of or above the image become 0.
         let range = |low: f64, high: f64, size: usize| {
             let first = low.ceil().max(0.0) as usize;
             first..(high.floor() as usize + 1).clamp(first, size.max(first))
@@ -121,14 +120,14 @@ impl Window {
         low.x >= 0.0 && low.y >= 0.0 && high.x <= right && high.y <= bottom
     }
 
-    /// The paper's light from `ring`, the places and values of the surroundings.
+    /// Fits the paper's light to `ring`, the positions and values of the surroundings.
     fn paper(ring: &[(Vector2<f64>, f64)]) -> Option<Paper> {
         let residual = |place: &Vector2<f64>, value: f64, plane: &Vector3<f64>| value - plane.dot(&place.push(1.0));
         let scatter_about = |plane: &Vector3<f64>| {
             let mut sizes: Vec<f64> = ring.iter().map(|(place, value)| residual(place, *value, plane).abs()).collect();
             median(&mut sizes, f64::total_cmp).map(|median| SIGMA_BY_MEDIAN * median.max(SMALLEST_SCATTER))
         };
-        // What lies beside the paper would tilt the plane: it begins level, at the height of most pixels.
+        // Objects next to the paper would tilt the plane, so it begins level, at the median.
         let mut values: Vec<f64> = ring.iter().map(|(_, value)| *value).collect();
         let mut plane = Vector3::new(0.0, 0.0, median(&mut values, f64::total_cmp)?);
         let mut scatter = scatter_about(&plane)?;
@@ -147,7 +146,7 @@ impl Window {
         let is_foreign =
             |(place, value): &&(Vector2<f64>, f64)| residual(place, *value, &plane).abs() > OUTLIER * scatter;
         let foreign = ring.iter().filter(is_foreign).count();
-        // Something lies there, and perhaps nearer to the dot too.
+        // With too many other pixels there may be an object, perhaps also nearer to the dot.
         (foreign as f64 <= FOREIGN_SHARE * ring.len() as f64).then_some(Paper { plane, scatter })
     }
 
@@ -185,7 +184,7 @@ impl Window {
             return Err(NoDot::UnevenSurroundings);
         }
         let area = sum / contrast;
-        // Where the share u of the dot goes from 0 to 1 over a Gaussian edge, ∫ u (1 − u) = σ / √π.
+        // For a share u of the dot from 0 to 1 across a Gaussian edge, ∫ u (1 − u) = σ / √π.
         let edge = (area - (squares - noise) / (contrast * contrast)).max(0.0);
         let scale = (area / (std::f64::consts::PI * self.shape.determinant().sqrt())).max(0.0).sqrt();
         let perimeter = perimeter(&self.shape) * scale;
@@ -197,7 +196,7 @@ impl Window {
     }
 }
 
-/// Perimeter of the ellipse `dᵀ shape⁻¹ d = 1` (Ramanujan's first approximation).
+/// Returns the perimeter of the ellipse `dᵀ shape⁻¹ d = 1` (Ramanujan's first approximation).
 fn perimeter(shape: &Matrix2<f64>) -> f64 {
     let values = shape.symmetric_eigenvalues();
     let (a, b) = (values.max().max(0.0).sqrt(), values.min().max(0.0).sqrt());
@@ -209,8 +208,7 @@ mod tests {
     use super::super::dark_spots::dark_spots;
     use super::*;
 
-    /// An ellipse at `center` with half axes (9, 5), blurred by a Gaussian, on paper that gets lighter
-    /// to the right.
+    /// An ellipse at `center` with half axes (9, 5), blurred by a Gaussian, on paper that gets lighter to the right.
     fn picture(center: Vector2<f64>, sigma: f64, beside: Option<u8>) -> GreyImage {
         // The blur, sample by sample.
         const STEPS: i32 = 15;
@@ -243,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn centre_radius_and_blur_are_those_of_the_picture() {
+    fn centre_radius_and_blur_agree_with_the_picture() {
         for (x, y, sigma) in [(50.0, 40.0, 0.7), (50.37, 40.81, 0.7), (49.66, 39.5, 1.5)] {
             let [Ok(dot)] = dots(&picture(Vector2::new(x, y), sigma, None))[..] else { panic!("no dot") };
             assert!((dot.center - Vector2::new(x, y)).norm() < 0.01, "{} for {x} {y}", dot.center);
@@ -253,10 +251,10 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_measured_is_refused_for_its_reason() {
+    fn spots_that_cannot_be_measured_are_refused_with_the_reason() {
         let dots_at = |x: f64, y: f64, beside| dots(&picture(Vector2::new(x, y), 0.7, beside));
         assert_eq!(dots_at(50.0, 8.0, None), [Err(NoDot::CutByBorder)]);
-        // A grey wall a little beside the dot.
+        // A grey wall near the dot.
         assert_eq!(dots_at(66.0, 40.0, Some(90)), [Err(NoDot::UnevenSurroundings)]);
     }
 }

@@ -1,4 +1,4 @@
-//! From the pictures of a recording to reference frames.
+//! Search for the board in the pictures of a recording.
 
 use std::collections::BTreeMap;
 
@@ -19,21 +19,21 @@ use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::numerics::statistics::median;
 use event_recordings::pictures::{GreyImage, TimedImage};
 
-/// Pictures that are searched in one go.
+/// Number of pictures that are searched together.
 const PICTURES_TOGETHER: usize = 64;
-/// Smallest and largest distance to which the paper around a dot is looked at, in radii of the dot.
+/// Smallest and largest outer end of the surroundings of a dot, in radii of the dot.
 const REACH: [f64; 2] = [1.2, 3.0];
 /// Largest blur of the dots' edges (median of a picture), as the standard deviation of a Gaussian (px).
 const MOST_BLURRED: f64 = 2.5;
 
-/// What the pictures of all recordings held.
+/// Statistics of the pictures of all recordings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PictureSearchReport {
     /// Pictures read.
     pub frames: u64,
     /// Pictures in which the board was found.
     pub with_board: u64,
-    /// Pictures without a board or not usable, by reason.
+    /// Pictures without a board or unusable, by reason.
     pub refused: BTreeMap<NoBoard, u64>,
     /// Dots measured in all pictures.
     pub dots: u64,
@@ -44,13 +44,13 @@ pub struct PictureSearchReport {
     /// Median blur of the dots' edges in the pictures with the board, as the standard deviation of a
     /// Gaussian (px).
     pub blur: f64,
-    /// Pictures whose recording does not tell when they were exposed.
+    /// Pictures whose recording contains no exposure times.
     pub without_exposure: u64,
-    /// What could not be read, in sentences.
+    /// Parts that could not be read, as sentences.
     pub notes: Vec<String>,
 }
 
-/// What one picture gave.
+/// Result for one picture.
 struct Searched {
     board: Result<SeenBoard, NoBoard>,
     dots: u64,
@@ -68,13 +68,13 @@ struct SeenBoard {
 /// A dot or corner of the board in a picture.
 struct SeenPoint {
     index: usize,
-    /// Where, in pixels of the picture.
+    /// Position, in pixels of the picture.
     place: Vector2<f64>,
     /// Radius of a dot (px).
     radius: Option<f64>,
 }
 
-/// Looks for the board in the pictures of recordings.
+/// Searches the pictures of recordings for the board.
 pub struct PictureSearch<'a> {
     target: Target<'a>,
     frames: Vec<ReferenceFrame>,
@@ -82,7 +82,7 @@ pub struct PictureSearch<'a> {
     report: PictureSearchReport,
 }
 
-/// What is looked for.
+/// Target of the search.
 enum Target<'a> {
     Circles(CircleTarget<'a>),
     Squares(SquareFinder),
@@ -97,7 +97,8 @@ struct CircleTarget<'a> {
 }
 
 impl<'a> PictureSearch<'a> {
-    /// Looks for `board`; if it is one of circles, at least `fewest` of them must be seen, with radii up to `largest_radius` (px).
+    /// Creates a search for `board`; of a board of circles, at least `fewest` must be visible, with radii up to `largest_radius`
+    /// (px).
     pub fn new(board: &'a Board, fewest: usize, largest_radius: f64) -> Self {
         let target = match board {
             Board::Circles(board) => Target::Circles(CircleTarget { board, largest_radius, fewest }),
@@ -106,14 +107,14 @@ impl<'a> PictureSearch<'a> {
         Self { target, frames: Vec::new(), blurs: Vec::new(), report: PictureSearchReport::default() }
     }
 
-    /// Searches the pictures of recording number `number` of the camera, which `hand_on` hands on in order of time; their times
-    /// count from `start` (µs on the recording's clock), or else from the exposure of the first. `hand_on` returns in a sentence
-    /// what could not be read.
+    /// Searches the pictures of recording number `number`, which `hand_on` passes in order of time. Their times are relative to
+    /// `start` (µs on the recording's clock), or to the exposure of the first picture. `hand_on` returns in a sentence what could
+    /// not be read.
     ///
-    /// Returns the time from which they count.
+    /// Returns the start of the times.
     ///
     /// # Errors
-    /// Those of `hand_on`.
+    /// Errors of `hand_on`.
     pub fn search<E>(
         &mut self,
         number: usize,
@@ -162,7 +163,7 @@ impl<'a> PictureSearch<'a> {
         }
     }
 
-    /// The pictures with the board in their order, and the report.
+    /// Returns the pictures with the board in their order, and the report.
     pub fn finish(mut self) -> (Vec<ReferenceFrame>, PictureSearchReport) {
         self.report.blur = median(&mut self.blurs, f64::total_cmp).unwrap_or(0.0);
         (self.frames, self.report)
@@ -213,7 +214,7 @@ impl CircleTarget<'_> {
     }
 }
 
-/// The points of a board of squares in a picture.
+/// Searches a picture for the points of a board of squares.
 fn search_squares(picture: &TimedImage, finder: &SquareFinder) -> Searched {
     let board = picture.image.as_ref().map_err(|reason| NoBoard::from(*reason)).and_then(|image| {
         let grey = Picture::from_bytes(image.width(), image.height(), &image.pixels).ok_or(NoBoard::NotGrey)?;
@@ -229,7 +230,7 @@ fn search_squares(picture: &TimedImage, finder: &SquareFinder) -> Searched {
     Searched { board, dots, dots_refused: Vec::new() }
 }
 
-/// The reference frame of recording `number` that shows these points; its times count from `start` (µs).
+/// Returns the reference frame of recording `number` with these points; its times are relative to `start` (µs).
 fn reference_frame(picture: &TimedImage, points: Vec<SeenPoint>, number: usize, start: i64) -> ReferenceFrame {
     let seconds = |t: i64| t.saturating_sub(start) as f64 * 1e-6;
     let (start, end) = (seconds(picture.exposure.0), seconds(picture.exposure.1));

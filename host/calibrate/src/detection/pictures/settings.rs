@@ -5,7 +5,7 @@ use evcal_core::settings::above;
 use serde::{Deserialize, Serialize};
 
 settings! {
-    /// The camera's own frames, where a recording has them.
+    /// The camera's own frames, if a recording contains them.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct PictureSettings {

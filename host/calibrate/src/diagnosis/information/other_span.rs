@@ -1,4 +1,4 @@
-//! Streams that span another time than the events beside them, as when a driver stamps them by another clock.
+//! Streams whose time span differs from the events' time span, for example because a driver stamped them with another clock.
 
 use std::fmt;
 
@@ -7,29 +7,29 @@ use serde::Serialize;
 use super::seconds;
 use event_recordings::StreamSummary;
 
-/// Fewest elements of a stream that goes on all the time, as frames and inertial samples do.
+/// Fewest elements of a continuous stream, such as frames or IMU samples.
 const FEWEST: u64 = 20;
-/// Streams begin and end so much apart (s), or a greater share of the events' span, before it is worth a word.
+/// Smallest difference of the beginning or the end that is reported: in seconds, and as a share of the events' span.
 const LEAST: f64 = 0.5;
 const SHARE: f64 = 0.1;
 
-/// A stream that spans another time than the events.
+/// A stream whose time span differs from the events' time span.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OtherSpan {
     /// Name of the stream.
     pub stream: String,
-    /// Its elements.
+    /// Number of its elements.
     pub elements: u64,
-    /// When it begins and ends, in seconds after the first event.
+    /// Start in seconds after the first event.
     pub from_s: f64,
-    /// When it ends.
+    /// End in seconds after the first event.
     pub to_s: f64,
-    /// From the first to the last event (s).
+    /// Time from the first to the last event (s).
     pub events_s: f64,
 }
 
 impl OtherSpan {
-    /// `stream`, if it begins or ends at another time than the `events` (µs).
+    /// Returns `stream` if it begins or ends at another time than the `events` (µs).
     pub(super) fn new(stream: &StreamSummary, events: (i64, i64)) -> Option<Self> {
         let (first, last) = stream.times_us?;
         let after = |time: i64| seconds(time.saturating_sub(events.0));
@@ -50,7 +50,7 @@ impl fmt::Display for OtherSpan {
         )?;
         let rate = span / events_s;
         if (rate - 1.0).abs() < SHARE {
-            return f.write_str("its clock begins elsewhere");
+            return f.write_str("its clock has another origin");
         }
         let count = *elements as f64;
         write!(
@@ -78,8 +78,8 @@ mod tests {
         let told = named(0.0, 16.0, 8000).unwrap();
         assert!(told.contains("2.00 times as fast") && told.contains("1000.0 a second rather than 500.0"), "{told}");
         assert!(named(20.0, 36.0, 8000).unwrap().contains("2.00 times as fast"));
-        assert!(named(-3.0, 5.0, 8000).unwrap().ends_with("begins elsewhere"));
-        // Frames every 40 ms, and triggers now and then.
+        assert!(named(-3.0, 5.0, 8000).unwrap().ends_with("has another origin"));
+        // Frames every 40 ms, and occasional triggers.
         assert_eq!(named(0.04, 7.97, 200), None);
         assert_eq!(named(3.0, 4.0, 5), None);
     }

@@ -1,4 +1,4 @@
-//! Counts the events of a recording.
+//! Statistics of the events of a recording.
 
 use std::cmp::Reverse;
 use std::collections::HashMap;
@@ -11,28 +11,28 @@ use crate::diagnosis::flicker::RateBins;
 use crate::diagnosis::saturation::SaturationDetector;
 use crate::diagnosis::time_steps::TimeSteps;
 
-/// Length of the bins of the peak rate, in microseconds.
+/// Length of the bins for the peak rate, in microseconds.
 const RATE_BIN: i64 = 10_000;
-/// Time without events that counts as a gap, in microseconds.
+/// Shortest time without events that counts as a gap, in microseconds.
 const GAP: i64 = 100_000;
 
-/// What was counted so far.
+/// Counts so far.
 #[derive(Default)]
 pub(super) struct Statistics {
     pub(super) events: u64,
     pub(super) on_events: u64,
-    /// Time stamps of the first and the latest event (us).
+    /// Timestamps of the first and the latest event (µs).
     pub(super) first: Option<i64>,
     pub(super) latest: i64,
     /// The largest column and row of an event.
     pub(super) largest: (u16, u16),
-    /// Start and number of events of the present bin and of the fullest one before.
+    /// Start and number of events of the current bin and of the fullest one so far.
     bin: (i64, u64),
     fullest_bin: (i64, u64),
     pub(super) gap_count: u64,
     /// Duration and start of the longest gaps.
     longest_gaps: Vec<(i64, i64)>,
-    /// Events of each pixel.
+    /// Number of events of each pixel.
     pub(super) pixels: HashMap<(u16, u16), u64>,
     saturation: SaturationDetector,
     pub(super) bins: RateBins,
@@ -102,7 +102,7 @@ impl Statistics {
         self.longest_gaps.iter().map(gap).collect()
     }
 
-    /// Columns that send nothing while most send many events.
+    /// Returns the columns without events if most columns have many.
     pub(super) fn dead_columns(&self) -> Vec<u16> {
         let mut columns = vec![0; if self.events > 0 { usize::from(self.largest.0) + 1 } else { 0 }];
         for ((x, _), events) in &self.pixels {
@@ -113,7 +113,7 @@ impl Statistics {
         dead_lines(&columns)
     }
 
-    /// The number of hot pixels, and the hottest of them.
+    /// Returns the number of hot pixels, and the hottest of them.
     pub(super) fn hot_pixels(&self) -> (u64, Vec<HotPixel>) {
         let limit = most_of_good(self.pixels.values().copied());
         let mut hot: Vec<HotPixel> = self

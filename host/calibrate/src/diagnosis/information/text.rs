@@ -1,4 +1,4 @@
-//! The same as lines of text.
+//! The summary as lines of text.
 
 use std::fmt;
 
@@ -21,7 +21,7 @@ impl fmt::Display for Information {
             line(f, "warning", warning)?;
         }
         if self.events == 0 && self.error.is_none() {
-            line(f, "warning", "it holds no events".to_owned())?;
+            line(f, "warning", "it contains no events".to_owned())?;
         }
         for note in &self.notes {
             line(f, "note", note.clone())?;
@@ -38,7 +38,7 @@ fn line(f: &mut fmt::Formatter<'_>, name: &str, value: String) -> fmt::Result {
 }
 
 impl Information {
-    /// File, camera and length.
+    /// Writes file, camera and length.
     fn write_recording(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         line(f, "file", self.path.clone())?;
         line(f, "format", self.format.to_owned())?;
@@ -61,7 +61,7 @@ impl Information {
         Ok(())
     }
 
-    /// How many events there are, and when they come.
+    /// Writes number and rate of the events.
     fn write_events(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let share = self.on_share.map(|share| format!(", {:.1} % ON", 100.0 * share)).unwrap_or_default();
         line(f, "events", format!("{}{share}", self.events))?;
@@ -102,7 +102,7 @@ impl Information {
         Ok(())
     }
 
-    /// Pixels that send too much or nothing.
+    /// Writes pixels with too many or no events.
     fn write_pixels(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.hot_pixel_count > 0 {
             let shown = self.hottest_pixels.iter().map(|pixel| format!("({}, {}): {}", pixel.x, pixel.y, pixel.events));
@@ -123,7 +123,7 @@ impl Information {
         Ok(())
     }
 
-    /// All streams of the file.
+    /// Writes all streams of the file.
     fn write_streams(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for stream in self.streams.iter().filter(|stream| stream.packets > 0) {
             let seconds = stream.times_us.map_or(0.0, |(first, last)| seconds(last.saturating_sub(first)));

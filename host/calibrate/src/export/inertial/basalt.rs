@@ -1,8 +1,8 @@
-//! basalt's `calibration.json` with the inertial unit.
+//! basalt's `calibration.json` with the IMU.
 //!
-//! `T_imu_cam` maps coordinates of the camera to those of the unit; t_imu = t_cam + `cam_time_offset_ns`. basalt calibrates the other way
-//! round than Kalibr: what is true is (I + S) reading − b. With a reading M f + b' it follows that I + S = M⁻¹ and b = M⁻¹ b'; of the
-//! gyroscope, whose axes are turned by C, I + S = (M C)⁻¹. `calib_accel_bias` is b, then S as its lower triangle by columns,
+//! `T_imu_cam` maps camera coordinates to IMU coordinates; t_imu = t_cam + `cam_time_offset_ns`. basalt's model is the inverse of
+//! Kalibr's: the truth is (I + S) reading − b. With a reading M f + b' it follows that I + S = M⁻¹ and b = M⁻¹ b'; for the
+//! gyroscope, whose axes are rotated by C, I + S = (M C)⁻¹. `calib_accel_bias` is b, then S as its lower triangle by columns,
 //! `calib_gyro_bias` b, then S by columns. `*_noise_std` are densities.
 
 use nalgebra::{Matrix3, Vector3};
@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use super::{ACCELEROMETER_WALK, GYROSCOPE_WALK, Mounted};
 use evcal_geometry::numerics::rigid::pose_of_rows;
 
-/// `basalt-imu.json` from the text of `basalt.json`, whose camera it has.
+/// Writes `basalt-imu.json` from the text of `basalt.json`, with its camera.
 pub fn write(mounted: &Mounted) -> Option<String> {
     let mut file: Value = serde_json::from_str(mounted.basalt?).ok()?;
     let inertial = mounted.inertial;

@@ -1,8 +1,8 @@
-//! Calibration JSON, version 2, of dv-processing with the inertial unit, `S0`, below `imus`.
+//! Calibration JSON, version 2, of dv-processing with the IMU, `S0`, below `imus`.
 //!
-//! `transformationToC0` maps coordinates of the unit to those of the camera, row by row. A stamp of the unit less
-//! `timeOffsetMicros` is one of the camera. Every scalar is text. The offsets are what readings are too large by; the format has no
-//! scale and no misalignment.
+//! `transformationToC0` maps IMU coordinates to camera coordinates, row by row. A timestamp of the IMU minus `timeOffsetMicros`
+//! is one of the camera. Every scalar is a string. The offsets are subtracted from readings; the format has no scale and no
+//! misalignment.
 
 use nalgebra::Matrix4;
 use serde_json::{Value, json};
@@ -12,11 +12,11 @@ use crate::export::number::decimal;
 use crate::result::inertial_result::SensorResult;
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 
-/// Ends of the scales that DVs set a DAVIS346 to: °/s and g.
+/// Ranges to which DV sets a DAVIS346: °/s and g.
 const LARGEST_TURN: f64 = 500.0;
 const LARGEST_ACCELERATION: f64 = 4.0;
 
-/// `dv-processing-imu.json` from the text of `dv-processing.json`, whose camera it has.
+/// Writes `dv-processing-imu.json` from the text of `dv-processing.json`, with its camera.
 pub fn write(mounted: &Mounted) -> Option<String> {
     let mut file: Value = serde_json::from_str(mounted.dv_processing?).ok()?;
     let texts = |values: &[f64]| values.iter().map(|value| decimal(*value)).collect::<Vec<_>>();

@@ -1,9 +1,8 @@
-//! Kalibr's files of a camera with an inertial unit: `camchain-imucam.yaml` and `imu.yaml`, as `kalibr_common/ConfigReader.py`
-//! reads them.
+//! Kalibr's files of a camera with an IMU: `camchain-imucam.yaml` and `imu.yaml`, as `kalibr_common/ConfigReader.py` reads them.
 //!
-//! `T_cam_imu` maps coordinates of the unit to those of the camera; t_imu = t_cam + `timeshift_cam_imu`, for which the delay of
-//! the gyroscope is written: Kalibr has one for both sensors. `accelerometers.M`, `gyroscopes.M` and `gyroscopes.C_gyro_i` are
-//! those of its model `scale-misalignment`; g-sensitivity `gyroscopes.A` is zero.
+//! `T_cam_imu` maps IMU coordinates to camera coordinates; t_imu = t_cam + `timeshift_cam_imu`, which is the delay of the
+//! gyroscope, because Kalibr has one delay for both sensors. `accelerometers.M`, `gyroscopes.M` and `gyroscopes.C_gyro_i` are the
+//! matrices of its model `scale-misalignment`; the g-sensitivity `gyroscopes.A` is zero.
 
 use std::fmt::Write as _;
 
@@ -13,7 +12,8 @@ use super::{Mounted, TOPIC, camera_from_imu, matrix_rows, noise_lines};
 use crate::export::number::{decimal, quoted};
 use crate::export::second_camera;
 
-/// `camchain-imucam.yaml` from the text of `camchain.yaml`, and the other cameras on the mount that Kalibr's models hold.
+/// Writes `camchain-imucam.yaml` from the text of `camchain.yaml`, with the other cameras on the mount that Kalibr's models
+/// support.
 pub fn camchain(mounted: &Mounted) -> Option<String> {
     let first_from_imu = camera_from_imu(&mounted.imu_from_camera?);
     let others = second_camera::kalibr_others(mounted.camera, mounted.others);
@@ -29,7 +29,7 @@ pub fn camchain(mounted: &Mounted) -> Option<String> {
     Some(text)
 }
 
-/// The unit as a camera has it.
+/// Writes the entries of the IMU for a camera.
 fn with_unit(camera_from_imu: Matrix4<f64>, shift: f64) -> String {
     let rows = <[[f64; 4]; 4]>::from(camera_from_imu.transpose());
     format!(
@@ -39,7 +39,7 @@ fn with_unit(camera_from_imu: Matrix4<f64>, shift: f64) -> String {
     )
 }
 
-/// `imu.yaml`.
+/// Writes `imu.yaml`.
 pub fn imu(mounted: &Mounted) -> Option<String> {
     let inertial = mounted.inertial;
     let mut text = "# Random walks are not measured: they are those of usual chips.\nimu0:\n  T_i_b:\n".to_owned();

@@ -1,7 +1,7 @@
 //! OpenVINS: `kalibr_imucam_chain.yaml` and `kalibr_imu_chain.yaml`, as its `YamlParser` reads them.
 //!
-//! `T_imu_cam` maps coordinates of the camera to those of the unit; t_imu = t_cam + `timeshift_cam_imu`. The true angular
-//! velocity is `R_IMUtoGYRO`ᵀ `Tw`⁻¹ (reading − bias), the true acceleration `R_IMUtoACC`ᵀ `Ta`⁻¹ (reading − bias): `Tw` and `Ta` are the
+//! `T_imu_cam` maps camera coordinates to IMU coordinates; t_imu = t_cam + `timeshift_cam_imu`. The true angular velocity is
+//! `R_IMUtoGYRO`ᵀ `Tw`⁻¹ (reading − bias), the true acceleration `R_IMUtoACC`ᵀ `Ta`⁻¹ (reading − bias): `Tw` and `Ta` are the
 //! matrices of the readings, with the lower triangle of its model `kalibr`. The camera must be a pinhole with `radtan` or
 //! `equidistant`.
 
@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 use super::{Mounted, matrix_rows, noise_lines};
 use crate::export::number::{decimal, quoted};
 
-/// `kalibr_imucam_chain.yaml` from the text of `camchain.yaml`.
+/// Writes `kalibr_imucam_chain.yaml` from the text of `camchain.yaml`.
 pub fn camera(mounted: &Mounted) -> Option<String> {
     let known = ["distortion_model: radtan", "distortion_model: equidistant"];
     let camchain = mounted.camchain?;
@@ -28,7 +28,7 @@ pub fn camera(mounted: &Mounted) -> Option<String> {
     Some(text)
 }
 
-/// `kalibr_imu_chain.yaml`.
+/// Writes `kalibr_imu_chain.yaml`.
 pub fn unit(mounted: &Mounted) -> Option<String> {
     let inertial = mounted.inertial;
     let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];

@@ -1,4 +1,4 @@
-//! Every file, read by the formula of the project that it is for, makes the truth of readings again.
+//! Every file, read by the formulas of the program for which it is made, recovers the true motion from readings.
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
@@ -89,7 +89,7 @@ fn text(name: &str) -> String {
     files.into_iter().find(|(found, _)| *found == name).unwrap().1
 }
 
-/// As OpenCV and OpenVINS take it, without the first line that general readers refuse.
+/// As OpenCV and OpenVINS read it, without the first line that general readers reject.
 fn yaml(name: &str) -> Yaml {
     let text = text(name).replace("%YAML:1.0\n", "").replace("!!opencv-matrix", "");
     YamlLoader::load_from_str(&text).unwrap().remove(0)
@@ -114,7 +114,7 @@ fn is_camera_to_unit(matrix: Matrix4<f64>) {
     assert!((matrix - pose().to_homogeneous()).norm() < 1e-12, "{matrix}");
 }
 
-/// What is true, and what the unit reads of it: angular velocity, acceleration.
+/// True angular velocity and acceleration.
 fn truth() -> [Vector3<f64>; 2] {
     [Vector3::new(1.0, -2.0, 0.7), Vector3::new(3.0, -9.0, 2.0)]
 }
@@ -130,7 +130,7 @@ fn is_truth([w, a]: [Vector3<f64>; 2]) {
 }
 
 #[test]
-fn kalibr_has_the_unit_in_the_camera() {
+fn kalibr_file_has_the_pose_of_the_imu_in_the_camera() {
     let (chain, imu) = (yaml("camchain-imucam.yaml"), yaml("imu.yaml"));
     is_camera_to_unit(four(&chain["cam0"]["T_cam_imu"]).try_inverse().unwrap());
     assert_eq!(chain["cam0"]["timeshift_cam_imu"].as_f64(), Some(DELAY));
@@ -142,9 +142,9 @@ fn kalibr_has_the_unit_in_the_camera() {
     assert!((imu["gyroscope_noise_density"].as_f64().unwrap() - 2e-4).abs() < 1e-15);
 }
 
-/// A point of the unit comes to each camera by way of the first, and a moment of the unit is at t_imu − shift on each clock.
+/// A point of the IMU is mapped to each camera by way of the first, and a moment of the IMU is at t_imu − shift on each clock.
 #[test]
-fn kalibr_has_the_unit_in_every_camera() {
+fn kalibr_file_has_the_pose_of_the_imu_in_every_camera() {
     let others = [result(0), result(1)];
     let text =
         files(&camera(), &unit(), &others).into_iter().find(|(name, _)| *name == "camchain-imucam.yaml").unwrap().1;
@@ -166,9 +166,9 @@ fn kalibr_has_the_unit_in_every_camera() {
     }
 }
 
-/// A camera that the solve with the unit moved is the one that belongs to it.
+/// The camera from the solve with the IMU is the one that matches it.
 #[test]
-fn the_camera_is_that_of_the_solve_with_the_unit() {
+fn the_camera_comes_from_the_solve_with_the_imu() {
     let parameters = [81.5, 80.1, 39.3, 29.4, -0.01, 0.001, 0.0, 0.0];
     let moved = Camera::from_parameters(ModelKind::KannalaBrandt, &parameters).unwrap();
     let solved_together = Some(CameraDescription::new(&moved));
@@ -180,7 +180,7 @@ fn the_camera_is_that_of_the_solve_with_the_unit() {
 
 /// ω = R_IMUtoGYROᵀ Tw⁻¹ (ω_m − Tg a − b), a = R_IMUtoACCᵀ Ta⁻¹ (a_m − b); Tw and Ta are lower triangular in its model `kalibr`.
 #[test]
-fn openvins_undoes_the_readings() {
+fn openvins_recovers_the_truth_from_readings() {
     let (chain, imu) = (yaml("kalibr_imucam_chain.yaml"), yaml("kalibr_imu_chain.yaml"));
     is_camera_to_unit(four(&chain["cam0"]["T_imu_cam"]));
     assert_eq!(chain["cam0"]["timeshift_cam_imu"].as_f64(), Some(DELAY));
@@ -199,15 +199,15 @@ fn openvins_undoes_the_readings() {
 }
 
 #[test]
-fn vins_has_the_camera_in_the_body() {
+fn vins_file_has_the_pose_of_the_camera_in_the_body() {
     let file = yaml("vins-fusion.yaml");
     is_camera_to_unit(four(&file["body_T_cam0"]["data"]));
     assert_eq!(file["td"].as_f64(), Some(DELAY));
     assert_eq!((file["g_norm"].as_f64(), file["image_width"].as_i64()), (Some(9.81), Some(80)));
 }
 
-/// After a second of steps as VINS takes them, covariance ← covariance + V noise Vᵀ with V of half a step for each of two readings and of a
-/// step for a walk, velocity, angle and biases are as uncertain as white noise of these densities makes them.
+/// After a second of steps as VINS takes them, covariance ← covariance + V noise Vᵀ with V of half a step for each of two
+/// readings and of a step for a walk, the uncertainty of velocity, angle and biases agrees with white noise of these densities.
 #[test]
 fn vins_integrates_the_noise_of_samples() {
     let file = yaml("vins-fusion.yaml");
@@ -229,7 +229,7 @@ fn vins_integrates_the_noise_of_samples() {
 
 /// ω = (I + S) ω_m − b with S by columns; a = (I + S) a_m − b with the lower triangle by columns.
 #[test]
-fn basalt_undoes_the_readings() {
+fn basalt_recovers_the_truth_from_readings() {
     let file: Value = serde_json::from_str(&text("basalt-imu.json")).unwrap();
     let file = &file["value0"];
     let list = |name: &str| -> Vec<f64> { serde_json::from_value(file[name].clone()).unwrap() };
@@ -249,7 +249,7 @@ fn basalt_undoes_the_readings() {
 }
 
 #[test]
-fn dv_has_the_unit_in_the_camera_and_takes_the_offset_off() {
+fn dv_file_has_the_pose_of_the_imu_and_an_offset_to_subtract() {
     let file: Value = serde_json::from_str(&text("dv-processing-imu.json")).unwrap();
     let unit = &file["imus"]["S0"];
     let list = |name: &str| -> Vec<f64> {
@@ -262,9 +262,9 @@ fn dv_has_the_unit_in_the_camera_and_takes_the_offset_off() {
     assert_eq!(file["cameras"]["C0"]["distortionModel"], "equidistant");
 }
 
-/// The transform of the child's frame takes a point of the camera to the unit.
+/// The transform of the child's frame maps a point of the camera to the IMU.
 #[test]
-fn ros_has_the_camera_as_the_child() {
+fn the_camera_is_the_child_frame_in_ros() {
     let file = yaml("static_transform.yaml");
     assert_eq!(file["header"]["frame_id"].as_str(), Some("dvs_imu"));
     assert_eq!(file["child_frame_id"].as_str(), Some("dvs_optical"));
@@ -276,7 +276,7 @@ fn ros_has_the_camera_as_the_child() {
 }
 
 #[test]
-fn a_unit_whose_place_is_not_known_has_its_own_figures_only() {
+fn without_a_known_position_only_the_sensor_files_of_the_imu_are_written() {
     let files = files(&camera(), &InertialResult { imu_from_camera: None, ..unit() }, &[]);
     let names: Vec<&str> = files.iter().map(|(name, _)| *name).collect();
     assert_eq!(names, ["imu.yaml", "kalibr_imu_chain.yaml"]);

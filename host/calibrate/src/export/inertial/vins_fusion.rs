@@ -1,19 +1,18 @@
-//! VINS-Fusion (and VINS-Mono): the entries of its configuration that a calibration decides, as `cv::FileStorage` reads them.
+//! VINS-Fusion (and VINS-Mono): the calibration entries of its configuration, as `cv::FileStorage` reads them.
 //!
-//! `body_T_cam0` maps coordinates of the camera to those of the unit. `td` is what is added to a stamp of the camera to have that of
-//! the unit. Its model has no scale and no misalignment: the noise stands for errors of both, unless the readings
-//! are corrected before.
+//! `body_T_cam0` maps camera coordinates to IMU coordinates. `td` is added to a timestamp of the camera to get the IMU's. Its
+//! model has no scale and no misalignment: the noise has to cover errors of both, unless the readings are corrected before.
 //!
-//! Noise is given a sample, not as densities. `integration_base.h` adds the noise of two readings to a step of dt, each with half of
-//! dt, which is 2 (dt/2)² `acc_n`² to the variance of a velocity; a density σ adds σ² dt. With dt = 1/rate, `acc_n` = σ √(2 rate). A bias
-//! walks by dt `acc_w` a step, where a density σ adds σ² dt to its variance: `acc_w` = σ √rate.
+//! Noise is given per sample, not as densities. `integration_base.h` adds the noise of two readings to a step of dt, each over
+//! half of dt, which adds 2 (dt/2)² `acc_n`² to the variance of a velocity; a density σ adds σ² dt. With dt = 1/rate, `acc_n` = σ
+//! √(2 rate). A bias walks by dt `acc_w` per step, while a density σ adds σ² dt to its variance: `acc_w` = σ √rate.
 
 use std::fmt::Write as _;
 
 use super::{ACCELEROMETER_WALK, GYROSCOPE_WALK, Mounted, mean};
 use crate::export::number::{decimal, decimals, quoted};
 
-/// `vins-fusion.yaml`.
+/// Writes `vins-fusion.yaml`.
 pub fn write(mounted: &Mounted) -> Option<String> {
     let inertial = mounted.inertial;
     let gravity = inertial.gravity.iter().map(|value| value * value).sum::<f64>().sqrt();

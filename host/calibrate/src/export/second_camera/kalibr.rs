@@ -1,7 +1,7 @@
 //! Kalibr's `camchain.yaml` of several cameras, as `kalibr_common/ConfigReader.py` reads it.
 //!
-//! `T_cn_cnm1` maps coordinates of the camera before to those of this one. The format has a time shift against an inertial unit
-//! only (`timeshift_cam_imu`); the offset between cameras stands in a comment.
+//! `T_cn_cnm1` maps coordinates of the previous camera to coordinates of this one. The format has a time shift only against an
+//! IMU (`timeshift_cam_imu`); the offset between cameras is in a comment.
 
 use std::fmt::Write as _;
 
@@ -12,13 +12,13 @@ use crate::export::kalibr::FORMAT;
 use crate::export::number::decimals;
 use crate::result::calibrated_camera::CalibratedCamera;
 
-/// `camchain-cameras.yaml`; `None` where a camera has no model that the format holds, or there is no second one.
+/// Writes `camchain-cameras.yaml`; `None` if the format does not support the model of a camera, or there is no second one.
 pub fn write(pairs: &[Pair]) -> Option<String> {
     let others: Vec<usize> = (1..=pairs.len()).collect();
     Some(camera(&pairs.first()?.first, 0, &others)? + &self::others(pairs)?.concat())
 }
 
-/// The parts of all cameras but the first.
+/// Writes the parts of all cameras except the first.
 pub fn others(pairs: &[Pair]) -> Option<Vec<String>> {
     let mut before = Isometry3::identity();
     let mut parts = Vec::new();
@@ -35,7 +35,7 @@ pub fn others(pairs: &[Pair]) -> Option<Vec<String>> {
     Some(parts)
 }
 
-/// The part of one camera, whose number is `number` and whose views overlap with those of the cameras `with`.
+/// Writes the part of camera number `number`, whose views overlap with views of the cameras `with`.
 fn camera(calibrated: &CalibratedCamera, number: usize, with: &[usize]) -> Option<String> {
     let topic = if number == 0 { calibrated.ros_topic.clone() } else { format!("/dvs{number}/image_raw") };
     let named = CalibratedCamera { ros_topic: topic, ..calibrated.clone() };

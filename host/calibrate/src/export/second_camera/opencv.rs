@@ -1,8 +1,8 @@
-//! A pair of cameras as OpenCV's `stereoCalibrate` names it: `cameraMatrix1`, `distCoeffs1`, `cameraMatrix2`, `distCoeffs2`, `R`, `T`,
-//! `E`, `F`.
+//! A pair of cameras as OpenCV's `stereoCalibrate` names it: `cameraMatrix1`, `distCoeffs1`, `cameraMatrix2`, `distCoeffs2`, `R`,
+//! `T`, `E`, `F`.
 //!
-//! x₂ = R x₁ + T maps coordinates of the first camera to those of the second; x₂ᵀ E x₁ = 0 for directions, m₂ᵀ F m₁ = 0 for pixels
-//! without distortion.
+//! x₂ = R x₁ + T maps coordinates of the first camera to coordinates of the second; x₂ᵀ E x₁ = 0 for bearings, m₂ᵀ F m₁ = 0 for
+//! undistorted pixels.
 
 use evcal_core::camera::ModelKind;
 use nalgebra::Matrix3;
@@ -12,15 +12,15 @@ use crate::export::file_storage::{self, Entry, Value, entry};
 use crate::export::opencv::YAML;
 use crate::result::calibrated_camera::CalibratedCamera;
 
-/// A camera as OpenCV takes it.
+/// A camera in OpenCV's terms.
 struct Lens {
-    /// The functions that take it: `radtan`, `fisheye`.
+    /// Family of functions for it: `radtan`, `fisheye`.
     kind: &'static str,
     matrix: Matrix3<f64>,
     distortion: Vec<f64>,
 }
 
-/// `stereo.yaml`; `None` where OpenCV has no model for both that can be used together.
+/// Writes `stereo.yaml`; `None` if OpenCV has no models for both that can be used together.
 pub fn write(pair: &Pair) -> Option<String> {
     let (one, two) = (lens(&pair.first)?, lens(&pair.second)?);
     if one.kind != two.kind {
@@ -30,7 +30,7 @@ pub fn write(pair: &Pair) -> Option<String> {
     let place = pair.second_first.translation.vector;
     let essential = place.cross_matrix() * rotation;
     let fundamental = two.matrix.try_inverse()?.transpose() * essential * one.matrix.try_inverse()?;
-    // Its size has no meaning; OpenCV makes the last entry 1.
+    // Its scale has no meaning; OpenCV sets the last entry to 1.
     let last = fundamental[(2, 2)];
     let fundamental = if last.abs() > f64::EPSILON { fundamental / last } else { fundamental };
     let matrix = |matrix: Matrix3<f64>| Value::Matrix { rows: 3, values: matrix.transpose().as_slice().to_vec() };
@@ -60,7 +60,7 @@ fn lens(calibrated: &CalibratedCamera) -> Option<Lens> {
     let camera = YAML.export(calibrated).ok()?.camera;
     let kind = match camera.kind() {
         ModelKind::KannalaBrandt => "fisheye",
-        // Its stereo calibration has other names.
+        // OpenCV's stereo calibration of omnidirectional cameras has other names.
         ModelKind::Omni => return None,
         _ => "radtan",
     };

@@ -1,4 +1,4 @@
-//! Every file, read by the formula of the project that it is for, puts a point where the second camera sees it.
+//! Every file, read by the formulas of the program for which it is made, maps a point to its position in the second camera.
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
@@ -67,7 +67,7 @@ fn texts() -> Vec<(String, String)> {
     files(&CalibratedCamera::seen_everywhere(lens(0.0), SENSOR), &[result(0), result(1)]).unwrap()
 }
 
-/// As each project takes it, without the first line that general readers refuse.
+/// As each program reads it, without the first line that general readers reject.
 fn documents(name: &str) -> Vec<Yaml> {
     let text = texts().into_iter().find(|(found, _)| found == name).unwrap().1;
     YamlLoader::load_from_str(&text.replace("%YAML:1.0\n", "").replace("!!opencv-matrix", "")).unwrap()
@@ -92,9 +92,10 @@ fn files_are_known_by_their_names() {
     assert!(!is_file("stereo-mine.yaml") && !is_file("camchain.yaml"));
 }
 
-/// `CameraChainParameters.getExtrinsicsLastCamToHere`: from the camera before to this one; products of them lead from the first to any.
+/// `CameraChainParameters.getExtrinsicsLastCamToHere`: from the previous camera to this one; their products map from the first
+/// camera to any other.
 #[test]
-fn the_chain_of_kalibr_leads_from_camera_to_camera() {
+fn the_chain_of_kalibr_maps_from_camera_to_camera() {
     let [chain] = documents("camchain-cameras.yaml").try_into().unwrap();
     let mut point = POINT;
     for (index, pose) in poses().into_iter().enumerate() {
@@ -148,7 +149,7 @@ fn a_pair_of_opencv_projects_as_both_cameras_do() {
 
 /// tf: the transform of a child in its parent maps the child's coordinates to the parent's.
 #[test]
-fn transforms_of_ros_lead_from_the_second_camera_to_the_first() {
+fn transforms_of_ros_map_from_the_second_camera_to_the_first() {
     let documents = documents("static_transforms.yaml");
     assert_eq!(documents.len(), 2);
     for (index, (document, pose)) in documents.iter().zip(poses()).enumerate() {

@@ -1,4 +1,4 @@
-//! Derivatives against differences.
+//! Derivatives compared with differences.
 
 use evcal_core::spline::rotation::exp;
 
@@ -53,7 +53,7 @@ fn derivatives_by_parameters_agree_with_differences() {
         for index in 0..COUNT {
             let mut parameters = parameters();
             if [ACCELEROMETER_DELAY, CLOCK_DRIFT].contains(&index) {
-                // How the filter's own part changes with time is left out.
+                // The change of the filter's own part with time is neglected.
                 parameters.accelerometer_filter = 0.0;
             }
             let at = |size: f64| {

@@ -10,7 +10,7 @@ use evcal_geometry::timed_pose::TimedPose;
 
 const GRAVITY: f64 = 9.81;
 
-/// A motion that does not repeat itself, with `turns` about the three axes (rad).
+/// A motion that does not repeat, with rotations `turns` about the three axes (rad).
 fn hand(turns: [f64; 3]) -> Trajectory {
     let wave = |t: f64, seed: f64| (2.1 * t + seed).sin() + 0.7 * (3.7 * t * (1.0 + 0.02 * t) + 2.0 * seed).sin();
     let pose = |t: f64| {
@@ -41,7 +41,7 @@ fn unit(rotation: UnitQuaternion<f64>, delay: f64) -> InertialParameters {
     }
 }
 
-/// Its samples along `trajectory`, `rate` a second.
+/// Samples of the IMU along `trajectory` at `rate` per second.
 fn samples(trajectory: &Trajectory, unit: &InertialParameters, rate: f64) -> Vec<Sample> {
     let count = (12.0 * rate) as i32;
     let at = |index: i32| {
@@ -55,7 +55,7 @@ fn samples(trajectory: &Trajectory, unit: &InertialParameters, rate: f64) -> Vec
     (0..count).filter_map(at).collect()
 }
 
-/// The 24 rotations that carry axes to axes, and the 24 mirrored ones.
+/// The 24 rotations that map axes to axes, and the 24 mirrored ones.
 fn axis_turns() -> Vec<Matrix3<f64>> {
     let orders = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];
     let turn = |order: [usize; 3], signs: usize| {
@@ -104,7 +104,7 @@ fn any_axes_are_found_and_mirrored_ones_are_named() {
 }
 
 #[test]
-fn any_offset_and_rate_end_at_the_same_place() {
+fn any_offset_and_rate_lead_to_the_same_position() {
     let trajectory = hand([0.3, 0.35, 0.25]);
     for (delay, rate) in [(-5.0, 1000.0), (5.0, 200.0), (0.002, 50.0), (-1.3, 20.0), (2.0, 100.0)] {
         let truth = unit(exp(&Vector3::new(1.0, -2.0, 0.5)), delay);
@@ -116,7 +116,7 @@ fn any_offset_and_rate_end_at_the_same_place() {
 }
 
 #[test]
-fn motions_that_leave_something_open_are_named() {
+fn degenerate_motions_are_named() {
     let truth = unit(exp(&Vector3::new(1.0, -2.0, 0.5)), 0.003);
     let refusal = |trajectory: &Trajectory| {
         let samples = samples(trajectory, &truth, 250.0);

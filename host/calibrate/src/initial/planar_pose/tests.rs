@@ -25,7 +25,7 @@ fn apart(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
 }
 
 #[test]
-fn exact_images_give_the_pose() {
+fn exact_images_yield_the_pose() {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     for view in 0..50 {
         let pose = truth(view);
@@ -36,10 +36,10 @@ fn exact_images_give_the_pose() {
     }
 }
 
-/// From afar, a tilt to one side and the tilt to the other look the same: the second solution is the
-/// plane mirrored at the one that faces the camera.
+/// From afar, a tilt to one side and the tilt to the other look the same: the second solution is the plane mirrored at the one
+/// that faces the camera.
 #[test]
-fn a_small_plane_has_two_poses_that_fit_alike() {
+fn a_plane_that_appears_small_has_two_poses_that_fit_equally_well() {
     let rotation = UnitQuaternion::from_euler_angles(0.4, 0.0, 0.0);
     let far = Isometry3::from_parts(Translation3::new(0.0, 0.0, 8.0), rotation) * Translation3::new(-0.12, -0.08, 0.0);
     let mut random = ChaCha8Rng::seed_from_u64(2);
@@ -53,7 +53,7 @@ fn a_small_plane_has_two_poses_that_fit_alike() {
 }
 
 #[test]
-fn points_that_determine_no_pose_give_none() {
+fn points_that_determine_no_pose_yield_none() {
     let line = |index: i32| PlanePoint { plane: Vector2::new(f64::from(index), 0.0), image: Vector2::new(0.01, 0.0) };
     let line: Vec<PlanePoint> = (0..10).map(line).collect();
     assert!(ippe(&line).is_empty() && ippe(&line[..3]).is_empty() && ippe(&[]).is_empty());
@@ -61,9 +61,9 @@ fn points_that_determine_no_pose_give_none() {
     assert_eq!(planar_pose(&line[..3], 0.01, 100, 0), None);
 }
 
-/// Four of ten points are wrong: whatever the samples, those that are right are found.
+/// Four of ten points are wrong: whatever the samples, the correct points are found.
 #[test]
-fn wrong_points_are_left_out_whatever_the_seed() {
+fn wrong_points_are_excluded_whatever_the_seed() {
     let mut random = ChaCha8Rng::seed_from_u64(3);
     let (pixel, bound) = (1.0 / 345.0, 3.0 / 345.0);
     for view in 0..20 {

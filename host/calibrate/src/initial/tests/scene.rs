@@ -35,8 +35,8 @@ pub fn gauss(rng: &mut ChaCha8Rng) -> f64 {
     (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
-/// A hand's motion: `T_camera_world` of a board that wanders through the image, tilts to all sides and
-/// rolls, at a distance at which it fills most of the image of `camera`.
+/// A hand's motion: `T_camera_world` of a board that moves through the image, tilts to all sides and rolls, at a distance at
+/// which it fills most of the image of `camera`.
 pub fn pose(camera: &Camera<f64>, board: &Board, t: f64) -> Isometry3<f64> {
     let wave = |rate: f64, phase: f64| (rate * t + phase).sin();
     let tilt = UnitQuaternion::from_euler_angles(0.6 * wave(2.1, 0.3), 0.6 * wave(1.7, 1.9), 0.5 * wave(0.9, 0.0));
@@ -54,7 +54,7 @@ pub fn image(camera: &Camera<f64>, pose: &Isometry3<f64>, board: &Board, index: 
     (inside(pixel.x, SENSOR.width) && inside(pixel.y, SENSOR.height)).then_some(pixel)
 }
 
-/// What is wrong with a frame on purpose.
+/// A deliberate fault of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fault {
     None,
@@ -67,7 +67,7 @@ pub struct Scene {
     pub camera: Camera<f64>,
     pub board: Board,
     pub noise: f64,
-    /// One circle in so many is misplaced.
+    /// One of this number of circles is misplaced.
     pub misplaced: u32,
     pub step: f64,
     pub count: usize,
@@ -82,8 +82,8 @@ impl Scene {
         pose(&self.camera, &self.board, frame as f64 * self.step)
     }
 
-    /// Circles as detectors see them, at the centres of their elliptic images, some misplaced;
-    /// parts of the board that leave the image are missing.
+    /// Returns circles as detectors see them, at the centres of their elliptic images, some misplaced; parts of the board outside
+    /// the image are missing.
     pub fn frames(&self, seed: u64, fault: impl Fn(usize) -> Fault) -> Vec<ReferenceFrame> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let columns = usize::from(self.board.lattice().columns);

@@ -1,4 +1,4 @@
-//! The native start against the truth.
+//! The native start against the ground truth.
 
 use super::*;
 use crate::initial::native_start::native_start;
@@ -13,7 +13,7 @@ fn model(scene: &Scene, frames: &[ReferenceFrame], start: &'static dyn Start) ->
     initial_model(frames, &scene.board, SENSOR, scene.camera.kind(), &settings(start)).unwrap()
 }
 
-/// What a start has to cope with.
+/// Returns difficult inputs of a start.
 fn inputs(kind: ModelKind) -> [(&'static str, Scene); 3] {
     [
         ("many views", Scene { step: 0.06, count: 100, ..Scene::new(kind) }),
@@ -22,7 +22,7 @@ fn inputs(kind: ModelKind) -> [(&'static str, Scene); 3] {
     ]
 }
 
-/// Exact images: the camera comes back but for what the prior on the distortion does.
+/// Exact images yield the camera, apart from the effect of the prior on the distortion.
 #[test]
 fn the_native_start_finds_the_camera_of_exact_images() {
     for &kind in ModelKind::ALL {
@@ -34,8 +34,8 @@ fn the_native_start_finds_the_camera_of_exact_images() {
     }
 }
 
-/// Whatever samples RANSAC draws, they lead to the same camera: what is left between two comes from the prior, which
-/// remembers where the refinement started, and is far below their distance from the truth.
+/// All RANSAC samples lead to the same camera. The remaining difference between two comes from the prior, which depends on the
+/// start of the refinement, and is far below their distance from the ground truth.
 #[test]
 fn the_seed_of_ransac_does_not_change_the_camera() {
     for kind in [ModelKind::Radtan, ModelKind::KannalaBrandt] {
@@ -43,7 +43,7 @@ fn the_seed_of_ransac_does_not_change_the_camera() {
             let frames = scene.frames(3, |_| Fault::None);
             let reference = model(&scene, &frames, &NativeStart { seed: 0 });
             assert!(reference.report.native_start && reference.report.opencv.is_none());
-            // Where there are few views, one that is drawn or not counts most.
+            // With few views, each drawn view matters most.
             for seed in 1..if input == "few views" { 32 } else { 5 } {
                 let found = model(&scene, &frames, Box::leak(Box::new(NativeStart { seed })));
                 let apart = difference(&reference.camera, &found.camera, SENSOR);
@@ -55,9 +55,9 @@ fn the_seed_of_ransac_does_not_change_the_camera() {
     }
 }
 
-/// The double sphere model has two sides, xi < 0 and xi > 0, with cameras that are nearly alike.
+/// The double sphere model has two local minima, xi < 0 and xi > 0, with nearly equal cameras.
 #[test]
-fn a_start_on_the_wrong_side_of_a_model_is_left() {
+fn a_start_in_the_wrong_local_minimum_is_corrected() {
     let (scene, sightings) = exact_sightings(ModelKind::DoubleSphere);
     let settings = settings(&NativeStart { seed: 0 });
     let xi = |camera: &Camera<f64>| camera.parameters()[4];

@@ -1,12 +1,12 @@
-//! CSV of OptiTrack Motive: a line of names and values, then rows that say of every column what it is (`Type`, `Name`, `ID`,
-//! rotation or position, axis), then one frame a line. Where a body was not seen its fields are empty.
+//! CSV of OptiTrack Motive: a line of names and values, then rows that describe every column (`Type`, `Name`, `ID`, rotation or
+//! position, axis), then one frame per line. If a body was not tracked, its fields are empty.
 
 use nalgebra::Vector3;
 
 use super::{CaptureError, number, push};
 use evcal_geometry::timed_pose::TimedPose;
 
-/// What a column may belong to.
+/// Type of the columns of a rigid body.
 const RIGID_BODY: &str = "Rigid Body";
 
 /// The columns of a body: time, position x y z, quaternion w x y z.
@@ -16,7 +16,7 @@ struct Columns {
     rotation: [usize; 4],
 }
 
-/// The poses of `body`, or of the only one.
+/// Parses the poses of `body`, or of the only one.
 pub fn parse(text: &str, body: Option<&str>) -> Result<Vec<TimedPose>, CaptureError> {
     let mut lines = text.lines().enumerate();
     let about = lines.next().map_or("", |(_, line)| line);
@@ -48,7 +48,7 @@ pub fn parse(text: &str, body: Option<&str>) -> Result<Vec<TimedPose>, CaptureEr
     Ok(poses)
 }
 
-/// Metres in one unit of the file.
+/// Returns the metres per unit of the file.
 fn length_unit(about: &str) -> Result<f64, CaptureError> {
     let fields: Vec<&str> = about.split(',').map(str::trim).collect();
     let said = |name: &str| fields.iter().position(|field| *field == name).and_then(|at| fields.get(at + 1).copied());
@@ -71,7 +71,7 @@ fn length_unit(about: &str) -> Result<f64, CaptureError> {
 
 fn columns(head: &[Vec<&str>], body: Option<&str>) -> Result<Columns, CaptureError> {
     let titled = |title: &str| head.iter().find(|row| row.get(1) == Some(&title));
-    // Old versions leave the titles of the rows out.
+    // Old versions have no titles of the rows.
     let types = head.iter().find(|row| row.contains(&RIGID_BODY)).ok_or(CaptureError::NoBody)?;
     let below =
         |row: &Vec<&str>| head.iter().position(|other| std::ptr::eq(other, row)).and_then(|at| head.get(at + 1));

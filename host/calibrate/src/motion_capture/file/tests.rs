@@ -27,7 +27,7 @@ fn motive_is_read_by_the_names_of_its_columns() {
 }
 
 #[test]
-fn motive_says_what_to_export() {
+fn errors_in_motive_files_name_what_to_export() {
     assert!(message(MOTIVE, None).contains("several rigid bodies, \"camera\", \"board\""));
     assert!(message(MOTIVE, Some("hat")).contains("no rigid body \"hat\""));
     assert!(message(&MOTIVE.replace("Quaternion", "XYZ"), None).contains("Rotation Type Quaternion"));
@@ -49,7 +49,7 @@ fn euroc_has_nanoseconds_and_w_first() {
     assert_eq!(poses[1].pose.translation.vector, Vector3::new(4.689, -1.787, 0.784));
     assert!(message(&text.replace("4.689", ""), None).contains("line 3: \"\" is not a number"));
     assert!(message(&text.replace(",0.707107,0,0,", ",0.9,0,0,"), None).contains("line 2: the quaternion"));
-    assert!(message(text, Some("body")).contains("name none"));
+    assert!(message(text, Some("body")).contains("do not name one"));
 }
 
 #[test]

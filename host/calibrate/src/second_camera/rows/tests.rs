@@ -1,4 +1,5 @@
-//! The gradient is the slope of the cost, by the mount, by the lens of the second camera and by the first camera's trajectory.
+//! The gradient equals the slope of the cost, by the mount, by the lens of the second camera and by the first camera's
+//! trajectory.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
 use evcal_core::sensor::Sensor;
@@ -30,7 +31,7 @@ fn mount() -> Mount {
     Mount { second_first, offset: 3.25, rate: 1e-3, middle: 3.2, line_delay: None }
 }
 
-/// Events of the second camera beside the rims of two dots.
+/// Events of the second camera near the rims of two dots.
 fn observations(trajectory: &Trajectory) -> SegmentObservations {
     let mut observations = SegmentObservations::default();
     for bin in 0..BINS {
@@ -121,7 +122,7 @@ fn the_gradient_is_the_slope_of_the_cost() {
         };
         (at(1.0) - at(-1.0)) / (2.0 * size)
     };
-    // How far the cost is from a parabola: second order in the distance from the edge.
+    // Deviation of the cost from a parabola: second order in the distance from the edge.
     let assert_close = |found: f64, wanted: f64, scale: f64, what: &str| {
         assert!((found - wanted).abs() < 0.02 * (wanted.abs() + scale), "{what}: {found} against {wanted}");
     };
@@ -138,7 +139,7 @@ fn the_gradient_is_the_slope_of_the_cost() {
         assert_close(part.gradient[row], slope(index, 1e-5, true), 5e3, &format!("control point {index}"));
     }
 
-    // The border, from the gradients of a moved mount: all of it is one quadratic function.
+    // The border, from the gradients of a changed mount: all of it is one quadratic function.
     let step = 1e-6;
     for column in ROTATION..COUNT {
         let mut globals = [0.0; COUNT];
@@ -154,7 +155,7 @@ fn the_gradient_is_the_slope_of_the_cost() {
     }
 }
 
-/// Circles of frames, at places that the start does not quite explain, at the times of their rows.
+/// Circles of frames, slightly displaced from their predicted positions, at the times of their rows.
 #[test]
 fn the_gradient_is_the_slope_of_the_cost_of_circles_in_frames_too() {
     let trajectory = trajectory();
@@ -193,7 +194,7 @@ fn the_gradient_is_the_slope_of_the_cost_of_circles_in_frames_too() {
     let sizes = [1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-4, 1e-7, 0.01, 0.01, 1e-4];
     for (index, size) in sizes.into_iter().enumerate() {
         let wanted = (cost(index, size) - cost(index, -size)) / (2.0 * size);
-        // The information of a parameter is what its slope changes by; products are summed in single precision.
+        // The information of a parameter is the change of its slope; products are summed in single precision.
         let scale = 1e-4 * part.corner[(index, index)] * size;
         let found = part.corner_gradient[index];
         assert!((found - wanted).abs() < 1e-3 * wanted.abs() + scale, "global {index}: {found} against {wanted}");

@@ -1,4 +1,4 @@
-//! Two cameras on a mount that move as no others.
+//! Two cameras on a mount with a known transform.
 
 use std::ops::Range;
 
@@ -16,7 +16,7 @@ const SECONDS: f64 = 24.0;
 const OFFSET_TRUE: f64 = -1.237_45;
 const RATE_TRUE: f64 = 60e-6;
 
-/// `T_world_camera`, never the same twice; `turn` chooses what of the rotation there is.
+/// `T_world_camera`, which never repeats; `turn` selects the part of the rotation.
 fn first_pose(t: f64, turn: f64) -> Isometry3<f64> {
     let turns = Vector3::new(
         0.4 * (2.1 * t).sin() + 0.2 * (5.3 * t + 0.4).sin() + 0.1 * (0.23 * t * t).cos(),
@@ -51,7 +51,7 @@ fn first(turn: f64) -> Vec<Trajectory> {
     ]
 }
 
-/// The second camera, which takes the board for turned as `world` says.
+/// The second camera, which sees the board in the orientation `world`.
 fn second(turn: f64, world: Isometry3<f64>) -> Vec<Trajectory> {
     let middle = 0.5 * SECONDS + OFFSET_TRUE;
     let pose = move |t: f64| {
@@ -70,7 +70,7 @@ fn check(found: &Start) {
     assert!(moved.translation.vector.norm() < 1e-5 && moved.rotation.angle() < 1e-5, "{found:?}");
     let truth = |t: f64| t - OFFSET_TRUE - RATE_TRUE * (t - 0.5 * SECONDS - OFFSET_TRUE);
     for t in [2.0, 10.0, 20.0] {
-        // The weak prior pulls the rate by 0.3 %, which is 2 µs at the ends.
+        // The weak prior changes the rate by 0.3 %, which is 2 µs at the ends.
         assert!((found.mount.first_time(t) - truth(t)).abs() < 4e-6, "{found:?}");
     }
 }
@@ -86,11 +86,11 @@ fn transform_offset_and_rate_are_found() {
     .unwrap();
     check(&found);
     assert!(found.turns.values().all(|turn| *turn == 0) && found.correlation > 0.99);
-    // Both saw the board but for their gaps and ends.
+    // Both saw the board, except for gaps and ends.
     assert!((18.0..22.5).contains(&found.seconds), "{}", found.seconds);
 }
 
-/// From poses of single frames, which do not lie on each other's times, with a pause.
+/// From poses of single frames at other times, with a pause.
 #[test]
 fn transform_offset_and_rate_are_found_from_frames() {
     let symmetries = board("acircles:10x4:55mm:r17.5mm");
@@ -105,7 +105,7 @@ fn transform_offset_and_rate_are_found_from_frames() {
 }
 
 #[test]
-fn a_board_taken_for_turned_is_turned_back() {
+fn a_board_seen_in_another_orientation_is_rotated_back() {
     for name in ["acircles:10x4:55mm:r17.5mm", "circles:5x5:50mm:r15mm"] {
         let symmetries = board(name);
         for (index, turn) in symmetries.iter().enumerate() {
@@ -116,9 +116,10 @@ fn a_board_taken_for_turned_is_turned_back() {
     }
 }
 
-/// Along the line of sight at the middle of the board, turning about it: nothing tells which way round it is.
+/// Motion along the line of sight at the middle of the board, with rotation about it, does not determine the orientation of the
+/// board.
 #[test]
-fn where_nothing_tells_the_way_round_the_board_is_refused() {
+fn a_motion_that_does_not_determine_the_orientation_of_the_board_is_refused() {
     let symmetries = board("circles:5x4:50mm:r15mm");
     let middle = Vector3::new(0.075, 0.1, 0.0);
     let along = |t: f64| {
@@ -134,9 +135,9 @@ fn where_nothing_tells_the_way_round_the_board_is_refused() {
     assert_eq!(start(&one, &Seen::along(&other), &symmetries, LOOSE), Err(SecondCameraError::SymmetricBoard));
 }
 
-/// How fast it turns repeats itself, where it is does not: it was refused.
+/// Its rotation rate is periodic, its position is not.
 #[test]
-fn an_offset_that_turns_leave_open_is_found_from_the_places() {
+fn an_offset_that_rotations_do_not_determine_is_found_from_the_positions() {
     let pose = |t: f64| {
         let turn = Vector3::new(0.4 * (4.0 * t).sin(), 0.3 * (8.0 * t).cos(), 0.0);
         Isometry3::new(Vector3::new(0.2 + 0.05 * (1.1 * t).sin(), 0.2 + 0.03 * (0.1 * t * t).cos(), -0.7), turn)

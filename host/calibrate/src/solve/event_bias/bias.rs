@@ -1,29 +1,28 @@
-//! The biases of an event class and their one order.
+//! The biases of an event class and their order.
 
 use std::ops::{Index, IndexMut};
 
 use serde::{Deserialize, Serialize};
 
-/// What shifts the events of a class from the edge. The order is that of the joint solve's parameters.
+/// Causes of the distance of a class's events from the edge, in the order of the joint solve's parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bias {
     /// Mean signed distance from the geometric edge, positive outside the dot (px).
     Offset,
-    /// Delay between the edge's passage and the event, relative to that of all first OFF events
-    /// together (s): a delay common to all classes cannot be told from a shift of the clock.
+    /// Delay between the edge's passage and the event (s), relative to the mean delay of all first OFF events: a delay common to
+    /// all classes cannot be distinguished from a shift of the clock.
     Latency,
-    /// What the square of the normal speed in px/s adds to the distance, relative to the first OFF event of a burst (s²/px): at
+    /// Coefficient of the squared normal speed (px/s) in the distance, relative to the first OFF event of a burst (s²/px). At
     /// high speed the pixel's low-pass no longer delays by a constant time.
     Bend,
-    /// What one over the dot's radius in pixels, or the width of the dark strip, adds to the distance (px²).
+    /// Coefficient of one over the dot's radius in pixels, or over the width of the dark strip, in the distance (px²).
     Curvature,
-    /// What the latency grows by from the middle of the sensor to its corners, with the square of the
-    /// distance (s).
+    /// Increase of the latency from the middle of the sensor to its corners, in proportion to the square of the distance (s).
     CornerLatency,
-    /// What one over the dot's radius in pixels adds to the latency (s px).
+    /// Coefficient of one over the dot's radius in pixels in the latency (s px).
     CurvatureLatency,
-    /// What the acceleration of a rim in px/s² adds to the distance (s²): a slow pixel remembers where the edge was before. At a straight
-    /// edge, what one over the width of its light strip in pixels adds (px²).
+    /// Coefficient of the acceleration of a rim (px/s²) in the distance (s²): a slow pixel still responds to earlier positions
+    /// of the edge. At a straight edge, coefficient of one over the width of its light strip in pixels (px²).
     Memory,
 }
 
@@ -42,12 +41,12 @@ impl Bias {
         Self::Memory,
     ];
 
-    /// Place in the order.
+    /// Returns the index in [`Bias::ALL`].
     pub const fn index(self) -> usize {
         self as usize
     }
 
-    /// Name in result files.
+    /// Returns the name in result files.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Offset => "offset",
@@ -60,7 +59,7 @@ impl Bias {
         }
     }
 
-    /// Whether it acts on moving edges only.
+    /// Returns `true` if the bias has an effect on moving edges only.
     pub const fn needs_motion(self) -> bool {
         !matches!(self, Self::Offset | Self::Curvature)
     }
@@ -71,18 +70,18 @@ impl Bias {
 pub struct Biases<T>([T; Bias::COUNT]);
 
 impl<T> Biases<T> {
-    /// The value that `of` gives for each bias.
+    /// Builds the values from a function of the bias.
     pub fn from_fn(mut of: impl FnMut(Bias) -> T) -> Self {
         Self(Bias::ALL.map(&mut of))
     }
 
-    /// These values, in the order of [`Bias::ALL`].
+    /// Builds the values from an array in the order of [`Bias::ALL`].
     #[inline(always)]
     pub fn from_array(values: [T; Bias::COUNT]) -> Self {
         Self(values)
     }
 
-    /// All values, in the order of [`Bias::ALL`].
+    /// Returns all values, in the order of [`Bias::ALL`].
     #[inline(always)]
     pub fn as_array(&self) -> &[T; Bias::COUNT] {
         &self.0
@@ -110,7 +109,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_bias_stands_in_its_place_under_a_name_of_its_own() {
+    fn every_bias_has_its_index_and_a_unique_name() {
         let names = Biases::from_fn(Bias::name);
         for (place, bias) in Bias::ALL.into_iter().enumerate() {
             assert_eq!(bias.index(), place);

@@ -1,9 +1,9 @@
-//! The delay of the first OFF events of all bursts together, which is the zero of all latencies.
+//! The mean delay of the first OFF events of all bursts, which is the zero of all latencies.
 //!
-//! A delay of all events looks like a shift of the clock, so one latency has to be held. That of one class alone would not do as zero: which
-//! bursts are long changes with the speed of the edge, and so does the place on the edge where those of one length begin, as if they came
-//! early or late. Neither would what is left of a delay in the middle of the sensor, for dots without end: no event is there. So the zero is what all
-//! first OFF events have on average.
+//! A delay of all events looks like a shift of the clock, so one latency has to be fixed. A single class is not a good zero:
+//! which bursts are long changes with the speed of the edge, and with it the position on the edge where bursts of one length
+//! begin, which looks like a delay. The delay extrapolated to the middle of the sensor and to infinitely large dots is not a good
+//! zero either, because no events are observed there. So the zero is the mean of all first OFF events.
 
 use evcal_core::event::Polarity;
 
@@ -15,16 +15,16 @@ use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
 
 /// Events farther from the line than this many times their spread do not count.
 const OUTLIER: f64 = 3.0;
-/// How often outliers are looked for.
+/// Number of passes that remove outliers.
 const PASSES: usize = 3;
 
-/// By how much (s) the first OFF events of all bursts come late on average, as `residuals` at `bias` tell it.
+/// Computes the mean delay (s) of the first OFF events of all bursts from `residuals` at `bias`.
 pub fn common_delay(bias: &EventBias, residuals: &[EventResidual]) -> f64 {
     let place = |event: &EventResidual| {
         let class = usize::from(event.class);
         let known = bias.get(class).filter(|_| is_first_off(class))?;
         let speed = f64::from(event.normal_speed);
-        // The latency that is known is in the time already.
+        // The known latency was already subtracted from the time.
         Some((speed, f64::from(event.distance) + known.biases[Bias::Latency] * speed))
     };
     delay(residuals.iter().filter_map(place).collect())
@@ -35,13 +35,14 @@ fn is_first_off(class: usize) -> bool {
     polarity == Polarity::Off && place.rank == 0
 }
 
-/// Makes all events of all classes come earlier by `delay` (s), and the trajectories later: no event tells the one from the other.
+/// Shifts all events of all classes earlier by `delay` (s), and the trajectories later: events alone do not distinguish the two.
 pub fn shift_clock(bias: &mut EventBias, trajectories: &mut [Trajectory], delay: f64) {
     bias.iter_mut().for_each(|class| class.biases[Bias::Latency] -= delay);
     trajectories.iter_mut().flat_map(|trajectory| &mut trajectory.knots).for_each(|knot| *knot += delay);
 }
 
-/// Slope of a line through places (speed in px/s, distance in px), which is a delay (s), without outliers; 0 where all speeds are the same.
+/// Returns the slope of a robust line through (speed in px/s, distance in px), which is a delay (s); 0 if all speeds are the
+/// same.
 fn delay(mut places: Vec<(f64, f64)>) -> f64 {
     let mut slope = 0.0;
     for _ in 0..PASSES {
@@ -55,7 +56,7 @@ fn delay(mut places: Vec<(f64, f64)>) -> f64 {
     slope
 }
 
-/// Offset and slope of the line with the least squared distances.
+/// Returns offset and slope of the least-squares line.
 fn line(places: &[(f64, f64)]) -> (f64, f64) {
     let count = places.len().max(1) as f64;
     let sum = |of: &dyn Fn(f64, f64) -> f64| places.iter().map(|&(speed, distance)| of(speed, distance)).sum::<f64>();
@@ -71,10 +72,10 @@ mod tests {
     use super::*;
     use crate::solve::event_bias::{CLASSES_OF_LENGTH, unknown};
 
-    /// All first events come 0.3 ms late, at places on the edge that do not depend on the speed; those that begin farther out have long
-    /// bursts, the more of them the slower the edge is. Some events are noise.
+    /// All first events are 0.3 ms late, at positions on the edge that do not depend on the speed. Those that begin farther out
+    /// have long bursts; their share grows as the edge gets slower. Some events are noise.
     #[test]
-    fn the_choice_of_the_lengths_is_no_latency() {
+    fn the_selection_by_burst_length_does_not_look_like_a_latency() {
         let late = 3e-4;
         let mut bias = unknown(1.0);
         bias[0].biases[Bias::Offset] = 0.2;
@@ -85,7 +86,7 @@ mod tests {
             for place in 0..100_u16 {
                 let class = if place > 20 + step / 2 { 0 } else { CLASSES_OF_LENGTH };
                 let known = bias[class].biases;
-                // The latency that is known is in the time already.
+                // The known latency was already subtracted from the time.
                 let distance = f64::from(place) / 100.0 - 0.5 + (late - known[Bias::Latency]) * speed;
                 let noise = if place == 50 { 4.0 + 0.01 * speed } else { 0.0 };
                 residuals.push(EventResidual {
@@ -98,14 +99,14 @@ mod tests {
             }
         }
         assert!((common_delay(&bias, &residuals) - late).abs() < 1e-5);
-        // An event of another kind is none of them.
+        // An event of another class does not count.
         let other = EventResidual { class: 1, normal_speed: 1e6, distance: 50.0, ..EventResidual::default() };
         residuals.push(other);
         assert!((common_delay(&bias, &residuals) - late).abs() < 1e-5);
     }
 
     #[test]
-    fn without_events_or_differences_of_speed_nothing_is_late() {
+    fn without_events_or_differences_of_speed_the_delay_is_zero() {
         let bias = unknown(1.0);
         assert_eq!(common_delay(&bias, &[]), 0.0);
         let event = EventResidual { normal_speed: -50.0, distance: 0.3, ..EventResidual::default() };

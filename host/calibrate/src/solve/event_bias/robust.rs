@@ -1,5 +1,4 @@
-//! Offsets and spreads of the event classes straight from residuals, for the solve to start from and to
-//! weigh with.
+//! Robust offsets and spreads of the event classes from residuals: start values and weights of the solve.
 
 use rayon::prelude::*;
 
@@ -14,20 +13,20 @@ pub struct ClassResidual {
     pub class: u8,
     /// Range of the edge's normal speed.
     pub speed_range: u8,
-    /// Distance from where the model puts the event.
+    /// Distance from the position that the model predicts for the event.
     pub residual: f32,
 }
 
-/// Fewer events than this leave a class as it was.
+/// A class with fewer events keeps its values.
 const FEWEST: usize = 100;
 
-/// Residuals that a thread takes in a go, at least.
+/// Smallest number of residuals that a thread processes at once.
 const MIN_LENGTH: usize = 65_536;
 
-/// No class is better than this: pixels are whole (px).
+/// Smallest spread of a class (px): pixels are discrete.
 const SMALLEST_SIGMA: f64 = 0.05;
 
-/// Adds the median residual of each class to its offset, and takes it off the residuals.
+/// Adds the median residual of each class to its offset, and subtracts it from the residuals.
 pub fn shift_offsets(bias: &mut EventBias, residuals: &mut [ClassResidual]) {
     let mut of_class: Vec<Vec<f32>> = vec![Vec::new(); CLASS_COUNT];
     for event in residuals.iter() {
@@ -49,8 +48,8 @@ pub fn shift_offsets(bias: &mut EventBias, residuals: &mut [ClassResidual]) {
     });
 }
 
-/// Spread of each class in each range of speed: the scaled median of the residuals' sizes. Ranges with
-/// too few events take that of their class.
+/// Sets the spread of each class in each range of speed to the scaled median of the absolute residuals. Ranges with too few
+/// events take the spread of their class.
 pub fn class_spreads(bias: &mut EventBias, residuals: &[ClassResidual]) {
     let mut sizes: Vec<[Vec<f32>; SPEED_RANGE_COUNT]> = vec![Default::default(); CLASS_COUNT];
     for event in residuals {
@@ -65,7 +64,7 @@ pub fn class_spreads(bias: &mut EventBias, residuals: &[ClassResidual]) {
     });
 }
 
-/// One spread for all classes: without offsets they are not told apart.
+/// Sets one spread for all classes, for use without offsets, when the classes are not distinguished.
 pub fn common_spread(bias: &mut EventBias, residuals: &[ClassResidual]) {
     let mut sizes: Vec<f32> = residuals.iter().map(|event| event.residual.abs()).collect();
     if let Some(sigma) = spread(&mut sizes) {
@@ -73,7 +72,7 @@ pub fn common_spread(bias: &mut EventBias, residuals: &[ClassResidual]) {
     }
 }
 
-/// Standard deviation of a normal distribution whose residuals have these sizes; `None` for too few.
+/// Returns the standard deviation of a normal distribution from the absolute residuals; `None` for too few.
 fn spread(sizes: &mut [f32]) -> Option<f64> {
     (sizes.len() >= FEWEST)
         .then(|| (SIGMA_BY_MEDIAN * f64::from(median(sizes, f32::total_cmp).unwrap_or(0.0))).max(SMALLEST_SIGMA))

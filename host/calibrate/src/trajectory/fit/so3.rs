@@ -1,8 +1,7 @@
 //! Gauss-Newton for the control points of an SO(3) spline.
 //!
-//! Minimises the squared angles between the curve and the samples, plus the pull towards constant
-//! angular velocity, over a turn of every control point that is not fixed. The normal equations are
-//! banded with blocks of 3 × 3.
+//! Minimises the squared angles between the curve and the samples, plus the pull towards constant angular velocity, over a
+//! rotation of every control point that is not fixed. The normal equations are banded with blocks of 3 × 3.
 
 use evcal_core::spline::rotation::{exp, log, right_jacobian_inverse};
 use evcal_core::spline::{SplineError, so3};
@@ -15,11 +14,11 @@ use evcal_geometry::numerics::banded::BandedCholesky;
 /// Most Gauss-Newton steps for an SO(3) spline; from the quaternion fit three or four suffice.
 const GAUSS_NEWTON_STEPS: usize = 10;
 
-/// Gauss-Newton ends when no control point turns by more than this, in radians.
+/// Gauss-Newton ends when no control point rotates by more than this, in radians.
 const GAUSS_NEWTON_TOLERANCE: f64 = 1e-12;
 
 impl Design<'_> {
-    /// The control points of the SO(3) curve nearest to `samples`, by Gauss-Newton from `control`.
+    /// Returns the control points of the SO(3) curve nearest to `samples`, by Gauss-Newton from `control`.
     pub(super) fn fit_so3(
         &self,
         samples: &[UnitQuaternion<f64>],
@@ -46,7 +45,7 @@ impl Design<'_> {
         Ok(control)
     }
 
-    /// The cost of an SO(3) curve and its normal equations.
+    /// Returns the cost of an SO(3) curve and its normal equations.
     fn so3_equations(
         &self,
         samples: &[UnitQuaternion<f64>],
@@ -66,7 +65,7 @@ impl Design<'_> {
             let steps = [first, first + 1].map(|index| log(&(control[index].inverse() * control[index + 1])));
             let residual = steps[0] * before - steps[1] * after;
             cost += residual.norm_squared();
-            // A turn of either end of a step changes it by the inverse Jacobians, left and right.
+            // A rotation of either end of a step changes it by the inverse Jacobians, left and right.
             let [inverse_before, inverse_after] = steps.map(|step| right_jacobian_inverse(&step));
             let jacobians = [
                 inverse_before.transpose() * before,
@@ -82,7 +81,7 @@ impl Design<'_> {
     }
 }
 
-/// Normal equations for a turn of every control point.
+/// Normal equations for a rotation of every control point.
 struct TurnEquations {
     matrix: BandedCholesky,
     right: Vec<f64>,
@@ -93,7 +92,7 @@ impl TurnEquations {
         Self { matrix: BandedCholesky::zeros(3 * count, 3 * bandwidth + 2), right: vec![0.0; 3 * count] }
     }
 
-    /// Adds the equation `Σ jacobians[i] δ_{first + i} = residual`; fixed control points do not turn.
+    /// Adds the equation `Σ jacobians[i] δ_{first + i} = residual`; fixed control points do not rotate.
     fn add(&mut self, design: &Design, first: usize, jacobians: &[Matrix3<f64>], residual: &Vector3<f64>) {
         let free = |index: &(usize, &Matrix3<f64>)| !design.is_fixed(first + index.0);
         for (a, jacobian_a) in jacobians.iter().enumerate().filter(free) {

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use super::UncertainPose;
 use evcal_geometry::timed_pose::TimedPose;
 
-/// Writes `poses`, one a line after a line with the names of the columns; fields of a σ that is not known stay empty.
+/// Writes `poses`, one per line after a line with the names of the columns; fields of an unknown σ are empty.
 pub fn write(mut writer: impl Write, poses: &[UncertainPose]) -> io::Result<()> {
     writeln!(writer, "t,tx,ty,tz,qx,qy,qz,qw,sigma_tx,sigma_ty,sigma_tz,sigma_rx,sigma_ry,sigma_rz")?;
     for UncertainPose { pose: TimedPose { t, pose }, sigma } in poses {

@@ -1,4 +1,4 @@
-//! How the residuals of event classes are distributed.
+//! Distribution of the residuals of event classes.
 
 use crate::solve::event_bias::EventKind;
 use crate::solve::stretch::EventResidual;
@@ -21,7 +21,7 @@ pub struct ClassResiduals {
     pub bins: [usize; BIN_COUNT],
 }
 
-/// The residuals of each of `COUNT` groups of event classes; `group` is below it.
+/// Computes the residuals of each of `COUNT` groups of event classes; `group` is below `COUNT`.
 pub fn class_residuals<const COUNT: usize>(
     residuals: &[EventResidual],
     group: impl Fn(EventKind) -> usize,

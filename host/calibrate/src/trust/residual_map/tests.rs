@@ -14,8 +14,8 @@ fn normal(random: &mut ChaCha8Rng) -> f64 {
     (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos()
 }
 
-/// Edges of all directions all over the sensor for 4 s. What is seen is displaced by `shift(pixel)` and lies `outward`
-/// further out, with noise of its own and noise that all of a crossing share.
+/// Edges of all directions all over the sensor for 4 s. The image is displaced by `shift(pixel)`, and events lie `outward`
+/// further out; their noise has an individual part, and a part that all events of a crossing share.
 fn observations(shift: impl Fn([f64; 2]) -> Vector2<f64>, outward: f64, shared: f64) -> Vec<Observation> {
     let mut random = ChaCha8Rng::seed_from_u64(7);
     let mut all = Vec::new();
@@ -59,7 +59,7 @@ fn a_displacement_is_found_where_it_is() {
 }
 
 #[test]
-fn noise_alone_has_a_ratio_of_one_even_where_events_err_together() {
+fn noise_alone_has_a_ratio_of_one_even_if_events_have_common_errors() {
     for shared in [0.0, 0.3, 1.0] {
         let observations = observations(|_| Vector2::zeros(), 0.0, shared);
         let ResidualPattern { cells, shift, shift_ratio, outward_ratio, .. } = of(&observations).pattern;
@@ -71,7 +71,7 @@ fn noise_alone_has_a_ratio_of_one_even_where_events_err_together() {
 }
 
 #[test]
-fn edges_of_one_direction_tell_no_displacement() {
+fn edges_of_one_direction_do_not_determine_a_displacement() {
     let mut observations = observations(|_| Vector2::zeros(), 0.0, 0.0);
     for observation in &mut observations {
         observation.row = Vector3::new(observation.row.x.signum(), 0.0, 1.0);
@@ -101,7 +101,7 @@ fn circle_centres_have_a_displacement_but_nothing_outward() {
 }
 
 #[test]
-fn nothing_seen_is_an_empty_map() {
+fn no_observations_make_an_empty_map() {
     let map = of(&[]);
     assert_eq!(map.pattern, ResidualPattern::default());
     assert!(map.cells.iter().all(|cell| *cell == CellResiduals::default()));

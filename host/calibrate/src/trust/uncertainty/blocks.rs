@@ -6,9 +6,10 @@ use nalgebra::DMatrix;
 
 use crate::solve::system::{Contribution, PackedContribution};
 
-/// Sums what the stretches of observations that begin at `starts` (segment, seconds) say, for even blocks of about `length` seconds.
+/// Sums the contributions of observations over even blocks of about `length` seconds. Contributions come from intervals that
+/// begin at `starts` (segment, seconds).
 ///
-/// Time between segments does not count: what drifts over a recording that was seen in pieces shows between its parts all the same.
+/// Time between segments does not count, so that drifts over a recording in several pieces show between its parts too.
 pub fn sum_by_block(
     starts: &[(usize, f64)],
     contributions: &[PackedContribution],
@@ -24,8 +25,8 @@ pub fn sum_by_block(
     keyed.into_values().filter_map(PackedContribution::sum)
 }
 
-/// The middles of the stretches that begin at `starts`, in order, when the segments follow each other without pause, from 0 on; and how long
-/// all of it is. All stretches are as long as they are on average.
+/// Returns the middles of the intervals that begin at `starts`, in order, as if the segments followed each other without pause
+/// from 0 on, and the total length. All intervals have the mean length.
 fn observed_times(starts: &[(usize, f64)]) -> (Vec<f64>, f64) {
     let mut spans: BTreeMap<usize, (f64, f64)> = BTreeMap::new();
     let mut steps = 0;
@@ -36,7 +37,7 @@ fn observed_times(starts: &[(usize, f64)]) -> (Vec<f64>, f64) {
         }
     }
     let spanned: f64 = spans.values().map(|(first, last)| last - first).sum();
-    // Where each is alone in its segment, they count alike.
+    // If each interval is alone in its segment, they have equal lengths.
     let length = if steps > 0 { spanned / f64::from(steps) } else { 1.0 };
     let mut shifts = BTreeMap::new();
     let mut total = 0.0;
@@ -47,19 +48,19 @@ fn observed_times(starts: &[(usize, f64)]) -> (Vec<f64>, f64) {
     (starts.iter().map(|(segment, t)| t + shifts.get(segment).copied().unwrap_or(0.0)).collect(), total)
 }
 
-/// How the estimate scatters from block to block.
+/// Scatter of the estimate from block to block.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scatter {
     /// Covariance of the intrinsics.
     pub covariance: DMatrix<f64>,
-    /// How much larger it is than the formal one.
+    /// Ratio to the formal covariance.
     pub inflation: f64,
     /// Number of blocks.
     pub blocks: usize,
 }
 
-/// The scatter of the first `intrinsics` parameters over `blocks`; `formal` is the inverse of the whole information.
-/// `None` when it cannot be told.
+/// Computes the scatter of the first `intrinsics` parameters over `blocks`; `formal` is the inverse of the whole information.
+/// Returns `None` if it cannot be determined.
 pub fn scatter(
     formal: &DMatrix<f64>,
     blocks: impl IntoIterator<Item = Contribution>,
@@ -70,8 +71,8 @@ pub fn scatter(
     (inflation > 0.0).then_some(Scatter { covariance, inflation, blocks })
 }
 
-/// Covariance of the first `intrinsics` parameters by the jackknife over `blocks`; `formal` is the inverse
-/// of the whole information; and how many blocks there are. `None` with fewer than two.
+/// Returns the covariance of the first `intrinsics` parameters by the jackknife over `blocks`, and the number of blocks; `formal`
+/// is the inverse of the whole information. Returns `None` with fewer than two blocks.
 ///
 /// Leaving out block k moves the estimate by (S − Sₖ)⁻¹ gₖ to first order.
 fn jackknife(
@@ -84,8 +85,8 @@ fn jackknife(
     let mut sum = DMatrix::zeros(intrinsics, intrinsics);
     for block in blocks {
         count += 1;
-        // Where a block alone determines a parameter, the estimate without it does not exist; the block's
-        // own pull is then the most that can be said.
+        // If only this block determines a parameter, the estimate without it does not exist; the full step of the block is then
+        // an upper bound.
         let step = match (&information - &block.information).cholesky() {
             Some(rest) => rest.solve(&block.gradient),
             None => formal * &block.gradient,
@@ -96,8 +97,8 @@ fn jackknife(
     (count > 1).then(|| (sum * ((count - 1) as f64 / count as f64), count))
 }
 
-/// How much larger `covariance` is than `formal`: the mean over all directions in which the parameters can
-/// change, each counted in units of its own formal σ.
+/// Returns the ratio of `covariance` to `formal`: the mean over all directions in which the parameters can change, each in units
+/// of its own formal σ.
 fn inflation(formal: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Option<f64> {
     let count = formal.nrows();
     (count > 0).then_some(())?;
@@ -119,7 +120,7 @@ mod tests {
         let variance = 1.0 / 3.0;
         let mut noise: Vec<[f64; 2]> =
             (0..60).map(|_| [uniform_in(&mut rng, -1.0, 1.0), uniform_in(&mut rng, -1.0, 1.0)]).collect();
-        // The estimate is where the sum of the gradients is zero.
+        // The estimate is the point at which the sum of the gradients is zero.
         let mean = [0, 1].map(|axis| noise.iter().map(|pair| pair[axis]).sum::<f64>() / 60.0);
         noise.iter_mut().for_each(|pair| *pair = [pair[0] - mean[0], pair[1] - mean[1]]);
         let jacobian = DMatrix::from_row_slice(2, 2, &[1.0, 0.0, 1.0, 1.0]);
@@ -145,13 +146,13 @@ mod tests {
         assert!((ratio(1, 0.1) - 1.0).abs() < 0.2, "{}", ratio(1, 0.1));
     }
 
-    /// The same measurement written down ten times is still one.
+    /// The same measurement, copied ten times, counts once.
     #[test]
     fn copies_count_once() {
         assert!((ratio(10, 0.1) / ratio(1, 0.1) - 10.0).abs() < 1e-9);
     }
 
-    /// What drifts from one end of a recording to the other shows in its halves, also where it was seen in pieces with pauses between.
+    /// A drift from one end of a recording to the other shows in its halves, even with pauses between its pieces.
     #[test]
     fn a_recording_in_pieces_has_halves_too() {
         let one = |value: f64| {
@@ -168,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn a_block_that_alone_determines_a_parameter_is_no_catastrophe() {
+    fn a_block_that_alone_determines_a_parameter_has_a_finite_effect() {
         let contribution = |value: f64, index: usize| {
             let mut information = DMatrix::zeros(2, 2);
             information[(index, index)] = 4.0;

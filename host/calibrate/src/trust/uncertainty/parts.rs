@@ -1,4 +1,4 @@
-//! Where the stated uncertainty comes from.
+//! Causes of the reported uncertainty.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
@@ -7,40 +7,41 @@ use serde::{Deserialize, Serialize};
 
 use super::projection::{NoView, projection_uncertainty};
 
-/// Covariances of the intrinsics whose sum is stated, before what the lens model cannot follow.
+/// Covariances of the intrinsics by cause. Their sum is the reported covariance without the misfit of the lens model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CovarianceParts {
-    /// What the noise of the events would leave if no two of them erred together.
+    /// Noise of the events, as if they were independent.
     pub noise: DMatrix<f64>,
-    /// What neighbouring events get wrong together, and what changes between parts of the recording.
+    /// Common errors of neighbouring events, and changes between parts of the recording.
     pub between_parts: DMatrix<f64>,
-    /// What the biases of the events do not follow, in all parts of the recording alike.
+    /// Errors that the event biases leave, the same in all parts of the recording.
     pub event_model: DMatrix<f64>,
-    /// What keeps the focal lengths from being surer than they ever are.
+    /// Lower limit of the σ of the focal lengths.
     pub focal_lengths: DMatrix<f64>,
 }
 
-/// What each cause adds to the uncertainty of the projection (root mean square over the sensor, in pixels). The squares add up to that of
-/// all together.
+/// Contribution of each cause to the uncertainty of the projection (root mean square over the sensor, in pixels). The squares add
+/// up to the square of the total.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ProjectionParts {
-    /// Of [`CovarianceParts::noise`].
+    /// Contribution of [`CovarianceParts::noise`].
     pub noise: f64,
-    /// Of [`CovarianceParts::between_parts`].
+    /// Contribution of [`CovarianceParts::between_parts`].
     pub between_parts: f64,
-    /// Of [`CovarianceParts::event_model`].
+    /// Contribution of [`CovarianceParts::event_model`].
     pub event_model: f64,
-    /// Of [`CovarianceParts::focal_lengths`].
+    /// Contribution of [`CovarianceParts::focal_lengths`].
     pub focal_lengths: f64,
-    /// Of what the lens model cannot follow.
+    /// Contribution of the misfit of the lens model.
     pub misfit: f64,
 }
 
 impl CovarianceParts {
-    /// What they mean in the image of `camera`, and with them the covariance `misfit` that was added for what its model cannot follow.
+    /// Converts the covariances to uncertainties in the image of `camera`, together with the covariance `misfit` that was added
+    /// for the misfit of its model.
     ///
     /// # Errors
-    /// [`NoView`] when the lens sees next to nothing of the sensor.
+    /// [`NoView`] if the lens covers almost nothing of the sensor.
     pub fn projection(
         &self,
         camera: &Camera<f64>,

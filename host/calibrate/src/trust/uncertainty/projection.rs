@@ -1,8 +1,8 @@
-//! What the covariance of the intrinsics means in the image.
+//! Uncertainty of the projection, from the covariance of the intrinsics.
 //!
-//! How far would a bearing land elsewhere, had the intrinsics come out otherwise? The rotation that fits best
-//! over the sensor is taken out ([`projection_sensitivity`](mod@evcal_geometry::lens::projection_sensitivity)), so that the
-//! answer can be compared with a [`projection_difference`](mod@evcal_geometry::lens::projection_difference).
+//! It is the displacement of a bearing's projection under errors of the intrinsics. The best-fitting rotation over the sensor is
+//! removed ([`projection_sensitivity`](mod@evcal_geometry::lens::projection_sensitivity)), so that the result can be compared
+//! with a [`projection_difference`](mod@evcal_geometry::lens::projection_difference).
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
@@ -12,17 +12,16 @@ use serde::Serialize;
 use evcal_geometry::lens::projection_difference::{grid, grid_size};
 use evcal_geometry::lens::projection_sensitivity::projection_sensitivity;
 
-/// How sure the projection is at one pixel.
+/// Uncertainty of the projection at one pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct GridUncertainty {
     /// The pixel.
     pub pixel: [f64; 2],
-    /// Standard deviation of the projection in the direction in which it is largest, in pixels; `None`
-    /// where the lens model ends.
+    /// Largest standard deviation of the projection over all directions, in pixels; `None` outside the domain of the lens model.
     pub sigma: Option<f64>,
 }
 
-/// How sure the projection is over the sensor.
+/// Uncertainty of the projection over the sensor.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ProjectionUncertainty {
     /// Columns of the grid, from the first to the last pixel of a row.
@@ -31,10 +30,9 @@ pub struct ProjectionUncertainty {
     pub rows: u16,
     /// The uncertainty, row by row.
     pub grid: Vec<GridUncertainty>,
-    /// Root mean square over the sensor of the distance from the true projection that is to be
-    /// expected (px).
+    /// Expected root mean square distance from the true projection over the sensor (px).
     pub rms: f64,
-    /// What that root mean square stays below with a probability of 95 % (px).
+    /// 95 % bound of that root mean square (px).
     pub rms_95: f64,
     /// Greatest standard deviation (px).
     pub max: f64,
@@ -42,16 +40,15 @@ pub struct ProjectionUncertainty {
     pub max_at: [f64; 2],
 }
 
-/// The lens model sees too little of the sensor, or the covariance is not of its parameters.
+/// The lens model covers too little of the sensor, or the covariance is not of its parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the lens model sees fewer than 3 points of the sensor")]
 pub struct NoView;
 
-/// The projection uncertainty of `camera` on `sensor` from the covariance of its
-/// parameters, in their order.
+/// Computes the projection uncertainty of `camera` on `sensor` from the covariance of its parameters, in their order.
 ///
 /// # Errors
-/// [`NoView`] when the lens sees next to nothing of the sensor.
+/// [`NoView`] if the lens covers almost nothing of the sensor.
 pub fn projection_uncertainty(
     camera: &Camera<f64>,
     covariance: &DMatrix<f64>,
@@ -93,13 +90,13 @@ pub fn projection_uncertainty(
 }
 
 impl ProjectionUncertainty {
-    /// With the bound of a covariance that is estimated from `freedom` more views than one: few views determine σ itself badly.
+    /// Widens the bound for a covariance that is estimated from `freedom` + 1 views: few views determine σ itself poorly.
     pub fn of_few_views(self, freedom: usize) -> Self {
         Self { rms_95: self.rms_95 * student_ratio(freedom as f64), ..self }
     }
 }
 
-/// Ratio of the 97.5 % quantile of Student's t with `freedom` degrees of freedom to that of the normal distribution (Abramowitz and
+/// Returns the ratio of the 97.5 % quantile of Student's t with `freedom` degrees of freedom to that of the normal distribution (Abramowitz and
 /// Stegun 26.7.5).
 fn student_ratio(freedom: f64) -> f64 {
     const NORMAL: f64 = 1.959_963_984_540_054;
@@ -108,8 +105,8 @@ fn student_ratio(freedom: f64) -> f64 {
     1.0 + (square + 1.0) / (4.0 * freedom) + (5.0 * square * square + 16.0 * square + 3.0) / (96.0 * freedom * freedom)
 }
 
-/// What a sum of squares of normal variables with this mean and variance stays below in 95 of 100 cases: a
-/// scaled χ² of the same two (Satterthwaite 1946), its quantile by Wilson and Hilferty (1931).
+/// Returns the 95 % quantile of a sum of squares of normal variables with this mean and variance: a scaled χ² with the same two
+/// (Satterthwaite 1946), its quantile by Wilson and Hilferty (1931).
 fn quantile_95(mean: f64, variance: f64) -> f64 {
     const NORMAL_95: f64 = 1.644_853_626_951_472_2;
     if variance <= 0.0 {
@@ -141,9 +138,9 @@ mod tests {
         Camera::from_parameters(ModelKind::Radtan, parameters).unwrap()
     }
 
-    /// Quantiles of χ² with 1, 2 and 10 degrees of freedom, from tables; Wilson's and Hilferty's are within 3 %.
+    /// Quantiles of χ² with 1, 2 and 10 degrees of freedom, from tables; the approximation of Wilson and Hilferty is within 3 %.
     #[test]
-    fn few_views_widen_the_bound_as_tables_of_student_have_it() {
+    fn few_views_widen_the_bound_as_in_tables_of_student() {
         for (freedom, quantile) in [(5.0, 2.571), (7.0, 2.365), (13.0, 2.160), (30.0, 2.042), (120.0, 1.980)] {
             let ratio = student_ratio(freedom) * 1.960;
             assert!((ratio / quantile - 1.0).abs() < 0.01, "{ratio} instead of {quantile}");
@@ -151,16 +148,16 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_are_those_of_chi_square() {
+    fn quantiles_agree_with_chi_square() {
         for (freedom, quantile) in [(1.0, 3.841), (2.0, 5.991), (10.0, 18.307)] {
             let found = quantile_95(freedom, 2.0 * freedom);
             assert!((found / quantile - 1.0).abs() < 0.03, "{freedom}: {found}");
         }
     }
 
-    /// Cameras drawn from the covariance differ from the middle one as the uncertainty says.
+    /// Cameras drawn from the covariance differ from the mean camera as the uncertainty predicts.
     #[test]
-    fn drawn_cameras_scatter_as_stated() {
+    fn drawn_cameras_scatter_as_reported() {
         const DRAWS: usize = 300;
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let sigma = [0.1, 0.12, 0.2, 0.15, 1e-3, 2e-3, 1e-4, 1e-4, 1e-3];

@@ -1,4 +1,4 @@
-//! The board as it was estimated, in words.
+//! The finding on the estimated board.
 
 use evcal_core::camera::Camera;
 
@@ -6,7 +6,8 @@ use super::{Cause, Finding, Severity};
 use crate::trust::board_evidence::BoardEstimate;
 use evcal_geometry::board::Board;
 
-/// What differs from the stated `board`, and what that does to the focal length of `camera`; `None` where nothing does.
+/// Returns a finding with the differences from the stated `board` and their effect on the focal length of `camera`; `None`
+/// without differences.
 pub(super) fn board_finding(estimate: &BoardEstimate, board: &Board, camera: &Camera<f64>) -> Option<Finding> {
     let statements = statements(estimate, board);
     let effect = estimate.camera_as_stated.as_ref().and_then(|stated| effect(stated, camera));
@@ -21,7 +22,7 @@ pub(super) fn board_finding(estimate: &BoardEstimate, board: &Board, camera: &Ca
     })
 }
 
-/// Each parameter of the board that was estimated, as part of a sentence.
+/// Describes each estimated parameter of the board, as part of a sentence.
 fn statements(estimate: &BoardEstimate, board: &Board) -> Vec<String> {
     let [by_ratio, by_bend_x, by_bend_y, by_radius] = estimate.estimated;
     let [ratio_sigma, bend_x_sigma, bend_y_sigma, radius_sigma] = estimate.sigma;
@@ -59,13 +60,13 @@ fn statements(estimate: &BoardEstimate, board: &Board) -> Vec<String> {
     statements
 }
 
-/// What the focal length would be with the board as it is stated.
+/// Describes the focal length with the nominal board.
 fn effect(stated: &Camera<f64>, camera: &Camera<f64>) -> Option<String> {
     let (stated, fx) = (*stated.parameters().first()?, *camera.parameters().first()?);
-    Some(format!("; with the board as stated, fx would be {stated:.2} px ({:+.3} %)", 1e2 * (stated / fx - 1.0)))
+    Some(format!("; with the nominal board, fx would be {stated:.2} px ({:+.3} %)", 1e2 * (stated / fx - 1.0)))
 }
 
-/// A value and its standard deviation, with two digits of the latter.
+/// Formats a value and its standard deviation, with two digits of the latter.
 fn with_sigma(value: f64, sigma: f64) -> String {
     let decimals = if sigma > 0.0 { (1.0 - libm::floor(libm::log10(sigma))).clamp(0.0, 6.0) as usize } else { 3 };
     format!("{value:.decimals$} ± {sigma:.decimals$}")
@@ -86,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn each_defect_is_told_with_its_uncertainty_and_its_effect() {
+    fn each_difference_is_reported_with_its_uncertainty_and_its_effect() {
         let board: Board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
         let camera =
             Camera::from_parameters(ModelKind::Radtan4, &[330.0, 330.0, 173.0, 130.0, 0.0, 0.0, 0.0, 0.0]).unwrap();
@@ -99,7 +100,7 @@ mod tests {
             "your board is bent by 4.00 ± 0.12 mm along y, its middle towards the camera",
             "its print is 0.301 ± 0.020 % longer along y than along x",
             "its circles have a radius of 17.000 ± 0.050 mm, not 17.5 mm",
-            "; with the board as stated, fx would be 340.00 px (+3.030 %)",
+            "; with the nominal board, fx would be 340.00 px (+3.030 %)",
         ] {
             assert!(all.contains(part), "{part}\n{all}");
         }

@@ -1,12 +1,12 @@
-//! What speaks for caution: one function a question.
+//! Findings about a calibration: one function per check.
 
-use evcal_core::camera::Camera;
+use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 
 use super::board_statement::board_finding;
 use super::settings::{
     CERTAIN_DIFFERENCE, KNOWN_TOGETHER, LARGEST_MISFIT, LARGEST_RADIUS_DIFFERENCE, OPEN_FOCAL_LENGTH, POOR, SHORTEST,
-    SMALLEST_COVERAGE, SMALLEST_FILL, SMALLEST_TILT, SQUARE_PIXELS, TOLD_FROM_ZERO,
+    SIGNIFICANT, SMALLEST_COVERAGE, SMALLEST_FILL, SMALLEST_TILT, SQUARE_PIXELS,
 };
 use super::{Cause, Finding, Severity, VerdictSettings};
 use crate::advice::Advice;
@@ -19,7 +19,7 @@ use crate::trust::{EventTrust, ObservedRadius, Trust};
 use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::lens::folds::folded_share;
 
-/// All that is found.
+/// Runs all checks.
 pub(super) fn findings_on(
     camera: &Camera<f64>,
     trust: &Trust,
@@ -44,23 +44,23 @@ pub(super) fn findings_on(
     findings
 }
 
-/// Their whole length (s), and where the first of them are, in words.
+/// Returns the total length (s) of the intervals, and the first of them in words.
 fn places<'a>(stretches: impl Iterator<Item = &'a LeftOut>) -> Option<(f64, String)> {
-    /// Stretches that are told one by one.
-    const TOLD: usize = 4;
+    /// Number of intervals that are listed individually.
+    const LISTED: usize = 4;
     let stretches: Vec<&LeftOut> = stretches.collect();
     if stretches.is_empty() {
         return None;
     }
     let seconds = stretches.iter().map(|stretch| stretch.end - stretch.start).sum();
-    let mut places: Vec<String> = stretches.iter().take(TOLD).map(ToString::to_string).collect();
-    if stretches.len() > TOLD {
-        places.push(format!("{} more", stretches.len() - TOLD));
+    let mut places: Vec<String> = stretches.iter().take(LISTED).map(ToString::to_string).collect();
+    if stretches.len() > LISTED {
+        places.push(format!("{} more", stretches.len() - LISTED));
     }
     Some((seconds, places.join(", ")))
 }
 
-/// Less than this (s) that is left out is worth a note only: the first moment of a recording, or one jerk.
+/// Excluded time (s) below which the finding is only a note: the first moment of a recording, or one jerk.
 const SHORT: f64 = 0.1;
 
 fn unexplained(left_out: &[LeftOut]) -> Option<Finding> {
@@ -114,7 +114,7 @@ fn views(coverage: &Coverage) -> Vec<Finding> {
     {
         findings.push(warning(
             Cause::Short,
-            format!("the board was followed for {duration:.1} s only"),
+            format!("the board was tracked for only {duration:.1} s"),
             "record five to ten seconds in which the whole board moves",
         ));
     }
@@ -133,24 +133,24 @@ fn views(coverage: &Coverage) -> Vec<Finding> {
         findings.push(warning(
             Cause::HeadOn,
             format!("the board was seen head-on, tilted by {:.0}° at most", coverage.tilt.high),
-            "tilt the board by 30° to 45° to all sides: head-on, focal length and distance cannot be told apart",
+            "tilt the board by 30° to 45° to all sides: head-on views do not separate focal length and distance",
         ));
     }
     if coverage.covered < SMALLEST_COVERAGE {
         findings.push(warning(
             Cause::Uncovered,
             format!(
-                "only {:.0} % of the sensor saw the board, nothing {}",
+                "the board covered only {:.0} % of the sensor, with nothing {}",
                 100.0 * coverage.covered,
                 empty_places(coverage)
             ),
-            "move the board through the whole image, its corners too: elsewhere the distortion is a guess",
+            "move the board through the whole image, including its corners: elsewhere the distortion is not measured",
         ));
     }
     findings
 }
 
-/// Which corners and sides of the sensor saw nothing.
+/// Describes the corners and sides of the sensor without observations.
 fn empty_places(coverage: &Coverage) -> String {
     let names = [
         ["at the upper left", "at the top", "at the upper right"],
@@ -171,34 +171,34 @@ fn empty_places(coverage: &Coverage) -> String {
         }
     }
     match empty.as_slice() {
-        [] => "in many small places".to_owned(),
+        [] => "in many small areas".to_owned(),
         [one] => (*one).to_owned(),
         [first @ .., last] => format!("{} or {last}", first.join(", ")),
     }
 }
 
-/// By how much the mean offset of events differs between kinds of light and of motion (px).
+/// Variation of the mean offset of events between kinds of light and of motion (px).
 const DIFFERENT_OFFSETS: f64 = 0.25;
-/// Standard deviations beyond which the evidence tells a radius from its own.
-const TOLD_APART: f64 = 2.0;
-/// By how much it may differ where dots are small and pixels are slow (px): less than exchanged polarities or light dots do.
+/// Number of standard deviations from which the evidence distinguishes a radius from its estimate.
+const DISTINGUISHED: f64 = 2.0;
+/// Variation of the mean offset when dots are small and pixels are slow (px): less than exchanged polarities or light dots cause.
 const MOST_DIFFERENT_OFFSETS: f64 = 0.5;
 
-/// The stated radius disagrees with the mean offset of the events, and with the `evidence`, if that tells the one from the other: a small
-/// dot in little light moves the offset too.
+/// Checks the stated radius against the mean offset of the events. If the `evidence` distinguishes the stated radius from the
+/// observed one, it decides, because a small dot in little light changes the offset too.
 fn radius(observed: &ObservedRadius, evidence: Option<&BoardEvidence>, board: &CircleBoard) -> Option<Finding> {
     let ratio = observed.radius / board.radius;
     let pixels = (observed.radius - board.radius) / observed.scale;
     let speaks_against = |evidence: &&BoardEvidence| {
         let apart = |radius: f64| (evidence.values[RADIUS] - radius).abs() / evidence.sigma[RADIUS];
-        apart(board.radius) < TOLD_APART && apart(observed.radius) > TOLD_APART
+        apart(board.radius) < DISTINGUISHED && apart(observed.radius) > DISTINGUISHED
     };
     let most = evidence.filter(speaks_against).map_or(DIFFERENT_OFFSETS, |_| MOST_DIFFERENT_OFFSETS);
     ((ratio - 1.0).abs() > LARGEST_RADIUS_DIFFERENCE && pixels.abs() > most).then(|| Finding {
         cause: Cause::RadiusDisagrees,
         severity: Severity::Failure,
         reason: format!(
-            "the circles look like {:.1} mm in radius, not {:.1} mm, if their spacing is {:.1} mm",
+            "the circles appear to have a radius of {:.1} mm, not {:.1} mm, if their spacing is {:.1} mm",
             1e3 * observed.radius,
             1e3 * board.radius,
             1e3 * board.spacing
@@ -221,7 +221,7 @@ fn pixels_not_square(camera: &Camera<f64>, trust: &Trust) -> Option<Finding> {
         cause: Cause::PixelsNotSquare,
         severity: Severity::Warning,
         reason: format!("fx and fy differ by {difference:.2} ± {sigma:.2} px, but pixels are square"),
-        advice: "tilt and turn the board more: its print and bend are estimated, but must be seen from all sides"
+        advice: "tilt and rotate the board more: its print and bend are estimated, but it must be seen from all sides"
             .into(),
     })
 }
@@ -232,7 +232,14 @@ fn not_one_to_one(camera: &Camera<f64>, sensor: Sensor) -> Option<Finding> {
         cause: Cause::NotOneToOne,
         severity: Severity::Warning,
         reason: format!("the distortion folds over inside the image, at {:.1} % of the pixels", 100.0 * share),
-        advice: "cover the corners of the image, or take a model with fewer coefficients or one for wide lenses".into(),
+        advice: match camera.kind() {
+            ModelKind::Radtan | ModelKind::Radtan8 => {
+                "cover the corners of the image, or use the model radtan4, for a wide lens kannala-brandt"
+            }
+            ModelKind::Radtan4 => "cover the corners of the image, or, for a wide lens, use the model kannala-brandt",
+            _ => "cover the corners of the image",
+        }
+        .into(),
     })
 }
 
@@ -240,12 +247,12 @@ fn held(camera: &Camera<f64>, held: &[usize]) -> Option<Finding> {
     let (names, values) = (camera.kind().parameter_names(), camera.parameters());
     let told: Vec<String> = held
         .iter()
-        .filter_map(|&index| Some(format!("{} was kept at {}", names.get(index)?, values.get(index)?)))
+        .filter_map(|&index| Some(format!("{} was fixed at {}", names.get(index)?, values.get(index)?)))
         .collect();
     (!told.is_empty()).then(|| Finding {
         cause: Cause::ParameterUndetermined,
         severity: Severity::Note,
-        reason: format!("this recording does not determine all of the lens: {}", told.join(", ")),
+        reason: format!("this recording does not determine all lens parameters: {}", told.join(", ")),
         advice: Advice::Free(held.iter().filter_map(|&index| names.get(index).copied()).collect()),
     })
 }
@@ -260,10 +267,10 @@ fn undetermined(camera: &Camera<f64>, trust: &Trust, held: &[usize]) -> Option<F
         .enumerate()
         .skip(4)
         .filter(|(index, _)| !held.contains(index))
-        .filter(|(_, (_, (value, sigma)))| value.abs() < TOLD_FROM_ZERO * **sigma)
+        .filter(|(_, (_, (value, sigma)))| value.abs() < SIGNIFICANT * **sigma)
         .map(|(_, (name, _))| *name)
         .collect();
-    // Each parameter may be open although the projection is known: then several only count together.
+    // Each parameter may be poorly determined although the projection is known: then they are only meaningful together.
     if let (Some(fx), Some(sigma)) = (parameters.first(), sigma.first())
         && *sigma > OPEN_FOCAL_LENGTH * fx
         && trust.projection.rms_95 < sigma * KNOWN_TOGETHER
@@ -271,17 +278,27 @@ fn undetermined(camera: &Camera<f64>, trust: &Trust, held: &[usize]) -> Option<F
         return Some(Finding {
             cause: Cause::ParameterUndetermined,
             severity: Severity::Note,
-            reason: "focal length and shape parameters of this model are known together only, not each of them alone"
+            reason: "focal length and shape parameters of this model are strongly correlated: individual values are not reliable"
                 .to_owned(),
-            advice: "use them together, or take a model with fewer coefficients".into(),
+            advice: "use their values only together".into(),
         });
     }
-    (!lost.is_empty()).then(|| Finding {
+    let (simpler, coefficient) = simpler_model(camera.kind()).filter(|(_, coefficient)| lost.contains(coefficient))?;
+    Some(Finding {
         cause: Cause::ParameterUndetermined,
         severity: Severity::Note,
-        reason: format!("zero is within the uncertainty of {}", lost.join(", ")),
-        advice: "a model with fewer coefficients is probably enough".into(),
+        reason: format!("{coefficient} is not significantly different from zero"),
+        advice: Advice::Plain(format!("the model {simpler}, without {coefficient}, is probably sufficient")),
     })
+}
+
+/// Returns the model that differs from `kind` by the lack of one coefficient, and the name of that coefficient.
+fn simpler_model(kind: ModelKind) -> Option<(ModelKind, &'static str)> {
+    match kind {
+        ModelKind::Radtan => Some((ModelKind::Radtan4, "k3")),
+        ModelKind::DoubleSphere => Some((ModelKind::Ucm, "xi")),
+        _ => None,
+    }
 }
 
 fn too_poor(camera: &Camera<f64>, events: &EventTrust) -> Option<Finding> {
@@ -293,7 +310,7 @@ fn too_poor(camera: &Camera<f64>, events: &EventTrust) -> Option<Finding> {
             cause: Cause::ModelTooPoor,
             severity: Severity::Warning,
             reason: format!(
-                "residuals of {:.3} px stay in the same places of the image, and no other model explains them better",
+                "systematic residuals of {:.3} px remain over the image, and no other model explains them better",
                 pattern.shift
             ),
             advice: Advice::LookAtBoard,
@@ -315,10 +332,10 @@ fn halves(halves: &SplitHalf) -> Option<Finding> {
         cause: Cause::HalvesDisagree,
         severity: Severity::Warning,
         reason: format!(
-            "two halves of the recording differ by {:.3} px, where {:.3} px are expected and at most {:.3} px in 95 of 100 cases",
+            "two halves of the recording differ by {:.3} px, while {:.3} px are expected (95 % bound: {:.3} px)",
             halves.difference.rms, halves.expected_rms, halves.bound
         ),
-        advice: "did anything change in between: focus, board, temperature? The stated ± is too small".into(),
+        advice: "did anything change in between: focus, board, temperature? The reported ± is too small".into(),
     })
 }
 
@@ -326,9 +343,10 @@ fn halves(halves: &SplitHalf) -> Option<Finding> {
 mod tests {
     use super::*;
 
-    /// In little light, dots of 3 px had an offset of their own (11 circles of 8 mm, 2.7 mm/px), and the radius was called wrong.
+    /// In little light, dots of 3 px had an offset of their own (11 circles of 8 mm, 2.7 mm/px), and the radius was reported as
+    /// wrong.
     #[test]
-    fn a_radius_that_the_events_themselves_confirm_is_not_wrong() {
+    fn a_radius_that_the_evidence_confirms_is_not_reported() {
         let board: CircleBoard = "acircles:11x5:30mm:r8mm".parse().unwrap();
         let scale = 2.7e-3;
         let told = |pixels: f64, evidence: Option<(f64, f64)>| {
@@ -341,9 +359,9 @@ mod tests {
         };
         let stated = Some((8.1e-3, 0.23e-3));
         assert!(told(0.3, None) && !told(0.3, stated) && !told(-0.3, stated));
-        // Evidence that tells neither, or that the radius is another one, is none for the stated one.
+        // Evidence that distinguishes neither, or supports another radius, does not confirm the stated one.
         assert!(told(0.3, Some((8.1e-3, 1e-3))) && told(0.3, Some((8.9e-3, 0.23e-3))));
-        // Light dots, or polarities exchanged.
+        // Light dots, or exchanged polarities.
         assert!(told(0.8, stated) && told(-0.8, stated));
     }
 }

@@ -1,4 +1,4 @@
-//! What to do about calibrations, boards and the page: options and commands for what the libraries say in words.
+//! Advice about calibrations, boards and the page, with options and commands of the program.
 
 use std::error::Error;
 
@@ -26,10 +26,10 @@ use event_recordings::TimeUnit;
 
 use super::recordings::add_sensor;
 
-/// What to do about `error`, where it is one of evcal-calibrate, evcal-geometry or evcal-live.
+/// Returns advice about an error of evcal-calibrate, evcal-geometry or evcal-live.
 pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
     if let Some(EventsError::Circles(_)) = error.downcast_ref() {
-        return Some("evcal calibrate takes it as it is, other commands need the recording itself".to_owned());
+        return Some("evcal calibrate reads this file; other commands need the recording".to_owned());
     }
     let of_boards = || {
         let known = error.downcast_ref().and_then(about_no_pattern);
@@ -57,24 +57,24 @@ pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
     of_calibration.or_else(of_boards).or_else(of_others).or_else(of_results)
 }
 
-/// `advice` in the words of the command line.
+/// Returns `advice` with options of the command line.
 pub fn worded(advice: &Advice) -> String {
     match advice {
         Advice::TakeModel(kind) => format!("calibrate again with --model {kind}"),
         Advice::TakeWholeBoard(board) => format!(
-            "calibrate again with --board {board}, which takes more of the recording; the lens is right within what is stated"
+            "calibrate again with --board {board}, which uses more of the recording; the lens is correct within the reported uncertainty"
         ),
         Advice::CountRows => {
-            "count them on the board: --board names more than it has, or a part of it was never in view".to_owned()
+            "count rows and columns of the board: --board has more than the board, or a part of the board was never in view".to_owned()
         }
         Advice::LookAtBoard => {
-            "is the board wavy, or the lens dirty? A smooth bend and an uneven print are estimated already, unless --fix keeps them"
+            "check whether the board is wavy or the lens dirty (a smooth bend and an uneven print are estimated, unless fixed with --fix)"
                 .to_owned()
         }
         Advice::Free(names) => {
             let options: Vec<String> = names.iter().map(|name| format!("--free {name}")).collect();
             format!(
-                "bring the board into the corners of the image, or estimate it all the same with {}",
+                "bring the board into the corners of the image, or estimate them anyway with {}",
                 options.join(" ")
             )
         }
@@ -89,12 +89,12 @@ pub fn worded(advice: &Advice) -> String {
             "x and y are swapped: correct --columns, or swap the two numbers of --sensor".to_owned()
         }
         Advice::NameColumns(outside) => {
-            format!("{outside}: are the columns in another order? Say it with --columns, such as x,y,t,p")
+            format!("{outside}: check the order of the columns, and give it with --columns, such as x,y,t,p")
         }
-        Advice::CorrectSensor(outside) => format!("{outside}: give its true size with --sensor"),
+        Advice::CorrectSensor(outside) => format!("{outside}: give the true size of the sensor with --sensor"),
         Advice::BothPolarities(_) => format!("{advice} with --columns"),
         Advice::NameBoard => {
-            "circles were seen: add --board LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS to look for your board".to_owned()
+            "circles were found: add --board LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS to search for your board".to_owned()
         }
         Advice::Measure(found) => {
             let measure = found.to_measure();
@@ -126,8 +126,8 @@ fn about_calibration(error: &CalibrateError) -> Option<String> {
         CalibrateError::LargerBoard(larger) => return Some(format!("use --board {}", larger.board)),
         CalibrateError::ImpossibleValues => "change the values of --fix",
         CalibrateError::HeldFarOff => "leave out --fix",
-        CalibrateError::OnlyFrames { .. } => "name the recording of events first, and the frames after --with",
-        CalibrateError::NoPictures { .. } => "record with --frames, or leave out the option that asks for frames",
+        CalibrateError::OnlyFrames { .. } => "give the recording of events first, and the frames with --with",
+        CalibrateError::NoPictures { .. } => "record with --frames, or leave out the option that needs frames",
         _ => return None,
     };
     Some(next.to_owned())
@@ -143,7 +143,7 @@ fn about_initial(error: &InitialError) -> Option<&'static str> {
 
 fn about_parameter(error: &ParameterError) -> Option<&'static str> {
     match error {
-        ParameterError::Unknown { model: None, .. } => Some("name the model of the lens with --model"),
+        ParameterError::Unknown { model: None, .. } => Some("give the camera model with --model"),
         ParameterError::Value(_) => Some("for example --fix k3=0"),
         ParameterError::Both(_) => Some("leave out --fix or --free"),
         _ => None,
@@ -164,7 +164,7 @@ fn about_no_pattern(error: &NoPattern) -> Option<String> {
     let next = match error.main_cause() {
         NoPatternCause::OtherBoard(other) => return Some(format!("use --board {}", other.board)),
         NoPatternCause::AtRest(_) => "check the kind, rows and columns of --board",
-        NoPatternCause::OnePolarity(_) => "say which column the polarity is in with --columns",
+        NoPatternCause::OnePolarity(_) => "give the column of the polarity with --columns",
         NoPatternCause::Windows(NoBoard::TooFewCircles, _) => "try --extraction soft",
         NoPatternCause::Windows(NoBoard::TooFewEvents | NoBoard::NotRound, _)
         | NoPatternCause::TooShort
@@ -177,7 +177,7 @@ fn about_no_pattern(error: &NoPattern) -> Option<String> {
 fn about_radius(error: &OtherRadius) -> String {
     let boards: Vec<String> = error.meant.iter().map(|(_, board)| format!("--board {board}")).collect();
     match boards.is_empty() {
-        true => "give what you measured with --board".to_owned(),
+        true => "give the measured lengths with --board".to_owned(),
         false => format!("use {}", boards.join(" or ")),
     }
 }
@@ -186,7 +186,7 @@ fn about_board_choice(error: &BoardChoiceError) -> Option<String> {
     match error {
         BoardChoiceError::NoEvents => Some("for example --board acircles:9x4:55mm:r17.5mm".to_owned()),
         BoardChoiceError::NotRecognised { .. } => {
-            Some("name it with --board LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS".to_owned())
+            Some("give the board with --board LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS".to_owned())
         }
         BoardChoiceError::SizeUnknown { found } => Some(format!("give both, for example --board {}", found.example())),
         _ => None,
@@ -203,7 +203,7 @@ fn about_board(error: &BoardError) -> Option<String> {
 fn about_circle_board(error: &CircleBoardError) -> Option<String> {
     match error.problem {
         BoardProblem::NoCircles(_) => Some("print one with evcal board --pdf board.pdf".to_owned()),
-        BoardProblem::File => Some("recordings stand apart from --board".to_owned()),
+        BoardProblem::File => Some("give recordings without an option, not with --board".to_owned()),
         _ => None,
     }
 }
@@ -232,14 +232,14 @@ fn about_second_camera(error: &SecondCameraError) -> Option<&'static str> {
 fn about_inertial(error: &InertialError) -> Option<&'static str> {
     match error {
         InertialError::NoTrajectory => Some("leave out --frames-only"),
-        InertialError::NoSamples { .. } => Some("record with the IMU on, or give its samples with --imu FILE.csv"),
+        InertialError::NoSamples { .. } => Some("record with the IMU enabled, or give its samples with --imu FILE.csv"),
         _ => None,
     }
 }
 
 fn about_capture(error: &CaptureFileError) -> Option<&'static str> {
     match error.reason {
-        CaptureError::OtherBodies { .. } | CaptureError::SeveralBodies { .. } => Some("name it with --body"),
+        CaptureError::OtherBodies { .. } | CaptureError::SeveralBodies { .. } => Some("choose it with --body"),
         CaptureError::NoNames => Some("leave out --body"),
         _ => None,
     }
@@ -263,7 +263,7 @@ fn about_target(error: &TargetError) -> Option<&'static str> {
 
 fn about_page(error: &PageError) -> &'static str {
     match error {
-        PageError::Port { .. } => "choose one with --port, or leave the page out with --no-page",
-        PageError::System(_) => "add --no-page to run without it",
+        PageError::Port { .. } => "choose another with --port, or run without a page with --no-page",
+        PageError::System(_) => "add --no-page to run without a page",
     }
 }

@@ -1,4 +1,4 @@
-//! What to do about recordings, and about files and folders that cannot be written.
+//! Advice about recordings, and about files and folders that cannot be written.
 
 use std::error::Error;
 use std::path::Path;
@@ -12,10 +12,10 @@ use event_recordings::convert::ConvertError;
 use event_recordings::encode::WriteError;
 use event_recordings::given_sensor::{Exchanged, OtherSensor};
 use event_recordings::text::LineError;
-use event_recordings::{ForeignFormat, FormatOption, LayoutError, RecordingError, RecordingErrorKind, Usable};
+use event_recordings::{FormatOption, LayoutError, RecordingError, RecordingErrorKind, UnsupportedFormat, Usable};
 use usb_davis::capture::CaptureError;
 
-/// What to do about `error`, where it is one of event-recordings, evcal-files or usb-davis, or about a sensor that is not known.
+/// Returns advice about an error of event-recordings, evcal-files or usb-davis, or about an unknown sensor size.
 pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
     if let Some(RecordingError { path, kind }) = error.downcast_ref() {
         return about_recording(path, kind);
@@ -32,14 +32,15 @@ pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
     if let Some(CalibrateError::SensorUnknown { likely, .. }) = error.downcast_ref() {
         return Some(add_sensor(*likely));
     }
-    if let Some(WriteError::Leap { .. }) = error.downcast_ref() {
-        let next = "is the unit of its times another one? name it with --time-unit; if not, cut the recording there";
+    if let Some(WriteError::Jump { .. }) = error.downcast_ref() {
+        let next =
+            "if the unit of its timestamps is wrong, give it with --time-unit; otherwise cut the recording there";
         return Some(next.to_owned());
     }
     about_output(error).or_else(|| about_capture(error.downcast_ref()?)).map(str::to_owned)
 }
 
-/// How the size of a sensor is given, if it is likely this one.
+/// Returns the advice to add `--sensor`, with the likely size.
 pub fn add_sensor(likely: Option<Sensor>) -> String {
     likely.map_or_else(
         || "add --sensor WIDTHxHEIGHT".to_owned(),
@@ -51,31 +52,31 @@ fn about_recording(path: &Path, kind: &RecordingErrorKind) -> Option<String> {
     let next = match kind {
         RecordingErrorKind::Missing(_) => where_else(path),
         RecordingErrorKind::Directory { .. } if path.join("calibration.json").is_file() => {
-            "name the recording; the folder holds a calibration, which evcal export, evaluate, compare and undistort -c read"
+            "give the recording; this folder contains a calibration, for evcal export, evaluate, compare and undistort -c"
         }
         RecordingErrorKind::Directory { recordings } => return Some(one_of(recordings)),
         RecordingErrorKind::Unsupported(format) => about_format(*format)?,
         RecordingErrorKind::Damaged { usable: Usable::Around, .. } | RecordingErrorKind::DamagedChunk { .. } => {
-            "leave out what is damaged with --skip-damaged"
+            "skip the damaged parts with --skip-damaged"
         }
         RecordingErrorKind::Damaged { usable: Usable::Nothing, .. } => {
-            "copy it again; where the program that wrote an HDF5 file was ended too early, h5clear -s may mend it"
+            "copy it again; if the program that wrote an HDF5 file was killed, h5clear -s may repair it"
         }
-        RecordingErrorKind::BagMetadata(_) => "name the .db3 or .mcap file itself",
+        RecordingErrorKind::BagMetadata(_) => "give the .db3 or .mcap file itself",
         RecordingErrorKind::Line { what: LineError::FieldCount { count, columns }, .. } => {
             match *count > columns.as_slice().len() {
                 true => {
-                    "do numbers have a comma in place of the point? write 0.5, not 0,5; or name all columns with --columns"
+                    "if numbers have decimal commas, write 0.5 instead of 0,5; otherwise give all columns with --columns"
                 }
-                false => "name those that there are with --columns, or complete the line",
+                false => "give the columns of the file with --columns, or complete the line",
             }
         }
         RecordingErrorKind::Line { what: LineError::Time { .. }, .. } | RecordingErrorKind::EventTime { .. } => {
-            "name the unit with --time-unit"
+            "give the unit with --time-unit"
         }
         RecordingErrorKind::NoEffect { option, .. } => return Some(format!("leave out {}", name(*option))),
         RecordingErrorKind::Filter(_) => {
-            "write it anew with h5repack -f GZIP=4 IN OUT, where that compression is installed"
+            "rewrite it with h5repack -f GZIP=4 IN OUT on a computer with that compression filter"
         }
         RecordingErrorKind::Sensor { .. } => "give the true size with --sensor",
         RecordingErrorKind::ChipUnknown => "add --sensor WIDTHxHEIGHT",
@@ -87,76 +88,80 @@ fn about_recording(path: &Path, kind: &RecordingErrorKind) -> Option<String> {
     Some(next.to_owned())
 }
 
-/// Names of files that are told at most.
+/// Limit of listed file names.
 const MOST_NAMED: usize = 3;
 
 fn one_of(recordings: &[String]) -> String {
     let named: Vec<&str> = recordings.iter().take(MOST_NAMED).map(String::as_str).collect();
     let more = if recordings.len() > MOST_NAMED { " …" } else { "" };
     match named.is_empty() {
-        true => "name the recording in it".to_owned(),
-        false => format!("name the recording in it ({}{more})", named.join(", ")),
+        true => "give the recording in it".to_owned(),
+        false => format!("give the recording in it ({}{more})", named.join(", ")),
     }
 }
 
-/// What to do about a path that leads nowhere.
+/// Returns advice about a path that does not exist.
 fn where_else(path: &Path) -> &'static str {
     let text = path.to_string_lossy();
     if text == "-" {
-        "standard input is not read, for a recording is read more than once: write it to a file first"
+        "standard input is not supported, because a recording is read more than once: write it to a file first"
     } else if text.contains("://") {
-        "an address is no file: download it first"
+        "addresses are not supported: download the file first"
     } else if text.contains(['*', '?']) {
-        "no name is of this form: is it the right folder?"
+        "no file matches this pattern: check the folder"
     } else if text.starts_with('~') {
-        "within quotes ~ is a name like others: write the whole path of your home folder"
+        "~ is not expanded within quotes: write the full path of your home folder"
     } else if text.starts_with("/dev/tty") {
-        "a detector on a serial port is named serial:PORT; is it plugged in?"
+        "write serial:PORT for a detector on a serial port, and check that it is connected"
     } else {
-        "is the path right? one with spaces needs quotes"
+        "check the path; paths with spaces need quotes"
     }
 }
 
-fn about_format(format: ForeignFormat) -> Option<&'static str> {
+fn about_format(format: UnsupportedFormat) -> Option<&'static str> {
     Some(match format {
-        ForeignFormat::Aedat1 => "open it in jAER and save it as AEDAT 2",
-        ForeignFormat::Aedat3Compressed => "convert it to AEDAT4 with DV",
-        ForeignFormat::Rosbag1 => "bring it to version 2 with rosbag fix",
-        ForeignFormat::Hdf5 => {
+        UnsupportedFormat::Aedat1 => "open it in jAER and save it as AEDAT 2",
+        UnsupportedFormat::Aedat3Compressed => "convert it to AEDAT4 with DV",
+        UnsupportedFormat::Rosbag1 => "convert it to version 2.0 with rosbag fix",
+        UnsupportedFormat::Hdf5 => {
             "build evcal with --features hdf5, or save its arrays t, x, y and p with h5py and numpy.savez"
         }
-        ForeignFormat::VirtualHdf5 => {
-            "an array in it is a view of other arrays (a virtual dataset): copy the numbers into arrays of their own, with h5py or \
+        UnsupportedFormat::VirtualHdf5 => {
+            "one of its datasets is virtual (a view of other arrays): copy the numbers into ordinary datasets with h5py or \
              h5repack -l CONTI IN OUT"
         }
-        ForeignFormat::PropheseeEncoding => "convert it with metavision_file_to_csv",
-        ForeignFormat::EventStreamVersion => "convert it with the program that wrote it",
-        ForeignFormat::EventStreamKind => "name the events of a DVS or an ATIS, not colours or generic bytes",
-        ForeignFormat::Gzip => "unpack it with gunzip first",
-        ForeignFormat::Xz => "unpack it with unxz first",
-        ForeignFormat::Zstandard => "unpack it with unzstd first",
-        ForeignFormat::Bzip2 => "unpack it with bunzip2 first",
-        ForeignFormat::Tar => "unpack it with tar -xf first",
-        ForeignFormat::SevenZip | ForeignFormat::Rar | ForeignFormat::Zip => "unpack it first",
-        ForeignFormat::ZipCompression => "pack it again with numpy.savez_compressed",
-        ForeignFormat::Spreadsheet => "save its events as CSV",
-        ForeignFormat::Calibration => {
-            "evcal export, evaluate, compare and undistort -c read it; name the recording here"
+        UnsupportedFormat::PropheseeEncoding => "convert it with metavision_file_to_csv",
+        UnsupportedFormat::EventStreamVersion => "convert it with the program that wrote it",
+        UnsupportedFormat::EventStreamKind => {
+            "give a file with events of a DVS or an ATIS, not colours or generic data"
         }
-        ForeignFormat::CalibrationReport => "browsers show it; name the recording here",
-        ForeignFormat::Json => "a calibration is read by evcal export, evaluate, compare and undistort -c",
-        ForeignFormat::Yaml => {
-            "a camera.yaml is a camera for OpenCV, and calibration.json beside it is read by evcal; name the recording here"
+        UnsupportedFormat::Gzip => "unpack it with gunzip first",
+        UnsupportedFormat::Xz => "unpack it with unxz first",
+        UnsupportedFormat::Zstandard => "unpack it with unzstd first",
+        UnsupportedFormat::Bzip2 => "unpack it with bunzip2 first",
+        UnsupportedFormat::Tar => "unpack it with tar -xf first",
+        UnsupportedFormat::SevenZip | UnsupportedFormat::Rar | UnsupportedFormat::Zip => "unpack it first",
+        UnsupportedFormat::ZipCompression => "pack it again with numpy.savez_compressed",
+        UnsupportedFormat::Spreadsheet => "save its events as CSV",
+        UnsupportedFormat::Calibration => {
+            "it is for evcal export, evaluate, compare and undistort -c; give the recording here"
         }
-        ForeignFormat::Pdf => "name the recording of the board, not the board",
-        ForeignFormat::Png => "evcal undistort takes pictures, and takes their distortion out",
-        ForeignFormat::Parquet | ForeignFormat::Pickle => "save its columns t, x, y and p with numpy.savez, or as CSV",
-        ForeignFormat::Matlab => "save it in MATLAB with the option -v7.3, or its events as text",
-        ForeignFormat::Video => "name the events that the camera recorded, not a video of them",
-        ForeignFormat::Html => "a web page was saved in place of the recording: download it again",
-        ForeignFormat::GitLfsPointer => "the recording itself was not fetched: run git lfs pull",
-        ForeignFormat::Utf16 => "save it as UTF-8, or convert it with iconv -f UTF-16 -t UTF-8",
-        ForeignFormat::Latin1 => "save it as UTF-8, or convert it with iconv -f LATIN1 -t UTF-8",
+        UnsupportedFormat::CalibrationReport => "open it in a browser; give the recording here",
+        UnsupportedFormat::Json => "for a calibration use evcal export, evaluate, compare or undistort -c",
+        UnsupportedFormat::Yaml => {
+            "a camera.yaml is for OpenCV, evcal reads the calibration.json next to it; give the recording here"
+        }
+        UnsupportedFormat::Pdf => "give the recording, not the printed board",
+        UnsupportedFormat::Png => "evcal undistort removes the distortion of pictures",
+        UnsupportedFormat::Parquet | UnsupportedFormat::Pickle => {
+            "save its columns t, x, y and p with numpy.savez, or as CSV"
+        }
+        UnsupportedFormat::Matlab => "save it in MATLAB with the option -v7.3, or its events as text",
+        UnsupportedFormat::Video => "give the events of the camera, not a video of them",
+        UnsupportedFormat::Html => "this is a web page instead of the recording: download the recording again",
+        UnsupportedFormat::GitLfsPointer => "the file is only a pointer: run git lfs pull to fetch the recording",
+        UnsupportedFormat::Utf16 => "save it as UTF-8, or convert it with iconv -f UTF-16 -t UTF-8",
+        UnsupportedFormat::Latin1 => "save it as UTF-8, or convert it with iconv -f LATIN1 -t UTF-8",
         _ => return None,
     })
 }
@@ -176,7 +181,7 @@ fn about_layout(error: &LayoutError) -> Option<&'static str> {
         | LayoutError::FirstLine(_)
         | LayoutError::FieldCount(_)
         | LayoutError::Unclear
-        | LayoutError::Ambiguous => Some("say what its columns are with --columns, for example t,x,y,p"),
+        | LayoutError::Ambiguous => Some("give its columns with --columns, for example t,x,y,p"),
         LayoutError::Named => Some("leave out --columns"),
         _ => None,
     }
@@ -192,21 +197,21 @@ fn about_capture(error: &CaptureError) -> Option<&'static str> {
 }
 
 fn about_sensor(error: &OtherSensor) -> String {
-    let turned = |sensor: &Sensor| format!("write --sensor {}x{}", sensor.height, sensor.width);
+    let swapped = |sensor: &Sensor| format!("write --sensor {}x{}", sensor.height, sensor.width);
     let next = match error {
         OtherSensor::TooSmall { own: Some(_), .. } | OtherSensor::TooLarge { .. } => "leave out --sensor",
-        OtherSensor::Exchanged { exchanged: Exchanged::InTheSizeAskedFor, sensor, .. } => return turned(sensor),
-        OtherSensor::Exchanged { exchanged: Exchanged::InTheSizeOfTheFile, sensor, .. } => {
-            return format!("the file exchanged them in its size; {}", turned(sensor));
+        OtherSensor::Exchanged { exchanged: Exchanged::RequestedSize, sensor, .. } => return swapped(sensor),
+        OtherSensor::Exchanged { exchanged: Exchanged::FileSize, sensor, .. } => {
+            return format!("the size in the file has them swapped; {}", swapped(sensor));
         }
-        OtherSensor::Exchanged { exchanged: Exchanged::InTheColumns, .. } => {
-            "say where x and y are with --columns, such as t,y,x,p"
+        OtherSensor::Exchanged { exchanged: Exchanged::Columns, .. } => {
+            "give the order of the columns with --columns, such as t,y,x,p"
         }
-        OtherSensor::Exchanged { exchanged: Exchanged::InTheFile, .. } => {
-            "the program that wrote the file exchanged them; write it anew"
+        OtherSensor::Exchanged { exchanged: Exchanged::File, .. } => {
+            "the program that wrote the file swapped them; write the file again"
         }
         OtherSensor::CountedFromOne { .. } => "subtract 1 from x and y",
-        OtherSensor::NoPixels { .. } => "say which columns x and y are with --columns",
+        OtherSensor::NoPixels { .. } => "give the columns of x and y with --columns",
         _ => "give the true size with --sensor",
     };
     next.to_owned()
@@ -214,7 +219,7 @@ fn about_sensor(error: &OtherSensor) -> String {
 
 fn about_conversion(error: &ConvertError) -> Option<String> {
     match error {
-        ConvertError::Extension(_) => Some("or name the format with --to".to_owned()),
+        ConvertError::Extension(_) => Some("or give the format with --to".to_owned()),
         ConvertError::SensorUnknown { likely, .. } => Some(add_sensor(*likely)),
         ConvertError::CopiedTimes(_) => Some("leave out --unix-time".to_owned()),
         _ => None,
@@ -223,9 +228,9 @@ fn about_conversion(error: &ConvertError) -> Option<String> {
 
 fn about_output(error: &(dyn Error + 'static)) -> Option<&'static str> {
     match (error.downcast_ref(), error.downcast_ref()) {
-        (Some(OutputError::Taken(_)), _) => Some("choose another name, or replace it with --force"),
-        (_, Some(FolderError::Taken(_))) => Some("choose another folder, or replace the results with --force"),
-        (_, Some(FolderError::Busy(_))) => Some("wait for its end, or choose another folder with -o"),
+        (Some(OutputError::Exists(_)), _) => Some("choose another name, or replace it with --force"),
+        (_, Some(FolderError::Exists(_))) => Some("choose another folder, or replace the results with --force"),
+        (_, Some(FolderError::Busy(_))) => Some("wait until it ends, or choose another folder with -o"),
         (_, Some(FolderError::Unusable(_) | FolderError::Blocked(_))) => Some("choose another folder with -o"),
         _ => None,
     }

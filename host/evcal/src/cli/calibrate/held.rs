@@ -1,4 +1,4 @@
-//! Cameras whose intrinsics are held where they are solved together with something else.
+//! Cameras whose intrinsics are fixed in the solve with an IMU or with other cameras.
 
 use std::path::{Path, PathBuf};
 
@@ -10,17 +10,17 @@ use evcal_geometry::lens::camera_file::CameraFileError;
 
 use super::super::print;
 
-/// A camera whose intrinsics are held.
+/// A camera whose intrinsics are fixed.
 pub struct HeldCamera {
     file: PathBuf,
     sensor: Sensor,
     intrinsics: HeldIntrinsics,
 }
 
-/// The camera is another one.
+/// The given camera and the recording have different sensor sizes.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "{} is a camera of {} x {} pixels, that of the recording has {} x {}: give the calibration of the same camera",
+    "{} is for a camera with {} x {} pixels, but the camera of the recording has {} x {}: give the calibration of the same camera",
     visible::path(file), known.width, known.height, recorded.width, recorded.height
 )]
 pub struct OtherSensor {
@@ -30,20 +30,18 @@ pub struct OtherSensor {
 }
 
 impl HeldCamera {
-    /// Reads a calibration, or another camera file; without σ it is told.
+    /// Reads a calibration or another camera file; prints a warning if it contains no σ.
     pub fn read(path: &Path) -> Result<Self, CameraFileError> {
         let known = CalibratedCamera::read(path)?;
         let (camera, sensor, covariance) = (known.camera, known.sensor, known.covariance_matrix());
         if covariance.is_none() {
             let file = visible::path(path);
-            print::aside(format!(
-                "{file} has no σ for the intrinsics, so the σ of everything solved with them is too small"
-            ));
+            print::aside(format!("{file} contains no σ of the intrinsics, so all σ of this calibration are too small"));
         }
         Ok(Self { file: path.to_owned(), sensor, intrinsics: HeldIntrinsics { camera, covariance } })
     }
 
-    /// Its intrinsics, for a recording of a camera with this sensor.
+    /// Returns the intrinsics for a recording with this sensor size.
     pub fn of(&self, recorded: Sensor) -> Result<&HeldIntrinsics, OtherSensor> {
         if self.sensor == recorded {
             return Ok(&self.intrinsics);
@@ -52,11 +50,11 @@ impl HeldCamera {
     }
 }
 
-/// Cameras of all recordings whose intrinsics are held.
+/// The cameras whose intrinsics are fixed.
 #[derive(Default)]
 pub struct HeldCameras {
-    /// The first one.
+    /// The first camera.
     pub first: Option<HeldCamera>,
-    /// The first of the others.
+    /// The other cameras, in the order of their recordings; may be fewer.
     pub others: Vec<HeldCamera>,
 }

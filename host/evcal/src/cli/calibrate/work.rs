@@ -1,4 +1,4 @@
-//! One calibration: what it is made from, the calibration itself, what is written and printed of it.
+//! One calibration: its inputs, the calibration itself, and its output.
 
 use std::fmt;
 use std::io::IsTerminal as _;
@@ -12,7 +12,7 @@ use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::calibrate::mounted::SecondCamera;
 use evcal_calibrate::calibrate::parameter_request::ParameterRequests;
 use evcal_calibrate::calibrate::second::{
-    calibrate_frame_camera, calibrate_lens_apart, calibrate_own_pictures, calibrate_second_camera,
+    calibrate_beside, calibrate_lens_apart, calibrate_own_pictures, pictures_beside,
 };
 use evcal_calibrate::calibrate::step::Step;
 use evcal_calibrate::calibrate::{PictureUse, Task, calibrate};
@@ -38,7 +38,7 @@ use super::super::{NotGoodEnough, Outcome, command_line, print};
 use super::CalibrationArguments;
 use super::held::{HeldCameras, OtherSensor};
 
-/// A calibration that failed, and what it left.
+/// A failed calibration, and the files that describe the failure.
 #[derive(Debug, thiserror::Error)]
 #[error("{error}{}", files_of(.failure))]
 pub(super) struct Failed {
@@ -49,47 +49,47 @@ pub(super) struct Failed {
 
 fn files_of(failure: &Failure) -> String {
     let files: Vec<String> = failure.files.iter().map(visible::path).collect();
-    if files.is_empty() { String::new() } else { format!("\n  what was seen: {}", files.join(", ")) }
+    if files.is_empty() { String::new() } else { format!("\n  details: {}", files.join(", ")) }
 }
 
 /// Another camera on the mount.
 pub struct Other {
     /// Its recording.
     pub input: Input,
-    /// Size of its sensor, where the recording does not tell it.
+    /// Its sensor size, if the recording does not contain it.
     pub sensor: Option<Sensor>,
     /// Its camera model.
     pub model: ModelRequest,
 }
 
-/// What is calibrated, and how.
+/// The inputs and options of a calibration.
 pub struct Work<'a> {
-    /// Recordings, or circles found before.
+    /// Recordings of the first camera, or its circles.
     pub inputs: Vec<Input>,
-    /// The recording of each other camera on the mount.
+    /// Other cameras on the mount.
     pub others: Vec<Other>,
-    /// Whether the rows of their frames are exposed one after the other.
+    /// `true` if the other cameras have a rolling shutter.
     pub rolling_shutter: bool,
-    /// Cameras whose intrinsics are held where they are solved with something else.
+    /// Cameras whose intrinsics are fixed in the solve with an IMU or other cameras.
     pub held: HeldCameras,
-    /// The board in them.
+    /// The board in the recordings.
     pub board: Board,
-    /// Size of the sensor, where they do not tell it.
+    /// Sensor size, if the recordings do not contain it.
     pub sensor: Option<Sensor>,
-    /// Parameters that are held, or free in any case.
+    /// Parameters that are fixed or always estimated.
     pub parameters: ParameterRequests,
-    /// What the command line says.
+    /// Options of the command line.
     pub arguments: &'a CalibrationArguments,
-    /// All thresholds.
+    /// Settings of all stages.
     pub settings: &'a Settings,
-    /// Who reads the recordings, where it is not whoever calibrates.
+    /// Threads that read the recordings; `None` to use the threads of the calibration.
     pub readers: Option<ThreadPool>,
 }
 
-/// What came of a calibration.
+/// A finished or failed calibration, before its results are written.
 pub struct Attempt {
     calibrated: Result<Calibrated, CalibrateError>,
-    /// The stages that it reached.
+    /// Stages in the order in which they began.
     stages: Vec<String>,
 }
 
@@ -100,7 +100,7 @@ impl Work<'_> {
             (true, ..) => PictureUse::Only,
             (_, true, _) => PictureUse::Joint,
             (.., true) => PictureUse::SecondCamera,
-            // Those in the bag are another camera's.
+            // The images in the bag are of another camera.
             _ if self
                 .others
                 .iter()
@@ -124,13 +124,13 @@ impl Work<'_> {
         }
     }
 
-    /// Whether the recording of another camera is in a file of the first one's.
+    /// Returns whether the recording of another camera is in a file of the first camera.
     fn is_of_first(&self, other: &Input) -> bool {
         self.inputs.iter().any(|input| input.is_of_file_of(other))
     }
 
-    /// Prints what the readers took for granted: the summary does that where there is one.
-    fn tell_guesses(&self) {
+    /// Prints the assumptions of the readers, which the summary contains after a successful calibration.
+    fn print_assumptions(&self) {
         for input in &self.inputs {
             if let Input::Events(recording) = input
                 && let Ok(reader) = recording.open()
@@ -141,19 +141,19 @@ impl Work<'_> {
         }
     }
 
-    /// Calibrates. `tell` hears what is going on, and may end it.
-    pub fn calibrate(&self, mut tell: impl FnMut(Step) -> ControlFlow<()> + Send) -> Attempt {
+    /// Calibrates. `progress` receives each step, and can cancel.
+    pub fn calibrate(&self, mut progress: impl FnMut(Step) -> ControlFlow<()> + Send) -> Attempt {
         let mut stages: Vec<String> = Vec::new();
         let calibrated = calibrate(&self.task(&command_line()), |step| {
             if stages.last().is_none_or(|last| last != step.text) {
                 stages.push(step.text.to_owned());
             }
-            tell(step)
+            progress(step)
         });
         Attempt { calibrated, stages }
     }
 
-    /// Writes what came of it into `folder`, and prints it.
+    /// Calibrates the IMU and the other cameras, writes the results or the failure into `folder`, and prints them.
     pub fn finish(&self, attempt: Attempt, mut waiting: Waiting, folder: &OutputFolder) -> Outcome {
         let command_line = command_line();
         let task = self.task(&command_line);
@@ -162,7 +162,7 @@ impl Work<'_> {
             Err(error) => {
                 waiting.finish();
                 if !self.arguments.json {
-                    self.tell_guesses();
+                    self.print_assumptions();
                 }
                 let failure = write_failure(folder.path(), &task, &error, with_advice(&error), attempt.stages)?;
                 return Err(Failed { error, failure }.into());
@@ -187,18 +187,18 @@ impl Work<'_> {
                 visible::path(folder)
             ))?;
         }
-        let told = calibrated.verdict.findings.iter().any(|finding| finding.cause == Cause::LargerBoard);
+        let is_reported = calibrated.verdict.findings.iter().any(|finding| finding.cause == Cause::LargerBoard);
         if calibrated.verdict.grade == Grade::NotGood
-            && !told
+            && !is_reported
             && let Some(LargerBoard { found, board }) =
                 self.board.circles().and_then(|board| larger_board(&self.inputs, board, &self.settings.detection))
         {
-            print::aside(format!("is the board right? It looks like {found}: --board {board}"));
+            print::aside(format!("check the board: the recording shows {found}, --board {board}"));
         }
-        // The camera is written all the same.
-        let failed: Vec<Beside> = inertial.err().into_iter().chain(others).collect();
+        // The results of the camera are written nevertheless.
+        let failed: Vec<NotCalibrated> = inertial.err().into_iter().chain(others).collect();
         if !failed.is_empty() {
-            return Err(AllBeside(failed).into());
+            return Err(AllNotCalibrated(failed).into());
         }
         match worst_grade(&calibrated) {
             Grade::NotGood if !self.arguments.accept_any => Err(NotGoodEnough.into()),
@@ -207,56 +207,60 @@ impl Work<'_> {
     }
 }
 
-/// Why the inertial unit or one of the other cameras was not calibrated.
+/// Reasons why the IMU or another camera was not calibrated.
 #[derive(Debug, thiserror::Error)]
-enum BesideError {
+enum OtherError {
     #[error("{0}")]
     Inertial(#[from] InertialError),
     #[error("{0}")]
     Held(#[from] OtherSensor),
     #[error("{0}")]
-    Apart(#[source] CalibrateError),
+    Alone(#[source] CalibrateError),
     #[error("{0}")]
     Together(#[from] SecondCameraError),
 }
 
-/// What was not calibrated beside the first camera, by its option or file, and why.
+/// The IMU or another camera that was not calibrated, with the reason.
 #[derive(Debug)]
-struct Beside {
+struct NotCalibrated {
     what: String,
-    error: BesideError,
+    error: OtherError,
 }
 
-/// All that was not calibrated beside the first camera: one does not keep the others from being calibrated.
+/// Everything next to the first camera that was not calibrated: after a failure, the others are calibrated nevertheless.
 #[derive(Debug)]
-struct AllBeside(Vec<Beside>);
+struct AllNotCalibrated(Vec<NotCalibrated>);
 
-impl std::error::Error for AllBeside {}
+impl std::error::Error for AllNotCalibrated {}
 
-impl fmt::Display for AllBeside {
+impl fmt::Display for AllNotCalibrated {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0.as_slice() {
-            // What it is about goes without saying, but for the calibration of another camera apart.
-            [Beside { what, error: error @ BesideError::Apart(_) }] => write!(f, "{what}: {}", with_advice(error)),
-            [Beside { error, .. }] => f.write_str(&with_advice(error)),
+            // Only the calibration of another camera alone needs its name: the other errors contain it.
+            [NotCalibrated { what, error: error @ OtherError::Alone(_) }] => {
+                write!(f, "{what}: {}", with_advice(error))
+            }
+            [NotCalibrated { error, .. }] => f.write_str(&with_advice(error)),
             several => {
                 write!(f, "{} were not calibrated:", several.len())?;
-                several.iter().try_for_each(|Beside { what, error }| write!(f, "\n  {what}: {}", with_advice(error)))
+                several
+                    .iter()
+                    .try_for_each(|NotCalibrated { what, error }| write!(f, "\n  {what}: {}", with_advice(error)))
             }
         }
     }
 }
 
 impl Work<'_> {
-    /// Calibrates the inertial unit, where it is asked for, and keeps it with the camera.
-    fn add_inertial(&self, calibrated: &mut Calibrated, waiting: &mut Waiting) -> Result<(), Beside> {
-        let added = self.add_unit(calibrated, waiting);
-        added.map_err(|error| Beside { what: "the inertial unit".to_owned(), error })
+    /// Calibrates the IMU, if this is requested, and adds it to the camera.
+    fn add_inertial(&self, calibrated: &mut Calibrated, waiting: &mut Waiting) -> Result<(), NotCalibrated> {
+        let added = self.add_imu(calibrated, waiting);
+        added.map_err(|error| NotCalibrated { what: "the IMU".to_owned(), error })
     }
 
-    fn add_unit(&self, calibrated: &mut Calibrated, waiting: &mut Waiting) -> Result<(), BesideError> {
+    fn add_imu(&self, calibrated: &mut Calibrated, waiting: &mut Waiting) -> Result<(), OtherError> {
         let Some(request) = self.arguments.inertial_request() else { return Ok(()) };
-        waiting.stage("inertial unit", None);
+        waiting.stage("IMU", None);
         let inertial = calibrate_inertial(calibrated, &self.inputs, &request, self.held_of_first(calibrated)?)?;
         if let Evidence::Events(events) = &mut calibrated.evidence {
             events.inertial = Some(inertial);
@@ -268,23 +272,23 @@ impl Work<'_> {
         self.held.first.as_ref().map(|held| held.of(first.sensor)).transpose()
     }
 
-    /// Calibrates the other cameras, and keeps them with the first; beside it, what failed.
-    fn add_others(&self, first: &mut Calibrated, task: &Task, waiting: &mut Waiting) -> Vec<Beside> {
+    /// Calibrates the other cameras, and adds them to the first; returns those that failed.
+    fn add_others(&self, first: &mut Calibrated, task: &Task, waiting: &mut Waiting) -> Vec<NotCalibrated> {
         let mut failed = Vec::new();
         if task.pictures == PictureUse::SecondCamera
             && let Err(error) = self.add_own_frames(first, waiting)
         {
-            failed.push(Beside { what: "the camera's own frames".to_owned(), error });
+            failed.push(NotCalibrated { what: "the camera's own frames".to_owned(), error });
         }
         for (number, other) in self.others.iter().enumerate() {
             if let Err(error) = self.add_other(first, number, other, task, waiting) {
-                failed.push(Beside { what: other.input.name(), error });
+                failed.push(NotCalibrated { what: other.input.name(), error });
             }
         }
         failed
     }
 
-    fn add_own_frames(&self, first: &mut Calibrated, waiting: &mut Waiting) -> Result<(), BesideError> {
+    fn add_own_frames(&self, first: &mut Calibrated, waiting: &mut Waiting) -> Result<(), OtherError> {
         waiting.stage("frames as a second camera", None);
         let frames = calibrate_own_pictures(first, self.held_of_first(first)?)?;
         keep(first, frames);
@@ -298,34 +302,21 @@ impl Work<'_> {
         other: &Other,
         task: &Task,
         waiting: &mut Waiting,
-    ) -> Result<(), BesideError> {
+    ) -> Result<(), OtherError> {
         let Other { input, sensor, model } = other;
         let inputs = std::slice::from_ref(input);
-        let pictures = match input {
-            Input::Images(_) => PictureUse::Only,
-            // Frames in it are the first camera's.
-            _ if self.is_of_first(input) => PictureUse::Ignore,
-            _ => PictureUse::Witness,
-        };
+        let pictures = pictures_beside(&self.inputs, input);
         let parameters = ParameterRequests::default();
         let task = Task { inputs, pictures, parameters, sensor: *sensor, model: *model, ..*task };
         let second = calibrate_lens_apart(&task, |step| {
             waiting.stage(step.text, step.done);
             ControlFlow::Continue(())
         });
-        let second = second.map_err(BesideError::Apart)?;
+        let second = second.map_err(OtherError::Alone)?;
         waiting.stage("both cameras", None);
         let held = self.held.others.get(number).map(|held| held.of(second.sensor)).transpose()?;
         let lenses = [self.held_of_first(first)?, held];
-        let second = match input {
-            Input::Images(images) => {
-                let rolling_shutter = self.rolling_shutter;
-                calibrate_frame_camera(first, &second, images, rolling_shutter, &self.board, lenses)?
-            }
-            Input::Events(_) | Input::Circles { .. } => {
-                calibrate_second_camera(first, &second, &input.name(), &self.board, lenses)?
-            }
-        };
+        let second = calibrate_beside(first, &second, input, self.rolling_shutter, &self.board, lenses)?;
         keep(first, second);
         Ok(())
     }
@@ -337,14 +328,14 @@ fn keep(first: &mut Calibrated, second: SecondCamera) {
     }
 }
 
-/// The summary with its verdicts in green, yellow or red, where someone looks at it.
+/// Returns the summary; on a terminal, its verdicts are in green, yellow or red.
 fn coloured(summary: &str, calibrated: &Calibrated) -> String {
     if !std::io::stdout().is_terminal() || std::env::var_os("NO_COLOR").is_some() {
         return summary.to_owned();
     }
     let of_camera = (calibrated.verdict.grade, calibrated.verdict.sentence.clone());
-    let beside = verdicts_beside(calibrated).into_iter().map(|beside| (beside.grade, beside.sentence));
-    std::iter::once(of_camera).chain(beside).fold(summary.to_owned(), |summary, (grade, sentence)| {
+    let others = verdicts_beside(calibrated).into_iter().map(|other| (other.grade, other.sentence));
+    std::iter::once(of_camera).chain(others).fold(summary.to_owned(), |summary, (grade, sentence)| {
         let colour = match grade {
             Grade::Good => 32,
             Grade::Usable => 33,

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 use crate::cli::print;
 
-/// Compares, and prints what was found.
+/// Compares the trajectory with the capture, and prints the result.
 pub fn run(files: &CapturedFiles, as_json: bool) -> crate::cli::Outcome {
     let (trajectory, compared) = compare_captured(files, known_camera(&files.calibration).as_ref())?;
     if as_json {
@@ -30,7 +30,7 @@ pub fn run(files: &CapturedFiles, as_json: bool) -> crate::cli::Outcome {
     print::line(text(&compared))
 }
 
-/// The camera of a calibration; `None` where there is none beside the trajectory, or it tells no σ.
+/// Reads the camera of a calibration; `None` if it is missing next to the trajectory, or has no σ.
 fn known_camera(calibration: &Path) -> Option<KnownCamera> {
     let known = CalibratedCamera::read(calibration).ok()?;
     let covariance = known.covariance_matrix()?;
@@ -39,22 +39,25 @@ fn known_camera(calibration: &Path) -> Option<KnownCamera> {
 
 fn text(compared: &Compared) -> String {
     let mut lines = vec![format!(
-        "{} poses of the body, {:.1} a second, {:.1} % missing; {} of them along the camera's trajectory",
+        "{} poses of the marker body, {:.1} per second, {:.1} % missing; {} of them during the camera's trajectory",
         compared.captured,
         compared.rate,
         100.0 * compared.missing,
         compared.used
     )];
-    lines.push("\nT_camera_body: from the axes of the body to those of the camera (x right, y down, z along the line of sight)".to_owned());
-    lines.extend(pose_lines(&compared.camera_body, "the body's origin, seen from the camera"));
-    lines.push("T_mocap_world: from the board to the frame of the capture".to_owned());
-    lines.extend(pose_lines(&compared.mocap_world, "the board's first circle, in the capture"));
+    lines.push(
+        "\nT_camera_body: from the body frame to the camera frame (x right, y down, z along the line of sight)"
+            .to_owned(),
+    );
+    lines.extend(pose_lines(&compared.camera_body, "origin of the body in the camera frame"));
+    lines.push("T_mocap_world: from the board frame to the capture frame".to_owned());
+    lines.extend(pose_lines(&compared.mocap_world, "first circle of the board in the capture frame"));
     if !compared.intrinsics_known {
-        lines.push("  note: without σ of the intrinsics beside the trajectory, these σ lack their share".to_owned());
+        lines.push("  note: these σ do not include the uncertainty of the intrinsics, because no calibration with σ is next to the trajectory".to_owned());
     }
     let Measured { value, sigma } = compared.offset;
     lines.push(format!(
-        "the capture's stamps are {:.3} ± {:.3} ms {} than those of the events (t_mocap = t_events + {value:.6} s)",
+        "capture timestamps are {:.3} ± {:.3} ms {} than event timestamps (t_mocap = t_events + {value:.6} s)",
         1e3 * value.abs(),
         1e3 * sigma,
         if value < 0.0 { "earlier" } else { "later" },
@@ -62,21 +65,21 @@ fn text(compared: &Compared) -> String {
     if let Some(Measured { value, sigma }) = compared.drift {
         let word = if value < 0.0 { "slow" } else { "fast" };
         lines.push(format!(
-            "  this offset holds in the middle of the recording; the capture's clock runs {:.1} ± {:.1} ppm {word}",
+            "  this offset applies at the middle of the recording; the capture's clock runs {:.1} ± {:.1} ppm {word}",
             1e6 * value.abs(),
             1e6 * sigma
         ));
     }
     let Measured { value, sigma } = compared.scale;
-    lines.push(format!("lengths in the capture are {value:.5} ± {sigma:.5} times those of the board"));
+    lines.push(format!("lengths in the capture are {value:.5} ± {sigma:.5} times the nominal lengths of the board"));
     if compared.lengths_differ() {
         lines.push(
-            "  note: that is not 1: measure the spacing of the board, or calibrate the capture system".to_owned(),
+            "  note: this ratio is not 1: measure the spacing of the board, or calibrate the capture system".to_owned(),
         );
     }
     lines.push(format!(
         "\n{:<44} {:>8} {:>12} {:>12} {:>20}",
-        "error of the trajectory, root mean square", "poses", "whole", "of it noise", "without noise"
+        "error of the trajectory, root mean square", "poses", "total", "noise", "without noise"
     ));
     let halves = [("fitted", &compared.errors.fitted), ("held out", &compared.errors.held_out)];
     for (name, errors) in halves {
@@ -109,13 +112,13 @@ fn pose_lines(measured: &MeasuredPose, what: &str) -> [String; 2] {
         let list = pairs.map(|(value, sigma)| format!("{:.digits$} ± {:.digits$}", factor * value, factor * sigma));
         list.collect::<Vec<_>>().join(", ")
     };
-    let turn = measured.pose.rotation.scaled_axis();
+    let rotation = measured.pose.rotation.scaled_axis();
     [
         format!(
             "  translation mm ({what}): {}",
             numbers(measured.pose.translation.vector, measured.translation_sigma, 1e3, 3)
         ),
-        format!("  rotation vector degrees: {}", numbers(turn, measured.rotation_sigma, 1f64.to_degrees(), 4)),
+        format!("  rotation vector degrees: {}", numbers(rotation, measured.rotation_sigma, 1f64.to_degrees(), 4)),
     ]
 }
 

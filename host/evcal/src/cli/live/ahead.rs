@@ -1,5 +1,5 @@
-//! The calibration that follows a recording, begun while the recording goes on: the file is read as it grows, so that at its end
-//! only the solve is left. What comes out is what `evcal calibrate` makes of the file.
+//! The calibration that follows a recording. It begins during the recording and reads the file as it grows, so that only the solve remains
+//! at the end. The result is the same as from `evcal calibrate` with the file.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -20,24 +20,24 @@ use super::super::calibrate::{CalibrationArguments, CameraRecordings, calibrate_
 use super::super::progress::Waiting;
 use evcal_files::folder::OutputFolder;
 
-/// What the thread and those who wait for it share.
+/// State that the calibrating thread shares with its starter.
 #[derive(Default)]
 pub struct Shared {
-    /// How far the recording is written.
+    /// Length of the recording that is written so far.
     pub growth: Growth,
     stop: AtomicBool,
-    /// For those who wait at the end.
+    /// Progress, which is shown after the recording ended.
     waiting: Mutex<Option<Waiting>>,
 }
 
-/// A calibration under way.
+/// A running calibration.
 pub struct Ahead<'scope, 'env> {
     shared: &'env Shared,
     thread: Option<ScopedJoinHandle<'scope, Option<(Work<'env>, Attempt)>>>,
 }
 
 impl<'scope, 'env> Ahead<'scope, 'env> {
-    /// Begins with the recordings `before`, which are whole, and that at `path`, of which `shared` tells how far it is written.
+    /// Starts a calibration from the finished recordings `before` and the growing one at `path`; `shared` contains its length.
     pub fn start(
         scope: &'scope Scope<'scope, 'env>,
         before: &'env [PathBuf],
@@ -66,10 +66,10 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
                 parameters,
                 arguments,
                 settings,
-                // Until the recording ends, reading and looking for the board is all that it does.
+                // Until the recording ends, the calibration only reads and searches for the board.
                 readers: Some(workers("reading ahead").ok()?),
             };
-            // Workers of its own: those of the display must not wait for it.
+            // The threads of the display must not wait for the calibration.
             let pool = rayon::ThreadPoolBuilder::new().build().ok()?;
             let attempt = pool.install(|| {
                 work.calibrate(|step| {
@@ -87,17 +87,18 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
         Self { shared, thread: Some(scope.spawn(work)) }
     }
 
-    /// The recording is over: waits for the calibration, writes and prints it. Where it could not be begun, it is made now.
+    /// Ends the recording, waits for the calibration, writes and prints it. If it could not be started, calibrates now.
     pub fn finish(
         mut self,
         recordings: &[PathBuf],
         arguments: &CalibrationArguments,
         settings: &Settings,
         folder: &OutputFolder,
+        waiting: Waiting,
     ) -> super::super::Outcome {
         self.shared.growth.end();
         let lock = || self.shared.waiting.lock().unwrap_or_else(PoisonError::into_inner);
-        *lock() = Some(Waiting::new(arguments.json));
+        *lock() = Some(waiting);
         let made = self.thread.take().and_then(|thread| match thread.join() {
             Ok(made) => made,
             Err(panic) => std::panic::resume_unwind(panic),
@@ -105,23 +106,21 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
         let waiting = lock().take();
         match (made, waiting) {
             (Some((work, attempt)), Some(waiting)) => work.finish(attempt, waiting, folder),
-            (_, waiting) => {
-                waiting.into_iter().for_each(Waiting::finish);
-                calibrate_recordings(
-                    CameraRecordings::alone(recordings),
-                    &RecordingOptions::default(),
-                    arguments,
-                    settings,
-                    folder,
-                )
-            }
+            (_, waiting) => calibrate_recordings(
+                CameraRecordings::alone(recordings),
+                &RecordingOptions::default(),
+                arguments,
+                settings,
+                folder,
+                waiting.unwrap_or_else(|| Waiting::new(arguments.json)),
+            ),
         }
     }
 }
 
 impl Drop for Ahead<'_, '_> {
     fn drop(&mut self) {
-        // Whoever gives up waits for nothing.
+        // After an error, nobody waits for the calibration.
         self.shared.stop.store(true, Ordering::Relaxed);
         self.shared.growth.end();
     }

@@ -1,4 +1,4 @@
-//! Opening the page in the person's browser.
+//! Opening the page in a browser.
 
 use std::ffi::OsString;
 use std::io::{self, Write as _};
@@ -8,11 +8,11 @@ use std::thread;
 
 use tempfile::NamedTempFile;
 
-/// A file that leads to the page, which only this user can read: the address with its token is no argument of a program, which
-/// `ps` would show. It is gone when this is.
+/// A file that redirects a browser to the page; dropping this removes it. Only this user can read the file: as an argument of a program, the
+/// URL with its access token would appear in the list of processes.
 pub struct Redirect(#[expect(dead_code, reason = "removes the file")] NamedTempFile);
 
-/// Whether there is a desktop of this very person in front of this computer.
+/// Returns whether this user has a desktop on this computer.
 pub fn is_desktop(variable: impl Fn(&str) -> Option<OsString>) -> bool {
     let is_set = |name: &str| variable(name).is_some_and(|value| !value.is_empty());
     let is_far = is_set("SSH_CONNECTION") || is_set("SSH_TTY");
@@ -29,12 +29,12 @@ fn is_root() -> bool {
     false
 }
 
-/// Opens `url`, by way of a file in `folder`: a browser from a snap sees a person's own folders, not those for temporary files.
+/// Opens `url` through a file in `folder`: a browser from a snap cannot read the folder for temporary files.
 ///
 /// # Errors
-/// When the file cannot be written, or there is no `xdg-open`.
+/// The file cannot be written, or there is no `xdg-open`.
 pub fn open(url: &str, folder: &Path) -> io::Result<Redirect> {
-    // Such files are their user's alone (0600).
+    // Temporary files have the permissions 0600.
     let mut file = tempfile::Builder::new().prefix("open-page-").suffix(".html").tempfile_in(folder)?;
     writeln!(
         file,
@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_a_person_in_front_of_a_desktop_gets_a_browser() {
+    fn a_browser_opens_only_on_the_desktop_of_this_computer() {
         let with = |names: &[&str]| is_desktop(|name| names.contains(&name).then(|| OsString::from(":0")));
         for names in [&[][..], &["DISPLAY", "SSH_CONNECTION"], &["WAYLAND_DISPLAY", "SSH_TTY"], &["SSH_CONNECTION"]] {
             assert!(!with(names), "{names:?}");

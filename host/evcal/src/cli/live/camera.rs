@@ -20,13 +20,14 @@ use usb_davis::device::Camera;
 use usb_davis::dump::Growth;
 
 use super::super::interrupt::Interrupt;
+use super::super::progress::Waiting;
 use super::super::{NotGoodEnough, print, record as recording};
 use super::ahead::{Ahead, Shared};
 use super::lines::Lines;
 use super::window::Window;
 use super::{Arguments, checkpoint, open_window};
 
-/// Name of a recording in the folder of the results; those after the first have a number.
+/// Returns the name of a recording in the folder of the results; from the second on, it contains a number.
 fn name(number: usize) -> String {
     match number {
         1 => "recording.dvraw".to_owned(),
@@ -34,7 +35,7 @@ fn name(number: usize) -> String {
     }
 }
 
-/// Records until enough was seen, then calibrates; as often as the person wants.
+/// Records until the recording is good enough, then calibrates; repeats this as often as the user wants.
 pub fn run(
     arguments: &Arguments,
     settings: &Settings,
@@ -42,10 +43,10 @@ pub fn run(
     interrupt: &Interrupt,
 ) -> super::super::Outcome {
     let board = arguments.calibration.method.choose_board(&[], &RecordingOptions::default(), &settings.detection)?;
-    // Whoever has no camera need not open a page first.
+    // The camera is opened before the page, so that a missing camera is reported first.
     let mut opened = Some(arguments.camera.open()?);
     let window = open_window(arguments, folder, arguments.camera.has_frames())?;
-    // Those that are calibrated together.
+    // The recordings that are calibrated together.
     let (mut recordings, mut memory) = (Vec::new(), None);
     for number in 1.. {
         let camera = match opened.take() {
@@ -61,7 +62,9 @@ pub fn run(
             let ahead = Ahead::start(scope, &before, &path, board, calibration, settings, &shared);
             let session = Session { arguments, settings, board: &board, interrupt, window: window.as_ref() };
             let recorded = session.record(camera, &before, &path, &shared.growth, memory.take())?;
-            let calibrated = ahead.finish(&recordings, calibration, settings, folder);
+            let listener = window.as_ref().map(|window| window.step_listener(recorded.sensor, &recorded.seen));
+            let waiting = Waiting::new(calibration.json).and(listener);
+            let calibrated = ahead.finish(&recordings, calibration, settings, folder, waiting);
             Ok::<_, Box<dyn Error>>((recorded, calibrated))
         });
         let (Recorded { sensor, seen, report, memory: remembered }, calibrated) = recorded?;
@@ -69,7 +72,7 @@ pub fn run(
         match next {
             Some(Next::Again) => recordings.clear(),
             Some(Next::Add) => memory = remembered,
-            // That the camera was unplugged does not keep what it sent from being used.
+            // If the camera was disconnected, the calibration uses the data before that.
             Some(Next::Close) | None => {
                 return match calibrated {
                     Err(error) if !error.is::<NotGoodEnough>() => Err(error),
@@ -82,7 +85,7 @@ pub fn run(
     Ok(())
 }
 
-/// What came of one recording.
+/// A finished recording.
 struct Recorded {
     sensor: Sensor,
     seen: Seen,
@@ -90,7 +93,7 @@ struct Recorded {
     memory: Option<Memory>,
 }
 
-/// What is the same for every recording.
+/// The parts of a session that are the same for each recording.
 #[derive(Clone, Copy)]
 struct Session<'a> {
     arguments: &'a Arguments,
@@ -101,7 +104,7 @@ struct Session<'a> {
 }
 
 impl Session<'_> {
-    /// Records `camera` into `path` until enough was seen, together with the recordings `before`, which showed what is in `memory`.
+    /// Records `camera` into `path` until the recording is good enough together with the recordings `before`, whose observations are in `memory`.
     fn record(
         self,
         mut camera: Camera,
@@ -151,10 +154,10 @@ impl Session<'_> {
                     let not_drawn = feed.as_ref().map_or(0, PictureFeed::left_out);
                     window.set_losses(Losses { dropped: Some(status.dropped), not_searched: seen.left_out, not_drawn });
                 }
-                lines.tell(seen, Some(status));
+                lines.print_hint(seen, Some(status));
             },
         )?;
-        // The calibration goes on at once, while the display comes to its end.
+        // The calibration continues at once, before the display has ended.
         growth.end();
         interrupt.release();
         drop(feed);
@@ -167,7 +170,7 @@ impl Session<'_> {
             print::line(recording::summary(&report))?;
             let missing = words(&seen.missing(), arguments.mirror);
             if !missing.is_empty() {
-                print::line(format!("still wanted: {}", missing.join(", ")))?;
+                print::line(format!("still missing: {}", missing.join(", ")))?;
             }
         }
         Ok(Recorded { sensor, seen, report, memory })

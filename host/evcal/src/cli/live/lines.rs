@@ -1,4 +1,4 @@
-//! What is printed once a second.
+//! The hints that are printed once per second.
 
 use std::io::IsTerminal;
 
@@ -13,19 +13,19 @@ use serde_json::{Map, Value, json};
 
 use super::super::{Outcome, print, progress, record};
 
-/// Prints hints: as JSON, on a line that changes, or line by line where that is no terminal.
+/// Prints hints: as JSON, on a changing line of a terminal, or otherwise line by line.
 pub struct Lines {
     json: bool,
-    /// Whether hints are as one sees the board in a mirror.
+    /// `true` if hints are mirrored.
     mirrored: bool,
     is_terminal: bool,
     bar: ProgressBar,
-    /// The first failure to print: plain text, for hints come from other threads.
+    /// The first failure to print, as text because hints come from other threads.
     printed: Result<(), String>,
 }
 
 impl Lines {
-    /// For a program that prints JSON or not, and hints `mirrored` or not.
+    /// Creates a printer of JSON objects or of text, with hints `mirrored` or not.
     pub fn new(json: bool, mirrored: bool) -> Self {
         Self {
             json,
@@ -36,8 +36,8 @@ impl Lines {
         }
     }
 
-    /// Tells what was seen, and how the recording goes if there is one.
-    pub fn tell(&mut self, seen: &Seen, status: Option<&RecordingStatus>) {
+    /// Prints the hint, the observations, and the state of the recording if there is one.
+    pub fn print_hint(&mut self, seen: &Seen, status: Option<&RecordingStatus>) {
         if self.json {
             let object = as_json(seen, status, self.mirrored);
             self.print(|| print::json(&object));
@@ -56,14 +56,14 @@ impl Lines {
         }
     }
 
-    /// The last line is over; fails if one could not be printed.
+    /// Ends the output; fails if a line could not be printed.
     pub fn finish(self) -> Outcome {
         self.bar.finish_and_clear();
         Ok(self.printed?)
     }
 }
 
-/// One line: the hint, what was seen of the board, and how the recording goes.
+/// Returns one line with the hint, the observations of the board, and the state of the recording.
 fn as_text(seen: &Seen, status: Option<&RecordingStatus>, mirrored: bool) -> String {
     let coverage = &seen.coverage;
     let tilts: Vec<String> = Tilt::ALL
@@ -76,7 +76,7 @@ fn as_text(seen: &Seen, status: Option<&RecordingStatus>, mirrored: bool) -> Str
     let seconds = status.map_or(seen.t, |status| status.seconds);
     let error = error_as_text(seen);
     let missing = words(&seen.missing(), mirrored);
-    let wanted = if missing.is_empty() { String::new() } else { format!("; still wanted: {}", missing.join(", ")) };
+    let wanted = if missing.is_empty() { String::new() } else { format!("; still missing: {}", missing.join(", ")) };
     let recording = status.map_or_else(String::new, |status| {
         format!("; {}; {} transfers not displayed", record::as_text(status), seen.left_out)
     });
@@ -90,7 +90,7 @@ fn as_text(seen: &Seen, status: Option<&RecordingStatus>, mirrored: bool) -> Str
     )
 }
 
-/// How the camera does, as far as it is known.
+/// Returns the known state of the camera: rates, noise, flicker, focus.
 fn health_as_text(health: &Health) -> String {
     let mut parts = Vec::new();
     if let Some(rates) = health.rates {
@@ -98,7 +98,7 @@ fn health_as_text(health: &Health) -> String {
         parts.push(format!("{:.2} Mev/s{load}, {:.0} % ON", 1e-6 * rates.mean, 100.0 * rates.on_share));
     }
     if let Some(noise) = health.noise {
-        parts.push(format!("noise {noise:.1} Hz a pixel"));
+        parts.push(format!("noise {noise:.1} Hz per pixel"));
     }
     if let Some(count) = health.hot_pixels {
         parts.push(format!("{count} hot pixels"));
@@ -126,14 +126,14 @@ fn health_as_json(health: &Health) -> Value {
     })
 }
 
-/// What is known of the camera's error: stated by a calibration, estimated since, or by the quick estimate.
+/// Returns the uncertainty of the camera: from the last checkpoint, with an estimate of its present value, or from the quick estimate.
 fn error_as_text(seen: &Seen) -> String {
     let mut text = match (&seen.checkpoint, seen.about, seen.sigma) {
         (Some(Checkpoint { t, stated: Ok(stated) }), about, _) => {
             let about = about.map_or_else(String::new, |about| format!(", now about ±{about:.3}"));
-            format!(", stated after {t:.0} s ±{:.3} px{about}", stated.rms)
+            format!(", ±{:.3} px after {t:.0} s{about}", stated.rms)
         }
-        (_, _, Some(sigma)) => format!(", ±{sigma:.3} px by the quick estimate"),
+        (_, _, Some(sigma)) => format!(", ±{sigma:.3} px (quick estimate)"),
         _ => String::new(),
     };
     if let Some(t) = seen.checkpoint_under_way {
@@ -142,7 +142,7 @@ fn error_as_text(seen: &Seen) -> String {
     text
 }
 
-/// One object with the same.
+/// Returns the same as a JSON object.
 fn as_json(seen: &Seen, status: Option<&RecordingStatus>, mirrored: bool) -> Value {
     let coverage = &seen.coverage;
     let named = |names: &[&str], counts: &[u64]| {

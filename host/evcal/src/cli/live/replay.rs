@@ -16,13 +16,14 @@ use evcal_live::wanted::words;
 use super::super::calibrate::{CameraRecordings, calibrate_recordings};
 use super::super::interrupt::Interrupt;
 use super::super::print;
+use super::super::progress::Waiting;
 use super::lines::Lines;
 use super::{Arguments, checkpoint, open_window};
 
-/// The result of a checkpoint is told when the recording is so many times as long: about the time that it takes.
-const TOLD_AT_LENGTH: f64 = 1.5;
+/// Factor between the length of a checkpoint and the time in the recording at which its result is shown: about the time that it takes.
+const SHOWN_AT_LENGTH: f64 = 1.5;
 
-/// Plays a recording until enough was seen, then calibrates from all of it.
+/// Plays a recording until it is good enough, then calibrates from all of it.
 pub fn run(
     arguments: &Arguments,
     path: &Path,
@@ -37,7 +38,7 @@ pub fn run(
     let method = &arguments.calibration.method;
     let board = &method.choose_board(&[path.to_owned()], &options, &settings.detection)?;
     let checkpoints =
-        checkpoint::start(arguments, settings, board, &[], path, &options, Telling::AtLength(TOLD_AT_LENGTH))?;
+        checkpoint::start(arguments, settings, board, &[], path, &options, Telling::AtLength(SHOWN_AT_LENGTH))?;
     let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, board, sensor)
         .with_checkpoints(checkpoints);
     let latest = Latest::new(observer.seen());
@@ -50,7 +51,7 @@ pub fn run(
         arguments.speed.times(),
         observer,
         &latest,
-        |seen| lines.tell(seen, None),
+        |seen| lines.print_hint(seen, None),
         |picture| {
             if let Some(screen) = &mut screen {
                 screen.show(picture, &latest);
@@ -67,9 +68,9 @@ pub fn run(
     }
     if !json {
         print::line(match seen.is_enough() {
-            true => format!("enough was seen after {:.1} s of the recording", seen.t),
+            true => format!("the recording is good enough after {:.1} s", seen.t),
             false => format!(
-                "{:.1} s; still wanted: {}",
+                "{:.1} s; still missing: {}",
                 report.seconds,
                 words(&seen.missing(), arguments.mirror).join(", ")
             ),
@@ -84,6 +85,7 @@ pub fn run(
         &arguments.calibration,
         settings,
         folder,
+        Waiting::new(json).and(window.as_ref().map(|window| window.step_listener(sensor, seen))),
     );
     if let Some(window) = window {
         window.finish(sensor, seen, folder, &calibrated, false);

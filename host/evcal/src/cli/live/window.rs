@@ -1,4 +1,4 @@
-//! The page, from the program's side.
+//! The page of `evcal live`, and what the program shows on it.
 
 use std::env;
 use std::error::Error;
@@ -7,16 +7,18 @@ use std::net::{IpAddr, Ipv4Addr};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use evcal_calibrate::result::calibration_file::CalibrationFile;
+use evcal_calibrate::trust::verdict::Grade;
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
 use evcal_files::visible;
 use evcal_live::Seen;
+use evcal_live::checkpoint::CalibrationStep;
 use evcal_live::frames::FrameFeed;
 use evcal_live::latest::Latest;
-use evcal_live::page::view::{Context, FileLink, Losses, Outcome, Phase, ended, looking};
+use evcal_live::page::view::{Context, FileLink, Losses, Outcome, Phase, calibrating, ended, looking};
 use evcal_live::page::{Next, Page, PageError, Publisher};
 use evcal_live::picture::EventPicture;
 use evcal_report::output::folder::results_in;
@@ -26,31 +28,32 @@ use event_recordings::pictures::GreyImage;
 use super::super::NotGoodEnough;
 use super::super::advice::with_advice;
 use super::super::print;
+use super::super::progress::Listener;
 use super::browser::{self, Redirect, is_desktop};
 
-/// A page that has not asked for so long is closed.
+/// Time without a request after which a page counts as closed.
 const GONE: Duration = Duration::from_secs(10);
-/// Time between two looks at whether the program should end.
+/// Interval between checks whether the program should end.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// The page, and what it says beside what was seen.
+/// The page, with the state that it shows in addition to the observations.
 pub struct Window {
     page: Page,
     context: Arc<Mutex<Context>>,
-    /// Leads a browser to it.
+    /// File that redirects a browser to the page.
     redirect: Option<Redirect>,
     is_local: bool,
 }
 
 impl Window {
-    /// Serves the page, to this computer alone unless it is to `listen` elsewhere.
+    /// Serves the page on the address `listen`, by default to this computer only.
     pub fn open(listen: Option<IpAddr>, port: Option<u16>, context: Context) -> Result<Self, PageError> {
         let address = listen.unwrap_or(Ipv4Addr::LOCALHOST.into());
         let page = Page::start(address, port)?;
         Ok(Self { page, context: Arc::new(Mutex::new(context)), redirect: None, is_local: address.is_loopback() })
     }
 
-    /// Says where it is, and opens it where there is a desktop and a browser `is_wanted`, by way of a file in `folder`.
+    /// Prints the URL; if a browser `is_wanted` and there is a desktop, opens one through a file in `folder`.
     pub fn announce(&mut self, is_wanted: bool, folder: &Path) {
         let url = self.page.url();
         if is_wanted && is_desktop(|name| env::var_os(name)) {
@@ -63,24 +66,24 @@ impl Window {
         });
         if !self.is_local {
             print::aside(
-                "other computers reach this page: whoever has that address sees the camera and can end the recording, and \
-                 what is sent is not encrypted",
+                "other computers can open this page: anybody with this URL can see the camera and end the recording; the \
+                 connection is not encrypted",
             );
         }
     }
 
-    /// Something that shows pictures, for the thread that has them; with the frames of `recording`, if it is one.
+    /// Returns a handle with which another thread shows pictures, and the frames of `recording` if there is one.
     pub fn screen(&self, recording: Option<Recording>) -> Screen {
         Screen { publisher: self.page.publisher(), context: Arc::clone(&self.context), recording, frames: None }
     }
 
-    /// Whether the page shows frames, for another thread.
+    /// Returns a function that returns whether the page shows frames, for another thread.
     pub fn frames_wanted(&self) -> impl Fn() -> bool + Send + 'static {
         let publisher = self.page.publisher();
         move || publisher.are_frames_wanted()
     }
 
-    /// Whether the person asked to end the recording.
+    /// Returns whether the user wants to end the recording.
     pub fn is_finish_asked(&self) -> bool {
         self.page.is_finish_asked()
     }
@@ -89,7 +92,7 @@ impl Window {
         self.context.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Tells what was lost so far.
+    /// Sets the number of lost events and transfers to show.
     pub fn set_losses(&self, losses: Losses) {
         self.context().losses = losses;
     }
@@ -100,12 +103,27 @@ impl Window {
         self.page.publisher().publish(&state, &[], &[]);
     }
 
-    /// Says that the recording is over and the camera is being calibrated.
+    /// Shows that the recording has ended and the calibration is running.
     pub fn calibrating(&self, sensor: Sensor, seen: &Seen) {
-        self.publish(Phase::Calibrating, sensor, seen, None);
+        self.step_listener(sensor, seen)("", None);
     }
 
-    /// A recording begins, which is calibrated together with so many `before`.
+    /// Shows the steps of the calibration after the recording.
+    pub fn step_listener(&self, sensor: Sensor, seen: &Seen) -> Listener {
+        let (publisher, context, seen) = (self.page.publisher(), *self.context(), seen.clone());
+        let mut shown: Option<(String, Instant)> = None;
+        Box::new(move |text, done| {
+            let is_known = |(before, at): &(String, Instant)| before == text && at.elapsed() < PATIENCE;
+            if shown.as_ref().is_some_and(is_known) {
+                return;
+            }
+            shown = Some((text.to_owned(), Instant::now()));
+            let step = CalibrationStep { text: text.to_owned(), done };
+            publisher.publish(&calibrating([sensor.width, sensor.height], &seen, context, step), &[], &[]);
+        })
+    }
+
+    /// Shows the beginning of a recording that is calibrated together with `before` earlier ones.
     pub fn begin(&self, before: usize) {
         let mut context = self.context();
         (context.losses, context.before) = (Losses::default(), before);
@@ -113,8 +131,8 @@ impl Window {
         self.page.begin();
     }
 
-    /// Shows how the calibration ended, until the person closes the page or the program, or wants another recording where
-    /// that `is_possible`.
+    /// Shows the result of the calibration until the user closes the page or the program, or starts another recording, if that
+    /// `is_possible`.
     pub fn finish(
         &self,
         sensor: Sensor,
@@ -126,7 +144,7 @@ impl Window {
         let failure = calibrated.as_ref().err().filter(|error| !error.is::<NotGoodEnough>());
         let outcome = match failure {
             Some(error) => Err(with_advice(&**error)),
-            None => self.outcome(folder.path()).map_err(|error| error.to_string()),
+            None => self.outcome(folder.path(), seen).map_err(|error| error.to_string()),
         };
         let (phase, outcome) = match outcome {
             Ok(outcome) => (Phase::Done, outcome),
@@ -135,7 +153,7 @@ impl Window {
         self.publish(phase, sensor, seen, Some(&Outcome { can_record: is_possible, ..outcome }));
         if self.page.is_watched(GONE) {
             print::aside(
-                "the page shows the result; evcal ends 10 s after the tab is closed, with \"Close evcal\", or with Ctrl-C",
+                "the page shows the result; evcal ends 10 s after you close the tab, or with \"Close evcal\" or Ctrl-C",
             );
         }
         while self.page.is_watched(GONE) {
@@ -148,8 +166,8 @@ impl Window {
         Next::Close
     }
 
-    /// What is in the folder of the results.
-    fn outcome(&self, folder: &Path) -> Result<Outcome, Box<dyn Error>> {
+    /// Reads the results from their folder, and lets the page link to the files.
+    fn outcome(&self, folder: &Path, seen: &Seen) -> Result<Outcome, Box<dyn Error>> {
         let calibration: CalibrationFile = serde_json::from_str(&fs::read_to_string(folder.join("calibration.json"))?)?;
         let report = fs::read_to_string(folder.join("report.html"))?;
         let names: Vec<String> = results_in(folder).into_iter().map(|file| file.name).collect();
@@ -157,7 +175,12 @@ impl Window {
         let camera = calibration.camera.camera()?;
         let parameters = camera.parameters();
         let parameter = |index: usize| parameters.get(index).copied().unwrap_or(f64::NAN);
+        // Without tilts a small stated error says little.
+        let is_target_met = seen.coverage.missing.is_empty()
+            && calibration.verdict.grade != Grade::NotGood
+            && calibration.uncertainty.projection_rms <= seen.target;
         Ok(Outcome {
+            is_target_met,
             verdict: calibration.verdict.sentence,
             model: calibration.camera.model,
             matrix: [[parameter(0), 0.0, parameter(2)], [0.0, parameter(1), parameter(3)], [0.0, 0.0, 1.0]],
@@ -171,17 +194,17 @@ impl Window {
     }
 }
 
-/// Shows pictures.
+/// A handle that shows pictures on the page.
 pub struct Screen {
     publisher: Publisher,
     context: Arc<Mutex<Context>>,
-    /// A recording whose frames are read once they are wanted.
+    /// Recording whose frames are read as soon as the page shows frames.
     recording: Option<Recording>,
     frames: Option<FrameFeed>,
 }
 
 impl Screen {
-    /// Shows a picture of a recording with what was seen last, and the frame beside it where frames are wanted.
+    /// Shows a picture with the latest observations, and the frame of the recording at that time if the page shows frames.
     pub fn show(&mut self, picture: &EventPicture, latest: &Latest) {
         let frame = match self.publisher.are_frames_wanted() {
             true => {
@@ -195,7 +218,7 @@ impl Screen {
         self.show_with(picture, frame.as_deref(), latest);
     }
 
-    /// Shows a picture and a frame with what was seen last.
+    /// Shows a picture and a frame with the latest observations.
     pub fn show_with(&self, picture: &EventPicture, frame: Option<&GreyImage>, latest: &Latest) {
         let shows_frames = self.publisher.are_frames_wanted();
         let context = Context { shows_frames, ..*self.context.lock().unwrap_or_else(PoisonError::into_inner) };

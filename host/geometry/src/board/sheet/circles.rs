@@ -1,4 +1,4 @@
-//! Boards of circles on a sheet.
+//! Printing of boards of circles.
 
 use evcal_core::pattern::Layout;
 
@@ -36,7 +36,7 @@ impl Printable for CircleBoard {
     }
 
     fn scaled(&self, spacing: f64) -> Option<Self> {
-        // In tenths of a millimetre.
+        // Round down to tenths of a millimetre.
         let radius = (spacing * (self.radius / self.spacing) * 10.0).floor() / 10.0;
         (radius > 0.0).then_some(Self { spacing: spacing / 1e3, radius: radius / 1e3, ..*self })
     }

@@ -1,4 +1,4 @@
-//! Boards of either kind on a sheet.
+//! Printing of boards of either kind.
 
 use super::{Printable, Shapes};
 use crate::board::Board;

@@ -8,11 +8,11 @@ use std::str::FromStr;
 pub struct Paper {
     /// Its name, lower case.
     pub name: &'static str,
-    /// Its shorter and its longer side (mm).
+    /// Shorter and longer side (mm).
     pub size: [f64; 2],
 }
 
-/// The sizes of ISO 216 and ANSI that printers take.
+/// Paper sizes of ISO 216 and ANSI.
 pub const PAPERS: &[Paper] = &[
     Paper { name: "a4", size: [210.0, 297.0] },
     Paper { name: "letter", size: [215.9, 279.4] },
@@ -23,12 +23,12 @@ pub const PAPERS: &[Paper] = &[
     Paper { name: "a0", size: [841.0, 1189.0] },
 ];
 
-/// Largest side (mm): beyond it lies what PDF can hold.
+/// Largest side (mm), a limit of PDF.
 const LARGEST: f64 = 5000.0;
 
-/// Neither a name nor a size.
+/// Error: a text is neither the name nor the size of a paper.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("no paper {0:?}; write a4, a3, a2, a1, a0, letter, tabloid, or a size such as 600x400mm")]
+#[error("unknown paper {0:?}; write a4, a3, a2, a1, a0, letter, tabloid, or a size such as 600x400mm")]
 pub struct UnknownPaper(String);
 
 impl FromStr for Paper {

@@ -9,10 +9,11 @@ use super::{BoardSheet, Dot};
 /// Points per millimetre.
 const POINTS: f64 = 72.0 / 25.4;
 
-/// Curves that make a circle: with eight, none is off by more than 4·10⁻⁶ of the radius.
+/// Number of curves that form a circle: with eight the error is at most 4·10⁻⁶ of the radius.
 const CURVES: u32 = 8;
 
-/// The sheet as a PDF of one page of exactly its size. Viewers are told not to scale it for printing.
+/// Returns the sheet as a PDF of one page of exactly its size, with the request to viewers not to scale it for
+/// printing.
 pub fn pdf(sheet: &BoardSheet) -> Vec<u8> {
     let [catalog, pages, page, content, font, information] = [1, 2, 3, 4, 5, 6].map(Ref::new);
     let mut pdf = Pdf::new();
@@ -28,14 +29,14 @@ pub fn pdf(sheet: &BoardSheet) -> Vec<u8> {
     one.parent(pages).media_box(Rect::new(0.0, 0.0, width, height)).contents(content);
     one.resources().fonts().pair(letters, font);
     one.finish();
-    // One of the fonts that every viewer has.
+    // A font that every viewer has.
     pdf.type1_font(font).base_font(Name(b"Courier")).encoding_predefined(Name(b"WinAnsiEncoding"));
     pdf.stream(content, &drawing(sheet, letters));
     pdf.finish()
 }
 
 fn drawing(sheet: &BoardSheet, letters: Name) -> Vec<u8> {
-    // PDF counts from the lower left corner.
+    // The origin of PDF is the lower left corner.
     let point = |[x, y]: [f64; 2]| [x * POINTS, (sheet.size[1] - y) * POINTS].map(|value| value as f32);
     let mut content = Content::new();
     content.set_fill_gray(0.0).set_stroke_gray(0.0);
@@ -44,7 +45,7 @@ fn drawing(sheet: &BoardSheet, letters: Name) -> Vec<u8> {
         content.fill_nonzero();
     }
     if !sheet.rectangles.is_empty() {
-        // One path: between parts that are filled one by one, viewers show seams.
+        // One path, because viewers show seams between parts that are filled separately.
         for rectangle in &sheet.rectangles {
             let ([left, top], [right, bottom]) = (point(rectangle.low), point(rectangle.high));
             content.move_to(left, top).line_to(right, top).line_to(right, bottom).line_to(left, bottom).close_path();
@@ -63,10 +64,10 @@ fn drawing(sheet: &BoardSheet, letters: Name) -> Vec<u8> {
     content.finish().to_vec()
 }
 
-/// A circle of cubic curves.
+/// Draws a circle of cubic curves.
 fn circle(content: &mut Content, dot: &Dot, point: impl Fn([f64; 2]) -> [f32; 2]) {
     let step = TAU / f64::from(CURVES);
-    // Length of the handles, for the middle of each curve to lie on the circle.
+    // Length of the handles with which the middle of each curve lies on the circle.
     let handle = 4.0 / 3.0 * libm::tan(step / 4.0);
     let at = |index: u32, along: f64| {
         let (sin, cos) = libm::sincos(step * f64::from(index));

@@ -1,4 +1,4 @@
-//! Boards of squares on a sheet.
+//! Printing of boards of squares.
 
 use super::{Printable, Shapes};
 use crate::board::squares::SquareBoard;
@@ -42,7 +42,7 @@ impl Printable for SquareBoard {
             Self::Checkerboard(board) => board.square = spacing / 1e3,
             Self::Tags(grid) => grid.tag = spacing / 1e3,
             Self::Charuco(board) => {
-                // In tenths of a millimetre.
+                // Round down to tenths of a millimetre.
                 board.marker = (spacing * (board.marker / board.square) * 10.0).floor() / 1e4;
                 board.square = spacing / 1e3;
                 if board.marker <= 0.0 {

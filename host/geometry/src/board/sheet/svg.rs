@@ -5,7 +5,7 @@ use svg::node::element::{Circle, Group, Line, Path, Rectangle, Text, Title};
 
 use super::BoardSheet;
 
-/// The sheet as an SVG of exactly its size; one user unit is one millimetre.
+/// Returns the sheet as an SVG of exactly its size; one user unit is one millimetre.
 pub fn svg(sheet: &BoardSheet) -> String {
     let [width, height] = sheet.size;
     let mut dark = Group::new().set("fill", "black");
@@ -13,7 +13,7 @@ pub fn svg(sheet: &BoardSheet) -> String {
         dark = dark.add(Circle::new().set("cx", dot.center[0]).set("cy", dot.center[1]).set("r", dot.radius));
     }
     if !sheet.rectangles.is_empty() {
-        // One path: between parts that are filled one by one, viewers show seams.
+        // One path, because viewers show seams between parts that are filled separately.
         let outlines = sheet.rectangles.iter().map(|rectangle| {
             let ([left, top], [right, bottom]) = (rectangle.low, rectangle.high);
             format!("M{left} {top}H{right}V{bottom}H{left}Z")

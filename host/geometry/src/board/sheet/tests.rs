@@ -55,9 +55,9 @@ fn everything_keeps_off_the_margin_and_marks_keep_off_the_dots() {
     }
 }
 
-/// The first number on the sheet was the distance of neighbours, which is not what is to be typed.
+/// The first number on the sheet belongs to the text to type, so that nobody types the distance of neighbours.
 #[test]
-fn the_sheet_says_first_what_to_type_and_rulers_have_numerals() {
+fn the_first_line_of_the_sheet_is_the_text_to_type_and_rulers_have_numerals() {
     let sheet = board_sheet(&board("acircles:9x4:20mm:r6mm"), &page(paper("a4"))).unwrap();
     assert_eq!(sheet.words[0].text, "type acircles:9x4:20mm:r6mm");
     assert!(sheet.words[1].text.starts_with("Spacing 20 mm,"), "{:?}", sheet.words[1]);
@@ -68,7 +68,7 @@ fn the_sheet_says_first_what_to_type_and_rulers_have_numerals() {
 }
 
 #[test]
-fn the_sheet_lies_where_the_board_is_wide() {
+fn the_sheet_is_landscape_for_a_wide_board() {
     let upright = board_sheet(&board("acircles:9x4:20mm:r6mm"), &page(paper("a4"))).unwrap();
     let lying = board_sheet(&board("acircles:5x7:19mm:r6mm"), &page(paper("a4"))).unwrap();
     assert_eq!((upright.size, lying.size), ([210.0, 297.0], [297.0, 210.0]));
@@ -76,7 +76,7 @@ fn the_sheet_lies_where_the_board_is_wide() {
 }
 
 #[test]
-fn what_does_not_fit_is_told_what_does() {
+fn an_error_names_boards_and_papers_that_fit() {
     let error = board_sheet(&board("acircles:9x4:55mm:r17.5mm"), &page(paper("a4"))).unwrap_err();
     let largest = error.largest.unwrap();
     assert!(board_sheet(&largest, &page(paper("a4"))).is_ok());
@@ -89,7 +89,7 @@ fn what_does_not_fit_is_told_what_does() {
     let text = error.to_string();
     assert!(text.contains(&largest.to_string()) && text.contains("fits on a1"), "{text}");
     let huge = board_sheet(&board("circles:9x9:1m:r10cm"), &page(paper("a4"))).unwrap_err().to_string();
-    assert!(huge.contains("no paper that evcal knows"), "{huge}");
+    assert!(huge.contains("none of evcal's papers"), "{huge}");
     let tiny = board_sheet(&board("circles:9x9:1m:r10cm"), &page(paper("30x30mm"))).unwrap_err().to_string();
     assert!(tiny.contains("too small for any board"), "{tiny}");
 }
@@ -130,7 +130,7 @@ fn a_board_of_squares_is_upright_on_its_sheet() {
             assert!((high[axis] - low[axis] - (bounds.high[axis] - bounds.low[axis]) * 1e3).abs() < 1e-9, "{text}");
             assert!(low[axis] >= MARGIN + CLEARANCE && high[axis] <= sheet.size[axis] - MARGIN, "{text}");
         }
-        // Each place is dark on the sheet where it is dark on the board, and covered once.
+        // Each position is dark on the sheet if it is dark on the board, and covered once.
         for row in 0..97 {
             for column in 0..89 {
                 let share = [(f64::from(column) + 0.37) / 89.0, (f64::from(row) + 0.37) / 97.0];

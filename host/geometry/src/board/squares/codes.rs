@@ -1,5 +1,5 @@
-//! Codes of the tag families: the inner modules row by row from the top left, the first in the highest bit, light as 1. AprilTag's as
-//! its authors and Kalibr print them; the others as OpenCV does.
+//! Codes of the tag families: the inner modules row by row from the top left, the first in the highest bit, light as 1.
+//! AprilTag's codes are upright as printed by its authors and Kalibr, the others as drawn by OpenCV.
 
 #[rustfmt::skip]
 pub static APRILTAG_16H5: [u64; 30] = [

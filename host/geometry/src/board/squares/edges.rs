@@ -1,4 +1,4 @@
-//! The straight edges between dark and light on a board of squares, and which of them is nearest to a point.
+//! The straight edges between dark and light on a board of squares, and a search for the edge nearest to a point.
 
 use nalgebra::Vector2;
 
@@ -22,7 +22,8 @@ pub enum Side {
     High,
 }
 
-/// A straight piece of the border between dark and light, along which the widths of both sides stay the same. Lengths in metres.
+/// A straight piece of the border between dark and light; the widths of both sides are constant along it. Lengths in
+/// metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Edge {
     /// The axis that the edge is perpendicular to.
@@ -31,7 +32,8 @@ pub struct Edge {
     pub position: f64,
     /// Lowest and highest coordinate of the piece on the other axis.
     pub span: [f64; 2],
-    /// Lowest and highest coordinate of the whole straight line that the piece belongs to: from one corner or crossing to the next.
+    /// Lowest and highest coordinate of the straight line that the piece belongs to, from one corner or crossing to the
+    /// next.
     pub line: [f64; 2],
     /// The dark side.
     pub dark: Side,
@@ -42,7 +44,7 @@ pub struct Edge {
 }
 
 impl Edge {
-    /// Points along the piece, so near to each other that a lens bends it little between two of them, in metres.
+    /// Returns points along the piece, close enough that a lens hardly bends it between two of them, in metres.
     pub(in crate::board) fn pieces(&self) -> Vec<Vector2<f64>> {
         const STEPS: usize = 8;
         let [start, end] = self.span;
@@ -56,13 +58,13 @@ impl Edge {
         (0..=STEPS).map(point).collect()
     }
 
-    /// Width of the narrower side in metres: the distance to the nearest parallel edge.
+    /// Returns the width of the narrower side in metres, which is the distance to the nearest parallel edge.
     pub fn width(&self) -> f64 {
         self.dark_width.min(self.light_width)
     }
 }
 
-/// All edges of a board, with a table that finds the nearest one to a point at constant cost.
+/// All edges of a board, with a table that finds the edge nearest to a point at constant cost.
 #[derive(Clone, Debug)]
 pub struct SquareEdges {
     edges: Vec<Edge>,
@@ -74,10 +76,10 @@ pub struct SquareEdges {
     vertices: Vec<[f64; 2]>,
 }
 
-/// No edge.
+/// Marks the absence of an edge.
 const NONE: u32 = u32::MAX;
 
-/// The nearest edges to both sides of a cell along both axes.
+/// The nearest edges on both sides of a cell along both axes.
 #[derive(Clone, Copy, Debug)]
 struct Cell {
     x: Beside,
@@ -87,12 +89,12 @@ struct Cell {
     end_vertex: u32,
 }
 
-/// The nearest edges below and above a place along one axis.
+/// The nearest edges below and above a position along one axis.
 #[derive(Clone, Copy, Debug)]
 struct Beside {
     low: u32,
     high: u32,
-    /// Their coordinates; infinite where there is no edge.
+    /// Their coordinates; infinite if there is no edge.
     low_position: f64,
     high_position: f64,
     /// `true` if the cells between them are dark.
@@ -103,7 +105,7 @@ impl Beside {
     const NOTHING: Self =
         Self { low: NONE, high: NONE, low_position: f64::NEG_INFINITY, high_position: f64::INFINITY, is_dark: false };
 
-    /// The edge on the side where its light is on the side `light`, and its distance from `position` (m).
+    /// Returns the edge whose light side is `light`, and its distance from `position` (m).
     #[inline(always)]
     fn lit(&self, light: Side, position: f64) -> Near {
         if self.is_dark == (light == Side::Low) {
@@ -113,13 +115,13 @@ impl Beside {
         }
     }
 
-    /// Distance from `position` to the nearer edge (m).
+    /// Returns the distance from `position` to the nearer edge (m).
     #[inline(always)]
     fn distance(&self, position: f64) -> f64 {
         (position - self.low_position).min(self.high_position - position)
     }
 
-    /// Largest distance from a place in `range` to the nearer edge.
+    /// Returns the largest distance from a position in `range` to the nearer edge.
     fn reach(&self, range: [f64; 2]) -> f64 {
         let middle = 0.5 * (self.low_position + self.high_position);
         let [start, end] = range;
@@ -146,22 +148,22 @@ pub struct Lines {
     lines: Vec<f64>,
     start: f64,
     bins_per_metre: f64,
-    /// Number of lines that certainly lie below a bin.
+    /// Number of lines that are certainly below a bin.
     below: Vec<u32>,
 }
 
-/// Bins of the longest table.
+/// Largest number of bins of a table.
 const MOST_BINS: f64 = 16384.0;
 
 impl Lines {
-    /// The lines at these increasing coordinates, in metres.
+    /// Creates the table of lines at these increasing coordinates, in metres.
     pub fn new(lines: &[f64]) -> Self {
         let start = lines.first().copied().unwrap_or(0.0);
         let length = lines.last().map_or(0.0, |last| last - start);
         let narrowest = lines.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
         let bins = (length / narrowest).ceil().clamp(1.0, MOST_BINS);
         let bins_per_metre = if length > 0.0 { bins / length } else { 0.0 };
-        // Half a bin of margin: rounding may put a place into a neighbouring bin.
+        // Half a bin of margin, because rounding may put a position into a neighbouring bin.
         let below = |bin: u32| {
             let place = start + (f64::from(bin) - 0.5) / bins_per_metre;
             lines.partition_point(|line| *line < place) as u32
@@ -169,19 +171,20 @@ impl Lines {
         Self { lines: lines.to_vec(), start, bins_per_metre, below: (0..bins as u32).map(below).collect() }
     }
 
-    /// Their coordinates in metres, increasing.
+    /// Returns the coordinates in metres, increasing.
     #[inline(always)]
     pub fn positions(&self) -> &[f64] {
         &self.lines
     }
 
-    /// Number of lines at or below `place` (m).
+    /// Returns the number of lines at or below `place` (m).
     #[inline(always)]
     pub fn at_or_below(&self, place: f64) -> usize {
         let bin = (((place - self.start) * self.bins_per_metre) as usize).min(self.below.len().saturating_sub(1));
         let first = self.below.get(bin).map_or(0, |below| *below as usize);
         let is_below = |index: usize| self.lines.get(index).is_some_and(|line| *line <= place);
-        // A bin and its margin have at most two lines, unless there are too many bins. A branch would be mispredicted.
+        // A bin and its margin contain at most two lines, unless there are too many bins. A branch would be
+        // mispredicted.
         let mut count = first + usize::from(is_below(first)) + usize::from(is_below(first + 1));
         while is_below(count) {
             count += 1;
@@ -189,13 +192,13 @@ impl Lines {
         count
     }
 
-    /// Lowest and highest coordinate of a cell; the first and the last one have no end.
+    /// Returns the lowest and highest coordinate of a cell; the first and the last cell are unbounded.
     fn range(&self, cell: usize) -> [f64; 2] {
         let line = |index: Option<usize>| index.and_then(|index| self.lines.get(index)).copied();
         [line(cell.checked_sub(1)).unwrap_or(f64::NEG_INFINITY), line(Some(cell)).unwrap_or(f64::INFINITY)]
     }
 
-    /// Indices of the lines strictly between two places.
+    /// Returns the indices of the lines strictly between two positions.
     fn between(&self, low: f64, high: f64) -> std::ops::Range<usize> {
         let start = self.lines.partition_point(|line| *line <= low);
         start..self.lines.partition_point(|line| *line < high).max(start)
@@ -203,7 +206,7 @@ impl Lines {
 }
 
 impl SquareEdges {
-    /// The edges of `raster`.
+    /// Finds the edges of `raster`.
     pub fn new(raster: &Raster) -> Self {
         let mut edges = Vec::new();
         let x_edges = edges_across(raster, Axis::X, &mut edges);
@@ -216,7 +219,7 @@ impl SquareEdges {
         let (width, height) = (x_edges.lines, y_edges.lines);
         for row in 0..=height {
             for column in 0..=width {
-                // Outside the board there are no edges across.
+                // Outside the board there are no crossing edges.
                 let x = row.checked_sub(1).and_then(|band| beside_x.get(band * (width + 1) + column));
                 let y = column.checked_sub(1).and_then(|band| beside_y.get(band * (height + 1) + row));
                 let x = x.copied().unwrap_or(Beside::NOTHING);
@@ -230,15 +233,16 @@ impl SquareEdges {
         found
     }
 
-    /// The edges: those across x line by line, then those across y.
+    /// Returns the edges: first those across x line by line, then those across y.
     pub fn edges(&self) -> &[Edge] {
         &self.edges
     }
 
-    /// Index of the nearest of the edges around `point` (metres on the board) whose light side is `light` along x or along y: of the two
-    /// edges around a point along an axis one has its light on either side. `None` if such an edge of the other direction is less than
-    /// `clearance` (m) further away, if the foot of the point is less than `clearance` from the end of the straight line, if a corner is
-    /// nearer than every edge, and if the point is further from the edge than its narrower side is wide, as points off the board are.
+    /// Returns the index of the nearest of the edges around `point` (metres on the board) whose light side is `light` along x
+    /// or along y: of the two edges around a point along an axis, one has its light on each side. Returns `None` in four
+    /// cases: such an edge of the other direction is less than `clearance` (m) farther away; the foot of the point is less
+    /// than `clearance` from the end of the straight line; a corner is nearer than every edge; or the point is farther from
+    /// the edge than its narrower side is wide, as points off the board are.
     #[inline]
     pub fn nearest(&self, point: [f64; 2], light: [Side; 2], clearance: f64) -> Option<usize> {
         let [x, y] = point;
@@ -250,7 +254,7 @@ impl SquareEdges {
         let along = if is_x { y } else { x };
         let (distance, other) = (near_x.distance.min(near_y.distance), near_x.distance.max(near_y.distance));
         let edge = self.edges.get(index)?;
-        // Not `&&`: each of its branches would be mispredicted.
+        // Not `&&`, because its branches would be mispredicted.
         let is_clear = (other >= distance + clearance)
             & (along - edge.line[0] >= clearance)
             & (edge.line[1] - along >= clearance)
@@ -269,7 +273,7 @@ impl SquareEdges {
         let [columns, rows] = [self.columns.range(column), self.rows.range(row)];
         let widths = [x.low, x.high, y.low, y.high].map(|edge| self.edges.get(edge as usize).map_or(0.0, Edge::width));
         let reach = x.reach(columns).min(y.reach(rows)).min(widths.into_iter().fold(0.0, f64::max));
-        // A vertex on the line of one of these edges or behind it is not nearer than the edge.
+        // A vertex on the line of one of these edges, or beyond it, is not nearer than the edge.
         let within = |range: [f64; 2], beside: &Beside| {
             [(range[0] - reach).max(beside.low_position), (range[1] + reach).min(beside.high_position)]
         };
@@ -289,7 +293,7 @@ impl SquareEdges {
     }
 }
 
-/// The edges perpendicular to one axis, by place.
+/// The edges perpendicular to one axis, by position.
 struct Across {
     /// Number of lines across the axis.
     lines: usize,
@@ -317,7 +321,7 @@ fn edges_across(raster: &Raster, across: Axis, edges: &mut Vec<Edge>) -> Across 
     let changes: Vec<Vec<Option<Change>>> = (0..bands).map(|band| changes(raster, across, band, lines)).collect();
     let mut places = Vec::with_capacity(lines.len() * bands);
     for (index, position) in lines.iter().enumerate() {
-        // First edge of the straight line that ends at the current band.
+        // Index of the first edge of the straight line that ends at the current band.
         let mut first = edges.len();
         let mut before = None;
         for (band, ends) in along.windows(2).enumerate() {
@@ -354,7 +358,7 @@ fn edges_across(raster: &Raster, across: Axis, edges: &mut Vec<Edge>) -> Across 
     Across { lines: lines.len(), bands, edges: places }
 }
 
-/// The change at each of `lines` in one band of cells.
+/// Returns the change at each of `lines` in one band of cells.
 fn changes(raster: &Raster, across: Axis, band: usize, lines: &[f64]) -> Vec<Option<Change>> {
     let is_dark = |cell: Option<usize>| {
         cell.is_some_and(|cell| match across {
@@ -384,7 +388,8 @@ fn changes(raster: &Raster, across: Axis, band: usize, lines: &[f64]) -> Vec<Opt
     all
 }
 
-/// The nearest edges to each cell along the axis, band by band; the first and last cell of a band are outside the board.
+/// Returns the nearest edges to each cell along the axis, band by band; the first and last cell of a band are outside
+/// the board.
 fn besides(across: &Across, edges: &[Edge]) -> Vec<Beside> {
     let mut all = vec![Beside::NOTHING; across.bands * (across.lines + 1)];
     let edge_at = |line: usize, band: usize| {
@@ -407,7 +412,7 @@ fn besides(across: &Across, edges: &[Edge]) -> Vec<Beside> {
     all
 }
 
-/// `true` for each crossing of two lines, row by row, at which edges end.
+/// Returns `true` for each crossing of two lines, row by row, at which edges end.
 fn vertices(x_edges: &Across, edges: &[Edge]) -> Vec<bool> {
     let edge_at = |line: usize, band: Option<usize>| {
         let index = band.filter(|band| *band < x_edges.bands).map(|band| line * x_edges.bands + band)?;

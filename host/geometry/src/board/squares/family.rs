@@ -5,8 +5,8 @@ use std::str::FromStr;
 
 use super::codes;
 
-/// A family of tags whose inner modules form a square. AprilTag's families are upright as their authors and Kalibr print them,
-/// which is half a turn from what OpenCV draws; the others are upright as OpenCV draws them.
+/// A family of tags whose inner modules form a square. AprilTag's families are upright as printed by their authors and
+/// Kalibr, which is rotated by 180° from OpenCV's drawing; the others are upright as drawn by OpenCV.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum TagFamily {
     /// AprilTag 16h5.
@@ -17,7 +17,7 @@ pub enum TagFamily {
     April36h10,
     /// AprilTag 36h11.
     April36h11,
-    /// OpenCV's dictionaries of 4 × 4 modules; the smaller ones are the beginnings of the largest.
+    /// OpenCV's dictionaries of 4 × 4 modules; the smaller dictionaries are the beginning of the largest.
     Aruco4x4,
     /// OpenCV's dictionaries of 5 × 5 modules.
     Aruco5x5,
@@ -31,11 +31,11 @@ pub enum TagFamily {
     ArucoMip36h12,
 }
 
-/// Rows of the tags of the first ArUco library: two bits of the number each, the highest first.
+/// Rows of the tags of the first ArUco library: each encodes two bits of the number, highest first.
 const ORIGINAL_ROWS: [u64; 4] = [0b10000, 0b10111, 0b01001, 0b01110];
 
 impl TagFamily {
-    /// Inner modules along each side, without the border.
+    /// Returns the number of inner modules along each side, without the border.
     pub fn inner_side(self) -> usize {
         match self {
             Self::April16h5 | Self::Aruco4x4 => 4,
@@ -45,13 +45,13 @@ impl TagFamily {
         }
     }
 
-    /// `true` for the families of AprilTag, which OpenCV draws half a turn from upright.
+    /// Returns `true` for the families of AprilTag, which OpenCV draws rotated by 180°.
     pub fn is_april(self) -> bool {
         matches!(self, Self::April16h5 | Self::April25h9 | Self::April36h10 | Self::April36h11)
     }
 
-    /// The inner modules of tag `id` row by row from the top left, the first in the highest bit, light as 1; `None` if the family
-    /// has no such tag.
+    /// Returns the inner modules of tag `id` row by row from the top left, the first in the highest bit, light as 1;
+    /// `None` if the family has no such tag.
     pub fn code(self, id: u16) -> Option<u64> {
         let table: &[u64] = match self {
             Self::April16h5 => &codes::APRILTAG_16H5,
@@ -68,8 +68,8 @@ impl TagFamily {
         table.get(usize::from(id)).copied()
     }
 
-    /// Shades of the modules of tag `id` with a dark border of `border` modules, row by row from the top left, `true` for light;
-    /// `None` if the family has no such tag.
+    /// Returns the shades of the modules of tag `id` with a dark border of `border` modules, row by row from the top
+    /// left, `true` for light; `None` if the family has no such tag.
     pub fn light(self, id: u16, border: u8) -> Option<Vec<bool>> {
         let code = self.code(id)?;
         let (inner, border) = (self.inner_side(), usize::from(border));
@@ -94,12 +94,12 @@ fn original_code(id: u16) -> Option<u64> {
     })
 }
 
-/// The first tags of a family, as OpenCV's predefined dictionaries are.
+/// The first tags of a family, as in OpenCV's predefined dictionaries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Dictionary {
     /// The family.
     pub family: TagFamily,
-    /// Number of tags, the ids 0 to one less.
+    /// Number of tags; the ids begin at 0.
     pub tags: u16,
 }
 
@@ -133,12 +133,12 @@ impl Dictionary {
     /// AprilTag's family 36h11.
     pub const APRIL_36H11: Self = Self { family: TagFamily::April36h11, tags: 587 };
 
-    /// All predefined dictionaries.
+    /// Returns all predefined dictionaries.
     pub fn all() -> impl Iterator<Item = Self> {
         DICTIONARIES.iter().map(|(_, family, tags)| Self { family: *family, tags: *tags })
     }
 
-    /// The name that AprilTag's authors give to one of their families, such as `36h11`.
+    /// Returns the name that AprilTag's authors use for one of their families, such as `36h11`.
     pub fn april_name(self) -> Option<&'static str> {
         self.name().and_then(|name| name.strip_prefix("APRILTAG_"))
     }
@@ -149,12 +149,12 @@ impl Dictionary {
     }
 }
 
-/// The text names no predefined dictionary.
+/// Error: a text is not the name of a predefined dictionary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("unknown dictionary")]
 pub struct UnknownDictionary;
 
-/// OpenCV's names, with or without `DICT_`, and AprilTag's own: `36h11` or `tag36h11`.
+/// Parses OpenCV's names, with or without `DICT_`, and AprilTag's own: `36h11` or `tag36h11`.
 impl FromStr for Dictionary {
     type Err = UnknownDictionary;
 
@@ -185,9 +185,9 @@ mod tests {
         rows.chars().rev().collect()
     }
 
-    /// Inner modules as OpenCV 5.0 draws tags 0 and 17 (`generateImageMarker`), light as `#`.
+    /// Inner modules of tags 0 and 17 as drawn by OpenCV 5.0 (`generateImageMarker`), light as `#`.
     #[test]
-    fn codes_are_those_that_opencv_draws() {
+    fn codes_equal_the_drawings_of_opencv() {
         let drawn = [
             ("DICT_4X4_50", "#.##/.#.#/..##/..#.", ".##./.##./..../...."),
             ("DICT_5X5_100", "#.#../.#.##/.##../#.#.#/###..", ".#.##/###.#/.#.../#..##/.####"),
@@ -230,7 +230,8 @@ mod tests {
         }
     }
 
-    /// The first codes in the tables of AprilTag's authors, printed from the top left with the highest bit first by Kalibr.
+    /// The first codes in the tables of AprilTag's authors; Kalibr prints them from the top left with the highest bit
+    /// first.
     #[test]
     fn april_tags_are_upright_as_kalibr_prints_them() {
         let first = |family: TagFamily| family.code(0).unwrap();
@@ -240,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn families_end_where_their_dictionaries_do() {
+    fn families_and_dictionaries_have_the_same_number_of_tags() {
         for dictionary in Dictionary::all().filter(|dictionary| !matches!(dictionary.tags, 50 | 100 | 250)) {
             assert!(dictionary.family.code(dictionary.tags - 1).is_some(), "{dictionary}");
             assert_eq!(dictionary.family.code(dictionary.tags), None, "{dictionary}");

@@ -15,7 +15,7 @@ use super::{Checkerboard, Shade, SquareBoard, SquareBoardProblem, TagGrid, TagOr
 use crate::board::circles::{LENGTHS, millimetres};
 use crate::board::layout_name;
 
-/// Bytes of the largest file that is read.
+/// Largest size of a file in bytes.
 const LARGEST: usize = 1 << 16;
 
 /// The board in a target file.
@@ -32,19 +32,19 @@ pub enum Target {
 pub struct CircleTarget {
     /// Arrangement and number of the circles.
     pub pattern: Pattern,
-    /// Lattice spacing in metres. Kalibr's `spacingMeters` is OpenCV's: on an asymmetric grid, half the distance of neighbours in a
-    /// row.
+    /// Lattice spacing in metres. Kalibr's `spacingMeters` equals OpenCV's: on an asymmetric grid, half the distance of
+    /// neighbours in a row.
     pub spacing: f64,
 }
 
-/// The description of the board without its radius, such as `acircles:9x4:55mm`.
+/// Formats the description of the board without its radius, such as `acircles:9x4:55mm`.
 impl fmt::Display for CircleTarget {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}:{}mm", layout_name(&self.pattern), millimetres(self.spacing))
     }
 }
 
-/// Why a file is not a target of Kalibr's.
+/// Reason why a file is not a target file of Kalibr.
 #[derive(Debug, thiserror::Error)]
 #[error("{file}: {problem}")]
 pub struct TargetFileError {
@@ -60,22 +60,22 @@ pub enum TargetProblem {
     /// The file could not be read.
     #[error("{0}")]
     Read(#[from] std::io::Error),
-    /// The text is not YAML of the size of such a file.
+    /// The text is not YAML, or too large for such a file.
     #[error("it is not a target file of Kalibr: {0}")]
     Yaml(#[from] LoadError),
     /// It has no target type.
     #[error("it is not a target file of Kalibr: it has no target_type")]
     NoTarget,
     /// The target type is not known.
-    #[error("target_type {0:?} is not known; known are aprilgrid, checkerboard and circlegrid")]
+    #[error("target_type {0:?} is unknown; supported are aprilgrid, checkerboard and circlegrid")]
     Type(String),
     /// A value is missing.
     #[error("{0} is missing")]
     Missing(&'static str),
-    /// No board has this value.
+    /// A value is out of range.
     #[error("{key} is {given}; it must be {range}")]
     Value {
-        /// Its name in the file.
+        /// Its key in the file.
         key: &'static str,
         /// The value in the file.
         given: String,
@@ -92,7 +92,7 @@ pub enum TargetProblem {
         /// Spacing of the columns in metres.
         column: f64,
     },
-    /// The board needs more tags than there are.
+    /// The board needs more tags than the dictionary has.
     #[error("{0}")]
     Tags(SquareBoardProblem),
 }
@@ -104,7 +104,7 @@ pub enum TargetProblem {
 pub fn read(path: &Path) -> Result<Target, TargetFileError> {
     let text = || {
         let mut text = String::new();
-        // One byte more than can be read shows that the file is too long.
+        // Reading one byte more than allowed shows that the file is too long.
         File::open(path)?.take(LARGEST as u64 + 1).read_to_string(&mut text)?;
         parse(&text)
     };
@@ -158,7 +158,7 @@ fn circles(document: &Yaml) -> Result<CircleTarget, TargetProblem> {
     let is_asymmetric = match &document["asymmetricGrid"] {
         Yaml::BadValue => Err(TargetProblem::Missing("asymmetricGrid")),
         Yaml::Boolean(is_asymmetric) => Ok(*is_asymmetric),
-        // Python reads these as well.
+        // Python's YAML accepts these as well.
         Yaml::String(text) if ["true", "yes", "on"].contains(&text.to_lowercase().as_str()) => Ok(true),
         Yaml::String(text) if ["false", "no", "off"].contains(&text.to_lowercase().as_str()) => Ok(false),
         other => Err(wrong("asymmetricGrid", other, "True or False".to_owned())),
@@ -259,7 +259,7 @@ asymmetricGrid: True        #use asymmetric grid (opencv) [bool]
 
     /// Kalibr's asymmetric grid: circle (r, c) at x = (2 c + r mod 2) spacing, y = r spacing.
     #[test]
-    fn circles_are_where_kalibr_has_them() {
+    fn circles_are_at_kalibrs_positions() {
         let CircleTarget { pattern, spacing } = circle_target(CIRCLEGRID);
         for r in 0..11_i32 {
             for c in 0..4 {
@@ -283,13 +283,13 @@ asymmetricGrid: True        #use asymmetric grid (opencv) [bool]
     }
 
     #[test]
-    fn what_no_board_has_is_named() {
+    fn impossible_values_are_named() {
         let told = |text: &str| parse(text).unwrap_err().to_string();
         for (text, message) in [
             ("", "it has no target_type"),
             ("cam0: {intrinsics: [1, 2]}", "it has no target_type"),
             ("a: [", "it is not a target file of Kalibr"),
-            (&APRILGRID.replace("aprilgrid", "apriltag"), "target_type \"apriltag\" is not known"),
+            (&APRILGRID.replace("aprilgrid", "apriltag"), "target_type \"apriltag\" is unknown"),
             (&APRILGRID.replace("tagSize", "size"), "tagSize is missing"),
             (&APRILGRID.replace("tagCols: 6", "tagCols: 6.5"), "tagCols is 6.5; it must be a number from 1 to 64"),
             (&APRILGRID.replace("tagCols: 6", "tagCols: 65"), "tagCols is 65"),

@@ -1,6 +1,6 @@
 //! A board as dark and light rectangles between lines.
 
-/// Coordinates nearer to each other than this (m) are one line: what arithmetic makes of one length in two ways.
+/// Coordinates closer than this (m) are the same line, because one length computed in two ways differs by rounding.
 const SAME_LINE: f64 = 1e-9;
 
 /// A rectangle on the board with sides along its axes.
@@ -13,7 +13,7 @@ pub struct Rectangle {
 }
 
 impl Rectangle {
-    /// The rectangle with these two opposite corners.
+    /// Returns the rectangle with these two opposite corners.
     pub fn between(one: [f64; 2], other: [f64; 2]) -> Self {
         let pick = |choose: fn(f64, f64) -> f64| std::array::from_fn(|axis| choose(one[axis], other[axis]));
         Self { low: pick(f64::min), high: pick(f64::max) }
@@ -29,7 +29,7 @@ pub struct Raster {
 }
 
 impl Raster {
-    /// The board whose dark parts are `rectangles`.
+    /// Creates the raster of a board whose dark parts are `rectangles`.
     pub fn of_dark(rectangles: &[Rectangle]) -> Self {
         let lines = |axis: usize| {
             let mut all: Vec<f64> =
@@ -54,7 +54,8 @@ impl Raster {
         Self { x, y, dark }
     }
 
-    /// The board whose dark parts reach `further` (m) over all of their edges, or less far where it is negative.
+    /// Returns the board with its dark parts widened by `further` (m) over all of their edges, or narrowed if it is
+    /// negative.
     pub fn widened(&self, further: f64) -> Self {
         if further == 0.0 {
             return self.clone();
@@ -65,7 +66,8 @@ impl Raster {
             all.dedup_by(|next, line| *next - *line < SAME_LINE);
             all
         };
-        // Range of the cells, one further for those outside, that are within the distance of the middle of each new cell.
+        // Range of the cells that are within that distance of the middle of each new cell; index one higher to include
+        // the outside.
         let near = |moved: &[f64], lines: &[f64]| -> Vec<std::ops::RangeInclusive<usize>> {
             let cell = |place: f64| lines.partition_point(|line| *line <= place);
             let middle = |ends: &[f64]| 0.5 * (ends[0] + ends[1]);
@@ -88,32 +90,33 @@ impl Raster {
         Self { x, y, dark }
     }
 
-    /// The lines x = constant in metres, increasing.
+    /// Returns the lines x = constant in metres, increasing.
     pub fn x_lines(&self) -> &[f64] {
         &self.x
     }
 
-    /// The lines y = constant in metres, increasing.
+    /// Returns the lines y = constant in metres, increasing.
     pub fn y_lines(&self) -> &[f64] {
         &self.y
     }
 
-    /// Number of cells along x.
+    /// Returns the number of cells along x.
     pub fn columns(&self) -> usize {
         self.x.len().saturating_sub(1)
     }
 
-    /// Number of cells along y.
+    /// Returns the number of cells along y.
     pub fn rows(&self) -> usize {
         self.y.len().saturating_sub(1)
     }
 
-    /// `true` if the cell between lines `column` and `column + 1` of x and `row` and `row + 1` of y is dark. Cells outside are light.
+    /// Returns `true` if the cell between lines `column` and `column + 1` of x and `row` and `row + 1` of y is dark.
+    /// Cells outside are light.
     pub fn is_dark(&self, column: usize, row: usize) -> bool {
         column < self.columns() && self.dark.get(row * self.columns() + column).is_some_and(|dark| *dark)
     }
 
-    /// `true` if the board is dark at `point` (metres on the board).
+    /// Returns `true` if the board is dark at `point` (metres on the board).
     pub fn is_dark_at(&self, point: [f64; 2]) -> bool {
         let cell = |lines: &[f64], value: f64| lines.partition_point(|line| *line <= value).checked_sub(1);
         match (cell(&self.x, point[0]), cell(&self.y, point[1])) {
@@ -122,7 +125,7 @@ impl Raster {
         }
     }
 
-    /// The dark cells joined to rectangles that do not overlap.
+    /// Returns the dark cells joined to rectangles that do not overlap.
     pub fn dark_rectangles(&self) -> Vec<Rectangle> {
         let mut done: Vec<Rectangle> = Vec::new();
         let mut open: Vec<Rectangle> = Vec::new();
@@ -134,7 +137,7 @@ impl Raster {
                     None => current.push(Rectangle { low: [x[0], y[0]], high: [x[1], y[1]] }),
                 }
             }
-            // A rectangle of the row before with the same sides continues.
+            // A rectangle of the previous row with the same sides continues.
             let mut ended = open.into_iter().peekable();
             for rectangle in &mut current {
                 while let Some(above) = ended.next_if(|above| above.low[0] <= rectangle.low[0]) {

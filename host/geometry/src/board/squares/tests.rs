@@ -8,7 +8,8 @@ fn board(text: &str) -> SquareBoard {
     text.parse().unwrap()
 }
 
-/// The board as it is printed, dark as `#`: the middles of modules of `module` metres, `width` and `height` of them from `low` on.
+/// Returns the board as printed, dark as `#`: the middles of `width` × `height` modules of `module` metres from `low`
+/// on.
 fn printed(board: &SquareBoard, low: [f64; 2], module: f64, [width, height]: [u32; 2]) -> Vec<String> {
     let raster = board.raster();
     let at = |low: f64, index: u32| low + (f64::from(index) + 0.5) * module;
@@ -33,7 +34,7 @@ fn inner_corners_of_a_checkerboard_run_along_its_rows() {
 }
 
 #[test]
-fn a_checkerboard_has_one_row_and_one_column_of_squares_more() {
+fn a_checkerboard_has_one_more_row_and_column_of_squares_than_of_corners() {
     let dark = printed(&board("checkerboard:2x3:20mm"), [-0.02; 2], 0.02, [5, 4]);
     assert_eq!(dark, ["#.#..", ".#.#.", "#.#..", "....."]);
     let light = printed(&board("checkerboard:2x3:20mm:light"), [-0.02; 2], 0.02, [4, 3]);
@@ -42,7 +43,7 @@ fn a_checkerboard_has_one_row_and_one_column_of_squares_more() {
 
 /// Kalibr's `createGridPoints` for `tagRows: 2, tagCols: 3`: (c div 2)(1 + spacing) size + (c mod 2) size, likewise for rows.
 #[test]
-fn corners_of_tags_are_where_kalibr_has_them() {
+fn corners_of_tags_are_at_kalibrs_positions() {
     let (size, spacing) = (0.088, 0.3);
     let mut expected = Vec::new();
     for r in 0..4_u32 {
@@ -55,9 +56,10 @@ fn corners_of_tags_are_where_kalibr_has_them() {
     assert!(close(&points, &expected), "{points:?}");
 }
 
-/// Kalibr's detector puts the corners of tag `id` (bottom left, bottom right, top right, top left) at these points of the grid.
+/// Kalibr's detector puts the corners of tag `id` (bottom left, bottom right, top right, top left) at these points of
+/// the grid.
 #[test]
-fn tags_lie_at_the_points_that_kalibr_gives_them() {
+fn tags_lie_at_kalibrs_points() {
     for text in ["aprilgrid:2x3:88mm:0.3", "apriltags:3x4:30mm:0.25"] {
         let board = board(text);
         let (points, tags) = (board.points(), board.tags());
@@ -73,7 +75,7 @@ fn tags_lie_at_the_points_that_kalibr_gives_them() {
     }
 }
 
-/// Tag 0 of 36h11 as Kalibr's sheet and the AprilTags of a real recording show it, at the bottom left.
+/// Tag 0 of 36h11 is at the bottom left, as on Kalibr's sheet and in a real recording.
 #[test]
 fn kalibrs_first_tag_is_upright_at_the_bottom_left() {
     let plain = board("apriltags:2x2:80mm:0.25");
@@ -98,20 +100,20 @@ fn an_aprilgrid_has_squares_at_the_corners_of_its_tags() {
 
 /// Drawn by OpenCV 5.0 as `GridBoard((2, 2), 1.0, 1/3, DICT_APRILTAG_16h5)`.
 #[test]
-fn a_grid_numbered_downwards_is_opencvs() {
+fn a_grid_numbered_downwards_equals_opencvs() {
     let board = board("apriltags:2x2:60mm:0.3333333333333333:16h5:down");
     assert_eq!(printed(&board, [0.0; 2], 0.01, [14, 14]), GRID_BOARD);
     let points = board.points();
     assert!(close(&points[..3], &[[0.0, 0.0], [0.06, 0.0], [0.08, 0.0]]), "{points:?}");
     let tags = board.tags();
-    // OpenCV's first corner is the third of the tag as AprilTag's authors print it.
+    // OpenCV's first corner is the third corner of the tag as printed by AprilTag's authors.
     assert!(close(&[Vector2::zeros()], &tags[0].corners[2..3]));
     assert!((tags[2].corners[2][1] - 0.08).abs() < 1e-12);
 }
 
 /// Drawn by OpenCV 5.0 as `CharucoBoard((3, 4), 1.0, 0.75, DICT_4X4_50)`, without and with `setLegacyPattern(True)`.
 #[test]
-fn charuco_boards_are_as_opencv_draws_them() {
+fn charuco_boards_equal_opencvs_drawings() {
     let text = "charuco:4x3:80mm:60mm:DICT_4X4_50";
     assert_eq!(printed(&board(text), [0.0; 2], 0.01, [24, 32]), CURRENT);
     assert_eq!(printed(&board(&format!("{text}:legacy")), [0.0; 2], 0.01, [24, 32]), LEGACY);
@@ -119,9 +121,10 @@ fn charuco_boards_are_as_opencv_draws_them() {
     assert_eq!(printed(&april, [0.08, 0.0], 0.01, [8, 8]), APRIL_MARKER);
 }
 
-/// Top left corners of the markers that OpenCV 5.0 states for `CharucoBoard((4, 6), 1.0, 0.75, …)`, in the order of their ids.
+/// Top left corners of the markers of `CharucoBoard((4, 6), 1.0, 0.75, …)` according to OpenCV 5.0, in the order of
+/// their ids.
 #[test]
-fn charuco_markers_are_numbered_as_opencv_does() {
+fn charuco_markers_are_numbered_as_in_opencv() {
     let places = |text: &str| -> Vec<[f64; 2]> { board(text).tags().iter().map(|tag| tag.corners[0]).collect() };
     let current = places("charuco:6x4:1m:0.75m:DICT_5X5_100");
     let even = [[1.125, 0.125], [3.125, 0.125], [0.125, 1.125], [2.125, 1.125], [1.125, 2.125]];
@@ -136,7 +139,7 @@ fn charuco_markers_are_numbered_as_opencv_does() {
     assert_eq!(places("charuco:7x5:1m:0.75m:DICT_5X5_100:legacy"), seven);
 }
 
-/// The corners that OpenCV 5.0 states for `CharucoBoard((5, 7), 0.03, …)`: the first, the second, the last.
+/// Corners of `CharucoBoard((5, 7), 0.03, …)` according to OpenCV 5.0: the first, the second, the last.
 #[test]
 fn charuco_corners_have_opencvs_ids() {
     let points = board("charuco:7x5:30mm:22mm:DICT_5X5_100").points();
@@ -144,7 +147,7 @@ fn charuco_corners_have_opencvs_ids() {
     assert!(close(&[points[0], points[1], points[23]], &[[0.03, 0.03], [0.06, 0.03], [0.12, 0.18]]), "{points:?}");
 }
 
-/// `true` if the raster is the same after so many quarter turns about the middle of the points.
+/// Returns `true` if the raster is the same after this many rotations by 90° about the middle of the points.
 fn looks_the_same(board: &SquareBoard, quarters: u8) -> bool {
     let (raster, points) = (board.raster(), board.points());
     let middle = 0.5 * (points[0] + points[points.len() - 1]);
@@ -157,7 +160,7 @@ fn looks_the_same(board: &SquareBoard, quarters: u8) -> bool {
 }
 
 #[test]
-fn symmetries_are_the_turns_after_which_the_print_looks_the_same() {
+fn symmetries_are_the_rotations_after_which_the_print_looks_the_same() {
     for text in [
         "checkerboard:6x9:25mm",
         "checkerboard:9x6:25mm:light",

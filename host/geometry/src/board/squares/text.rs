@@ -1,4 +1,4 @@
-//! Boards of squares as text.
+//! Text form of boards of squares.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,7 +7,7 @@ use super::family::Dictionary;
 use super::{Charuco, CharucoLayout, Checkerboard, Shade, SquareBoard, TagGrid, TagOrder};
 use crate::board::circles::{length, millimetres};
 
-/// Why the description of a board of squares was refused.
+/// Reason why the description of a board of squares was rejected.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("board {text:?}: {problem}; write {form}")]
 pub struct SquareBoardError {
@@ -24,12 +24,12 @@ pub enum SquareBoardProblem {
     /// The kind of board is unknown.
     #[error("{0:?} is not a kind of board of squares")]
     Kind(String),
-    /// A kind of board by the name that other programs have for it.
+    /// A kind of board under the name that another program uses.
     #[error("{given} is called {kind} here")]
     OtherName {
-        /// Its name there.
+        /// The name as given.
         given: String,
-        /// Its name here.
+        /// Its name in evcal.
         kind: &'static str,
     },
     /// A part is missing.
@@ -46,7 +46,7 @@ pub enum SquareBoardProblem {
     /// A length cannot be read.
     #[error("{name} {given:?} is not a length with a unit, from 0.001mm to 10m")]
     Length {
-        /// Of what.
+        /// Name of the length.
         name: &'static str,
         /// The part.
         given: String,
@@ -54,7 +54,7 @@ pub enum SquareBoardProblem {
     /// The spacing cannot be read.
     #[error("spacing {0:?} is not a number from 0.01 to 4: the gap between two tags divided by the size of a tag")]
     Spacing(String),
-    /// The gap itself instead of its ratio to the tag.
+    /// The spacing is a length instead of a ratio to the tag.
     #[error("the spacing is the gap divided by the size of a tag, here {0}")]
     Gap(String),
     /// The tags do not fit into the squares.
@@ -66,14 +66,14 @@ pub enum SquareBoardProblem {
     /// The dictionary has fewer tags than the board.
     #[error("the board needs {needed} tags, {dictionary} has {has}")]
     TooFewTags {
-        /// Tags of the board and ids before its first.
+        /// Number of tags of the board plus the ids before its first.
         needed: usize,
         /// The dictionary.
         dictionary: Dictionary,
-        /// Its number of tags.
+        /// Number of tags in the dictionary.
         has: u16,
     },
-    /// A further part that this kind of board does not have.
+    /// A part that this kind of board does not have.
     #[error("{0:?} is not a part of this kind of board")]
     Part(String),
 }
@@ -101,7 +101,7 @@ const CHARUCO_FORM: &str = "charuco:ROWSxCOLUMNS:SQUARE:MARKER:DICTIONARY with t
 const ANY_FORM: &str = "for example checkerboard:6x9:25mm (inner corners), aprilgrid:6x6:35.2mm:0.3, apriltags:3x4:30mm:0.25 or \
      charuco:5x7:30mm:22mm:DICT_5X5_100";
 
-/// Parts of other programs' names of boards, without signs and in lower case, and what each is called here.
+/// Parts of other programs' names of boards, in lower case without punctuation, with the name in evcal.
 const OTHER_NAMES: [(&str, &str); 7] = [
     ("charuco", CHARUCO),
     ("check", CHECKERBOARD),
@@ -112,14 +112,14 @@ const OTHER_NAMES: [(&str, &str); 7] = [
     ("tag", APRILTAGS),
 ];
 
-/// The kind of board in the first part of a description, under its name here or another program's; `None` for boards of circles and
-/// all else.
+/// Returns the kind of board in the first part of a description, under evcal's or another program's name; `None` for
+/// boards of circles and everything else.
 fn kind_of(given: &str) -> Option<&'static str> {
     let bare: String = given.to_lowercase().chars().filter(|letter| letter.is_alphabetic()).collect();
     OTHER_NAMES.iter().find(|(name, _)| bare.contains(name)).map(|(_, kind)| *kind)
 }
 
-/// `true` if `text` names a kind of board of squares in its first part, by any program's name.
+/// Returns `true` if the first part of `text` names a kind of board of squares, by any program's name.
 pub fn names_squares(text: &str) -> bool {
     text.split(':').next().is_some_and(|given| kind_of(given).is_some())
 }
@@ -144,7 +144,7 @@ impl<'a> Parts<'a> {
         length(given).ok_or_else(|| SquareBoardProblem::Length { name, given: given.to_owned() })
     }
 
-    /// The spacing of tags of the size `tag` (m).
+    /// Parses the spacing of tags of the size `tag` (m).
     fn spacing(&mut self, tag: f64) -> Result<f64, SquareBoardProblem> {
         let given = self.next("spacing")?;
         let ratio = given.parse::<f64>().ok().filter(|ratio| SPACINGS.contains(ratio));
@@ -155,7 +155,7 @@ impl<'a> Parts<'a> {
     }
 }
 
-/// Gap by size of a tag.
+/// Range of the ratio of gap to tag.
 pub(super) const SPACINGS: std::ops::RangeInclusive<f64> = 0.01..=4.0;
 
 fn checkerboard(mut parts: Parts<'_>) -> Result<SquareBoard, SquareBoardProblem> {
@@ -171,7 +171,7 @@ fn checkerboard(mut parts: Parts<'_>) -> Result<SquareBoard, SquareBoardProblem>
     Ok(SquareBoard::Checkerboard(board))
 }
 
-/// Modules of the border that such grids have where nothing is stated.
+/// Returns the border of such grids in modules, unless one is given.
 const fn usual_border(corner_squares: bool) -> u8 {
     if corner_squares { 2 } else { 1 }
 }
@@ -324,7 +324,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn boards_are_written_back_as_they_are_read() {
+    fn boards_survive_a_round_trip() {
         for text in [
             "checkerboard:6x9:25mm",
             "checkerboard:7x7:25.4mm:light",
@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn a_description_has_the_usual_values_where_nothing_is_stated() {
+    fn missing_parts_have_their_usual_values() {
         let read = |text: &str| match text.parse() {
             Ok(SquareBoard::Tags(grid)) => grid,
             other => panic!("{other:?}"),
@@ -399,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn boards_of_squares_are_told_from_others_by_their_first_part() {
+    fn boards_of_squares_are_recognised_by_their_first_part() {
         for text in
             ["checkerboard", "chessboard:6x9", "aprilgrid:6x6:24mm:0.3", "ChArUco:5x7", "tags:1x1", "april_6x6.yaml"]
         {

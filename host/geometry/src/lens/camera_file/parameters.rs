@@ -5,24 +5,24 @@ use std::fmt;
 use serde::de::{Error, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// Values by name, in the order in which they were given. As JSON an object in that order.
+/// Values by name, in the given order. In JSON, an object in that order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Parameters(Vec<(String, f64)>);
 
 impl Parameters {
-    /// Values with their names.
+    /// Creates parameters from values with their names.
     pub fn new<'a>(named: impl IntoIterator<Item = (&'a str, f64)>) -> Self {
         Self(named.into_iter().map(|(name, value)| (name.to_owned(), value)).collect())
     }
 
-    /// The same after other values with their names.
+    /// Returns the parameters with other values inserted before them.
     pub fn and_before<'a>(self, others: impl IntoIterator<Item = (&'a str, f64)>) -> Self {
         let mut all = Self::new(others);
         all.0.extend(self.0);
         all
     }
 
-    /// The value of this name.
+    /// Returns the value of this name.
     pub fn get(&self, name: &str) -> Option<f64> {
         self.0.iter().find(|(other, _)| other == name).map(|(_, value)| *value)
     }
@@ -74,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_given_twice_is_refused() {
+    fn a_name_given_twice_is_rejected() {
         let twice = serde_json::from_str::<Parameters>(r#"{"fx":300.0,"fx":301.0}"#).unwrap_err();
         assert!(twice.to_string().contains("fx is given twice"), "{twice}");
     }

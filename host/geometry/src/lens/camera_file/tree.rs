@@ -1,14 +1,14 @@
-//! JSON and XML of other programs as the tree that their YAML gives.
+//! Converts JSON and XML of other programs to the same tree as YAML.
 
 use roxmltree::Node;
 use serde_json::Value;
 use yaml_rust2::Yaml;
 use yaml_rust2::yaml::Hash;
 
-/// Levels of elements in each other that a camera in XML has at most.
+/// Largest nesting depth of elements of a camera in XML.
 const DEEPEST: usize = 8;
 
-/// The tree of a text in JSON.
+/// Returns the tree of a JSON text.
 pub(super) fn of_json(text: &str) -> Result<Yaml, serde_json::Error> {
     Ok(of_value(serde_json::from_str(text)?))
 }
@@ -26,7 +26,7 @@ fn of_value(value: Value) -> Yaml {
     }
 }
 
-/// The tree below the root of a text in XML, as OpenCV's `FileStorage` writes it.
+/// Returns the tree below the root of an XML text, as written by OpenCV's `FileStorage`.
 pub(super) fn of_xml(text: &str) -> Result<Yaml, roxmltree::Error> {
     let document = roxmltree::Document::parse(text)?;
     Ok(of_element(document.root_element(), 0))
@@ -48,7 +48,7 @@ fn of_element(element: Node, depth: usize) -> Yaml {
     Yaml::Hash(named.collect::<Hash>())
 }
 
-/// A number, or a word, which `FileStorage` may have put in quotes.
+/// Parses a number, or a word, which `FileStorage` may have quoted.
 fn of_text(text: &str) -> Yaml {
     match (text.parse(), text.parse::<f64>()) {
         (Ok(whole), _) => Yaml::Integer(whole),

@@ -1,5 +1,5 @@
-//! Cameras in the files of other programs: OpenCV's `FileStorage`, ROS's `camera_info`, DV's XML, the first camera of Kalibr's camchain,
-//! of basalt's and of dv-processing's JSON, and mrcal's `.cameramodel`, which is YAML as well.
+//! Camera files of other programs: OpenCV's `FileStorage`, ROS's `camera_info`, DV's XML, the first camera of Kalibr's
+//! camchain, JSON of basalt and dv-processing, and mrcal's `.cameramodel`, which is valid YAML.
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
@@ -8,26 +8,26 @@ use yaml_rust2::Yaml;
 use super::{CameraDescription, CameraFile, tree};
 use evcal_files::yaml::{self, LoadError};
 
-/// Bytes of the largest file that is read.
+/// Largest size of a file in bytes.
 const LARGEST: usize = 1 << 16;
 
-/// Why a YAML file is no camera.
+/// Reason why a file of another program is not a camera.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum YamlError {
-    /// It is no YAML.
+    /// The text is not YAML.
     #[error("it cannot be read as JSON or YAML: {0}")]
     NoYaml(String),
-    /// It is no XML.
+    /// The text is not XML.
     #[error("it cannot be read as XML: {0}")]
     NoXml(String),
-    /// It holds no camera.
-    #[error("it is none of OpenCV, ROS (camera_matrix), Kalibr (cam0 with intrinsics), basalt, DV or mrcal")]
+    /// The file contains no camera.
+    #[error("it is not a camera of OpenCV, ROS (camera_matrix), Kalibr (cam0 with intrinsics), basalt, DV or mrcal")]
     NoCamera,
     /// A part of the camera is missing.
     #[error("it has no {0}")]
     Missing(&'static str),
-    /// The model is none that evcal has.
+    /// evcal does not support the model.
     #[error("evcal has no model {camera} with distortion {distortion} of {coefficients} coefficients")]
     Model {
         /// Name of the projection.
@@ -44,11 +44,11 @@ pub enum YamlError {
 /// # Errors
 /// [`YamlError`].
 pub fn parse(text: &str) -> Result<CameraFile, YamlError> {
-    // OpenCV's `%YAML:1.0` is no directive of YAML.
+    // OpenCV's `%YAML:1.0` is not a valid YAML directive.
     let body: String = text.lines().filter(|line| !line.starts_with("%YAML")).flat_map(|line| [line, "\n"]).collect();
     let documents = yaml::load(&body, LARGEST).map_err(|error| match error {
         LoadError::Syntax(error) => YamlError::NoYaml(error),
-        // No camera has more, is deeper or repeats itself.
+        // No camera file is larger, deeper or more repetitive.
         _ => YamlError::NoCamera,
     })?;
     camera_of(documents.first().ok_or(YamlError::NoCamera)?)
@@ -70,7 +70,7 @@ pub fn parse_xml(text: &str) -> Result<CameraFile, YamlError> {
     camera_of(&tree::of_xml(text).map_err(|error| YamlError::NoXml(error.to_string()))?)
 }
 
-/// The camera in the tree of a file, whichever program it is of.
+/// Reads the camera in the tree of a file of any supported program.
 fn camera_of(document: &Yaml) -> Result<CameraFile, YamlError> {
     let has = |name: &str| !document[name].is_badvalue();
     if has("camera_matrix") {
@@ -88,14 +88,14 @@ fn camera_of(document: &Yaml) -> Result<CameraFile, YamlError> {
     if has("lensmodel") {
         return mrcal_camera(document);
     }
-    // DV: the camera stands in a node of its own name, what is common to all beside it.
+    // DV: the camera is in a node with a name of its own, next to common settings.
     let nodes = document.as_hash().into_iter().flat_map(|hash| hash.values());
     let camera = nodes.into_iter().find(|node| !node["camera_matrix"].is_badvalue()).ok_or(YamlError::NoCamera)?;
     let is_fisheye = document["use_fisheye_model"].as_i64() == Some(1);
     matrix_camera(camera, if is_fisheye { "fisheye" } else { "radtan" })
 }
 
-/// As OpenCV and ROS write it.
+/// Reads the form of OpenCV and ROS.
 fn matrix_camera(document: &Yaml, name: &str) -> Result<CameraFile, YamlError> {
     let matrix = numbers(&document["camera_matrix"]["data"]).ok_or(YamlError::Missing("camera_matrix with data"))?;
     let &[fx, _, cx, _, fy, cy, ..] = matrix.as_slice() else {
@@ -119,7 +119,7 @@ fn matrix_camera(document: &Yaml, name: &str) -> Result<CameraFile, YamlError> {
     file(kind, &[&[fx, fy, cx, cy], coefficients.as_slice()].concat(), size)
 }
 
-/// As Kalibr writes it: the shape of the projection stands in front of its focal lengths.
+/// Reads Kalibr's form: the shape of the projection precedes its focal lengths.
 fn kalibr_camera(camera: &Yaml) -> Result<CameraFile, YamlError> {
     let intrinsics = numbers(&camera["intrinsics"]).ok_or(YamlError::Missing("intrinsics in numbers"))?;
     let distortion = numbers(&camera["distortion_coeffs"]).unwrap_or_default();
@@ -138,7 +138,7 @@ fn kalibr_camera(camera: &Yaml) -> Result<CameraFile, YamlError> {
     file(kind, &[matrix, shape, &distortion].concat(), [&camera["resolution"][0], &camera["resolution"][1]])
 }
 
-/// As basalt writes it: parameters by name.
+/// Reads basalt's form: parameters by name.
 fn basalt_camera(value: &Yaml) -> Result<CameraFile, YamlError> {
     let camera = &value["intrinsics"][0];
     let name = camera["camera_type"].as_str().ok_or(YamlError::Missing("camera_type"))?;
@@ -155,7 +155,7 @@ fn basalt_camera(value: &Yaml) -> Result<CameraFile, YamlError> {
     file(kind, &parameters, [&value["resolution"][0][0], &value["resolution"][0][1]])
 }
 
-/// As dv-processing writes it: every number is text.
+/// Reads dv-processing's form: every number is text.
 fn dv_processing_camera(camera: &Yaml) -> Result<CameraFile, YamlError> {
     let list = |name: &str, missing| numbers(&camera[name]).ok_or(YamlError::Missing(missing));
     let focal = list("focalLength", "cameras.C0 with focalLength")?;
@@ -171,7 +171,7 @@ fn dv_processing_camera(camera: &Yaml) -> Result<CameraFile, YamlError> {
     file(kind, &[focal, center, coefficients].concat(), [&camera["resolution"][0], &camera["resolution"][1]])
 }
 
-/// As mrcal writes it.
+/// Reads mrcal's form.
 fn mrcal_camera(document: &Yaml) -> Result<CameraFile, YamlError> {
     let intrinsics = numbers(&document["intrinsics"]).ok_or(YamlError::Missing("intrinsics in numbers"))?;
     let name = document["lensmodel"].as_str().unwrap_or_default();
@@ -220,7 +220,7 @@ mod tests {
         (camera.model.clone(), camera.camera().unwrap().parameters().to_vec(), sensor)
     }
 
-    /// As `cv::FileStorage` writes it.
+    /// The form of `cv::FileStorage`.
     const OPENCV: &str = "%YAML:1.0\n---\nimage_width: 346\nimage_height: 260\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   \
         cols: 3\n   dt: d\n   data: [ 250.5, 0., 172., 0., 251., 129.5, 0., 0., 1. ]\ndistortion_coefficients: !!opencv-matrix\n   \
         rows: 1\n   cols: 5\n   dt: d\n   data: [ -3.5e-01, 1.2e-01, 1.0e-03, -2.0e-03,\n       4.0e-02 ]\n";
@@ -241,10 +241,10 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_is_named() {
+    fn missing_parts_are_named() {
         for (text, part) in [
-            ("a: 1\n", "none of OpenCV, ROS"),
-            ("", "none of OpenCV, ROS"),
+            ("a: 1\n", "not a camera of OpenCV, ROS"),
+            ("", "not a camera of OpenCV, ROS"),
             ("a: [1, 2\n", "cannot be read as JSON or YAML"),
             (&OPENCV.replace("image_width: 346\n", ""), "size of the image"),
             (&OPENCV.replace("distortion_coefficients", "other"), "distortion_coefficients"),
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn files_that_nest_or_repeat_without_end_are_refused() {
+    fn excessive_nesting_and_repetition_are_rejected() {
         let bomb: String =
             (1..20).map(|level| format!("a{level}: &a{level} [{}]\n", format!("*a{},", level - 1).repeat(9))).collect();
         assert_eq!(parse(&format!("a0: &a0 1\n{bomb}")), Err(YamlError::NoCamera));
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn no_cut_file_panics() {
+    fn truncated_files_do_not_panic() {
         for end in 0..OPENCV.len() {
             let _ = parse(&OPENCV[..end]);
         }

@@ -17,7 +17,7 @@ fn raster(text: &str) -> Raster {
     text.parse::<SquareBoard>().unwrap().raster()
 }
 
-/// A side of a cell between dark and light, as the shades at both its sides show.
+/// A side of a cell between dark and light, according to the shades on both its sides.
 struct Side1 {
     across: usize,
     position: f64,
@@ -62,7 +62,7 @@ struct Found {
     width: f64,
 }
 
-/// Goes through all sides of cells.
+/// Searches all sides of cells.
 fn search(sides: &[Side1], point: [f64; 2], light: [Side; 2], clearance: f64) -> Option<Found> {
     let off = |side: &Side1| {
         let along = point[1 - side.across];
@@ -108,7 +108,7 @@ fn search(sides: &[Side1], point: [f64; 2], light: [Side; 2], clearance: f64) ->
 }
 
 #[test]
-fn the_nearest_edge_with_its_light_on_a_side_is_the_one_that_a_search_through_all_finds() {
+fn the_nearest_edge_lit_on_one_side_equals_that_of_an_exhaustive_search() {
     let mut random = ChaCha8Rng::seed_from_u64(5);
     for text in BOARDS {
         let raster = raster(text);
@@ -144,7 +144,8 @@ fn the_nearest_edge_with_its_light_on_a_side_is_the_one_that_a_search_through_al
 fn edges_of_a_checkerboard_are_the_sides_of_its_squares() {
     let edges = SquareEdges::new(&raster("checkerboard:2x2:20mm"));
     let near = |a: f64, b: f64| (a - b).abs() < 1e-12;
-    // Three rows of squares, dark at the corners: 4 lines with 3 sides, the outer ones of dark squares only.
+    // Three rows of squares, dark at the corners: 4 lines with 3 sides; on the outer lines only dark squares have
+    // sides.
     assert_eq!(edges.edges().len(), 2 * (2 + 3 + 3 + 2));
     for edge in edges.edges() {
         assert_eq!(edge.span, edge.line);
@@ -155,7 +156,7 @@ fn edges_of_a_checkerboard_are_the_sides_of_its_squares() {
 }
 
 #[test]
-fn an_edge_of_a_tag_has_the_widths_beside_it() {
+fn an_edge_of_a_tag_has_the_widths_on_both_sides() {
     // Tag 0 has a border of one module, then modules 110101 in its first row.
     let edges = SquareEdges::new(&raster("apriltags:1x1:80mm:0.25"));
     let at = |point: [f64; 2]| edges.edges()[edges.nearest(point, [Side::Low; 2], 0.001).unwrap()];

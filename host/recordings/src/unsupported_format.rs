@@ -5,7 +5,7 @@ use std::fmt;
 /// A format that is recognised but not supported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum ForeignFormat {
+pub enum UnsupportedFormat {
     /// AEDAT 1 of jAER.
     Aedat1,
     /// AEDAT 3 with compressed packets.
@@ -72,7 +72,7 @@ pub enum ForeignFormat {
     Latin1,
 }
 
-impl fmt::Display for ForeignFormat {
+impl fmt::Display for UnsupportedFormat {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Aedat1 => "AEDAT 1",
@@ -117,58 +117,58 @@ const REPORT: &[u8] = b"name=\"generator\" content=\"evcal ";
 struct Mark {
     at: usize,
     bytes: &'static [u8],
-    format: ForeignFormat,
+    format: UnsupportedFormat,
 }
 
-const fn mark(at: usize, bytes: &'static [u8], format: ForeignFormat) -> Mark {
+const fn mark(at: usize, bytes: &'static [u8], format: UnsupportedFormat) -> Mark {
     Mark { at, bytes, format }
 }
 
 /// Marks in the order in which they are tried.
 const MARKS: &[Mark] = &[
-    mark(0, b"#!AER-DAT1", ForeignFormat::Aedat1),
-    mark(0, b"#ROSBAG V1", ForeignFormat::Rosbag1),
+    mark(0, b"#!AER-DAT1", UnsupportedFormat::Aedat1),
+    mark(0, b"#ROSBAG V1", UnsupportedFormat::Rosbag1),
     #[cfg(not(feature = "hdf5"))]
-    mark(0, b"\x89HDF", ForeignFormat::Hdf5),
-    mark(0, b"\x1f\x8b", ForeignFormat::Gzip),
-    mark(0, b"\xfd7zXZ", ForeignFormat::Xz),
-    mark(0, b"\x28\xb5\x2f\xfd", ForeignFormat::Zstandard),
-    mark(0, b"BZh", ForeignFormat::Bzip2),
-    mark(0, b"{\n  \"format\": \"evcal-calibration\"", ForeignFormat::Calibration),
-    mark(0, b"{\n  \"", ForeignFormat::Json),
-    mark(0, b"{\"camera\"", ForeignFormat::Json),
-    mark(0, b"{\"sensor\"", ForeignFormat::Json),
-    mark(0, b"%YAML", ForeignFormat::Yaml),
-    mark(0, b"%PDF", ForeignFormat::Pdf),
-    mark(0, b"\x89PNG", ForeignFormat::Png),
-    mark(0, b"7z\xbc\xaf\x27\x1c", ForeignFormat::SevenZip),
-    mark(0, b"Rar!\x1a\x07", ForeignFormat::Rar),
-    mark(0, b"PAR1", ForeignFormat::Parquet),
-    mark(0, b"MATLAB 5.0 MAT-file", ForeignFormat::Matlab),
-    mark(0, b"\x80\x04\x95", ForeignFormat::Pickle),
-    mark(0, b"\x1aE\xdf\xa3", ForeignFormat::Video),
-    mark(0, b"<!DOCTYPE", ForeignFormat::Html),
-    mark(0, b"<!doctype", ForeignFormat::Html),
-    mark(0, b"<html", ForeignFormat::Html),
-    mark(0, b"version https://git-lfs", ForeignFormat::GitLfsPointer),
-    mark(4, b"ftyp", ForeignFormat::Video),
-    mark(8, b"AVI ", ForeignFormat::Video),
-    mark(257, b"ustar", ForeignFormat::Tar),
+    mark(0, b"\x89HDF", UnsupportedFormat::Hdf5),
+    mark(0, b"\x1f\x8b", UnsupportedFormat::Gzip),
+    mark(0, b"\xfd7zXZ", UnsupportedFormat::Xz),
+    mark(0, b"\x28\xb5\x2f\xfd", UnsupportedFormat::Zstandard),
+    mark(0, b"BZh", UnsupportedFormat::Bzip2),
+    mark(0, b"{\n  \"format\": \"evcal-calibration\"", UnsupportedFormat::Calibration),
+    mark(0, b"{\n  \"", UnsupportedFormat::Json),
+    mark(0, b"{\"camera\"", UnsupportedFormat::Json),
+    mark(0, b"{\"sensor\"", UnsupportedFormat::Json),
+    mark(0, b"%YAML", UnsupportedFormat::Yaml),
+    mark(0, b"%PDF", UnsupportedFormat::Pdf),
+    mark(0, b"\x89PNG", UnsupportedFormat::Png),
+    mark(0, b"7z\xbc\xaf\x27\x1c", UnsupportedFormat::SevenZip),
+    mark(0, b"Rar!\x1a\x07", UnsupportedFormat::Rar),
+    mark(0, b"PAR1", UnsupportedFormat::Parquet),
+    mark(0, b"MATLAB 5.0 MAT-file", UnsupportedFormat::Matlab),
+    mark(0, b"\x80\x04\x95", UnsupportedFormat::Pickle),
+    mark(0, b"\x1aE\xdf\xa3", UnsupportedFormat::Video),
+    mark(0, b"<!DOCTYPE", UnsupportedFormat::Html),
+    mark(0, b"<!doctype", UnsupportedFormat::Html),
+    mark(0, b"<html", UnsupportedFormat::Html),
+    mark(0, b"version https://git-lfs", UnsupportedFormat::GitLfsPointer),
+    mark(4, b"ftyp", UnsupportedFormat::Video),
+    mark(8, b"AVI ", UnsupportedFormat::Video),
+    mark(257, b"ustar", UnsupportedFormat::Tar),
 ];
 
 /// Returns the unsupported format that `bytes` begin like, if any.
-pub fn recognise(bytes: &[u8]) -> Option<ForeignFormat> {
+pub fn recognise(bytes: &[u8]) -> Option<UnsupportedFormat> {
     let beginning = bytes.get(..1024).unwrap_or(bytes);
     if bytes.starts_with(b"<!DOCTYPE") && beginning.windows(REPORT.len()).any(|part| part == REPORT) {
-        return Some(ForeignFormat::CalibrationReport);
+        return Some(UnsupportedFormat::CalibrationReport);
     }
     let is_marked = |mark: &&Mark| bytes.get(mark.at..).is_some_and(|rest| rest.starts_with(mark.bytes));
     MARKS
         .iter()
         .find(is_marked)
         .map(|mark| mark.format)
-        .or_else(|| is_utf_16(bytes).then_some(ForeignFormat::Utf16))
-        .or_else(|| is_latin_1(bytes).then_some(ForeignFormat::Latin1))
+        .or_else(|| is_utf_16(bytes).then_some(UnsupportedFormat::Utf16))
+        .or_else(|| is_latin_1(bytes).then_some(UnsupportedFormat::Latin1))
 }
 
 /// `true` if `bytes` begin as lines of text with a few non-ASCII characters of one byte each, such as a µ from a
@@ -198,15 +198,15 @@ mod tests {
 
     #[test]
     fn a_calibration_is_distinguished_from_other_json() {
-        assert_eq!(recognise(b"{\n  \"format\": \"evcal-calibration\",\n"), Some(ForeignFormat::Calibration));
-        assert_eq!((recognise(b"{\n  \"other\": 1}"), recognise(b"1,2,3\n")), (Some(ForeignFormat::Json), None));
+        assert_eq!(recognise(b"{\n  \"format\": \"evcal-calibration\",\n"), Some(UnsupportedFormat::Calibration));
+        assert_eq!((recognise(b"{\n  \"other\": 1}"), recognise(b"1,2,3\n")), (Some(UnsupportedFormat::Json), None));
     }
 
     #[test]
     fn latin_1_text_is_distinguished_from_binary_data() {
         let text = "t [us],x,y,p\n".to_owned() + &"5,1,2,1\n".repeat(20);
         let bytes: Vec<u8> = text.bytes().map(|byte| if byte == b'u' { 0xb5 } else { byte }).collect();
-        assert_eq!((recognise(&bytes), recognise(text.as_bytes())), (Some(ForeignFormat::Latin1), None));
+        assert_eq!((recognise(&bytes), recognise(text.as_bytes())), (Some(UnsupportedFormat::Latin1), None));
         assert_eq!(recognise(text.replace('u', "µ").as_bytes()), None);
         // A UTF-8 character of two bytes that was cut, and words of a camera.
         assert_eq!(
@@ -220,7 +220,10 @@ mod tests {
         let text = "t,x,y,p\n0,1,2,1\n";
         let little: Vec<u8> = std::iter::once(0xfeff).chain(text.encode_utf16()).flat_map(u16::to_le_bytes).collect();
         let big: Vec<u8> = std::iter::once(0xfeff).chain(text.encode_utf16()).flat_map(u16::to_be_bytes).collect();
-        assert_eq!((recognise(&little), recognise(&big)), (Some(ForeignFormat::Utf16), Some(ForeignFormat::Utf16)));
+        assert_eq!(
+            (recognise(&little), recognise(&big)),
+            (Some(UnsupportedFormat::Utf16), Some(UnsupportedFormat::Utf16))
+        );
         // A stream of words whose first one happens to be the mark.
         assert_eq!(
             recognise(&[0xff, 0xfe, 0x12, 0x80, 0, 0x90, 0x34, 0x21, 0, 0x80, 1, 0x80, 2, 0x80, 3, 0x80, 4, 0x80]),
