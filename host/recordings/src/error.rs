@@ -36,7 +36,7 @@ pub enum RecordingErrorKind {
     /// The path is a pipe or a device.
     #[error("is not an ordinary file; recordings are read several times, so a pipe has to be saved to a file first")]
     NotAFile,
-    /// The path is a folder without a recording format of its own.
+    /// The path is a folder, but not a recording (as the folder of a ROS 2 bag is).
     #[error("is a folder, not a recording")]
     Directory {
         /// Names of files in the folder that may be recordings; those with "event" in their name come first.
@@ -83,7 +83,7 @@ pub enum RecordingErrorKind {
         /// Fault of the line.
         what: LineError,
     },
-    /// An event is impossible.
+    /// An event has an invalid coordinate, polarity or other value.
     #[error("event {event}: {what}")]
     Event {
         /// Number of the event, from 1.
@@ -92,7 +92,7 @@ pub enum RecordingErrorKind {
         what: String,
     },
     /// A time is not valid in the unit of the file.
-    #[error("event {event}: its time, {value}, is not a time in {unit}")]
+    #[error("event {event}: its time, {value}, is not a number or is out of range (unit: {unit})")]
     EventTime {
         /// Number of the event, from 1.
         event: u64,
@@ -122,7 +122,7 @@ pub enum RecordingErrorKind {
     /// An HDF5 compression is not supported.
     #[error("its events are compressed with {0}, which is not supported")]
     Filter(String),
-    /// The sensor is larger than that of any event camera.
+    /// Width or height of the sensor is not between 1 and 32767.
     #[error("states a sensor of {width} x {height} pixels, which is not possible (1 to 32767 each are supported)")]
     Sensor {
         /// Width in pixels.
@@ -130,7 +130,7 @@ pub enum RecordingErrorKind {
         /// Height in pixels.
         height: i64,
     },
-    /// The file does not contain the size of the sensor, which its pixel addresses depend on.
+    /// The file does not state the size of the sensor, and pixel addresses cannot be decoded without it.
     #[error("does not say how many pixels its camera has")]
     ChipUnknown,
     /// The camera is not supported: its address format is unknown.
@@ -149,7 +149,7 @@ pub enum RecordingErrorKind {
         /// Names of the supported encodings.
         known: &'static [&'static str],
     },
-    /// The recording has no event stream. The text lists what it contains instead; it is empty if there is nothing.
+    /// The recording has no event stream. The text lists its other content; the text is empty if the recording has no content.
     #[error("{}", without_events(.0))]
     NoEventStream(String),
     /// The requested stream does not exist.
@@ -207,7 +207,7 @@ pub enum RecordingErrorKind {
     },
     /// Timestamps of images do not increase.
     #[error(
-        "image {image} of {topic} is stamped {time} µs, not after {before} µs of the image before it: let the driver of the camera stamp each image"
+        "image {image} of {topic} has the timestamp {time} µs, which is not later than that of the previous image, {before} µs: let the driver of the camera timestamp each image"
     )]
     ImageTime {
         /// Name of the topic.
@@ -236,7 +236,7 @@ pub enum RecordingErrorKind {
 /// Usable part of a damaged file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Usable {
-    /// Nothing: the damaged part locates all others.
+    /// Nothing, because the damaged part describes all other parts, or says where they are.
     Nothing,
     /// The part before the damage.
     Before,
@@ -247,7 +247,9 @@ pub enum Usable {
 impl fmt::Display for Usable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Nothing => "nothing can be read without it",
+            Self::Nothing => {
+                "nothing can be read, because the damaged part describes the others or says where they are"
+            }
             Self::Before => "the events before it can be used",
             Self::Around => "the events before it can be used, and the events after it if damage is skipped",
         })
@@ -267,8 +269,8 @@ impl RecordingError {
 /// Describes a recording without events.
 fn without_events(held: &str) -> String {
     match held {
-        "" => "is a recording without content: name one with events".to_owned(),
-        held => format!("holds no events, only {held}; name a recording with events"),
+        "" => "is a recording without content: give the path of one with events".to_owned(),
+        held => format!("holds no events, only {held}; give the path of a recording with events"),
     }
 }
 
@@ -279,8 +281,8 @@ mod tests {
     #[test]
     fn the_content_of_a_recording_without_events_is_named() {
         for (held, message) in [
-            ("", "is a recording without content: name one with events"),
-            ("0 frames (FRME)", "holds no events, only 0 frames (FRME); name a recording with events"),
+            ("", "is a recording without content: give the path of one with events"),
+            ("0 frames (FRME)", "holds no events, only 0 frames (FRME); give the path of a recording with events"),
         ] {
             assert_eq!(RecordingErrorKind::NoEventStream(held.to_owned()).to_string(), message);
         }

@@ -2,7 +2,7 @@
 //!
 //! To add a format, write a module with a [`FileFormat`] constant and add the constant to [`FORMATS`].
 
-// Untrusted input must not cause a panic, and only the program prints.
+// Untrusted input must not cause a panic, and this library prints nothing.
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 

@@ -349,7 +349,7 @@ fn archives_without_events_list_their_content() {
     for (members, part) in [
         (vec![("picture.png", vec![1])], "is a ZIP file, which is not supported"),
         (vec![("xl/workbook.xml", vec![1])], "is a spreadsheet file, which is not supported"),
-        (vec![("a.npy", array("'<f8'", false, "(3,)", &[0; 24]))], "holds no events, only a; name"),
+        (vec![("a.npy", array("'<f8'", false, "(3,)", &[0; 24]))], "holds no events, only a; give the path"),
         (unequal, "x has 2 elements"),
     ] {
         let error = testing::read(&archive(true, &members)).error.unwrap();
