@@ -1,6 +1,7 @@
 from collections.abc import Callable, Sequence
 from os import PathLike
-from typing import Any, Final, Literal, final
+from pathlib import Path
+from typing import Any, Final, Literal, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,13 +11,24 @@ __all__ = [
     "Camera",
     "Error",
     "__version__",
+    "_columns",
     "calibrate",
+    "check",
+    "compare",
+    "convert",
     "detect",
     "evaluate",
+    "export",
     "info",
     "read",
+    "repeat",
     "simulate",
 ]
+
+# A structured array; an array of N x 4 numbers; a mapping or data frame with the columns t, x, y and p; a tensor of one of these.
+_Events: TypeAlias = Any
+_Path: TypeAlias = str | PathLike[str]
+_Known: TypeAlias = Camera | Calibration | str | PathLike[str]
 
 __version__: Final[str]
 
@@ -25,8 +37,13 @@ class Error(RuntimeError): ...
 @final
 class Camera:
     def __new__(
-        cls, model: str, parameters: dict[str, float] | Sequence[float], sensor: tuple[int, int]
+        cls,
+        model: str,
+        parameters: dict[str, float] | Sequence[float],
+        sensor: tuple[int, int],
+        sigma: Sequence[float] | None = None,
     ) -> Camera: ...
+    def __getnewargs__(self) -> tuple[str, list[float], tuple[int, int], list[float] | None]: ...
     @staticmethod
     def load(path: str | PathLike[str]) -> Camera: ...
     def save(self, path: str | PathLike[str]) -> None: ...
@@ -47,7 +64,15 @@ class Camera:
     def undistorted(
         self, alpha: float | None = None, projection: Literal["pinhole", "equidistant"] = "pinhole"
     ) -> Camera: ...
-    def undistort_events(self, events: NDArray[np.void], new_camera: Camera | None = None) -> NDArray[np.void]: ...
+    def undistort_events(
+        self,
+        events: _Events,
+        new_camera: Camera | None = None,
+        *,
+        subpixel: bool = False,
+        columns: str | None = None,
+        time_unit: str | None = None,
+    ) -> NDArray[np.void]: ...
     def undistort_map(self, new_camera: Camera | None = None) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
     def __eq__(self, other: object, /) -> bool: ...
     def __ne__(self, other: object, /) -> bool: ...
@@ -60,6 +85,10 @@ class Calibration:
     @property
     def sigma(self) -> dict[str, float]: ...
     @property
+    def covariance(self) -> NDArray[np.float64]: ...
+    @property
+    def trajectory(self) -> NDArray[np.void]: ...
+    @property
     def grade(self) -> Literal["good", "usable", "not-good"]: ...
     @property
     def verdict(self) -> str: ...
@@ -69,7 +98,7 @@ class Calibration:
     def write(self, folder: str | PathLike[str], force: bool = False) -> str: ...
 
 def calibrate(
-    events: str | PathLike[str] | NDArray[np.void] | Sequence[str | PathLike[str] | NDArray[np.void]],
+    events: _Path | _Events | Sequence[_Path | _Events],
     *,
     board: str,
     model: str = "radtan",
@@ -79,10 +108,64 @@ def calibrate(
     stream: str | None = None,
     settings: str | PathLike[str] | None = None,
     frames: Literal["witness", "joint", "only", "ignore"] = "witness",
+    imu: bool | _Path | None = None,
+    gravity: float | None = None,
+    with_: _Path | _Events | Sequence[_Path | _Events] | None = None,
+    with_sensor: tuple[int, int] | None = None,
+    with_stream: str | None = None,
+    rolling_shutter: bool = False,
     progress: Callable[[str], object] | None = None,
 ) -> Calibration: ...
+def _columns(
+    names: list[str] | None, rows: NDArray[np.float64] | None, said: str | None
+) -> tuple[str, str | None]: ...
+def check(
+    events: _Path | _Events,
+    *,
+    board: str | None = None,
+    sensor: tuple[int, int] | None = None,
+    columns: str | None = None,
+    time_unit: str | None = None,
+    stream: str | None = None,
+    settings: _Path | None = None,
+) -> dict[str, Any]: ...
+def compare(first: _Known, second: _Known) -> dict[str, Any]: ...
+def convert(
+    events: _Path | _Events,
+    output: _Path,
+    *,
+    to: str | None = None,
+    unix_time: bool = False,
+    force: bool = False,
+    sensor: tuple[int, int] | None = None,
+    columns: str | None = None,
+    time_unit: str | None = None,
+    stream: str | None = None,
+) -> dict[str, Any]: ...
+def export(
+    calibration: _Known,
+    format: str,
+    output: _Path | None = None,
+    *,
+    force: bool = False,
+    camera_name: str | None = None,
+) -> str | list[Path]: ...
+def repeat(
+    events: _Path | _Events,
+    *,
+    board: str,
+    runs: int = 10,
+    seconds: float = 4.0,
+    seed: int = 1,
+    model: str = "radtan",
+    sensor: tuple[int, int] | None = None,
+    columns: str | None = None,
+    time_unit: str | None = None,
+    stream: str | None = None,
+    settings: _Path | None = None,
+) -> dict[str, Any]: ...
 def detect(
-    events: str | PathLike[str] | NDArray[np.void],
+    events: _Path | _Events,
     *,
     board: str,
     sensor: tuple[int, int] | None = None,

@@ -5,12 +5,17 @@ use std::error::Error;
 use evcal_calibrate::advice::Advice;
 use evcal_calibrate::calibrate::board_choice::BoardChoiceError;
 use evcal_calibrate::calibrate::error::CalibrateError;
+use evcal_calibrate::calibrate::repeat::RepeatError;
 use evcal_calibrate::detection::radius::OtherRadius;
 use evcal_calibrate::detection::search::SearchError;
 use evcal_calibrate::detection::{NoPattern, NoPatternCause};
+use evcal_calibrate::inertial::error::InertialError;
+use evcal_calibrate::second_camera::error::SecondCameraError;
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::FolderError;
+use evcal_files::output::OutputError;
 use evcal_geometry::board::CircleBoard;
+use event_recordings::convert::ConvertError;
 use event_recordings::given_sensor::{Exchanged, OtherSensor};
 use event_recordings::text::LineError;
 use event_recordings::{FormatOption, LayoutError, RecordingError, RecordingErrorKind, TimeUnit, UnsupportedFormat};
@@ -25,6 +30,11 @@ pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
         cause = error.source();
     }
     None
+}
+
+/// What is wrong, and what to do about it.
+fn advised(error: &(impl Error + 'static)) -> String {
+    advice(error).map_or_else(|| error.to_string(), |next| format!("{error}; {next}"))
 }
 
 fn of_one(error: &(dyn Error + 'static)) -> Option<String> {
@@ -43,7 +53,44 @@ fn of_one(error: &(dyn Error + 'static)) -> Option<String> {
     if let Some(FolderError::Exists(_)) = error.downcast_ref() {
         return Some("name another folder, or give force=True".to_owned());
     }
-    about_calibration(error)
+    if let Some(OutputError::Taken(_)) = error.downcast_ref() {
+        return Some("choose another name, or give force=True".to_owned());
+    }
+    if let Some(error) = error.downcast_ref() {
+        return about_conversion(error);
+    }
+    about_calibration(error).or_else(|| about_beside(error).map(str::to_owned))
+}
+
+fn about_conversion(error: &ConvertError) -> Option<String> {
+    match error {
+        ConvertError::Extension(_) => Some("or name the format with to=".to_owned()),
+        ConvertError::SensorUnknown { likely, .. } => Some(give_sensor(*likely)),
+        ConvertError::CopiedTimes(_) => Some("leave out unix_time".to_owned()),
+        _ => None,
+    }
+}
+
+/// What to do about an inertial unit, about other cameras and about parts of a recording.
+fn about_beside(error: &(dyn Error + 'static)) -> Option<&'static str> {
+    if let Some(RepeatError::TooFew { .. } | RepeatError::TooShort { .. }) = error.downcast_ref() {
+        return Some("the length of the parts is seconds=");
+    }
+    if let Some(error) = error.downcast_ref() {
+        return match error {
+            InertialError::NoTrajectory => Some("leave out frames=\"only\""),
+            InertialError::NoSamples { .. } => Some("give a file of samples: imu=\"samples.csv\""),
+            _ => None,
+        };
+    }
+    match error.downcast_ref()? {
+        SecondCameraError::NoTrajectory => Some("leave out frames=\"only\", and give the recording of events first"),
+        SecondCameraError::CirclesOfSecond => Some("give its events with with_="),
+        SecondCameraError::SeveralRecordings => Some("give one recording beside with_="),
+        SecondCameraError::SameRecording { .. } => Some("give the recording of another camera with with_="),
+        SecondCameraError::RollingShutter { .. } => Some("give rolling_shutter=True"),
+        _ => None,
+    }
 }
 
 /// What to do about `error`, where it is one of evcal-calibrate.
@@ -79,7 +126,8 @@ fn give_board(board: CircleBoard) -> String {
     format!("give board=\"{board}\"")
 }
 
-fn short(unit: TimeUnit) -> &'static str {
+/// A unit as `time_unit` takes it.
+pub fn short(unit: TimeUnit) -> &'static str {
     match unit {
         TimeUnit::Seconds => "s",
         TimeUnit::Milliseconds => "ms",
@@ -95,6 +143,34 @@ pub fn worded(advice: &Advice) -> String {
         Advice::TakeWholeBoard(board) => format!(
             "calibrate again with board=\"{board}\", which takes more of the recording; the lens is right within what is stated"
         ),
+        Advice::CountRows => {
+            "count them on the board: board= names more than it has, or a part of it was never in view".to_owned()
+        }
+        Advice::NameSensor(likely) => give_sensor(*likely),
+        Advice::NameTimeUnit(Some(unit)) => format!("give time_unit={:?}", short(*unit)),
+        Advice::CountFromZero { sensor, name_sensor: true } => {
+            let without = Advice::CountFromZero { sensor: *sensor, name_sensor: false };
+            format!("{without}, and {}", give_sensor(Some(*sensor)))
+        }
+        Advice::ExchangeAxes => "x and y are swapped: correct columns=, or swap the two numbers of sensor=".to_owned(),
+        Advice::NameColumns(outside) => {
+            format!("{outside}: are the columns in another order? Say it with columns=\"x,y,t,p\" or as it is")
+        }
+        Advice::CorrectSensor(outside) => format!("{outside}: give its true size as sensor=(width, height)"),
+        Advice::BothPolarities(_) => format!("{advice} with columns="),
+        Advice::NameBoard => {
+            "circles were seen: give board=\"LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS\" to look for your board".to_owned()
+        }
+        Advice::Measure(found) => {
+            let measure = found.to_measure();
+            format!(
+                "the board is {found}: {measure}, and give both, for example board={:?}",
+                found.example().to_string()
+            )
+        }
+        Advice::FindBoard(error) => advised(error),
+        Advice::CorrectRadius(error) => advised(error),
+        Advice::Calibrate { board, .. } => format!("call calibrate with board=\"{board}\""),
         others => others.to_string(),
     }
 }

@@ -5,12 +5,16 @@ use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
 use evcal_calibrate::calibrate::board_choice::{BoardChoiceError, choose_board};
-use evcal_calibrate::calibrate::calibrated::Calibrated;
-use evcal_calibrate::calibrate::error::CalibrateError;
+use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
+use evcal_calibrate::calibrate::inertia::{InertialRequest, calibrate_inertial, check_length};
 use evcal_calibrate::calibrate::input::Input;
+use evcal_calibrate::calibrate::second::{calibrate_beside, calibrate_lens_apart, pictures_beside};
 use evcal_calibrate::calibrate::step::Step;
 use evcal_calibrate::calibrate::{PictureUse, Task};
+use evcal_calibrate::inertial::settings::InertialSettings;
 use evcal_calibrate::initial::model_choice::ModelRequest;
+use evcal_calibrate::result::beside::{VerdictBeside, verdicts_beside, worst_grade};
+use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::result::calibration_file::CalibrationFile;
 use evcal_calibrate::settings::Settings;
 use evcal_core::pattern::{Layout, Pattern};
@@ -18,14 +22,19 @@ use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
 use evcal_geometry::board::request::BoardRequest;
 use evcal_geometry::board::{Board, CircleBoard};
-use evcal_report::output::folder::{is_result, write_folder};
+use evcal_geometry::timed_pose::TimedPose;
+use evcal_report::output::folder::{is_result, poses, write_folder};
 use event_recordings::Recording;
-use pyo3::exceptions::PyValueError;
+use event_recordings::image_folder::Stamps;
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray2, PyArrayDescr};
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict, PyList, PyTuple};
 
 use crate::advice::worded;
 use crate::camera::Camera;
+use crate::events::viewed;
 use crate::interrupt::interruptible;
 use crate::recording::{Said, as_path, of_array};
 use crate::{failed, to_python};
@@ -33,6 +42,10 @@ use crate::{failed, to_python};
 /// What is calibrated, kept for the files that tell of it.
 struct Asked {
     inputs: Vec<Input>,
+    /// The recordings of other cameras on the mount.
+    others: Vec<Input>,
+    rolling_shutter: bool,
+    inertial: Option<InertialRequest>,
     board: Board,
     model: ModelRequest,
     sensor: Option<Sensor>,
@@ -42,15 +55,40 @@ struct Asked {
 
 impl Asked {
     fn task(&self) -> Task<'_> {
-        let Self { inputs, board, model, sensor, pictures, settings } = self;
-        Task {
-            model: *model,
-            sensor: *sensor,
-            pictures: *pictures,
-            settings,
-            wording: worded,
-            ..Task::new(inputs, board)
+        let Self { inputs, board, model, sensor, settings, .. } = self;
+        // Those in a file of the first camera are another one's.
+        let taken =
+            |other: &Input| matches!(other, Input::Images(_)) && inputs.iter().any(|input| input.is_of_file_of(other));
+        let pictures = if self.others.iter().any(taken) { PictureUse::Ignore } else { self.pictures };
+        Task { model: *model, sensor: *sensor, pictures, settings, wording: worded, ..Task::new(inputs, board) }
+    }
+
+    /// Calibrates all that was asked for.
+    fn calibrate(&self, mut tell: impl FnMut(Step) -> ControlFlow<()> + Send) -> PyResult<Calibrated> {
+        let task = self.task();
+        if let Some(request) = &self.inertial {
+            check_length(&self.inputs, request).map_err(failed)?;
         }
+        let mut first = evcal_calibrate::calibrate::calibrate(&task, &mut tell).map_err(failed)?;
+        let inertial = self.inertial.as_ref().map(|request| {
+            let _ = tell(Step { text: "inertial unit", done: None });
+            calibrate_inertial(&first, &self.inputs, request, None)
+        });
+        let inertial = inertial.transpose().map_err(failed)?;
+        let mut cameras = Vec::new();
+        for other in &self.others {
+            let pictures = pictures_beside(&self.inputs, other);
+            let apart = Task { inputs: std::slice::from_ref(other), pictures, ..task };
+            let second = calibrate_lens_apart(&apart, &mut tell).map_err(failed)?;
+            let _ = tell(Step { text: "both cameras", done: None });
+            let second = calibrate_beside(&first, &second, other, self.rolling_shutter, &self.board, [None, None]);
+            cameras.push(second.map_err(failed)?);
+        }
+        if let Evidence::Events(events) = &mut first.evidence {
+            events.inertial = inertial;
+            events.second_cameras = cameras;
+        }
+        Ok(first)
     }
 }
 
@@ -66,8 +104,13 @@ impl Calibration {
         (*self.calibrated.camera(), self.calibrated.sensor)
     }
 
-    fn file(&self) -> CalibrationFile {
+    pub fn file(&self) -> CalibrationFile {
         CalibrationFile::new(&self.calibrated, &self.asked.board, worded)
+    }
+
+    /// The camera for who compares or exports it.
+    pub fn known(&self) -> CalibratedCamera {
+        CalibratedCamera::new(&self.calibrated, &self.asked.board)
     }
 }
 
@@ -91,16 +134,60 @@ impl Calibration {
         Ok(sigma)
     }
 
-    /// "good", "usable" or "not-good".
+    /// Covariance of the parameters of the camera (K x K, in the order of camera.parameters; px² for the first four).
     #[getter]
-    fn grade<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        to_python(py, serde_json::to_string(&self.calibrated.verdict.grade))
+    fn covariance<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        let covariance = &self.calibrated.trust.uncertainty.covariance;
+        Array2::from_shape_fn(covariance.shape(), |place| covariance[place]).into_pyarray(py)
     }
 
-    /// Whether it is good, in words: why, and what to do.
+    /// Where the camera was: a structured array with the fields recording (number, from 0), t (s, on the clock of the recording), position
+    /// (3, m, of the camera in the coordinates of the board), rotation (4, quaternion x, y, z, w from the camera to the board),
+    /// position_sigma (3, m) and rotation_sigma (3, rad, about the axes of the camera), NaN where they are not known, and sure (whether the
+    /// pose is in trajectory.txt).
+    #[getter]
+    fn trajectory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let settings = &self.asked.settings.poses;
+        let mut bytes = Vec::new();
+        for (recording, start) in self.calibrated.starts.iter().enumerate() {
+            for pose in poses(&self.calibrated, recording, *start, settings) {
+                let TimedPose { t, pose: place } = pose.pose;
+                let sigma = pose.sigma.map_or([f64::NAN; 6], |sigma| {
+                    let ([x, y, z], [a, b, c]) = (sigma.position, sigma.rotation);
+                    [x, y, z, a, b, c]
+                });
+                let numbers = place.translation.vector.iter().chain(place.rotation.coords.iter()).chain(&sigma);
+                for number in std::iter::once(&t).chain(numbers) {
+                    bytes.extend_from_slice(&number.to_le_bytes());
+                }
+                bytes.extend_from_slice(&(recording as u32).to_le_bytes());
+                bytes.push(u8::from(pose.is_determined() || self.calibrated.events().is_none()));
+            }
+        }
+        let fields = [
+            ("t", "<f8"),
+            ("position", "(3,)<f8"),
+            ("rotation", "(4,)<f8"),
+            ("position_sigma", "(3,)<f8"),
+            ("rotation_sigma", "(3,)<f8"),
+            ("recording", "<u4"),
+            ("sure", "?"),
+        ];
+        viewed(&PyArrayDescr::new(py, fields.to_vec())?, bytes)
+    }
+
+    /// "good", "usable" or "not-good": the worst of the camera and of what was calibrated beside it.
+    #[getter]
+    fn grade<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        to_python(py, serde_json::to_string(&worst_grade(&self.calibrated)))
+    }
+
+    /// Whether it is good, in words: why, and what to do; then the same of an inertial unit and of other cameras.
     #[getter]
     fn verdict(&self) -> String {
-        self.calibrated.verdict.worded(worded).to_string()
+        let beside = verdicts_beside(&self.calibrated).into_iter();
+        let beside = beside.map(|VerdictBeside { about, sentence, .. }| format!("\n{about}: {sentence}"));
+        std::iter::once(self.calibrated.verdict.worded(worded).to_string()).chain(beside).collect()
     }
 
     /// The report as one page of HTML.
@@ -140,21 +227,53 @@ impl Calibration {
     }
 }
 
-/// The inputs that a caller gives: a path, an array, or several of them.
-fn inputs_of(given: &Bound<'_, PyAny>, said: &Said, board: &Board) -> PyResult<Vec<Input>> {
+/// What a caller gives one or several of.
+fn several<'py>(given: &Bound<'py, PyAny>) -> Vec<Bound<'py, PyAny>> {
     let several = given.cast::<PyList>().map(|list| list.iter().collect::<Vec<_>>());
     let several = several.or_else(|_| given.cast::<PyTuple>().map(|tuple| tuple.iter().collect()));
-    let several = several.unwrap_or_else(|_| vec![given.clone()]);
-    several
+    several.unwrap_or_else(|_| vec![given.clone()])
+}
+
+/// The inputs that a caller gives: a path, an array, or several of them.
+fn inputs_of(given: &Bound<'_, PyAny>, said: &Said, board: &Board) -> PyResult<Vec<Input>> {
+    several(given)
         .iter()
         .map(|one| match as_path(one) {
             Some(path) => {
                 let options = said.clone().options()?;
                 given.py().detach(|| Input::open(&path, &options, board)).map_err(failed)
             }
-            None => Ok(of_array(one, said.clone().options()?)?.into()),
+            None => Ok(of_array(one, said)?.into()),
         })
         .collect()
+}
+
+/// The recording of another camera: a path, of events or of images, or events in memory.
+fn other_input(given: &Bound<'_, PyAny>, said: &Said, board: &Board) -> PyResult<Input> {
+    match as_path(given) {
+        Some(path) => {
+            let (options, stream) = (said.clone().options()?, said.stream.as_deref());
+            given.py().detach(|| Input::open_other(&path, stream, Stamps::default(), &options, board)).map_err(failed)
+        }
+        None => Ok(of_array(given, said)?.into()),
+    }
+}
+
+/// The inertial unit that a caller asks for: True for the samples in the recordings, or a file of samples.
+fn inertial_request(imu: &Bound<'_, PyAny>, gravity: Option<f64>) -> PyResult<Option<InertialRequest>> {
+    let file = match imu.extract::<bool>() {
+        Ok(false) => return Ok(None),
+        Ok(true) => None,
+        Err(_) => Some(imu.extract::<PathBuf>().map_err(|_| {
+            PyTypeError::new_err("imu is True for the samples in the recording, or the path of a CSV file of samples")
+        })?),
+    };
+    let settings = InertialSettings::default();
+    let gravity = gravity.unwrap_or(settings.gravity);
+    if !(9.7..=9.9).contains(&gravity) {
+        return Err(PyValueError::new_err("gravity is from 9.7 to 9.9 m/s²"));
+    }
+    Ok(Some(InertialRequest { file, settings: InertialSettings { gravity, ..settings } }))
 }
 
 /// The inputs, and the board that was named or is recognised in them.
@@ -181,6 +300,11 @@ fn inputs_and_board(
     Ok((inputs, board))
 }
 
+/// The lens model that a caller names.
+pub fn model_request(model: &str) -> PyResult<ModelRequest> {
+    model.parse().map_err(|error| PyValueError::new_err(format!("{error} auto: not {model:?}")))
+}
+
 fn picture_use(name: &str) -> PyResult<PictureUse> {
     match name {
         "witness" => Ok(PictureUse::Witness),
@@ -193,7 +317,8 @@ fn picture_use(name: &str) -> PyResult<PictureUse> {
 
 /// Calibrate a camera from recordings of a moving board.
 ///
-/// events: a file, a structured array of events, or a list of them, all of one camera.
+/// events: a file, events in memory, or a list of them, all of one camera. In memory they are a structured array, an array of N x 4 numbers, or a dict or
+/// data frame of the columns t, x, y and p.
 /// board: such as "acircles:9x4:55mm:r17.5mm": layout, rows x columns, spacing (acircles: half the distance in a row),
 /// radius. "auto:55mm:r17.5mm" recognises layout, rows and columns.
 /// model: the lens model, or "auto".
@@ -201,9 +326,13 @@ fn picture_use(name: &str) -> PyResult<PictureUse> {
 /// columns, time_unit, stream: as read has them.
 /// settings: a settings file (TOML).
 /// frames: what the camera's own frames are for, where a file has them: "witness", "joint", "only", "ignore".
+/// imu: calibrate the inertial unit too: True for the samples in the recording, or the path of a CSV file of samples. gravity: its size where the
+/// recording was made (m/s²).
+/// with_: the recording of another camera on the same mount, or a list of them: a path (events, a folder of images, a bag) or events in
+/// memory. with_sensor, with_stream: as sensor and stream, for these. rolling_shutter: rows of their images are exposed one after the other.
 /// progress: called with a line of text whenever another stage begins; what it raises ends the calibration.
 #[pyfunction]
-#[pyo3(signature = (events, *, board, model="radtan", sensor=None, columns=None, time_unit=None, stream=None, settings=None, frames="witness", progress=None))]
+#[pyo3(signature = (events, *, board, model="radtan", sensor=None, columns=None, time_unit=None, stream=None, settings=None, frames="witness", imu=None, gravity=None, with_=None, with_sensor=None, with_stream=None, rolling_shutter=false, progress=None))]
 #[expect(clippy::too_many_arguments, reason = "all but the first are named by the caller")]
 pub fn calibrate(
     py: Python<'_>,
@@ -216,17 +345,31 @@ pub fn calibrate(
     stream: Option<String>,
     settings: Option<PathBuf>,
     frames: &str,
+    imu: Option<&Bound<'_, PyAny>>,
+    gravity: Option<f64>,
+    with_: Option<&Bound<'_, PyAny>>,
+    with_sensor: Option<(u16, u16)>,
+    with_stream: Option<String>,
+    rolling_shutter: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Calibration> {
     let request: BoardRequest =
         board.parse().map_err(|error: evcal_geometry::board::BoardError| PyValueError::new_err(error.to_string()))?;
     let said = Said { sensor, columns, time_unit, stream };
+    let said_of_others = Said { sensor: with_sensor.or(sensor), stream: with_stream, ..said.clone() };
     let settings = settings.map(|path| Settings::read(&path)).transpose().map_err(failed)?.unwrap_or_default();
     let (inputs, board) = inputs_and_board(events, &said, &request, &settings)?;
+    let others = with_.map_or_else(
+        || Ok(Vec::new()),
+        |given| several(given).iter().map(|one| other_input(one, &said_of_others, &board)).collect(),
+    )?;
     let asked = Asked {
-        inputs,
+        inputs: Input::join(inputs),
+        others,
+        rolling_shutter,
+        inertial: imu.map_or(Ok(None), |imu| inertial_request(imu, gravity))?,
         board,
-        model: model.parse().map_err(|error| PyValueError::new_err(format!("{error} auto: not {model:?}")))?,
+        model: model_request(model)?,
         sensor: said.options()?.sensor,
         pictures: picture_use(frames)?,
         settings,
@@ -234,7 +377,7 @@ pub fn calibrate(
     let mut raised = None;
     let calibrated = interruptible(py, |stop| {
         let mut last = String::new();
-        evcal_calibrate::calibrate::calibrate(&asked.task(), |Step { text, .. }| {
+        asked.calibrate(|Step { text, .. }| {
             if stop.load(Ordering::Relaxed) {
                 return ControlFlow::Break(());
             }
@@ -250,8 +393,7 @@ pub fn calibrate(
         })
     })?;
     match (calibrated, raised) {
-        (Ok(calibrated), _) => Ok(Calibration { asked, calibrated }),
-        (Err(CalibrateError::Stopped), Some(error)) => Err(error),
-        (Err(error), _) => Err(failed(error)),
+        (_, Some(error)) => Err(error),
+        (calibrated, None) => Ok(Calibration { asked, calibrated: calibrated? }),
     }
 }

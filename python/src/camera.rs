@@ -11,13 +11,13 @@ use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
 use evcal_geometry::lens::camera_file::CameraDescription;
 use nalgebra::{Vector2, Vector3};
-use numpy::ndarray::Array2;
-use numpy::{AllowTypeChange, IntoPyArray, PyArray1, PyArray2, PyArrayLike2, PyUntypedArrayMethods};
+use numpy::ndarray::{Array2, ArrayD};
+use numpy::{AllowTypeChange, IntoPyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayLikeDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::events::{EventArray, NewPlaces, filled, sensor as to_sensor};
+use crate::events::{EventArray, NewPlaces, filled, sensor as to_sensor, sub_pixel_dtype, viewed};
 use crate::failed;
 
 /// An axis of a map: a number for each pixel of an image, row by row.
@@ -47,6 +47,11 @@ impl Camera {
         self.sensor
     }
 
+    /// The camera for who compares or exports it.
+    pub fn known(&self) -> CalibratedCamera {
+        CalibratedCamera { sigma: self.sigma.clone(), ..CalibratedCamera::seen_everywhere(self.camera, self.sensor) }
+    }
+
     fn named<'py>(&self, py: Python<'py>, values: impl IntoIterator<Item = f64>) -> PyResult<Bound<'py, PyDict>> {
         let named = PyDict::new(py);
         for (name, value) in self.camera.kind().parameter_names().iter().zip(values) {
@@ -65,12 +70,34 @@ impl Camera {
     }
 }
 
+/// Points or pixels as a caller gives them.
+type Rows<'py> = PyArrayLikeDyn<'py, f64, AllowTypeChange>;
+
+/// What `map` makes of each row of `given` (N x A, or one row of A numbers), in the same form.
+fn mapped<'py, const A: usize, const B: usize>(
+    py: Python<'py>,
+    given: &Rows<'py>,
+    what: &str,
+    map: impl Fn(&[f64; A]) -> [f64; B] + Send,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let mut shape = given.shape().to_vec();
+    match shape.as_mut_slice() {
+        [width] | [_, width] if *width == A => *width = B,
+        _ => return Err(PyValueError::new_err(format!("{what} are an array of N x {A}, or one of {A} numbers"))),
+    }
+    let given: Vec<f64> = given.as_array().iter().copied().collect();
+    let values = py.detach(|| given.as_chunks::<A>().0.iter().flat_map(map).collect());
+    Ok(ArrayD::from_shape_vec(shape, values).map_err(failed)?.into_pyarray(py))
+}
+
 #[pymethods]
 impl Camera {
     /// A camera of a model that evcal knows, such as "radtan": parameters by name or in the model's order.
+    ///
+    /// sigma: the standard deviation of each parameter, in the model's order, if it is known.
     #[new]
-    #[pyo3(signature = (model, parameters, sensor))]
-    fn new(model: &str, parameters: &Bound<'_, PyAny>, sensor: (u16, u16)) -> PyResult<Self> {
+    #[pyo3(signature = (model, parameters, sensor, sigma=None))]
+    fn new(model: &str, parameters: &Bound<'_, PyAny>, sensor: (u16, u16), sigma: Option<Vec<f64>>) -> PyResult<Self> {
         let kind: ModelKind =
             model.parse().map_err(|error| PyValueError::new_err(format!("{error}: not {model:?}")))?;
         let names = kind.parameter_names();
@@ -82,7 +109,15 @@ impl Camera {
             PyValueError::new_err(format!("{kind} takes {}, all finite, the focal lengths positive", names.join(", ")))
         };
         let camera = evcal_core::camera::Camera::from_parameters(kind, &values).ok_or_else(wrong)?;
-        Ok(Self::of(camera, to_sensor(sensor)?, None))
+        if sigma.as_ref().is_some_and(|sigma| sigma.len() != names.len()) {
+            return Err(PyValueError::new_err(format!("sigma has a number for each of {}", names.join(", "))));
+        }
+        Ok(Self::of(camera, to_sensor(sensor)?, sigma))
+    }
+
+    /// What a copy is made from: cameras can be pickled.
+    fn __getnewargs__(&self) -> (&'static str, Vec<f64>, (u16, u16), Option<Vec<f64>>) {
+        (self.model(), self.camera.parameters().to_vec(), self.sensor(), self.sigma.clone())
     }
 
     /// Read calibration.json, truth.json of a simulation, NAME.camera.json of an undistorted recording, the folder
@@ -138,42 +173,21 @@ impl Camera {
         PyArray1::from_iter(py, self.camera.parameters().iter().skip(4).copied())
     }
 
-    /// Pixels (N x 2) of points (N x 3) in camera coordinates: x to the right, y down, z forward. NaN where the lens
-    /// model does not see the point.
-    fn project<'py>(
-        &self,
-        py: Python<'py>,
-        points: PyArrayLike2<'py, f64, AllowTypeChange>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let [count, 3] = *points.shape() else { return Err(PyValueError::new_err("points are an array of N x 3")) };
-        let points = points.as_array();
-        let pixels = py.detach(|| {
-            let pixels = points.outer_iter().flat_map(|point| {
-                let point = point.iter().copied();
-                let point = Vector3::from_iterator(point);
-                <[f64; 2]>::from(self.camera.project(&point).unwrap_or(Vector2::repeat(f64::NAN)))
-            });
-            Array2::from_shape_vec((count, 2), pixels.collect())
-        });
-        Ok(pixels.map_err(failed)?.into_pyarray(py))
+    /// Pixels (N x 2, or 2 numbers) of points (N x 3, or one of 3 numbers) in camera coordinates: x to the right, y down, z forward. NaN where
+    /// the lens model does not see the point.
+    fn project<'py>(&self, py: Python<'py>, points: Rows<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let project = |point: &[f64; 3]| {
+            <[f64; 2]>::from(self.camera.project(&Vector3::from(*point)).unwrap_or(Vector2::repeat(f64::NAN)))
+        };
+        mapped(py, &points, "points", project)
     }
 
-    /// Directions of view (N x 3, of length 1) of pixels (N x 2). NaN where the lens model has none.
-    fn unproject<'py>(
-        &self,
-        py: Python<'py>,
-        pixels: PyArrayLike2<'py, f64, AllowTypeChange>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let [count, 2] = *pixels.shape() else { return Err(PyValueError::new_err("pixels are an array of N x 2")) };
-        let pixels = pixels.as_array();
-        let bearings = py.detach(|| {
-            let bearings = pixels.outer_iter().flat_map(|pixel| {
-                let pixel = Vector2::from_iterator(pixel.iter().copied());
-                <[f64; 3]>::from(self.camera.unproject(&pixel).unwrap_or(Vector3::repeat(f64::NAN)))
-            });
-            Array2::from_shape_vec((count, 3), bearings.collect())
-        });
-        Ok(bearings.map_err(failed)?.into_pyarray(py))
+    /// Directions of view (N x 3, or 3 numbers, of length 1) of pixels (N x 2, or one of 2 numbers). NaN where the lens model has none.
+    fn unproject<'py>(&self, py: Python<'py>, pixels: Rows<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let unproject = |pixel: &[f64; 2]| {
+            <[f64; 3]>::from(self.camera.unproject(&Vector2::from(*pixel)).unwrap_or(Vector3::repeat(f64::NAN)))
+        };
+        mapped(py, &pixels, "pixels", unproject)
     }
 
     /// The camera without distortion that takes the place of this one.
@@ -194,17 +208,27 @@ impl Camera {
     }
 
     /// Move events to where a camera without distortion would have seen them, rounded to the nearest pixel; those
-    /// beyond its sensor are left out. Returns an array of the same type as events.
+    /// beyond its sensor are left out. Returns an array of the same type as events; where they are no structured array, one as read returns.
     ///
-    /// new_camera: that camera; without it undistorted().
-    #[pyo3(signature = (events, new_camera=None))]
+    /// new_camera: that camera; without it undistorted(). subpixel: keep the fractions of pixels; x and y are float64 then. columns, time_unit: as
+    /// calibrate has them.
+    #[pyo3(signature = (events, new_camera=None, *, subpixel=false, columns=None, time_unit=None))]
     fn undistort_events<'py>(
         &self,
         events: &Bound<'py, PyAny>,
         new_camera: Option<&Self>,
+        subpixel: bool,
+        columns: Option<&str>,
+        time_unit: Option<&str>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let array = EventArray::new(events)?;
+        let array = EventArray::new(events, columns, time_unit)?;
         let records = array.records()?;
+        if subpixel {
+            let map = PixelMap::new(&self.camera, &self.target(new_camera)?, self.sensor);
+            let mut bytes = Vec::new();
+            events.py().detach(|| records.between_pixels(&mut bytes, &map));
+            return viewed(&sub_pixel_dtype(events.py())?, bytes);
+        }
         if !records.hold(self.sensor.width, self.sensor.height) {
             return Err(PyValueError::new_err("the fields x and y are too narrow for the pixels of this sensor"));
         }

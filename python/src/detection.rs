@@ -1,6 +1,5 @@
 //! The board in windows of time.
 
-use evcal_calibrate::circles::file::open_events;
 use evcal_calibrate::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
 use evcal_calibrate::settings::Settings;
 use evcal_geometry::board::{Board, BoardError};
@@ -11,14 +10,14 @@ use pyo3::prelude::*;
 use crate::events::filled;
 use crate::failed;
 use crate::interrupt::interruptible;
-use crate::recording::{Said, as_path, of_array};
+use crate::recording::{Said, recording_of};
 
 /// Bytes of a circle.
 const CIRCLE_BYTES: usize = 40;
 
 /// Find the board in a recording, window by window.
 ///
-/// events: a file or a structured array. The other options are those of calibrate.
+/// events: a file, or events in memory. The other options are those of calibrate.
 ///
 /// Returns a structured array of circles: frame (number of the window, from 0), t (int64, µs as in the file: the middle
 /// of the window), index (of the circle on the board, row by row), x, y (centre in px), radius (px).
@@ -36,11 +35,7 @@ pub fn detect<'py>(
     settings: Option<std::path::PathBuf>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let board: Board = board.parse().map_err(|error: BoardError| PyValueError::new_err(error.to_string()))?;
-    let options = Said { sensor, columns, time_unit, stream }.options()?;
-    let recording = match as_path(events) {
-        Some(path) => open_events(&path, options).map_err(failed)?,
-        None => of_array(events, options)?,
-    };
+    let recording = recording_of(events, &Said { sensor, columns, time_unit, stream })?;
     let settings = settings.map(|path| Settings::read(&path)).transpose().map_err(failed)?.unwrap_or_default();
     let wanted = SearchFor::from(&board);
     let sensor = sensor_of(&recording).map_err(failed)?;

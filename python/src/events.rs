@@ -3,9 +3,16 @@
 use evcal_calibrate::undistort::PixelMap;
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
-use numpy::{PyArray1, PyArrayDescr, PyArrayDescrMethods, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
+use event_recordings::columns::{self, Cell};
+use event_recordings::{Columns, LayoutError, OptionError};
+use numpy::{
+    PyArray1, PyArrayDescr, PyArrayDescrMethods, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    PyUntypedArrayMethods,
+};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
+
+use crate::advice::short;
 
 /// What libraries call the fields, in the order t, x, y, p.
 const NAMES: [&[&str]; 4] = [&["t", "ts", "timestamp", "time"], &["x"], &["y"], &["p", "on", "polarity", "pol"]];
@@ -120,10 +127,12 @@ fn field(dtype: &Bound<'_, PyArrayDescr>, names: &[&str]) -> PyResult<Field> {
 }
 
 impl<'py> EventArray<'py> {
-    /// The events in `array`; they are copied only if it has gaps between its records.
-    pub fn new(array: &Bound<'py, PyAny>) -> PyResult<Self> {
+    /// The events in `array`, whatever they are in. A structured array of whole numbers is copied only if it has gaps between its records.
+    /// `columns` and `time_unit` are what a caller says of its columns.
+    pub fn new(array: &Bound<'py, PyAny>, columns: Option<&str>, time_unit: Option<&str>) -> PyResult<Self> {
         let py = array.py();
         let numpy = py.import("numpy")?;
+        let array = py.import("evcal._arrays")?.call_method1("structured", (array, columns, time_unit))?;
         let array = numpy.call_method1("ascontiguousarray", (array,))?;
         let dtype = array.getattr("dtype")?.cast_into::<PyArrayDescr>()?;
         let [t, x, y, p] = NAMES;
@@ -171,6 +180,18 @@ impl Records<'_> {
             Ok(Event { t: t.get(record), x: pixel(&x, "x")?, y: pixel(&y, "y")?, polarity })
         };
         self.bytes.chunks_exact(self.record).enumerate().map(event).collect()
+    }
+
+    /// Appends to `bytes` those events that a map leaves on the sensor, as the bytes of an array of [`sub_pixel_dtype`].
+    pub fn between_pixels(self, bytes: &mut Vec<u8>, map: &PixelMap) {
+        let Fields { t, x, y, p } = self.fields;
+        for record in self.bytes.chunks_exact(self.record) {
+            let Some([column, row]) = map.get_on_sensor(x.pixel(record), y.pixel(record)) else { continue };
+            bytes.extend_from_slice(&t.get(record).to_le_bytes());
+            bytes.extend_from_slice(&column.to_le_bytes());
+            bytes.extend_from_slice(&row.to_le_bytes());
+            bytes.push(u8::from(p.get(record) > 0));
+        }
     }
 
     /// Copies to `output` the records whose pixel `places` knows the new place of, with that place; their number.
@@ -277,6 +298,11 @@ pub fn own_dtype(py: Python<'_>) -> PyResult<Bound<'_, PyArrayDescr>> {
     PyArrayDescr::new(py, fields)
 }
 
+/// The type of events between pixels: t (µs), x, y (px), p (0 or 1), 25 bytes.
+pub fn sub_pixel_dtype(py: Python<'_>) -> PyResult<Bound<'_, PyArrayDescr>> {
+    PyArrayDescr::new(py, vec![("t", "<i8"), ("x", "<f8"), ("y", "<f8"), ("p", "u1")])
+}
+
 /// Events as the bytes of one of evcal's own arrays, appended to `bytes`.
 pub fn append(bytes: &mut Vec<u8>, events: &[Event]) {
     bytes.reserve(events.len() * EVENT_BYTES);
@@ -290,7 +316,41 @@ pub fn append(bytes: &mut Vec<u8>, events: &[Event]) {
 
 /// One of evcal's own arrays of these bytes, which are not copied.
 pub fn to_array(py: Python<'_>, bytes: Vec<u8>) -> PyResult<Bound<'_, PyAny>> {
-    PyArray1::from_vec(py, bytes).call_method1("view", (own_dtype(py)?,))
+    viewed(&own_dtype(py)?, bytes)
+}
+
+/// An array of records of `dtype` of these bytes, which are not copied.
+pub fn viewed<'py>(dtype: &Bound<'py, PyArrayDescr>, bytes: Vec<u8>) -> PyResult<Bound<'py, PyAny>> {
+    PyArray1::from_vec(dtype.py(), bytes).call_method1("view", (dtype,))
+}
+
+/// The order of the columns of a table of events, such as "t,x,y,p", and the unit of its times if a name tells it: by their names, by what a
+/// caller says, or by what is in the first rows.
+#[pyfunction]
+#[pyo3(name = "_columns")]
+pub fn columns_of(
+    names: Option<Vec<String>>,
+    rows: Option<PyReadonlyArray2<'_, f64>>,
+    said: Option<&str>,
+) -> PyResult<(String, Option<&'static str>)> {
+    let unclear = |error: LayoutError| {
+        PyValueError::new_err(format!("events: {error}; give columns=\"t,x,y,p\", in the order that is theirs"))
+    };
+    if let Some(names) = names {
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        let (columns, unit) = columns::from_names(&names);
+        let missing = || PyTypeError::new_err(LayoutError::Names(names.join(", ")).to_string());
+        return Ok((columns.ok_or_else(missing)?.to_string(), unit.map(short)));
+    }
+    if let Some(said) = said {
+        let columns: Columns = said.parse().map_err(|error: OptionError| PyValueError::new_err(error.to_string()))?;
+        return Ok((columns.to_string(), None));
+    }
+    let cell = |value: &f64| Cell { value: Some(*value), is_polarity: [-1.0, 0.0, 1.0].contains(value) };
+    let Some(rows) = rows.filter(|rows| !rows.is_empty()) else { return Ok(("t,x,y,p".to_owned(), None)) };
+    let rows: Vec<Vec<Cell>> = rows.as_array().outer_iter().map(|row| row.iter().map(cell).collect()).collect();
+    let columns = columns::from_values(&rows, &mut Vec::new()).map_err(unclear)?;
+    Ok((columns.to_string(), None))
 }
 
 /// Width and height as evcal has them.

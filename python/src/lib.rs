@@ -6,6 +6,8 @@ mod camera;
 mod detection;
 mod evaluation;
 mod events;
+mod examination;
+mod export;
 mod interrupt;
 mod recording;
 mod simulation;
@@ -47,6 +49,12 @@ mod _evcal {
     use super::detection::detect;
     #[pymodule_export]
     use super::evaluation::evaluate;
+    #[pymodule_export]
+    use super::events::columns_of;
+    #[pymodule_export]
+    use super::examination::{check, compare, repeat};
+    #[pymodule_export]
+    use super::export::{convert, export};
     #[pymodule_export]
     use super::recording::{info, read};
     #[pymodule_export]

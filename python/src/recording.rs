@@ -36,11 +36,20 @@ impl Said {
 }
 
 /// A recording of the events in an array; they are copied once.
-pub fn of_array(array: &Bound<'_, PyAny>, options: RecordingOptions) -> PyResult<Recording> {
-    let array = EventArray::new(array)?;
+pub fn of_array(array: &Bound<'_, PyAny>, said: &Said) -> PyResult<Recording> {
+    let options = said.clone().options()?;
+    let array = EventArray::new(array, said.columns.as_deref(), said.time_unit.as_deref())?;
     let records = array.records()?;
     let events = array.dtype().py().detach(|| records.to_events()).map_err(PyValueError::new_err)?;
     Ok(Recording::from_events("array", events, options))
+}
+
+/// The recording of events that a caller gives: a path, or an array.
+pub fn recording_of(events: &Bound<'_, PyAny>, said: &Said) -> PyResult<Recording> {
+    match as_path(events) {
+        Some(path) => open_events(&path, said.clone().options()?).map_err(failed),
+        None => of_array(events, said),
+    }
 }
 
 /// A path, or anything else.

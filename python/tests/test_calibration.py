@@ -134,6 +134,114 @@ def test_simulated_events_find_their_camera():
     assert circles["index"].max() < 36 and (np.diff(circles["frame"].astype(int)) >= 0).all()
 
 
+def test_trajectory_and_covariance_are_arrays(calibration, tmp_path):
+    sigma = np.array(list(calibration.sigma.values()))
+    assert np.sqrt(np.diag(calibration.covariance)) == pytest.approx(sigma, rel=1e-12)
+    assert calibration.covariance == pytest.approx(calibration.covariance.T, rel=1e-6, abs=1e-15)
+    calibration.write(tmp_path / "calibration")
+    written = np.loadtxt(tmp_path / "calibration" / "trajectory.txt")
+    poses = calibration.trajectory
+    sure = poses[poses["sure"]]
+    assert len(written) == len(sure) <= len(poses) and (poses["recording"] == 0).all()
+    mine = np.column_stack([sure["t"], sure["position"], sure["rotation"]])
+    assert np.abs(mine - written).max() < 1e-5
+    assert (sure["position_sigma"] > 0).all() and (sure["rotation_sigma"] < 0.02).all()
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    events, truth = evcal.simulate(duration=5.0, motion="fast", seed=3)
+    return events, truth, evcal.calibrate(events, board=BOARD, sensor=truth.sensor)
+
+
+def samples_of(trajectory, path, rate=200.0):
+    """What an inertial unit measures that sits in the camera, by differences of its poses."""
+    t, position = trajectory["t"], trajectory["position"]
+    x, y, z, w = trajectory["rotation"].T
+    rotation = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]).transpose(2, 0, 1)  # fmt: skip
+    step = 1 / rate
+    keep = np.flatnonzero((np.diff(t)[:-1] < 1.5 * step) & (np.diff(t)[1:] < 1.5 * step)) + 1
+    acceleration = (position[keep + 1] - 2 * position[keep] + position[keep - 1]) / step**2
+    turned = np.einsum("nji,njk->nik", rotation[keep - 1], rotation[keep + 1])
+    rates = np.stack([turned[:, 2, 1] - turned[:, 1, 2], turned[:, 0, 2] - turned[:, 2, 0], turned[:, 1, 0] - turned[:, 0, 1]], 1) / (4 * step)
+    # The board stands upright, y points down: a unit at rest feels the push against gravity.
+    force = np.einsum("nji,nj->ni", rotation[keep], acceleration - [0.0, 9.80665, 0.0])
+    rows = np.column_stack([t[keep] * 1e6, force, rates])
+    np.savetxt(path, rows, delimiter=",", header="t_us,ax_m_s2,ay_m_s2,az_m_s2,gx_rad_s,gy_rad_s,gz_rad_s", comments="", fmt="%.9g")
+
+
+def test_the_inertial_unit_is_calibrated_too(simulated, tmp_path):
+    events, truth, alone = simulated
+    samples_of(alone.trajectory, tmp_path / "imu.csv")
+    calibration = evcal.calibrate(events, board=BOARD, sensor=truth.sensor, imu=tmp_path / "imu.csv")
+    told = calibration.to_dict()["inertial"]
+    turn = np.array(told["T_imu_camera"])[:3, :3]
+    assert np.abs(turn - np.eye(3)).max() < 0.05 and told["used"] > 500
+    assert "\nInertial unit: " in calibration.verdict
+    written = [path.name for path in evcal.export(calibration, "all", tmp_path / "all")]
+    assert len(written) > len(evcal.export(alone, "all", tmp_path / "alone"))
+
+
+def test_mistakes_about_the_inertial_unit_are_named():
+    with pytest.raises(evcal.Error, match="3 s are needed"):
+        evcal.calibrate(RECORDING, board=BOARD, imu=True)
+    with pytest.raises(TypeError, match="imu is True"):
+        evcal.calibrate(RECORDING, board=BOARD, imu=3.5)
+    with pytest.raises(ValueError, match="gravity"):
+        evcal.calibrate(RECORDING, board=BOARD, imu=True, gravity=1.0)
+
+
+def test_a_second_camera_is_found_where_it_is(simulated):
+    events, truth, _ = simulated
+    # The same lens, in front of a sensor that is 9 px to the left.
+    second = events[events["x"] < 337].copy()
+    second["x"] += 9
+    calibration = evcal.calibrate(events, board=BOARD, sensor=truth.sensor, with_=[second])
+    [other] = calibration.to_dict()["second_cameras"]
+    assert np.abs(np.array(other["T_second_first"]) - np.eye(4)).max() < 2e-3
+    assert other["solved_together"][1]["camera"]["parameters"]["cx"] - calibration.camera.parameters["cx"] == pytest.approx(9.0, abs=0.3)
+    assert "\nPlace of array: " in calibration.verdict
+    with pytest.raises(evcal.Error, match="with_="):
+        evcal.calibrate(events, board=BOARD, sensor=truth.sensor, with_=events)
+
+
+def test_a_recording_is_checked(events):
+    told = evcal.check(events, board=BOARD, sensor=(346, 260))
+    assert told["ready"] and told["next"] == f'call calibrate with board="{BOARD}"'
+    assert told["events"] == len(events) and told["seen"]["found"] > 0
+    unknown = evcal.check(events, board=BOARD)
+    assert not unknown["ready"] and "sensor=(346, 260)" in unknown["next"]
+    recognised = evcal.check(RECORDING)
+    assert 'for example board="acircles:9x4:' in recognised["next"]
+
+
+def test_parts_of_a_recording_are_compared(events):
+    told = evcal.repeat(events, board=BOARD, sensor=(346, 260), runs=2, seconds=2.0)
+    assert len(told["runs"]) == 2 and told["parameters"][0]["name"] == "fx" and told["projection"] > 0
+    with pytest.raises(evcal.Error, match="seconds="):
+        evcal.repeat(events, board=BOARD, sensor=(346, 260), seconds=1000.0)
+    with pytest.raises(ValueError, match="runs"):
+        evcal.repeat(events, board=BOARD, runs=1)
+
+
+def test_calibrations_are_compared(calibration):
+    assert evcal.compare(calibration, calibration)["sameness"] == "same"
+    parameters = calibration.camera.parameters
+    moved = evcal.Camera("radtan", {**parameters, "fx": parameters["fx"] * 1.05}, (346, 260))
+    assert evcal.compare(calibration, moved)["sameness"] == "different"
+
+
+def test_no_word_is_of_the_command_line(calibration):
+    assert "--" not in calibration.verdict
+    with pytest.raises(evcal.Error) as refused:
+        evcal.calibrate(RECORDING, board="acircles:7x6:55mm:r17.5mm")
+    assert "--" not in str(refused.value)
+
+
 def test_mistakes_are_named(events):
     with pytest.raises(ValueError, match="checkerboard"):
         evcal.calibrate(RECORDING, board="checkerboard:9x6")

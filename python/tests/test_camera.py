@@ -1,5 +1,8 @@
 """The camera against OpenCV."""
 
+import copy
+import pickle
+
 import cv2
 import numpy as np
 import pytest
@@ -133,6 +136,52 @@ def test_files_of_basalt_dv_and_mrcal_are_cameras(tmp_path):
         "    'imagersize': [ 346, 260,],\n}\n",
     )
     assert mrcal == camera("radtan4")
+
+
+def test_one_point_is_projected_as_many_are():
+    one = camera("radtan")
+    point = [0.1, -0.2, 1.0]
+    assert one.project(point).shape == (2,)
+    assert (one.project(point) == one.project([point])[0]).all()
+    bearing = one.unproject(one.project(point))
+    assert bearing == pytest.approx(np.array(point) / np.linalg.norm(point), abs=1e-9)
+    assert one.project(np.zeros((0, 3))).shape == (0, 2)
+
+
+def test_a_camera_is_pickled_and_copied():
+    sigma = [0.1] * 9
+    one = evcal.Camera("radtan", camera("radtan").parameters, SENSOR, sigma)
+    for again in (pickle.loads(pickle.dumps(one)), copy.deepcopy(one)):
+        assert again == one and again.sigma == one.sigma == {name: 0.1 for name in one.parameters}
+    assert pickle.loads(pickle.dumps(camera("kannala-brandt"))).sigma is None
+    with pytest.raises(ValueError, match="sigma"):
+        evcal.Camera("radtan", one.parameters, SENSOR, [1.0])
+
+
+def test_a_camera_is_exported(tmp_path):
+    one = camera("radtan")
+    text = evcal.export(one, "opencv-yaml")
+    [path] = evcal.export(one, "opencv-yaml", tmp_path / "camera.yaml", camera_name="left")
+    assert "left" in path.read_text() and "camera_matrix" in text
+    assert evcal.Camera.load(path) == one
+    with pytest.raises(evcal.Error, match="force=True"):
+        evcal.export(one, "opencv-yaml", path)
+    written = evcal.export(one, "all", tmp_path / "all")
+    assert {path.suffix for path in written} >= {".yaml", ".xml", ".json"} and all(path.exists() for path in written)
+    with pytest.raises(ValueError, match='opencv-yaml, .*, all, not "matlab"'):
+        evcal.export(one, "matlab")
+    with pytest.raises(ValueError, match="output="):
+        evcal.export(one, "all")
+    with pytest.warns(UserWarning, match="radtan"):
+        evcal.export(evcal.Camera("kannala-brandt", [*MATRIX, *COEFFICIENTS["kannala-brandt"]], SENSOR), "ros")
+
+
+def test_cameras_are_compared():
+    one = camera("radtan")
+    moved = evcal.Camera("radtan", {**one.parameters, "fx": 350.0}, SENSOR)
+    assert evcal.compare(one, one)["sameness"] == "same"
+    told = evcal.compare(one, moved)
+    assert told["sameness"] == "unknown" and told["difference_rms"] > 1.0 and told["sentence"]
 
 
 def test_mistakes_are_named():

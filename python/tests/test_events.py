@@ -90,16 +90,114 @@ def test_detection_does_not_depend_on_the_type(layout):
     assert len(found) > 0 and (found == evcal.detect(events, board=board, sensor=(346, 260))).all()
 
 
+FORMS = {
+    "N x 4": lambda events: table(events),
+    "4 x N": lambda events: table(events).T,
+    "x, y, t, p in seconds": lambda events: table(events)[:, [1, 2, 0, 3]] * [1, 1, 1e-6, 1],
+    "x, y, p, t with polarities of -1": lambda events: table(events)[:, [1, 2, 3, 0]] * [1, 1, 2, 1] - [0, 0, 1, 0],
+    "dict of lists": lambda events: {name: events[name].tolist() for name in "txyp"},
+    "dict in nanoseconds": lambda events: {"timestamp_ns": events["t"] * 1000, **{name: events[name] for name in "xyp"}},
+    "float seconds": lambda events: {"t": events["t"] * 1e-6, **{name: events[name] for name in "xyp"}},
+    "big-endian": lambda events: events.astype([("t", ">i8"), ("x", ">u2"), ("y", ">u2"), ("p", "u1")]),
+    "pandas": lambda events: pytest.importorskip("pandas").DataFrame({name: events[name] for name in "ptxy"}),
+    "pandas with timedeltas": lambda events: pytest.importorskip("pandas").DataFrame(
+        {"t": events["t"].astype("timedelta64[us]"), **{name: events[name] for name in "xyp"}}
+    ),
+    "polars": lambda events: pytest.importorskip("polars").DataFrame({name: events[name] for name in "ptxy"}),
+    "torch": lambda events: pytest.importorskip("torch").from_numpy(table(events)),
+    "DLPack": lambda events: OnlyDlpack(table(events)),
+    "__array__": lambda events: OnlyArray(table(events)),
+}
+
+
+class OnlyDlpack:
+    def __init__(self, array):
+        self.array = array
+
+    def __dlpack__(self, **options):
+        return self.array.__dlpack__(**options)
+
+    def __dlpack_device__(self):
+        return self.array.__dlpack_device__()
+
+
+class OnlyArray:
+    def __init__(self, array):
+        self.array = array
+
+    def __array__(self, dtype=None, copy=None):
+        return self.array
+
+
+def table(events):
+    return np.column_stack([events[name].astype(np.int64) for name in "txyp"])
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_events_are_taken_in_every_form(form):
+    events = make(5000)
+    events["t"] -= events["t"][0]
+    undistorted = camera().undistort_events(FORMS[form](events))
+    expected = camera().undistort_events(events)
+    for name in "txyp":
+        assert (undistorted[name] == expected[name]).all(), name
+
+
+def test_an_order_and_a_unit_that_are_said_count():
+    events = make(500)
+    milliseconds = np.column_stack([events["y"], events["x"], events["p"], events["t"] // 1000])
+    undistorted = camera().undistort_events(milliseconds, columns="y,x,p,t", time_unit="ms")
+    events["t"] = events["t"] // 1000 * 1000
+    assert (undistorted == camera().undistort_events(events)).all()
+
+
+def test_fractions_of_pixels_are_kept():
+    events = make(5000)
+    exact = camera().undistort_events(events, subpixel=True)
+    one = camera()
+    until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+    pixels = np.column_stack([events["x"], events["y"]]).astype(np.float64)
+    places = cv2.undistortPoints(pixels, one.matrix, one.distortion, R=np.eye(3), P=one.matrix, criteria=until)[:, 0]
+    kept = ((places >= -0.5) & (places < np.array([345.5, 259.5]))).all(axis=1)
+    assert len(exact) == kept.sum() and (exact["t"] == events["t"][kept]).all() and (exact["p"] == events["p"][kept]).all()
+    assert np.abs(np.column_stack([exact["x"], exact["y"]]) - places[kept]).max() < 1e-6
+
+
+def test_events_are_converted(tmp_path):
+    events = make(500)
+    told = evcal.convert(table(events), tmp_path / "events.h5", sensor=(346, 260))
+    assert told["events"] == 500 and told["lost"] == []
+    assert (evcal.read(tmp_path / "events.h5") == events).all()
+    with pytest.raises(evcal.Error, match="force=True"):
+        evcal.convert(events, tmp_path / "events.h5", sensor=(346, 260))
+    with pytest.raises(evcal.Error, match=r"give sensor=\(\d+, \d+\)"):
+        evcal.convert(events, tmp_path / "other.h5")
+    with pytest.raises(evcal.Error, match="to="):
+        evcal.convert(events, tmp_path / "events.unknown", sensor=(346, 260))
+    with pytest.raises(ValueError, match="aedat4"):
+        evcal.convert(events, tmp_path / "events.xyz", to="xyz", sensor=(346, 260))
+
+
 def test_mistakes_are_named():
     one = camera()
-    with pytest.raises(TypeError, match="fields t .* has none"):
-        one.undistort_events(np.zeros((5, 4)))
+    with pytest.raises(TypeError, match=r"N x 4 numbers.* shape \(5, 3\)"):
+        one.undistort_events(np.zeros((5, 3)))
+    with pytest.raises(ValueError, match=r"not clear .*columns="):
+        one.undistort_events(np.full((5, 4), 7))
+    with pytest.raises(ValueError, match="does not name all 4 columns"):
+        one.undistort_events(np.zeros((5, 4)), columns="t,x,y,p,-")
+    with pytest.raises(ValueError, match="time_unit|write s"):
+        evcal.detect(np.zeros((5, 4)), board="acircles:9x4:55mm:r17.5mm", time_unit="days")
+    with pytest.raises(ValueError, match="event 1: x = 3.5 is not a whole pixel"):
+        one.undistort_events({"t": [1, 2], "x": [3.0, 3.5], "y": [1, 2], "p": [0, 1]})
+    with pytest.raises(ValueError, match="event 1: t = nan"):
+        one.undistort_events({"t": [1.0, np.nan], "x": [3, 3], "y": [1, 2], "p": [0, 1]})
+    with pytest.raises(ValueError, match="differ in length"):
+        one.undistort_events({"t": [1], "x": [3, 3], "y": [1, 2], "p": [0, 1]})
+    with pytest.raises(TypeError, match="named t, x, y, where t, x, y and p"):
+        one.undistort_events({"t": [1], "x": [3], "y": [1]})
     with pytest.raises(TypeError, match="has t, x, y$"):
         one.undistort_events(np.zeros(5, [("t", "<i8"), ("x", "<u2"), ("y", "<u2")]))
-    with pytest.raises(TypeError, match="microseconds"):
-        one.undistort_events(np.zeros(5, [("t", "<f8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")]))
-    with pytest.raises(TypeError, match="big-endian"):
-        one.undistort_events(np.zeros(5, [("t", ">i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")]))
     with pytest.raises(ValueError, match="too narrow"):
         one.undistort_events(np.zeros(5, [("t", "<i8"), ("x", "u1"), ("y", "u1"), ("p", "u1")]))
     negative = make(5, LAYOUTS["tonic"])

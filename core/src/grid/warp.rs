@@ -1,11 +1,11 @@
 //! Map from image to lattice coordinates: a homography behind a lens.
 //!
 //! A pixel (x, y), relative to the distortion centre and in units of half the image diagonal, has the bearing
-//! (x, y, 1 + λ₁ s + λ₂ s²), s = x² + y² (the division model of Fitzgibbon, CVPR 2001, with a second term). A homography
-//! maps these vectors to lattice coordinates. There are twelve parameters: eight of the homography, λ₁, λ₂ and the centre.
-//! Weak priors on the last six (moderate slant and distortion, centre near the middle of the image) make a few points
-//! sufficient. The map models perspective and lenses up to fisheyes so closely that a point off the map is not a circle
-//! of the board.
+//! (x, y, 1 + λ₁ s + λ₂ s²), s = x² + y² (the division model of Fitzgibbon, CVPR 2001, with a second term). A
+//! homography maps these vectors to lattice coordinates. There are twelve parameters: eight of the homography, λ₁, λ₂
+//! and the centre. Weak priors on the last six (moderate slant and distortion, centre near the middle of the image)
+//! make a few points sufficient. The map models perspective and lenses up to fisheyes so closely that a point off the
+//! map is not a circle of the board.
 
 use nalgebra::{Matrix2, Matrix3, RealField, Vector2, Vector3};
 

@@ -22,7 +22,11 @@ pub mod second_camera;
 pub mod static_transform;
 pub mod undistortion_table;
 
+use evcal_geometry::lens::camera_file::DescriptionError;
+
 use self::content::ExportFormat;
+use crate::result::calibrated_camera::CalibratedCamera;
+use crate::result::calibration_file::CalibrationFile;
 
 /// The formats.
 pub const FORMATS: &[ExportFormat] = &[
@@ -38,6 +42,21 @@ pub const FORMATS: &[ExportFormat] = &[
     csv::FORMAT,
 ];
 
+/// Name and content of each file of the camera with its inertial unit, or with the other cameras on its mount, as far as its calibration
+/// has them.
+///
+/// # Errors
+/// [`DescriptionError`] when one of the other cameras is none that evcal knows.
+pub fn files_beside(
+    camera: &CalibratedCamera,
+    calibration: &CalibrationFile,
+) -> Result<Vec<(String, String)>, DescriptionError> {
+    let others = &calibration.second_cameras;
+    let with_unit = calibration.inertial.iter().flat_map(|unit| inertial::files(camera, unit, others));
+    let with_unit = with_unit.map(|(name, text)| (name.to_owned(), text));
+    Ok(with_unit.chain(second_camera::files(camera, others)?).collect())
+}
+
 /// The format of this name.
 pub fn from_name(name: &str) -> Option<&'static ExportFormat> {
     FORMATS.iter().find(|format| format.name == name)
@@ -49,7 +68,6 @@ mod tests {
     use evcal_core::sensor::Sensor;
 
     use super::*;
-    use crate::result::calibrated_camera::CalibratedCamera;
 
     #[test]
     fn names_and_files_differ_and_substitutes_can_be_written() {

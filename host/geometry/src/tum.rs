@@ -155,7 +155,7 @@ mod tests {
             ("1 0 0 0 0 0 0 x\n", "line 1: \"x\" is not"),
             ("1 0 0 0 0 0 0 NaN\n", "line 1: \"NaN\" is not"),
             ("1 0 0 0 0 0 0 2\n", "line 1: the quaternion has length 2.000"),
-            ("2 0 0 0 0 0 0 1\n\n2 0 0 0 0 0 0 1\n", "line 3: its time 2 is not after 2"),
+            ("2 0 0 0 0 0 0 1\n\n2 0 0 0 0 0 0 1\n", "line 3: its time 2 is not after that of the previous pose, 2"),
             ("# nothing\n", "no pose"),
         ];
         for (text, part) in cases {

@@ -5,9 +5,9 @@
 //! the error is only estimated, from the windows since the last one.
 
 use std::io;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
 use super::background::{give_way, workers};
@@ -83,6 +83,45 @@ pub enum Telling {
     AtLength(f64),
 }
 
+/// A step of a calibration, for those who wait for it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CalibrationStep {
+    /// Name of the step.
+    pub text: String,
+    /// Finished share of the step, 0 to 1; `None` if it is not known.
+    pub done: Option<f64>,
+}
+
+/// The calibration of a checkpoint in progress, shared with other threads.
+#[derive(Debug, Default)]
+pub struct Underway {
+    stop: AtomicBool,
+    /// `true` while the recording waits for the result.
+    is_awaited: AtomicBool,
+    step: Mutex<CalibrationStep>,
+}
+
+impl Underway {
+    /// Returns `true` if the calibration should end early.
+    pub fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Reports the current step.
+    pub fn tell(&self, text: &str, done: Option<f64>) {
+        *self.step() = CalibrationStep { text: text.to_owned(), done };
+    }
+
+    /// Returns the current step while the recording waits for the result.
+    pub fn awaited(&self) -> Option<CalibrationStep> {
+        self.is_awaited.load(Ordering::Relaxed).then(|| self.step().clone())
+    }
+
+    fn step(&self) -> MutexGuard<'_, CalibrationStep> {
+        self.step.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
 /// Computes checkpoints in the background, one at a time.
 pub struct Checkpoints {
     requests: Sender<f64>,
@@ -96,13 +135,13 @@ pub struct Checkpoints {
     /// Start of the next checkpoint; `None` before the board was seen.
     next: Option<f64>,
     latest: Option<Checkpoint>,
-    stop: Arc<AtomicBool>,
+    underway: Arc<Underway>,
 }
 
 impl Checkpoints {
-    /// Starts the thread. `calibrate` receives the length of the beginning to calibrate (s), and a flag that asks it to
-    /// end early. The first checkpoint starts `first` seconds after the board was first seen; the interval between
-    /// later ones depends on the remaining distance to `target` (px).
+    /// Starts the thread. `calibrate` receives the length of the beginning to calibrate (s), reports its steps, and should
+    /// end early once it is stopped. The first checkpoint starts `first` seconds after the board was first seen; the
+    /// interval between later ones depends on the remaining distance to `target` (px).
     ///
     /// # Errors
     /// If the system cannot create threads.
@@ -110,13 +149,13 @@ impl Checkpoints {
         telling: Telling,
         target: f64,
         first: f64,
-        mut calibrate: impl FnMut(f64, &AtomicBool) -> Result<Stated, String> + Send + 'static,
+        mut calibrate: impl FnMut(f64, &Underway) -> Result<Stated, String> + Send + 'static,
     ) -> io::Result<Self> {
         let pool = workers("checkpoint")?;
         let (requests, wanted) = channel::<f64>();
         let (sender, results) = channel();
-        let stop = Arc::new(AtomicBool::new(false));
-        let of_thread = Arc::clone(&stop);
+        let underway = Arc::new(Underway::default());
+        let of_thread = Arc::clone(&underway);
         thread::Builder::new().name("checkpoints".to_owned()).spawn(move || {
             give_way();
             for t in wanted {
@@ -126,7 +165,7 @@ impl Checkpoints {
                 }
             }
         })?;
-        Ok(Self { requests, results, telling, target, first, begun: None, next: None, latest: None, stop })
+        Ok(Self { requests, results, telling, target, first, begun: None, next: None, latest: None, underway })
     }
 
     /// Returns the latest reported result.
@@ -137,6 +176,11 @@ impl Checkpoints {
     /// Returns the end of the beginning that is being calibrated (s since the first event).
     pub fn under_way(&self) -> Option<f64> {
         self.begun
+    }
+
+    /// Returns the checkpoint in progress, for other threads.
+    pub fn underway(&self) -> Arc<Underway> {
+        Arc::clone(&self.underway)
     }
 
     /// Starts a checkpoint that is due at `now` (s since the first event); `first_seen` is the time at which the board
@@ -153,7 +197,12 @@ impl Checkpoints {
         let result = match self.telling {
             Telling::WhenReady => self.results.try_recv(),
             Telling::AtLength(growth) if now < growth * begun => Err(TryRecvError::Empty),
-            Telling::AtLength(_) => self.results.recv().map_err(TryRecvError::from),
+            Telling::AtLength(_) => {
+                self.underway.is_awaited.store(true, Ordering::Relaxed);
+                let result = self.results.recv().map_err(TryRecvError::from);
+                self.underway.is_awaited.store(false, Ordering::Relaxed);
+                result
+            }
         };
         match result {
             Ok(checkpoint) => {
@@ -174,7 +223,7 @@ impl Checkpoints {
 impl Drop for Checkpoints {
     fn drop(&mut self) {
         // The thread is not joined, because the calibration that follows has priority.
-        self.stop.store(true, Ordering::Relaxed);
+        self.underway.stop.store(true, Ordering::Relaxed);
     }
 }
 
@@ -210,7 +259,7 @@ mod tests {
 
     /// Returns the sensor times at which checkpoints started, and at which they were reported.
     fn told(telling: Telling) -> Vec<(f64, f64)> {
-        let work = |t: f64, _: &AtomicBool| Ok(Stated { rms: 0.2 / t.sqrt(), ..GOOD });
+        let work = |t: f64, _: &Underway| Ok(Stated { rms: 0.2 / t.sqrt(), ..GOOD });
         let mut checkpoints = Checkpoints::start(telling, 0.05, 4.0, work).unwrap();
         let mut told = Vec::new();
         for step in 0..300 {
@@ -232,12 +281,41 @@ mod tests {
         assert!(first.len() >= 2);
     }
 
+    /// A step is shown only while the recording waits for the result.
+    #[test]
+    fn an_awaited_checkpoint_reports_its_step() {
+        let (go, may_go) = channel::<()>();
+        let work = move |_: f64, underway: &Underway| {
+            underway.tell("joint solve", Some(0.25));
+            let _ = may_go.recv();
+            Ok(GOOD)
+        };
+        let mut checkpoints = Checkpoints::start(Telling::AtLength(1.5), 0.05, 2.0, work).unwrap();
+        let underway = checkpoints.underway();
+        checkpoints.advance(2.0, Some(0.0));
+        assert_eq!((checkpoints.under_way(), underway.awaited()), (Some(2.0), None));
+        let watcher = thread::spawn(move || {
+            let step = loop {
+                match underway.awaited() {
+                    Some(step) if step.done.is_some() => break step,
+                    _ => thread::yield_now(),
+                }
+            };
+            drop(go);
+            (step, underway)
+        });
+        assert!(checkpoints.advance(3.0, Some(0.0)).is_some());
+        let (step, underway) = watcher.join().unwrap();
+        assert_eq!(step, CalibrationStep { text: "joint solve".to_owned(), done: Some(0.25) });
+        assert_eq!(underway.awaited(), None);
+    }
+
     /// Whatever a calibration does, the caller continues at once.
     #[test]
     fn a_calibration_under_way_is_not_waited_for_and_told_to_end() {
         let (ended, end) = channel();
-        let work = move |_: f64, stop: &AtomicBool| {
-            while !stop.load(Ordering::Relaxed) {
+        let work = move |_: f64, underway: &Underway| {
+            while !underway.is_stopped() {
                 thread::yield_now();
             }
             let _ = ended.send(());

@@ -1,12 +1,13 @@
 //! Converts events to the current state of the board and the camera.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
-use super::checkpoint::{Checkpoint, Checkpoints};
+use super::checkpoint::{Checkpoint, Checkpoints, Underway};
 use super::guidance::{GhostOutline, Guidance, Hint, Place, corners};
 use super::health::{Health, HealthMonitor};
 use super::obstacle::{Explainer, Explanation};
@@ -65,6 +66,8 @@ pub struct Seen {
     pub checkpoint: Option<Checkpoint>,
     /// End of the beginning that is being calibrated (s since the first event).
     pub checkpoint_under_way: Option<f64>,
+    /// Steps of that calibration, current whenever they are read.
+    pub underway: Option<Arc<Underway>>,
     /// Expected error of a calibration now (px, root mean square over the sensor), estimated from the latest checkpoint
     /// and the windows since then.
     pub about: Option<f64>,
@@ -293,6 +296,7 @@ impl<'a> Observer<'a> {
             sigma_in_cells: self.sigma_in_cells.iter().map(|sigma| Some(scale * (*sigma)?)).collect(),
             checkpoint: self.checkpoints.as_ref().and_then(Checkpoints::latest).cloned(),
             checkpoint_under_way: self.checkpoints.as_ref().and_then(Checkpoints::under_way),
+            underway: self.checkpoints.as_ref().map(Checkpoints::underway),
             target: self.target,
             watched: self.first_seen.map_or(0.0, |first| self.latest - first),
             shortest: self.shortest,

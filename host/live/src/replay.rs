@@ -1,7 +1,7 @@
 //! Replay of a recording as if it came from a camera now.
 
 use std::ops::ControlFlow;
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::mpsc::{Receiver, TrySendError, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -17,6 +17,8 @@ use event_recordings::{Recording, RecordingError};
 const PIECE: i64 = 10_000;
 /// Number of pieces that wait for the detector.
 const PIECES_AHEAD: usize = 32;
+/// Time between two attempts to pass a piece to a busy detector.
+const FULL: Duration = Duration::from_millis(2);
 /// Time between two reported states (s of the sensor).
 const TOLD: f64 = 1.0;
 
@@ -85,9 +87,25 @@ pub fn replay(
                 }
                 picture.add(piece.iter().copied());
                 count += piece.len() as u64;
-                if sender.send(piece.to_vec()).is_err() {
-                    // Enough was seen.
-                    break 'played None;
+                let mut waiting = Some(piece.to_vec());
+                while let Some(piece) = waiting.take() {
+                    match sender.try_send(piece) {
+                        Ok(()) => {}
+                        // The detector waits for a calibration, or is slower than the recording; whoever watches sees that it goes on.
+                        Err(TrySendError::Full(piece)) => {
+                            waiting = Some(piece);
+                            thread::sleep(due.saturating_duration_since(Instant::now()).min(FULL));
+                            if Instant::now() >= due {
+                                due = Instant::now() + PICTURE_INTERVAL;
+                                if show(&picture).is_break() {
+                                    break 'played None;
+                                }
+                                picture.clear();
+                            }
+                        }
+                        // Enough was seen.
+                        Err(TrySendError::Disconnected(_)) => break 'played None,
+                    }
                 }
             }
         };

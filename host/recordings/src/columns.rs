@@ -129,6 +129,7 @@ pub fn from_values(rows: &[Vec<Cell>], notes: &mut Vec<String>) -> Result<Column
 /// A time unit that was determined from the values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuessedUnit {
+    /// The unit.
     pub unit: TimeUnit,
     /// `true` if nanoseconds could also be microseconds.
     pub is_doubtful: bool,

@@ -28,6 +28,7 @@ use evcal_core::event::{Event, Polarity};
 use hdf5_reader::Dataset;
 use hdf5_reader::error::Error;
 
+pub use self::write::SubPixelEncoder;
 use super::bytes::share;
 use super::columns::{self, GuessedUnit};
 use super::counter::TimeCounter;

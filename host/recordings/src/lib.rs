@@ -11,7 +11,7 @@ mod aedat3;
 pub mod aedat4;
 pub mod bytes;
 mod chain;
-mod columns;
+pub mod columns;
 pub mod continued;
 pub mod convert;
 mod counted;
@@ -28,7 +28,7 @@ mod format;
 mod formats;
 pub mod given_sensor;
 #[cfg(feature = "hdf5")]
-mod hdf5;
+pub mod hdf5;
 pub mod image_file;
 pub mod image_folder;
 pub mod images;

@@ -9,6 +9,7 @@ mod write;
 
 pub use dat::FORMAT as DAT_FORMAT;
 pub use raw::FORMAT as RAW_FORMAT;
+pub use write::OUTPUT as RAW_OUTPUT;
 
 use evcal_core::decode::EvtCounts;
 

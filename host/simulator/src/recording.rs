@@ -18,7 +18,7 @@ use event_recordings::davis::dump::{COMPRESSION, DumpEncoder, davis346_header};
 use event_recordings::encode::{Encode, WriteError};
 use event_recordings::extras::{Frame, InertialSample, OtherStreams};
 use event_recordings::write::EventWriter;
-use event_recordings::{aedat4, event_calib, text};
+use event_recordings::{aedat4, event_calib, prophesee, text};
 
 /// Size of the sensor of a DAVIS346.
 pub const DAVIS346_SENSOR: Sensor = Sensor::new(346, 260);
@@ -41,11 +41,13 @@ pub enum RecordingFormat {
     Text,
     /// Events as EventCalib binary.
     EventCalib,
+    /// Events as Prophesee RAW.
+    PropheseeRaw,
 }
 
 impl RecordingFormat {
     /// All formats.
-    pub const ALL: &[Self] = &[Self::Aedat4, Self::Davis346, Self::Text, Self::EventCalib];
+    pub const ALL: &[Self] = &[Self::Aedat4, Self::Davis346, Self::Text, Self::EventCalib, Self::PropheseeRaw];
 
     /// Returns the name, which is the extension of the files.
     pub const fn name(self) -> &'static str {
@@ -54,6 +56,7 @@ impl RecordingFormat {
             Self::Davis346 => "dvraw",
             Self::Text => "csv",
             Self::EventCalib => "bin",
+            Self::PropheseeRaw => "raw",
         }
     }
 
@@ -64,6 +67,7 @@ impl RecordingFormat {
             Self::Davis346 => "What a DAVIS346 sends over USB",
             Self::Text => "Text, events only",
             Self::EventCalib => "EventCalib binary, events only",
+            Self::PropheseeRaw => "Prophesee RAW (EVT 3.0), events only",
         }
     }
 
@@ -116,6 +120,7 @@ pub fn write(
     match format {
         RecordingFormat::Text => events_only(text::OUTPUT),
         RecordingFormat::EventCalib => events_only(event_calib::OUTPUT),
+        RecordingFormat::PropheseeRaw => events_only(prophesee::RAW_OUTPUT),
         RecordingFormat::Aedat4 if *davis == DavisSettings::default() => events_only(aedat4::OUTPUT),
         RecordingFormat::Aedat4 => {
             let output = BufWriter::with_capacity(1 << 18, File::create(path)?);
@@ -168,6 +173,7 @@ pub(super) fn write_events(
     let format = match format {
         RecordingFormat::Text => text::OUTPUT,
         RecordingFormat::EventCalib => event_calib::OUTPUT,
+        RecordingFormat::PropheseeRaw => prophesee::RAW_OUTPUT,
         RecordingFormat::Aedat4 | RecordingFormat::Davis346 => aedat4::OUTPUT,
     };
     let mut writer = EventWriter::create(path, format, simulation.rays().sensor(), CAMERA_NAME)?;

@@ -158,6 +158,7 @@ fn recordings_are_written_in_every_format_with_their_frames() {
             Some((t as i64, x, y))
         })
         .collect();
+    assert_eq!(undistort("fractions.h5", &["--subpixel"]).0["recording"]["events"], fractions.len());
     for extension in ["aedat4", "csv", "bin", "dvraw", "bag", "mcap", "raw", "npz", "h5"] {
         // The camera file is named after the recording without its extension, so each recording needs a name of its own.
         let name = format!("{extension}-events.{extension}");
@@ -195,7 +196,7 @@ fn wrong_inputs_and_options_are_rejected() {
     for (input, output, options, code, part) in [
         (&small, &folder.path().join("o.png"), &[][..], 1, "64 x 48"),
         (&aedat4, &there, &[], 1, "already"),
-        (&aedat4, &new, &["--subpixel"], 1, ".bin (EventCalib)"),
+        (&aedat4, &new, &["--subpixel"], 1, ".h5, .hdf5 or .bin (EventCalib)"),
         (&aedat4, &new, &["--alpha", "2"], 2, "--alpha"),
         (&aedat4, &new, &["--sensor", "640x480"], 1, "640 x 480"),
         (&aedat4, &new, &["--model", "fisheye"], 2, "equidistant"),

@@ -7,7 +7,7 @@ use super::error::CalibrateError;
 use super::input::Input;
 use super::mounted::{SecondCamera, SecondFrames};
 use super::step::Step;
-use super::{Task, calibrate};
+use super::{PictureUse, Task, calibrate};
 use crate::circles::reference_frame::{ObservedCircle, PointObservation, ReferenceFrame};
 use crate::initial::PosedFrame;
 use crate::second_camera::calibration::SecondCalibration;
@@ -37,6 +37,36 @@ pub fn calibrate_lens_apart(
     }
     let settings = Settings { initial: task.settings.initial.of_rows_in_turn(), ..task.settings.clone() };
     calibrate(&Task { settings: &settings, ..*task }, progress)
+}
+
+/// What the pictures in `input`, the recording of another camera, are for: those in a file of the `first` camera are that one's.
+pub fn pictures_beside(first: &[Input], input: &Input) -> PictureUse {
+    match input {
+        Input::Images(_) => PictureUse::Only,
+        _ if first.iter().any(|own| own.is_of_file_of(input)) => PictureUse::Ignore,
+        _ => PictureUse::Witness,
+    }
+}
+
+/// Calibrates the camera of `second`, which was calibrated apart from `input`, against that of `first`. The rows of its images may be exposed
+/// one after the other if `rolling_shutter` says so.
+///
+/// # Errors
+/// [`SecondCameraError`] says what is wrong, and what to do; the cameras are calibrated all the same.
+pub fn calibrate_beside(
+    first: &Calibrated,
+    second: &Calibrated,
+    input: &Input,
+    rolling_shutter: bool,
+    board: &Board,
+    lenses: Lenses,
+) -> Result<SecondCamera, SecondCameraError> {
+    match input {
+        Input::Images(images) => calibrate_frame_camera(first, second, images, rolling_shutter, board, lenses),
+        Input::Events(_) | Input::Circles { .. } => {
+            calibrate_second_camera(first, second, &input.name(), board, lenses)
+        }
+    }
 }
 
 /// Calibrates the camera of `second` against that of `first`; both were calibrated apart before the same `board`, from one recording

@@ -152,7 +152,7 @@ impl CalibratedCamera {
     }
 
     /// A camera of which nothing else is known.
-    pub(crate) fn seen_everywhere(camera: Camera<f64>, sensor: Sensor) -> Self {
+    pub fn seen_everywhere(camera: Camera<f64>, sensor: Sensor) -> Self {
         Self {
             camera,
             sensor,

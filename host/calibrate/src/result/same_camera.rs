@@ -86,7 +86,17 @@ pub enum CompareError {
 /// [`CompareError`] when one cannot be read, or they are for sensors of different size.
 pub fn compare_calibrations(first: &Path, second: &Path) -> Result<ComparedCalibrations, CompareError> {
     let files = [first.to_owned(), second.to_owned()];
-    let (first, second) = (CalibratedCamera::read(first)?, CalibratedCamera::read(second)?);
+    compare_cameras(files, [&CalibratedCamera::read(first)?, &CalibratedCamera::read(second)?])
+}
+
+/// The same for two that are at hand, which `files` are the names of.
+///
+/// # Errors
+/// As there.
+pub fn compare_cameras(
+    files: [PathBuf; 2],
+    [first, second]: [&CalibratedCamera; 2],
+) -> Result<ComparedCalibrations, CompareError> {
     if first.sensor != second.sensor {
         let [file, other_file] = files;
         return Err(CompareError::SensorsDiffer {
@@ -97,7 +107,7 @@ pub fn compare_calibrations(first: &Path, second: &Path) -> Result<ComparedCalib
         });
     }
     let difference = projection_difference(&first.camera, &second.camera, first.sensor)?;
-    let stated_rms = [stated(&first), stated(&second)];
+    let stated_rms = [stated(first), stated(second)];
     let expected_rms = match stated_rms {
         [None, None] => None,
         [one, other] => Some(one.unwrap_or(0.0).hypot(other.unwrap_or(0.0))),

@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 use evcal_core::event::Event;
 
 use evcal_files::{FileError, NewFile};
+#[cfg(feature = "hdf5")]
+use event_recordings::hdf5::SubPixelEncoder;
 
 /// A format whose events may lie between pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,11 +18,19 @@ pub enum SubPixelFormat {
     Text,
     /// EventCalib's records, whose coordinates are f64.
     EventCalib,
+    /// HDF5 in the layout of DSEC, with x and y as f64.
+    #[cfg(feature = "hdf5")]
+    Hdf5,
 }
+
+#[cfg(feature = "hdf5")]
+const EXTENSIONS: &str = ".csv, .txt, .h5, .hdf5 or .bin (EventCalib)";
+#[cfg(not(feature = "hdf5"))]
+const EXTENSIONS: &str = ".csv, .txt or .bin (EventCalib)";
 
 /// The extension stands for a format that holds whole pixels only.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: fractions of pixels can be written to .csv, .txt or .bin (EventCalib)", .0.display())]
+#[error("{}: fractions of pixels can be written to {EXTENSIONS}", .0.display())]
 pub struct NoFractions(PathBuf);
 
 impl SubPixelFormat {
@@ -33,6 +43,8 @@ impl SubPixelFormat {
         match extension.as_deref() {
             Some("csv" | "txt") => Ok(Self::Text),
             Some("bin") => Ok(Self::EventCalib),
+            #[cfg(feature = "hdf5")]
+            Some("h5" | "hdf5") => Ok(Self::Hdf5),
             _ => Err(NoFractions(path.to_owned())),
         }
     }
@@ -41,7 +53,15 @@ impl SubPixelFormat {
 /// Writes events that lie between pixels.
 pub struct SubPixelWriter {
     output: NewFile,
-    format: SubPixelFormat,
+    encoder: Encoder,
+}
+
+/// What turns events into bytes.
+enum Encoder {
+    Text,
+    EventCalib,
+    #[cfg(feature = "hdf5")]
+    Hdf5(Box<SubPixelEncoder>, PathBuf),
 }
 
 impl SubPixelWriter {
@@ -51,11 +71,21 @@ impl SubPixelWriter {
     /// [`FileError`] when nothing can be written there.
     pub fn create(path: &Path, format: SubPixelFormat, sensor: Sensor) -> Result<Self, FileError> {
         let mut output = NewFile::create(path)?;
-        if format == SubPixelFormat::Text {
-            writeln!(output, "# undistorted, sensor {} x {}\nt_us,x,y,p", sensor.width, sensor.height)
-                .map_err(|error| FileError::new(path, error))?;
-        }
-        Ok(Self { output, format })
+        let failed = |error| FileError::new(path, error);
+        let encoder = match format {
+            SubPixelFormat::Text => {
+                writeln!(output, "# undistorted, sensor {} x {}\nt_us,x,y,p", sensor.width, sensor.height)
+                    .map_err(failed)?;
+                Encoder::Text
+            }
+            SubPixelFormat::EventCalib => Encoder::EventCalib,
+            #[cfg(feature = "hdf5")]
+            SubPixelFormat::Hdf5 => {
+                let file = output.handle().map_err(failed)?;
+                Encoder::Hdf5(SubPixelEncoder::new(file, sensor).map_err(failed)?.into(), path.to_owned())
+            }
+        };
+        Ok(Self { output, encoder })
     }
 
     /// Writes `event` as one at (x, y).
@@ -64,14 +94,16 @@ impl SubPixelWriter {
     /// What the system says.
     pub fn write(&mut self, event: &Event, [x, y]: [f64; 2]) -> io::Result<()> {
         let polarity = event.polarity.index();
-        match self.format {
-            SubPixelFormat::Text => writeln!(self.output, "{},{x:.4},{y:.4},{polarity}", event.t),
-            SubPixelFormat::EventCalib => {
+        match &mut self.encoder {
+            Encoder::Text => writeln!(self.output, "{},{x:.4},{y:.4},{polarity}", event.t),
+            Encoder::EventCalib => {
                 for value in [event.t as f64 / 1e6, x, y] {
                     self.output.write_all(&value.to_le_bytes())?;
                 }
                 self.output.write_all(&[polarity as u8])
             }
+            #[cfg(feature = "hdf5")]
+            Encoder::Hdf5(encoder, _) => encoder.write(event, [x, y]),
         }
     }
 
@@ -80,6 +112,10 @@ impl SubPixelWriter {
     /// # Errors
     /// [`FileError`] when not all of it could be written.
     pub fn finish(self) -> Result<(), FileError> {
+        #[cfg(feature = "hdf5")]
+        if let Encoder::Hdf5(mut encoder, path) = self.encoder {
+            encoder.finish().map_err(|error| FileError::new(&path, io::Error::other(error)))?;
+        }
         self.output.finish()
     }
 }

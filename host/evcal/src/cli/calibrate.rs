@@ -318,7 +318,8 @@ fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
     };
     let held = arguments.second.held_cameras(&arguments.calibration)?;
     let recordings = CameraRecordings { first: &arguments.recordings, others, held };
-    calibrate_recordings(recordings, &arguments.source.options(), &arguments.calibration, &settings, &folder)
+    let waiting = Waiting::new(arguments.calibration.json);
+    calibrate_recordings(recordings, &arguments.source.options(), &arguments.calibration, &settings, &folder, waiting)
 }
 
 /// Recordings of one camera, and one recording per other camera on its mount.
@@ -366,9 +367,9 @@ pub fn calibrate_recordings(
     arguments: &CalibrationArguments,
     settings: &Settings,
     folder: &OutputFolder,
+    mut waiting: Waiting,
 ) -> super::Outcome {
     check_others(recordings, others, options)?;
-    let mut waiting = Waiting::new(arguments.json);
     let board = arguments.method.choose_board(recordings, options, &settings.detection)?;
     let inputs = recordings
         .iter()

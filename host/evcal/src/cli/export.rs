@@ -7,7 +7,7 @@ use clap::builder::PossibleValuesParser;
 use evcal_calibrate::export;
 use evcal_calibrate::export::content::Exported;
 use evcal_calibrate::export::undistortion_table::{ExportedTable, fit_table, ideal_of, table};
-use evcal_calibrate::export::{FORMATS, inertial, second_camera};
+use evcal_calibrate::export::{FORMATS, files_beside};
 use evcal_calibrate::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC, plain};
 use evcal_calibrate::result::calibration_file::CalibrationFile;
 use evcal_core::undistortion::IdealCamera;
@@ -124,16 +124,12 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 }
 
 /// Returns name and content of each file for the camera with its IMU or with the other cameras on its mount, if the calibration contains
-/// them.
+/// them; none if the file is not a calibration.
 fn files_of_others(path: &Path, camera: &CalibratedCamera) -> Result<Vec<(String, String)>, Box<dyn Error>> {
-    if camera_file::version(path)?.is_none() {
-        return Ok(Vec::new());
+    match camera_file::version(path)? {
+        Some(_) => Ok(files_beside(camera, &camera_file::parse::<CalibrationFile>(path)?)?),
+        None => Ok(Vec::new()),
     }
-    let calibration: CalibrationFile = camera_file::parse(path)?;
-    let others = &calibration.second_cameras;
-    let with_unit = calibration.inertial.iter().flat_map(|unit| inertial::files(camera, unit, others));
-    let with_unit = with_unit.map(|(name, text)| (name.to_owned(), text));
-    Ok(with_unit.chain(second_camera::files(camera, others)?).collect())
 }
 
 /// Returns the files that the export will write, including `others`; none in a folder that does not exist yet.

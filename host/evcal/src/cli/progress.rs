@@ -62,13 +62,23 @@ pub struct Waiting {
     lines: bool,
     stage: String,
     has_end: bool,
+    /// Who else is told.
+    listener: Option<Listener>,
 }
+
+/// Is told what is done, and which part of it is done.
+pub type Listener = Box<dyn FnMut(&str, Option<f64>) + Send>;
 
 impl Waiting {
     /// Creates the progress; if `silent`, nothing is shown.
     pub fn new(silent: bool) -> Self {
         let lines = !silent && !std::io::stderr().is_terminal();
-        Self { bar: spinner(silent), lines, stage: String::new(), has_end: false }
+        Self { bar: spinner(silent), lines, stage: String::new(), has_end: false, listener: None }
+    }
+
+    /// Tells `listener`, too.
+    pub fn and(self, listener: Option<Listener>) -> Self {
+        Self { listener, ..self }
     }
 
     /// Shows the current stage, and the share that is done, 0 to 1, if it is known.
@@ -94,6 +104,9 @@ impl Waiting {
             self.bar.set_position((done.clamp(0.0, 1.0) * LENGTH as f64) as u64);
         }
         self.bar.set_message(visible::name(text).into_owned());
+        if let Some(listener) = &mut self.listener {
+            listener(stage, done);
+        }
     }
 
     /// Removes the bar.

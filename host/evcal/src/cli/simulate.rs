@@ -32,7 +32,7 @@ use super::{UsageError, print, value};
 /// Arguments of `evcal simulate`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Folder for events.aedat4 (or .dvraw, .csv, .bin), truth.json, trajectory.txt, and with
+    /// Folder for events.aedat4 (or .dvraw, .csv, .bin, .raw), truth.json, trajectory.txt, and with
     /// --frames frames.csv, with --imu imu.csv, with --motion-capture motion_capture.txt, with --second-camera second.aedat4,
     /// with --second-frames the folder second
     #[arg(short, long, value_name = "DIR")]

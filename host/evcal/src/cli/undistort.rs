@@ -48,7 +48,7 @@ pub struct Arguments {
     /// getOptimalNewCameraMatrix [default: keep the camera matrix]
     #[arg(long, value_name = "0..1", value_parser = value::number(0.0..=1.0, ""))]
     alpha: Option<f64>,
-    /// Write fractions of pixels; OUT must be .csv, .txt or .bin (EventCalib)
+    /// Write fractions of pixels; OUT must be .csv, .txt, .h5 or .bin (EventCalib)
     #[arg(long)]
     subpixel: bool,
     /// Format of the recording to write, such as aedat4, npz, hdf5 or csv; an unknown name prints the list

@@ -185,7 +185,7 @@ fn a_seed_gives_the_same_files_on_any_number_of_threads() {
 #[test]
 fn every_format_holds_the_simulated_events() {
     let directory = tempfile::tempdir().unwrap();
-    for format in ["aedat4", "csv", "bin"] {
+    for format in ["aedat4", "csv", "bin", "raw"] {
         let output = simulate(&directory, format, &["--format", format]);
         let truth = read_json(&output.join("truth.json"));
         let [off, on] = ["off_events", "on_events"].map(|count| truth[count].as_u64().unwrap());
@@ -196,7 +196,7 @@ fn every_format_holds_the_simulated_events() {
         assert!((share - on as f64 / (off + on) as f64).abs() < 1e-12, "{format}: {share}");
         let [first, last] = [0, 1].map(|index| information["times_us"][index].as_i64().unwrap());
         assert!((0..5_000).contains(&first) && (95_000..101_000).contains(&last), "{format}: {first} to {last}");
-        if format == "aedat4" {
+        if ["aedat4", "raw"].contains(&format) {
             assert_eq!(information["sensor"], serde_json::json!({ "width": 346, "height": 260 }));
         }
     }
@@ -345,7 +345,9 @@ fn impossible_comparisons_are_reported() {
 
     // An empty trajectory next to a calibration does not prevent the comparison of the cameras; an empty one given by option does.
     fs::write(path("trajectory.txt"), "# t tx ty tz qx qy qz qw\n").unwrap();
-    assert!(succeed(&["evaluate", text(&a), "--truth", text(&a)]).contains("has no pose"));
+    assert!(
+        succeed(&["evaluate", text(&a), "--truth", text(&a)]).contains("is empty because all poses are too uncertain")
+    );
     let asked = with(&path("trajectory.txt"));
     assert_eq!(code(&asked), 1);
     assert!(stderr(&asked).contains("no pose"), "{}", stderr(&asked));

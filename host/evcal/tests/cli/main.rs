@@ -16,4 +16,6 @@ mod page;
 mod progress;
 mod regressions;
 mod settings_documented;
+#[cfg(target_os = "linux")]
+mod signals;
 mod undistortion_tables;

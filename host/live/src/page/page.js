@@ -11,7 +11,7 @@ const decoder = new TextDecoder();
 const pause = (seconds) => new Promise((resolve) => setTimeout(resolve, 1000 * seconds));
 
 // For tests, and for whoever wants to look.
-const page = { number: 0, shown: 0, skipped: 0, phase: "", hint: "", state: null, ages: [], outlines: [], outlined: null };
+const page = { number: 0, shown: 0, skipped: 0, phase: "", hint: "", state: null, ages: [], outlines: [], outlined: null, drawn: null };
 const MOST_AGES = 1000;
 window.evcal = page;
 
@@ -56,8 +56,8 @@ function sound(before, state) {
   if (!before) return;
   const isLost = (one) => one.hint.plain === "bring the board back";
   const has = (phase) => state.phase === phase && before.phase !== phase;
-  if (has("done")) [523, 659, 784].forEach((note, index) => tone(note, 0.8, 0.15 * index));
-  else if (has("failed")) [330, 233].forEach((note, index) => tone(note, 0.6, 0.25 * index));
+  if (has("done") && state.outcome?.is_target_met) [523, 659, 784].forEach((note, index) => tone(note, 0.8, 0.15 * index));
+  else if (has("done") || has("failed")) [330, 233].forEach((note, index) => tone(note, 0.6, 0.25 * index));
   else if (state.phase !== "recording") return;
   else if (isLost(state) && !isLost(before)) tone(150, 0.5);
   else if (state.used_up > before.used_up) [659, 784].forEach((note) => tone(note, 0.3));
@@ -83,6 +83,7 @@ function take(buffer) {
   page.skipped += page.number ? Math.max(0, number - page.number - 1) : 0;
   Object.assign(page, { number, phase: state.phase, state });
   picture.draw(state, pixels);
+  page.drawn = picture.drawn;
   showFrame(state, frame);
   show(state, picture.mirrored);
   page.hint = byId("hint").textContent;

@@ -28,10 +28,27 @@ function setPairs(list, pairs) {
 }
 
 function hintOf(state, mirrored) {
-  if (state.phase === "calibrating") return "calibrating …";
-  if (state.phase === "done") return "done";
+  if (state.phase === "calibrating" || (state.step && !state.outcome)) return "calibrating …";
+  if (state.phase === "done") return state.outcome?.is_target_met ? "done" : endedAs(state);
   if (state.phase === "failed") return "no calibration";
   return mirrored ? state.hint.mirrored : state.hint.plain;
+}
+
+// How it ended where the target was not met.
+function endedAs({ outcome, target, missing }) {
+  const sigma = outcome?.sigma ?? 0;
+  if (sigma <= target) return `ended: ${missing.plain.length ? "not all was seen" : "not good enough"}`;
+  return `ended: ± ${sigma.toFixed(3)} px, wanted ± ${target}`;
+}
+
+function showStep(state) {
+  const { step } = state;
+  byId("step").hidden = !step || Boolean(state.outcome);
+  if (byId("step").hidden) return;
+  setText(byId("step-text"), step.text || "beginning");
+  const bar = byId("step-bar");
+  if (step.done === null) bar.removeAttribute("value");
+  else bar.value = 100 * step.done;
 }
 
 // A colour for the error of a cell: blue where it is what is wanted, orange from ten times that on, equal steps for equal ratios.
@@ -120,17 +137,25 @@ export function show(state, mirrored) {
   const side = mirrored ? "mirrored" : "plain";
   document.body.dataset.mirrored = String(mirrored);
   const isOver = ["calibrating", "done", "failed"].includes(state.phase);
+  const isMet = state.phase === "done" && Boolean(state.outcome?.is_target_met);
+  // Nobody is ordered about while everything waits for a calibration.
+  const waits = Boolean(state.step) && !state.outcome;
   document.body.dataset.phase = state.phase;
+  document.body.dataset.met = String(isMet);
+  showStep(state);
   setText(byId("hint"), hintOf(state, mirrored));
   const { progress } = state;
-  const gained = state.phase === "done" ? 1 : state.ghost ? state.ghost.gained : null;
+  const gained = state.ghost && !waits ? state.ghost.gained : null;
   byId("ring").querySelector(".fill").setAttribute("stroke-dasharray", `${100 * (gained ?? 0)} 100`);
   setText(byId("gained"), gained === null ? "–" : percent(gained));
-  byId("ring").toggleAttribute("hidden", isOver);
-  byId("total").parentElement.hidden = isOver;
+  byId("ring").toggleAttribute("hidden", isOver || waits);
+  byId("total").parentElement.hidden = isOver || waits;
   byId("total").value = 100 * progress;
   setText(byId("percent"), percent(progress));
-  const missing = state.missing[side];
+  // What was not seen was not needed where the target was met.
+  const missing = isMet ? [] : state.missing[side];
+  byId("missing").hidden = waits;
+  byId("missing-title").hidden = waits;
   const isEnough = missing.length === 0;
   setText(byId("missing-title"), isEnough ? "Nothing is missing" : isOver ? "Not seen" : "Still wanted");
   setList(byId("missing"), missing);
@@ -159,7 +184,7 @@ export function show(state, mirrored) {
     ["transfers not searched, not drawn", `${health.not_searched}, ${health.not_drawn}`],
     ["time", `${state.t.toFixed(1)} s`],
   ]);
-  setText(byId("nothing"), !isOver && state.nothing ? state.nothing.reason : "");
+  setText(byId("nothing"), !isOver && !waits && state.nothing ? state.nothing.reason : "");
   const [fx, fy, cx, cy] = state.camera ?? [];
   const { checkpoint } = state;
   const pixels = (value) => (value === null || value === undefined ? "–" : `± ${value.toFixed(3)} px`);

@@ -2,6 +2,7 @@
 
 const FADE = 0.09; // s until an event is at 1/e of its brightness
 const SHOWN = 0.5; // s after which a board that was not seen again is hidden
+const FARTHEST = 1 / 60; // share of the picture's width that the board may have moved since it was seen; beyond, it is not known where it is
 const CORNERS = ["1", "2", "3", "4"];
 const SWING = 0.22; // how much larger and smaller the sides of a swinging ghost become
 const SWING_TIME = 1600; // ms for one swing
@@ -57,6 +58,9 @@ export class Picture {
     // A pixel's coordinates are those of its centre.
     context.translate(0.5, 0.5);
     const line = Math.max(1.6, width / 180);
+    this.drawn = null;
+    // While everything waits for a calibration the picture stands still.
+    if (state.step) return;
     if (state.nothing) this.drawCircles(context, state.nothing.circles, [0, 0], line);
     if (state.phase !== "recording") return;
     if (state.ghost) this.drawGhost(context, state, line);
@@ -138,6 +142,9 @@ export class Picture {
       const [vx, vy] = board.velocity[index];
       return [x + ahead * vx, y + ahead * vy];
     });
+    const farthest = Math.max(...moved.map(([x, y], index) => Math.hypot(x - board.corners[index][0], y - board.corners[index][1])));
+    if (farthest > FARTHEST * state.sensor[0]) return;
+    this.drawn = farthest;
     const shift = [0, 1].map((axis) => moved.reduce((sum, corner, index) => sum + corner[axis] - board.corners[index][axis], 0) / 4);
     context.strokeStyle = this.colors.board;
     context.lineWidth = line;

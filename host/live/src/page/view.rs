@@ -5,7 +5,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use nalgebra::Vector2;
 use serde::Serialize;
 
-use crate::checkpoint::Checkpoint;
+use crate::checkpoint::{CalibrationStep, Checkpoint};
 use crate::guidance::{Hint, Swing};
 use crate::health;
 use crate::picture::EventPicture;
@@ -42,6 +42,8 @@ pub struct Outcome {
     pub distortion: Vec<f64>,
     /// Reported error of the projection, root mean square over the sensor (px).
     pub sigma: Option<f64>,
+    /// Whether that is as small as was wanted, the calibration is good enough, and the board was seen everywhere and from all sides.
+    pub is_target_met: bool,
     /// Folder of the results.
     pub folder: String,
     /// Path of the report on this server.
@@ -201,6 +203,20 @@ impl<'a> CheckpointView<'a> {
     }
 }
 
+/// A step of a calibration.
+#[derive(Serialize)]
+struct StepView {
+    text: String,
+    /// Finished share of the step, 0 to 1.
+    done: Option<f64>,
+}
+
+impl From<CalibrationStep> for StepView {
+    fn from(step: CalibrationStep) -> Self {
+        Self { text: step.text, done: step.done }
+    }
+}
+
 /// A complete state.
 #[derive(Serialize)]
 pub struct View<'a> {
@@ -240,6 +256,8 @@ pub struct View<'a> {
     checkpoint: Option<CheckpointView<'a>>,
     /// End of the beginning that is being calibrated (s).
     checkpoint_under_way: Option<f64>,
+    /// The step of the calibration that everything waits for; meanwhile there are no instructions.
+    step: Option<StepView>,
     /// Target of the error (px).
     target: f64,
     /// Focal lengths and principal point of the first estimate (px).
@@ -266,6 +284,11 @@ pub fn looking<'a>(picture: &EventPicture, frame: Option<&GreyImage>, seen: &'a 
     let sensor = picture.sensor();
     let frame = frame.map(|frame| [frame.width(), frame.height()]);
     View { frame, ..state(phase, picture.seconds(), [sensor.width, sensor.height], seen, context, None) }
+}
+
+/// Returns the state while the camera is calibrated after the recording.
+pub fn calibrating(sensor: [u16; 2], seen: &Seen, context: Context, step: CalibrationStep) -> View<'_> {
+    View { step: Some(step.into()), ..state(Phase::Calibrating, seen.t, sensor, seen, context, None) }
 }
 
 /// Returns the state after the recording.
@@ -343,6 +366,7 @@ fn state<'a>(
         about: seen.about,
         checkpoint: seen.checkpoint.as_ref().map(CheckpointView::new),
         checkpoint_under_way: seen.checkpoint_under_way,
+        step: seen.underway.as_ref().and_then(|underway| underway.awaited()).map(StepView::from),
         target: seen.target,
         camera: seen.camera,
         outcome,

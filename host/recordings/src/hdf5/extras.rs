@@ -208,13 +208,13 @@ pub fn visit_frames(
 
 #[cfg(test)]
 mod tests {
-    use super::super::structure::{Integer, group, shaped, superblock};
+    use super::super::structure::{Number, group, shaped, superblock};
     use crate::extras::Extra;
     use crate::{Damage, Recording, RecordingOptions};
 
     /// Builds a file with four events, two samples, and two images whose data are missing.
     fn without_pictures() -> Vec<u8> {
-        const NUMBER: Integer = Integer { size: 8, is_signed: true };
+        const NUMBER: Number = Number::Integer { size: 8, is_signed: true };
         let arrays: [(&str, &[u64], Vec<i64>); 7] = [
             ("t_us", &[4], vec![100, 200, 300, 400]),
             ("x", &[4], vec![1, 2, 3, 4]),
@@ -232,7 +232,7 @@ mod tests {
             bytes.extend(shaped(NUMBER, sides, address));
         }
         objects.push(("image_raw", bytes.len() as u64));
-        bytes.extend(shaped(Integer { size: 1, is_signed: false }, &[2, 4, 5], 1 << 40));
+        bytes.extend(shaped(Number::Integer { size: 1, is_signed: false }, &[2, 4, 5], 1 << 40));
         let left = bytes.len() as u64;
         bytes.extend(group(&objects, &[]));
         let root = bytes.len() as u64;

@@ -19,22 +19,40 @@ const DATA_LAYOUT: u8 = 0x08;
 const GROUP_INFO: u8 = 0x0a;
 const ATTRIBUTE: u8 = 0x0c;
 
-/// An integer type.
+/// A type of numbers.
 #[derive(Clone, Copy, Debug)]
-pub struct Integer {
-    /// Size in bytes.
-    pub size: u8,
-    /// `true` if numbers may be negative.
-    pub is_signed: bool,
+pub enum Number {
+    /// Integers.
+    Integer {
+        /// Size in bytes.
+        size: u8,
+        /// `true` if numbers may be negative.
+        is_signed: bool,
+    },
+    /// Floating-point numbers of eight bytes (IEEE 754).
+    Double,
 }
 
-impl Integer {
+impl Number {
+    /// Bytes of each.
+    pub fn size(self) -> u8 {
+        match self {
+            Self::Integer { size, .. } => size,
+            Self::Double => 8,
+        }
+    }
+
+    /// Version 1 and class; three bytes of properties; size; offset and number of bits (section IV.A.2.d of the specification).
     fn message(self) -> Vec<u8> {
-        let signed = if self.is_signed { 0x08 } else { 0 };
-        let bits = u16::from(self.size) * 8;
-        // Version 1 and class 0; three bytes of properties; size; bit offset and number of bits.
-        let head = [0x10, signed, 0, 0, self.size, 0, 0, 0, 0, 0];
-        [&head[..], &bits.to_le_bytes()].concat()
+        match self {
+            Self::Integer { size, is_signed } => {
+                let signed = if is_signed { 0x08 } else { 0 };
+                let head = [0x10, signed, 0, 0, size, 0, 0, 0, 0, 0];
+                [&head[..], &(u16::from(size) * 8).to_le_bytes()].concat()
+            }
+            // The leading 1 of the mantissa is implied; sign at bit 63; exponent of 11 bits from 52 on, mantissa of 52 from 0 on; bias 1023.
+            Self::Double => vec![0x11, 0x20, 63, 0, 8, 0, 0, 0, 0, 0, 64, 0, 52, 11, 0, 52, 0xff, 0x03, 0, 0],
+        }
     }
 }
 
@@ -68,8 +86,8 @@ fn object_header(messages: &[Vec<u8>]) -> Vec<u8> {
 
 /// Returns the header of a one-dimensional array whose numbers are at `address`; of a single number if there is no
 /// count.
-pub fn dataset(numbers: Integer, count: Option<u64>, address: u64) -> Vec<u8> {
-    let length = count.unwrap_or(1).saturating_mul(numbers.size.into());
+pub fn dataset(numbers: Number, count: Option<u64>, address: u64) -> Vec<u8> {
+    let length = count.unwrap_or(1).saturating_mul(numbers.size().into());
     let address = if length == 0 { UNDEFINED } else { address };
     let layout = [&[3, 1][..], &address.to_le_bytes(), &length.to_le_bytes()].concat();
     object_header(&[
@@ -84,8 +102,8 @@ pub fn dataset(numbers: Integer, count: Option<u64>, address: u64) -> Vec<u8> {
 /// Returns the header of a one-dimensional array with chunks of `side` numbers each, which are in a tree at `address`.
 /// `filters` is the message with their compressions.
 #[cfg(test)]
-pub fn chunked(numbers: Integer, count: u64, side: u32, address: u64, filters: &[u8]) -> Vec<u8> {
-    let sides = [side, numbers.size.into()].map(u32::to_le_bytes);
+pub fn chunked(numbers: Number, count: u64, side: u32, address: u64, filters: &[u8]) -> Vec<u8> {
+    let sides = [side, numbers.size().into()].map(u32::to_le_bytes);
     let layout = [&[3, 2, 2][..], &address.to_le_bytes(), sides.as_flattened()].concat();
     object_header(&[
         message(DATASPACE, &dataspace(Some(count))),
@@ -98,8 +116,8 @@ pub fn chunked(numbers: Integer, count: u64, side: u32, address: u64, filters: &
 
 /// Returns the header of a multidimensional array whose numbers are at `address`.
 #[cfg(test)]
-pub fn shaped(numbers: Integer, sides: &[u64], address: u64) -> Vec<u8> {
-    let length = sides.iter().product::<u64>() * u64::from(numbers.size);
+pub fn shaped(numbers: Number, sides: &[u64], address: u64) -> Vec<u8> {
+    let length = sides.iter().product::<u64>() * u64::from(numbers.size());
     let space = [2, sides.len() as u8, 0, 1].into_iter().chain(sides.iter().flat_map(|side| side.to_le_bytes()));
     let layout = [&[3, 1][..], &address.to_le_bytes(), &length.to_le_bytes()].concat();
     object_header(&[
@@ -112,7 +130,7 @@ pub fn shaped(numbers: Integer, sides: &[u64], address: u64) -> Vec<u8> {
 
 /// Returns the header of a virtual array without sources.
 #[cfg(test)]
-pub fn virtual_array(numbers: Integer, count: u64) -> Vec<u8> {
+pub fn virtual_array(numbers: Number, count: u64) -> Vec<u8> {
     let layout = [&[4, 3][..], &UNDEFINED.to_le_bytes(), &[0; 4]].concat();
     object_header(&[
         message(DATASPACE, &dataspace(Some(count))),
@@ -133,7 +151,7 @@ pub fn group(objects: &[(&str, u64)], attributes: &[(&str, u16)]) -> Vec<u8> {
         messages.push(message(LINK, &content));
     }
     for (name, value) in attributes {
-        let numbers = Integer { size: 2, is_signed: false }.message();
+        let numbers = Number::Integer { size: 2, is_signed: false }.message();
         let space = dataspace(None);
         let sizes = [name.len() + 1, numbers.len(), space.len()].map(|size| (size as u16).to_le_bytes());
         let head = [&[3, 0][..], sizes.as_flattened(), &[0]].concat();

@@ -5,7 +5,7 @@ use std::io::Write;
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
-use super::structure::{Integer, chunked, dataset, group, shaped, superblock, virtual_array};
+use super::structure::{Number, chunked, dataset, group, shaped, superblock, virtual_array};
 use super::write;
 use crate::testing::{self, Outcome};
 use crate::write::EventWriter;
@@ -80,7 +80,7 @@ fn file(events: &[Event], filters: &[u8]) -> (Vec<u8>, Vec<Vec<usize>>) {
                 chunks.iter().zip(&starts).map(|(chunk, start)| (chunk.len(), *start as u64)).collect();
             bytes.extend(tree(&list));
             objects.push((*name, bytes.len() as u64));
-            let numbers = Integer { size: *size, is_signed: *name == "t" };
+            let numbers = Number::Integer { size: *size, is_signed: *name == "t" };
             bytes.extend(chunked(numbers, events.len() as u64, SIDE as u32, address, filters));
             offsets.push(starts);
         }
@@ -149,7 +149,7 @@ fn reserved_space_is_not_read_as_events() {
 #[test]
 fn arrays_without_any_bytes_end_immediately() {
     const MANY: u64 = 1 << 44;
-    let numbers = Integer { size: 8, is_signed: true };
+    let numbers = Number::Integer { size: 8, is_signed: true };
     let mut bytes = vec![0; 48];
     let objects = ["t", "x", "y", "p"].map(|name| {
         let offset = bytes.len() as u64;
@@ -221,7 +221,7 @@ fn damage_loses_as_little_as_possible() {
 
 #[test]
 fn other_arrays_are_not_taken_for_events() {
-    let whole = Integer { size: 8, is_signed: true };
+    let whole = Number::Integer { size: 8, is_signed: true };
     let content = |names: &[&str]| {
         let mut bytes = vec![0; 48];
         let objects: Vec<(&str, u64)> = names
@@ -253,7 +253,7 @@ fn other_arrays_are_not_taken_for_events() {
 /// An array: its name, its shape and its numbers.
 type Array<'a> = (&'a str, &'a [u64], Vec<i64>);
 
-const WHOLE: Integer = Integer { size: 8, is_signed: true };
+const WHOLE: Number = Number::Integer { size: 8, is_signed: true };
 
 /// Builds a file of groups of arrays.
 fn groups(groups: &[(&str, &[Array])]) -> Vec<u8> {

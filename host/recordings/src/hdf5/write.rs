@@ -9,7 +9,7 @@ use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 
-use super::structure::{Integer, SUPERBLOCK, dataset, group, superblock};
+use super::structure::{Number, SUPERBLOCK, dataset, group, superblock};
 use crate::encode::{Encode, OutputFormat, WriteError};
 
 /// HDF5 in the layout of DSEC.
@@ -19,7 +19,10 @@ pub const OUTPUT: OutputFormat = OutputFormat {
     extensions: &["h5", "hdf5"],
     holds_sensor: true,
     holds_extras: false,
-    create: |file, description| Ok(Box::new(Encoder::new(file()?, description.sensor)?)),
+    create: |file, description| {
+        let pixel = Number::Integer { size: 2, is_signed: false };
+        Ok(Box::new(Encoder::new(file()?, description.sensor, pixel)?))
+    },
     copy_transfers: None,
 };
 
@@ -46,13 +49,12 @@ struct Encoder {
 /// An array under construction.
 struct Column {
     name: &'static str,
-    numbers: Integer,
+    numbers: Number,
     file: BufWriter<File>,
 }
 
 impl Column {
-    fn new(name: &'static str, size: u8) -> io::Result<Self> {
-        let numbers = Integer { size, is_signed: false };
+    fn new(name: &'static str, numbers: Number) -> io::Result<Self> {
         Ok(Self { name, numbers, file: BufWriter::new(evcal_files::nameless()?) })
     }
 
@@ -66,9 +68,12 @@ impl Column {
 }
 
 impl Encoder {
-    fn new(file: File, sensor: Sensor) -> io::Result<Self> {
+    /// Places on the sensor are written as `pixel`.
+    fn new(file: File, sensor: Sensor, pixel: Number) -> io::Result<Self> {
+        let whole = |size| Number::Integer { size, is_signed: false };
         let [t, x, y, p, index] =
-            [("t", 8), ("x", 2), ("y", 2), ("p", 1), ("ms_to_idx", 8)].map(|(name, size)| Column::new(name, size));
+            [("t", whole(8)), ("x", pixel), ("y", pixel), ("p", whole(1)), ("ms_to_idx", whole(8))]
+                .map(|(name, numbers)| Column::new(name, numbers));
         let columns = [t?, x?, y?, p?, index?];
         Ok(Self { file, sensor, columns, count: 0, first: None, latest: 0, milliseconds: 0 })
     }
@@ -96,7 +101,7 @@ impl Encoder {
         if self.latest > u32::MAX.into() {
             return Ok(());
         }
-        let mut narrow = Column::new("t", 4)?;
+        let mut narrow = Column::new("t", Number::Integer { size: 4, is_signed: false })?;
         let mut wide = io::BufReader::new(self.columns[TIME].read()?);
         let mut bytes = [0; 8];
         for _ in 0..self.count {
@@ -109,19 +114,57 @@ impl Encoder {
     }
 }
 
+impl Encoder {
+    /// Writes `event` with the bytes of its place on the sensor.
+    fn put(&mut self, event: &Event, [column, row]: [&[u8]; 2]) -> io::Result<()> {
+        let first = *self.first.get_or_insert(event.t);
+        let t = event.t.saturating_sub(first).max(0).cast_unsigned();
+        self.index(t)?;
+        self.latest = self.latest.max(t);
+        let [time, x, y, p, _] = &mut self.columns;
+        time.file.write_all(&t.to_le_bytes())?;
+        x.file.write_all(column)?;
+        y.file.write_all(row)?;
+        p.file.write_all(&[event.polarity.index() as u8])?;
+        self.count += 1;
+        Ok(())
+    }
+}
+
+/// Events between pixels: as the others, but x and y are floating-point numbers.
+pub struct SubPixelEncoder(Encoder);
+
+impl SubPixelEncoder {
+    /// Begins `file`, for a `sensor`.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn new(file: File, sensor: Sensor) -> io::Result<Self> {
+        Encoder::new(file, sensor, Number::Double).map(Self)
+    }
+
+    /// Writes `event` as one at `place` (x, y in px).
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn write(&mut self, event: &Event, place: [f64; 2]) -> io::Result<()> {
+        let [x, y] = place.map(f64::to_le_bytes);
+        self.0.put(event, [&x, &y])
+    }
+
+    /// Writes what only the end of the recording tells.
+    ///
+    /// # Errors
+    /// [`WriteError`].
+    pub fn finish(&mut self) -> Result<(), WriteError> {
+        self.0.finish()
+    }
+}
+
 impl Encode for Encoder {
     fn write(&mut self, events: &[Event]) -> Result<(), WriteError> {
         for event in events {
-            let first = *self.first.get_or_insert(event.t);
-            let t = event.t.saturating_sub(first).max(0).cast_unsigned();
-            self.index(t)?;
-            self.latest = self.latest.max(t);
-            let [time, x, y, p, _] = &mut self.columns;
-            time.file.write_all(&t.to_le_bytes())?;
-            x.file.write_all(&event.x.to_le_bytes())?;
-            y.file.write_all(&event.y.to_le_bytes())?;
-            p.file.write_all(&[event.polarity.index() as u8])?;
-            self.count += 1;
+            self.put(event, [&event.x.to_le_bytes(), &event.y.to_le_bytes()])?;
         }
         Ok(())
     }
@@ -140,7 +183,7 @@ impl Encode for Encoder {
             Ok(address)
         };
         let offset = put(&mut output, &self.first.unwrap_or(0).to_le_bytes())?;
-        let offset = put(&mut output, &dataset(Integer { size: 8, is_signed: true }, None, offset))?;
+        let offset = put(&mut output, &dataset(Number::Integer { size: 8, is_signed: true }, None, offset))?;
         let mut placed = Vec::new();
         for (number, column) in self.columns.iter_mut().enumerate() {
             let length = match number {
@@ -150,7 +193,7 @@ impl Encode for Encoder {
             };
             let address = put(&mut output, &[])?;
             let (name, numbers) = (column.name, column.numbers);
-            let mut content = column.read()?.take(length * u64::from(numbers.size));
+            let mut content = column.read()?.take(length * u64::from(numbers.size()));
             let mut block = vec![0; 1 << 16];
             loop {
                 let read = content.read(&mut block)?;
@@ -222,6 +265,25 @@ mod tests {
         assert_eq!(file.dataset("ms_to_idx").unwrap().shape(), [(1 << 33) / 1000 + 1]);
         let (_, file, _folder) = round_trip(&[3, 100_000_000_000]);
         assert!(file.dataset("ms_to_idx").is_err());
+    }
+
+    #[test]
+    fn fractions_of_pixels_are_read_by_another_program() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("events.h5");
+        let mut encoder = SubPixelEncoder::new(File::create(&path).unwrap(), Sensor::new(346, 260)).unwrap();
+        let places = [[0.25, -0.5], [345.499_999, 1e-9], [173.0, 130.125]];
+        for (t, place) in (5..).zip(places) {
+            encoder.write(&Event { t, x: 0, y: 0, polarity: Polarity::On }, place).unwrap();
+        }
+        encoder.finish().unwrap();
+        let file = Hdf5File::open(&path).unwrap();
+        for (axis, name) in ["events/x", "events/y"].into_iter().enumerate() {
+            let read = file.dataset(name).unwrap().read_array::<f64>().unwrap();
+            assert_eq!(read.iter().copied().collect::<Vec<_>>(), places.map(|place| place[axis]));
+        }
+        let times = file.dataset("events/t").unwrap().read_array::<u32>().unwrap();
+        assert_eq!(times.iter().copied().collect::<Vec<_>>(), [0, 1, 2]);
     }
 
     #[test]

@@ -303,7 +303,7 @@ fn frames(calibrated: &Calibrated, recording: usize) -> impl Iterator<Item = Cow
 
 /// Returns the poses of one recording, which begins at `start` seconds of its own clock: samples of the trajectories, or one pose per
 /// picture.
-fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &PoseSettings) -> Vec<UncertainPose> {
+pub fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &PoseSettings) -> Vec<UncertainPose> {
     let mut poses = match &calibrated.evidence {
         Evidence::Events(events) => {
             let (state, left_out) = (&events.refined.state, &events.refined.left_out);

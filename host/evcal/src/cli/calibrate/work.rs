@@ -12,7 +12,7 @@ use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::calibrate::mounted::SecondCamera;
 use evcal_calibrate::calibrate::parameter_request::ParameterRequests;
 use evcal_calibrate::calibrate::second::{
-    calibrate_frame_camera, calibrate_lens_apart, calibrate_own_pictures, calibrate_second_camera,
+    calibrate_beside, calibrate_lens_apart, calibrate_own_pictures, pictures_beside,
 };
 use evcal_calibrate::calibrate::step::Step;
 use evcal_calibrate::calibrate::{PictureUse, Task, calibrate};
@@ -305,12 +305,7 @@ impl Work<'_> {
     ) -> Result<(), OtherError> {
         let Other { input, sensor, model } = other;
         let inputs = std::slice::from_ref(input);
-        let pictures = match input {
-            Input::Images(_) => PictureUse::Only,
-            // The frames in it are of the first camera.
-            _ if self.is_of_first(input) => PictureUse::Ignore,
-            _ => PictureUse::Witness,
-        };
+        let pictures = pictures_beside(&self.inputs, input);
         let parameters = ParameterRequests::default();
         let task = Task { inputs, pictures, parameters, sensor: *sensor, model: *model, ..*task };
         let second = calibrate_lens_apart(&task, |step| {
@@ -321,15 +316,7 @@ impl Work<'_> {
         waiting.stage("both cameras", None);
         let held = self.held.others.get(number).map(|held| held.of(second.sensor)).transpose()?;
         let lenses = [self.held_of_first(first)?, held];
-        let second = match input {
-            Input::Images(images) => {
-                let rolling_shutter = self.rolling_shutter;
-                calibrate_frame_camera(first, &second, images, rolling_shutter, &self.board, lenses)?
-            }
-            Input::Events(_) | Input::Circles { .. } => {
-                calibrate_second_camera(first, &second, &input.name(), &self.board, lenses)?
-            }
-        };
+        let second = calibrate_beside(first, &second, input, self.rolling_shutter, &self.board, lenses)?;
         keep(first, second);
         Ok(())
     }

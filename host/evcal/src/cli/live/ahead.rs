@@ -94,10 +94,11 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
         arguments: &CalibrationArguments,
         settings: &Settings,
         folder: &OutputFolder,
+        waiting: Waiting,
     ) -> super::super::Outcome {
         self.shared.growth.end();
         let lock = || self.shared.waiting.lock().unwrap_or_else(PoisonError::into_inner);
-        *lock() = Some(Waiting::new(arguments.json));
+        *lock() = Some(waiting);
         let made = self.thread.take().and_then(|thread| match thread.join() {
             Ok(made) => made,
             Err(panic) => std::panic::resume_unwind(panic),
@@ -105,16 +106,14 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
         let waiting = lock().take();
         match (made, waiting) {
             (Some((work, attempt)), Some(waiting)) => work.finish(attempt, waiting, folder),
-            (_, waiting) => {
-                waiting.into_iter().for_each(Waiting::finish);
-                calibrate_recordings(
-                    CameraRecordings::alone(recordings),
-                    &RecordingOptions::default(),
-                    arguments,
-                    settings,
-                    folder,
-                )
-            }
+            (_, waiting) => calibrate_recordings(
+                CameraRecordings::alone(recordings),
+                &RecordingOptions::default(),
+                arguments,
+                settings,
+                folder,
+                waiting.unwrap_or_else(|| Waiting::new(arguments.json)),
+            ),
         }
     }
 }

@@ -20,6 +20,7 @@ use usb_davis::device::Camera;
 use usb_davis::dump::Growth;
 
 use super::super::interrupt::Interrupt;
+use super::super::progress::Waiting;
 use super::super::{NotGoodEnough, print, record as recording};
 use super::ahead::{Ahead, Shared};
 use super::lines::Lines;
@@ -61,7 +62,9 @@ pub fn run(
             let ahead = Ahead::start(scope, &before, &path, board, calibration, settings, &shared);
             let session = Session { arguments, settings, board: &board, interrupt, window: window.as_ref() };
             let recorded = session.record(camera, &before, &path, &shared.growth, memory.take())?;
-            let calibrated = ahead.finish(&recordings, calibration, settings, folder);
+            let listener = window.as_ref().map(|window| window.step_listener(recorded.sensor, &recorded.seen));
+            let waiting = Waiting::new(calibration.json).and(listener);
+            let calibrated = ahead.finish(&recordings, calibration, settings, folder, waiting);
             Ok::<_, Box<dyn Error>>((recorded, calibrated))
         });
         let (Recorded { sensor, seen, report, memory: remembered }, calibrated) = recorded?;

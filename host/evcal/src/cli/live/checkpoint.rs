@@ -3,7 +3,6 @@
 use std::io;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::beginning::calibrate_beginning;
@@ -12,7 +11,7 @@ use evcal_calibrate::calibrate::step::Step;
 use evcal_calibrate::initial::model_choice::ModelRequest;
 use evcal_calibrate::settings::Settings;
 use evcal_geometry::board::Board;
-use evcal_live::checkpoint::{Checkpoints, Stated, Telling};
+use evcal_live::checkpoint::{Checkpoints, Stated, Telling, Underway};
 use event_recordings::{Recording, RecordingOptions};
 
 use super::super::advice::with_advice;
@@ -48,12 +47,12 @@ pub fn start(
         settings: settings.clone(),
     };
     let (target, first) = (settings.live.target, settings.live.first_checkpoint());
-    Checkpoints::start(telling, target, first, move |seconds, stop| work.state(seconds, stop))
+    Checkpoints::start(telling, target, first, move |seconds, underway| work.state(seconds, underway))
 }
 
 impl Work {
     /// Calibrates the first `seconds`; returns the reported uncertainty, or the reason of a failure.
-    fn state(&self, seconds: f64, stop: &AtomicBool) -> Result<Stated, String> {
+    fn state(&self, seconds: f64, underway: &Underway) -> Result<Stated, String> {
         let recording = Recording::new(&self.recording, self.options.clone()).map_err(|error| with_advice(&error))?;
         let before = self.before.iter().map(|path| Input::open(path, &self.options, &self.board));
         let before: Vec<Input> = before.collect::<Result<_, _>>().map_err(|error| with_advice(&error))?;
@@ -63,12 +62,12 @@ impl Work {
             settings: &self.settings,
             ..Task::new(&before, &self.board)
         };
-        let until_stopped = |_: Step| match stop.load(Ordering::Relaxed) {
-            true => ControlFlow::Break(()),
-            false => ControlFlow::Continue(()),
+        let go_on = |step: Step| {
+            underway.tell(step.text, step.done);
+            if underway.is_stopped() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
         let calibrated =
-            calibrate_beginning(&recording, seconds, &task, until_stopped).map_err(|error| with_advice(&error))?;
+            calibrate_beginning(&recording, seconds, &task, go_on).map_err(|error| with_advice(&error))?;
         let split_half = calibrated.events().and_then(|events| events.trust.split_half.as_ref());
         let projection = &calibrated.trust.projection;
         Ok(Stated {

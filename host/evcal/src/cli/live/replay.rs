@@ -16,6 +16,7 @@ use evcal_live::wanted::words;
 use super::super::calibrate::{CameraRecordings, calibrate_recordings};
 use super::super::interrupt::Interrupt;
 use super::super::print;
+use super::super::progress::Waiting;
 use super::lines::Lines;
 use super::{Arguments, checkpoint, open_window};
 
@@ -84,6 +85,7 @@ pub fn run(
         &arguments.calibration,
         settings,
         folder,
+        Waiting::new(json).and(window.as_ref().map(|window| window.step_listener(sensor, seen))),
     );
     if let Some(window) = window {
         window.finish(sensor, seen, folder, &calibrated, false);

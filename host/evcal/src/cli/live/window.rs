@@ -7,16 +7,18 @@ use std::net::{IpAddr, Ipv4Addr};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use evcal_calibrate::result::calibration_file::CalibrationFile;
+use evcal_calibrate::trust::verdict::Grade;
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
 use evcal_files::visible;
 use evcal_live::Seen;
+use evcal_live::checkpoint::CalibrationStep;
 use evcal_live::frames::FrameFeed;
 use evcal_live::latest::Latest;
-use evcal_live::page::view::{Context, FileLink, Losses, Outcome, Phase, ended, looking};
+use evcal_live::page::view::{Context, FileLink, Losses, Outcome, Phase, calibrating, ended, looking};
 use evcal_live::page::{Next, Page, PageError, Publisher};
 use evcal_live::picture::EventPicture;
 use evcal_report::output::folder::results_in;
@@ -26,6 +28,7 @@ use event_recordings::pictures::GreyImage;
 use super::super::NotGoodEnough;
 use super::super::advice::with_advice;
 use super::super::print;
+use super::super::progress::Listener;
 use super::browser::{self, Redirect, is_desktop};
 
 /// Time without a request after which a page counts as closed.
@@ -102,7 +105,22 @@ impl Window {
 
     /// Shows that the recording has ended and the calibration is running.
     pub fn calibrating(&self, sensor: Sensor, seen: &Seen) {
-        self.publish(Phase::Calibrating, sensor, seen, None);
+        self.step_listener(sensor, seen)("", None);
+    }
+
+    /// Shows the steps of the calibration after the recording.
+    pub fn step_listener(&self, sensor: Sensor, seen: &Seen) -> Listener {
+        let (publisher, context, seen) = (self.page.publisher(), *self.context(), seen.clone());
+        let mut shown: Option<(String, Instant)> = None;
+        Box::new(move |text, done| {
+            let is_known = |(before, at): &(String, Instant)| before == text && at.elapsed() < PATIENCE;
+            if shown.as_ref().is_some_and(is_known) {
+                return;
+            }
+            shown = Some((text.to_owned(), Instant::now()));
+            let step = CalibrationStep { text: text.to_owned(), done };
+            publisher.publish(&calibrating([sensor.width, sensor.height], &seen, context, step), &[], &[]);
+        })
     }
 
     /// Shows the beginning of a recording that is calibrated together with `before` earlier ones.
@@ -126,7 +144,7 @@ impl Window {
         let failure = calibrated.as_ref().err().filter(|error| !error.is::<NotGoodEnough>());
         let outcome = match failure {
             Some(error) => Err(with_advice(&**error)),
-            None => self.outcome(folder.path()).map_err(|error| error.to_string()),
+            None => self.outcome(folder.path(), seen).map_err(|error| error.to_string()),
         };
         let (phase, outcome) = match outcome {
             Ok(outcome) => (Phase::Done, outcome),
@@ -149,7 +167,7 @@ impl Window {
     }
 
     /// Reads the results from their folder, and lets the page link to the files.
-    fn outcome(&self, folder: &Path) -> Result<Outcome, Box<dyn Error>> {
+    fn outcome(&self, folder: &Path, seen: &Seen) -> Result<Outcome, Box<dyn Error>> {
         let calibration: CalibrationFile = serde_json::from_str(&fs::read_to_string(folder.join("calibration.json"))?)?;
         let report = fs::read_to_string(folder.join("report.html"))?;
         let names: Vec<String> = results_in(folder).into_iter().map(|file| file.name).collect();
@@ -157,7 +175,12 @@ impl Window {
         let camera = calibration.camera.camera()?;
         let parameters = camera.parameters();
         let parameter = |index: usize| parameters.get(index).copied().unwrap_or(f64::NAN);
+        // Without tilts a small stated error says little.
+        let is_target_met = seen.coverage.missing.is_empty()
+            && calibration.verdict.grade != Grade::NotGood
+            && calibration.uncertainty.projection_rms <= seen.target;
         Ok(Outcome {
+            is_target_met,
             verdict: calibration.verdict.sentence,
             model: calibration.camera.model,
             matrix: [[parameter(0), 0.0, parameter(2)], [0.0, parameter(1), parameter(3)], [0.0, 0.0, 1.0]],

@@ -1,0 +1,172 @@
+//! Every command that writes, ended at any moment: what was there is there, or what is new, and nothing else.
+//!
+//! `EVCAL_SIGNAL_MOMENTS=40` tries so many moments for each command and signal, in place of two.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use tempfile::TempDir;
+
+use super::command::{succeed, text};
+
+const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
+const SIGNALS: [&str; 5] = ["TERM", "INT", "HUP", "XFSZ", "KILL"];
+
+/// Every file below a folder, with its content.
+type Content = BTreeMap<PathBuf, Vec<u8>>;
+
+fn content(folder: &Path) -> Content {
+    let mut found = Content::new();
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        match path.is_dir() {
+            true => found.extend(content(&path)),
+            false => {
+                found.insert(path.clone(), fs::read(&path).unwrap());
+            }
+        }
+    }
+    found
+}
+
+/// Puts `content` in place of all that is in a folder.
+fn restore(folder: &Path, content: &Content) {
+    let _ = fs::remove_dir_all(folder);
+    for (path, bytes) in content {
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, bytes).unwrap();
+    }
+}
+
+/// The part of a run after which it is ended: anywhere, and every other time near its end, where results get their names.
+fn moment(index: u32) -> f64 {
+    let share = (f64::from(index + 1) * 0.618_033_988_749_895).fract();
+    if index.is_multiple_of(2) { share } else { 0.8 + 0.25 * share }
+}
+
+/// Starts the program and sends it a signal after `delay`.
+fn end_after(arguments: &[&str], signal: &str, delay: Duration) {
+    // Tests that run under nohup have HUP ignored, and so would the program.
+    let mut command = Command::new("env");
+    command.args(["--default-signal=HUP", env!("CARGO_BIN_EXE_evcal")]).args(arguments);
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    sleep(delay);
+    assert!(Command::new("kill").args(["-s", signal, &child.id().to_string()]).status().unwrap().success());
+    child.wait().unwrap();
+}
+
+/// Lets `new` replace what `old` wrote into `folder`, and ends it at many moments. Results that belong `together` are exchanged as one.
+fn end_at_every_moment(folder: &Path, old: &[&str], new: &[&str], together: bool) {
+    let moments = std::env::var("EVCAL_SIGNAL_MOMENTS").map_or(2, |count| count.parse().unwrap());
+    fs::create_dir(folder).unwrap();
+    succeed(old);
+    let before = content(folder);
+    let began = Instant::now();
+    succeed(new);
+    let length = began.elapsed();
+    let after = content(folder);
+    assert_ne!(before, after, "{new:?}");
+    for signal in SIGNALS {
+        for index in 0..moments {
+            let delay = length.mul_f64(moment(index));
+            let told = format!("{signal} after {delay:?} of {length:?}: {new:?}");
+            restore(folder, &before);
+            end_after(new, signal, delay);
+            let found = content(folder);
+            let is_whole = |(path, bytes): (&PathBuf, &Vec<u8>)| {
+                before.get(path) == Some(bytes)
+                    || after.get(path) == Some(bytes)
+                    || (signal == "KILL" && is_hidden(path))
+            };
+            let wrong: Vec<&PathBuf> = found.iter().filter(|file| !is_whole(*file)).map(|(path, _)| path).collect();
+            assert!(wrong.is_empty(), "{told}: {wrong:?}");
+            let visible = || found.iter().filter(|(path, _)| !is_hidden(path));
+            if together {
+                assert!(visible().eq(before.iter()) || visible().eq(after.iter()), "{told}: a mixture");
+            } else {
+                let is_there = |path: &PathBuf| !before.contains_key(path) || found.contains_key(path);
+                assert!(before.keys().all(is_there), "{told}: something is gone");
+            }
+            if signal == "KILL" {
+                succeed(new);
+                let again = content(folder);
+                assert!(again == after, "{told}: after the next run there are {:?}", again.keys());
+            }
+        }
+    }
+}
+
+/// Whether it is in a place with a name of the program's own, which nobody takes for a result.
+fn is_hidden(path: &Path) -> bool {
+    path.components().any(|part| part.as_os_str().to_string_lossy().ends_with(".part"))
+}
+
+fn simulation(directory: &TempDir) -> PathBuf {
+    let folder = directory.path().join("simulation");
+    succeed(&["simulate", "-o", text(&folder), "--duration", "1s", "--motion", "fast", "--seed", "3"]);
+    folder
+}
+
+#[test]
+fn a_simulation() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path().join("outer");
+    let output = folder.join("simulation");
+    let simulate = ["simulate", "-o", text(&output), "--duration", "100ms", "--force", "--seed"];
+    let [old, new] = [["1", "--frames"], ["2", "--imu"]].map(|more| [&simulate[..], &more].concat());
+    end_at_every_moment(&folder, &old, &new, true);
+}
+
+#[test]
+fn a_calibration() {
+    let directory = tempfile::tempdir().unwrap();
+    let circles = directory.path().join("circles.csv");
+    let events = simulation(&directory).join("events.aedat4");
+    succeed(&["detect", text(&events), "--board", BOARD, "-o", text(&circles)]);
+    let folder = directory.path().join("outer");
+    let output = folder.join("calibration");
+    let calibrate = ["calibrate", text(&circles), "--board", BOARD, "-o", text(&output), "--force", "--accept-any"];
+    let [old, new] = [["--model", "radtan4"], ["--model", "radtan"]]
+        .map(|more| [&calibrate[..], &["--sensor", "346x260"], &more].concat());
+    end_at_every_moment(&folder, &old, &new, true);
+}
+
+#[test]
+fn a_conversion_and_an_undistortion() {
+    let directory = tempfile::tempdir().unwrap();
+    let source = simulation(&directory);
+    let events = source.join("events.aedat4");
+    let folder = directory.path().join("converted");
+    let output = folder.join("events.npz");
+    let other = directory.path().join("other.csv");
+    fs::write(&other, "t_us,x,y,p\n1,2,3,1\n2,3,4,0\n").unwrap();
+    let convert = |input| ["convert", input, text(&output), "--force", "--sensor", "346x260"];
+    end_at_every_moment(&folder, &convert(text(&other)), &convert(text(&events)), false);
+
+    let folder = directory.path().join("undistorted");
+    let output = folder.join("events.h5");
+    let undistort = ["undistort", text(&events), "-c", text(&source), "-o", text(&output), "--force", "--alpha"];
+    let [old, new] = [["0"], ["1"]].map(|more| [&undistort[..], &more].concat());
+    end_at_every_moment(&folder, &old, &new, false);
+}
+
+#[test]
+fn exports_and_a_board() {
+    let directory = tempfile::tempdir().unwrap();
+    let source = simulation(&directory);
+    let folder = directory.path().join("exports");
+    let output = folder.join("all");
+    let export = ["export", text(&source), "--format", "all", "-o", text(&output), "--force", "--camera-name"];
+    let [old, new] = [["left"], ["right"]].map(|more| [&export[..], &more].concat());
+    end_at_every_moment(&folder, &old, &new, false);
+
+    let folder = directory.path().join("board");
+    let [pdf, svg] = ["board.pdf", "board.svg"].map(|name| folder.join(name));
+    let board = ["board", "--pdf", text(&pdf), "--svg", text(&svg), "--force", "--paper"];
+    let [old, new] = [["a4"], ["a3"]].map(|more| [&board[..], &more].concat());
+    end_at_every_moment(&folder, &old, &new, false);
+}

@@ -1,0 +1,138 @@
+//! Questions about recordings and calibrations: is it good for a calibration, how repeatable is it, is it the same camera?
+
+use evcal_calibrate::calibrate::board_choice::choose_board;
+use evcal_calibrate::calibrate::repeat::RepeatSettings;
+use evcal_calibrate::calibrate::{PictureUse, Task};
+use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
+use evcal_calibrate::result::same_camera::compare_cameras;
+use evcal_calibrate::settings::Settings;
+use evcal_geometry::board::request::BoardRequest;
+use evcal_geometry::board::{Board, BoardError};
+use event_recordings::Recording;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+
+use crate::advice::worded;
+use crate::calibration::{Calibration, model_request};
+use crate::camera::Camera;
+use crate::interrupt::interruptible;
+use crate::recording::{Said, as_path, recording_of};
+use crate::{failed, to_python};
+
+/// The board that a caller names, or that is recognised in a recording.
+fn board_in(request: &BoardRequest, recording: &Recording, settings: &Settings) -> PyResult<Board> {
+    choose_board(request, &[recording], &settings.detection).map_err(failed)
+}
+
+fn settings_of(file: Option<PathBuf>) -> PyResult<Settings> {
+    Ok(file.map(|path| Settings::read(&path)).transpose().map_err(failed)?.unwrap_or_default())
+}
+
+fn parsed(board: &str) -> PyResult<BoardRequest> {
+    board.parse().map_err(|error: BoardError| PyValueError::new_err(error.to_string()))
+}
+
+/// Look at a recording, in seconds: is it good for a calibration, and what is to be done next?
+///
+/// board: as calibrate has it; without it rows and columns are recognised. The other arguments are those of calibrate.
+///
+/// Returns a dict: what info tells, what was seen of the board, next (the one thing to do, in words), ready (whether that is to calibrate).
+#[pyfunction]
+#[pyo3(signature = (events, *, board=None, sensor=None, columns=None, time_unit=None, stream=None, settings=None))]
+#[expect(clippy::too_many_arguments, reason = "all but the first are named by the caller")]
+pub fn check<'py>(
+    py: Python<'py>,
+    events: &Bound<'py, PyAny>,
+    board: Option<&str>,
+    sensor: Option<(u16, u16)>,
+    columns: Option<String>,
+    time_unit: Option<String>,
+    stream: Option<String>,
+    settings: Option<PathBuf>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let recording = recording_of(events, &Said { sensor, columns, time_unit, stream })?;
+    let settings = settings_of(settings)?;
+    let request = board.map(parsed).transpose()?;
+    let checked = interruptible(py, |_| {
+        let board = match &request {
+            // What is to be measured is said with everything else.
+            None | Some(BoardRequest::Recognise(None)) => None,
+            Some(request) => Some(board_in(request, &recording, &settings)?),
+        };
+        evcal_calibrate::check::check(&recording, board.as_ref(), &settings.detection, &settings.frames).map_err(failed)
+    })??;
+    let told = to_python(py, serde_json::to_string(&checked))?;
+    told.set_item("next", worded(&checked.next))?;
+    told.set_item("ready", checked.is_ready())?;
+    Ok(told)
+}
+
+/// Calibrate random parts of a recording, each on its own: how far are their results apart, and how far should they be?
+///
+/// runs: number of parts. seconds: their length. seed: of their places. The other arguments are those of calibrate.
+///
+/// Returns a dict: runs, parameters (name, mean, scatter, stated: the standard deviation that the parts state), projection (px).
+#[pyfunction]
+#[pyo3(signature = (events, *, board, runs=10, seconds=4.0, seed=1, model="radtan", sensor=None, columns=None, time_unit=None, stream=None, settings=None))]
+#[expect(clippy::too_many_arguments, reason = "all but the first are named by the caller")]
+pub fn repeat<'py>(
+    py: Python<'py>,
+    events: &Bound<'py, PyAny>,
+    board: &str,
+    runs: u16,
+    seconds: f64,
+    seed: u64,
+    model: &str,
+    sensor: Option<(u16, u16)>,
+    columns: Option<String>,
+    time_unit: Option<String>,
+    stream: Option<String>,
+    settings: Option<PathBuf>,
+) -> PyResult<Bound<'py, PyAny>> {
+    if runs < 2 || !(seconds > 0.0 && seconds.is_finite()) {
+        return Err(PyValueError::new_err("runs is at least 2, seconds above 0"));
+    }
+    let said = Said { sensor, columns, time_unit, stream };
+    let recording = recording_of(events, &said)?;
+    let (settings, model) = (settings_of(settings)?, model_request(model)?);
+    let (request, sensor) = (parsed(board)?, said.options()?.sensor);
+    let parts = RepeatSettings { runs: runs.into(), seconds, seed };
+    let repetition = interruptible(py, |_: &AtomicBool| {
+        let board = board_in(&request, &recording, &settings)?;
+        let task = Task { model, sensor, pictures: PictureUse::Ignore, settings: &settings, ..Task::new(&[], &board) };
+        evcal_calibrate::calibrate::repeat::repeat(&recording, &task, &parts, |_| {}).map_err(failed)
+    })??;
+    to_python(py, serde_json::to_string(&repetition))
+}
+
+/// What is known of a camera, however it is given, and what to call it.
+pub fn known(value: &Bound<'_, PyAny>) -> PyResult<CalibratedCamera> {
+    if let Ok(camera) = value.cast::<Camera>() {
+        return Ok(camera.get().known());
+    }
+    if let Ok(calibration) = value.cast::<Calibration>() {
+        return Ok(calibration.get().known());
+    }
+    CalibratedCamera::read(&value.extract::<PathBuf>()?).map_err(failed)
+}
+
+/// Tell whether two calibrations are of the same camera, by how sure they are.
+///
+/// Both are a Calibration, a file or a folder; a Camera does not know its covariance. Returns a dict: sameness ("same", "near", "different",
+/// "unknown"), sentence, difference_rms, difference_max (px), expected_rms (px), stated_rms.
+#[pyfunction]
+pub fn compare<'py>(
+    py: Python<'py>,
+    first: &Bound<'py, PyAny>,
+    second: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let cameras = (known(first)?, known(second)?);
+    let name = |value, name: &str| as_path(value).unwrap_or_else(|| name.into());
+    let names = [name(first, "the first"), name(second, "the second")];
+    let compared = py.detach(|| compare_cameras(names, [&cameras.0, &cameras.1])).map_err(failed)?;
+    let told = to_python(py, serde_json::to_string(&compared))?;
+    told.set_item("sentence", compared.to_string())?;
+    Ok(told)
+}

@@ -1,0 +1,155 @@
+//! Files for others: cameras and recordings in other formats.
+
+use std::path::{Path, PathBuf};
+
+use evcal_calibrate::export::content::ExportFormat;
+use evcal_calibrate::export::{FORMATS, files_beside, from_name};
+use evcal_calibrate::result::calibrated_camera::{CalibratedCamera, plain};
+use evcal_calibrate::result::calibration_file::CalibrationFile;
+use evcal_files::folder::OutputFolder;
+use evcal_files::output::{Existing, check_outputs};
+use evcal_geometry::lens::camera_file::{self, camera_path};
+use event_recordings::convert::{TimeOrigin, output_of};
+use event_recordings::encode::OutputFormat;
+use event_recordings::write::NoOutputFormat;
+use pyo3::exceptions::{PyUserWarning, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::{PyList, PyString};
+
+use crate::calibration::Calibration;
+use crate::examination::known;
+use crate::interrupt::interruptible;
+use crate::recording::{Said, as_path, recording_of};
+use crate::{Error, failed, to_python};
+
+/// Name that stands for every format.
+const ALL: &str = "all";
+
+fn may_write<'a>(paths: impl IntoIterator<Item = &'a Path>, inputs: &[&Path], force: bool) -> PyResult<()> {
+    let existing = if force { Existing::Replace } else { Existing::Keep };
+    check_outputs(paths, inputs, existing).map_err(failed)
+}
+
+/// The files of a camera together with what else is in its calibration.
+fn beside(value: &Bound<'_, PyAny>, camera: &CalibratedCamera) -> PyResult<Vec<(String, String)>> {
+    if let Ok(calibration) = value.cast::<Calibration>() {
+        return files_beside(camera, &calibration.get().file()).map_err(failed);
+    }
+    let Some(path) = as_path(value).map(|path| camera_path(&path)) else { return Ok(Vec::new()) };
+    match camera_file::version(&path).map_err(failed)? {
+        Some(_) => {
+            let calibration: CalibrationFile = camera_file::parse(&path).map_err(failed)?;
+            files_beside(camera, &calibration).map_err(failed)
+        }
+        None => Ok(Vec::new()),
+    }
+}
+
+/// Write a camera as other programs read it.
+///
+/// calibration: a Calibration, a Camera, a file or a folder. format: "opencv-yaml", "ros", "kalibr" …, or "all"; an unknown name is answered with the
+/// list. output: the file, or for "all" the folder. force: replace what is there. camera_name: its name in the file.
+///
+/// Returns the paths of the files; without output the text.
+#[pyfunction]
+#[pyo3(signature = (calibration, format, output=None, *, force=false, camera_name=None))]
+pub fn export<'py>(
+    py: Python<'py>,
+    calibration: &Bound<'py, PyAny>,
+    format: &str,
+    output: Option<PathBuf>,
+    force: bool,
+    camera_name: Option<&str>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let known = known(calibration)?;
+    let known = CalibratedCamera { name: plain(camera_name).unwrap_or(known.name), ..known };
+    // Made when it is opened, and removed again if nothing is in it once it is closed.
+    let mut opened = None;
+    let files: Vec<(PathBuf, String)> = match (from_name(format), output) {
+        (Some(format), None) => return Ok(PyString::new(py, &text_of(py, format, &known)?).into_any()),
+        (Some(format), Some(output)) => vec![(output, text_of(py, format, &known)?)],
+        (None, Some(folder)) if format == ALL => {
+            let folder = opened.insert(OutputFolder::open(&folder).map_err(failed)?);
+            let mut files = Vec::new();
+            for format in FORMATS {
+                match format.export(&known) {
+                    Ok(exported) => files.push((format.file.to_owned(), exported.text)),
+                    // The others are worth having all the same.
+                    Err(error) => warn(py, &format!("not written: {error}"))?,
+                }
+            }
+            files.extend(beside(calibration, &known)?);
+            files.into_iter().map(|(name, text)| (folder.path().join(name), text)).collect()
+        }
+        (None, None) if format == ALL => {
+            return Err(PyValueError::new_err("format=\"all\" takes a folder: give output="));
+        }
+        (None, _) => {
+            let names: Vec<&str> = FORMATS.iter().map(|format| format.name).chain([ALL]).collect();
+            return Err(PyValueError::new_err(format!("format is one of {}, not {format:?}", names.join(", "))));
+        }
+    };
+    let input = as_path(calibration).map(|path| camera_path(&path));
+    may_write(
+        files.iter().map(|(path, _)| path.as_path()),
+        &input.iter().map(PathBuf::as_path).collect::<Vec<_>>(),
+        force,
+    )?;
+    for (path, text) in &files {
+        evcal_files::write(path, text.as_bytes()).map_err(failed)?;
+    }
+    Ok(PyList::new(py, files.into_iter().map(|(path, _)| path))?.into_any())
+}
+
+/// The file of `format`; what a change of the lens model costs is a warning.
+fn text_of(py: Python<'_>, format: &ExportFormat, camera: &CalibratedCamera) -> PyResult<String> {
+    let exported = format.export(camera).map_err(failed)?;
+    if let Some(note) = &exported.note {
+        warn(py, note)?;
+    }
+    Ok(exported.text)
+}
+
+fn warn(py: Python<'_>, what: &str) -> PyResult<()> {
+    let text = std::ffi::CString::new(what)?;
+    PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
+}
+
+/// Write a recording in another format.
+///
+/// events: a file, or events in memory. output: the file to write. to: its format; without it, its extension says it. unix_time: count times from
+/// 1970, where the recording says when it began. force: replace what is there. The other arguments are those of read.
+///
+/// Returns a dict: events, frames, inertial_samples, lost (what the format does not hold), notes, report.
+#[pyfunction]
+#[pyo3(signature = (events, output, *, to=None, unix_time=false, force=false, sensor=None, columns=None, time_unit=None, stream=None))]
+#[expect(clippy::too_many_arguments, reason = "all but the first two are named by the caller")]
+pub fn convert<'py>(
+    py: Python<'py>,
+    events: &Bound<'py, PyAny>,
+    output: PathBuf,
+    to: Option<&str>,
+    unix_time: bool,
+    force: bool,
+    sensor: Option<(u16, u16)>,
+    columns: Option<String>,
+    time_unit: Option<String>,
+    stream: Option<String>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let named = to.map(|name| {
+        name.parse::<OutputFormat>()
+            .map_err(|error: NoOutputFormat| PyValueError::new_err(format!("to: {error}, not {name:?}")))
+    });
+    let target = named.transpose()?.map_or_else(|| output_of(&output).map_err(failed), Ok)?;
+    let origin = if unix_time { TimeOrigin::Unix } else { TimeOrigin::Kept };
+    let input = as_path(events);
+    may_write([output.as_path()], &input.iter().map(PathBuf::as_path).collect::<Vec<_>>(), force)?;
+    let recording = recording_of(events, &Said { sensor, columns, time_unit, stream })?;
+    let report =
+        interruptible(py, |_| event_recordings::convert::convert(&recording, &output, target, origin, |_| {}))?;
+    let report = report.map_err(failed)?;
+    match &report.error {
+        Some(error) => Err(Error::new_err(format!("{error}; what came before is in {}", output.display()))),
+        None => to_python(py, serde_json::to_string(&report)),
+    }
+}
