@@ -53,7 +53,7 @@ fn of_one(error: &(dyn Error + 'static)) -> Option<String> {
     if let Some(FolderError::Exists(_)) = error.downcast_ref() {
         return Some("name another folder, or give force=True".to_owned());
     }
-    if let Some(OutputError::Taken(_)) = error.downcast_ref() {
+    if let Some(OutputError::Exists(_)) = error.downcast_ref() {
         return Some("choose another name, or give force=True".to_owned());
     }
     if let Some(error) = error.downcast_ref() {
