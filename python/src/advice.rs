@@ -163,10 +163,7 @@ pub fn worded(advice: &Advice) -> String {
         }
         Advice::Measure(found) => {
             let measure = found.to_measure();
-            format!(
-                "the board is {found}: {measure}, and give both, for example board={:?}",
-                found.example().to_string()
-            )
+            format!("the board is {found}: {measure}, and give both, for example board={:?}", found.example())
         }
         Advice::FindBoard(error) => advised(error),
         Advice::CorrectRadius(error) => advised(error),
