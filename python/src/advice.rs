@@ -18,7 +18,7 @@ use evcal_geometry::board::CircleBoard;
 use event_recordings::convert::ConvertError;
 use event_recordings::given_sensor::{Exchanged, OtherSensor};
 use event_recordings::text::LineError;
-use event_recordings::{UnsupportedFormat, FormatOption, LayoutError, RecordingError, RecordingErrorKind, TimeUnit};
+use event_recordings::{FormatOption, LayoutError, RecordingError, RecordingErrorKind, TimeUnit, UnsupportedFormat};
 
 /// The one thing to do next about `error`, if there is one to name: about the first error of its chain of causes that is known here.
 pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
@@ -53,7 +53,7 @@ fn of_one(error: &(dyn Error + 'static)) -> Option<String> {
     if let Some(FolderError::Exists(_)) = error.downcast_ref() {
         return Some("name another folder, or give force=True".to_owned());
     }
-    if let Some(OutputError::Taken(_)) = error.downcast_ref() {
+    if let Some(OutputError::Exists(_)) = error.downcast_ref() {
         return Some("choose another name, or give force=True".to_owned());
     }
     if let Some(error) = error.downcast_ref() {
@@ -163,10 +163,7 @@ pub fn worded(advice: &Advice) -> String {
         }
         Advice::Measure(found) => {
             let measure = found.to_measure();
-            format!(
-                "the board is {found}: {measure}, and give both, for example board={:?}",
-                found.example().to_string()
-            )
+            format!("the board is {found}: {measure}, and give both, for example board={:?}", found.example())
         }
         Advice::FindBoard(error) => advised(error),
         Advice::CorrectRadius(error) => advised(error),
@@ -221,9 +218,10 @@ fn about_format(format: UnsupportedFormat) -> Option<&'static str> {
         | UnsupportedFormat::Rar
         | UnsupportedFormat::Zip => "unpack it first",
         UnsupportedFormat::Calibration => "evcal.Camera.load reads it",
-        UnsupportedFormat::Parquet | UnsupportedFormat::Pickle | UnsupportedFormat::Spreadsheet | UnsupportedFormat::VirtualHdf5 => {
-            "load it in Python and give its events as an array"
-        }
+        UnsupportedFormat::Parquet
+        | UnsupportedFormat::Pickle
+        | UnsupportedFormat::Spreadsheet
+        | UnsupportedFormat::VirtualHdf5 => "load it in Python and give its events as an array",
         UnsupportedFormat::Html => "a web page was saved in place of the recording: download it again",
         UnsupportedFormat::GitLfsPointer => "the recording itself was not fetched: run git lfs pull",
         UnsupportedFormat::Utf16 | UnsupportedFormat::Latin1 => "save it as UTF-8",
@@ -235,11 +233,9 @@ fn about_sensor(error: &OtherSensor) -> String {
     let turned = |sensor: &Sensor| format!("give {}", argument(Sensor::new(sensor.height, sensor.width)));
     let next = match error {
         OtherSensor::TooSmall { own: Some(_), .. } | OtherSensor::TooLarge { .. } => "leave out sensor",
-        OtherSensor::Exchanged {
-            exchanged: Exchanged::RequestedSize | Exchanged::FileSize,
-            sensor,
-            ..
-        } => return turned(sensor),
+        OtherSensor::Exchanged { exchanged: Exchanged::RequestedSize | Exchanged::FileSize, sensor, .. } => {
+            return turned(sensor);
+        }
         OtherSensor::Exchanged { .. } => "exchange x and y",
         OtherSensor::CountedFromOne { .. } => "subtract 1 from x and y",
         OtherSensor::NoPixels { .. } => "say which columns x and y are with columns=",

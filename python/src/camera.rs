@@ -70,6 +70,9 @@ impl Camera {
     }
 }
 
+/// Model, parameters, sensor and sigma of a camera.
+type NewArguments = (&'static str, Vec<f64>, (u16, u16), Option<Vec<f64>>);
+
 /// Points or pixels as a caller gives them.
 type Rows<'py> = PyArrayLikeDyn<'py, f64, AllowTypeChange>;
 
@@ -116,7 +119,7 @@ impl Camera {
     }
 
     /// What a copy is made from: cameras can be pickled.
-    fn __getnewargs__(&self) -> (&'static str, Vec<f64>, (u16, u16), Option<Vec<f64>>) {
+    fn __getnewargs__(&self) -> NewArguments {
         (self.model(), self.camera.parameters().to_vec(), self.sensor(), self.sigma.clone())
     }
 

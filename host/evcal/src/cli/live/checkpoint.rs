@@ -66,8 +66,7 @@ impl Work {
             underway.tell(step.text, step.done);
             if underway.is_stopped() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
-        let calibrated =
-            calibrate_beginning(&recording, seconds, &task, go_on).map_err(|error| with_advice(&error))?;
+        let calibrated = calibrate_beginning(&recording, seconds, &task, go_on).map_err(|error| with_advice(&error))?;
         let split_half = calibrated.events().and_then(|events| events.trust.split_half.as_ref());
         let projection = &calibrated.trust.projection;
         Ok(Stated {
