@@ -232,7 +232,7 @@ mod tests {
     #[test]
     fn values_that_are_not_an_event_are_reported() {
         for (column, value, part) in [
-            (Column::T, f64::INFINITY, "not a time"),
+            (Column::T, f64::INFINITY, "out of range (unit: seconds)"),
             (Column::X, 1.5, "its x, 1.5"),
             (Column::Y, f64::NAN, "its y, NaN"),
             (Column::P, 2.0, "polarity is 2"),

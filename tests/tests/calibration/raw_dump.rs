@@ -106,8 +106,13 @@ fn a_dump_and_its_conversion_to_aedat4_have_the_same_calibration() {
     let from_dump = session_calibration();
     let [dump_files, aedat4_files] = [&from_dump, &at("from-aedat4")].map(|folder| {
         let mut files = files(folder);
-        // The report names the recording and the command line.
+        // The report and calibration.json name the recording and the command line.
         files.remove("report.html").expect("calibrate writes a report");
+        let json = files.get_mut("calibration.json").expect("calibrate writes calibration.json");
+        let mut value: Value = serde_json::from_slice(json).unwrap();
+        let named = ["command", "input_files"].map(|key| value.as_object_mut().unwrap().remove(key).is_some());
+        assert_eq!(named, [true; 2]);
+        *json = value.to_string().into_bytes();
         files
     });
     assert_same(&dump_files, &aedat4_files);

@@ -49,9 +49,9 @@ const CLEARANCE: f64 = 1.5;
 const SLOWEST_EDGE: f64 = 30.0;
 /// Smallest share of the motion that is across the edge; below it the edge mostly slides along itself.
 const TANGENT: f64 = 0.65;
-/// The same for straight edges. Sliding along one changes nothing, and where the motion runs along the squares of a board, the edges
-/// along it are all that fixes its position across the motion.
-const LINE_TANGENT: f64 = 0.1;
+/// The same for straight edges. If the motion runs along the squares of a board, the edges along it alone determine its position across
+/// the motion: with 0.65, trajectories were wrong there by up to 10 px. With 0.1, simulated focal lengths were 0.03 % too long.
+const LINE_TANGENT: f64 = 0.4;
 /// Length of a time bin whose events share their basis weights (s).
 pub const BIN: f64 = 0.5e-3;
 
@@ -274,9 +274,13 @@ impl<'a> Associator<'a> {
             NearestEdge::Lines(places) => {
                 // A pixel that moves to the light becomes brighter.
                 let brightens = event.polarity == Polarity::On;
-                let light =
-                    ray.velocity(moment.pose).map(|v| if (v > 0.0) == brightens { Side::High } else { Side::Low });
-                places.nearest(ray.point().into(), light, CLEARANCE * ray.widest_pixel(&by_pixel))?
+                let velocity = ray.velocity(moment.pose);
+                let light = velocity.map(|v| if (v > 0.0) == brightens { Side::High } else { Side::Low });
+                let clearance = CLEARANCE * ray.widest_pixel(&by_pixel);
+                // The more a pixel slides along the line, the nearer it was to the end while the line passed it.
+                let speed = velocity[0].hypot(velocity[1]);
+                let ends = velocity.map(|v| clearance * speed / v.abs());
+                places.nearest(ray.point().into(), light, clearance, ends)?
             }
         };
         Some(Near { event, class: class_of(event), dt, edge: u16::try_from(edge).ok()? })

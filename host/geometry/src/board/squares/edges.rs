@@ -241,23 +241,23 @@ impl SquareEdges {
     /// Returns the index of the nearest of the edges around `point` (metres on the board) whose light side is `light` along x
     /// or along y: of the two edges around a point along an axis, one has its light on each side. Returns `None` in four
     /// cases: such an edge of the other direction is less than `clearance` (m) farther away; the foot of the point is less
-    /// than `clearance` from the end of the straight line; a corner is nearer than every edge; or the point is farther from
-    /// the edge than its narrower side is wide, as points off the board are.
+    /// than `ends` (m, for edges across x and across y) from the end of the straight line; a corner is nearer than every
+    /// edge; or the point is farther from the edge than its narrower side is wide, as points off the board are.
     #[inline]
-    pub fn nearest(&self, point: [f64; 2], light: [Side; 2], clearance: f64) -> Option<usize> {
+    pub fn nearest(&self, point: [f64; 2], light: [Side; 2], clearance: f64, ends: [f64; 2]) -> Option<usize> {
         let [x, y] = point;
         let (column, row) = (self.columns.at_or_below(x), self.rows.at_or_below(y));
         let cell = self.cells.get(row * (self.columns.lines.len() + 1) + column)?;
         let (near_x, near_y) = (cell.x.lit(light[0], x), cell.y.lit(light[1], y));
         let is_x = near_x.distance <= near_y.distance;
         let index = if is_x { near_x.edge } else { near_y.edge } as usize;
-        let along = if is_x { y } else { x };
+        let (along, end) = if is_x { (y, ends[0]) } else { (x, ends[1]) };
         let (distance, other) = (near_x.distance.min(near_y.distance), near_x.distance.max(near_y.distance));
         let edge = self.edges.get(index)?;
         // Not `&&`, because its branches would be mispredicted.
         let is_clear = (other >= distance + clearance)
-            & (along - edge.line[0] >= clearance)
-            & (edge.line[1] - along >= clearance)
+            & (along - edge.line[0] >= end)
+            & (edge.line[1] - along >= end)
             & (distance <= edge.width());
         if !is_clear {
             return None;

@@ -63,7 +63,7 @@ struct Found {
 }
 
 /// Searches all sides of cells.
-fn search(sides: &[Side1], point: [f64; 2], light: [Side; 2], clearance: f64) -> Option<Found> {
+fn search(sides: &[Side1], point: [f64; 2], light: [Side; 2], clearance: f64, ends: [f64; 2]) -> Option<Found> {
     let off = |side: &Side1| {
         let along = point[1 - side.across];
         let past = (side.span[0] - along).max(along - side.span[1]).max(0.0);
@@ -101,8 +101,8 @@ fn search(sides: &[Side1], point: [f64; 2], light: [Side; 2], clearance: f64) ->
     let parallel = sides.iter().filter(|side| side.across == across && side.position != position).filter(faces);
     let width = parallel.map(|side| (side.position - position).abs()).fold(f64::INFINITY, f64::min);
     let is_clear = other >= distance + clearance
-        && along - line[0] >= clearance
-        && line[1] - along >= clearance
+        && along - line[0] >= ends[across]
+        && line[1] - along >= ends[across]
         && distance <= width;
     is_clear.then_some(Found { across, position, dark_is_high, line, width })
 }
@@ -118,8 +118,9 @@ fn the_nearest_edge_lit_on_one_side_equals_that_of_an_exhaustive_search() {
             let mut place = |lines: &[f64]| random.random_range(lines[0] - 0.015..lines[lines.len() - 1] + 0.015);
             let point = [place(raster.x_lines()), place(raster.y_lines())];
             for clearance in [0.0, 0.0005, 0.002] {
+                let ends = [clearance, 2.0 * clearance];
                 let light = [(); 2].map(|()| if random.random() { Side::Low } else { Side::High });
-                let edge = edges.nearest(point, light, clearance).map(|index| edges.edges()[index]);
+                let edge = edges.nearest(point, light, clearance, ends).map(|index| edges.edges()[index]);
                 let same = edge.map(|edge| {
                     let along = point[if edge.across == Axis::X { 1 } else { 0 }];
                     assert!(edge.span[0] <= along && along <= edge.span[1]);
@@ -131,7 +132,7 @@ fn the_nearest_edge_lit_on_one_side_equals_that_of_an_exhaustive_search() {
                         width: edge.width(),
                     }
                 });
-                let expected = search(&sides, point, light, clearance);
+                let expected = search(&sides, point, light, clearance, ends);
                 assert_eq!(same, expected, "{text} {point:?} {light:?} {clearance}");
                 found += usize::from(expected.is_some());
             }
@@ -159,7 +160,7 @@ fn edges_of_a_checkerboard_are_the_sides_of_its_squares() {
 fn an_edge_of_a_tag_has_the_widths_on_both_sides() {
     // Tag 0 has a border of one module, then modules 110101 in its first row.
     let edges = SquareEdges::new(&raster("apriltags:1x1:80mm:0.25"));
-    let at = |point: [f64; 2]| edges.edges()[edges.nearest(point, [Side::Low; 2], 0.001).unwrap()];
+    let at = |point: [f64; 2]| edges.edges()[edges.nearest(point, [Side::Low; 2], 0.001, [0.001; 2]).unwrap()];
     let side = at([0.001, -0.065]);
     let near = |a: f64, b: f64| (a - b).abs() < 1e-12;
     assert!(side.across == Axis::X && side.dark == Side::High && near(side.position, 0.0), "{side:?}");
@@ -173,13 +174,13 @@ fn an_edge_of_a_tag_has_the_widths_on_both_sides() {
 #[test]
 fn points_off_the_board_have_no_edge() {
     let edges = SquareEdges::new(&raster("checkerboard:3x4:20mm"));
-    assert!(edges.nearest([-0.021, -0.01], [Side::Low; 2], 0.001).is_some());
+    assert!(edges.nearest([-0.021, -0.01], [Side::Low; 2], 0.001, [0.001; 2]).is_some());
     for point in
         [[-0.041, -0.01], [-10.0, -0.01], [0.02, 1e9], [f64::INFINITY, 0.0], [f64::NAN, 0.01], [0.01, f64::NAN]]
     {
         for clearance in [0.0, 0.001] {
             for light in [Side::Low, Side::High] {
-                assert_eq!(edges.nearest(point, [light; 2], clearance), None, "{point:?}");
+                assert_eq!(edges.nearest(point, [light; 2], clearance, [clearance; 2]), None, "{point:?}");
             }
         }
     }
@@ -189,5 +190,5 @@ fn points_off_the_board_have_no_edge() {
 fn an_empty_raster_has_no_edges() {
     let edges = SquareEdges::new(&Raster::of_dark(&[]));
     assert!(edges.edges().is_empty());
-    assert_eq!(edges.nearest([0.0, 0.0], [Side::Low; 2], 0.0), None);
+    assert_eq!(edges.nearest([0.0, 0.0], [Side::Low; 2], 0.0, [0.0; 2]), None);
 }
