@@ -24,9 +24,8 @@ pub trait BoardEdge: Copy + Send + Sync {
     /// Farthest from it that an event may be that belongs to it and to no other edge, in pixels of `scale` metres.
     fn reach(&self, scale: f64) -> f64;
 
-    /// Of a rim the second derivative by time of the distance in pixels at a pixel that slides along it with `sliding` m/s (px/s²). Of a
-    /// line, which has none, one over the width of its light strip (1/px).
-    fn memory(&self, sliding: f64, scale: f64) -> f64;
+    /// Returns the second derivative by time of the distance in pixels, at a pixel that slides along the edge with `sliding` m/s (px/s²).
+    fn acceleration(&self, sliding: f64, scale: f64) -> f64;
 }
 
 /// Distance of a place on the print from an edge.
@@ -67,7 +66,7 @@ impl BoardEdge for Rim {
     }
 
     #[inline(always)]
-    fn memory(&self, sliding: f64, scale: f64) -> f64 {
+    fn acceleration(&self, sliding: f64, scale: f64) -> f64 {
         sliding * sliding / (self.radius * scale)
     }
 }
@@ -112,8 +111,8 @@ impl BoardEdge for Line {
     }
 
     #[inline(always)]
-    fn memory(&self, _sliding: f64, scale: f64) -> f64 {
-        scale / self.light_width
+    fn acceleration(&self, _sliding: f64, _scale: f64) -> f64 {
+        0.0
     }
 }
 

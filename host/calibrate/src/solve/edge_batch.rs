@@ -102,7 +102,7 @@ pub struct Edges {
     normal_speed: Lane,
     narrowness: Lane,
     corner_share: Lane,
-    memory: Lane,
+    acceleration: Lane,
     /// Speed at which the pixel's ray slides along the edge (m/s).
     pub sliding: Lane,
 }
@@ -124,7 +124,7 @@ impl Edges {
         normal_speed: NOTHING,
         narrowness: NOTHING,
         corner_share: NOTHING,
-        memory: NOTHING,
+        acceleration: NOTHING,
         sliding: NOTHING,
     };
 
@@ -135,7 +135,7 @@ impl Edges {
             normal_speed: self.normal_speed[lane],
             narrowness: self.narrowness[lane],
             corner_share: self.corner_share[lane],
-            memory: self.memory[lane],
+            acceleration: self.acceleration[lane],
         }
     }
 }
@@ -400,7 +400,7 @@ fn edges<S: BoardSurface, E: LaneEdge>(
         found.normal_speed[lane] = passage.normal_speed;
         found.narrowness[lane] = passage.narrowness;
         found.corner_share[lane] = passage.corner_share;
-        found.memory[lane] = passage.memory;
+        found.acceleration[lane] = passage.acceleration;
         found.sliding[lane] = distance.sliding;
     }
 }

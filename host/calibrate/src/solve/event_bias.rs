@@ -9,7 +9,7 @@
 //! `offset + curvature / ρ + bend v² + corner_latency v s² + curvature_latency v / ρ + memory a`
 //! from the edge, `latency` after its passage. s is the distance from the middle of the sensor, 1 at its corners, and a the
 //! acceleration of the edge of a round dot that does not pass the pixel centrally. At the straight edge of a square, ρ is the width
-//! of the dark strip and 1 / a the width of the light one, because the next edge reaches into the blur of this one. The spread
+//! of the dark strip and a is zero. The spread
 //! depends on the speed: at slow edges noise has the time to shift events, at fast ones differences between pixels' latencies
 //! become pixels.
 
@@ -104,9 +104,8 @@ pub struct EdgePassage {
     pub narrowness: f64,
     /// Squared distance from the middle of the sensor, 1 at its corners.
     pub corner_share: f64,
-    /// At a rim the second derivative of the distance from the edge by time (px/s²); at a straight edge one over the width of its light
-    /// strip in pixels.
-    pub memory: f64,
+    /// Second derivative of the distance from the edge by time (px/s²).
+    pub acceleration: f64,
 }
 
 impl EdgePassage {
@@ -121,7 +120,7 @@ impl EdgePassage {
         derivatives[Bias::Curvature] = self.narrowness;
         derivatives[Bias::CornerLatency] = speed * self.corner_share;
         derivatives[Bias::CurvatureLatency] = speed * self.narrowness;
-        derivatives[Bias::Memory] = self.memory;
+        derivatives[Bias::Memory] = self.acceleration;
         derivatives
     }
 }
@@ -138,11 +137,14 @@ impl ClassBias {
 /// Returns the distance in pixels from the edge at which an event with these biases is expected, without the latency.
 #[inline(always)]
 pub fn expected_distance(biases: &Biases<f64>, passage: &EdgePassage) -> f64 {
-    let EdgePassage { normal_speed, narrowness, corner_share, memory } = *passage;
+    let EdgePassage { normal_speed, narrowness, corner_share, acceleration } = *passage;
     let latency = biases[Bias::Bend] * normal_speed
         + biases[Bias::CornerLatency] * corner_share
         + biases[Bias::CurvatureLatency] * narrowness;
-    biases[Bias::Offset] + biases[Bias::Curvature] * narrowness + biases[Bias::Memory] * memory + normal_speed * latency
+    biases[Bias::Offset]
+        + biases[Bias::Curvature] * narrowness
+        + biases[Bias::Memory] * acceleration
+        + normal_speed * latency
 }
 
 /// Biases of all event classes.
@@ -187,7 +189,7 @@ mod tests {
 
     #[test]
     fn derivatives_agree_with_the_distance() {
-        let passage = EdgePassage { normal_speed: 300.0, narrowness: 0.1, corner_share: 0.6, memory: -2000.0 };
+        let passage = EdgePassage { normal_speed: 300.0, narrowness: 0.1, corner_share: 0.6, acceleration: -2000.0 };
         let [known, ..] = unknown(1.0);
         for bias in Bias::ALL.into_iter().filter(|&bias| bias != Bias::Latency) {
             let mut moved = known;

@@ -58,7 +58,7 @@ impl EdgePassage {
             normal_speed: distance.normal_speed(pose),
             narrowness: edge.narrowness(distance.scale),
             corner_share,
-            memory: edge.memory(distance.sliding, distance.scale),
+            acceleration: edge.acceleration(distance.sliding, distance.scale),
         }
     }
 }
@@ -337,7 +337,7 @@ mod tests {
             assert!((edges.pixels[lane] - edge.pixels).abs() < 1e-4, "{} {}", edges.pixels[lane], edge.pixels);
             assert_close(edges.scale[lane] / edge.distance.scale, 1.0, "scale");
             assert_close(passage.normal_speed / edge.passage.normal_speed, 1.0, "speed");
-            assert_close(passage.memory / edge.passage.memory, 1.0, "memory");
+            assert_close(passage.acceleration / edge.passage.acceleration, 1.0, "acceleration");
         }
     }
 

@@ -226,6 +226,9 @@ pub fn refine<E: Send>(
         if !has_points {
             problem.free.biases[latency_reference(&counts)][Bias::Latency] = false;
         }
+        if let BoardEdges::Lines(_) = problem.edges {
+            problem.free.biases.iter_mut().for_each(|biases| biases[Bias::Memory] = false);
+        }
         problem.free.board = input.free_board;
         let intrinsics = problem.free.intrinsics.iter_mut().zip(input.held);
         intrinsics.for_each(|(free, held)| *free &= !held);

@@ -21,8 +21,8 @@ pub enum Bias {
     CornerLatency,
     /// Coefficient of one over the dot's radius in pixels in the latency (s px).
     CurvatureLatency,
-    /// Coefficient of the acceleration of a rim (px/s²) in the distance (s²): a slow pixel still responds to earlier positions
-    /// of the edge. At a straight edge, coefficient of one over the width of its light strip in pixels (px²).
+    /// Coefficient of the acceleration of the edge (px/s²) in the distance (s²): a slow pixel still responds to earlier positions
+    /// of the edge.
     Memory,
 }
 
