@@ -9,7 +9,7 @@
 //! | Metavision | `CD/events`, records x, y, p, t, compressed with ECF |
 //!
 //! Column names and time units are determined as for text files. The crate `hdf5-reader` reads the structure of the
-//! file; [`filters`] adds the compressions that HDF5 itself does not include.
+//! file; `filters` adds the compressions that HDF5 itself does not include.
 
 mod blosc;
 mod ecf;
