@@ -23,4 +23,4 @@ echo "The page that guides a person at a camera, on the same recording:"
 echo "  $evcal live --replay $session/events.dvraw --speed 0.2 --board $board -o $out/live"
 echo
 echo "Open $out/calibration/report.html: whether the result is good and why, with maps and pictures. In"
-echo "$out/calibration/good-frame.png events are red and blue, the board where the model puts it is green."
+echo "$out/calibration/good-frame.png ON events are blue and OFF events orange; the board, projected by the calibration, is green."
