@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::solve::State;
 use crate::solve::bearing_table::BearingTable;
-use crate::solve::board_edge::{BoardEdge, BoardEdges, NearestEdge};
+use crate::solve::board_edge::{BoardEdges, NearestEdge};
 use crate::solve::board_ray::{BoardRay, is_in_front};
 use crate::solve::board_surface::{BoardGround, BoardSurface};
 use crate::solve::edge_batch::{BatchEvent, EdgeBatch, LANES, Scene};
@@ -43,6 +43,9 @@ settings! {
 const FIRST_BAND: f64 = 3.0;
 /// Largest distance from the expected distance of the event's class, whatever the spread (px).
 const WIDEST_BAND: f64 = 2.5;
+/// Largest distance from a line as a share of the width of the narrower strip at it. The next line with events of the same polarity is at
+/// least twice this width away.
+const REACH: f64 = 0.75;
 /// Smallest distance from a point where lines cross or end (px).
 const CLEARANCE: f64 = 1.5;
 /// Slowest normal speed of an edge (px/s).
@@ -349,9 +352,11 @@ impl<'a> Associator<'a> {
 
     /// Returns the largest accepted distance (px) of an event from an edge of the board.
     fn reach(&self, edge: u16, scale: f64) -> f64 {
-        match &self.edges {
-            BoardEdges::Rims(_) => f64::INFINITY,
-            BoardEdges::Lines(lines) => lines.get(usize::from(edge)).map_or(0.0, |line| line.reach(scale)),
+        match &self.nearest {
+            NearestEdge::Rims(_) => f64::INFINITY,
+            NearestEdge::Lines(lines) => {
+                lines.edges().get(usize::from(edge)).map_or(0.0, |line| REACH * line.width() / scale)
+            }
         }
     }
 

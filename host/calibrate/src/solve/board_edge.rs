@@ -8,10 +8,6 @@ use evcal_geometry::board::symmetry::Symmetry;
 use evcal_geometry::board::{Board, CircleBoard};
 use nalgebra::{Vector2, Vector3};
 
-/// Largest distance from a line as a share of the width of the narrower strip at it. The next line with events of the same polarity is at
-/// least twice this width away.
-const REACH: f64 = 0.75;
-
 /// An edge of the print.
 pub trait BoardEdge: Copy + Send + Sync {
     /// Distance of a `point` on the print (metres).
@@ -20,9 +16,6 @@ pub trait BoardEdge: Copy + Send + Sync {
     /// One over the size of the dark at the edge, in pixels, where a pixel is `scale` metres: the radius of a dot, the width of a dark
     /// strip.
     fn narrowness(&self, scale: f64) -> f64;
-
-    /// Farthest from it that an event may be that belongs to it and to no other edge, in pixels of `scale` metres.
-    fn reach(&self, scale: f64) -> f64;
 
     /// Returns the second derivative by time of the distance in pixels, at a pixel that slides along the edge with `sliding` m/s (px/s²).
     fn acceleration(&self, sliding: f64, scale: f64) -> f64;
@@ -61,11 +54,6 @@ impl BoardEdge for Rim {
     }
 
     #[inline(always)]
-    fn reach(&self, _scale: f64) -> f64 {
-        f64::INFINITY
-    }
-
-    #[inline(always)]
     fn acceleration(&self, sliding: f64, scale: f64) -> f64 {
         sliding * sliding / (self.radius * scale)
     }
@@ -80,17 +68,8 @@ pub struct Line {
     pub offset: f64,
     /// Width of the dark strip at the edge (m).
     pub dark_width: f64,
-    /// Width of the light strip at the edge (m).
-    pub light_width: f64,
     /// Half the width of a dark square: [`BoardShape::radius`](evcal_geometry::board::shape::BoardShape::radius) (m).
     pub radius: f64,
-}
-
-impl Line {
-    /// Width of the narrower strip at the edge (m).
-    pub fn width(&self) -> f64 {
-        self.dark_width.min(self.light_width)
-    }
 }
 
 impl BoardEdge for Line {
@@ -103,11 +82,6 @@ impl BoardEdge for Line {
     #[inline(always)]
     fn narrowness(&self, scale: f64) -> f64 {
         scale / self.dark_width
-    }
-
-    #[inline(always)]
-    fn reach(&self, scale: f64) -> f64 {
-        REACH * self.width() / scale
     }
 
     #[inline(always)]
@@ -146,8 +120,8 @@ impl BoardEdges {
                     let normal = (turn.pose.rotation * Vector3::new(line.normal[0], line.normal[1], 0.0)).xy();
                     let offset = line.offset + normal.dot(&turn.pose.translation.vector.xy());
                     let apart = |other: &Line| {
-                        let turned = (Vector2::from(other.normal) - normal).norm() * line.width();
-                        turned.max((other.offset - offset).abs()).max((other.width() - line.width()).abs())
+                        let turned = (Vector2::from(other.normal) - normal).norm() * line.dark_width;
+                        turned.max((other.offset - offset).abs()).max((other.dark_width - line.dark_width).abs())
                     };
                     let nearest = lines.iter().map(apart).enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
                     nearest.map_or(0, |(index, _)| index as u16)
@@ -188,8 +162,7 @@ fn lines(places: &SquareEdges, radius: f64) -> Vec<Line> {
             Axis::X => [light, 0.0],
             Axis::Y => [0.0, light],
         };
-        let Edge { dark_width, light_width, .. } = *edge;
-        Line { normal, offset: light * edge.position - radius, dark_width, light_width, radius }
+        Line { normal, offset: light * edge.position - radius, dark_width: edge.dark_width, radius }
     };
     places.edges().iter().map(line).collect()
 }

@@ -65,8 +65,8 @@ pub struct EdgeBatch<'a> {
 struct Rays {
     dt: Lane,
     pixel: [Lane; 2],
-    /// For a rim its centre; for a line its normal, offset and widths.
-    edge: [Lane; 5],
+    /// For a rim its centre; for a line its normal, offset and width.
+    edge: [Lane; 4],
     bearing: [Lane; 3],
     /// Offset from the centre of the cell of the bearing table (px).
     beside_cell: [Lane; 2],
@@ -144,7 +144,7 @@ impl Rays {
     const EMPTY: Self = Self {
         dt: NOTHING,
         pixel: [NOTHING; 2],
-        edge: [NOTHING; 5],
+        edge: [NOTHING; 4],
         bearing: [NOTHING; 3],
         beside_cell: [NOTHING; 2],
         by_pixel: [[NOTHING_SINGLE; 3]; 2],
@@ -285,7 +285,7 @@ impl<'a> EdgeBatch<'a> {
             Some((bearings.place_at(spot, event.pixel[0], event.pixel[1])?, bearings.coefficients(spot)?))
         });
         let edge = match scene.edges {
-            BoardEdges::Rims(centers) => centers.get(usize::from(event.edge)).map(|&[x, y]| [x, y, 0.0, 0.0, 0.0]),
+            BoardEdges::Rims(centers) => centers.get(usize::from(event.edge)).map(|&[x, y]| [x, y, 0.0, 0.0]),
             BoardEdges::Lines(lines) => lines.get(usize::from(event.edge)).map(Line::numbers),
         };
         self.cells[lane] = None;
@@ -329,29 +329,28 @@ fn steps_to_edge<S: BoardSurface, E: LaneEdge>(
 /// An edge whose numbers are stored in lanes.
 trait LaneEdge: BoardEdge {
     /// Returns the edge of a lane on a board with this [`BoardShape::radius`].
-    fn of_lane(lanes: &[Lane; 5], lane: usize, radius: f64) -> Self;
+    fn of_lane(lanes: &[Lane; 4], lane: usize, radius: f64) -> Self;
 }
 
 impl LaneEdge for Rim {
     #[inline(always)]
-    fn of_lane(lanes: &[Lane; 5], lane: usize, radius: f64) -> Self {
+    fn of_lane(lanes: &[Lane; 4], lane: usize, radius: f64) -> Self {
         Self { center: [lanes[0][lane], lanes[1][lane]], radius }
     }
 }
 
 impl LaneEdge for Line {
     #[inline(always)]
-    fn of_lane(lanes: &[Lane; 5], lane: usize, radius: f64) -> Self {
+    fn of_lane(lanes: &[Lane; 4], lane: usize, radius: f64) -> Self {
         let normal = [lanes[0][lane], lanes[1][lane]];
-        let [offset, dark_width, light_width] = [2, 3, 4].map(|number: usize| lanes[number][lane]);
-        Self { normal, offset, dark_width, light_width, radius }
+        Self { normal, offset: lanes[2][lane], dark_width: lanes[3][lane], radius }
     }
 }
 
 impl Line {
-    /// Returns normal, offset and widths.
-    fn numbers(&self) -> [f64; 5] {
-        [self.normal[0], self.normal[1], self.offset, self.dark_width, self.light_width]
+    /// Returns normal, offset and width.
+    fn numbers(&self) -> [f64; 4] {
+        [self.normal[0], self.normal[1], self.offset, self.dark_width]
     }
 }
 

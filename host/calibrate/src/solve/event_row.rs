@@ -176,13 +176,7 @@ mod tests {
 
     /// A line whose light side is at higher y.
     fn line() -> BoardEdges {
-        BoardEdges::Lines(vec![Line {
-            normal: [0.0, 1.0],
-            offset: LINE,
-            dark_width: 0.025,
-            light_width: 0.03,
-            radius: 0.0,
-        }])
+        BoardEdges::Lines(vec![Line { normal: [0.0, 1.0], offset: LINE, dark_width: 0.025, radius: 0.0 }])
     }
 
     fn problem(edges: BoardEdges) -> Problem {
