@@ -35,6 +35,7 @@ use pyo3::types::{PyAny, PyDict, PyList, PyTuple};
 use crate::advice::worded;
 use crate::camera::Camera;
 use crate::events::viewed;
+use crate::examination::{board_request, settings_of};
 use crate::interrupt::interruptible;
 use crate::recording::{Said, as_path, of_array};
 use crate::{failed, to_python};
@@ -353,11 +354,10 @@ pub fn calibrate(
     rolling_shutter: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Calibration> {
-    let request: BoardRequest =
-        board.parse().map_err(|error: evcal_geometry::board::BoardError| PyValueError::new_err(error.to_string()))?;
+    let request = board_request(board)?;
     let said = Said { sensor, columns, time_unit, stream };
     let said_of_others = Said { sensor: with_sensor.or(sensor), stream: with_stream, ..said.clone() };
-    let settings = settings.map(|path| Settings::read(&path)).transpose().map_err(failed)?.unwrap_or_default();
+    let settings = settings_of(settings)?;
     let (inputs, board) = inputs_and_board(events, &said, &request, &settings)?;
     let others = with_.map_or_else(
         || Ok(Vec::new()),

@@ -1,13 +1,13 @@
 //! The board in windows of time.
 
 use evcal_calibrate::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
-use evcal_calibrate::settings::Settings;
 use evcal_geometry::board::{Board, BoardError};
 use numpy::PyArrayDescr;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::events::filled;
+use crate::examination::settings_of;
 use crate::failed;
 use crate::interrupt::interruptible;
 use crate::recording::{Said, recording_of};
@@ -36,7 +36,7 @@ pub fn detect<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let board: Board = board.parse().map_err(|error: BoardError| PyValueError::new_err(error.to_string()))?;
     let recording = recording_of(events, &Said { sensor, columns, time_unit, stream })?;
-    let settings = settings.map(|path| Settings::read(&path)).transpose().map_err(failed)?.unwrap_or_default();
+    let settings = settings_of(settings)?;
     let wanted = SearchFor::from(&board);
     let sensor = sensor_of(&recording).map_err(failed)?;
     let found = interruptible(py, |_| search_events(&recording, sensor, wanted, &settings.detection))?;

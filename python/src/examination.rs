@@ -26,11 +26,11 @@ fn board_in(request: &BoardRequest, recording: &Recording, settings: &Settings) 
     choose_board(request, &[recording], &settings.detection).map_err(failed)
 }
 
-fn settings_of(file: Option<PathBuf>) -> PyResult<Settings> {
+pub fn settings_of(file: Option<PathBuf>) -> PyResult<Settings> {
     Ok(file.map(|path| Settings::read(&path)).transpose().map_err(failed)?.unwrap_or_default())
 }
 
-fn parsed(board: &str) -> PyResult<BoardRequest> {
+pub fn board_request(board: &str) -> PyResult<BoardRequest> {
     board.parse().map_err(|error: BoardError| PyValueError::new_err(error.to_string()))
 }
 
@@ -54,7 +54,7 @@ pub fn check<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let recording = recording_of(events, &Said { sensor, columns, time_unit, stream })?;
     let settings = settings_of(settings)?;
-    let request = board.map(parsed).transpose()?;
+    let request = board.map(board_request).transpose()?;
     let checked = interruptible(py, |_| {
         let board = match &request {
             // What is to be measured is said with everything else.
@@ -97,7 +97,7 @@ pub fn repeat<'py>(
     let said = Said { sensor, columns, time_unit, stream };
     let recording = recording_of(events, &said)?;
     let (settings, model) = (settings_of(settings)?, model_request(model)?);
-    let (request, sensor) = (parsed(board)?, said.options()?.sensor);
+    let (request, sensor) = (board_request(board)?, said.options()?.sensor);
     let parts = RepeatSettings { runs: runs.into(), seconds, seed };
     let repetition = interruptible(py, |_: &AtomicBool| {
         let board = board_in(&request, &recording, &settings)?;
