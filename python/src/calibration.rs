@@ -21,7 +21,7 @@ use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
 use evcal_geometry::board::request::BoardRequest;
-use evcal_geometry::board::{Board, CircleBoard};
+use evcal_geometry::board::{Board, BoardError, CircleBoard};
 use evcal_geometry::timed_pose::TimedPose;
 use evcal_report::output::folder::{is_result, poses, write_folder};
 use event_recordings::Recording;
@@ -35,7 +35,6 @@ use pyo3::types::{PyAny, PyDict, PyList, PyTuple};
 use crate::advice::worded;
 use crate::camera::Camera;
 use crate::events::viewed;
-use crate::examination::{board_request, settings_of};
 use crate::interrupt::interruptible;
 use crate::recording::{Said, as_path, of_array};
 use crate::{failed, to_python};
@@ -299,6 +298,16 @@ fn inputs_and_board(
     let recordings = recordings.collect::<PyResult<Vec<&Recording>>>()?;
     let board = given.py().detach(|| choose_board(request, &recordings, &settings.detection)).map_err(failed)?;
     Ok((inputs, board))
+}
+
+/// Reads the settings in `file`; without a file, returns the default ones.
+pub fn settings_of(file: Option<PathBuf>) -> PyResult<Settings> {
+    Ok(file.map(|path| Settings::read(&path)).transpose().map_err(failed)?.unwrap_or_default())
+}
+
+/// Parses the description of a board.
+pub fn board_request(board: &str) -> PyResult<BoardRequest> {
+    board.parse().map_err(|error: BoardError| PyValueError::new_err(error.to_string()))
 }
 
 /// The lens model that a caller names.

@@ -6,8 +6,8 @@ use numpy::PyArrayDescr;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+use crate::calibration::settings_of;
 use crate::events::filled;
-use crate::examination::settings_of;
 use crate::failed;
 use crate::interrupt::interruptible;
 use crate::recording::{Said, recording_of};

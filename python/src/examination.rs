@@ -6,8 +6,8 @@ use evcal_calibrate::calibrate::{PictureUse, Task};
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::result::same_camera::compare_cameras;
 use evcal_calibrate::settings::Settings;
+use evcal_geometry::board::Board;
 use evcal_geometry::board::request::BoardRequest;
-use evcal_geometry::board::{Board, BoardError};
 use event_recordings::Recording;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -15,7 +15,7 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use crate::advice::worded;
-use crate::calibration::{Calibration, model_request};
+use crate::calibration::{Calibration, board_request, model_request, settings_of};
 use crate::camera::Camera;
 use crate::interrupt::interruptible;
 use crate::recording::{Said, as_path, recording_of};
@@ -24,14 +24,6 @@ use crate::{failed, to_python};
 /// The board that a caller names, or that is recognised in a recording.
 fn board_in(request: &BoardRequest, recording: &Recording, settings: &Settings) -> PyResult<Board> {
     choose_board(request, &[recording], &settings.detection).map_err(failed)
-}
-
-pub fn settings_of(file: Option<PathBuf>) -> PyResult<Settings> {
-    Ok(file.map(|path| Settings::read(&path)).transpose().map_err(failed)?.unwrap_or_default())
-}
-
-pub fn board_request(board: &str) -> PyResult<BoardRequest> {
-    board.parse().map_err(|error: BoardError| PyValueError::new_err(error.to_string()))
 }
 
 /// Look at a recording, in seconds: is it good for a calibration, and what is to be done next?
