@@ -181,7 +181,7 @@ def test_the_inertial_unit_is_calibrated_too(simulated, tmp_path):
     told = calibration.to_dict()["inertial"]
     turn = np.array(told["T_imu_camera"])[:3, :3]
     assert np.abs(turn - np.eye(3)).max() < 0.05 and told["used"] > 500
-    assert "\nInertial unit: " in calibration.verdict
+    assert "\nIMU: " in calibration.verdict
     written = [path.name for path in evcal.export(calibration, "all", tmp_path / "all")]
     assert len(written) > len(evcal.export(alone, "all", tmp_path / "alone"))
 
@@ -204,7 +204,7 @@ def test_a_second_camera_is_found_where_it_is(simulated):
     [other] = calibration.to_dict()["second_cameras"]
     assert np.abs(np.array(other["T_second_first"]) - np.eye(4)).max() < 2e-3
     assert other["solved_together"][1]["camera"]["parameters"]["cx"] - calibration.camera.parameters["cx"] == pytest.approx(9.0, abs=0.3)
-    assert "\nPlace of array: " in calibration.verdict
+    assert "\nPosition of array: " in calibration.verdict
     with pytest.raises(evcal.Error, match="with_="):
         evcal.calibrate(events, board=BOARD, sensor=truth.sensor, with_=events)
 

@@ -194,7 +194,7 @@ def test_mistakes_are_named():
         one.undistort_events({"t": [1.0, np.nan], "x": [3, 3], "y": [1, 2], "p": [0, 1]})
     with pytest.raises(ValueError, match="differ in length"):
         one.undistort_events({"t": [1], "x": [3, 3], "y": [1, 2], "p": [0, 1]})
-    with pytest.raises(TypeError, match="named t, x, y, where t, x, y and p"):
+    with pytest.raises(TypeError, match="named t, x, y; t, x, y and p were expected"):
         one.undistort_events({"t": [1], "x": [3], "y": [1]})
     with pytest.raises(TypeError, match="has t, x, y$"):
         one.undistort_events(np.zeros(5, [("t", "<i8"), ("x", "<u2"), ("y", "<u2")]))
