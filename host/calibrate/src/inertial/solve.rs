@@ -28,8 +28,8 @@ const ROUNDS: usize = 3;
 const RELINEARISED: usize = 5;
 /// Factor by which the weight of events is reduced here, beyond their inflation. The delay of pixels depends on the speed of the
 /// edge, so the trajectory has the same error whenever the same motion recurs, and scatter between blocks of time does not show
-/// it. In five simulated recordings the error of the position was 0.8 σ with 10 and 1.3 σ with 1, the error of gravity 0.8 σ and
-/// 1.2 σ (root mean square).
+/// it. In five simulated recordings (seeds 201, 202, 312 to 314) the error along z was 0.27 mm with 10 and 0.37 mm with 1, the
+/// error of gravity 0.009° and 0.013° (root mean square); with 100 the position along x was 0.20 mm off on two seeds.
 const CAUTION: f64 = 10.0;
 /// Noise densities of data sheets: °/s/√Hz and g/√Hz, doubled.
 const FIRST_GYROSCOPE: f64 = 0.02 * std::f64::consts::PI / 180.0;

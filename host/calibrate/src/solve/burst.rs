@@ -20,7 +20,8 @@ pub const MAX_RANK: u8 = 3;
 /// Number of ranks with a class of their own.
 pub const RANK_COUNT: usize = MAX_RANK as usize + 1;
 
-/// Number of events of a whole burst.
+/// Number of events of a whole burst. Classes by this length were chosen instead of the length of the previous burst on simulated
+/// recordings (seeds 5001 to 5003, 5008, 5010).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BurstLength {

@@ -53,7 +53,8 @@ pub struct BetterModel {
 /// extrapolated.
 const LOST: f64 = 1.0;
 
-/// Weight of such parts, as a multiple of the largest difference elsewhere: the other model had no events there either.
+/// Weight of such parts, as a multiple of the largest difference elsewhere: the other model had no events there either. Chosen on
+/// seed 11 of wrong models, some of which are tens of pixels off there.
 const GUESS: f64 = 2.0;
 
 /// Difference between a lens model and the lens.

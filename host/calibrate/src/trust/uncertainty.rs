@@ -50,16 +50,18 @@ const SYSTEMATIC_SCALE: f64 = 5e-5;
 /// Its cause is unknown.
 const SYSTEMATIC_SCALE_OF_SQUARES: f64 = 3e-4;
 /// The same limit if the latencies displace the events by half the sensor's diagonal (root mean square); for smaller displacements
-/// it is smaller in proportion.
+/// it is smaller in proportion. Chosen on 70 simulated recordings (seeds 9101 to 9196), like [`MODEL_ERROR`] and [`POSE_MODEL_ERROR`].
 const LATENCY_SCALE: f64 = 0.108;
 /// Error of the projection from imperfections of the event model (σ, rms over the sensor), as a share of the displacement of the
 /// events by their latencies (root mean square), for each unit of leverage. Leverage is the variance of the projection from a single
-/// event, divided by the variance of that event. More events do not make this error smaller.
+/// event, divided by the variance of that event. More events do not make this error smaller. Without it, focal lengths of boards
+/// that are seen head-on were up to 4 σ off (seeds 1401 to 1412).
 const MODEL_ERROR: f64 = 1.3e-5;
 /// Error of a pose from imperfections of the event model, as a share of the usual σ of a pose. For a pose that is w times less
 /// certain, it is w² times as large.
 pub const POSE_MODEL_ERROR: f64 = 0.2;
-/// Smallest error of the circles' radius that is common to all events, if the radius is estimated (px, σ).
+/// Smallest error of the circles' radius that is common to all events, if the radius is estimated (px, σ). With 0.05 px, dots of
+/// 17.025 mm were not distinguished from 17.5 mm (seeds 501 to 503).
 const SYSTEMATIC_RADIUS: f64 = 0.03;
 
 /// Uncertainty of the intrinsics of a calibration.
