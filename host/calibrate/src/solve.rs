@@ -152,7 +152,7 @@ pub struct Problem {
     pub mean_scale: f64,
     /// Spread of a circle centre in pixels, for observations that are centres.
     pub point_sigma: f64,
-    /// Latency of each event class that the association took off the events' times (s).
+    /// Latency of each event class that the association subtracted from the events' times (s).
     pub associated_latencies: [f64; CLASS_COUNT],
     /// Observations of each segment.
     pub segments: Vec<SegmentObservations>,

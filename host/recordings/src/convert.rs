@@ -32,13 +32,13 @@ pub fn output_of(path: &Path) -> Result<OutputFormat, ConvertError> {
     OutputFormat::from_extension(path).ok_or_else(|| ConvertError::Extension(path.to_owned()))
 }
 
-/// Zero of the times in the output.
+/// Moment at which times in the output are zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum TimeOrigin {
     /// The same as in the recording.
     #[default]
     Kept,
-    /// 1970-01-01, from the date at which the camera's recording began.
+    /// 1970-01-01 (Unix time), computed from the date in the camera's recording.
     Unix,
 }
 
@@ -302,7 +302,7 @@ fn start(recording: &Recording) -> Result<Option<i64>, ConvertError> {
 }
 
 /// Returns the time in µs that becomes zero on the camera's clock: 0 if the events begin within the first hour, else
-/// the first time of all. The camera's stream needs one word for every 33 ms before the first event.
+/// the first time of all, because the camera's stream needs one word for every 33 ms before the first event.
 fn zero(events: Option<i64>, extras: Option<i64>) -> i64 {
     const LATEST_START: i64 = 3_600_000_000;
     let first = events.into_iter().chain(extras).min().unwrap_or(0);

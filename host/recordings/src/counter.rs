@@ -32,8 +32,8 @@ pub struct TimeCounter {
 }
 
 impl TimeCounter {
-    /// Creates a clock for times in this unit. Times in seconds or milliseconds may also come from a microsecond
-    /// counter by division.
+    /// Creates a clock for times in this unit. Times in seconds or milliseconds may be divided counts of a microsecond
+    /// counter.
     pub fn new(unit: TimeUnit) -> Self {
         let count = 10_i128.pow(unit.decimal_exponent().saturating_add(3).unsigned_abs());
         Self { counts: [count, count.min(MICROSECOND)], events: 0, last: None, wrapped: 0, most: 0, shift: 0 }

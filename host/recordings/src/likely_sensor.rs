@@ -15,7 +15,8 @@ const SENSORS: [Sensor; 7] = [
     Sensor::new(1280, 720),
 ];
 
-/// Returns the smallest common sensor that contains all pixels of a recording; `None` if there is none, or no events.
+/// Returns the smallest common sensor that contains all pixels of a recording; `None` if none is large enough, or if the
+/// recording has no events.
 pub fn likely_sensor_of(recording: &Recording) -> Option<Sensor> {
     let mut reader = recording.open().ok()?;
     let (mut largest, mut events) = (None, Vec::new());

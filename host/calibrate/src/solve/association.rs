@@ -1,9 +1,9 @@
 //! Assignment of events to the edges of the board (section 8 of method.md).
 //!
 //! Every event inside a trajectory segment is projected onto the board plane with the pose at its own time, which takes the
-//! motion into account. On the plane, the nearest circle follows from rounding. An event is kept if it is near that circle's
-//! edge, if the edge really moves across the pixel (where it slides along itself the distance carries no information), and if its
-//! polarity is the one that the motion predicts.
+//! motion into account. There the nearest circle is found by rounding to the grid. An event is kept if it is near that circle's
+//! edge, if the edge really moves across the pixel (if it only moves along its own direction, the distance carries no information),
+//! and if its polarity is the one that the motion predicts.
 
 use evcal_core::event::Polarity;
 use evcal_core::settings;
@@ -43,18 +43,18 @@ settings! {
 const FIRST_BAND: f64 = 3.0;
 /// Largest distance from the expected distance of the event's class, whatever the spread (px).
 const WIDEST_BAND: f64 = 2.5;
-/// Largest distance from a line as a share of the width of the narrower strip at it. The next line with events of the same polarity is at
-/// least twice this width away.
+/// Largest distance of an event from a line, as a share of the width of the narrower of the two strips along it. The next line with
+/// events of the same polarity is at least twice this width away.
 const REACH: f64 = 0.75;
 /// Smallest distance from a point where lines cross or end (px).
 const CLEARANCE: f64 = 1.5;
 /// Slowest normal speed of an edge (px/s).
 const SLOWEST_EDGE: f64 = 30.0;
-/// Smallest share of the motion that is across the edge; below it the edge mostly slides along itself.
+/// Smallest share of the motion that is across the edge; below it the edge mostly moves along its own direction.
 const TANGENT: f64 = 0.65;
-/// The same for straight edges, of which one event in [`OBLIQUE_STEP`] counts between both limits. If the motion runs along the squares of
-/// a board, the edges along it alone determine its position across the motion: without them trajectories were wrong there by up to 10 px.
-/// With all of their events, simulated focal lengths were up to 0.05 % too long.
+/// The same for straight edges; between both limits one event in [`OBLIQUE_STEP`] counts. If a board moves along its squares, only the
+/// edges in the direction of the motion determine its position across the motion: without them, trajectories were up to 10 px off. With all
+/// their events, simulated focal lengths were up to 0.05 % too long.
 const LINE_TANGENT: f64 = 0.1;
 const OBLIQUE_STEP: u64 = 8;
 /// Length of a time bin whose events share their basis weights (s).
@@ -73,7 +73,7 @@ pub struct AssociationReport {
     pub off_board: u64,
     /// Events too far from the edge of their circle.
     pub far_from_edge: u64,
-    /// Events on an edge that is too slow or slides along itself.
+    /// Events on an edge that is too slow or mostly moves along its own direction.
     pub edge_slides: u64,
     /// Events whose polarity contradicts the motion.
     pub wrong_polarity: u64,
@@ -282,7 +282,7 @@ impl<'a> Associator<'a> {
                 let velocity = ray.velocity(moment.pose);
                 let light = velocity.map(|v| if (v > 0.0) == brightens { Side::High } else { Side::Low });
                 let clearance = CLEARANCE * ray.widest_pixel(&by_pixel);
-                // The more a pixel slides along the line, the nearer it was to the end while the line passed it.
+                // If the pixel also slides along the line, it was nearer to the end while the line passed it.
                 let speed = velocity[0].hypot(velocity[1]);
                 let ends = velocity.map(|v| clearance * speed / v.abs());
                 places.nearest(ray.point().into(), light, clearance, ends)?

@@ -26,15 +26,15 @@ pub struct RankedEvent {
     pub place: BurstPlace,
 }
 
-/// Returns the position of an event in an even, fixed order of thinning. A share of the events consists of those whose position
-/// is below a bound.
+/// Returns the position of an event in a fixed order of thinning: to keep a share of the events, the ones whose position is below
+/// a bound are kept ([`places`]).
 ///
 /// Multiples of the golden ratio spread any share evenly over neighbouring ordinals.
 fn thinning_place(ordinal: u64) -> u32 {
     (ordinal.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) as u32
 }
 
-/// Returns the bound below which the positions of a share of 0 to 1 lie.
+/// Returns the bound of [`thinning_place`] below which a share (0 to 1) of the events lies.
 fn places(share: f64) -> u64 {
     (share * 2.0_f64.powi(32)).round().clamp(0.0, 2.0_f64.powi(32)) as u64
 }

@@ -130,8 +130,8 @@ fn settled(decrease: f64, tolerance: f64) -> f64 {
     if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// Expands a matrix over the estimated global parameters, or over the first of them, to the first `count` global parameters; rows
-/// and columns of fixed parameters are zero.
+/// Expands `matrix`, which has rows and columns only for estimated global parameters, to the first `count` global parameters; rows
+/// and columns of fixed parameters are zero. `matrix` needs no rows for parameters after these.
 pub fn intrinsics_of(matrix: &DMatrix<f64>, free: &[bool; GLOBAL_COUNT], count: usize) -> DMatrix<f64> {
     let mut part = DMatrix::zeros(count, count);
     let places = || (0..GLOBAL_COUNT).filter(|&global| free[global]).enumerate().filter(|(_, global)| *global < count);
@@ -143,8 +143,8 @@ pub fn intrinsics_of(matrix: &DMatrix<f64>, free: &[bool; GLOBAL_COUNT], count: 
     part
 }
 
-/// Returns the normal equations of all observations of `problem` at `state` and of the trajectory priors; `stretches` are all
-/// intervals.
+/// Returns the normal equations of all observations of `problem` at `state` and of the trajectory priors; `stretches` are the
+/// intervals into which the observations are divided.
 pub fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> System {
     let control_points: Vec<usize> = state.trajectories.iter().map(|t| t.control_point_count()).collect();
     let bearings = BearingTable::new(&state.camera, problem.sensor);
@@ -161,7 +161,7 @@ pub fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> Syst
     system
 }
 
-/// Returns the normal equations of each of `stretches` at `state`; `bearings` belong to its camera.
+/// Returns the normal equations of each of `stretches` at `state`; `bearings` are those of the state's camera.
 pub fn linearised(
     problem: &Problem,
     state: &State,

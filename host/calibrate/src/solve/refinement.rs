@@ -61,8 +61,8 @@ const SETTLED: f64 = 0.2;
 /// Most events in the rounds before the last.
 const EARLY_EVENTS: usize = 250_000;
 
-/// Stride of the events from which the knots of the last round follow. With every fourth event, trajectories are smoother, and
-/// their error in 20 s of fast motion is 4 % larger.
+/// The knots of the last round are chosen from every second event. With every fourth event, trajectories are smoother, and their
+/// error in 20 s of fast motion is 4 % larger.
 const KNOTS: usize = 2;
 
 /// Stride of the events that are solved first in the last round, before all of them: most of the way to the solution is made with
