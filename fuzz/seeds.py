@@ -1,4 +1,4 @@
-"""Makes the seeds of fuzz/corpus that other programs can write: small recordings with frames, pictures and inertial samples, in
+"""Makes the seeds of fuzz/corpus that other programs can write: small recordings with frames, pictures and IMU samples, in
 every compression, and calibrations in every program's format.
 
     sh tools/setup/readers.sh
@@ -65,7 +65,7 @@ def compressed_pictures():
 
 
 def other_messages(store, ros):
-    """(topic, type, time, message) of frames, pictures of other cameras and inertial samples."""
+    """(topic, type, time, message) of frames, pictures of other cameras and IMU samples."""
     types = store.types
     for number, (encoding, pixels) in enumerate(pictures()):
         t = START + 400 * number
@@ -195,7 +195,7 @@ def ros(folder, evcal):
 
 
 def aedat2():
-    """A DAVIS240 with a frame of 4 x 3 pixels and inertial samples between its events."""
+    """A DAVIS240 with a frame of 4 x 3 pixels and IMU samples between its events."""
     width, height = 240, 180
     words = []
     for index in range(60):
@@ -275,7 +275,7 @@ def stamp(t):
 
 
 def camera_words():
-    """Events, an inertial sample and a frame of 4 x 3 pixels, as the camera sends them: its columns are our rows."""
+    """Events, an IMU sample and a frame of 4 x 3 pixels, as the camera sends them: its columns are our rows."""
     words = special(1) + stamp(10)
     for index in range(30):
         words += stamp(20 + 5 * index) + [1 << 12 | index * 9 % 346, (2 + index % 2) << 12 | index * 5 % 260]

@@ -5,11 +5,11 @@
 //!
 //! | camera | column | row | polarity | not an event if set |
 //! |---|---|---|---|---|
-//! | DAVIS | bits 12–21 | 22–30 | 11: 1 is ON | 31 (frames, inertial samples: see [`extras`]), 10 (signals) |
+//! | DAVIS | bits 12–21 | 22–30 | 11: 1 is ON | 31 (frames, IMU samples: see [`extras`]), 10 (signals) |
 //! | DVS128 | bits 1–7 | 8–14 | 0: 0 is ON | 15 (signals) |
 //!
 //! If several DAVIS were recorded together, the lowest 4 bits of an event are the number of its camera (jAER,
-//! `MultiCameraApsDvsEvent`). Frames and inertial samples of such files are not read.
+//! `MultiCameraApsDvsEvent`). Frames and IMU samples of such files are not read.
 //!
 //! The camera is determined by the line `# AEChip:`, or without one by the addresses of the first records.
 
@@ -149,7 +149,7 @@ struct Decoder {
     layout: Layout,
     block: Vec<u8>,
     clock: Clock,
-    /// Counts of words of frames, words of inertial samples, signals, and events of other cameras.
+    /// Counts of words of frames, words of IMU samples, signals, and events of other cameras.
     others: [u64; 4],
 }
 
@@ -171,7 +171,7 @@ fn is_level(word: u32) -> bool {
     word >> 31 == 1 && !is_sample(word)
 }
 
-/// `true` if a word of a DAVIS is part of an inertial sample.
+/// `true` if a word of a DAVIS is part of an IMU sample.
 fn is_sample(word: u32) -> bool {
     word & 0x8000_0c00 == 0x8000_0c00
 }
@@ -322,7 +322,7 @@ mod tests {
     fn addresses_of_a_davis_are_decoded() {
         let records = [
             [davis(0, 0, 1), 0x7fff_fffe],
-            // A frame, a signal, an inertial sample.
+            // A frame, a signal, an IMU sample.
             [0x8000_0000 | davis(5, 5, 0), 0x7fff_fffe],
             [davis(5, 5, 0) | 0x400, 0x7fff_fffe],
             [0x8000_0c00, 0x7fff_fffe],

@@ -7,7 +7,7 @@
 //! time in µs, to which overflows · 2³¹ is added.
 //!
 //! In 3.1 y counts from above, in 3.0 from below. A file may contain packets of several cameras, called sources.
-//! [`extras`] reads frames and inertial samples.
+//! [`extras`] reads frames and IMU samples.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -60,7 +60,7 @@ impl Decode for ChainDecoder {
     }
 }
 
-/// Reader of the frames and inertial samples of several files, one after the other.
+/// Reader of the frames and IMU samples of several files, one after the other.
 pub struct ChainExtras {
     /// Reader of each file.
     pub files: Vec<Box<dyn ReadExtras>>,

@@ -1,7 +1,7 @@
 //! Conversion of recordings from one format to another.
 //!
 //! Events pass the same reader as for a calibration, so a converted recording gives the same calibration as the
-//! original. Frames and inertial samples are kept if both formats support them; the report lists what was lost.
+//! original. Frames and IMU samples are kept if both formats support them; the report lists what was lost.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -49,7 +49,7 @@ pub struct ConversionReport {
     pub events: u64,
     /// Frames written.
     pub frames: u64,
-    /// Inertial samples written.
+    /// IMU samples written.
     pub inertial_samples: u64,
     /// Transfers copied, if both formats store USB transfers of a camera.
     pub transfers: u64,
@@ -125,7 +125,7 @@ const AFTERWARDS: i64 = 60_000_000;
 pub struct Change<'a> {
     /// Changes a batch of events; times must stay in order.
     pub events: &'a mut dyn FnMut(&mut Vec<Event>),
-    /// Changes a frame or an inertial sample, except its times.
+    /// Changes a frame or an IMU sample, except its times.
     pub extra: &'a mut dyn FnMut(&mut Extra),
 }
 
@@ -224,7 +224,7 @@ pub fn convert_changed(
         write_extra(&mut *output, extra, &mut change, shift, &mut report).map_err(failed)?;
     }
     if extras.next_until(i64::MAX, &mut report.lost).is_some() {
-        report.lost.push("frames or inertial samples more than a minute after the last event".to_owned());
+        report.lost.push("frames or IMU samples more than a minute after the last event".to_owned());
     }
     check_outside(recording, reader.report())?;
     // An existing file is not replaced by an empty one.
@@ -246,7 +246,7 @@ pub fn convert_changed(
     Ok(report)
 }
 
-/// Changes a frame or an inertial sample, shifts its times by `shift` µs, writes it, and counts it if the output
+/// Changes a frame or an IMU sample, shifts its times by `shift` µs, writes it, and counts it if the output
 /// supports it.
 fn write_extra(
     output: &mut dyn Encode,
@@ -325,7 +325,7 @@ impl fmt::Display for ConversionReport {
             f.write_str(&counted(self.events, "event", "events"))?;
             if self.frames > 0 || self.inertial_samples > 0 {
                 let frames = counted(self.frames, "frame", "frames");
-                write!(f, ", {frames}, {}", counted(self.inertial_samples, "inertial sample", "inertial samples"))?;
+                write!(f, ", {frames}, {}", counted(self.inertial_samples, "IMU sample", "IMU samples"))?;
             }
         }
         let mut warnings = self.report.warnings();

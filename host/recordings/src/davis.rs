@@ -55,7 +55,7 @@ const BATCH: usize = 32_768;
 
 /// Names of the content other than events.
 const FRAMES: &str = "frames";
-const INERTIAL: &str = "inertial samples";
+const INERTIAL: &str = "IMU samples";
 const SIGNALS: &str = "signals";
 
 fn is(head: &Head, formats: &[CaptureFormat]) -> bool {

@@ -99,7 +99,7 @@ pub struct OutputFormat {
     pub extensions: &'static [&'static str],
     /// `true` if the file contains the size of the sensor.
     pub holds_sensor: bool,
-    /// `true` if the file can contain frames and inertial samples.
+    /// `true` if the file can contain frames and IMU samples.
     pub holds_extras: bool,
     /// Creates a file of this format.
     pub create: CreateFile,
@@ -126,7 +126,7 @@ pub struct CopiedTransfers {
     pub error: Option<CaptureError>,
 }
 
-/// Encoder of one format: turns events, and frames and inertial samples if supported, into bytes.
+/// Encoder of one format: turns events, and frames and IMU samples if supported, into bytes.
 pub trait Encode {
     /// Writes `events`, which follow those written before.
     ///
@@ -134,7 +134,7 @@ pub trait Encode {
     /// When the format does not support them or the output cannot be written.
     fn write(&mut self, events: &[Event]) -> Result<(), WriteError>;
 
-    /// Writes a frame or an inertial sample. Returns `false` if the format does not support it.
+    /// Writes a frame or an IMU sample. Returns `false` if the format does not support it.
     ///
     /// # Errors
     /// As [`Encode::write`].

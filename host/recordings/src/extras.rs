@@ -1,4 +1,4 @@
-//! Frames and inertial samples of a recording.
+//! Frames and IMU samples of a recording.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -55,7 +55,7 @@ pub struct InertialSample {
 pub struct OtherStreams {
     /// `true` if there are frames.
     pub frames: bool,
-    /// `true` if there are inertial samples.
+    /// `true` if there are IMU samples.
     pub imu: bool,
 }
 
@@ -63,12 +63,12 @@ pub struct OtherStreams {
 /// the exposure and once after it.
 pub const READOUT: i64 = 9200;
 
-/// A frame or an inertial sample.
+/// A frame or an IMU sample.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Extra {
     /// A frame.
     Frame(Frame),
-    /// An inertial sample.
+    /// An IMU sample.
     Inertial(InertialSample),
 }
 
@@ -105,7 +105,7 @@ pub fn frame_start(frame: &Frame) -> i64 {
     frame.readout.map_or(exposure_start.saturating_sub(READOUT), |times| times.0.min(exposure_start))
 }
 
-/// Reader of frames and inertial samples, in order of time.
+/// Reader of frames and IMU samples, in order of time.
 pub trait ReadExtras {
     /// Kinds of streams that this reader returns.
     fn held(&self) -> OtherStreams;
@@ -132,7 +132,7 @@ pub trait ReadExtras {
 }
 
 /// Name of both kinds together, for messages.
-pub const BOTH: &str = "frames and inertial samples";
+pub const BOTH: &str = "frames and IMU samples";
 
 /// Returns the element that was read. After an error, returns `None` and adds to `lost` that `what` is missing from
 /// here on.
@@ -143,7 +143,7 @@ pub fn read_or_report<T>(read: Result<Option<T>, RecordingError>, what: &str, lo
     })
 }
 
-/// Treatment of damaged frames and inertial samples, with the number of those skipped.
+/// Treatment of damaged frames and IMU samples, with the number of those skipped.
 #[derive(Debug)]
 pub struct Skipped {
     damage: Damage,
@@ -223,7 +223,7 @@ pub fn take_until(
     std::mem::replace(next, after)
 }
 
-/// Reader for recordings without frames and inertial samples.
+/// Reader for recordings without frames and IMU samples.
 pub struct NoExtras;
 
 impl ReadExtras for NoExtras {

@@ -25,7 +25,7 @@ pub type Opened = Result<Box<dyn Decode>, RecordingError>;
 pub type VisitFrames =
     fn(&Path, &RecordingOptions, &mut dyn FnMut(TimedImage)) -> Result<Result<(), RecordingError>, RecordingError>;
 
-/// Opens a reader of frames and inertial samples at the beginning of the file.
+/// Opens a reader of frames and IMU samples at the beginning of the file.
 pub type OpenExtras = fn(&Path, &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError>;
 
 /// Opens a capture of USB transfers.
@@ -45,7 +45,7 @@ pub struct FileFormat {
     pub streams: fn(&Path, &RecordingOptions) -> Result<Vec<StreamSummary>, RecordingError>,
     /// Visits the frames, if the format can contain any.
     pub frames: Option<VisitFrames>,
-    /// Opens frames and inertial samples for conversion, if the format can contain any.
+    /// Opens frames and IMU samples for conversion, if the format can contain any.
     pub extras: Option<OpenExtras>,
     /// Opens the USB transfers, if the format stores those of a camera.
     pub transfers: Option<OpenTransfers>,
@@ -95,7 +95,7 @@ impl Uses {
 }
 
 impl FileFormat {
-    /// Creates a read-only format with one event stream, without frames or inertial samples.
+    /// Creates a read-only format with one event stream, without frames or IMU samples.
     pub const fn of_events(
         name: &'static str,
         recognise: fn(&Head) -> bool,

@@ -270,7 +270,7 @@ struct Decoder {
     /// Offset in µs of all times.
     offset: i64,
     damage: Damage,
-    /// Numbers of frames and inertial samples, by name.
+    /// Numbers of frames and IMU samples, by name.
     other: Vec<(String, u64)>,
     /// Number of events read.
     next: u64,

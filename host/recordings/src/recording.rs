@@ -197,7 +197,7 @@ impl Recording {
         Ok(streams)
     }
 
-    /// Opens the frames and inertial samples, which are returned in order of time.
+    /// Opens the frames and IMU samples, which are returned in order of time.
     ///
     /// # Errors
     /// When the file cannot be read.

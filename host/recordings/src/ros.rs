@@ -6,7 +6,7 @@
 //! | `event_camera_msgs/EventPacket` | events, encodings `evt3`, `libcaer`, `libcaer_cmp`, `mono` |
 //! | `sensor_msgs/Image` | frames: `mono8`, `mono16`, `bgr8`, `rgb8`, `bgra8`, `rgba8`, `bayer_rggb8` and other Bayer patterns of 8 and 16 bits |
 //! | `sensor_msgs/CompressedImage` | images of a second camera: JPEG and PNG |
-//! | `sensor_msgs/Imu` | inertial samples |
+//! | `sensor_msgs/Imu` | IMU samples |
 //!
 //! Times come from the sensor and are stored in the messages. Messages are read in file order; their times of recording
 //! are not used.

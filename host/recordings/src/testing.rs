@@ -27,7 +27,7 @@ fn short_lived() -> TempDir {
     tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
 }
 
-/// Reads a file with this content, including frames and inertial samples.
+/// Reads a file with this content, including frames and IMU samples.
 pub fn read_with(content: &[u8], options: RecordingOptions) -> Outcome {
     let directory = short_lived();
     let path = directory.path().join("recording");
@@ -35,7 +35,7 @@ pub fn read_with(content: &[u8], options: RecordingOptions) -> Outcome {
     read_file(&path, options)
 }
 
-/// Reads the file at `path`, including frames and inertial samples.
+/// Reads the file at `path`, including frames and IMU samples.
 pub fn read_file(path: &Path, options: RecordingOptions) -> Outcome {
     let mut outcome = Outcome { events: Vec::new(), information: None, report: ReadReport::default(), error: None };
     let opened = Recording::new(path, options).and_then(|recording| Ok((recording.open()?, recording)));

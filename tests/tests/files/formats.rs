@@ -145,9 +145,9 @@ fn frames_and_samples_of_mvsec_are_read() {
     assert_eq!((frame.size, frame.channels, frame.pixels.len()), ((346, 260), 1, 346 * 260));
     assert!(frame.pixels.iter().enumerate().all(|(index, pixel)| usize::from(*pixel) == index % 251));
     let report = converted(&paths[0], &folder.path().join("target.aedat4"));
-    assert!(report.contains("20000 events, 2 frames, 3 inertial samples") && !report.contains("not kept"), "{report}");
+    assert!(report.contains("20000 events, 2 frames, 3 IMU samples") && !report.contains("not kept"), "{report}");
     let report = converted(&paths[0], &folder.path().join("target.csv"));
-    assert!(report.contains("not kept: 2 frames") && report.contains("not kept: 3 inertial samples"), "{report}");
+    assert!(report.contains("not kept: 2 frames") && report.contains("not kept: 3 IMU samples"), "{report}");
 }
 
 #[test]
@@ -212,10 +212,7 @@ fn written_bags_are_read_by_rosbags_and_mcap_with_frames_and_samples() {
     for (program, extension) in [("rosbags", "bag"), ("mcap", "mcap")] {
         let target = folder.path().join(format!("target.{extension}"));
         let report = converted(&source, &target);
-        assert!(
-            report.contains("20000 events, 5 frames, 50 inertial samples") && report.contains("exposures"),
-            "{report}"
-        );
+        assert!(report.contains("20000 events, 5 frames, 50 IMU samples") && report.contains("exposures"), "{report}");
         assert_eq!(read(&target, RecordingOptions::default()), events(UNIX_TIME));
         let found = read_by(program, &target);
         assert!(found["events"] == rows(&events(UNIX_TIME)), "{program}");
@@ -238,7 +235,7 @@ fn written_bags_are_read_by_rosbags_and_mcap_with_frames_and_samples() {
         }
         // Converting back keeps the whole content of the bag.
         let again = folder.path().join(format!("{extension}.aedat4"));
-        assert!(converted(&target, &again).contains("20000 events, 5 frames, 50 inertial samples"));
+        assert!(converted(&target, &again).contains("20000 events, 5 frames, 50 IMU samples"));
         assert_eq!(read(&again, RecordingOptions::default()), events(UNIX_TIME));
     }
 }

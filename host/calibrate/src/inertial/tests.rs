@@ -228,7 +228,7 @@ fn a_full_motion_has_no_findings() {
 #[test]
 fn lost_samples_are_reported() {
     let bench = Bench::new(1, motion(1, turned([0.45, 0.5, 0.45])));
-    let what = "inertial samples from here on: a.aedat4, byte 12".to_owned();
+    let what = "IMU samples from here on: a.aedat4, byte 12".to_owned();
     let found = bench.calibrated_without(None, vec![what.clone()]).unwrap();
     assert_eq!(found.findings, [Finding::Damaged { what }]);
     assert_eq!(grade(&found), Grade::Good);

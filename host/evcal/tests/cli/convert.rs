@@ -118,15 +118,9 @@ fn frames_and_inertial_samples_go_to_the_cameras_words_and_back() {
         (1..900).map(|index| sample(1000 * index, index as f32 / 1024.0 * 1000.0)).collect();
     write_aedat4(&file("first.aedat4"), &expected, &frames, &samples);
     let printed = succeed(&["convert", text(&file("first.aedat4")), text(&file("camera.dvraw"))]);
-    assert!(
-        printed.contains("40000 events, 20 frames, 899 inertial samples") && !printed.contains("not kept"),
-        "{printed}"
-    );
+    assert!(printed.contains("40000 events, 20 frames, 899 IMU samples") && !printed.contains("not kept"), "{printed}");
     let printed = succeed(&["convert", text(&file("camera.dvraw")), text(&file("again.aedat4"))]);
-    assert!(
-        printed.contains("40000 events, 20 frames, 899 inertial samples") && printed.contains("10 bits"),
-        "{printed}"
-    );
+    assert!(printed.contains("40000 events, 20 frames, 899 IMU samples") && printed.contains("10 bits"), "{printed}");
     assert_eq!(read(&file("again.aedat4")).0, expected);
     let mut reader = FrameReader::open(&file("again.aedat4"), &RecordingOptions::default()).unwrap();
     for frame in &frames {
@@ -151,7 +145,7 @@ fn frames_and_inertial_samples_go_to_the_cameras_words_and_back() {
     assert_eq!([elements(0), elements(1), elements(2), elements(3)], [40_000, 20, 899, 0]);
     assert_eq!(information["report"]["stream"]["gaps"], 0);
     let printed = succeed(&["convert", text(&file("camera.dvraw")), text(&file("events.csv"))]);
-    assert!(printed.contains("not kept: 20 frames") && printed.contains("not kept: 899 inertial samples"), "{printed}");
+    assert!(printed.contains("not kept: 20 frames") && printed.contains("not kept: 899 IMU samples"), "{printed}");
     let printed = succeed(&["convert", text(&file("first.aedat4")), text(&file("events.bin"))]);
     assert!(printed.contains("20 packets of 1 frames (FRME)"), "{printed}");
 }

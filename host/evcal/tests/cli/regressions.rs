@@ -95,7 +95,7 @@ fn a_frame_that_does_not_say_when_it_was_read_reaches_the_raw_dump() {
     let frames: Vec<Frame> = (1..20).map(|index| Frame { readout: None, ..frame(50_000 * index) }).collect();
     write_aedat4(&from, &frames, &[sample(500), sample(600_000)]);
     let printed = succeed(&["convert", text(&from), text(&to)]);
-    assert!(printed.contains("10000 events, 19 frames, 2 inertial samples"), "{printed}");
+    assert!(printed.contains("10000 events, 19 frames, 2 IMU samples"), "{printed}");
     assert_eq!(read(&to), events());
 }
 
@@ -118,7 +118,7 @@ fn times_that_cannot_be_are_left_out_of_a_raw_dump() {
     let endless = Frame { exposure: Some((298_000, HOURS)), readout: Some((291_000, HOURS)), ..frame(300_000) };
     write_aedat4(&from, &[frame(100_000), endless], &[sample(500), sample(HOURS)]);
     let printed = succeed(&["convert", text(&from), text(&to)]);
-    assert!(printed.contains("10000 events, 1 frame, 1 inertial sample\n"), "{printed}");
+    assert!(printed.contains("10000 events, 1 frame, 1 IMU sample\n"), "{printed}");
     assert!(
         printed.contains("more than a minute after the last event") && printed.contains("are impossible"),
         "{printed}"

@@ -1,9 +1,9 @@
-//! Frames and inertial samples of a DAVIS in AEDAT 2.0.
+//! Frames and IMU samples of a DAVIS in AEDAT 2.0.
 //!
 //! | word | bits |
 //! |---|---|
 //! | level of a pixel | 31 set; 22–30 row, from below; 12–21 column, from the left (unlike in events); 10–11: 0 after the reset, 1 after the exposure; 0–9 level |
-//! | part of an inertial sample | 31, 11 and 10 set; 28–30: 0 to 2 acceleration x, y, z, 3 temperature, 4 to 6 rate about x, y, z; 12–27 value |
+//! | part of an IMU sample | 31, 11 and 10 set; 28–30: 0 to 2 acceleration x, y, z, 3 temperature, 4 to 6 rate about x, y, z; 12–27 value |
 //!
 //! The brightness of a pixel is the decrease of its level during the exposure (jAER: `DavisChip`, `DavisBaseCamera`,
 //! `IMUSample`). Samples are in the axes of the IMU, because jAER's sources contradict each other about its orientation
@@ -23,7 +23,7 @@ use crate::read_report::ReadReport;
 
 /// Names of the words that a pass through the events passes over.
 pub const LEVELS: &str = "words of frames";
-pub const SAMPLES: &str = "words of inertial samples";
+pub const SAMPLES: &str = "words of IMU samples";
 /// Number of bytes that are read at a time; a multiple of [`RECORD`].
 const BLOCK: u64 = 1 << 15;
 /// Number of words per sample.
@@ -147,7 +147,7 @@ impl Growing {
     }
 }
 
-/// An inertial sample of which parts are still being read, in their order.
+/// An IMU sample of which parts are still being read, in their order.
 #[derive(Default)]
 struct Sample {
     ranges: Ranges,
@@ -246,7 +246,7 @@ struct WordExtras {
     held: OtherStreams,
 }
 
-/// Opens the frames and inertial samples of the file at `path`.
+/// Opens the frames and IMU samples of the file at `path`.
 pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
     let held = Words::open(path, options)?.map_or(Ok(OtherStreams::default()), Words::held)?;
     let mut words = Words::open(path, options)?;

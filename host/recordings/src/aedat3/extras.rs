@@ -1,9 +1,9 @@
-//! Frames and inertial samples of AEDAT 3. In 3.0 rows count from below.
+//! Frames and IMU samples of AEDAT 3. In 3.0 rows count from below.
 //!
 //! | packet | layout of an event |
 //! |---|---|
 //! | 2, frames | u32 (bit 0 valid, 1–3 channels), i32 times in µs: start and end of the frame, start and end of the exposure; i32 width, height, column, row; u16 values, red before blue |
-//! | 3, inertial samples | u32 (bit 0 valid), i32 time in µs; f32 accelerations x, y, z in g, rates x, y, z in °/s, °C |
+//! | 3, IMU samples | u32 (bit 0 valid), i32 time in µs; f32 accelerations x, y, z in g, rates x, y, z in °/s, °C |
 
 use std::path::Path;
 
@@ -151,7 +151,7 @@ struct PacketExtras {
     lost: Vec<String>,
 }
 
-/// Opens the frames and inertial samples of the file at `path`.
+/// Opens the frames and IMU samples of the file at `path`.
 pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
     let mut heads = Packets::open(path, options)?;
     let mut held = OtherStreams::default();
@@ -292,7 +292,7 @@ mod tests {
         let mut lost = Vec::new();
         let found: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut lost)).collect();
         assert_eq!((found.as_slice(), lost), (expected.as_slice(), Vec::new()));
-        assert!(extras.reads("frames (2)") && extras.reads("inertial samples (3)") && !extras.reads("events (1)"));
+        assert!(extras.reads("frames (2)") && extras.reads("IMU samples (3)") && !extras.reads("events (1)"));
         let mut count = 0;
         assert_eq!(recording.visit_frames(|_| count += 1).unwrap(), None);
         assert_eq!(count, 2);

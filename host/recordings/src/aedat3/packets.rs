@@ -19,7 +19,7 @@ pub const POLARITY: i16 = 1;
 /// Size of a polarity event in bytes.
 pub const EVENT: usize = 8;
 /// Names of the content of packets, indexed by kind.
-const KINDS: [&str; 5] = ["special events", "events", "frames", "inertial samples", "inertial samples with compass"];
+const KINDS: [&str; 5] = ["special events", "events", "frames", "IMU samples", "IMU samples with compass"];
 /// Kinds below this number are counted separately. cAER uses fewer.
 const KNOWN_KINDS: i16 = 32;
 /// Parts of source names, with the sensor of the camera.

@@ -1,4 +1,4 @@
-//! Frames and inertial samples of AEDAT4, in order of time.
+//! Frames and IMU samples of AEDAT4, in order of time.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use crate::error::RecordingError;
 use crate::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras, frame_start, read_or_report};
 use crate::options::RecordingOptions;
 
-/// Reader of the frames and inertial samples of a file.
+/// Reader of the frames and IMU samples of a file.
 pub struct Aedat4Extras {
     frames: FrameReader,
     samples: InertialReader,
@@ -27,7 +27,7 @@ impl Aedat4Extras {
         let (mut frames, mut samples) = (FrameReader::open(path, options)?, InertialReader::open(path, options)?);
         let mut lost = Vec::new();
         let frame = read_or_report(frames.next_frame(), "frames", &mut lost);
-        let sample = read_or_report(samples.next_sample(), "inertial samples", &mut lost);
+        let sample = read_or_report(samples.next_sample(), "IMU samples", &mut lost);
         let held = OtherStreams { frames: frame.is_some(), imu: sample.is_some() };
         let streams = frames.stream().filter(|_| held.frames || frames.has_unread()).into_iter();
         let streams = streams.chain(samples.stream().filter(|_| held.imu)).collect();
@@ -56,7 +56,7 @@ impl ReadExtras for Aedat4Extras {
         let frame = self.frame.as_ref().map(frame_start).filter(|start| *start <= end);
         let sample = self.sample.map(|sample| sample.t).filter(|t| *t <= end);
         if sample.is_some() && frame.is_none_or(|start| sample < Some(start)) {
-            let after = read_or_report(self.samples.next_sample(), "inertial samples", lost);
+            let after = read_or_report(self.samples.next_sample(), "IMU samples", lost);
             return std::mem::replace(&mut self.sample, after).map(Extra::Inertial);
         }
         frame?;
@@ -113,9 +113,9 @@ mod tests {
         std::fs::write(&path, content).unwrap();
         let (before, lost) = read(Damage::Refuse);
         assert_eq!(before, all[..10]);
-        assert!(lost.len() == 1 && lost[0].contains("inertial samples from here on"), "{lost:?}");
+        assert!(lost.len() == 1 && lost[0].contains("IMU samples from here on"), "{lost:?}");
         let (around, lost) = read(Damage::Skip);
         assert_eq!(around, [&all[..10], &all[20..]].concat());
-        assert_eq!(lost, ["1 damaged packet of frames and inertial samples"]);
+        assert_eq!(lost, ["1 damaged packet of frames and IMU samples"]);
     }
 }

@@ -32,7 +32,7 @@ pub struct Stream {
     pub id: i32,
     /// Name of the recorded output, for example `events`.
     pub name: String,
-    /// Content of its packets: EVTS events, FRME frames, IMUS inertial samples, TRIG triggers.
+    /// Content of its packets: EVTS events, FRME frames, IMUS IMU samples, TRIG triggers.
     pub type_identifier: String,
     /// Width and height in pixels, if given.
     pub size: Option<(i64, i64)>,

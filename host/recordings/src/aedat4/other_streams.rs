@@ -1,4 +1,4 @@
-//! Streams of an AEDAT4 file other than events: frames, inertial samples, triggers.
+//! Streams of an AEDAT4 file other than events: frames, IMU samples, triggers.
 //!
 //! | identifier | root table | elements |
 //! |---|---|---|

@@ -1,4 +1,4 @@
-//! Writer of AEDAT4: a stream of events, optionally one of frames and one of inertial samples, and the closing table of
+//! Writer of AEDAT4: a stream of events, optionally one of frames and one of IMU samples, and the closing table of
 //! packets that dv-processing expects.
 
 mod packet;
@@ -77,7 +77,7 @@ pub struct Encoder<W> {
     compression: Compression,
     position: u64,
     packet: Vec<Event>,
-    /// Inertial samples that have not been written yet.
+    /// IMU samples that have not been written yet.
     samples: Vec<InertialSample>,
     table: Vec<TableRow>,
 }
@@ -108,7 +108,7 @@ impl<W: Write + Seek> Encoder<W> {
         self.write_packet(FRAMES, &frame_packet(frame)?, 1, frame.t, frame.t)
     }
 
-    /// Writes inertial samples, which must follow those written before.
+    /// Writes IMU samples, which must follow those written before.
     pub fn imu(&mut self, samples: &[InertialSample]) -> Result<(), WriteError> {
         let packet = |sample: &InertialSample| sample.t.div_euclid(PACKET_DURATION);
         for samples in samples.chunk_by(|a, b| packet(a) == packet(b)) {

@@ -1,6 +1,6 @@
-//! Writer of `.dvraw` dumps from events, frames and inertial samples, as a DAVIS346 would have sent them over USB.
+//! Writer of `.dvraw` dumps from events, frames and IMU samples, as a DAVIS346 would have sent them over USB.
 //!
-//! Items go through the camera's multiplexer in order of time. Among items of the same time, inertial samples precede events, and
+//! Items go through the camera's multiplexer in order of time. Among items of the same time, IMU samples precede events, and
 //! events precede parts of a frame. A transfer ends when it is full or when the early-packet delay has passed.
 
 use std::io::Write;
@@ -105,7 +105,7 @@ impl<W: Write> DumpEncoder<W> {
         self.waiting.extend(steps.map(|(time, step)| (time, Item::Frame(Rc::clone(&owned), step))));
     }
 
-    /// Adds an inertial sample.
+    /// Adds an IMU sample.
     pub fn imu(&mut self, sample: &ImuSample) {
         self.waiting.push((sample.time, Item::Imu(*sample)));
     }

@@ -40,7 +40,7 @@ struct DumpSink {
     origin: i64,
     /// Time in µs before which everything has been sent.
     sent: i64,
-    /// End of the latest frame and time of the latest inertial sample, in µs.
+    /// End of the latest frame and time of the latest IMU sample, in µs.
     frame_end: i64,
     inertial_time: i64,
     frames_overlap: u64,
@@ -202,7 +202,7 @@ impl Encode for DumpSink {
         [
             counted(self.frames_overlap, "frames whose timestamps overlap, are out of order or are impossible"),
             counted(self.frames_without_place, "frames in colour or beyond the sensor"),
-            counted(self.samples_back, "inertial samples earlier than the one before them"),
+            counted(self.samples_back, "IMU samples earlier than the one before them"),
             origin,
         ]
         .into_iter()

@@ -1,4 +1,4 @@
-//! Frames and inertial samples of a DAVIS346's stream.
+//! Frames and IMU samples of a DAVIS346's stream.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -11,7 +11,7 @@ use crate::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras};
 use crate::options::RecordingOptions;
 use crate::pictures::{GreyImage, NoImage, TimedImage};
 
-/// Reader of the frames and inertial samples of a recording.
+/// Reader of the frames and IMU samples of a recording.
 pub struct CameraExtras {
     messages: Messages,
     /// Elements that were read but not returned yet.

@@ -1,4 +1,4 @@
-//! Frames and inertial samples in HDF5, in the layout of MVSEC's files. `image_raw` contains images of 8 bits, and
+//! Frames and IMU samples in HDF5, in the layout of MVSEC's files. `image_raw` contains images of 8 bits, and
 //! `imu` three accelerations in m/s² and three angular rates in rad/s, as in ROS. Their times are in `image_raw_ts` and
 //! `imu_ts`.
 
@@ -22,7 +22,7 @@ use crate::ros::GRAVITY;
 
 /// Names in reports.
 pub const FRAMES: &str = "frames";
-pub const SAMPLES: &str = "inertial samples";
+pub const SAMPLES: &str = "IMU samples";
 
 /// Largest number of times that are kept in memory (an hour at 1 kHz).
 const MOST_TIMES: u64 = 4_000_000;
@@ -77,7 +77,7 @@ impl Timed {
     fn sample(&self, t: i64) -> Result<InertialSample, Error> {
         let numbers = table::row(&self.data, self.next as u64)?;
         let &[ax, ay, az, gx, gy, gz] = numbers.as_slice() else {
-            return Err(Error::InvalidData("inertial samples that do not have six numbers".to_owned()));
+            return Err(Error::InvalidData("IMU samples that do not have six numbers".to_owned()));
         };
         let three = |numbers: [Number; 3], scale: f64| numbers.map(|number| (number.value() * scale) as f32);
         Ok(InertialSample {
@@ -147,7 +147,7 @@ struct Hdf5Extras {
     lost: Vec<String>,
 }
 
-/// Opens the frames and inertial samples of the file at `path`.
+/// Opens the frames and IMU samples of the file at `path`.
 pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
     let mut reader = Reader::open(path, options)?;
     let held = OtherStreams { frames: reader.frames.is_some(), imu: reader.samples.is_some() };
@@ -160,7 +160,7 @@ pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtra
 fn damaged(path: &Path, error: &Error) -> RecordingError {
     match structure(path, error) {
         RecordingError { kind: RecordingErrorKind::Damaged { byte, .. }, path } => {
-            let what = format!("frames or inertial samples cannot be read: {error}");
+            let what = format!("frames or IMU samples cannot be read: {error}");
             RecordingError::new(&path, RecordingErrorKind::Damaged { byte, what, usable: Usable::Before })
         }
         other => other,
@@ -266,7 +266,7 @@ mod tests {
 
     #[test]
     fn samples_are_read_if_damaged_frames_are_skipped() {
-        let lost = "1 damaged packet of frames and inertial samples".to_owned();
+        let lost = "1 damaged packet of frames and IMU samples".to_owned();
         assert_eq!(read(Damage::Skip), (vec![160, 260], vec![lost]));
     }
 }

@@ -41,7 +41,7 @@ pub struct Found {
     pub offset: Option<Number>,
     /// Frames in the same group, with their times.
     pub frames: Option<TimedDataset>,
-    /// Inertial samples in the same group, with their times.
+    /// IMU samples in the same group, with their times.
     pub samples: Option<TimedDataset>,
 }
 
@@ -88,7 +88,7 @@ pub fn find(file: &Hdf5File) -> Result<Contents, Error> {
 
 /// Dataset in DSEC's files with the time of the first event, next to the group of events.
 const OFFSET: &str = "t_offset";
-/// Datasets with frames and inertial samples in MVSEC's files. The datasets with their times have the suffix `_ts`.
+/// Datasets with frames and IMU samples in MVSEC's files. The datasets with their times have the suffix `_ts`.
 const FRAMES: &str = "image_raw";
 const SAMPLES: &str = "imu";
 

@@ -1,4 +1,4 @@
-//! Images and inertial samples of the camera whose events are read.
+//! Images and IMU samples of the camera whose events are read.
 //!
 //! A bag may contain several cameras and IMUs. The topics that belong to the events are those whose names share the
 //! most leading parts with that of the events: `/davis/left/image_raw` and `/davis/left/imu` belong to
@@ -300,7 +300,7 @@ impl ReadExtras for MessageExtras {
     fn chosen(&self) -> Vec<String> {
         let sentence = |(what, name): (&str, &Option<String>)| Some(format!("{what} are read from {}", name.as_ref()?));
         let other = |name: &String| format!("{name} is not read: its name belongs to another camera than the events");
-        let chosen = ["frames", "inertial samples"].into_iter().zip(&self.names).filter_map(sentence);
+        let chosen = ["frames", "IMU samples"].into_iter().zip(&self.names).filter_map(sentence);
         chosen.chain(self.foreign.iter().map(other)).collect()
     }
 }

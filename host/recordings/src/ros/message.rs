@@ -21,7 +21,7 @@ pub enum Kind {
     Image,
     /// An image as the bytes of a JPEG or PNG file.
     CompressedImage,
-    /// An inertial sample.
+    /// An IMU sample.
     Imu,
     /// Anything else.
     Other,

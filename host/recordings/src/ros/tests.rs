@@ -283,7 +283,7 @@ fn frames_and_samples_are_from_the_camera_whose_events_are_read() {
             let side = if times == [2, 8] { "left" } else { "right" };
             let chosen = [
                 format!("frames are read from /rig/{side}/image_raw"),
-                format!("inertial samples are read from /rig/{side}/imu"),
+                format!("IMU samples are read from /rig/{side}/imu"),
             ];
             assert!(reader.chosen().iter().zip(&chosen).all(|(note, part)| note.starts_with(part.as_str())));
         }

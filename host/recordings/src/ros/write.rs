@@ -1,6 +1,6 @@
 //! Writer of bags of ROS 1 and MCAP files of ROS 2.
 //!
-//! | file | events | frames, inertial samples |
+//! | file | events | frames, IMU samples |
 //! |---|---|---|
 //! | bag | `dvs_msgs/EventArray` | `sensor_msgs/Image`, `sensor_msgs/Imu` |
 //! | MCAP | `event_camera_msgs/EventPacket`, encoding `libcaer_cmp` | as for a bag |
@@ -136,7 +136,7 @@ impl<S: Sink> Encode for Encoder<S> {
                 u64::from(self.counts[FRAMES]).min(self.exposures),
                 "start and end of the exposures: an image of ROS has a single timestamp",
             ),
-            (self.counts[SAMPLES].into(), "temperatures of inertial samples"),
+            (self.counts[SAMPLES].into(), "temperatures of IMU samples"),
         ];
         lost.into_iter().filter(|(count, _)| *count > 0).map(|(_, what)| what.to_owned()).collect()
     }

@@ -152,7 +152,7 @@ fn a_damaged_first_frame_is_reported_or_skipped() {
         let (times, lost, pictures) = extras(&content, RecordingOptions::default());
         assert_eq!((times, pictures), (Vec::new(), 0));
         assert!(lost.len() == 1 && lost[0].contains("/dvs/image_raw is damaged"), "{lost:?}");
-        let skipped = "1 damaged packet of frames and inertial samples".to_owned();
+        let skipped = "1 damaged packet of frames and IMU samples".to_owned();
         assert_eq!(extras(&content, skip()), (vec![1, 2], vec![skipped], 1));
     }
 }

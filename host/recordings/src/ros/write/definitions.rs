@@ -47,7 +47,7 @@ macro_rules! imu {
     };
 }
 
-/// Events, frames and inertial samples of ROS 1, with the topic names of rpg_dvs_ros.
+/// Events, frames and IMU samples of ROS 1, with the topic names of rpg_dvs_ros.
 pub const ROS1: [TopicDefinition; 3] = [
     TopicDefinition {
         name: "/dvs/events",
@@ -74,7 +74,7 @@ pub const ROS1: [TopicDefinition; 3] = [
     },
 ];
 
-/// Events, frames and inertial samples of ROS 2, with the topic names of libcaer_driver.
+/// Events, frames and IMU samples of ROS 2, with the topic names of libcaer_driver.
 pub const ROS2: [TopicDefinition; 3] = [
     TopicDefinition {
         name: "/event_camera/events",
