@@ -227,8 +227,7 @@ fn finish(joint: &Joint, solved: Solved, apart: Apart, clock: Clock) -> Result<I
     })
 }
 
-/// Returns the covariance that `covariance`, of the intrinsics that are estimated in `system`, adds to the covariance of the
-/// inertial parameters.
+/// Returns the covariance of the inertial parameters that follows from a `covariance` of the intrinsics estimated in `system`.
 fn share_of_intrinsics(system: &System, covariance: DMatrix<f64>) -> Result<DMatrix<f64>, InertialError> {
     let share = share_of_held(system, &[(COUNT..COUNT + covariance.nrows(), covariance)])?;
     Ok(share.view((0, 0), (COUNT, COUNT)).into_owned())

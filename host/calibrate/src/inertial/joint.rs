@@ -14,7 +14,7 @@ pub const DEGREE: usize = 5;
 /// Number of control points that act at one time.
 pub const ORDER: usize = DEGREE + 1;
 
-/// The two sensors, in the order of all pairs.
+/// The two sensors. All pairs of values for both have this order.
 pub const SENSORS: [Sensor; 2] = [Sensor::Gyroscope, Sensor::Accelerometer];
 
 /// A sensor of the IMU.

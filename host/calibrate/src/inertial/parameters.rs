@@ -40,7 +40,7 @@ pub const GYROSCOPE_MATRIX: usize = 22;
 pub const GYROSCOPE_TURN: usize = 28;
 /// s.
 pub const BOARD_SCALE: usize = 31;
-/// Drift of the unit's clock (s/s).
+/// Drift of the IMU's clock (s/s).
 pub const CLOCK_DRIFT: usize = 32;
 
 /// c of the gyroscope (s²).

@@ -1,8 +1,8 @@
 //! The joint solve of events and IMU samples.
 //!
 //! The trajectories become splines of degree 5 with even knots, whose acceleration is smooth enough for inertial sensors. The
-//! events keep their own equations, divided by ten times their inflation, because their errors depend on the motion, and motion
-//! is all that the IMU measures. Camera and event biases are estimated too. The noise of the sensors is estimated from the
+//! events keep their own equations, divided by ten times their inflation, because their errors depend on the motion, which the IMU
+//! measures too (`CAUTION`). Camera and event biases are estimated too. The noise of the sensors is estimated from the
 //! spectrum of the residuals in rounds.
 
 use rayon::prelude::*;

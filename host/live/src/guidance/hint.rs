@@ -17,7 +17,7 @@ const TILT_ENOUGH: f64 = 12.0 * PI / 180.0;
 const ROLL_ENOUGH: f64 = 25.0 * PI / 180.0;
 /// Factor by which another hint must be more important than the current one.
 const WORTH_CHANGE: f64 = 1.5;
-/// Largest distance from its pose of a board that is swung about it, in units of the tolerance.
+/// A board that is being swung may be this far from the target pose (in units of the tolerance).
 const SWUNG: f64 = 1.5;
 
 /// Motion of the board about a pose: only motion triggers events, and a changing tilt is most informative.

@@ -45,7 +45,7 @@ const JITTERS: usize = 8;
 const SMALLEST_RADIUS: f64 = 1.6;
 /// Smallest fraction of the board's circles in the image.
 const SHARE_IN_IMAGE: f64 = 2.0 / 3.0;
-/// Ends of a board that differ by less than this are equal (m).
+/// A point this near to the end of the board's extent is in the first or last row or column (m).
 const SAME_END: f64 = 1e-9;
 /// Cosine of the largest angle between the board's normal and the line of sight.
 const STEEPEST: f64 = 0.5;

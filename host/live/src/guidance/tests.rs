@@ -145,7 +145,7 @@ fn information_is_that_of_an_estimate_of_camera_and_pose() {
 
 /// More views never increase the uncertainty of the camera, and tilted views are more informative than frontal ones.
 #[test]
-fn tilted_views_tell_more_than_frontal_ones() {
+fn tilted_views_are_more_informative_than_frontal_ones() {
     let (camera, board) = (camera(), board());
     let measure = ProjectionMeasure::new(&camera, SENSOR).unwrap();
     let after = |tilts: [[f64; 2]; 4]| {
