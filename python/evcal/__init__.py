@@ -1,4 +1,4 @@
-"""Calibrates an event camera from the events of a moving circle grid."""
+"""Calibrates an event camera from the events of a printed board."""
 
 from ._evcal import (
     Calibration,

@@ -325,7 +325,7 @@ fn picture_use(name: &str) -> PyResult<PictureUse> {
     }
 }
 
-/// Calibrate a camera from recordings of a moving board.
+/// Calibrate a camera from recordings of a board.
 ///
 /// events: a file, events in memory, or a list of them, all of one camera. In memory they are a structured array, an array of N x 4 numbers, or a dict or
 /// data frame of the columns t, x, y and p.

@@ -196,7 +196,7 @@ impl Camera {
     /// The camera without distortion that takes the place of this one.
     ///
     /// alpha: 0 keeps the largest rectangle without black corners, 1 all that the lens sees; without it the camera
-    /// matrix stays. projection: "pinhole", or "equidistant" for lenses that see too much for a pinhole.
+    /// matrix stays. projection: "pinhole", or "equidistant" for wide lenses, whose outer parts a pinhole camera cannot show.
     #[pyo3(signature = (alpha=None, projection="pinhole"))]
     fn undistorted(&self, alpha: Option<f64>, projection: &str) -> PyResult<Self> {
         if alpha.is_some_and(|alpha| !(0.0..=1.0).contains(&alpha)) {

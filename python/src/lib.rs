@@ -36,7 +36,7 @@ fn to_python<'py>(py: Python<'py>, value: Result<String, serde_json::Error>) -> 
     py.import("json")?.call_method1("loads", (value.map_err(failed)?,))
 }
 
-/// Calibrates an event camera from the events of a moving circle grid.
+/// Calibrates an event camera from the events of a printed board.
 #[pymodule]
 mod _evcal {
     #[pymodule_export]

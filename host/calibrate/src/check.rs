@@ -399,13 +399,13 @@ impl fmt::Display for Checked {
             }
             let what = match &seen.board {
                 Some(board) => format!("{board} seen"),
-                None => format!("{FEWEST_CIRCLES} circles and more seen"),
+                None => format!("{FEWEST_CIRCLES} or more circles seen"),
             };
             let Seen { found, windows, time_share, covered, .. } = seen;
             let (time, covered) = (100.0 * time_share, 100.0 * covered);
             writeln!(
                 f,
-                "{:<12}{what} in {found} of {windows} short windows of time, at least once in {time:.0} % of the tenths of a second with events, over \
+                "{:<12}{what} in {found} of {windows} windows of some milliseconds, in {time:.0} % of the tenths of a second that have events, and in \
                  {covered:.0} % of the sensor",
                 "board"
             )?;

@@ -41,7 +41,7 @@ use std::process::ExitCode;
 use clap::{FromArgMatches as _, Parser, Subcommand};
 use evcal_files::shell_word::shell_word;
 
-/// Calibrates an event camera from the events of a moving circle grid.
+/// Calibrates an event camera from the events of a printed board.
 #[derive(Parser)]
 #[command(name = "evcal", version, propagate_version = true, after_help = examples::EVCAL)]
 struct Arguments {
@@ -54,7 +54,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Calibrate a camera from one or more recordings of a moving board
+    /// Calibrate a camera from one or more recordings of a board
     #[command(after_help = examples::CALIBRATE)]
     Calibrate(calibrate::Arguments),
     /// Find the board's circles in a recording and write them to a file
@@ -161,7 +161,7 @@ struct NotTheSame;
 
 /// A recording that is not good for a calibration; the exit code is 3.
 #[derive(Debug, thiserror::Error)]
-#[error("the recording is not good for a calibration; the last line above says what to do")]
+#[error("the recording is not good for a calibration; the last line above is the next step")]
 struct NotReady;
 
 /// Runs the program.

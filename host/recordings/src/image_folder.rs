@@ -51,9 +51,9 @@ impl Stamps {
     /// Meaning of the variant, as a short sentence.
     pub const fn description(self) -> &'static str {
         match self {
-            Self::Start => "A time stamp is the start of the exposure",
-            Self::Middle => "A time stamp is the middle of the exposure",
-            Self::End => "A time stamp is the end of the exposure",
+            Self::Start => "A timestamp is the start of the exposure",
+            Self::Middle => "A timestamp is the middle of the exposure",
+            Self::End => "A timestamp is the end of the exposure",
         }
     }
 

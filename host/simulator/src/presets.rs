@@ -94,10 +94,10 @@ impl MotionPreset {
             Self::Far => "350 px/s, the board far away",
             Self::HeadOn => "350 px/s, the board hardly tilted",
             Self::Corner => "350 px/s, in one corner of the image only",
-            Self::Slide => "350 px/s, without any turning",
-            Self::OneAxis => "350 px/s, turned about the camera's y axis only",
-            Self::EvenTurn => "350 px/s, turned about the line of sight, at the same rate all the time",
-            Self::LittleTurns => "350 px/s, turned by a few degrees only",
+            Self::Slide => "350 px/s, without rotation",
+            Self::OneAxis => "350 px/s, rotated about the camera's y axis only",
+            Self::EvenTurn => "350 px/s, rotated about the line of sight at a constant rate",
+            Self::LittleTurns => "350 px/s, rotated by a few degrees only",
             Self::ToAndFro => "350 px/s, to and fro along the same path every two seconds",
         }
     }

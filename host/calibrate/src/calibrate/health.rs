@@ -64,7 +64,7 @@ fn flickering(Flicker { frequency, share, fills_readout }: Flicker) -> Finding {
         cause: Cause::Flicker,
         severity: if share > STRONG_FLICKER { Severity::Warning } else { Severity::Note },
         reason: format!(
-            "the light flickers at {frequency} Hz, and the rate of events swings with it by {:.0} %",
+            "the light flickers at {frequency} Hz, and the event rate varies with it by {:.0} %",
             100.0 * share
         ),
         advice,

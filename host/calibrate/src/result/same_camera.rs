@@ -154,8 +154,8 @@ impl fmt::Display for ComparedCalibrations {
         f.write_str(match self.sameness {
             Sameness::Same => "The same camera: either calibration can replace the other.",
             Sameness::Near => {
-                "Not the same within their uncertainties: the lens was touched between them, or one is less certain than it \
-                 says. Use the better one; the reports say which."
+                "Not the same within their uncertainties: the lens was touched between them, or a reported uncertainty is too \
+                 small. Use the one with the better verdict."
             }
             Sameness::Different => {
                 "Different cameras or lenses, or the lens was refocused between them: do not use one for the other."
@@ -167,7 +167,7 @@ impl fmt::Display for ComparedCalibrations {
         let [x, y] = self.difference_max_at;
         write!(
             f,
-            "\nthe same point is {:.3} px apart in the image (rms over the sensor), at most {:.3} px, at ({x:.0}, {y:.0})",
+            "\nprojections of the same point differ by {:.3} px (rms over the sensor), at most {:.3} px, at ({x:.0}, {y:.0})",
             self.difference_rms, self.difference_max
         )?;
         if let Some(expected) = self.expected_rms {

@@ -118,7 +118,7 @@ fn detection_lines(detection: &DetectionReport) -> [StageLine; 2] {
     let too_few = (detection.too_few_events, "too few events".to_owned());
     let by_neighbours = detection.found_by_neighbours;
     let note = (by_neighbours > 0)
-        .then(|| format!("{by_neighbours} of those with the board were placed by the frames around them"));
+        .then(|| format!("in {by_neighbours} of those with the board, neighbouring frames determined which part of it was seen"));
     let pairs = detection.pairs_refused.iter().map(|(reason, count)| (*count, format!("{reason} (pairs of clusters)")));
     [
         StageLine::new(
@@ -173,14 +173,14 @@ fn solve_line(round: usize, report: &RoundReport) -> StageLine {
         Amount::new(solve.iterations as u64, "iterations"),
     )
     .noting([format!("cost {:.1} to {:.1}", solve.initial_cost, solve.final_cost)])
-    .noting(report.change.map(|change| format!("projection moved {change:.4} px")))
+    .noting(report.change.map(|change| format!("projection changed by {change:.4} px")))
     .noting(report.knots.as_ref().map(|knots| {
         let times = |(level, seconds): (usize, &f64)| {
-            format!("{seconds:.2} s at {:.1} ms", 1e3 * knots.finest * (1 << level) as f64)
+            format!("{:.1} ms for {seconds:.2} s", 1e3 * knots.finest * (1 << level) as f64)
         };
         let spans: Vec<String> =
             knots.seconds.iter().enumerate().filter(|(_, seconds)| **seconds > 0.0).map(times).collect();
-        format!("{} control points; distances of knots: {}", knots.control_points, spans.join(", "))
+        format!("{} control points; knot spacing: {}", knots.control_points, spans.join(", "))
     }))
 }
 

@@ -48,7 +48,7 @@ impl TargetProjection {
     pub const fn description(self) -> &'static str {
         match self {
             Self::Pinhole => "Straight lines stay straight",
-            Self::Equidistant => "For lenses that see too much for a pinhole",
+            Self::Equidistant => "For wide lenses, whose outer parts a pinhole camera cannot show",
         }
     }
 

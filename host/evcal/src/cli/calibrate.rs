@@ -157,8 +157,7 @@ pub struct CalibrationArguments {
     /// Solve for events and the camera's own frames jointly
     #[arg(long)]
     joint_frames: bool,
-    /// Cross-check events with the camera's own frames: treat the frames as a second camera, which should get the same position as the
-    /// first
+    /// Cross-check events with the camera's own frames: treat the frames as a second camera, which should get the same pose as the first
     #[arg(long, conflicts_with_all = ["frames_only", "joint_frames"])]
     with_frames: bool,
     /// Also calibrate the IMU, from the samples in the recording, or from a CSV file whose first line contains the

@@ -69,7 +69,7 @@ fn table(repetition: &Repetition) -> String {
         let _ = match &run.outcome {
             Ok(camera) => writeln!(
                 text,
-                "fx {:9.3} ± {:.3}, {:.4} px from the mean (95 % bound: {:.4} px)",
+                "fx {:9.3} ± {:.3}, projection {:.4} px from the mean camera (95 % bound: {:.4} px)",
                 camera.parameters.first().unwrap_or(&f64::NAN),
                 camera.sigma.first().unwrap_or(&f64::NAN),
                 camera.difference,

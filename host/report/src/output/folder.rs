@@ -181,8 +181,8 @@ fn write_files(folder: &Path, calibrated: &Calibrated, task: &Task) -> Result<(W
         // A user notices a wrong unit of the board here.
         let _ = write!(
             summary,
-            "\nboard: {nearest:.2} to {farthest:.2} m away from the camera. If this is wrong, the stated lengths of the board are wrong by the same \
-             factor; no other figure shows that"
+            "\nboard: {nearest:.2} to {farthest:.2} m away from the camera. If this is wrong, the lengths in the description of the board are wrong by \
+             the same factor, which no other figure reveals"
         );
     }
     let pictures = match &calibrated.evidence {

@@ -46,7 +46,8 @@ pub fn summary(calibration: &CalibrationFile) -> String {
         residuals.measure, residuals.median, residuals.rms, residuals.count
     );
     if !calibration.segments.is_empty() {
-        let _ = write!(text, " in {} segments", calibration.segments.len());
+        let plural = if calibration.segments.len() == 1 { "" } else { "s" };
+        let _ = write!(text, " in {} segment{plural}", calibration.segments.len());
     }
     if let Some(choice) = &calibration.chosen_seconds {
         let _ = write!(text, "\n{choice}");

@@ -56,7 +56,7 @@ impl Information {
             },
         )?;
         if let Some((first, last)) = self.times_us {
-            line(f, "duration", format!("{:.6} s (time stamps {first} to {last} us)", self.duration_s))?;
+            line(f, "duration", format!("{:.6} s (timestamps {first} to {last} us)", self.duration_s))?;
         }
         Ok(())
     }
@@ -71,7 +71,7 @@ impl Information {
             line(
                 f,
                 "rate",
-                format!("mean {mean:.3} Mev/s, at most {peak:.3} Mev/s (10 ms, {t_s:.3} s after the first event)"),
+                format!("mean {mean:.3} Mev/s, at most {peak:.3} Mev/s (over 10 ms, {t_s:.3} s after the first event)"),
             )?;
         }
         if let Some(SaturatedReadout { rate, duration_s, t_s }) = self.saturation {
@@ -80,15 +80,15 @@ impl Information {
                 f,
                 "saturated",
                 format!(
-                    "for {duration_s:.3} s, first at {t_s:.3} s: the sensor cannot read more than {rate:.3} Mev/s, and events come late there"
+                    "for {duration_s:.3} s, first at {t_s:.3} s: the sensor cannot read more than {rate:.3} Mev/s, so the times of events are late"
                 ),
             )?;
         }
         if let Some(Flicker { frequency, share, fills_readout }) = self.flicker {
             let share = 100.0 * share;
             let value =
-                format!("the light flickers at {frequency} Hz, and the rate of events swings with it by {share:.0} %");
-            let full = if fills_readout { ", as many as can be read: they come late" } else { "" };
+                format!("the light flickers at {frequency} Hz, and the event rate varies with it by {share:.0} %");
+            let full = if fills_readout { ", up to the limit of the readout: times are late" } else { "" };
             line(f, "flicker", value + full)?;
         }
         if let Some(coarse) = self.coarse_times {
@@ -111,7 +111,7 @@ impl Information {
             line(
                 f,
                 "hot pixels",
-                format!("{count} with over {HOT_FACTOR} times the median; events of the hottest: {shown}"),
+                format!("{count} with more than {HOT_FACTOR} times the median number of events; the hottest: {shown}"),
             )?;
         }
         if !self.dead_columns.is_empty() {
