@@ -117,8 +117,9 @@ fn detection_lines(detection: &DetectionReport) -> [StageLine; 2] {
     let refused = detection.grids_refused.iter().map(|(reason, count)| (*count, reason.to_string()));
     let too_few = (detection.too_few_events, "too few events".to_owned());
     let by_neighbours = detection.found_by_neighbours;
-    let note = (by_neighbours > 0)
-        .then(|| format!("in {by_neighbours} of those with the board, neighbouring frames determined which part of it was seen"));
+    let note = (by_neighbours > 0).then(|| {
+        format!("in {by_neighbours} of those with the board, neighbouring frames determined which part of it was seen")
+    });
     let pairs = detection.pairs_refused.iter().map(|(reason, count)| (*count, format!("{reason} (pairs of clusters)")));
     [
         StageLine::new(
