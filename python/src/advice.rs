@@ -1,4 +1,4 @@
-//! What to do about an error, in Python's words. The libraries say what is wrong, as data.
+//! Advice about errors, in terms of the Python package. The libraries describe the errors as data.
 
 use std::error::Error;
 
@@ -20,7 +20,7 @@ use event_recordings::given_sensor::{Exchanged, OtherSensor};
 use event_recordings::text::LineError;
 use event_recordings::{FormatOption, LayoutError, RecordingError, RecordingErrorKind, TimeUnit, UnsupportedFormat};
 
-/// The one thing to do next about `error`, if there is one to name: about the first error of its chain of causes that is known here.
+/// Returns what to do about `error`: the advice for the first error in its chain of causes that is known here.
 pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
     let mut cause = Some(error);
     while let Some(error) = cause {
@@ -32,7 +32,7 @@ pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
     None
 }
 
-/// What is wrong, and what to do about it.
+/// Returns the message of an error with the advice.
 fn advised(error: &(impl Error + 'static)) -> String {
     advice(error).map_or_else(|| error.to_string(), |next| format!("{error}; {next}"))
 }
@@ -71,7 +71,7 @@ fn about_conversion(error: &ConvertError) -> Option<String> {
     }
 }
 
-/// What to do about an inertial unit, about other cameras and about parts of a recording.
+/// Returns the advice for errors of the IMU, of other cameras and of parts of a recording.
 fn about_beside(error: &(dyn Error + 'static)) -> Option<&'static str> {
     if let Some(RepeatError::TooFew { .. } | RepeatError::TooShort { .. }) = error.downcast_ref() {
         return Some("the length of the parts is seconds=");
@@ -86,14 +86,14 @@ fn about_beside(error: &(dyn Error + 'static)) -> Option<&'static str> {
     match error.downcast_ref()? {
         SecondCameraError::NoTrajectory => Some("leave out frames=\"only\", and give the recording of events first"),
         SecondCameraError::CirclesOfSecond => Some("give its events with with_="),
-        SecondCameraError::SeveralRecordings => Some("give one recording beside with_="),
+        SecondCameraError::SeveralRecordings => Some("give only one recording of the first camera if with_= is given"),
         SecondCameraError::SameRecording { .. } => Some("give the recording of another camera with with_="),
         SecondCameraError::RollingShutter { .. } => Some("give rolling_shutter=True"),
         _ => None,
     }
 }
 
-/// What to do about `error`, where it is one of evcal-calibrate.
+/// Returns the advice for an error of `evcal-calibrate`.
 fn about_calibration(error: &(dyn Error + 'static)) -> Option<String> {
     if let Some(error) = error.downcast_ref() {
         return match error {
@@ -106,7 +106,7 @@ fn about_calibration(error: &(dyn Error + 'static)) -> Option<String> {
     if let Some(error) = error.downcast_ref::<NoPattern>() {
         return match error.main_cause() {
             NoPatternCause::OtherBoard(other) => Some(give_board(other.board)),
-            NoPatternCause::OnePolarity(_) => Some("say which column the polarity is in with columns=".to_owned()),
+            NoPatternCause::OnePolarity(_) => Some("name the column of the polarity with columns=".to_owned()),
             _ => None,
         };
     }
@@ -126,7 +126,7 @@ fn give_board(board: CircleBoard) -> String {
     format!("give board=\"{board}\"")
 }
 
-/// A unit as `time_unit` takes it.
+/// Returns the unit as a value of `time_unit`.
 pub fn short(unit: TimeUnit) -> &'static str {
     match unit {
         TimeUnit::Seconds => "s",
@@ -136,7 +136,7 @@ pub fn short(unit: TimeUnit) -> &'static str {
     }
 }
 
-/// The advice of a finding in Python's words.
+/// Returns the advice of a finding in terms of the Python package.
 pub fn worded(advice: &Advice) -> String {
     match advice {
         Advice::TakeModel(kind) => format!("calibrate again with model=\"{kind}\""),
@@ -154,7 +154,7 @@ pub fn worded(advice: &Advice) -> String {
         }
         Advice::ExchangeAxes => "x and y are swapped: correct columns=, or swap the two numbers of sensor=".to_owned(),
         Advice::NameColumns(outside) => {
-            format!("{outside}: are the columns in another order? Say it with columns=\"x,y,t,p\" or as it is")
+            format!("{outside}: are the columns in another order? State the order, such as columns=\"x,y,t,p\"")
         }
         Advice::CorrectSensor(outside) => format!("{outside}: give its true size as sensor=(width, height)"),
         Advice::BothPolarities(_) => format!("{advice} with columns="),
@@ -202,7 +202,7 @@ fn about_recording(kind: &RecordingErrorKind) -> Option<&'static str> {
             | LayoutError::FieldCount(_)
             | LayoutError::Unclear
             | LayoutError::Ambiguous,
-        ) => "say what its columns are, for example columns=\"t,x,y,p\"",
+        ) => "name its columns, for example columns=\"t,x,y,p\"",
         _ => return None,
     })
 }
@@ -222,7 +222,7 @@ fn about_format(format: UnsupportedFormat) -> Option<&'static str> {
         | UnsupportedFormat::Pickle
         | UnsupportedFormat::Spreadsheet
         | UnsupportedFormat::VirtualHdf5 => "load it in Python and give its events as an array",
-        UnsupportedFormat::Html => "a web page was saved in place of the recording: download it again",
+        UnsupportedFormat::Html => "a web page was saved instead of the recording: download it again",
         UnsupportedFormat::GitLfsPointer => "the recording itself was not fetched: run git lfs pull",
         UnsupportedFormat::Utf16 | UnsupportedFormat::Latin1 => "save it as UTF-8",
         _ => return None,
@@ -238,7 +238,7 @@ fn about_sensor(error: &OtherSensor) -> String {
         }
         OtherSensor::Exchanged { .. } => "exchange x and y",
         OtherSensor::CountedFromOne { .. } => "subtract 1 from x and y",
-        OtherSensor::NoPixels { .. } => "say which columns x and y are with columns=",
+        OtherSensor::NoPixels { .. } => "name the columns of x and y with columns=",
         _ => "give the true size as sensor=(width, height)",
     };
     next.to_owned()

@@ -39,7 +39,7 @@ use crate::interrupt::interruptible;
 use crate::recording::{Said, as_path, of_array};
 use crate::{failed, to_python};
 
-/// What is calibrated, kept for the files that tell of it.
+/// The inputs and settings of a calibration, kept for the files of its result.
 struct Asked {
     inputs: Vec<Input>,
     /// The recordings of other cameras on the mount.
@@ -56,14 +56,14 @@ struct Asked {
 impl Asked {
     fn task(&self) -> Task<'_> {
         let Self { inputs, board, model, sensor, settings, .. } = self;
-        // Those in a file of the first camera are another one's.
+        // Pictures in a file of the first camera are those of another camera.
         let taken =
             |other: &Input| matches!(other, Input::Images(_)) && inputs.iter().any(|input| input.is_of_file_of(other));
         let pictures = if self.others.iter().any(taken) { PictureUse::Ignore } else { self.pictures };
         Task { model: *model, sensor: *sensor, pictures, settings, wording: worded, ..Task::new(inputs, board) }
     }
 
-    /// Calibrates all that was asked for.
+    /// Calibrates the camera, and the IMU and other cameras if requested.
     fn calibrate(&self, mut tell: impl FnMut(Step) -> ControlFlow<()> + Send) -> PyResult<Calibrated> {
         let task = self.task();
         if let Some(request) = &self.inertial {
@@ -71,7 +71,7 @@ impl Asked {
         }
         let mut first = evcal_calibrate::calibrate::calibrate(&task, &mut tell).map_err(failed)?;
         let inertial = self.inertial.as_ref().map(|request| {
-            let _ = tell(Step { text: "inertial unit", done: None });
+            let _ = tell(Step { text: "IMU", done: None });
             calibrate_inertial(&first, &self.inputs, request, None)
         });
         let inertial = inertial.transpose().map_err(failed)?;
@@ -92,7 +92,7 @@ impl Asked {
     }
 }
 
-/// A calibrated camera, how sure it is, and whether it is good.
+/// A calibrated camera with its uncertainty and verdict.
 #[pyclass(frozen, module = "evcal")]
 pub struct Calibration {
     asked: Asked,
@@ -108,7 +108,7 @@ impl Calibration {
         CalibrationFile::new(&self.calibrated, &self.asked.board, worded)
     }
 
-    /// The camera for who compares or exports it.
+    /// Returns the camera as `compare` and `export` need it.
     pub fn known(&self) -> CalibratedCamera {
         CalibratedCamera::new(&self.calibrated, &self.asked.board)
     }
@@ -141,10 +141,10 @@ impl Calibration {
         Array2::from_shape_fn(covariance.shape(), |place| covariance[place]).into_pyarray(py)
     }
 
-    /// Where the camera was: a structured array with the fields recording (number, from 0), t (s, on the clock of the recording), position
+    /// Poses of the camera: a structured array with the fields recording (number, from 0), t (s, on the clock of the recording), position
     /// (3, m, of the camera in the coordinates of the board), rotation (4, quaternion x, y, z, w from the camera to the board),
-    /// position_sigma (3, m) and rotation_sigma (3, rad, about the axes of the camera), NaN where they are not known, and sure (whether the
-    /// pose is in trajectory.txt).
+    /// position_sigma (3, m) and rotation_sigma (3, rad, about the axes of the camera), NaN if unknown, and sure (True if the pose is
+    /// well determined, and therefore in trajectory.txt).
     #[getter]
     fn trajectory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let settings = &self.asked.settings.poses;
@@ -176,13 +176,13 @@ impl Calibration {
         viewed(&PyArrayDescr::new(py, fields.to_vec())?, bytes)
     }
 
-    /// "good", "usable" or "not-good": the worst of the camera and of what was calibrated beside it.
+    /// "good", "usable" or "not-good": the worst grade of the camera, the IMU and the other cameras.
     #[getter]
     fn grade<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, serde_json::to_string(&worst_grade(&self.calibrated)))
     }
 
-    /// Whether it is good, in words: why, and what to do; then the same of an inertial unit and of other cameras.
+    /// The verdict in words, with its reasons and what to do; then the verdicts on the IMU and on other cameras.
     #[getter]
     fn verdict(&self) -> String {
         let beside = verdicts_beside(&self.calibrated).into_iter();
@@ -190,18 +190,18 @@ impl Calibration {
         std::iter::once(self.calibrated.verdict.worded(worded).to_string()).chain(beside).collect()
     }
 
-    /// The report as one page of HTML.
+    /// The report as an HTML page.
     #[getter]
     fn report(&self, py: Python<'_>) -> String {
         py.detach(|| evcal_report::report::report(&self.calibrated, &self.asked.task(), &[], &mut |_| {}))
     }
 
-    /// All that calibration.json holds.
+    /// The content of calibration.json as a dict.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, serde_json::to_string(&self.file()))
     }
 
-    /// Write all that the program writes into a folder: report.html, calibration.json, camera.yaml, exports and more.
+    /// Write the same files as the program into a folder: report.html, calibration.json, camera.yaml, exports and more.
     ///
     /// force: replace the results that are in the folder. Returns the path of report.html.
     #[pyo3(signature = (folder, force=false))]
@@ -227,14 +227,14 @@ impl Calibration {
     }
 }
 
-/// What a caller gives one or several of.
+/// A single argument or a list of them.
 fn several<'py>(given: &Bound<'py, PyAny>) -> Vec<Bound<'py, PyAny>> {
     let several = given.cast::<PyList>().map(|list| list.iter().collect::<Vec<_>>());
     let several = several.or_else(|_| given.cast::<PyTuple>().map(|tuple| tuple.iter().collect()));
     several.unwrap_or_else(|_| vec![given.clone()])
 }
 
-/// The inputs that a caller gives: a path, an array, or several of them.
+/// Returns the inputs from a path, an array, or a list of them.
 fn inputs_of(given: &Bound<'_, PyAny>, said: &Said, board: &Board) -> PyResult<Vec<Input>> {
     several(given)
         .iter()
@@ -248,7 +248,7 @@ fn inputs_of(given: &Bound<'_, PyAny>, said: &Said, board: &Board) -> PyResult<V
         .collect()
 }
 
-/// The recording of another camera: a path, of events or of images, or events in memory.
+/// Returns the recording of another camera: a path (events or images), or events in memory.
 fn other_input(given: &Bound<'_, PyAny>, said: &Said, board: &Board) -> PyResult<Input> {
     match as_path(given) {
         Some(path) => {
@@ -259,7 +259,7 @@ fn other_input(given: &Bound<'_, PyAny>, said: &Said, board: &Board) -> PyResult
     }
 }
 
-/// The inertial unit that a caller asks for: True for the samples in the recordings, or a file of samples.
+/// Returns the requested source of IMU samples: True for the samples in the recordings, or a file.
 fn inertial_request(imu: &Bound<'_, PyAny>, gravity: Option<f64>) -> PyResult<Option<InertialRequest>> {
     let file = match imu.extract::<bool>() {
         Ok(false) => return Ok(None),
@@ -276,7 +276,7 @@ fn inertial_request(imu: &Bound<'_, PyAny>, gravity: Option<f64>) -> PyResult<Op
     Ok(Some(InertialRequest { file, settings: InertialSettings { gravity, ..settings } }))
 }
 
-/// The inputs, and the board that was named or is recognised in them.
+/// Returns the inputs, and the board, which is given or recognised in them.
 fn inputs_and_board(
     given: &Bound<'_, PyAny>,
     said: &Said,
@@ -286,7 +286,8 @@ fn inputs_and_board(
     if let BoardRequest::Given(board) = request {
         return Ok((inputs_of(given, said, board)?, *board));
     }
-    // Of events the board does not matter; circles are put in its order, and nothing is recognised in them.
+    // Events are read in the same way for every board. Circles are put in the order of the board, which therefore cannot be
+    // recognised in them.
     let any =
         CircleBoard { pattern: Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 }, spacing: 1.0, radius: 0.3 }
             .into();
@@ -310,7 +311,7 @@ pub fn board_request(board: &str) -> PyResult<BoardRequest> {
     board.parse().map_err(|error: BoardError| PyValueError::new_err(error.to_string()))
 }
 
-/// The lens model that a caller names.
+/// Parses the name of a camera model, or "auto".
 pub fn model_request(model: &str) -> PyResult<ModelRequest> {
     model.parse().map_err(|error| PyValueError::new_err(format!("{error} auto: not {model:?}")))
 }
@@ -331,16 +332,17 @@ fn picture_use(name: &str) -> PyResult<PictureUse> {
 /// data frame of the columns t, x, y and p.
 /// board: such as "acircles:9x4:55mm:r17.5mm": layout, rows x columns, spacing (acircles: half the distance in a row),
 /// radius. "auto:55mm:r17.5mm" recognises layout, rows and columns.
-/// model: the lens model, or "auto".
-/// sensor: (width, height) in pixels; needed for arrays, and for files that do not say it.
-/// columns, time_unit, stream: as read has them.
+/// model: the camera model, or "auto".
+/// sensor: (width, height) in pixels; needed for arrays, and for files that do not contain it.
+/// columns, time_unit, stream: as for read.
 /// settings: a settings file (TOML).
-/// frames: what the camera's own frames are for, where a file has them: "witness", "joint", "only", "ignore".
-/// imu: calibrate the inertial unit too: True for the samples in the recording, or the path of a CSV file of samples. gravity: its size where the
-/// recording was made (m/s²).
+/// frames: use of the camera's own frames, if a file contains them: "witness" compares them with the events, "joint" solves for both, "only"
+/// uses the frames alone, "ignore" does not read them.
+/// imu: also calibrate the IMU: True for the samples in the recording, or the path of a CSV file of samples. gravity: its magnitude at the
+/// place of the recording (m/s²).
 /// with_: the recording of another camera on the same mount, or a list of them: a path (events, a folder of images, a bag) or events in
-/// memory. with_sensor, with_stream: as sensor and stream, for these. rolling_shutter: rows of their images are exposed one after the other.
-/// progress: called with a line of text whenever another stage begins; what it raises ends the calibration.
+/// memory. with_sensor, with_stream: sensor and stream of these cameras. rolling_shutter: rows of their images are exposed one after the other.
+/// progress: called with a line of text when a stage begins. An exception that it raises ends the calibration.
 #[pyfunction]
 #[pyo3(signature = (events, *, board, model="radtan", sensor=None, columns=None, time_unit=None, stream=None, settings=None, frames="witness", imu=None, gravity=None, with_=None, with_sensor=None, with_stream=None, rolling_shutter=false, progress=None))]
 #[expect(clippy::too_many_arguments, reason = "all but the first are named by the caller")]

@@ -29,12 +29,12 @@ pub struct Camera {
     camera: evcal_core::camera::Camera<f64>,
     sensor: Sensor,
     sigma: Option<Vec<f64>>,
-    /// To the camera with the same matrix and no distortion, once it was asked for.
+    /// Map to the camera with the same matrix and no distortion, computed when it is first needed.
     forth: OnceLock<NewPlaces>,
 }
 
 impl Camera {
-    /// Of a lens before a sensor, with the standard deviations of its parameters, if they are known.
+    /// Creates the camera of a lens and a sensor, with the standard deviations of its parameters if they are known.
     pub fn of(camera: evcal_core::camera::Camera<f64>, sensor: Sensor, sigma: Option<Vec<f64>>) -> Self {
         Self { camera, sensor, sigma, forth: OnceLock::new() }
     }
@@ -47,7 +47,7 @@ impl Camera {
         self.sensor
     }
 
-    /// The camera for who compares or exports it.
+    /// Returns the camera as `evaluate` and `export` need it.
     pub fn known(&self) -> CalibratedCamera {
         CalibratedCamera { sigma: self.sigma.clone(), ..CalibratedCamera::seen_everywhere(self.camera, self.sensor) }
     }
@@ -60,7 +60,7 @@ impl Camera {
         Ok(named)
     }
 
-    /// The lens that undistorted pixels belong to.
+    /// Returns the lens of the undistorted pixels.
     fn target(&self, new_camera: Option<&Self>) -> PyResult<evcal_core::camera::Camera<f64>> {
         match new_camera {
             Some(new) if new.sensor == self.sensor => Ok(new.camera),
@@ -73,10 +73,10 @@ impl Camera {
 /// Model, parameters, sensor and sigma of a camera.
 type NewArguments = (&'static str, Vec<f64>, (u16, u16), Option<Vec<f64>>);
 
-/// Points or pixels as a caller gives them.
+/// Points or pixels as an argument.
 type Rows<'py> = PyArrayLikeDyn<'py, f64, AllowTypeChange>;
 
-/// What `map` makes of each row of `given` (N x A, or one row of A numbers), in the same form.
+/// Applies `map` to each row of `given` (N x A, or one row of A numbers) and returns the results in the same form.
 fn mapped<'py, const A: usize, const B: usize>(
     py: Python<'py>,
     given: &Rows<'py>,
@@ -95,7 +95,7 @@ fn mapped<'py, const A: usize, const B: usize>(
 
 #[pymethods]
 impl Camera {
-    /// A camera of a model that evcal knows, such as "radtan": parameters by name or in the model's order.
+    /// A camera with a model of evcal, such as "radtan"; parameters by name or in the order of the model.
     ///
     /// sigma: the standard deviation of each parameter, in the model's order, if it is known.
     #[new]
@@ -118,20 +118,20 @@ impl Camera {
         Ok(Self::of(camera, to_sensor(sensor)?, sigma))
     }
 
-    /// What a copy is made from: cameras can be pickled.
+    /// Returns the arguments from which a copy is made: cameras can be pickled.
     fn __getnewargs__(&self) -> NewArguments {
         (self.model(), self.camera.parameters().to_vec(), self.sensor(), self.sigma.clone())
     }
 
     /// Read calibration.json, truth.json of a simulation, NAME.camera.json of an undistorted recording, the folder
-    /// that holds one of the first two, or a file of OpenCV (YAML, JSON, XML), ROS, Kalibr, basalt, DV, dv-processing or mrcal.
+    /// that contains one of the first two, or a file of OpenCV (YAML, JSON, XML), ROS, Kalibr, basalt, DV, dv-processing or mrcal.
     #[staticmethod]
     fn load(path: PathBuf) -> PyResult<Self> {
         let CalibratedCamera { camera, sensor, sigma, .. } = CalibratedCamera::read(&path).map_err(failed)?;
         Ok(Self::of(camera, sensor, sigma))
     }
 
-    /// Write model, parameters and size as JSON that load and the program read.
+    /// Write model, parameters and size as JSON, which load and the program read.
     fn save(&self, path: PathBuf) -> PyResult<()> {
         write_camera(&path, &self.camera, self.sensor).map_err(failed)
     }
@@ -148,7 +148,7 @@ impl Camera {
         self.named(py, self.camera.parameters().iter().copied())
     }
 
-    /// Standard deviation of each parameter by name; None where it is not known.
+    /// Standard deviation of each parameter by name; None if unknown.
     #[getter]
     fn sigma<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
         self.sigma.as_ref().map(|sigma| self.named(py, sigma.iter().copied())).transpose()
@@ -170,14 +170,14 @@ impl Camera {
         numpy::ndarray::arr2(&[[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]).into_pyarray(py)
     }
 
-    /// The parameters after fx, fy, cx, cy: for radtan those of OpenCV, k1, k2, p1, p2, k3.
+    /// The parameters after fx, fy, cx, cy; for radtan the coefficients k1, k2, p1, p2, k3 of OpenCV.
     #[getter]
     fn distortion<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_iter(py, self.camera.parameters().iter().skip(4).copied())
     }
 
-    /// Pixels (N x 2, or 2 numbers) of points (N x 3, or one of 3 numbers) in camera coordinates: x to the right, y down, z forward. NaN where
-    /// the lens model does not see the point.
+    /// Pixels (N x 2, or 2 numbers) of points (N x 3, or one of 3 numbers) in camera coordinates: x to the right, y down, z forward. NaN if
+    /// the lens model does not project the point.
     fn project<'py>(&self, py: Python<'py>, points: Rows<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let project = |point: &[f64; 3]| {
             <[f64; 2]>::from(self.camera.project(&Vector3::from(*point)).unwrap_or(Vector2::repeat(f64::NAN)))
@@ -185,7 +185,7 @@ impl Camera {
         mapped(py, &points, "points", project)
     }
 
-    /// Directions of view (N x 3, or 3 numbers, of length 1) of pixels (N x 2, or one of 2 numbers). NaN where the lens model has none.
+    /// Directions of view (N x 3, or 3 numbers, of length 1) of pixels (N x 2, or one of 2 numbers). NaN if the lens model has none.
     fn unproject<'py>(&self, py: Python<'py>, pixels: Rows<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let unproject = |pixel: &[f64; 2]| {
             <[f64; 3]>::from(self.camera.unproject(&Vector2::from(*pixel)).unwrap_or(Vector3::repeat(f64::NAN)))
@@ -193,10 +193,10 @@ impl Camera {
         mapped(py, &pixels, "pixels", unproject)
     }
 
-    /// The camera without distortion that takes the place of this one.
+    /// Return a camera without distortion that replaces this one.
     ///
-    /// alpha: 0 keeps the largest rectangle without black corners, 1 all that the lens sees; without it the camera
-    /// matrix stays. projection: "pinhole", or "equidistant" for wide lenses, whose outer parts a pinhole camera cannot show.
+    /// alpha: 0 keeps the largest rectangle without black corners, 1 everything that the lens sees; without it the camera
+    /// matrix is unchanged. projection: "pinhole", or "equidistant" for wide lenses, whose outer parts a pinhole camera cannot show.
     #[pyo3(signature = (alpha=None, projection="pinhole"))]
     fn undistorted(&self, alpha: Option<f64>, projection: &str) -> PyResult<Self> {
         if alpha.is_some_and(|alpha| !(0.0..=1.0).contains(&alpha)) {
@@ -211,10 +211,10 @@ impl Camera {
     }
 
     /// Move events to where a camera without distortion would have seen them, rounded to the nearest pixel; those
-    /// beyond its sensor are left out. Returns an array of the same type as events; where they are no structured array, one as read returns.
+    /// beyond its sensor are left out. Returns an array of the same type as events, or, if events is not a structured array, one like read.
     ///
-    /// new_camera: that camera; without it undistorted(). subpixel: keep the fractions of pixels; x and y are float64 then. columns, time_unit: as
-    /// calibrate has them.
+    /// new_camera: that camera; without it undistorted(). subpixel: keep fractions of pixels; x and y are then float64. columns, time_unit: as
+    /// for calibrate.
     #[pyo3(signature = (events, new_camera=None, *, subpixel=false, columns=None, time_unit=None))]
     fn undistort_events<'py>(
         &self,
@@ -243,8 +243,8 @@ impl Camera {
         })
     }
 
-    /// Where each pixel of the undistorted image is in the distorted one: two arrays, height x width, float32, as
-    /// cv2.remap takes them. -1 where the lens model does not see it.
+    /// Position of each pixel of the undistorted image in the distorted one: two arrays, height x width, float32, for
+    /// cv2.remap. -1 if the lens model does not see the pixel.
     #[pyo3(signature = (new_camera=None))]
     fn undistort_map<'py>(&self, py: Python<'py>, new_camera: Option<&Self>) -> PyResult<(Map<'py>, Map<'py>)> {
         let target = self.target(new_camera)?;

@@ -1,4 +1,4 @@
-//! The board in windows of time.
+//! Detection of the board, window by window.
 
 use evcal_calibrate::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
 use evcal_geometry::board::{Board, BoardError};
@@ -17,7 +17,7 @@ const CIRCLE_BYTES: usize = 40;
 
 /// Find the board in a recording, window by window.
 ///
-/// events: a file, or events in memory. The other options are those of calibrate.
+/// events: a file, or events in memory. The other options are as for calibrate.
 ///
 /// Returns a structured array of circles: frame (number of the window, from 0), t (int64, µs as in the file: the middle
 /// of the window), index (of the circle on the board, row by row), x, y (centre in px), radius (px).

@@ -11,7 +11,7 @@ use crate::calibration::Calibration;
 use crate::camera::Camera;
 use crate::{Error, failed, to_python};
 
-/// A camera, however it is given.
+/// Returns the camera of an argument: a Camera, a Calibration, a file or a folder.
 fn camera_of(value: &Bound<'_, PyAny>) -> PyResult<(evcal_core::camera::Camera<f64>, Sensor)> {
     if let Ok(camera) = value.cast::<Camera>() {
         return Ok((*camera.get().lens(), camera.get().size()));
@@ -23,11 +23,11 @@ fn camera_of(value: &Bound<'_, PyAny>) -> PyResult<(evcal_core::camera::Camera<f
     evcal_geometry::lens::camera_file::read(&path).map_err(failed)
 }
 
-/// How far a calibration is from the truth or from another one: where both put the same point in the image, the
-/// rotation between them removed.
+/// Compare a calibration with the truth or with another one: the difference of the projections of the same point, after the
+/// best rotation of one of the cameras.
 ///
 /// Both are a Camera, a Calibration, a file or a folder. Returns a dict: rms and max (px), max_at (the pixel), rotation
-/// (rotation vector, rad), uncovered (points of the grid where a lens model ends), grid.
+/// (rotation vector, rad), uncovered (points of the grid that one of the lens models does not cover), grid.
 #[pyfunction]
 pub fn evaluate<'py>(
     py: Python<'py>,

@@ -14,7 +14,7 @@ use pyo3::prelude::*;
 
 use crate::advice::short;
 
-/// What libraries call the fields, in the order t, x, y, p.
+/// Names of the fields in other libraries, in the order t, x, y, p.
 const NAMES: [&[&str]; 4] = [&["t", "ts", "timestamp", "time"], &["x"], &["y"], &["p", "on", "polarity", "pol"]];
 
 /// Bytes of an event of evcal's own arrays; the last three are padding.
@@ -27,7 +27,7 @@ struct Integer {
     signed: bool,
 }
 
-/// Where a field is in each record.
+/// Position and type of a field in a record.
 #[derive(Clone, Copy)]
 struct Field {
     offset: usize,
@@ -35,7 +35,7 @@ struct Field {
 }
 
 impl Field {
-    /// The number in this field of a record.
+    /// Returns the number in this field of a record.
     fn get(&self, record: &[u8]) -> i64 {
         let bytes = record.get(self.offset..self.offset + self.integer.bytes).unwrap_or_default();
         let mut value = [0; 8];
@@ -49,11 +49,11 @@ impl Field {
         i64::from_le_bytes(value)
     }
 
-    /// The column or row in this field of a record; some number on no sensor where it holds none.
+    /// Returns the column or row in this field of a record; if it is not a valid one, a number that is outside every sensor.
     #[inline]
     fn pixel(&self, record: &[u8]) -> u16 {
         match self.integer.bytes {
-            // A negative number becomes one beyond every sensor.
+            // A negative number becomes a number outside every sensor.
             2 => {
                 record.get(self.offset..).and_then(<[u8]>::first_chunk).map_or(u16::MAX, |two| u16::from_le_bytes(*two))
             }
@@ -61,7 +61,7 @@ impl Field {
         }
     }
 
-    /// Puts a column or row into this field of a record, which has room for it.
+    /// Writes a column or row, which must fit, into this field of a record.
     #[inline]
     fn set_pixel(&self, record: &mut [u8], value: u16) {
         let Some(field) = record.get_mut(self.offset..self.offset + self.integer.bytes) else { return };
@@ -74,7 +74,7 @@ impl Field {
         }
     }
 
-    /// The largest number that it holds.
+    /// Returns the largest number that fits.
     fn largest(&self) -> u64 {
         u64::MAX >> (64 - 8 * self.integer.bytes + usize::from(self.integer.signed))
     }
@@ -127,8 +127,8 @@ fn field(dtype: &Bound<'_, PyArrayDescr>, names: &[&str]) -> PyResult<Field> {
 }
 
 impl<'py> EventArray<'py> {
-    /// The events in `array`, whatever they are in. A structured array of whole numbers is copied only if it has gaps between its records.
-    /// `columns` and `time_unit` are what a caller says of its columns.
+    /// Reads the events in `array`, which may have any of the accepted forms. A structured array of whole numbers is copied only if it
+    /// has gaps between its records. `columns` and `time_unit` describe its columns, if given.
     pub fn new(array: &Bound<'py, PyAny>, columns: Option<&str>, time_unit: Option<&str>) -> PyResult<Self> {
         let py = array.py();
         let numpy = py.import("numpy")?;
@@ -143,7 +143,7 @@ impl<'py> EventArray<'py> {
         Ok(Self { bytes, dtype, record, fields })
     }
 
-    /// Its type, for an array like it.
+    /// Returns its type, for a similar array.
     pub fn dtype(&self) -> &Bound<'py, PyArrayDescr> {
         &self.dtype
     }
@@ -153,7 +153,7 @@ impl<'py> EventArray<'py> {
         self.bytes.len() / self.record.max(1)
     }
 
-    /// The records, which can be read without Python.
+    /// Returns the records, which can be read without Python.
     pub fn records(&self) -> PyResult<Records<'_>> {
         Ok(Records { bytes: self.bytes.as_slice()?, record: self.record.max(1), fields: self.fields })
     }
@@ -182,7 +182,7 @@ impl Records<'_> {
         self.bytes.chunks_exact(self.record).enumerate().map(event).collect()
     }
 
-    /// Appends to `bytes` those events that a map leaves on the sensor, as the bytes of an array of [`sub_pixel_dtype`].
+    /// Appends the events that remain on the sensor after a map to `bytes`, as bytes of an array of [`sub_pixel_dtype`].
     pub fn between_pixels(self, bytes: &mut Vec<u8>, map: &PixelMap) {
         let Fields { t, x, y, p } = self.fields;
         for record in self.bytes.chunks_exact(self.record) {
@@ -194,10 +194,10 @@ impl Records<'_> {
         }
     }
 
-    /// Copies to `output` the records whose pixel `places` knows the new place of, with that place; their number.
+    /// Copies the records to `output` whose pixels have a new position in `places`, with that position. Returns their number.
     pub fn moved(self, output: &mut [u8], places: &NewPlaces) -> usize {
         match self.record {
-            // The lengths that libraries have: copies of known length are several times as fast.
+            // The lengths of records in known libraries: copies of constant length are several times as fast.
             16 => self.moved_of::<16>(output, places),
             13 => self.moved_of::<13>(output, places),
             24 => self.moved_of::<24>(output, places),
@@ -239,13 +239,13 @@ impl Records<'_> {
         count
     }
 
-    /// Whether the fields of the pixel hold every pixel of a sensor.
+    /// `true` if every pixel of a sensor fits into the fields.
     pub fn hold(&self, width: u16, height: u16) -> bool {
         self.fields.x.largest() >= u64::from(width) && self.fields.y.largest() >= u64::from(height)
     }
 }
 
-/// Where each pixel goes, rounded to a pixel.
+/// New position of each pixel, rounded to a pixel.
 pub struct NewPlaces {
     width: u16,
     /// Row by row; [`NOWHERE`] where a pixel leaves the sensor.
@@ -255,7 +255,7 @@ pub struct NewPlaces {
 const NOWHERE: [u16; 2] = [u16::MAX; 2];
 
 impl NewPlaces {
-    /// Those of a map.
+    /// Rounds the positions of a map.
     pub fn new(map: &PixelMap) -> Self {
         let Sensor { width, height } = map.sensor();
         let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
@@ -269,8 +269,8 @@ impl NewPlaces {
     }
 }
 
-/// An array of `count` records of `dtype`, whose bytes are filled by `fill`; it says how many it used, and the array
-/// ends there.
+/// Returns an array of records of `dtype`. `fill` writes the bytes of at most `count` records and returns the number of records
+/// written, which becomes the length of the array.
 pub fn filled<'py>(
     dtype: &Bound<'py, PyArrayDescr>,
     count: usize,
@@ -288,7 +288,7 @@ pub fn filled<'py>(
     array.get_item(pyo3::types::PySlice::new(py, 0, used as isize, 1))
 }
 
-/// The type of evcal's own arrays: t (µs), x, y, p (0 or 1), 16 bytes.
+/// Returns the type of evcal's own arrays: t (µs), x, y, p (0 or 1), 16 bytes.
 pub fn own_dtype(py: Python<'_>) -> PyResult<Bound<'_, PyArrayDescr>> {
     let fields = pyo3::types::PyDict::new(py);
     fields.set_item("names", ["t", "x", "y", "p"])?;
@@ -298,12 +298,12 @@ pub fn own_dtype(py: Python<'_>) -> PyResult<Bound<'_, PyArrayDescr>> {
     PyArrayDescr::new(py, fields)
 }
 
-/// The type of events between pixels: t (µs), x, y (px), p (0 or 1), 25 bytes.
+/// Returns the type of events with fractions of pixels: t (µs), x, y (px), p (0 or 1), 25 bytes.
 pub fn sub_pixel_dtype(py: Python<'_>) -> PyResult<Bound<'_, PyArrayDescr>> {
     PyArrayDescr::new(py, vec![("t", "<i8"), ("x", "<f8"), ("y", "<f8"), ("p", "u1")])
 }
 
-/// Events as the bytes of one of evcal's own arrays, appended to `bytes`.
+/// Appends events to `bytes`, as bytes of an array of evcal's own type.
 pub fn append(bytes: &mut Vec<u8>, events: &[Event]) {
     bytes.reserve(events.len() * EVENT_BYTES);
     for event in events {
@@ -314,18 +314,18 @@ pub fn append(bytes: &mut Vec<u8>, events: &[Event]) {
     }
 }
 
-/// One of evcal's own arrays of these bytes, which are not copied.
+/// Returns an array of evcal's own type with these bytes, which are not copied.
 pub fn to_array(py: Python<'_>, bytes: Vec<u8>) -> PyResult<Bound<'_, PyAny>> {
     viewed(&own_dtype(py)?, bytes)
 }
 
-/// An array of records of `dtype` of these bytes, which are not copied.
+/// Returns an array of `dtype` with these bytes, which are not copied.
 pub fn viewed<'py>(dtype: &Bound<'py, PyArrayDescr>, bytes: Vec<u8>) -> PyResult<Bound<'py, PyAny>> {
     PyArray1::from_vec(dtype.py(), bytes).call_method1("view", (dtype,))
 }
 
-/// The order of the columns of a table of events, such as "t,x,y,p", and the unit of its times if a name tells it: by their names, by what a
-/// caller says, or by what is in the first rows.
+/// Determines the order of the columns of a table of events, such as "t,x,y,p", from their names, the arguments or the first rows, and the unit of
+/// the times if a name contains it.
 #[pyfunction]
 #[pyo3(name = "_columns")]
 pub fn columns_of(
@@ -353,7 +353,7 @@ pub fn columns_of(
     Ok((columns.to_string(), None))
 }
 
-/// Width and height as evcal has them.
+/// Returns a sensor of this width and height.
 pub fn sensor(size: (u16, u16)) -> PyResult<Sensor> {
     let (width, height) = size;
     if width == 0 || height == 0 {

@@ -1,4 +1,4 @@
-//! Questions about recordings and calibrations: is it good for a calibration, how repeatable is it, is it the same camera?
+//! Checks of recordings and calibrations: suitability, repeatability, comparison.
 
 use evcal_calibrate::calibrate::board_choice::choose_board;
 use evcal_calibrate::calibrate::repeat::RepeatSettings;
@@ -21,16 +21,17 @@ use crate::interrupt::interruptible;
 use crate::recording::{Said, as_path, recording_of};
 use crate::{failed, to_python};
 
-/// The board that a caller names, or that is recognised in a recording.
+/// Returns the given board, or recognises it in a recording.
 fn board_in(request: &BoardRequest, recording: &Recording, settings: &Settings) -> PyResult<Board> {
     choose_board(request, &[recording], &settings.detection).map_err(failed)
 }
 
-/// Look at a recording, in seconds: is it good for a calibration, and what is to be done next?
+/// Examine samples of a recording, which takes seconds: is it good for a calibration, and what should be done next?
 ///
-/// board: as calibrate has it; without it rows and columns are recognised. The other arguments are those of calibrate.
+/// board: as for calibrate; without it rows and columns are recognised. The other arguments are as for calibrate.
 ///
-/// Returns a dict: what info tells, what was seen of the board, next (the one thing to do, in words), ready (whether that is to calibrate).
+/// Returns a dict: the content of info, seen (detections of the board), next (what to do, in words), ready (True if the recording can be
+/// calibrated).
 #[pyfunction]
 #[pyo3(signature = (events, *, board=None, sensor=None, columns=None, time_unit=None, stream=None, settings=None))]
 #[expect(clippy::too_many_arguments, reason = "all but the first are named by the caller")]
@@ -49,7 +50,7 @@ pub fn check<'py>(
     let request = board.map(board_request).transpose()?;
     let checked = interruptible(py, |_| {
         let board = match &request {
-            // What is to be measured is said with everything else.
+            // The advice contains the lengths to measure.
             None | Some(BoardRequest::Recognise(None)) => None,
             Some(request) => Some(board_in(request, &recording, &settings)?),
         };
@@ -61,11 +62,11 @@ pub fn check<'py>(
     Ok(told)
 }
 
-/// Calibrate random parts of a recording, each on its own: how far are their results apart, and how far should they be?
+/// Calibrate random parts of a recording separately, and compare the scatter of the results with their reported uncertainty.
 ///
-/// runs: number of parts. seconds: their length. seed: of their places. The other arguments are those of calibrate.
+/// runs: number of parts. seconds: their length. seed: seed of their random positions. The other arguments are as for calibrate.
 ///
-/// Returns a dict: runs, parameters (name, mean, scatter, stated: the standard deviation that the parts state), projection (px).
+/// Returns a dict: runs, parameters (name, mean, scatter, stated: the reported standard deviation), projection (px).
 #[pyfunction]
 #[pyo3(signature = (events, *, board, runs=10, seconds=4.0, seed=1, model="radtan", sensor=None, columns=None, time_unit=None, stream=None, settings=None))]
 #[expect(clippy::too_many_arguments, reason = "all but the first are named by the caller")]
@@ -99,7 +100,7 @@ pub fn repeat<'py>(
     to_python(py, serde_json::to_string(&repetition))
 }
 
-/// What is known of a camera, however it is given, and what to call it.
+/// Returns the camera of an argument (a Camera, a Calibration, a file or a folder) with its covariance, if known.
 pub fn known(value: &Bound<'_, PyAny>) -> PyResult<CalibratedCamera> {
     if let Ok(camera) = value.cast::<Camera>() {
         return Ok(camera.get().known());
@@ -110,9 +111,9 @@ pub fn known(value: &Bound<'_, PyAny>) -> PyResult<CalibratedCamera> {
     CalibratedCamera::read(&value.extract::<PathBuf>()?).map_err(failed)
 }
 
-/// Tell whether two calibrations are of the same camera, by how sure they are.
+/// Test whether two calibrations are of the same camera, given their uncertainties.
 ///
-/// Both are a Calibration, a file or a folder; a Camera does not know its covariance. Returns a dict: sameness ("same", "near", "different",
+/// Both are a Calibration, a file or a folder; a Camera has no covariance. Returns a dict: sameness ("same", "near", "different",
 /// "unknown"), sentence, difference_rms, difference_max (px), expected_rms (px), stated_rms.
 #[pyfunction]
 pub fn compare<'py>(

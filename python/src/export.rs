@@ -1,4 +1,4 @@
-//! Files for others: cameras and recordings in other formats.
+//! Export of cameras and recordings in other formats.
 
 use std::path::{Path, PathBuf};
 
@@ -22,7 +22,7 @@ use crate::interrupt::interruptible;
 use crate::recording::{Said, as_path, recording_of};
 use crate::{Error, failed, to_python};
 
-/// Name that stands for every format.
+/// Name that selects all formats.
 const ALL: &str = "all";
 
 fn may_write<'a>(paths: impl IntoIterator<Item = &'a Path>, inputs: &[&Path], force: bool) -> PyResult<()> {
@@ -30,7 +30,7 @@ fn may_write<'a>(paths: impl IntoIterator<Item = &'a Path>, inputs: &[&Path], fo
     check_outputs(paths, inputs, existing).map_err(failed)
 }
 
-/// The files of a camera together with what else is in its calibration.
+/// Returns the files of a camera together with the IMU or other cameras of its calibration; empty for a camera alone.
 fn beside(value: &Bound<'_, PyAny>, camera: &CalibratedCamera) -> PyResult<Vec<(String, String)>> {
     if let Ok(calibration) = value.cast::<Calibration>() {
         return files_beside(camera, &calibration.get().file()).map_err(failed);
@@ -45,10 +45,10 @@ fn beside(value: &Bound<'_, PyAny>, camera: &CalibratedCamera) -> PyResult<Vec<(
     }
 }
 
-/// Write a camera as other programs read it.
+/// Write a camera for other programs.
 ///
-/// calibration: a Calibration, a Camera, a file or a folder. format: "opencv-yaml", "ros", "kalibr" …, or "all"; an unknown name is answered with the
-/// list. output: the file, or for "all" the folder. force: replace what is there. camera_name: its name in the file.
+/// calibration: a Calibration, a Camera, a file or a folder. format: "opencv-yaml", "ros", "kalibr" …, or "all"; an unknown name
+/// raises an error with the list. output: the file, or for "all" the folder. force: replace existing files. camera_name: its name in the file.
 ///
 /// Returns the paths of the files; without output the text.
 #[pyfunction]
@@ -63,7 +63,7 @@ pub fn export<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let known = known(calibration)?;
     let known = CalibratedCamera { name: plain(camera_name).unwrap_or(known.name), ..known };
-    // Made when it is opened, and removed again if nothing is in it once it is closed.
+    // The folder is created when it is opened, and removed if it is empty when it is closed.
     let mut opened = None;
     let files: Vec<(PathBuf, String)> = match (from_name(format), output) {
         (Some(format), None) => return Ok(PyString::new(py, &text_of(py, format, &known)?).into_any()),
@@ -74,7 +74,7 @@ pub fn export<'py>(
             for format in FORMATS {
                 match format.export(&known) {
                     Ok(exported) => files.push((format.file.to_owned(), exported.text)),
-                    // The others are worth having all the same.
+                    // The other files are useful nevertheless.
                     Err(error) => warn(py, &format!("not written: {error}"))?,
                 }
             }
@@ -101,7 +101,7 @@ pub fn export<'py>(
     Ok(PyList::new(py, files.into_iter().map(|(path, _)| path))?.into_any())
 }
 
-/// The file of `format`; what a change of the lens model costs is a warning.
+/// Returns the file of `format`. If another camera model is fitted, a warning reports the difference.
 fn text_of(py: Python<'_>, format: &ExportFormat, camera: &CalibratedCamera) -> PyResult<String> {
     let exported = format.export(camera).map_err(failed)?;
     if let Some(note) = &exported.note {
@@ -117,10 +117,10 @@ fn warn(py: Python<'_>, what: &str) -> PyResult<()> {
 
 /// Write a recording in another format.
 ///
-/// events: a file, or events in memory. output: the file to write. to: its format; without it, its extension says it. unix_time: count times from
-/// 1970, where the recording says when it began. force: replace what is there. The other arguments are those of read.
+/// events: a file, or events in memory. output: the file to write. to: its format [default: by its extension]. unix_time: count times from
+/// 1970, if the recording contains its start time. force: replace existing files. The other arguments are as for read.
 ///
-/// Returns a dict: events, frames, inertial_samples, lost (what the format does not hold), notes, report.
+/// Returns a dict: events, frames, inertial_samples, lost (content that the format does not support), notes, report.
 #[pyfunction]
 #[pyo3(signature = (events, output, *, to=None, unix_time=false, force=false, sensor=None, columns=None, time_unit=None, stream=None))]
 #[expect(clippy::too_many_arguments, reason = "all but the first two are named by the caller")]

@@ -1,4 +1,4 @@
-//! Long work without the interpreter's lock, which Ctrl-C ends.
+//! Long work without the interpreter's lock, which can be interrupted with Ctrl-C.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
@@ -7,13 +7,13 @@ use std::time::Duration;
 
 use pyo3::prelude::*;
 
-/// How often signals are looked for.
+/// Interval at which signals are checked.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Does `work` on a thread of its own, and hands out what it gives. `work` is told when it should end: a signal came.
+/// Runs `work` on its own thread and returns its result. When a signal arrives, the flag that `work` receives is set, and it should end.
 ///
 /// # Errors
-/// What the signal raises, such as `KeyboardInterrupt`, once `work` has ended.
+/// The exception of the signal, such as `KeyboardInterrupt`, after `work` has ended.
 pub fn interruptible<T: Send>(py: Python<'_>, work: impl FnOnce(&AtomicBool) -> T + Send) -> PyResult<T> {
     let stop = AtomicBool::new(false);
     py.detach(|| {
@@ -22,7 +22,7 @@ pub fn interruptible<T: Send>(py: Python<'_>, work: impl FnOnce(&AtomicBool) -> 
             let stopped = &stop;
             let worker = scope.spawn(move || {
                 let result = work(stopped);
-                // Nobody waits if a signal came.
+                // After a signal, nobody receives the result.
                 let _ = sender.send(());
                 result
             });

@@ -1,4 +1,4 @@
-//! The Python package of evcal: arrays in, arrays out. What it does is documented in `docs/python.md`.
+//! The Python package of evcal, with arrays as input and output; `docs/python.md` describes it.
 
 mod advice;
 mod calibration;
@@ -23,7 +23,7 @@ pyo3::create_exception!(
     "evcal cannot do what was asked; the text says why, and what to do."
 );
 
-/// An error of evcal as one of Python, with what to do about it.
+/// Converts an error of evcal to a Python exception, with advice.
 fn failed(error: impl std::error::Error + 'static) -> PyErr {
     Error::new_err(match advice::advice(&error) {
         Some(next) => format!("{error}; {next}"),
@@ -31,7 +31,7 @@ fn failed(error: impl std::error::Error + 'static) -> PyErr {
     })
 }
 
-/// What the library says as JSON, as objects of Python.
+/// Converts JSON from the library to Python objects.
 fn to_python<'py>(py: Python<'py>, value: Result<String, serde_json::Error>) -> PyResult<Bound<'py, PyAny>> {
     py.import("json")?.call_method1("loads", (value.map_err(failed)?,))
 }

@@ -13,7 +13,7 @@ use crate::events::{EventArray, append, sensor as to_sensor, to_array};
 use crate::interrupt::interruptible;
 use crate::{failed, to_python};
 
-/// What a caller says of a recording.
+/// Options for reading a recording.
 #[derive(Clone, Default)]
 pub struct Said {
     pub sensor: Option<(u16, u16)>,
@@ -35,7 +35,7 @@ impl Said {
     }
 }
 
-/// A recording of the events in an array; they are copied once.
+/// Creates a recording from the events in an array, which are copied once.
 pub fn of_array(array: &Bound<'_, PyAny>, said: &Said) -> PyResult<Recording> {
     let options = said.clone().options()?;
     let array = EventArray::new(array, said.columns.as_deref(), said.time_unit.as_deref())?;
@@ -44,7 +44,7 @@ pub fn of_array(array: &Bound<'_, PyAny>, said: &Said) -> PyResult<Recording> {
     Ok(Recording::from_events("array", events, options))
 }
 
-/// The recording of events that a caller gives: a path, or an array.
+/// Returns the recording from an argument: a path, or an array.
 pub fn recording_of(events: &Bound<'_, PyAny>, said: &Said) -> PyResult<Recording> {
     match as_path(events) {
         Some(path) => open_events(&path, said.clone().options()?).map_err(failed),
@@ -52,18 +52,18 @@ pub fn recording_of(events: &Bound<'_, PyAny>, said: &Said) -> PyResult<Recordin
     }
 }
 
-/// A path, or anything else.
+/// Returns the argument as a path; `None` if it is anything else.
 pub fn as_path(value: &Bound<'_, PyAny>) -> Option<PathBuf> {
     value.extract().ok()
 }
 
-/// Read all events of a recording of any format that evcal knows.
+/// Read all events of a recording, in any format that evcal supports.
 ///
 /// Returns a structured array with the fields t (int64, µs as in the file), x, y (uint16, (0, 0) is the top-left pixel)
 /// and p (uint8, 1 for ON). Times never decrease; events outside the sensor are left out.
 ///
-/// sensor: (width, height) in pixels, instead of what the file says. columns ("x,y,p,t") and time_unit ("s", "ms", "us",
-/// "ns") are for text, stream (name or number) for files with several.
+/// sensor: (width, height) in pixels, instead of the size in the file. columns ("x,y,p,t") and time_unit ("s", "ms", "us",
+/// "ns") are for text, stream (name or number) for files with several streams.
 #[pyfunction]
 #[pyo3(signature = (file, *, sensor=None, columns=None, time_unit=None, stream=None))]
 pub fn read<'py>(
@@ -87,9 +87,9 @@ pub fn read<'py>(
     to_array(py, bytes.map_err(|error: EventsError| failed(error))?)
 }
 
-/// Tell what is in a recording: format, camera, sensor, duration, rates, hot pixels, as a dict.
+/// Describe the content of a recording as a dict: format, camera, sensor, duration, rates, hot pixels.
 ///
-/// The options are those of read.
+/// The options are as for read.
 #[pyfunction]
 #[pyo3(signature = (file, *, sensor=None, columns=None, time_unit=None, stream=None))]
 pub fn info<'py>(

@@ -17,7 +17,7 @@ use crate::events::{append, to_array};
 use crate::failed;
 use crate::interrupt::interruptible;
 
-/// One of `all` by its name.
+/// Returns the element of `all` with this name.
 fn named<T: Copy>(all: &[T], name: impl Fn(T) -> &'static str, wanted: &str, what: &str) -> PyResult<T> {
     all.iter().copied().find(|one| name(*one) == wanted).ok_or_else(|| {
         let names: Vec<&str> = all.iter().map(|one| name(*one)).collect();
@@ -28,10 +28,10 @@ fn named<T: Copy>(all: &[T], name: impl Fn(T) -> &'static str, wanted: &str, wha
 /// Simulate an event camera that is moved in front of a board.
 ///
 /// camera: its lens and sensor; without it a DAVIS346 with a lens of about 60 degrees, horizontally. duration in seconds. motion:
-/// "slow", "fast", "violent", "blur", "interrupted", "paused", "far", "head-on", "corner", or one of those that leave something open, "slide",
+/// "slow", "fast", "violent", "blur", "interrupted", "paused", "far", "head-on", "corner", or a degenerate motion: "slide",
 /// "one-axis", "even-turn", "little-turns", "to-and-fro". light: "default", "low" or "ideal". The same arguments give the same events.
 ///
-/// Returns the events, as read has them, and the camera.
+/// Returns the events, in the form of read, and the camera.
 #[pyfunction]
 #[pyo3(signature = (camera=None, *, board="acircles:9x4:55mm:r17.5mm", duration=6.0, motion="slow", light="default", seed=1))]
 pub fn simulate<'py>(
@@ -61,7 +61,7 @@ pub fn simulate<'py>(
     let bytes = interruptible(py, |stop| {
         let simulation = Simulation::new(Rays::new(&lens, sensor), board, settings)?;
         let mut bytes = Vec::new();
-        // Only a signal ends it early, and that is what is raised then.
+        // Only a signal ends it early; its exception is then raised.
         let _ = simulation.run(|events| {
             append(&mut bytes, events);
             if stop.load(Ordering::Relaxed) { Err(()) } else { Ok(()) }

@@ -155,7 +155,7 @@ def simulated():
 
 
 def samples_of(trajectory, path, rate=200.0):
-    """What an inertial unit measures that sits in the camera, by differences of its poses."""
+    """Readings of an IMU at the camera, by differences of its poses."""
     t, position = trajectory["t"], trajectory["position"]
     x, y, z, w = trajectory["rotation"].T
     rotation = np.array([
