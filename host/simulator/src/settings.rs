@@ -31,7 +31,7 @@ pub enum SimulationError {
     #[error("the camera model has no bearing for most of the sensor: check its parameters and the sensor size")]
     NoFieldOfView,
     /// The lens of the second camera is invalid.
-    #[error("second_camera.camera is no lens: take it from a truth.json or calibration.json")]
+    #[error("second_camera.camera is not a valid lens: take it from a truth.json or calibration.json")]
     SecondLens,
     /// A shape of dots was set for a board of squares.
     #[error("simulation setting scene.dots is {0}; a board of squares has no dots")]

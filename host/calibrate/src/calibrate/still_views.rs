@@ -1,4 +1,4 @@
-//! The calibration from a board that blinks before a camera at rest: every view is a picture with a pose of its own.
+//! Calibration from a board that blinks in front of a camera at rest: every view is a picture with its own pose.
 
 use std::ops::ControlFlow;
 
@@ -21,11 +21,11 @@ use crate::initial::InitialSettings;
 use crate::picture_calibration::calibration::PictureSource;
 use crate::settings::Settings;
 
-/// What became of the views.
+/// Result of an attempt to calibrate from views.
 pub(super) enum AtRest {
     /// The board blinks.
     Calibrated(Box<Calibrated>),
-    /// The camera was at rest and something blinked; none of so many views shows the board.
+    /// The camera was at rest and something blinked, but the board was not found in any of this number of views.
     WithoutBoard(u64),
     /// The camera was hardly ever at rest.
     Moved,
@@ -40,7 +40,7 @@ struct Views {
     starts: Vec<f64>,
 }
 
-/// Whether camera and board are at rest when the first recording begins. `false` where that cannot be found out.
+/// Returns `true` if camera and board are at rest when the first recording begins, `false` also if that is unknown.
 pub(super) fn begins_at_rest(task: &Task) -> bool {
     let Ok(sensor) = common_sensor(task) else { return false };
     let mut views = StillViews::new(sensor);
@@ -53,7 +53,7 @@ pub(super) fn begins_at_rest(task: &Task) -> bool {
     read.is_ok() && is_at_rest == Some(true)
 }
 
-/// Calibrates from views, if the camera was at rest for a good part of the time.
+/// Calibrates from views, if the camera was at rest for a sufficient share of the time.
 ///
 /// # Errors
 /// [`CalibrateError`].

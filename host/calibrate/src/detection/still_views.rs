@@ -1,8 +1,9 @@
-//! Pictures of a board that blinks before a camera at rest.
+//! Pictures of a board that blinks in front of a camera at rest.
 //!
-//! While both are at rest every block of some hundredths of a second has its events at the same pixels; once one of them moves it has
-//! not. Blocks that agree are one view, without the first and the last beside a motion, which may be in them. A pixel of a square that blinks sends events every time, one of a square that stays dark sends
-//! none: the numbers of events are the picture.
+//! The events are cut into blocks of some hundredths of a second. While camera and board are at rest, all blocks have events at the same
+//! pixels; after a motion they are at other pixels. Successive blocks that agree form a view. A block next to a motion is left out,
+//! because the motion may reach into it. Pixels of a blinking square send events at every change of the light, pixels of a square that
+//! stays dark send none. So the number of events of each pixel is a picture of the board.
 
 pub mod search;
 
@@ -10,28 +11,28 @@ use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use event_recordings::pictures::{GreyImage, TimedImage};
 
-/// Fewest views of a calibration. Every one of them was meant, which the frames of a camera that is moved are not.
+/// Fewest views of a calibration. So few are enough because the person chose each pose, unlike the poses of frames of a moving camera.
 pub(crate) const FEWEST_VIEWS: usize = 6;
-/// What blinks is looked at in place of what moves, if the camera was at rest for at least this part of the time.
+/// The board is taken for a blinking one if views with it fill at least this share of the time.
 pub(crate) const LEAST_TIME: f64 = 0.3;
-/// Shortest block (µs): at 10 Hz the light changes once in it.
+/// Shortest block (µs), in which a light that blinks at 10 Hz changes once.
 const BLOCK: i64 = 50_000;
 /// Longest time (µs) in which a block must have its events.
 const LONGEST_BLOCK: i64 = 1_000_000;
-/// A block has an event for so many pixels of the sensor at least.
+/// A block has at least one event per this number of pixels of the sensor.
 const PIXELS_PER_EVENT: usize = 20;
 /// Fewest blocks of a view.
 const LEAST_BLOCKS: usize = 4;
-/// Least correlation of a block with the first of its view. Boards at rest have 0.9 and more; boards in slow motion 0.8 at most after
-/// a tenth of a second and 0.7 after two.
+/// Smallest correlation of a block with the first block of its view. It is 0.9 or more for boards at rest; for boards in slow motion it
+/// is at most 0.8 after 0.1 s and 0.7 after 0.2 s.
 const LEAST_CORRELATION: f64 = 0.85;
 /// Pixels along a side of the squares that are compared.
 const COMPARED: usize = 2;
 /// Most views that are kept; a calibration needs a tenth of them.
 const MOST_VIEWS: usize = 400;
-/// White in a picture, in numbers of events of a usual pixel that blinks. More than one, since one in two of them has more.
+/// Number of events that is white in a picture, as a multiple of the median of blinking pixels, of which half have more events.
 const WHITE: f64 = 1.2;
-/// One in so many pixels may be hot.
+/// One pixel in this number may be hot.
 const HOT: usize = 1000;
 
 /// Collects the views of one recording.
@@ -41,11 +42,11 @@ pub struct StillViews {
     block: Block,
     view: Option<OpenView>,
     views: Vec<TimedImage>,
-    /// Some block was not like the one before.
+    /// `true` once a block differed from the one before.
     has_moved: bool,
 }
 
-/// The events of a stretch of time by pixel.
+/// Number of events of each pixel in an interval.
 #[derive(Clone, Debug)]
 struct Block {
     start: i64,
@@ -54,22 +55,22 @@ struct Block {
     counts: Vec<u32>,
 }
 
-/// Blocks that agree.
+/// A view that may continue: blocks that agree.
 #[derive(Debug)]
 struct OpenView {
-    /// The first block, as it is compared.
+    /// The first block, in the form in which blocks are compared.
     first: Vec<f64>,
-    /// Whether the motion before may have gone on in the first block.
+    /// `true` if the motion before the view may reach into the first block.
     follows_motion: bool,
-    /// Blocks in the sum.
+    /// Number of blocks in the sum.
     blocks: usize,
     sum: Block,
-    /// The last block: the next motion may have begun in it.
+    /// The last block, in which the next motion may have begun.
     last: Block,
 }
 
 impl StillViews {
-    /// For a recording of this sensor.
+    /// Creates an empty collection for a recording of this sensor.
     pub fn new(sensor: Sensor) -> Self {
         let pixels = usize::from(sensor.width) * usize::from(sensor.height);
         Self { sensor, block: Block::new(pixels), view: None, views: Vec::new(), has_moved: false }
@@ -91,13 +92,14 @@ impl StillViews {
         }
     }
 
-    /// Between two changes of the light there is only noise: a block goes on until it has about as many events as those before.
+    /// Returns the smallest number of events of the current block: about as many as in the blocks before, because there is only noise
+    /// between two changes of the light.
     fn fewest_events(&self) -> usize {
         let usual = self.view.as_ref().map_or(0, |view| (view.sum.events + view.last.events) / (view.blocks + 1));
         (usual / 4 * 3).max(self.block.counts.len() / PIXELS_PER_EVENT)
     }
 
-    /// Whether camera and board were at rest from the beginning, once that is known.
+    /// Returns `true` if camera and board were at rest from the beginning; `None` until that is known.
     pub fn begins_at_rest(&self) -> Option<bool> {
         let blocks = self.view.as_ref().map_or(0, |view| view.blocks);
         match (self.has_moved, !self.views.is_empty() || blocks >= LEAST_BLOCKS) {
@@ -107,7 +109,7 @@ impl StillViews {
         }
     }
 
-    /// The views, in order of time: exposed from their first to their last event (µs).
+    /// Returns the views in order of time, each with the times of its first and last event (µs) as its exposure.
     pub fn finish(mut self) -> Vec<TimedImage> {
         if let Some(view) = &mut self.view {
             view.sum.append(&view.last);
@@ -121,7 +123,7 @@ impl StillViews {
         let next = Block::new(self.block.counts.len());
         let block = std::mem::replace(&mut self.block, next);
         if !is_full {
-            // Nothing blinks.
+            // So few events in the longest block mean that nothing blinks.
             self.has_moved = true;
             self.end_view();
             return;
@@ -158,7 +160,7 @@ impl OpenView {
     }
 }
 
-/// How long a view is (s).
+/// Returns the duration of a view (s).
 pub fn duration(view: &TimedImage) -> f64 {
     view.exposure.1.saturating_sub(view.exposure.0) as f64 * 1e-6
 }
@@ -187,7 +189,7 @@ impl Block {
         }
     }
 
-    /// The numbers of events in small squares; their roots, so that they vary alike everywhere.
+    /// Returns the square roots of the numbers of events in small squares; roots have the same noise everywhere.
     fn compared(&self, sensor: Sensor) -> Vec<f64> {
         let columns = usize::from(sensor.width).div_ceil(COMPARED);
         let rows = usize::from(sensor.height).div_ceil(COMPARED);
@@ -212,8 +214,8 @@ impl Block {
     }
 }
 
-/// Events of a usual pixel that blinks: the median of those with at least half the mean number, each pixel counting as often as it
-/// sent events.
+/// Returns the number of events of a typical blinking pixel: the median of the pixels with at least half of the mean number of events
+/// (a mean in which each pixel is weighted with its number of events).
 fn usual_count(counts: &[u32]) -> Option<f64> {
     let mut sorted: Vec<u32> = counts.iter().copied().filter(|count| *count > 0).collect();
     sorted.sort_unstable();
@@ -250,7 +252,7 @@ mod tests {
     const SENSOR: Sensor = Sensor::new(120, 90);
     const SQUARE: f64 = 12.0;
 
-    /// Events of `seconds` of squares, every other of which blinks with `frequency`, at a place that depends on the time; and noise.
+    /// Returns `seconds` of events of squares, every other one blinking with `frequency`, at a position that depends on the time; and noise.
     fn squares(seconds: f64, frequency: f64, place: impl Fn(f64) -> f64) -> Vec<Event> {
         let mut random = ChaCha8Rng::seed_from_u64(5);
         let mut events = Vec::new();
@@ -301,7 +303,7 @@ mod tests {
 
     #[test]
     fn a_view_ends_with_the_motion() {
-        // Two views, and the way between them at 40 px/s.
+        // Two views, and a motion between them at 40 px/s.
         let place = |t: f64| ((t - 1.0) * 40.0).clamp(0.0, 30.0);
         let views = views(&squares(3.0, 30.0, place));
         let [before, after] = &views[..] else { panic!("{} views", views.len()) };
@@ -323,7 +325,7 @@ mod tests {
         assert!(is_at_rest && t < 400_000, "{t}");
         let (is_at_rest, t) = known(&squares(2.0, 30.0, |t| 60.0 * t)).unwrap();
         assert!(!is_at_rest && t < 400_000, "{t}");
-        // Noise alone is nothing to look at.
+        // Noise alone is not a view.
         let noise: Vec<Event> = squares(2.0, 0.1, |_| 0.0).into_iter().filter(|event| event.t > 10_000).collect();
         assert!(views(&noise).is_empty() && known(&noise).is_none_or(|(is_at_rest, _)| !is_at_rest));
     }

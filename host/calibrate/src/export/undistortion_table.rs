@@ -147,7 +147,7 @@ static const float evcal_undistortion[EVCAL_NODE_ROWS][EVCAL_NODE_COLUMNS][2] = 
             "\
 }};
 
-/* Where pixel (x, y) of the sensor would be without distortion; false outside the sensor or the lens model. */
+/* Computes the position of pixel (x, y) without distortion; false outside the sensor or the lens model. */
 static inline bool evcal_undistort(float x, float y, float *undistorted_x, float *undistorted_y)
 {{
     if (!(x >= -0.5f && x <= EVCAL_SENSOR_WIDTH - 0.5f && y >= -0.5f && y <= EVCAL_SENSOR_HEIGHT - 0.5f)) {{
@@ -226,7 +226,7 @@ pub static NODES: [[f32; 2]; {count}] = [
             "\
 ];
 
-/// Where pixel (x, y) of the sensor would be without distortion; `None` outside the sensor or the lens model.
+/// Returns the position of pixel (x, y) without distortion; `None` outside the sensor or the lens model.
 pub fn undistort(x: f32, y: f32) -> Option<[f32; 2]> {{
     let (column, right_share) = cell(x, SENSOR_WIDTH, {nodes_x:?}, COLUMNS)?;
     let (row, lower_share) = cell(y, SENSOR_HEIGHT, {nodes_y:?}, ROWS)?;

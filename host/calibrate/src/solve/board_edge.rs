@@ -1,7 +1,8 @@
 //! The edges of a print: the rims of circles, and the straight lines between dark and light squares.
 //!
-//! An event tells that an edge passed its pixel. All that the solve needs of an edge is the signed distance of a place on the print
-//! from it, positive on the light side, the gradient of this distance, and how the edge is bent and how narrow its print is there.
+//! An event occurs when an edge passes its pixel. The solve needs four properties of an edge: the signed distance of a point on the
+//! print from it (positive on the light side), the gradient of this distance, the curvature of the edge, and the width of the dark print
+//! at it.
 
 use evcal_geometry::board::squares::edges::{Axis, Edge, Side, SquareEdges};
 use evcal_geometry::board::symmetry::Symmetry;
@@ -10,23 +11,23 @@ use nalgebra::{Vector2, Vector3};
 
 /// An edge of the print.
 pub trait BoardEdge: Copy + Send + Sync {
-    /// Distance of a `point` on the print (metres).
+    /// Returns the distance of a `point` on the print (metres).
     fn distance(&self, point: [f64; 2]) -> PrintDistance;
 
-    /// One over the size of the dark at the edge, in pixels, where a pixel is `scale` metres: the radius of a dot, the width of a dark
-    /// strip.
+    /// Returns the inverse of the size of the dark print at the edge (1/px), the radius of a dot or the width of a dark strip; a pixel
+    /// is `scale` metres.
     fn narrowness(&self, scale: f64) -> f64;
 
     /// Returns the second derivative by time of the distance in pixels, at a pixel that slides along the edge with `sliding` m/s (px/s²).
     fn acceleration(&self, sliding: f64, scale: f64) -> f64;
 }
 
-/// Distance of a place on the print from an edge.
+/// Distance of a point on the print from an edge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PrintDistance {
-    /// In metres, positive on the light side.
+    /// Distance in metres, positive on the light side.
     pub metres: f64,
-    /// Direction on the print in which it grows.
+    /// Direction on the print in which the distance increases.
     pub normal: [f64; 2],
 }
 
@@ -64,7 +65,8 @@ impl BoardEdge for Rim {
 pub struct Line {
     /// Direction on the print from the dark side to the light one.
     pub normal: [f64; 2],
-    /// Where along `normal` the edge would lie if dark squares had no width: half the stated one before it (m).
+    /// Position of the edge along `normal`, minus half the nominal width of a dark square (m). With [`Line::radius`] added, it is the
+    /// position of the printed edge.
     pub offset: f64,
     /// Width of the dark strip at the edge (m).
     pub dark_width: f64,
@@ -90,17 +92,17 @@ impl BoardEdge for Line {
     }
 }
 
-/// All edges of a board, which events name by index.
+/// All edges of a board; events refer to them by index.
 #[derive(Clone, Debug)]
 pub enum BoardEdges {
-    /// Rims of circles, with their centres in metres; their radius is that of the board's shape.
+    /// Rims of circles, with their centres in metres; their radius is in the shape of the board.
     Rims(Vec<[f64; 2]>),
     /// Lines.
     Lines(Vec<Line>),
 }
 
 impl BoardEdges {
-    /// The edges of `board`.
+    /// Returns the edges of `board`.
     pub fn of_board(board: &Board) -> Self {
         match board {
             Board::Circles(circles) => {
@@ -110,8 +112,8 @@ impl BoardEdges {
         }
     }
 
-    /// For each edge the one in whose place it comes by a turn of the board onto itself. Pieces of one line are the same edge to the
-    /// solve.
+    /// Returns, for each edge, the index of the edge onto which a rotation of the board onto itself maps it. Pieces of one line are
+    /// equivalent here.
     pub fn turned(&self, turn: &Symmetry) -> Vec<u16> {
         match self {
             Self::Rims(_) => turn.points.clone(),
@@ -132,17 +134,17 @@ impl BoardEdges {
     }
 }
 
-/// Finds the edge that an event belongs to.
+/// Search for the edge that an event belongs to.
 #[derive(Clone, Debug)]
 pub enum NearestEdge {
     /// Among the rims of circles.
     Rims(CircleBoard),
-    /// Among lines, which are at these places on the print.
+    /// Among lines at these positions on the print.
     Lines(SquareEdges),
 }
 
 impl NearestEdge {
-    /// The edges of `board`.
+    /// Returns the search among the edges of `board`.
     pub fn of_board(board: &Board) -> Self {
         match board {
             Board::Circles(circles) => Self::Rims(*circles),
@@ -151,7 +153,7 @@ impl NearestEdge {
     }
 }
 
-/// The lines at `places`, where dark squares are stated to have half the width `radius` (m).
+/// Returns the lines at `places`; half the nominal width of a dark square is `radius` (m).
 fn lines(places: &SquareEdges, radius: f64) -> Vec<Line> {
     let line = |edge: &Edge| {
         let light = match edge.dark {

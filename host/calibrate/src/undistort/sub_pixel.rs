@@ -56,7 +56,7 @@ pub struct SubPixelWriter {
     encoder: Encoder,
 }
 
-/// What turns events into bytes.
+/// Encoder of events in one of the formats.
 enum Encoder {
     Text,
     EventCalib,

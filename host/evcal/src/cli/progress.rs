@@ -62,11 +62,11 @@ pub struct Waiting {
     lines: bool,
     stage: String,
     has_end: bool,
-    /// Who else is told.
+    /// Another receiver of the progress.
     listener: Option<Listener>,
 }
 
-/// Is told what is done, and which part of it is done.
+/// Callback that receives the current stage and the share of it that is done (0 to 1, if known).
 pub type Listener = Box<dyn FnMut(&str, Option<f64>) + Send>;
 
 impl Waiting {
@@ -76,7 +76,7 @@ impl Waiting {
         Self { bar: spinner(silent), lines, stage: String::new(), has_end: false, listener: None }
     }
 
-    /// Tells `listener`, too.
+    /// Also reports the progress to `listener`.
     pub fn and(self, listener: Option<Listener>) -> Self {
         Self { listener, ..self }
     }

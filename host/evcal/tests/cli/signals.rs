@@ -1,6 +1,6 @@
-//! Every command that writes, ended at any moment: what was there is there, or what is new, and nothing else.
+//! Every command that writes, ended by a signal at any moment, leaves either the old results or the new ones.
 //!
-//! `EVCAL_SIGNAL_MOMENTS=40` tries so many moments for each command and signal, in place of two.
+//! `EVCAL_SIGNAL_MOMENTS=40` tries 40 moments for each command and signal, instead of two.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -33,7 +33,7 @@ fn content(folder: &Path) -> Content {
     found
 }
 
-/// Puts `content` in place of all that is in a folder.
+/// Replaces the content of a folder by `content`.
 fn restore(folder: &Path, content: &Content) {
     let _ = fs::remove_dir_all(folder);
     for (path, bytes) in content {
@@ -100,7 +100,7 @@ fn end_at_every_moment(folder: &Path, old: &[&str], new: &[&str], together: bool
     }
 }
 
-/// Whether it is in a place with a name of the program's own, which nobody takes for a result.
+/// Returns `true` for a temporary file of the program or a file in a temporary folder.
 fn is_hidden(path: &Path) -> bool {
     path.components().any(|part| part.as_os_str().to_string_lossy().ends_with(".part"))
 }

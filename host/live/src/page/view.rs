@@ -42,7 +42,8 @@ pub struct Outcome {
     pub distortion: Vec<f64>,
     /// Reported error of the projection, root mean square over the sensor (px).
     pub sigma: Option<f64>,
-    /// Whether that is as small as was wanted, the calibration is good enough, and the board was seen everywhere and from all sides.
+    /// `true` if that error is below the target, the calibration is good enough, and the board was seen in the whole image and tilted to
+    /// all sides.
     pub is_target_met: bool,
     /// Folder of the results.
     pub folder: String,

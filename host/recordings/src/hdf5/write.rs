@@ -138,21 +138,21 @@ impl SubPixelEncoder {
     /// Begins `file`, for a `sensor`.
     ///
     /// # Errors
-    /// What the system says.
+    /// The error of the operating system, if the file cannot be written.
     pub fn new(file: File, sensor: Sensor) -> io::Result<Self> {
         Encoder::new(file, sensor, Number::Double).map(Self)
     }
 
-    /// Writes `event` as one at `place` (x, y in px).
+    /// Writes `event` with the position `place` (x, y in px).
     ///
     /// # Errors
-    /// What the system says.
+    /// The error of the operating system, if the file cannot be written.
     pub fn write(&mut self, event: &Event, place: [f64; 2]) -> io::Result<()> {
         let [x, y] = place.map(f64::to_le_bytes);
         self.0.put(event, [&x, &y])
     }
 
-    /// Writes what only the end of the recording tells.
+    /// Writes the arrays that are complete only at the end of the recording.
     ///
     /// # Errors
     /// [`WriteError`].

@@ -1,4 +1,4 @@
-//! Boards that blink, drawn by rays from parts of pixels to the board.
+//! Blinking boards, drawn by tracing rays from parts of pixels to the board.
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::event::{Event, Polarity};
@@ -16,9 +16,9 @@ use crate::initial::model_choice::ModelRequest;
 use crate::picture_calibration::calibration::PictureFailure;
 
 const SENSOR: Sensor = Sensor::new(240, 180);
-/// Parts of a pixel along each side.
+/// Number of parts of a pixel along each side.
 const PARTS: usize = 4;
-/// Duration of a view, of the way to the next one, and between two changes of the light (µs).
+/// Durations of a view, of the motion to the next one, and between two changes of the light (µs).
 const VIEW: i64 = 500_000;
 const WAY: i64 = 150_000;
 const CHANGE: i64 = 40_000;
@@ -27,7 +27,7 @@ fn truth() -> Camera<f64> {
     Camera::from_parameters(ModelKind::Radtan4, &[190.0, 190.5, 118.0, 91.0, -0.3, 0.1, 0.001, -0.0005]).unwrap()
 }
 
-/// Places before the camera, `T_camera_world`.
+/// Poses of the board, `T_camera_world`.
 fn poses(board: &Board, count: usize, random: &mut ChaCha8Rng) -> Vec<Isometry3<f64>> {
     let middle = board.middle();
     let mut any = |range: f64| range * (2.0 * random.random::<f64>() - 1.0);
@@ -39,7 +39,7 @@ fn poses(board: &Board, count: usize, random: &mut ChaCha8Rng) -> Vec<Isometry3<
     (0..count).map(pose).collect()
 }
 
-/// Whether the print is dark at a place on the board.
+/// Returns `true` if the print is dark at a position on the board.
 fn is_dark(board: &Board, place: Vector2<f64>) -> bool {
     match board {
         Board::Circles(circles) => {
@@ -54,7 +54,7 @@ fn is_dark(board: &Board, place: Vector2<f64>) -> bool {
     }
 }
 
-/// Share of a pixel that is paper.
+/// Returns the share of a pixel that is paper.
 fn paper(board: &Board, pose: &Isometry3<f64>, pixel: Vector2<f64>) -> f64 {
     let camera = truth();
     let (low, high) = board.extent();
@@ -71,7 +71,8 @@ fn paper(board: &Board, pose: &Isometry3<f64>, pixel: Vector2<f64>) -> f64 {
     (0..PARTS * PARTS).filter(|part| is_paper(*part)).count() as f64 / (PARTS * PARTS) as f64
 }
 
-/// A screen that blinks between black and the board before a camera at rest at these poses one after the other, with noise.
+/// Returns the events of a screen that blinks between black and the board, in front of a camera at rest at one pose after the other, with
+/// noise.
 fn events(board: &Board, poses: &[Isometry3<f64>], random: &mut ChaCha8Rng) -> Vec<Event> {
     let mut events = Vec::new();
     for (view, pose) in poses.iter().enumerate() {
@@ -87,7 +88,7 @@ fn events(board: &Board, poses: &[Isometry3<f64>], random: &mut ChaCha8Rng) -> V
                 }
             }
         }
-        // On the way to the next place there are events everywhere.
+        // On the way to the next pose there are events everywhere.
         for _ in 0..20_000 {
             let t = begin + VIEW + random.random_range(0..WAY);
             let (x, y) = (random.random_range(0..SENSOR.width), random.random_range(0..SENSOR.height));
@@ -135,9 +136,9 @@ fn too_few_views_and_another_board_are_named() {
     );
 }
 
-/// It was called a board that blinks, of which none of 0 views shows it.
+/// The error used to be that a board blinks, but is in none of 0 views.
 #[test]
-fn events_of_one_moment_are_no_views() {
+fn events_of_one_moment_are_not_a_view() {
     let event = |index: u16| Event { t: 7, x: index % 240, y: index / 240, polarity: Polarity::On };
     let options = RecordingOptions { sensor: Some(SENSOR), ..RecordingOptions::default() };
     let inputs = [Recording::from_events("moment", (0..20_000).map(event).collect(), options).into()];

@@ -1,4 +1,4 @@
-//! The board in views of a camera at rest.
+//! Search for the board in views of a camera at rest.
 
 use std::convert::Infallible;
 
@@ -22,19 +22,20 @@ const WHITE: f32 = 255.0;
 pub struct FoundInViews {
     /// The views with the board, in order of recording and time.
     pub frames: Vec<ReferenceFrame>,
-    /// What the views held.
+    /// Statistics of the search.
     pub report: PictureSearchReport,
 }
 
-/// Edges of dots are smoothed by this much (px, standard deviation of a Gaussian): a dot of pixels that are black or white is none.
+/// Smoothing of the pictures of dots (standard deviation of a Gaussian in px). The detector expects dots with blurred edges, and the pixels of
+/// a view are nearly all black or white.
 const SMOOTHING: f32 = 0.8;
-/// If the board is in this share of the views, it is not looked for in their negatives.
+/// If the board is found in this share of the views, the negatives are not searched.
 const MOST: f64 = 0.9;
 
-/// Looks for `board` in `views`, which are one list for each recording.
+/// Searches `views`, a list for each recording, for `board`.
 ///
-/// What blinks may be the paper or the print, so that the negative is looked at too. Where a little light is enough for all events of
-/// a pixel, squares that blink have grown so far that those between them do not touch any more; then they are made smaller.
+/// Either the paper or the print may blink, so the negatives are searched too. If a little light triggers all events of a pixel, blinking
+/// squares appear so large that the dark squares between them no longer touch; a variant of the picture has smaller bright squares.
 pub fn search_views(
     board: &Board,
     settings: &DetectionSettings,
@@ -55,7 +56,7 @@ pub fn search_views(
     if of_negatives.report.board_dots > found.report.board_dots { of_negatives } else { found }
 }
 
-/// Looks for the board in the pictures, and where it is not found in them after `variant`.
+/// Searches the pictures for the board, and applies `variant` to the pictures in which it is not found and searches them again.
 fn search_twice(
     board: &Board,
     settings: &DetectionSettings,
@@ -81,7 +82,7 @@ fn search_twice(
     found
 }
 
-/// Whether the frame is that of this view.
+/// Returns `true` if the frame belongs to this view.
 fn starts(frame: &ReferenceFrame, view: &TimedImage) -> bool {
     (view.exposure.0 as f64 * 1e-6 - frame.start).abs() < 1e-6
 }
@@ -94,7 +95,7 @@ fn negative(picture: &Picture) -> Picture {
     picture.map(|grey| WHITE - grey)
 }
 
-/// The picture of a view after `variant`.
+/// Returns the view with `variant` applied to its picture.
 fn changed(view: &TimedImage, variant: fn(&Picture) -> Picture) -> TimedImage {
     let image = view.image.as_ref().map_err(|reason| *reason).and_then(|image| {
         let picture = Picture::from_bytes(image.width(), image.height(), &image.pixels).ok_or(NoImage::NotGrey)?;
@@ -134,7 +135,7 @@ fn search(
     FoundInViews { frames, report }
 }
 
-/// Fits the corners of a checkerboard.
+/// Fits the corners of a checkerboard to the picture.
 fn refine(frame: &mut ReferenceFrame, image: &GreyImage, columns: usize) {
     let Some(picture) = Picture::from_bytes(image.width(), image.height(), &image.pixels) else { return };
     let corner =
