@@ -25,7 +25,6 @@ pub struct InertialRequest {
 ///
 /// # Errors
 /// [`InertialError`] names the problem and the remedy; the calibration of the camera is not affected.
-/// [`InertialError`] names the problem and the remedy; the calibration of the camera is not affected.
 pub fn calibrate_inertial(
     calibrated: &Calibrated,
     inputs: &[Input],
