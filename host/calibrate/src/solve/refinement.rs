@@ -226,8 +226,11 @@ pub fn refine<E: Send>(
         if !has_points {
             problem.free.biases[latency_reference(&counts)][Bias::Latency] = false;
         }
-        if let BoardEdges::Lines(_) = problem.edges {
-            problem.free.biases.iter_mut().for_each(|biases| biases[Bias::Memory] = false);
+        let biases = &mut problem.free.biases;
+        match problem.edges {
+            // The rims of circles have all directions: a bend of all events cannot be distinguished from a motion.
+            BoardEdges::Rims(_) => biases[0][Bias::Bend] = false,
+            BoardEdges::Lines(_) => biases.iter_mut().for_each(|biases| biases[Bias::Memory] = false),
         }
         problem.free.board = input.free_board;
         let intrinsics = problem.free.intrinsics.iter_mut().zip(input.held);
@@ -428,16 +431,13 @@ fn free_biases(counts: &[usize; CLASS_COUNT], settings: &RefinementSettings) -> 
     for (class, count) in counts.iter().enumerate() {
         together[class % CLASSES_OF_LENGTH] += count;
     }
-    let mut free = std::array::from_fn(|class| {
+    std::array::from_fn(|class| {
         let wanted = |bias: Bias| if bias.needs_motion() { settings.latencies } else { settings.offsets };
         Biases::from_fn(|bias| {
             let count = if is_shared_bias(bias) { together[class % CLASSES_OF_LENGTH] } else { counts[class] };
             count >= FEWEST_OF_CLASS && wanted(bias) && is_own_bias(class, bias)
         })
-    });
-    // A bend of all events cannot be distinguished from a motion.
-    free[0][Bias::Bend] = false;
-    free
+    })
 }
 
 #[cfg(test)]
@@ -457,7 +457,7 @@ mod tests {
         let free = free_biases(&counts, &settings);
         assert!(free[three][Bias::Latency] && free[three][Bias::Offset]);
         assert!(free[long][Bias::Curvature] && !free[long][Bias::Offset] && !free[long][Bias::Latency]);
-        assert!(free[long + 1][Bias::Bend] && !free[long][Bias::Bend]);
+        assert!(free[long + 1][Bias::Bend] && free[long][Bias::Bend]);
 
         let none = free_biases(&[0; CLASS_COUNT], &settings);
         assert_eq!(none, [Biases::default(); CLASS_COUNT]);
