@@ -1,11 +1,13 @@
 //! Advice about errors, in terms of the Python package. The libraries describe the errors as data.
 
 use std::error::Error;
+use std::fmt::Display;
 
 use evcal_calibrate::advice::Advice;
 use evcal_calibrate::calibrate::board_choice::BoardChoiceError;
 use evcal_calibrate::calibrate::error::CalibrateError;
 use evcal_calibrate::calibrate::repeat::RepeatError;
+use evcal_calibrate::detection::other_board::OtherReading;
 use evcal_calibrate::detection::radius::OtherRadius;
 use evcal_calibrate::detection::search::SearchError;
 use evcal_calibrate::detection::{NoPattern, NoPatternCause};
@@ -14,7 +16,6 @@ use evcal_calibrate::second_camera::error::SecondCameraError;
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::FolderError;
 use evcal_files::output::OutputError;
-use evcal_geometry::board::CircleBoard;
 use event_recordings::convert::ConvertError;
 use event_recordings::given_sensor::{Exchanged, OtherSensor};
 use event_recordings::text::LineError;
@@ -105,7 +106,10 @@ fn about_calibration(error: &(dyn Error + 'static)) -> Option<String> {
     }
     if let Some(error) = error.downcast_ref::<NoPattern>() {
         return match error.main_cause() {
-            NoPatternCause::OtherBoard(other) => Some(give_board(other.board)),
+            NoPatternCause::OtherBoard(OtherReading::Board { board, .. }) => Some(give_board(board)),
+            NoPatternCause::OtherBoard(OtherReading::Kind(found)) => {
+                Some(format!("for example board={:?}", found.example()))
+            }
             NoPatternCause::OnePolarity(_) => Some("name the column of the polarity with columns=".to_owned()),
             _ => None,
         };
@@ -122,7 +126,7 @@ fn about_calibration(error: &(dyn Error + 'static)) -> Option<String> {
     }
 }
 
-fn give_board(board: CircleBoard) -> String {
+fn give_board(board: impl Display) -> String {
     format!("give board=\"{board}\"")
 }
 
@@ -163,7 +167,7 @@ pub fn worded(advice: &Advice) -> String {
         }
         Advice::Measure(found) => {
             let measure = found.to_measure();
-            format!("the board is {found}: {measure}, and give both, for example board={:?}", found.example())
+            format!("the board is {found}: {measure}, for example board={:?}", found.example())
         }
         Advice::FindBoard(error) => advised(error),
         Advice::CorrectRadius(error) => advised(error),

@@ -7,7 +7,7 @@ use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::result::same_camera::compare_cameras;
 use evcal_calibrate::settings::Settings;
 use evcal_geometry::board::Board;
-use evcal_geometry::board::request::BoardRequest;
+use evcal_geometry::board::request::{BoardRequest, PrintSize};
 use event_recordings::Recording;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -51,7 +51,7 @@ pub fn check<'py>(
     let checked = interruptible(py, |_| {
         let board = match &request {
             // The advice contains the lengths to measure.
-            None | Some(BoardRequest::Recognise(None)) => None,
+            None | Some(BoardRequest::Recognise(PrintSize::Unknown)) => None,
             Some(request) => Some(board_in(request, &recording, &settings)?),
         };
         evcal_calibrate::check::check(&recording, board.as_ref(), &settings.detection, &settings.frames).map_err(failed)

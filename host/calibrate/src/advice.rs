@@ -13,9 +13,9 @@ use evcal_geometry::board::CircleBoard;
 use event_recordings::TimeUnit;
 
 use crate::detection::NoPattern;
-use crate::detection::layout::RecognisedLayout;
 use crate::detection::no_board::only_one_polarity;
 use crate::detection::radius::OtherRadius;
+use crate::detection::recognised::Recognised;
 
 /// Function with which a program words advice.
 pub type Wording = fn(&Advice) -> String;
@@ -63,7 +63,7 @@ pub enum Advice {
     /// State the board.
     NameBoard,
     /// Measure the board that was recognised.
-    Measure(RecognisedLayout),
+    Measure(Recognised),
     /// The reason why the board was not found.
     FindBoard(NoPattern),
     /// Correct radius or spacing of the board.
@@ -143,12 +143,9 @@ impl fmt::Display for Advice {
             Self::CorrectSensor(outside) => write!(f, "{outside}: state its true size"),
             Self::BothPolarities(only) => f.write_str(&only_one_polarity(*only)),
             Self::NameBoard => write!(f, "circles were seen: name the board to look for it"),
-            Self::Measure(layout) => write!(
-                f,
-                "the board is {layout}: {}, and give both, for example {}",
-                layout.to_measure(),
-                layout.example()
-            ),
+            Self::Measure(found) => {
+                write!(f, "the board is {found}: {}, for example {}", found.to_measure(), found.example())
+            }
             Self::FindBoard(error) => error.fmt(f),
             Self::CorrectRadius(error) => error.fmt(f),
             Self::Calibrate { board, .. } => write!(f, "calibrate from it with the board {board}"),

@@ -16,10 +16,10 @@ use self::units::{OtherUnit, other_unit, unusual_unit};
 use crate::advice::Advice;
 use crate::detection::exchanged::{Exchanged, PAIRS, exchanged};
 use crate::detection::focus::{EdgeWidth, edge_width};
-use crate::detection::layout::{RecognisedLayout, find_layout};
-use crate::detection::other_board::OtherBoard;
+use crate::detection::other_board::find_other_board;
 use crate::detection::pictures::settings::PictureSettings;
 use crate::detection::radius::{OtherRadius, other_radius};
+use crate::detection::recognised::{Recognised, find_board};
 use crate::detection::search::{FoundContent, SearchFor, search_events};
 use crate::detection::settings::DetectionSettings;
 use crate::detection::still_views::search::search_views;
@@ -78,9 +78,9 @@ pub struct Seen {
     pub is_at_rest: bool,
     /// The board of the search; `None` if windows with at least 8 circles are counted.
     pub board: Option<String>,
-    /// The recognised layout, if no board was given.
+    /// The recognised board, if no board was given.
     #[serde(serialize_with = "in_words")]
-    pub recognised: Option<RecognisedLayout>,
+    pub recognised: Option<Recognised>,
     /// Number of windows with the board.
     pub found: u64,
     /// Number of searched windows, including those with too few events.
@@ -264,14 +264,7 @@ fn look(
     let slots: BTreeSet<i64> = times.iter().map(|t| (t / SLOT).floor() as i64).collect();
     let failure = match board {
         Some(board) if found.report.found == 0 => {
-            let other = match board {
-                Board::Circles(board) => {
-                    let mut other = OtherBoard::new(settings, board, sensor);
-                    read_recording(beginning, &mut |events| other.push(events))?;
-                    other.finish()
-                }
-                Board::Squares(_) => None,
-            };
+            let other = find_other_board(beginning, sensor, board, settings)?;
             Some(BoardFailure::NoPattern(found.report.no_pattern(settings.window.max_interval, other)))
         }
         Some(Board::Circles(board)) => match &found.content {
@@ -281,8 +274,8 @@ fn look(
         Some(Board::Squares(_)) | None => None,
     };
     let recognised = match board {
-        None if found.report.found > 0 => find_layout(beginning, sensor, settings)?,
-        _ => None,
+        None => find_board(beginning, sensor, settings)?,
+        Some(_) => None,
     };
     Ok(Seen {
         is_at_rest: false,
@@ -340,9 +333,13 @@ fn look_at_views(
     }))
 }
 
-/// Serialises the name of a layout, such as `acircles:9x4`.
-fn in_words<S: Serializer>(layout: &Option<RecognisedLayout>, serializer: S) -> Result<S::Ok, S::Error> {
-    layout.map(|layout| layout_name(&layout.pattern)).serialize(serializer)
+/// Serialises the name of a layout, such as `acircles:9x4`, or a board of squares in the size of an example.
+fn in_words<S: Serializer>(found: &Option<Recognised>, serializer: S) -> Result<S::Ok, S::Error> {
+    let name = |found: Recognised| match found {
+        Recognised::Circles(layout) => layout_name(&layout.pattern),
+        Recognised::Squares(_) => found.example(),
+    };
+    found.map(name).serialize(serializer)
 }
 
 /// Returns the share of the sensor's cells that contain one of these positions.

@@ -17,6 +17,7 @@ mod ordering;
 pub mod other_board;
 pub mod pictures;
 pub mod radius;
+pub mod recognised;
 mod report;
 pub mod search;
 mod second_pass;

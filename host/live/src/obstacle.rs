@@ -116,7 +116,7 @@ pub fn explain(events: &[Event], board: &Board, sensor: Sensor, settings: &Detec
 fn of_whole(windows: &[CircleWindow], report: &DetectionReport, board: &CircleBoard, sensor: Sensor) -> Obstacle {
     let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
     match other_reading(&frames, board, sensor) {
-        Some(other) if other.board.pattern != board.pattern => Obstacle::OtherBoard(other),
+        Some(other) if other.pattern() != Some(board.pattern) => Obstacle::OtherBoard(other),
         _ if are_small(windows, report) => Obstacle::TooFar,
         _ => Obstacle::NoBoard,
     }

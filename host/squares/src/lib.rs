@@ -10,6 +10,7 @@ pub mod crossing;
 pub mod found_point;
 pub mod picture;
 pub mod quads;
+pub mod recognition;
 pub mod reconstruction;
 #[cfg(test)]
 mod rendering;

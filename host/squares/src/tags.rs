@@ -134,15 +134,20 @@ pub struct TagFinder {
 }
 
 /// A smoothed picture for comparing and aligning tags.
-struct Smooth {
+pub(crate) struct Smooth {
     picture: Picture,
     slopes: Slopes,
 }
 
 impl Smooth {
-    fn new(picture: &Picture) -> Self {
+    pub(crate) fn new(picture: &Picture) -> Self {
         let picture = picture.blurred(SMOOTHING);
         Self { slopes: Slopes::new(&picture), picture }
+    }
+
+    /// Returns the smoothed picture.
+    pub(crate) fn picture(&self) -> &Picture {
+        &self.picture
     }
 }
 
@@ -404,7 +409,7 @@ impl TagFinder {
     }
 
     /// Returns the tag in a candidate, if it is certain.
-    fn recognised(&self, smooth: &Smooth, quad: &Quad) -> Option<FoundTag> {
+    pub(crate) fn recognised(&self, smooth: &Smooth, quad: &Quad) -> Option<FoundTag> {
         let first = self.best_match(self.modules(&smooth.picture, quad));
         if first.score < LEAST_AT_FIRST {
             return None;

@@ -2,9 +2,10 @@
 
 use super::input::Input;
 use crate::detection::layout::{RecognisedLayout, find_layout};
+use crate::detection::recognised::{Recognised, find_board};
 use crate::detection::search::{SearchError, sensor_of};
 use crate::detection::settings::DetectionSettings;
-use evcal_geometry::board::request::{BoardRequest, CircleSize};
+use evcal_geometry::board::request::{BoardRequest, CircleSize, PrintSize};
 use evcal_geometry::board::{Board, CircleBoard};
 use event_recordings::Recording;
 
@@ -20,7 +21,7 @@ pub enum BoardChoiceError {
     NoEvents,
     /// No layout fits.
     #[error(
-        "no circle grid recognised in {file}: is all of the board in view at times, flat, in focus and moving? If so, name it"
+        "no board recognised in {file}: is all of the board in view at times, flat, in focus and moving? If so, name it"
     )]
     NotRecognised {
         /// The recording that was searched last.
@@ -29,8 +30,8 @@ pub enum BoardChoiceError {
     /// The layout is known, the size is not.
     #[error("the board is {found}, but events do not determine its size: {}", .found.to_measure())]
     SizeUnknown {
-        /// The layout.
-        found: RecognisedLayout,
+        /// The board.
+        found: Recognised,
     },
 }
 
@@ -47,27 +48,32 @@ pub fn choose_board(
         BoardRequest::Given(board) => return Ok(*board),
         BoardRequest::Recognise(size) => size,
     };
-    let found = recognise_layout(recordings, settings)?;
-    match size {
-        Some(CircleSize { spacing, radius }) => {
-            Ok(CircleBoard { pattern: found.pattern, spacing: *spacing, radius: *radius }.into())
+    let found = recognise_board(recordings, settings)?;
+    match (size, found) {
+        (PrintSize::Circles(CircleSize { spacing, radius }), Recognised::Circles(layout)) => {
+            Ok(CircleBoard { pattern: layout.pattern, spacing: *spacing, radius: *radius }.into())
         }
-        None => Err(BoardChoiceError::SizeUnknown { found }),
+        (PrintSize::Squares(side), Recognised::Squares(squares)) => {
+            Ok(Board::Squares(squares.board.with_length(*side)))
+        }
+        (PrintSize::Unknown | PrintSize::Circles(_) | PrintSize::Squares(_), found) => {
+            Err(BoardChoiceError::SizeUnknown { found })
+        }
     }
 }
 
-/// Returns the layout of the board in the first of the recordings in which one is recognised.
+/// Returns the board in the first of the recordings in which one is recognised.
 ///
 /// # Errors
 /// [`BoardChoiceError`] if no board is recognised.
-pub fn recognise_layout(
+pub fn recognise_board(
     recordings: &[&Recording],
     settings: &DetectionSettings,
-) -> Result<RecognisedLayout, BoardChoiceError> {
+) -> Result<Recognised, BoardChoiceError> {
     let mut error = BoardChoiceError::NoEvents;
     for recording in recordings {
         let sensor = sensor_of(recording)?;
-        match find_layout(recording, sensor, settings).map_err(SearchError::from)? {
+        match find_board(recording, sensor, settings).map_err(SearchError::from)? {
             Some(found) => return Ok(found),
             None => error = BoardChoiceError::NotRecognised { file: recording.path().display().to_string() },
         }
@@ -91,7 +97,9 @@ pub fn larger_board(inputs: &[Input], board: &CircleBoard, settings: &DetectionS
         Input::Images(_) | Input::Circles { .. } => None,
     });
     // If no board is recognised, there is nothing to report.
-    let found = recognise_layout(&recordings.collect::<Vec<_>>(), settings).ok()?;
+    let found = recordings
+        .filter_map(|recording| find_layout(recording, sensor_of(recording).ok()?, settings).ok().flatten())
+        .next()?;
     let fitting = CircleBoard { pattern: found.pattern, ..*board };
     (found.pattern.circle_count() > board.circle_count()).then_some(LargerBoard { found, board: fitting })
 }

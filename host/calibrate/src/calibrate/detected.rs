@@ -12,7 +12,7 @@ use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::board_stage::BoardStage;
 use crate::detection::exchanged::{Exchanged, PAIRS, exchanged};
 use crate::detection::focus::{WINDOWS, edge_width};
-use crate::detection::other_board::{OtherBoard, OtherReading};
+use crate::detection::other_board::{OtherReading, find_other_board};
 use crate::detection::unplaced::UnplacedWindows;
 use crate::detection::{DetectionReport, LARGEST_SENSOR};
 use crate::diagnosis::bad_pixels::PixelCounter;
@@ -297,14 +297,12 @@ fn check_times(task: &Task, health: &[Health]) -> Result<(), CalibrateError> {
 
 /// Checks whether the recordings show another board than the stated one.
 fn other_board(task: &Task, sensor: Sensor, progress: &Progress) -> Result<Option<OtherReading>, CalibrateError> {
-    let Some(board) = task.board.circles() else { return Ok(None) };
-    for (index, input) in task.inputs.iter().enumerate() {
-        if let Input::Events(_) = input {
+    for input in task.inputs {
+        if let Input::Events(recording) = input {
             progress.tell(format!("looking for another board in {}", input.short_name()))?;
-            let mut other = OtherBoard::new(&task.settings.detection, board, sensor);
-            progress.read(task.inputs, index, &mut |events| other.push(events))?;
-            if let Some(found) = other.finish() {
-                return Ok(Some(found));
+            let found = find_other_board(recording, sensor, task.board, &task.settings.detection)?;
+            if found.is_some() {
+                return Ok(found);
             }
         }
     }

@@ -112,8 +112,8 @@ fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> Advice {
     }
     let Some(board) = board else {
         return match (found, recognised) {
-            (0, _) => "no circles were seen: is the board in view, in focus and moving?".into(),
-            (_, Some(layout)) => Advice::Measure(*layout),
+            (0, None) => "no circles were seen: is the board in view, in focus and moving?".into(),
+            (_, Some(found)) => Advice::Measure(*found),
             (_, None) => Advice::NameBoard,
         };
     };

@@ -11,34 +11,92 @@ use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
 
 use super::layout::{FEWEST_CIRCLES, RecognisedLayout, beginning, recognise};
+use super::recognised::{Recognised, find_board, find_squares, in_size_of, is_same};
 use super::settings::DetectionSettings;
 use crate::circles::reference_frame::UnorderedFrame;
 use crate::detection::{CircleWindow, DetectionStage, order_frames};
-use evcal_geometry::board::CircleBoard;
+use evcal_geometry::board::{Board, CircleBoard};
+use event_recordings::pass::read_recording;
+use event_recordings::{Recording, RecordingError};
 
 /// Smallest share of the windows with at least half as many circles as the board that another board must fit.
 const FEWEST_FITS: f64 = 0.2;
 
 /// A board that fits better than the stated one.
 #[derive(Clone, Debug, PartialEq)]
-pub struct OtherReading {
-    /// Number of windows that it fits.
-    pub fitting: usize,
-    /// Number of windows with enough circles.
-    pub windows: usize,
-    /// The board.
-    pub board: CircleBoard,
+pub enum OtherReading {
+    /// A board of the same kind, with the stated lengths.
+    Board {
+        /// Number of windows or pictures that it fits.
+        fitting: usize,
+        /// Number of windows with enough circles, or of pictures.
+        windows: usize,
+        /// The board.
+        board: Board,
+    },
+    /// Circles instead of squares, or squares instead of circles; their lengths are unknown.
+    Kind(Recognised),
+}
+
+impl OtherReading {
+    /// Returns the layout of the circles, if the board has circles.
+    pub fn pattern(&self) -> Option<Pattern> {
+        match self {
+            Self::Board { board, .. } => board.circles().map(|board| board.pattern),
+            Self::Kind(Recognised::Circles(layout)) => Some(layout.pattern),
+            Self::Kind(Recognised::Squares(_)) => None,
+        }
+    }
 }
 
 impl fmt::Display for OtherReading {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { fitting, windows, board } = self;
-        write!(f, "{fitting} of {windows} windows fit the board {board} instead")
+        match self {
+            Self::Board { fitting, windows, board } => {
+                write!(f, "{fitting} of {windows} windows fit the board {board} instead")
+            }
+            Self::Kind(found) => write!(f, "the board is {found}: {}", found.to_measure()),
+        }
+    }
+}
+
+/// Returns the board in the first seconds of `recording`, in which `board` was not found; `None` if none is recognised.
+///
+/// # Errors
+/// [`RecordingError`] if the recording cannot be read.
+pub fn find_other_board(
+    recording: &Recording,
+    sensor: Sensor,
+    board: &Board,
+    settings: &DetectionSettings,
+) -> Result<Option<OtherReading>, RecordingError> {
+    match board {
+        Board::Circles(board) => {
+            if let Some(squares) = find_squares(recording, sensor)? {
+                return Ok(Some(OtherReading::Kind(Recognised::Squares(squares))));
+            }
+            let mut other = OtherBoard::new(settings, board, sensor);
+            read_recording(recording, &mut |events| other.push(events))?;
+            Ok(other.finish())
+        }
+        Board::Squares(stated) => Ok(match find_board(recording, sensor, settings)? {
+            Some(Recognised::Squares(found)) => {
+                let board = in_size_of(&found.board, stated);
+                let (fitting, windows) = (found.fitting, found.moments);
+                (!is_same(&board, stated)).then(|| OtherReading::Board {
+                    fitting,
+                    windows,
+                    board: Board::Squares(board),
+                })
+            }
+            Some(circles) => Some(OtherReading::Kind(circles)),
+            None => None,
+        }),
     }
 }
 
 /// Collects the circles of the first seconds of a recording.
-pub struct OtherBoard<'a> {
+struct OtherBoard<'a> {
     stage: DetectionStage<'a>,
     board: CircleBoard,
     sensor: Sensor,
@@ -46,18 +104,18 @@ pub struct OtherBoard<'a> {
 
 impl<'a> OtherBoard<'a> {
     /// Creates the collector for a recording in which `board` was not found.
-    pub fn new(settings: &'a DetectionSettings, board: &CircleBoard, sensor: Sensor) -> Self {
+    fn new(settings: &'a DetectionSettings, board: &CircleBoard, sensor: Sensor) -> Self {
         let fewest = FEWEST_CIRCLES.min(half(board));
         Self { stage: DetectionStage::for_circles(settings, sensor, fewest), board: *board, sensor }
     }
 
     /// Adds the next events; times are relative to the start of the recording.
-    pub fn push(&mut self, events: &[Event]) {
+    fn push(&mut self, events: &[Event]) {
         self.stage.push(beginning(events));
     }
 
     /// Returns the board that the circles fit instead; `None` if none fits.
-    pub fn finish(self) -> Option<OtherReading> {
+    fn finish(self) -> Option<OtherReading> {
         let (windows, _) = self.stage.into_circles();
         let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
         other_reading(&frames, &self.board, self.sensor)
@@ -80,10 +138,11 @@ pub fn other_reading(all: &[UnorderedFrame], board: &CircleBoard, sensor: Sensor
     });
     let (fitting, pattern) = readings.into_iter().max_by_key(|(count, _)| *count)?;
     if fitting > 0 && fitting as f64 >= FEWEST_FITS * frames.len() as f64 {
-        return Some(OtherReading { fitting, windows: frames.len(), board: CircleBoard { pattern, ..*board } });
+        let board = CircleBoard { pattern, ..*board }.into();
+        return Some(OtherReading::Board { fitting, windows: frames.len(), board });
     }
     let RecognisedLayout { pattern, fitting, windows, .. } = recognise(all, sensor)?;
-    Some(OtherReading { fitting, windows, board: CircleBoard { pattern, ..*board } })
+    Some(OtherReading::Board { fitting, windows, board: CircleBoard { pattern, ..*board }.into() })
 }
 
 /// Returns half of a board's circles, rounded up.

@@ -243,7 +243,7 @@ mod tests {
         let text = report.no_pattern(100, None).to_string();
         assert!(text.contains("5 had circles beside the board: is the board described right"), "{text}");
         let board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
-        let text = report.no_pattern(100, Some(OtherReading { fitting: 7, windows: 8, board })).to_string();
+        let text = report.no_pattern(100, Some(OtherReading::Board { fitting: 7, windows: 8, board })).to_string();
         assert_eq!(
             text,
             "no pattern found in 13 windows; 7 of 8 windows fit the board acircles:9x4:55mm:r17.5mm instead"

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use evcal_calibrate::check::{Checked, check};
 use evcal_calibrate::circles::file::open_events;
 use evcal_calibrate::settings::Settings;
-use evcal_geometry::board::request::BoardRequest;
+use evcal_geometry::board::request::{BoardRequest, PrintSize};
 use serde::Serialize;
 
 use super::advice::calibrate::worded;
@@ -45,7 +45,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let settings = Settings::default();
     let board = match &arguments.board {
         // The result names the lengths to measure.
-        None | Some(BoardRequest::Recognise(None)) => None,
+        None | Some(BoardRequest::Recognise(PrintSize::Unknown)) => None,
         Some(request) => {
             let files = std::slice::from_ref(&arguments.recording);
             Some(board_in(request, files, recording.options(), &settings.detection)?)

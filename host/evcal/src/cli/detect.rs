@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use super::settings::read_settings;
-use evcal_calibrate::calibrate::board_choice::recognise_layout;
+use evcal_calibrate::calibrate::board_choice::recognise_board;
 use evcal_calibrate::circles::file::{InputKind, open_events};
 use evcal_calibrate::circles::serial::SerialAddress;
 use evcal_calibrate::circles::stream::{self, CircleStream};
+use evcal_calibrate::detection::recognised::Recognised;
 use evcal_calibrate::detection::search::{FoundCircles, SearchFor, search_events_telling, search_stream, sensor_of};
 use evcal_calibrate::detection::settings::DetectionSettings;
 use evcal_core::circle::Extraction;
@@ -107,9 +108,12 @@ fn wanted(
     Ok(match &arguments.board {
         Some(BoardRequest::Given(board)) => SearchFor::from(board),
         Some(BoardRequest::Recognise(_)) => {
-            let found = recognise_layout(recordings, settings)?;
+            let found = recognise_board(recordings, settings)?;
             print::aside(format!("recognised board: {found}"));
-            SearchFor::Board(found.pattern)
+            match found {
+                Recognised::Circles(layout) => SearchFor::Board(layout.pattern),
+                Recognised::Squares(found) => SearchFor::Squares(found.board),
+            }
         }
         None => SearchFor::Circles(arguments.fewest),
     })

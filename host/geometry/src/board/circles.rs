@@ -77,7 +77,7 @@ pub enum BoardProblem {
     #[error("radius {0:?} is not r and a length with a unit, from 0.001mm to 10m")]
     Radius(String),
     /// A description of a board to recognise has too many or too few parts.
-    #[error("a board to recognise is auto:SPACING:rRADIUS")]
+    #[error("a board to recognise is auto:SIDE for squares, or auto:SPACING:rRADIUS for circles")]
     Auto,
     /// Circles of this radius do not fit into this spacing.
     #[error("the circles overlap: is the radius a diameter?")]
@@ -90,7 +90,10 @@ impl BoardProblem {
         match self {
             Self::NoCircles(_) => String::new(),
             Self::OtherName { meant: Some(board), .. } => format!("; write {board}"),
-            Self::Auto => "; write for example auto:55mm:r17.5mm, or auto alone to print rows and columns".to_owned(),
+            Self::Auto => {
+                "; write for example auto:25mm or auto:55mm:r17.5mm, or auto alone to print the kind of board"
+                    .to_owned()
+            }
             _ => format!("; write {BOARD_FORM}"),
         }
     }

@@ -11,8 +11,19 @@ use super::{Board, BoardError, BoardProblem, CircleBoardError};
 pub enum BoardRequest {
     /// The board is fully described.
     Given(Board),
-    /// Layout, rows and columns are to be recognised: `auto` or `auto:55mm:r17.5mm`.
-    Recognise(Option<CircleSize>),
+    /// Layout, rows and columns are to be recognised.
+    Recognise(PrintSize),
+}
+
+/// Size of a board that is to be recognised: events do not determine it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PrintSize {
+    /// Unknown: `auto`.
+    Unknown,
+    /// Size of a board of circles: `auto:55mm:r17.5mm`.
+    Circles(CircleSize),
+    /// Side in metres of a square of a board of squares, or of a tag of a grid of tags: `auto:25mm`.
+    Squares(f64),
 }
 
 /// Size of the circles of a board, which events do not determine.
@@ -34,13 +45,17 @@ impl FromStr for BoardRequest {
         let error = |problem| CircleBoardError { text: text.to_owned(), problem };
         let parts: Vec<&str> = text.split(':').collect();
         match parts.as_slice() {
-            [AUTO] => Ok(Self::Recognise(None)),
+            [AUTO] => Ok(Self::Recognise(PrintSize::Unknown)),
+            [AUTO, side] => {
+                let side = length(side).ok_or_else(|| error(BoardProblem::Auto))?;
+                Ok(Self::Recognise(PrintSize::Squares(side)))
+            }
             [AUTO, spacing, radius] => {
                 let size = CircleSize {
                     spacing: length(spacing).ok_or_else(|| error(BoardProblem::Spacing((*spacing).to_owned())))?,
                     radius: radius_of(radius).ok_or_else(|| error(BoardProblem::Radius((*radius).to_owned())))?,
                 };
-                Ok(Self::Recognise(Some(size)))
+                Ok(Self::Recognise(PrintSize::Circles(size)))
             }
             [AUTO, ..] => Err(error(BoardProblem::Auto).into()),
             _ => Ok(Self::Given(text.parse()?)),
@@ -52,8 +67,9 @@ impl fmt::Display for BoardRequest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Given(board) => board.fmt(f),
-            Self::Recognise(None) => f.write_str(AUTO),
-            Self::Recognise(Some(CircleSize { spacing, radius })) => {
+            Self::Recognise(PrintSize::Unknown) => f.write_str(AUTO),
+            Self::Recognise(PrintSize::Squares(side)) => write!(f, "{AUTO}:{}mm", millimetres(*side)),
+            Self::Recognise(PrintSize::Circles(CircleSize { spacing, radius })) => {
                 write!(f, "{AUTO}:{}mm:r{}mm", millimetres(*spacing), millimetres(*radius))
             }
         }
@@ -67,14 +83,15 @@ mod tests {
     #[test]
     fn boards_are_given_or_recognised() {
         let parse = |text: &str| text.parse::<BoardRequest>().unwrap();
-        assert_eq!(parse("auto"), BoardRequest::Recognise(None));
-        for text in ["auto", "auto:55mm:r17.5mm", "acircles:9x4:55mm:r17.5mm"] {
+        assert_eq!(parse("auto"), BoardRequest::Recognise(PrintSize::Unknown));
+        assert_eq!(parse("auto:25mm"), BoardRequest::Recognise(PrintSize::Squares(0.025)));
+        for text in ["auto", "auto:25mm", "auto:55mm:r17.5mm", "acircles:9x4:55mm:r17.5mm"] {
             assert_eq!(parse(text).to_string(), text);
         }
-        for text in ["auto:55mm", "auto:9x4:55mm:r17.5mm", "auto:55:r17.5mm", "auto:55mm:17.5mm", "automatic"] {
+        for text in ["auto:55", "auto:9x4:55mm:r17.5mm", "auto:55:r17.5mm", "auto:55mm:17.5mm", "automatic"] {
             let message = text.parse::<BoardRequest>().unwrap_err().to_string();
             assert!(message.contains("; write "), "{message}");
         }
-        assert!("auto:55mm".parse::<BoardRequest>().unwrap_err().to_string().contains("auto:55mm:r17.5mm"));
+        assert!("auto:55".parse::<BoardRequest>().unwrap_err().to_string().contains("auto:55mm:r17.5mm"));
     }
 }

@@ -195,6 +195,17 @@ impl SquareBoard {
         }
     }
 
+    /// Returns the same board in another size: `length` is the side of a square in metres, or of a tag on a grid of tags.
+    pub fn with_length(self, length: f64) -> Self {
+        match self {
+            Self::Checkerboard(board) => Self::Checkerboard(Checkerboard { square: length, ..board }),
+            Self::Tags(grid) => Self::Tags(TagGrid { tag: length, ..grid }),
+            Self::Charuco(board) => {
+                Self::Charuco(Charuco { square: length, marker: board.marker / board.square * length, ..board })
+            }
+        }
+    }
+
     /// Returns the side of a square of a checkerboard or of a module of a tag, whichever is smaller, in metres.
     pub fn module(&self) -> f64 {
         let modules =

@@ -9,6 +9,7 @@ use evcal_calibrate::calibrate::parameter_request::ParameterError;
 use evcal_calibrate::calibrate::repeat::{RepeatError, shorter_parts};
 use evcal_calibrate::circles::file::EventsError;
 use evcal_calibrate::detection::no_board::NoBoard;
+use evcal_calibrate::detection::other_board::OtherReading;
 use evcal_calibrate::detection::radius::OtherRadius;
 use evcal_calibrate::detection::{NoPattern, NoPatternCause};
 use evcal_calibrate::evaluate::captured::CapturedError;
@@ -98,7 +99,7 @@ pub fn worded(advice: &Advice) -> String {
         }
         Advice::Measure(found) => {
             let measure = found.to_measure();
-            format!("the board is {found}: {measure}, and give both, for example --board {}", found.example())
+            format!("the board is {found}: {measure}, for example --board {}", found.example())
         }
         Advice::FindBoard(error) => {
             about_no_pattern(error).map_or_else(|| error.to_string(), |next| format!("{error}; {next}"))
@@ -162,7 +163,10 @@ fn about_parts(error: &RepeatError) -> Option<String> {
 
 fn about_no_pattern(error: &NoPattern) -> Option<String> {
     let next = match error.main_cause() {
-        NoPatternCause::OtherBoard(other) => return Some(format!("use --board {}", other.board)),
+        NoPatternCause::OtherBoard(OtherReading::Board { board, .. }) => return Some(format!("use --board {board}")),
+        NoPatternCause::OtherBoard(OtherReading::Kind(found)) => {
+            return Some(format!("for example --board {}", found.example()));
+        }
         NoPatternCause::AtRest(_) => "check the kind, rows and columns of --board",
         NoPatternCause::OnePolarity(_) => "give the column of the polarity with --columns",
         NoPatternCause::Windows(NoBoard::TooFewCircles, _) => "try --extraction soft",
@@ -186,9 +190,9 @@ fn about_board_choice(error: &BoardChoiceError) -> Option<String> {
     match error {
         BoardChoiceError::NoEvents => Some("for example --board acircles:9x4:55mm:r17.5mm".to_owned()),
         BoardChoiceError::NotRecognised { .. } => {
-            Some("give the board with --board LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS".to_owned())
+            Some("describe the board with --board: evcal board --help lists all kinds".to_owned())
         }
-        BoardChoiceError::SizeUnknown { found } => Some(format!("give both, for example --board {}", found.example())),
+        BoardChoiceError::SizeUnknown { found } => Some(format!("for example --board {}", found.example())),
         _ => None,
     }
 }

@@ -1,0 +1,172 @@
+//! Recognition of the board in a recording, for users who did not name it, or named another one.
+
+use std::fmt;
+use std::ops::ControlFlow;
+
+use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
+use evcal_geometry::board::SquareBoard;
+use evcal_geometry::board::squares::{Charuco, TagGrid};
+use evcal_squares::picture::Picture;
+use evcal_squares::recognition::{RecognisedBoard, recognise};
+use evcal_squares::reconstruction::{Reconstruction, ReconstructionOptions};
+use event_recordings::pass::read_while;
+use event_recordings::{Recording, RecordingError};
+
+use super::layout::{LONGEST, RecognisedLayout, find_layout};
+use super::settings::DetectionSettings;
+
+/// Time between the pictures in which boards of squares are recognised (µs), and their number.
+const INTERVAL: u32 = 100_000;
+const MOST_MOMENTS: usize = 10;
+/// Largest error of the measured ratio of a tag to its gap or square.
+const MEASURED: f64 = 0.03;
+
+/// A board that was recognised. Its size is not known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Recognised {
+    /// A board of circles.
+    Circles(RecognisedLayout),
+    /// A board of squares.
+    Squares(RecognisedBoard),
+}
+
+impl Recognised {
+    /// Names the lengths that the user has to measure.
+    pub fn to_measure(&self) -> String {
+        match self {
+            Self::Circles(layout) => format!("{}, and give both", layout.to_measure()),
+            Self::Squares(found) => {
+                let side = match found.board {
+                    SquareBoard::Checkerboard(_) | SquareBoard::Charuco(_) => "a square",
+                    SquareBoard::Tags(_) => "a tag with its dark border",
+                };
+                format!("measure the side of {side}, and give it")
+            }
+        }
+    }
+
+    /// Returns the board in a size of its own, as users write it.
+    pub fn example(&self) -> String {
+        match self {
+            Self::Circles(layout) => layout.example(),
+            Self::Squares(found) => found.board.to_string(),
+        }
+    }
+}
+
+impl fmt::Display for Recognised {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Circles(layout) => layout.fmt(f),
+            Self::Squares(RecognisedBoard { board, fitting, moments }) => {
+                write!(f, "{}, which fits {fitting} of {moments} pictures", kind_of(board))
+            }
+        }
+    }
+}
+
+/// Describes a board without its size.
+fn kind_of(board: &SquareBoard) -> String {
+    match board {
+        SquareBoard::Checkerboard(board) => {
+            format!("a checkerboard of {} x {} inner corners", board.rows, board.columns)
+        }
+        SquareBoard::Tags(grid) => {
+            let kind = if grid.corner_squares { "an AprilGrid" } else { "a grid" };
+            format!("{kind} of {} x {} tags of {}", grid.rows, grid.columns, grid.dictionary)
+        }
+        SquareBoard::Charuco(board) => {
+            format!("a ChArUco board of {} x {} squares with tags of {}", board.rows, board.columns, board.dictionary)
+        }
+    }
+}
+
+/// Searches the first seconds of a recording for any board; `None` if there is none, or if it is not clear.
+///
+/// # Errors
+/// [`RecordingError`] if the recording cannot be read.
+pub fn find_board(
+    recording: &Recording,
+    sensor: Sensor,
+    settings: &DetectionSettings,
+) -> Result<Option<Recognised>, RecordingError> {
+    if let Some(squares) = find_squares(recording, sensor)? {
+        return Ok(Some(Recognised::Squares(squares)));
+    }
+    Ok(find_layout(recording, sensor, settings)?.map(Recognised::Circles))
+}
+
+/// Searches the first seconds of a recording for any board of squares.
+///
+/// # Errors
+/// [`RecordingError`] if the recording cannot be read.
+pub fn find_squares(recording: &Recording, sensor: Sensor) -> Result<Option<RecognisedBoard>, RecordingError> {
+    let mut pictures = SquarePictures::new(sensor);
+    read_while(recording, &mut |batch| {
+        pictures.push(batch.events);
+        if pictures.is_complete() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })?;
+    Ok(pictures.finish())
+}
+
+/// Collects pictures of the first seconds of a recording, made of its events.
+struct SquarePictures {
+    reconstruction: Reconstruction,
+    moments: Vec<Vec<Picture>>,
+    last: i64,
+}
+
+impl SquarePictures {
+    fn new(sensor: Sensor) -> Self {
+        let options = ReconstructionOptions { interval: INTERVAL, ..ReconstructionOptions::new(sensor) };
+        Self { reconstruction: Reconstruction::new(options), moments: Vec::new(), last: 0 }
+    }
+
+    fn push(&mut self, events: &[Event]) {
+        let moments = &mut self.moments;
+        self.reconstruction.push(events, |moment| moments.push(moment.pictures));
+        self.last = events.last().map_or(self.last, |event| event.t);
+    }
+
+    fn is_complete(&self) -> bool {
+        self.last > LONGEST
+    }
+
+    fn finish(mut self) -> Option<RecognisedBoard> {
+        let moments = &mut self.moments;
+        self.reconstruction.finish(|moment| moments.push(moment.pictures));
+        let step = moments.len().div_ceil(MOST_MOMENTS).max(1);
+        let sample: Vec<Vec<Picture>> = std::mem::take(moments).into_iter().step_by(step).collect();
+        recognise(&sample)
+    }
+}
+
+/// Returns a recognised board in the size of `stated`: with the same side of a square or tag.
+pub(super) fn in_size_of(found: &SquareBoard, stated: &SquareBoard) -> SquareBoard {
+    found.with_length(match stated {
+        SquareBoard::Checkerboard(board) => board.square,
+        SquareBoard::Tags(grid) => grid.tag,
+        SquareBoard::Charuco(board) => board.square,
+    })
+}
+
+/// Returns `true` if a recognised board is the stated one; the ratio of its lengths was only measured.
+pub(super) fn is_same(found: &SquareBoard, stated: &SquareBoard) -> bool {
+    match (found, stated) {
+        (SquareBoard::Checkerboard(a), SquareBoard::Checkerboard(b)) => {
+            [a.rows, a.columns] == [b.rows, b.columns] || [a.rows, a.columns] == [b.columns, b.rows]
+        }
+        (SquareBoard::Tags(a), SquareBoard::Tags(b)) => {
+            (a.spacing - b.spacing).abs() < MEASURED
+                && a.dictionary.family == b.dictionary.family
+                && *a == TagGrid { tag: a.tag, spacing: a.spacing, dictionary: a.dictionary, ..*b }
+        }
+        (SquareBoard::Charuco(a), SquareBoard::Charuco(b)) => {
+            (a.marker / a.square - b.marker / b.square).abs() < MEASURED
+                && a.dictionary.family == b.dictionary.family
+                && *a == Charuco { square: a.square, marker: a.marker, dictionary: a.dictionary, ..*b }
+        }
+        _ => false,
+    }
+}

@@ -1,0 +1,209 @@
+//! Recognises a board of squares of which nothing is known: its kind, rows and columns, tags and ratios.
+//!
+//! 1. The tags of all families, with a border of one or two modules, are searched one by one.
+//! 2. The positions of neighbouring tags relative to each other, and their ids, are those of a grid of tags or of a ChArUco board.
+//! 3. If there are no tags, the board may be a checkerboard whose ends are in view.
+//!
+//! Pictures do not show lengths, so a recognised board has the length of an example.
+
+mod grid;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use evcal_geometry::board::squares::family::TagFamily;
+use evcal_geometry::board::squares::{Checkerboard, Shade, SquareBoard};
+use evcal_geometry::board::tag::Tag;
+use rayon::prelude::*;
+
+use crate::alignment::SquareMap;
+use crate::checkerboard::{NoCheckerboard, find_checkerboard};
+use crate::picture::Picture;
+use crate::quads::{Quad, find_quads};
+use crate::tags::{FoundTag, Smooth, TagFinder};
+
+/// Side of a square of a recognised board, or of a tag of a grid, in metres.
+pub const EXAMPLE_LENGTH: f64 = 0.03;
+/// Fewest moments that must show the board.
+const FEWEST_MOMENTS: usize = 3;
+/// Fewest tags of a moment that counts.
+const FEWEST_TAGS: usize = 3;
+/// Distance outside a tag, in its sides, at which the gap and the squares at its corners are compared.
+const BESIDE: f64 = 0.08;
+/// Families that are searched, the usual ones first, and the number of their first tags that boards have. The more tags, the more
+/// of them are alike.
+const FAMILIES: [(TagFamily, u16); 9] = [
+    (TagFamily::April36h11, 587),
+    (TagFamily::Aruco5x5, 100),
+    (TagFamily::Aruco4x4, 100),
+    (TagFamily::Aruco6x6, 100),
+    (TagFamily::Aruco7x7, 100),
+    (TagFamily::ArucoOriginal, 100),
+    (TagFamily::ArucoMip36h12, 100),
+    (TagFamily::April25h9, 35),
+    (TagFamily::April16h5, 30),
+];
+/// Widths of the dark border of tags that are searched, in modules.
+const BORDERS: [u8; 2] = [1, 2];
+/// Rows and columns of the checkerboard that is searched: the finder names the size of any other whole board.
+const TRIED: [u8; 2] = [4, 5];
+
+/// A board that was recognised.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RecognisedBoard {
+    /// The board. Its square, or a tag of its grid, has [`EXAMPLE_LENGTH`].
+    pub board: SquareBoard,
+    /// Number of moments that show it.
+    pub fitting: usize,
+    /// Number of moments.
+    pub moments: usize,
+}
+
+/// A tag in a picture.
+#[derive(Clone, Copy, Debug)]
+struct SeenTag {
+    id: u16,
+    found: FoundTag,
+    /// Shade beside its corners: 0 as light as the gap beside its sides, 1 as dark as its border.
+    darkness: f32,
+}
+
+/// Recognises the board in the pictures of some moments; `None` if there is none, or if it is not clear.
+pub fn recognise(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
+    recognise_tags(moments).or_else(|| recognise_checkerboard(moments))
+}
+
+/// A picture, prepared for the search, with its dark quadrilaterals.
+struct Prepared {
+    smooth: Smooth,
+    quads: Vec<Quad>,
+}
+
+fn recognise_tags(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
+    let prepare = |picture: &Picture| Prepared { smooth: Smooth::new(picture), quads: find_quads(picture) };
+    let prepared: Vec<Vec<Prepared>> =
+        moments.par_iter().map(|pictures| pictures.iter().map(prepare).collect()).collect();
+    FAMILIES.into_iter().find_map(|(family, count)| {
+        let sightings = BORDERS.map(|border| sightings_of(&tags_of(family, count, border), &prepared));
+        let score = |sightings: &[Vec<SeenTag>]| sightings.iter().flatten().map(|tag| tag.found.score).sum::<f32>();
+        // With the wrong border, fewer tags correlate, and less.
+        let [first, second] = sightings.each_ref().map(|sightings| score(sightings));
+        let (border, sightings) = BORDERS.into_iter().zip(sightings).nth(usize::from(second > first))?;
+        let board = grid::board_of(&sightings, family, border).filter(|_| sightings.len() >= FEWEST_MOMENTS)?;
+        Some(RecognisedBoard { board, fitting: sightings.len(), moments: moments.len() })
+    })
+}
+
+/// Returns the tags of the moments that show enough of these.
+fn sightings_of(tags: &[Tag], prepared: &[Vec<Prepared>]) -> Vec<Vec<SeenTag>> {
+    let Ok(finder) = TagFinder::new(tags) else { return Vec::new() };
+    let seen = prepared.par_iter().map(|pictures| tags_in(&finder, pictures));
+    seen.filter(|tags| tags.len() >= FEWEST_TAGS).collect()
+}
+
+/// Returns the first `count` tags of a family, each at a position of its own.
+fn tags_of(family: TagFamily, count: u16, border: u8) -> Vec<Tag> {
+    let tag = |id: u16| {
+        let left = 2.0 * f64::from(id);
+        let corners = [[left, 0.0], [left + 1.0, 0.0], [left + 1.0, 1.0], [left, 1.0]];
+        let side = family.inner_side() + 2 * usize::from(border);
+        Some(Tag { id, corners, side, light: family.light(id, border)? })
+    };
+    (0..count).map_while(tag).collect()
+}
+
+/// Returns the tags in the pictures of one moment, each from the picture in which it correlates best.
+fn tags_in(finder: &TagFinder, pictures: &[Prepared]) -> Vec<SeenTag> {
+    let mut seen: BTreeMap<u16, SeenTag> = BTreeMap::new();
+    for Prepared { smooth, quads } in pictures {
+        for found in quads.iter().filter_map(|quad| finder.recognised(smooth, quad)) {
+            let Some(tag) = finder.tags().get(found.index) else { continue };
+            if seen.get(&tag.id).is_none_or(|known| known.found.score < found.score) {
+                let darkness = darkness_beside_corners(smooth.picture(), &found, tag.side);
+                seen.insert(tag.id, SeenTag { id: tag.id, found, darkness });
+            }
+        }
+    }
+    seen.into_values().collect()
+}
+
+fn darkness_beside_corners(picture: &Picture, tag: &FoundTag, side: usize) -> f32 {
+    let map = SquareMap::new(&tag.corners.map(|corner| corner.map(f64::from)));
+    let at = |[u, v]: [f64; 2]| {
+        let [x, y] = map.at(u, v);
+        picture.bilinear(x as f32, y as f32)
+    };
+    let mean = |places: [[f64; 2]; 4]| places.map(at).iter().sum::<f32>() / 4.0;
+    let (low, high) = (-BESIDE, 1.0 + BESIDE);
+    let module = 0.5 / side as f64;
+    let corners = mean([[low, low], [high, low], [low, high], [high, high]]);
+    let gaps = mean([[0.5, low], [0.5, high], [low, 0.5], [high, 0.5]]);
+    let border = mean([[0.5, module], [0.5, 1.0 - module], [module, 0.5], [1.0 - module, 0.5]]);
+    (gaps - corners) / (gaps - border).max(f32::MIN_POSITIVE)
+}
+
+fn recognise_checkerboard(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
+    let [rows, columns] = TRIED;
+    let size_in = |picture: &Picture| match find_checkerboard(picture, rows, columns, None) {
+        Ok(_) => Some(TRIED.map(usize::from)),
+        Err(NoCheckerboard::OtherSize { rows, columns }) => Some([rows, columns]),
+        Err(_) => None,
+    };
+    let sizes: Vec<Vec<[usize; 2]>> =
+        moments.par_iter().map(|pictures| pictures.iter().filter_map(size_in).collect()).collect();
+    let count = |size: &[usize; 2]| sizes.iter().filter(|sizes| sizes.contains(size)).count();
+    let seen: BTreeSet<[usize; 2]> = sizes.iter().flatten().copied().collect();
+    let size = seen.into_iter().max_by_key(count)?;
+    let fitting = count(&size);
+    // Parts of a board, or a pattern that is not a board, have many sizes.
+    if fitting < FEWEST_MOMENTS || 2 * fitting <= sizes.iter().filter(|sizes| !sizes.is_empty()).count() {
+        return None;
+    }
+    let [rows, columns] = size.map(u8::try_from);
+    let board = Checkerboard { rows: rows.ok()?, columns: columns.ok()?, square: EXAMPLE_LENGTH, first: Shade::Dark };
+    Some(RecognisedBoard { board: SquareBoard::Checkerboard(board), fitting, moments: moments.len() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rendering::{View, noisy};
+
+    /// Returns pictures of `board` in five orientations, and the board that is recognised in them.
+    fn recognised(board: &SquareBoard) -> Option<SquareBoard> {
+        let raster = board.raster();
+        let brightness = |x: f64, y: f64| if raster.is_dark_at([x, y]) { 0.1 } else { 0.9 };
+        let bounds = board.bounds();
+        let middle = [0, 1].map(|axis| (bounds.low[axis] + bounds.high[axis]) / 2.0);
+        let longer = (bounds.high[0] - bounds.low[0]).max(bounds.high[1] - bounds.low[1]);
+        let rotations = [[0.3, -0.3, 0.1], [-0.2, 0.3, 0.2], [0.2, 0.1, -0.2], [0.0, 0.3, 0.1], [-0.3, -0.1, 0.0]];
+        let moments =
+            rotations.map(|rotation| vec![noisy(&View::new(middle, 1.6 * longer, rotation).render(brightness), 0.05)]);
+        recognise(&moments).map(|found| found.board)
+    }
+
+    #[test]
+    fn boards_of_every_kind_are_recognised() {
+        for text in [
+            "checkerboard:6x9:30mm",
+            "checkerboard:4x5:30mm",
+            "aprilgrid:4x5:30mm:0.3",
+            "aprilgrid:4x5:30mm:0.3:border1",
+            "apriltags:3x4:30mm:0.25",
+            "apriltags:3x4:30mm:0.25:down",
+            "apriltags:3x4:30mm:0.25:25h9",
+            "charuco:5x7:30mm:22mm:DICT_5X5_50",
+            "charuco:4x6:30mm:22mm:DICT_4X4_50:legacy",
+        ] {
+            let board: SquareBoard = text.parse().unwrap();
+            let found = recognised(&board).map(|found| found.to_string());
+            assert_eq!(found.as_deref(), Some(board.to_string().as_str()), "{text}");
+        }
+    }
+
+    #[test]
+    fn plain_pictures_have_no_board() {
+        let picture = || Picture::new(80, 60, vec![0.5; 80 * 60]).unwrap();
+        assert_eq!(recognise(&[vec![picture()], vec![picture()], vec![picture()]]), None);
+        assert_eq!(recognise(&[]), None);
+    }
+}

@@ -1,0 +1,197 @@
+//! The grid or ChArUco board whose tags have these ids and positions relative to each other.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use evcal_geometry::board::homography::homography;
+use evcal_geometry::board::squares::family::{Dictionary, TagFamily};
+use evcal_geometry::board::squares::{Charuco, CharucoLayout, SquareBoard, TagGrid, TagOrder};
+use evcal_geometry::numerics::statistics::median;
+use nalgebra::{Matrix3, Vector2};
+
+use super::{EXAMPLE_LENGTH, SeenTag};
+
+/// Distances of neighbouring tags of a grid, in tags; the next tags of a row of a ChArUco board are farther apart.
+const NEIGHBOURS: std::ops::Range<f64> = 1.0..2.05;
+/// Distances of diagonal neighbours of a ChArUco board along one axis, in tags.
+const DIAGONAL: std::ops::Range<f64> = 1.0..1.9;
+/// Largest error of a distance along one axis, in tags.
+const TOLERANCE: f64 = 0.25;
+/// Fewest pairs of neighbouring tags, and their share that must agree.
+const FEWEST_PAIRS: usize = 4;
+const AGREEING: f64 = 0.8;
+/// Number of moments in which a tag must be seen.
+const FEWEST_SIGHTINGS: usize = 2;
+/// Darkness beside the corners of tags from which there are dark squares.
+const DARK: f32 = 0.5;
+
+/// Two tags of one picture.
+struct Pair {
+    ids: [u16; 2],
+    /// Position of the second tag relative to the first in the first one's orientation, in tags: x to the right, y downwards.
+    offset: [f64; 2],
+}
+
+impl Pair {
+    /// Returns the id of the second tag minus the id of the first.
+    fn step(&self) -> i32 {
+        let [first, second] = self.ids;
+        i32::from(second) - i32::from(first)
+    }
+}
+
+/// Returns the board with these tags; `None` if their ids and positions are not those of a grid or of a ChArUco board.
+pub(super) fn board_of(sightings: &[Vec<SeenTag>], family: TagFamily, border: u8) -> Option<SquareBoard> {
+    let pairs: Vec<Pair> = sightings.iter().flat_map(|tags| pairs_of(tags)).collect();
+    let mut counts: BTreeMap<u16, usize> = BTreeMap::new();
+    sightings.iter().flatten().for_each(|tag| *counts.entry(tag.id).or_default() += 1);
+    counts.retain(|_, count| *count >= FEWEST_SIGHTINGS);
+    let ids: Vec<u16> = counts.into_keys().collect();
+    let mut darkness: Vec<f32> = sightings.iter().flatten().map(|tag| tag.darkness).collect();
+    let corner_squares = median(&mut darkness, f32::total_cmp)? > DARK;
+    let last = *ids.last()?;
+    let dictionary = Dictionary::all()
+        .filter(|dictionary| dictionary.family == family && dictionary.tags > last)
+        .min_by_key(|dictionary| dictionary.tags)?;
+    grid(&pairs, &ids, dictionary, border, corner_squares)
+        .map(SquareBoard::Tags)
+        .or_else(|| charuco(&pairs, &ids, dictionary).filter(|_| border == 1).map(SquareBoard::Charuco))
+}
+
+fn pairs_of(tags: &[SeenTag]) -> Vec<Pair> {
+    let unit = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(Vector2::from);
+    let corners = |tag: &SeenTag| tag.found.corners.map(|corner| Vector2::from(corner).cast::<f64>());
+    let maps: Vec<Option<Matrix3<f64>>> = tags.iter().map(|tag| homography(&corners(tag), &unit)).collect();
+    let offset = |from: &Option<Matrix3<f64>>, to: &SeenTag| {
+        let middle = corners(to).iter().sum::<Vector2<f64>>() / 4.0;
+        let place = from.as_ref()? * middle.push(1.0);
+        Some(place.xy() / place.z - Vector2::new(0.5, 0.5))
+    };
+    let mut pairs = Vec::new();
+    for (a, map_a) in tags.iter().zip(&maps) {
+        for (b, map_b) in tags.iter().zip(&maps).filter(|(b, _)| b.id != a.id) {
+            // The mean of both directions cancels most of the perspective.
+            if let (Some(there), Some(back)) = (offset(map_a, b), offset(map_b, a)) {
+                pairs.push(Pair { ids: [a.id, b.id], offset: ((there - back) / 2.0).into() });
+            }
+        }
+    }
+    pairs
+}
+
+/// Returns the most frequent value, if most values agree.
+fn common(values: &[i32]) -> Option<i32> {
+    let count = |value: &i32| values.iter().filter(|other| *other == value).count();
+    let best = values.iter().max_by_key(|value| count(value)).copied()?;
+    (values.len() >= FEWEST_PAIRS && count(&best) as f64 >= AGREEING * values.len() as f64).then_some(best)
+}
+
+fn grid(pairs: &[Pair], ids: &[u16], dictionary: Dictionary, border: u8, corner_squares: bool) -> Option<TagGrid> {
+    let neighbours = |axis: usize| {
+        pairs.iter().filter_map(move |pair| {
+            let [x, y] = pair.offset;
+            let (along, across) = if axis == 0 { (x, y) } else { (y, x) };
+            (NEIGHBOURS.contains(&along.abs()) && across.abs() < TOLERANCE).then_some((along, pair.step()))
+        })
+    };
+    // The step of the ids per step to the right, and downwards.
+    let step = |axis: usize| {
+        let steps: Vec<i32> = neighbours(axis).map(|(along, step)| if along > 0.0 { step } else { -step }).collect();
+        common(&steps)
+    };
+    let (right, down) = (step(0), step(1));
+    let mut periods: Vec<f64> = neighbours(0).chain(neighbours(1)).map(|(along, _)| along.abs()).collect();
+    let period = median(&mut periods, f64::total_cmp)?;
+    let (seen, last) = (*ids.first()?, *ids.last()?);
+    let count = last - seen + 1;
+    let columns = match (right, down) {
+        (_, Some(down)) => u16::try_from(down.unsigned_abs()).ok()?,
+        (Some(_), None) => count,
+        (None, None) => return None,
+    };
+    let order = match (dictionary.family.is_april(), right.unwrap_or(1), down.unwrap_or(-1)) {
+        (true, 1, ..=-1) => TagOrder::Upwards,
+        (true, -1, ..=-1) | (false, 1, 1..) => TagOrder::Downwards,
+        _ => return None,
+    };
+    // A single column has no step to the right.
+    if right.is_none() && columns > 1 {
+        return None;
+    }
+    // Ids of the first column: there the board begins, even if its first tag was not in view.
+    let steps = pairs.iter().map(|pair| (pair.ids, pair.offset.map(|offset| (offset / period).round() as i32)));
+    let places = places(&steps.collect(), ids);
+    let along = |place: &[i32; 2]| {
+        if order == TagOrder::Upwards || !dictionary.family.is_april() { place[0] } else { -place[0] }
+    };
+    let left = places.values().map(along).min()?;
+    let first = places.iter().map(|(id, place)| i32::from(*id) - (along(place) - left)).min()?;
+    let first = u16::try_from(first).ok()?;
+    Some(TagGrid {
+        rows: u8::try_from((last - first + 1).div_ceil(columns)).ok()?,
+        columns: u8::try_from(columns).ok()?,
+        tag: EXAMPLE_LENGTH,
+        spacing: ((period - 1.0) * 100.0).round() / 100.0,
+        corner_squares,
+        dictionary,
+        border,
+        first_id: first,
+        order,
+    })
+}
+
+fn charuco(pairs: &[Pair], ids: &[u16], dictionary: Dictionary) -> Option<Charuco> {
+    let diagonal = pairs.iter().filter(|pair| {
+        let [x, y] = pair.offset.map(f64::abs);
+        DIAGONAL.contains(&x) && (x - y).abs() < TOLERANCE
+    });
+    let mut ratios: Vec<f64> = diagonal.clone().flat_map(|pair| pair.offset.map(f64::abs)).collect();
+    let ratio = median(&mut ratios, f64::total_cmp).filter(|_| ratios.len() >= 2 * FEWEST_PAIRS)?;
+    // Steps in squares as printed: OpenCV draws AprilTags rotated by 180°.
+    let sign = if dictionary.family.is_april() { -1.0 } else { 1.0 };
+    let steps: BTreeMap<[u16; 2], [i32; 2]> =
+        diagonal.map(|pair| (pair.ids, pair.offset.map(|offset| (sign * offset / ratio).round() as i32))).collect();
+    let places = places(&steps, ids);
+    let extent = |axis: usize| {
+        let values: Vec<i32> = places.values().filter_map(|place| place.get(axis).copied()).collect();
+        Some(values.iter().max()? - values.iter().min()?)
+    };
+    let (across, down) = (extent(0)?, extent(1)?);
+    let sizes = (1..=2).flat_map(|more| (1..=2).map(move |wider| [down + more, across + wider]));
+    let mut boards = sizes.flat_map(|[rows, columns]| {
+        [CharucoLayout::Current, CharucoLayout::Legacy].into_iter().filter_map(move |layout| {
+            let marker = (EXAMPLE_LENGTH / ratio * 1e4).round() / 1e4;
+            let (rows, columns) = (u8::try_from(rows).ok()?, u8::try_from(columns).ok()?);
+            Some(Charuco { rows, columns, square: EXAMPLE_LENGTH, marker, dictionary, layout })
+        })
+    });
+    boards.find(|board| fits(board, &places))
+}
+
+/// Returns the positions of the tags in squares, relative to the first, along steps to neighbours.
+fn places(steps: &BTreeMap<[u16; 2], [i32; 2]>, ids: &[u16]) -> BTreeMap<u16, [i32; 2]> {
+    let mut places: BTreeMap<u16, [i32; 2]> = ids.first().map(|id| (*id, [0, 0])).into_iter().collect();
+    let mut open: Vec<u16> = places.keys().copied().collect();
+    while let Some(from) = open.pop() {
+        let Some(&[x, y]) = places.get(&from) else { continue };
+        for ([_, to], [dx, dy]) in steps.range([from, 0]..=[from, u16::MAX]) {
+            if ids.contains(to) && !places.contains_key(to) {
+                places.insert(*to, [x + dx, y + dy]);
+                open.push(*to);
+            }
+        }
+    }
+    places
+}
+
+/// Returns `true` if the tags of `board` are at these positions, apart from a common shift.
+fn fits(board: &Charuco, places: &BTreeMap<u16, [i32; 2]>) -> bool {
+    let square = |tag: &evcal_geometry::board::tag::Tag| {
+        let [x, y] = tag.corners.iter().fold([0.0; 2], |[x, y], corner| [x + corner[0], y + corner[1]]);
+        [x, y].map(|sum| (sum / 4.0 / board.square).floor() as i32)
+    };
+    let tags = SquareBoard::Charuco(*board).tags();
+    let printed: BTreeMap<u16, [i32; 2]> = tags.iter().map(|tag| (tag.id, square(tag))).collect();
+    let shift = |(id, [x, y]): (&u16, &[i32; 2])| printed.get(id).map(|[column, row]| [column - x, row - y]);
+    let shifts: Option<BTreeSet<[i32; 2]>> = places.iter().map(shift).collect();
+    shifts.is_some_and(|shifts| shifts.len() == 1) && places.len() >= FEWEST_PAIRS
+}
