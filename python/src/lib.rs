@@ -9,6 +9,7 @@ mod events;
 mod examination;
 mod export;
 mod interrupt;
+mod memory;
 mod recording;
 mod simulation;
 
