@@ -58,9 +58,9 @@ fn moments() -> u32 {
 }
 
 fn program(arguments: &[&str]) -> Command {
-    // Tests that run under nohup have HUP ignored, and so would the program.
+    // Tests that run under nohup have HUP ignored, in the background of a shell INT, and so would the program.
     let mut command = Command::new("env");
-    command.args(["--default-signal=HUP", env!("CARGO_BIN_EXE_evcal")]).args(arguments);
+    command.args(["--default-signal=HUP,INT", env!("CARGO_BIN_EXE_evcal")]).args(arguments);
     command.stdout(Stdio::null()).stderr(Stdio::null());
     command
 }
