@@ -36,11 +36,9 @@ pub fn leave_nothing_unfinished() -> io::Result<()> {
 }
 
 /// Calls `react` for each signal that ends the program, on a thread of its own.
-fn on_each_signal(mut react: impl FnMut(i32) + Send + 'static) -> io::Result<()> {
+fn on_each_signal(react: impl FnMut(i32) + Send + 'static) -> io::Result<()> {
     let mut signals = Signals::new(ending())?;
-    std::thread::Builder::new()
-        .name("signals".to_owned())
-        .spawn(move || signals.forever().for_each(|signal| react(signal)))?;
+    std::thread::Builder::new().name("signals".to_owned()).spawn(move || signals.forever().for_each(react))?;
     Ok(())
 }
 
