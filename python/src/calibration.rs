@@ -8,6 +8,7 @@ use evcal_calibrate::calibrate::board_choice::{BoardChoiceError, choose_board};
 use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
 use evcal_calibrate::calibrate::inertia::{InertialRequest, calibrate_inertial, check_length};
 use evcal_calibrate::calibrate::input::Input;
+use evcal_calibrate::calibrate::mounted::SecondCamera;
 use evcal_calibrate::calibrate::second::{calibrate_beside, calibrate_lens_apart, pictures_beside};
 use evcal_calibrate::calibrate::step::Step;
 use evcal_calibrate::calibrate::{PictureUse, Task};
@@ -37,7 +38,7 @@ use crate::camera::Camera;
 use crate::events::viewed;
 use crate::interrupt::interruptible;
 use crate::recording::{Said, as_path, of_array};
-use crate::{failed, to_python};
+use crate::{failed, in_words, to_python, warn};
 
 /// The inputs and settings of a calibration, kept for the files of its result.
 struct Asked {
@@ -63,32 +64,53 @@ impl Asked {
         Task { model: *model, sensor: *sensor, pictures, settings, wording: worded, ..Task::new(inputs, board) }
     }
 
-    /// Calibrates the camera, and the IMU and other cameras if requested.
-    fn calibrate(&self, mut tell: impl FnMut(Step) -> ControlFlow<()> + Send) -> PyResult<Calibrated> {
+    /// Calibrates the camera, and the IMU and other cameras if requested; returns those that were not calibrated, with the reason.
+    fn calibrate(
+        &self,
+        mut tell: impl FnMut(Step) -> ControlFlow<()> + Send,
+    ) -> PyResult<(Calibrated, Vec<(String, String)>)> {
         let task = self.task();
         if let Some(request) = &self.inertial {
             check_length(&self.inputs, request).map_err(failed)?;
         }
         let mut first = evcal_calibrate::calibrate::calibrate(&task, &mut tell).map_err(failed)?;
+        let mut failures = Vec::new();
         let inertial = self.inertial.as_ref().map(|request| {
             let _ = tell(Step { text: "IMU", done: None });
             calibrate_inertial(&first, &self.inputs, request, None)
         });
-        let inertial = inertial.transpose().map_err(failed)?;
+        let inertial = inertial.transpose().unwrap_or_else(|error| {
+            failures.push(("the IMU".to_owned(), in_words(&error)));
+            None
+        });
         let mut cameras = Vec::new();
         for other in &self.others {
-            let pictures = pictures_beside(&self.inputs, other);
-            let apart = Task { inputs: std::slice::from_ref(other), pictures, ..task };
-            let second = calibrate_lens_apart(&apart, &mut tell).map_err(failed)?;
-            let _ = tell(Step { text: "both cameras", done: None });
-            let second = calibrate_beside(&first, &second, other, self.rolling_shutter, &self.board, [None, None]);
-            cameras.push(second.map_err(failed)?);
+            match self.second(&first, other, &task, &mut tell) {
+                Ok(second) => cameras.push(second),
+                Err(reason) => failures.push((other.name(), reason)),
+            }
         }
         if let Evidence::Events(events) = &mut first.evidence {
             events.inertial = inertial;
             events.second_cameras = cameras;
         }
-        Ok(first)
+        Ok((first, failures))
+    }
+
+    /// Calibrates another camera against the `first`; returns the reason if this is impossible.
+    fn second(
+        &self,
+        first: &Calibrated,
+        other: &Input,
+        task: &Task,
+        tell: &mut (impl FnMut(Step) -> ControlFlow<()> + Send),
+    ) -> Result<SecondCamera, String> {
+        let pictures = pictures_beside(&self.inputs, other);
+        let apart = Task { inputs: std::slice::from_ref(other), pictures, ..*task };
+        let second = calibrate_lens_apart(&apart, &mut *tell).map_err(|error| in_words(&error))?;
+        let _ = tell(Step { text: "both cameras", done: None });
+        calibrate_beside(first, &second, other, self.rolling_shutter, &self.board, [None, None])
+            .map_err(|error| in_words(&error))
     }
 }
 
@@ -97,6 +119,8 @@ impl Asked {
 pub struct Calibration {
     asked: Asked,
     calibrated: Calibrated,
+    /// What was not calibrated beside the camera, with the reason.
+    failures: Vec<(String, String)>,
 }
 
 impl Calibration {
@@ -182,12 +206,20 @@ impl Calibration {
         to_python(py, serde_json::to_string(&worst_grade(&self.calibrated)))
     }
 
-    /// The verdict in words, with its reasons and what to do; then the verdicts on the IMU and on other cameras.
+    /// The verdict in words, with its reasons and what to do; then the verdicts on the IMU and on other cameras, or why they were not
+    /// calibrated.
     #[getter]
     fn verdict(&self) -> String {
         let beside = verdicts_beside(&self.calibrated).into_iter();
         let beside = beside.map(|VerdictBeside { about, sentence, .. }| format!("\n{about}: {sentence}"));
-        std::iter::once(self.calibrated.verdict.worded(worded).to_string()).chain(beside).collect()
+        let failures = self.failures.iter().map(|(what, reason)| format!("\n{what} was not calibrated: {reason}"));
+        std::iter::once(self.calibrated.verdict.worded(worded).to_string()).chain(beside).chain(failures).collect()
+    }
+
+    /// What was not calibrated beside the camera: pairs of a name (the IMU, or the file of another camera) and the reason.
+    #[getter]
+    fn not_calibrated(&self) -> Vec<(String, String)> {
+        self.failures.clone()
     }
 
     /// The report as an HTML page.
@@ -343,6 +375,8 @@ fn picture_use(name: &str) -> PyResult<PictureUse> {
 /// with_: the recording of another camera on the same mount, or a list of them: a path (events, a folder of images, a bag) or events in
 /// memory. with_sensor, with_stream: sensor and stream of these cameras. rolling_shutter: rows of their images are exposed one after the other.
 /// progress: called with a line of text when a stage begins. An exception that it raises ends the calibration.
+///
+/// If the IMU or another camera cannot be calibrated, a warning gives the reason, and not_calibrated of the result as well.
 #[pyfunction]
 #[pyo3(signature = (events, *, board, model="radtan", sensor=None, columns=None, time_unit=None, stream=None, settings=None, frames="witness", imu=None, gravity=None, with_=None, with_sensor=None, with_stream=None, rolling_shutter=false, progress=None))]
 #[expect(clippy::too_many_arguments, reason = "all but the first are named by the caller")]
@@ -403,8 +437,12 @@ pub fn calibrate(
             }
         })
     })?;
-    match (calibrated, raised) {
-        (_, Some(error)) => Err(error),
-        (calibrated, None) => Ok(Calibration { asked, calibrated: calibrated? }),
+    if let Some(error) = raised {
+        return Err(error);
     }
+    let (calibrated, failures) = calibrated?;
+    for (what, reason) in &failures {
+        warn(py, &format!("{what} was not calibrated: {reason}"))?;
+    }
+    Ok(Calibration { asked, calibrated, failures })
 }

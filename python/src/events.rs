@@ -17,8 +17,8 @@ use crate::advice::short;
 /// Names of the fields in other libraries, in the order t, x, y, p.
 const NAMES: [&[&str]; 4] = [&["t", "ts", "timestamp", "time"], &["x"], &["y"], &["p", "on", "polarity", "pol"]];
 
-/// Bytes of an event of evcal's own arrays; the last three are padding.
-const EVENT_BYTES: usize = 16;
+/// Bytes of an event of evcal's own arrays, and of [`Event`]; the last three are padding.
+pub const EVENT_BYTES: usize = 16;
 
 /// A kind of whole number, lowest byte first.
 #[derive(Clone, Copy, PartialEq)]

@@ -3,16 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use evcal_calibrate::export::content::ExportFormat;
-use evcal_calibrate::export::{FORMATS, files_beside, from_name};
+use evcal_calibrate::export::{FORMATS, files_beside, from_name, read_files_beside};
 use evcal_calibrate::result::calibrated_camera::{CalibratedCamera, plain};
-use evcal_calibrate::result::calibration_file::CalibrationFile;
 use evcal_files::folder::OutputFolder;
 use evcal_files::output::{Existing, check_outputs};
-use evcal_geometry::lens::camera_file::{self, camera_path};
+use evcal_geometry::lens::camera_file::camera_path;
 use event_recordings::convert::{TimeOrigin, output_of};
 use event_recordings::encode::OutputFormat;
 use event_recordings::write::NoOutputFormat;
-use pyo3::exceptions::{PyUserWarning, PyValueError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyList, PyString};
 
@@ -20,7 +19,7 @@ use crate::calibration::Calibration;
 use crate::examination::known;
 use crate::interrupt::interruptible;
 use crate::recording::{Said, as_path, recording_of};
-use crate::{Error, failed, to_python};
+use crate::{Error, failed, to_python, warn};
 
 /// Name that selects all formats.
 const ALL: &str = "all";
@@ -35,14 +34,7 @@ fn beside(value: &Bound<'_, PyAny>, camera: &CalibratedCamera) -> PyResult<Vec<(
     if let Ok(calibration) = value.cast::<Calibration>() {
         return files_beside(camera, &calibration.get().file()).map_err(failed);
     }
-    let Some(path) = as_path(value).map(|path| camera_path(&path)) else { return Ok(Vec::new()) };
-    match camera_file::version(&path).map_err(failed)? {
-        Some(_) => {
-            let calibration: CalibrationFile = camera_file::parse(&path).map_err(failed)?;
-            files_beside(camera, &calibration).map_err(failed)
-        }
-        None => Ok(Vec::new()),
-    }
+    as_path(value).map_or(Ok(Vec::new()), |path| read_files_beside(camera, &path).map_err(failed))
 }
 
 /// Write a camera for other programs.
@@ -108,11 +100,6 @@ fn text_of(py: Python<'_>, format: &ExportFormat, camera: &CalibratedCamera) -> 
         warn(py, note)?;
     }
     Ok(exported.text)
-}
-
-fn warn(py: Python<'_>, what: &str) -> PyResult<()> {
-    let text = std::ffi::CString::new(what)?;
-    PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
 }
 
 /// Write a recording in another format.

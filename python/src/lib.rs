@@ -9,10 +9,11 @@ mod events;
 mod examination;
 mod export;
 mod interrupt;
+mod memory;
 mod recording;
 mod simulation;
 
-use pyo3::exceptions::PyRuntimeError;
+use pyo3::exceptions::{PyRuntimeError, PyUserWarning};
 use pyo3::prelude::*;
 use pyo3::types::PyAny;
 
@@ -25,10 +26,20 @@ pyo3::create_exception!(
 
 /// Converts an error of evcal to a Python exception, with advice.
 fn failed(error: impl std::error::Error + 'static) -> PyErr {
-    Error::new_err(match advice::advice(&error) {
+    Error::new_err(in_words(&error))
+}
+
+/// Returns the text of an error of evcal, with advice.
+fn in_words(error: &(impl std::error::Error + 'static)) -> String {
+    match advice::advice(error) {
         Some(next) => format!("{error}; {next}"),
         None => error.to_string(),
-    })
+    }
+}
+
+fn warn(py: Python<'_>, what: &str) -> PyResult<()> {
+    let text = std::ffi::CString::new(what)?;
+    PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
 }
 
 /// Converts JSON from the library to Python objects.

@@ -9,9 +9,9 @@ use event_recordings::{OptionError, Recording, RecordingOptions};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::events::{EventArray, append, sensor as to_sensor, to_array};
+use crate::events::{EVENT_BYTES, EventArray, append, sensor as to_sensor, to_array};
 use crate::interrupt::interruptible;
-use crate::{failed, to_python};
+use crate::{failed, memory, to_python};
 
 /// Options for reading a recording.
 #[derive(Clone, Default)]
@@ -40,6 +40,7 @@ pub fn of_array(array: &Bound<'_, PyAny>, said: &Said) -> PyResult<Recording> {
     let options = said.clone().options()?;
     let array = EventArray::new(array, said.columns.as_deref(), said.time_unit.as_deref())?;
     let records = array.records()?;
+    memory::check((array.len() * EVENT_BYTES) as u64)?;
     let events = array.dtype().py().detach(|| records.to_events()).map_err(PyValueError::new_err)?;
     Ok(Recording::from_events("array", events, options))
 }
@@ -75,16 +76,22 @@ pub fn read<'py>(
     stream: Option<String>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let options = Said { sensor, columns, time_unit, stream }.options()?;
-    let bytes = interruptible(py, |stop| {
-        let recording = open_events(&file, options)?;
-        let mut reader = recording.open()?;
+    let bytes: PyResult<Vec<u8>> = interruptible(py, |stop| {
+        let recording = open_events(&file, options).map_err(failed)?;
+        let mut reader = recording.open().map_err(failed)?;
         let (mut bytes, mut batch) = (Vec::new(), Vec::new());
-        while !stop.load(Ordering::Relaxed) && reader.next_batch(&mut batch)? {
+        while !stop.load(Ordering::Relaxed) && reader.next_batch(&mut batch).map_err(failed)? {
+            // Before each copy to a larger place.
+            if bytes.capacity() - bytes.len() < batch.len() * EVENT_BYTES {
+                let read = bytes.len().max(batch.len() * EVENT_BYTES) as f64;
+                let rest = reader.done().map_or(read, |done| read * (1.0 / done.max(1e-3) - 1.0));
+                memory::check(rest as u64)?;
+            }
             append(&mut bytes, &batch);
         }
         Ok(bytes)
     })?;
-    to_array(py, bytes.map_err(|error: EventsError| failed(error))?)
+    to_array(py, bytes?)
 }
 
 /// Describe the content of a recording as a dict: format, camera, sensor, duration, rates, hot pixels.

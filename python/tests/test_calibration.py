@@ -186,6 +186,18 @@ def test_the_inertial_unit_is_calibrated_too(simulated, tmp_path):
     assert len(written) > len(evcal.export(alone, "all", tmp_path / "alone"))
 
 
+def test_without_a_usable_inertial_unit_the_camera_is_calibrated(simulated, tmp_path):
+    events, truth, alone = simulated
+    # Three seconds of readings of a unit that lies on a table.
+    rows = "".join(f"{5000 * index},0,-9.8,0,0,0,0\n" for index in range(1000))
+    (tmp_path / "imu.csv").write_text("t_us,ax_m_s2,ay_m_s2,az_m_s2,gx_rad_s,gy_rad_s,gz_rad_s\n" + rows)
+    with pytest.warns(UserWarning, match="the IMU was not calibrated: "):
+        calibration = evcal.calibrate(events, board=BOARD, sensor=truth.sensor, imu=tmp_path / "imu.csv")
+    assert calibration.camera.parameters == alone.camera.parameters
+    [(what, reason)] = calibration.not_calibrated
+    assert what == "the IMU" and reason in calibration.verdict and alone.not_calibrated == []
+
+
 def test_mistakes_about_the_inertial_unit_are_named():
     with pytest.raises(evcal.Error, match="3 s are needed"):
         evcal.calibrate(RECORDING, board=BOARD, imu=True)
@@ -205,8 +217,9 @@ def test_a_second_camera_is_found_where_it_is(simulated):
     assert np.abs(np.array(other["T_second_first"]) - np.eye(4)).max() < 2e-3
     assert other["solved_together"][1]["camera"]["parameters"]["cx"] - calibration.camera.parameters["cx"] == pytest.approx(9.0, abs=0.3)
     assert "\nPosition of array: " in calibration.verdict
-    with pytest.raises(evcal.Error, match="with_="):
-        evcal.calibrate(events, board=BOARD, sensor=truth.sensor, with_=events)
+    with pytest.warns(UserWarning, match="with_="):
+        alone = evcal.calibrate(events, board=BOARD, sensor=truth.sensor, with_=events)
+    assert len(alone.not_calibrated) == 1 and alone.camera.parameters == simulated[2].camera.parameters
 
 
 def test_a_recording_is_checked(events):

@@ -1,5 +1,8 @@
 """Arrays of events: whatever their fields are called."""
 
+import subprocess
+import sys
+
 import cv2
 import numpy as np
 import pytest
@@ -210,3 +213,29 @@ def test_mistakes_are_named():
 
 def test_no_events_are_no_error():
     assert len(camera().undistort_events(make(0))) == 0
+
+
+def test_events_that_do_not_fit_are_refused_with_the_limit(tmp_path):
+    events = np.tile(make(8_000), 1000)
+    events["t"] = np.arange(len(events))
+    np.save(tmp_path / "events.npy", events)
+    limited = f"""
+import re, resource
+import numpy as np
+import evcal
+file = {str(tmp_path / "events.npy")!r}
+events = np.load(file)
+used = 1024 * int(re.search(r"VmSize:\\s+(\\d+)", open("/proc/self/status").read())[1])
+for call in [lambda: evcal.read(file, sensor=(346, 260)), lambda: evcal.check(events, sensor=(346, 260))]:
+    resource.setrlimit(resource.RLIMIT_AS, (used + 100_000_000, resource.RLIM_INFINITY))
+    try:
+        call()
+    except MemoryError as error:
+        print(error)
+    resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    print(len(evcal.read(file, sensor=(346, 260))))
+"""
+    ended = subprocess.run([sys.executable, "-c", limited], capture_output=True, text=True, check=True)
+    first, count, second, again = ended.stdout.splitlines()
+    assert all("ulimit -v" in line and "need 0.13 GB" in line and "path" in line for line in [first, second])
+    assert count == again == "8000000"

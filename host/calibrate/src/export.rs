@@ -22,7 +22,9 @@ pub mod second_camera;
 pub mod static_transform;
 pub mod undistortion_table;
 
-use evcal_geometry::lens::camera_file::DescriptionError;
+use std::path::Path;
+
+use evcal_geometry::lens::camera_file::{self, CameraFileError, DescriptionError};
 
 use self::content::ExportFormat;
 use crate::result::calibrated_camera::CalibratedCamera;
@@ -55,6 +57,18 @@ pub fn files_beside(
     let with_unit = calibration.inertial.iter().flat_map(|unit| inertial::files(camera, unit, others));
     let with_unit = with_unit.map(|(name, text)| (name.to_owned(), text));
     Ok(with_unit.chain(second_camera::files(camera, others)?).collect())
+}
+
+/// Returns the files as [`files_beside`] does, from a calibration or its folder; none for another camera file.
+///
+/// # Errors
+/// [`CameraFileError`] if the file cannot be read or is not a camera file.
+pub fn read_files_beside(camera: &CalibratedCamera, path: &Path) -> Result<Vec<(String, String)>, CameraFileError> {
+    let path = &camera_file::camera_path(path);
+    match camera_file::version(path)? {
+        Some(_) => files_beside(camera, &camera_file::parse(path)?).map_err(|error| camera_file::wrong(path, error)),
+        None => Ok(Vec::new()),
+    }
 }
 
 /// Returns the format with this name.

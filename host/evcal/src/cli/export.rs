@@ -7,13 +7,12 @@ use clap::builder::PossibleValuesParser;
 use evcal_calibrate::export;
 use evcal_calibrate::export::content::Exported;
 use evcal_calibrate::export::undistortion_table::{ExportedTable, fit_table, ideal_of, table};
-use evcal_calibrate::export::{FORMATS, files_beside};
+use evcal_calibrate::export::{FORMATS, read_files_beside};
 use evcal_calibrate::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC, plain};
-use evcal_calibrate::result::calibration_file::CalibrationFile;
 use evcal_core::undistortion::IdealCamera;
 use evcal_files::folder::OutputFolder;
 use evcal_files::visible;
-use evcal_geometry::lens::camera_file::{self, camera_path};
+use evcal_geometry::lens::camera_file::camera_path;
 use evcal_geometry::lens::nearest::Replacement;
 
 use super::output_arguments::OutputArguments;
@@ -103,7 +102,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     };
     let calibration = camera_path(&arguments.calibration);
     let others = match arguments.format.as_deref() {
-        Some(ALL) => files_of_others(&calibration, &calibrated)?,
+        Some(ALL) => read_files_beside(&calibrated, &calibration)?,
         _ => Vec::new(),
     };
     arguments.results.check(outputs(arguments, &others).iter().map(PathBuf::as_path), &[&calibration])?;
@@ -121,15 +120,6 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         return print::json(&report);
     }
     Ok(())
-}
-
-/// Returns name and content of each file for the camera with its IMU or with the other cameras on its mount, if the calibration contains
-/// them; none if the file is not a calibration.
-fn files_of_others(path: &Path, camera: &CalibratedCamera) -> Result<Vec<(String, String)>, Box<dyn Error>> {
-    match camera_file::version(path)? {
-        Some(_) => Ok(files_beside(camera, &camera_file::parse::<CalibrationFile>(path)?)?),
-        None => Ok(Vec::new()),
-    }
 }
 
 /// Returns the files that the export will write, including `others`; none in a folder that does not exist yet.

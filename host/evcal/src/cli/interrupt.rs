@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
-use signal_hook::flag;
+use signal_hook::iterator::Signals;
 
 /// Exit code of an interrupted program, by the convention of shells.
 const INTERRUPTED: i32 = 130;
@@ -27,15 +27,18 @@ fn ignored() -> u64 {
 /// Installs a handler that removes unfinished files and ends the program on a signal.
 #[cfg(unix)]
 pub fn leave_nothing_unfinished() -> io::Result<()> {
-    let mut signals = signal_hook::iterator::Signals::new(ending())?;
-    std::thread::Builder::new().name("signals".to_owned()).spawn(move || {
-        if let Some(signal) = signals.forever().next() {
-            let _stopped = evcal_files::unfinished::remove_all();
-            // The default handler reports the signal to the shell.
-            let _ = signal_hook::low_level::emulate_default_handler(signal);
-            std::process::exit(INTERRUPTED);
-        }
-    })?;
+    on_each_signal(|signal| {
+        let _stopped = evcal_files::unfinished::remove_all();
+        // The default handler reports the signal to the shell.
+        let _ = signal_hook::low_level::emulate_default_handler(signal);
+        std::process::exit(INTERRUPTED);
+    })
+}
+
+/// Calls `react` for each signal that ends the program, on a thread of its own.
+fn on_each_signal(react: impl FnMut(i32) + Send + 'static) -> io::Result<()> {
+    let mut signals = Signals::new(ending())?;
+    std::thread::Builder::new().name("signals".to_owned()).spawn(move || signals.forever().for_each(react))?;
     Ok(())
 }
 
@@ -44,14 +47,16 @@ pub fn leave_nothing_unfinished() -> io::Result<()> {
 pub struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
-    /// Installs handlers for the signals.
+    /// Installs a handler for the signals: the first sets the flag; one that finds it set ends the program.
     pub fn catch() -> io::Result<Self> {
         let asked = Arc::new(AtomicBool::new(false));
-        for signal in ending() {
-            // The order matters: the first signal only sets the flag; the second finds it set and ends the program.
-            flag::register_conditional_shutdown(signal, INTERRUPTED, Arc::clone(&asked))?;
-            flag::register(signal, Arc::clone(&asked))?;
-        }
+        let flag = Arc::clone(&asked);
+        on_each_signal(move |_| {
+            if flag.swap(true, Ordering::Relaxed) {
+                let _stopped = evcal_files::unfinished::remove_all();
+                signal_hook::low_level::exit(INTERRUPTED);
+            }
+        })?;
         Ok(Self(asked))
     }
 

@@ -5,16 +5,21 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
+use usb_davis::capture::Capture;
+use usb_davis::emulator::umockdev::EmulatedBus;
 
 use super::command::{succeed, text};
+use super::emulated::{BOARD, camera, events, wait_for};
 
-const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
-const SIGNALS: [&str; 5] = ["TERM", "INT", "HUP", "XFSZ", "KILL"];
+/// The program raises ABRT itself when it gets no memory.
+const SIGNALS: [&str; 6] = ["TERM", "INT", "HUP", "XFSZ", "ABRT", "KILL"];
+/// Signals that leave the program no time to clean up.
+const AT_ONCE: [&str; 2] = ["ABRT", "KILL"];
 
 /// Every file below a folder, with its content.
 type Content = BTreeMap<PathBuf, Vec<u8>>;
@@ -48,20 +53,28 @@ fn moment(index: u32) -> f64 {
     if index.is_multiple_of(2) { share } else { 0.8 + 0.25 * share }
 }
 
-/// Starts the program and sends it a signal after `delay`.
-fn end_after(arguments: &[&str], signal: &str, delay: Duration) {
-    // Tests that run under nohup have HUP ignored, and so would the program.
+fn moments() -> u32 {
+    std::env::var("EVCAL_SIGNAL_MOMENTS").map_or(2, |count| count.parse().unwrap())
+}
+
+fn program(arguments: &[&str]) -> Command {
+    // Tests that run under nohup have HUP ignored, in the background of a shell INT, and so would the program.
     let mut command = Command::new("env");
-    command.args(["--default-signal=HUP", env!("CARGO_BIN_EXE_evcal")]).args(arguments);
-    let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    command.args(["--default-signal=HUP,INT", env!("CARGO_BIN_EXE_evcal")]).args(arguments);
+    command.stdout(Stdio::null()).stderr(Stdio::null());
+    command
+}
+
+/// Starts the program and sends it a signal after `delay`.
+fn end_after(program: &mut Command, signal: &str, delay: Duration) -> ExitStatus {
+    let mut child = program.spawn().unwrap();
     sleep(delay);
     assert!(Command::new("kill").args(["-s", signal, &child.id().to_string()]).status().unwrap().success());
-    child.wait().unwrap();
+    child.wait().unwrap()
 }
 
 /// Lets `new` replace what `old` wrote into `folder`, and ends it at many moments. Results that belong `together` are exchanged as one.
 fn end_at_every_moment(folder: &Path, old: &[&str], new: &[&str], together: bool) {
-    let moments = std::env::var("EVCAL_SIGNAL_MOMENTS").map_or(2, |count| count.parse().unwrap());
     fs::create_dir(folder).unwrap();
     succeed(old);
     let before = content(folder);
@@ -71,16 +84,15 @@ fn end_at_every_moment(folder: &Path, old: &[&str], new: &[&str], together: bool
     let after = content(folder);
     assert_ne!(before, after, "{new:?}");
     for signal in SIGNALS {
-        for index in 0..moments {
+        for index in 0..moments() {
             let delay = length.mul_f64(moment(index));
+            let is_at_once = AT_ONCE.contains(&signal);
             let told = format!("{signal} after {delay:?} of {length:?}: {new:?}");
             restore(folder, &before);
-            end_after(new, signal, delay);
+            end_after(&mut program(new), signal, delay);
             let found = content(folder);
             let is_whole = |(path, bytes): (&PathBuf, &Vec<u8>)| {
-                before.get(path) == Some(bytes)
-                    || after.get(path) == Some(bytes)
-                    || (signal == "KILL" && is_hidden(path))
+                before.get(path) == Some(bytes) || after.get(path) == Some(bytes) || (is_at_once && is_hidden(path))
             };
             let wrong: Vec<&PathBuf> = found.iter().filter(|file| !is_whole(*file)).map(|(path, _)| path).collect();
             assert!(wrong.is_empty(), "{told}: {wrong:?}");
@@ -91,7 +103,7 @@ fn end_at_every_moment(folder: &Path, old: &[&str], new: &[&str], together: bool
                 let is_there = |path: &PathBuf| !before.contains_key(path) || found.contains_key(path);
                 assert!(before.keys().all(is_there), "{told}: something is gone");
             }
-            if signal == "KILL" {
+            if is_at_once {
                 succeed(new);
                 let again = content(folder);
                 assert!(again == after, "{told}: after the next run there are {:?}", again.keys());
@@ -169,4 +181,49 @@ fn exports_and_a_board() {
     let board = ["board", "--pdf", text(&pdf), "--svg", text(&svg), "--force", "--paper"];
     let [old, new] = [["a4"], ["a3"]].map(|more| [&board[..], &more].concat());
     end_at_every_moment(&folder, &old, &new, false);
+}
+
+/// A recording has everything that the camera sent before the signal; only a signal that ends the program at once may cut the last transfer.
+#[test]
+fn a_recording_of_a_camera() {
+    let sent: Vec<u8> = events(9_000_000).flat_map(|piece| piece.bytes).collect();
+    // At full speed the camera drops nothing.
+    let bus = EmulatedBus::start(camera(9_000_000)).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("recording.dvraw");
+    let began = Instant::now();
+    let mut first = program(&["record", text(&path)]).envs(bus.environment()).spawn().unwrap();
+    wait_for("the recording", || fs::metadata(&path).is_ok_and(|file| file.len() > sent.len() as u64));
+    let length = began.elapsed();
+    first.kill().unwrap();
+    first.wait().unwrap();
+    fs::remove_file(&path).unwrap();
+    let mut recorded = 0;
+    for signal in SIGNALS {
+        for index in 0..moments() {
+            let delay = length.mul_f64(moment(index));
+            let ended = end_after(program(&["record", text(&path)]).envs(bus.environment()), signal, delay);
+            let told = format!("{signal} after {delay:?} of {length:?}: {ended}");
+            let names: Vec<PathBuf> = content(directory.path()).into_keys().collect();
+            if names.is_empty() {
+                assert!(!ended.success(), "{told}: nothing was recorded");
+                continue;
+            }
+            assert_eq!(names, [path.as_path()], "{told}");
+            let is_at_once = AT_ONCE.contains(&signal);
+            assert_eq!(ended.success(), !is_at_once, "{told}");
+            let mut capture = Capture::open(&path).unwrap_or_else(|error| panic!("{told}: {error}"));
+            let mut found = Vec::new();
+            while let Some(transfer) = capture.next_transfer().unwrap() {
+                found.extend_from_slice(transfer.payload);
+            }
+            let damage = capture.damage();
+            assert!(is_at_once || damage.unfinished == 0, "{told}: {damage:?}");
+            assert_eq!((damage.bytes, damage.places), (0, 0), "{told}");
+            assert!(sent.starts_with(&found), "{told}: {} bytes", found.len());
+            recorded += found.len();
+            fs::remove_file(&path).unwrap();
+        }
+    }
+    assert!(recorded > 0, "no run recorded anything");
 }
