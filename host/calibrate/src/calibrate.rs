@@ -47,6 +47,7 @@ use self::step::Step;
 use self::still_views::AtRest;
 use crate::advice::{self, Wording};
 use crate::calibrate::input::Input;
+use crate::detection::still_views::LEAST_TIME;
 use crate::initial::model_choice::ModelRequest;
 use crate::settings::Settings;
 use crate::solve::SolveError;
@@ -128,9 +129,8 @@ pub fn calibrate(
 ) -> Result<Calibrated, CalibrateError> {
     let progress = Progress::new(task.inputs, &mut progress);
     let calibrated = match task.pictures {
-        PictureUse::Witness | PictureUse::Ignore => calibrate_moved_or_blinking(task, &progress),
-        PictureUse::Joint | PictureUse::SecondCamera => events::calibrate(task, &progress),
         PictureUse::Only => pictures::calibrate(task, &progress),
+        _ => calibrate_moved_or_blinking(task, &progress),
     };
     let held = task.parameters.fixed_intrinsics.iter().any(Option::is_some);
     calibrated.map_err(|error| match error {
@@ -143,7 +143,7 @@ pub fn calibrate(
 fn calibrate_moved_or_blinking(task: &Task, progress: &Progress) -> Result<Calibrated, CalibrateError> {
     let mut at_rest = None;
     if still_views::begins_at_rest(task) {
-        match still_views::calibrate(task, progress)? {
+        match still_views::calibrate(task, LEAST_TIME, progress)? {
             AtRest::Calibrated(calibrated) => return Ok(*calibrated),
             other => at_rest = Some(other),
         }
@@ -153,7 +153,10 @@ fn calibrate_moved_or_blinking(task: &Task, progress: &Progress) -> Result<Calib
             return Err(error);
         }
         // The camera may have been carried about before it was put down.
-        let at_rest = at_rest.map_or_else(|| still_views::calibrate(task, progress), Ok)?;
+        let at_rest = match at_rest {
+            Some(at_rest @ AtRest::WithoutBoard(_)) => at_rest,
+            _ => still_views::calibrate(task, 0.0, progress)?,
+        };
         match (at_rest, error) {
             (AtRest::Calibrated(calibrated), _) => Ok(*calibrated),
             (AtRest::WithoutBoard(views), CalibrateError::NoPattern(error)) => {

@@ -10,7 +10,7 @@ use event_recordings::pictures::{GreyImage, NoImage, TimedImage};
 use nalgebra::Vector2;
 
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
-use crate::detection::pictures::search::{PictureSearch, PictureSearchReport};
+use crate::detection::pictures::search::{MadeOf, PictureSearch, PictureSearchReport};
 use crate::detection::pictures::settings::PictureSettings;
 use crate::detection::settings::DetectionSettings;
 
@@ -112,7 +112,7 @@ fn search(
     variant: fn(&Picture) -> Picture,
 ) -> FoundInViews {
     let fewest = settings.fewest_circles(&board.lattice());
-    let mut search = PictureSearch::new(board, fewest, pictures.max_radius);
+    let mut search = PictureSearch::new(board, MadeOf::Events, fewest, pictures.max_radius);
     for (number, views) in views.iter().enumerate() {
         let hand_on = |visit: &mut dyn FnMut(TimedImage)| {
             views.iter().map(|view| changed(view, variant)).for_each(visit);
