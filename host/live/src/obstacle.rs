@@ -11,12 +11,11 @@ use evcal_calibrate::circles::reference_frame::UnorderedFrame;
 use evcal_calibrate::detection::other_board::{OtherReading, other_reading};
 use evcal_calibrate::detection::pictures::settings::PictureSettings;
 use evcal_calibrate::detection::settings::DetectionSettings;
-use evcal_calibrate::detection::still_views::StillViews;
 use evcal_calibrate::detection::still_views::search::search_views;
+use evcal_calibrate::detection::still_views::{StillView, StillViews};
 use evcal_calibrate::detection::{CircleWindow, DetectionReport, DetectionStage, NoCircle};
 use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::numerics::statistics::median;
-use event_recordings::pictures::TimedImage;
 
 /// Time without the board after which its absence is explained (s), also the interval between explanations.
 const PATIENCE: f64 = 1.0;
@@ -172,7 +171,7 @@ fn stands_at_edge(window: &CircleWindow, sensor: Sensor) -> bool {
 }
 
 /// Returns `true` if the last of the `views` of a camera at rest shows the board.
-fn shows(views: &[TimedImage], board: &Board, settings: &DetectionSettings) -> bool {
+fn shows(views: &[StillView], board: &Board, settings: &DetectionSettings) -> bool {
     let last = views.last().into_iter().cloned().collect();
     !search_views(board, settings, &PictureSettings::default(), &[last]).frames.is_empty()
 }

@@ -5,7 +5,6 @@ use std::ops::ControlFlow;
 use evcal_core::sensor::Sensor;
 use event_recordings::given_sensor::check_outside;
 use event_recordings::pass::RecordingReport;
-use event_recordings::pictures::TimedImage;
 
 use super::calibrated::Calibrated;
 use super::detected::{Fingerprints, common_sensor};
@@ -15,7 +14,7 @@ use super::pictures::{SeenPictures, calibrate_seen};
 use super::progress::Progress;
 use super::{PictureUse, Task};
 use crate::detection::still_views::search::{FoundInViews, search_views};
-use crate::detection::still_views::{FEWEST_VIEWS, LEAST_TIME, StillViews, duration};
+use crate::detection::still_views::{FEWEST_VIEWS, LEAST_TIME, StillView, StillViews, duration};
 use crate::diagnosis::fingerprint::Fingerprint;
 use crate::initial::InitialSettings;
 use crate::picture_calibration::calibration::PictureSource;
@@ -35,7 +34,7 @@ pub(super) enum AtRest {
 struct Views {
     sensor: Sensor,
     /// One entry for each recording.
-    views: Vec<Vec<TimedImage>>,
+    views: Vec<Vec<StillView>>,
     recordings: Vec<RecordingReport>,
     starts: Vec<f64>,
 }
