@@ -70,7 +70,7 @@ pub(super) fn calibrate(task: &Task, least_time: f64, progress: &Progress) -> Re
         let is_at_rest = frames.is_empty() && report.frames > 0 && at_rest >= LEAST_TIME * time;
         return Ok(if is_at_rest { AtRest::WithoutBoard(report.frames) } else { AtRest::Moved });
     }
-    if matches!(task.pictures, PictureUse::Joint | PictureUse::SecondCamera) {
+    if matches!(task.pictures, PictureUse::Joint | PictureUse::SecondCamera) && frames.len() >= FEWEST_VIEWS {
         return Err(CalibrateError::BlinkingWithFrames { views: frames.len() });
     }
     let seen = SeenPictures { frames, report, starts: views.starts };

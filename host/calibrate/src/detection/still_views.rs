@@ -29,6 +29,8 @@ const LEAST_CORRELATION: f64 = 0.85;
 const COMPARED: usize = 2;
 /// Numbers of events below this share of the usual one are taken for noise when blocks are compared.
 const NOISE: f64 = 0.3;
+/// Largest ratio of variance to mean of the numbers of events in small squares, if the events are noise; 1 without hot pixels.
+const MOST_RANDOM: f64 = 1.5;
 /// In so short a time (µs) a screen changes at most once.
 const MOMENT: i64 = 5_000;
 /// Most views that are kept; a calibration needs a tenth of them.
@@ -45,6 +47,8 @@ pub struct StillViews {
     block: Block,
     view: Option<OpenView>,
     views: Vec<StillView>,
+    /// Time before which the block has noise only.
+    noise_until: i64,
     /// Some block was not like the one before.
     has_moved: bool,
 }
@@ -97,7 +101,14 @@ impl StillViews {
     /// For a recording of this sensor.
     pub fn new(sensor: Sensor) -> Self {
         let pixels = usize::from(sensor.width) * usize::from(sensor.height);
-        Self { sensor, block: Block::new(pixels), view: None, views: Vec::new(), has_moved: false }
+        Self {
+            sensor,
+            block: Block::new(pixels),
+            view: None,
+            views: Vec::new(),
+            noise_until: i64::MIN,
+            has_moved: false,
+        }
     }
 
     /// Takes the next events, in order of time.
@@ -107,8 +118,10 @@ impl StillViews {
                 (self.block.start, self.block.end) = (event.t, event.t);
             }
             let length = event.t.saturating_sub(self.block.start);
-            let is_full = self.block.events >= self.fewest_events();
-            if length >= BLOCK && is_full || length >= LONGEST_BLOCK {
+            let is_full = self.block.events >= self.fewest_events() && event.t >= self.noise_until;
+            if is_full && length >= BLOCK && length < LONGEST_BLOCK && self.block.is_noise(self.sensor) {
+                self.noise_until = event.t.saturating_add(BLOCK / 2);
+            } else if is_full && length >= BLOCK || length >= LONGEST_BLOCK {
                 self.end_block(is_full);
                 (self.block.start, self.block.end) = (event.t, event.t);
             }
@@ -236,8 +249,27 @@ impl Block {
         }
     }
 
+    /// Returns `true` if the events are spread at random over the sensor.
+    fn is_noise(&self, sensor: Sensor) -> bool {
+        let sums = self.sums(sensor);
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for &count in &sums {
+            sum += f64::from(count);
+            squares += f64::from(count) * f64::from(count);
+        }
+        let mean = sum / sums.len().max(1) as f64;
+        squares / sum - mean < MOST_RANDOM
+    }
+
     /// The numbers of events in small squares, less noise; their roots, so that they vary alike everywhere.
     fn compared(&self, sensor: Sensor) -> Vec<f64> {
+        let sums = self.sums(sensor);
+        let noise = NOISE * usual_count(&sums).unwrap_or(0.0);
+        sums.iter().map(|&sum| (f64::from(sum) - noise).max(0.0).sqrt()).collect()
+    }
+
+    /// The numbers of events in small squares.
+    fn sums(&self, sensor: Sensor) -> Vec<u32> {
         let columns = usize::from(sensor.width).div_ceil(COMPARED);
         let rows = usize::from(sensor.height).div_ceil(COMPARED);
         let mut sums = vec![0_u32; columns * rows];
@@ -248,8 +280,7 @@ impl Block {
                 }
             }
         }
-        let noise = NOISE * usual_count(&sums).unwrap_or(0.0);
-        sums.iter().map(|&sum| (f64::from(sum) - noise).max(0.0).sqrt()).collect()
+        sums
     }
 
     fn view(&self, sensor: Sensor) -> Option<StillView> {
@@ -357,6 +388,15 @@ mod tests {
             let at = |x: usize, y: usize| image.get(x, y).unwrap();
             assert!(at(30, 30) > 150 && at(42, 30) < 20 && at(30, 42) < 20 && at(42, 42) > 150 && at(5, 80) < 20);
         }
+    }
+
+    /// Between two changes of the light there is only noise.
+    #[test]
+    fn slow_blinking_in_noise_is_a_view() {
+        let pixels = f64::from(SENSOR.width) * f64::from(SENSOR.height);
+        let views = views(&noisy_squares(3.0, 2.0, 2.0 * pixels, |_| 0.0));
+        let [view] = &views[..] else { panic!("{} views", views.len()) };
+        assert!(duration(view) > 2.0, "{}", duration(view));
     }
 
     /// Ten events of every pixel per second are usual in dim light. They used to end every view.

@@ -134,8 +134,8 @@ fn search(
     let mut search = PictureSearch::new(board, MadeOf::Events, fewest, scale * pictures.max_radius);
     for (number, views) in views.iter().enumerate() {
         let hand_on = |visit: &mut dyn FnMut(TimedImage)| {
-            let enlarged = |picture: &Picture| if factor > 1 { picture.enlarged(factor) } else { picture.clone() };
-            views.iter().map(|view| changed(view, |picture| enlarged(&variant(picture)))).for_each(visit);
+            let enlarged = |picture: &Picture| variant(picture).enlarged(factor);
+            views.iter().map(|view| changed(view, enlarged)).for_each(visit);
             Ok(None)
         };
         let Ok(_) = search.search::<Infallible>(number, Some(0), hand_on);
