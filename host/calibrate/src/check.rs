@@ -23,7 +23,7 @@ use crate::detection::radius::{OtherRadius, other_radius};
 use crate::detection::search::{FoundContent, SearchFor, search_events};
 use crate::detection::settings::DetectionSettings;
 use crate::detection::still_views::search::search_views;
-use crate::detection::still_views::{LEAST_TIME, StillViews, duration};
+use crate::detection::still_views::{FEWEST_VIEWS, LEAST_TIME, StillViews, duration};
 use crate::detection::{DetectionReport, LARGEST_SENSOR, NoPattern};
 use crate::diagnosis::bad_pixels::{BadPixels, PixelCounter, Repetition};
 use crate::diagnosis::information::{Information, gather_events};
@@ -166,10 +166,10 @@ pub fn check(
             (repeated, rounded) = (pixels.repeated, pixels.rounded);
             let looked_at = LookedAt { parts: &looked_at, beginning: &beginning };
             Some(match look_at_views(&read, sensor, board, settings, pictures)? {
-                Some(views) if views.at_rest >= LEAST_TIME => views.seen,
+                // Between its views the camera may have been carried.
+                Some(views) if views.at_rest >= LEAST_TIME || views.seen.found >= FEWEST_VIEWS as u64 => views.seen,
                 views => {
                     let seen = look(looked_at, sensor, slots, board, settings)?;
-                    // A short part of a recording may be views of a board that blinks.
                     views.map(|views| views.seen).filter(|views| seen.found == 0 && views.found > 0).unwrap_or(seen)
                 }
             })

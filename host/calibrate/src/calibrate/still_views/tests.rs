@@ -136,7 +136,7 @@ fn a_board_cut_by_the_border_calibrates_as_well_as_stated() {
     let mut random = ChaCha8Rng::seed_from_u64(7);
     let poses = poses(&board, 12, NEAR, &mut random);
     let is_outside = |pose: &&Isometry3<f64>| {
-        let pixel = |index| truth().project(&(**pose * board.point(index).push(0.0).into()).coords);
+        let pixel = |index| truth().project(&(**pose * Point3::from(board.point(index).push(0.0))).coords);
         let visible = |place: Vector2<f64>| place >= Vector2::zeros() && place < Vector2::new(239.0, 179.0);
         (0..board.point_count()).any(|index| !pixel(index).is_some_and(visible))
     };
