@@ -75,6 +75,9 @@ pub struct GridOptions {
     pub maximum_outside: usize,
     /// Largest scatter of the circles about a smooth lattice, as a fraction of the distance of neighbours.
     pub maximum_scatter: f64,
+    /// `true` if a missed circle says nothing about its neighbours, as in a picture of a board at rest. Then a row that is
+    /// missing within the image shows where the board ends. A row that moves along itself is missed as a whole.
+    pub independent_misses: bool,
 }
 
 impl GridOptions {
@@ -96,6 +99,7 @@ impl GridOptions {
             minimum_odds: 5000.0,
             maximum_outside: (if side < 2 { 2 } else { side }) - 1,
             maximum_scatter: 0.1,
+            independent_misses: false,
         }
     }
 }

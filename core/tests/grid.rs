@@ -4,8 +4,8 @@
 mod grid_views;
 
 use evcal_core::grid::{
-    FoundGrid, GridCandidate, GridError, GridOptions, GridWorkspace, LatticeSite, Ordering, find_grid, find_grid_near,
-    find_lattice, reorder, symmetry,
+    FoundGrid, GridCandidate, GridCircle, GridError, GridOptions, GridWorkspace, LatticeSite, Ordering, find_grid,
+    find_grid_near, find_lattice, reorder, symmetry,
 };
 use evcal_core::pattern::{Layout, Pattern};
 use grid_views::{Lens, Random, SIZE, Setting, View, view};
@@ -140,6 +140,28 @@ fn lines_missed_as_a_whole_do_not_shift_the_board() {
             }
         }
     }
+}
+
+/// The first row is above the image. One row farther down, the board would have a row that is missing within the image.
+#[test]
+fn a_row_missing_at_rest_shows_where_the_board_ends() {
+    let pattern = symmetric(7, 6);
+    let image_size = (200.0, 200.0);
+    let pixel = |circle: usize| {
+        let (x, y) = pattern.lattice_position(circle);
+        Vector2::new(30.0 + 20.0 * f64::from(x), 20.0 * f64::from(y) - 10.0)
+    };
+    let visible: Vec<usize> = (0..pattern.circle_count()).filter(|&circle| pixel(circle).y > 0.0).collect();
+    let candidates: Vec<_> =
+        visible.iter().map(|&circle| GridCandidate { center: pixel(circle), radius: 6.0 }).collect();
+    let mut workspace = GridWorkspace::<f64, 128>::new();
+    let in_motion = GridOptions::new(&pattern, image_size);
+    let found = find_grid(&candidates, &pattern, &in_motion, &mut workspace);
+    assert!(matches!(found, Err(GridError::AmbiguousPlacement { .. })), "{found:?}");
+    let at_rest = GridOptions { independent_misses: true, ..in_motion };
+    let found = find_grid(&candidates, &pattern, &at_rest, &mut workspace).unwrap();
+    let circle = |circle: &GridCircle| visible.get(usize::from(circle.candidate)) == Some(&usize::from(circle.board));
+    assert!(found.circles.len() == visible.len() && found.circles.iter().all(circle), "{found:?}");
 }
 
 #[test]

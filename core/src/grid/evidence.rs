@@ -6,8 +6,9 @@
 //! of the detector; a circle beyond the border of the image is not. If the border might cut the board, a single point
 //! is therefore not decisive.
 //!
-//! Missing circles count against a placement, never for it. Misses are not independent: a row that moves along itself,
-//! or lies on the axis of the motion, is missed as a whole, and the board would be placed one row off.
+//! In motion, missing circles count against a placement, never for another. Misses are not independent: a row that moves
+//! along itself, or lies on the axis of the motion, is missed as a whole, and the board would be placed one row off.
+//! In pictures of a board at rest they are ([`GridOptions::independent_misses`]).
 
 use heapless::Vec;
 use nalgebra::RealField;
@@ -91,8 +92,9 @@ pub(super) fn decide<T: RealField + Copy, const N: usize>(
     let needed: T = nalgebra::convert::<f64, T>(options.minimum_odds.max(1.0)).ln();
     for rival in rivals.iter().filter(|rival| rival.placement != best.placement) {
         let points = best.placement.inside as f64 - rival.placement.inside as f64 - against as f64;
-        let missed_more = best.missed.saturating_sub(rival.missed);
-        let against_misses = per_miss * nalgebra::convert(missed_more as f64);
+        let missed_more = best.missed as f64 - rival.missed as f64;
+        let missed_more = if options.independent_misses { missed_more } else { missed_more.max(0.0) };
+        let against_misses = per_miss * nalgebra::convert(missed_more);
         if per_point * nalgebra::convert(points) - against_misses < needed {
             let (best, runner_up) = (best.placement.inside, rival.placement.inside);
             return Err(GridError::AmbiguousPlacement { best, runner_up });

@@ -29,6 +29,7 @@ pub fn find<T: RealField + Copy>() {
         minimum_odds: black_box(1.0),
         maximum_outside: black_box(1),
         maximum_scatter: black_box(1.0),
+        independent_misses: black_box(true),
     };
     black_box(GridOptions::new(&pattern, black_box((1.0, 1.0))));
     black_box(find_grid(candidates, &pattern, &options, workspace).is_ok());

@@ -47,9 +47,11 @@ use self::step::Step;
 use self::still_views::AtRest;
 use crate::advice::{self, Wording};
 use crate::calibrate::input::Input;
+use crate::detection::still_views::LEAST_TIME;
 use crate::initial::model_choice::ModelRequest;
 use crate::settings::Settings;
 use crate::solve::SolveError;
+use crate::trust::verdict::Grade;
 use evcal_geometry::board::Board;
 
 /// Use of the camera's own pictures, if the recordings contain any.
@@ -128,9 +130,8 @@ pub fn calibrate(
 ) -> Result<Calibrated, CalibrateError> {
     let progress = Progress::new(task.inputs, &mut progress);
     let calibrated = match task.pictures {
-        PictureUse::Witness | PictureUse::Ignore => calibrate_moved_or_blinking(task, &progress),
-        PictureUse::Joint | PictureUse::SecondCamera => events::calibrate(task, &progress),
         PictureUse::Only => pictures::calibrate(task, &progress),
+        _ => calibrate_moved_or_blinking(task, &progress),
     };
     let held = task.parameters.fixed_intrinsics.iter().any(Option::is_some);
     calibrated.map_err(|error| match error {
@@ -143,23 +144,31 @@ pub fn calibrate(
 fn calibrate_moved_or_blinking(task: &Task, progress: &Progress) -> Result<Calibrated, CalibrateError> {
     let mut at_rest = None;
     if still_views::begins_at_rest(task) {
-        match still_views::calibrate(task, progress)? {
+        match still_views::calibrate(task, LEAST_TIME, progress)? {
             AtRest::Calibrated(calibrated) => return Ok(*calibrated),
             other => at_rest = Some(other),
         }
     }
-    events::calibrate(task, progress).or_else(|error| {
-        if !error.is_of_what_was_seen() {
-            return Err(error);
+    let moved = events::calibrate(task, progress);
+    let may_have_blinked = match &moved {
+        Ok(calibrated) => calibrated.verdict.grade == Grade::NotGood,
+        Err(error) => error.is_of_what_was_seen(),
+    };
+    if !may_have_blinked {
+        return moved;
+    }
+    // The camera may have been carried about before it was put down, and from one place to the next.
+    let at_rest = match at_rest {
+        Some(at_rest @ AtRest::WithoutBoard(_)) => Ok(at_rest),
+        _ => still_views::calibrate(task, 0.0, progress),
+    };
+    match (at_rest, moved) {
+        (Ok(AtRest::Calibrated(calibrated)), _) => Ok(*calibrated),
+        (Err(error @ (CalibrateError::Stopped | CalibrateError::BlinkingWithFrames { .. })), _) => Err(error),
+        (Err(error), Err(_)) => Err(error),
+        (Ok(AtRest::WithoutBoard(views)), Err(CalibrateError::NoPattern(error))) => {
+            Err(CalibrateError::NoPattern(error.at_rest(views)))
         }
-        // The camera may have been carried about before it was put down.
-        let at_rest = at_rest.map_or_else(|| still_views::calibrate(task, progress), Ok)?;
-        match (at_rest, error) {
-            (AtRest::Calibrated(calibrated), _) => Ok(*calibrated),
-            (AtRest::WithoutBoard(views), CalibrateError::NoPattern(error)) => {
-                Err(CalibrateError::NoPattern(error.at_rest(views)))
-            }
-            (_, error) => Err(error),
-        }
-    })
+        (_, moved) => moved,
+    }
 }

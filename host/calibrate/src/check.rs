@@ -23,7 +23,7 @@ use crate::detection::recognised::{Recognised, find_board};
 use crate::detection::search::{FoundContent, SearchFor, search_events};
 use crate::detection::settings::DetectionSettings;
 use crate::detection::still_views::search::search_views;
-use crate::detection::still_views::{LEAST_TIME, StillViews, duration};
+use crate::detection::still_views::{FEWEST_VIEWS, LEAST_TIME, StillViews, duration};
 use crate::detection::{DetectionReport, LARGEST_SENSOR, NoPattern};
 use crate::diagnosis::bad_pixels::{BadPixels, PixelCounter, Repetition};
 use crate::diagnosis::information::{Information, gather_events};
@@ -39,6 +39,8 @@ const MOST_EVENTS: u64 = 4_000_000;
 const PARTS: i64 = 8;
 /// Largest number of events that are counted.
 const MOST_READ: u64 = 100_000_000;
+/// Largest number of views that are searched for the board: even ones of a recording.
+const MOST_VIEWS: usize = 48;
 /// Fewest circles of a window without a known board.
 const FEWEST_CIRCLES: usize = 8;
 /// Length of the time slots in which the board is counted as seen or not (s).
@@ -163,8 +165,14 @@ pub fn check(
             let (pixels, slots) = count_events(&looked_at, sensor)?;
             (repeated, rounded) = (pixels.repeated, pixels.rounded);
             let looked_at = LookedAt { parts: &looked_at, beginning: &beginning };
-            let at_rest = look_at_views(&beginning, sensor, board, settings, pictures)?;
-            Some(at_rest.map_or_else(|| look(looked_at, sensor, slots, board, settings), Ok)?)
+            Some(match look_at_views(&read, sensor, board, settings, pictures)? {
+                // Between its views the camera may have been carried.
+                Some(views) if views.at_rest >= LEAST_TIME || views.seen.found >= FEWEST_VIEWS as u64 => views.seen,
+                views => {
+                    let seen = look(looked_at, sensor, slots, board, settings)?;
+                    views.map(|views| views.seen).filter(|views| seen.found == 0 && views.found > 0).unwrap_or(seen)
+                }
+            })
         }
         _ => None,
     };
@@ -291,24 +299,31 @@ fn look(
     })
 }
 
-/// Searches the views of a camera at rest; `None` if the camera was hardly ever at rest.
+/// Views of a camera at rest.
+struct SeenViews {
+    /// Share of the time that they fill.
+    at_rest: f64,
+    seen: Seen,
+}
+
+/// Searches the views of a camera at rest; `None` if it never was.
 fn look_at_views(
     recording: &Recording,
     sensor: Sensor,
     board: Option<&Board>,
     settings: &DetectionSettings,
     pictures: &PictureSettings,
-) -> Result<Option<Seen>, RecordingError> {
+) -> Result<Option<SeenViews>, RecordingError> {
     let mut views = StillViews::new(sensor);
-    let pass = read_while(recording, &mut |batch| {
-        views.push(batch.events);
-        if views.begins_at_rest() == Some(false) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    })?;
-    let views = views.finish();
+    let pass = read_recording(recording, &mut |events| views.push(events))?;
+    let mut views = views.finish();
     let time = pass.last.saturating_sub(pass.first) as f64 * 1e-6;
-    if views.is_empty() || views.iter().map(duration).sum::<f64>() < LEAST_TIME * time {
+    if views.is_empty() || time <= 0.0 {
         return Ok(None);
     }
+    let at_rest = views.iter().map(duration).sum::<f64>() / time;
+    let step = views.len().div_ceil(MOST_VIEWS);
+    views = views.into_iter().step_by(step).collect();
     let count = views.len() as u64;
     let found = board.map(|board| search_views(board, settings, pictures, &[views]));
     let frames = found.as_ref().map_or(&[][..], |found| &found.frames);
@@ -319,7 +334,7 @@ fn look_at_views(
         let no_pattern = DetectionReport::default().no_pattern(settings.window.max_interval, None);
         BoardFailure::NoPattern(no_pattern.at_rest(count))
     });
-    Ok(Some(Seen {
+    let seen = Seen {
         is_at_rest: true,
         recognised: None,
         board: board.map(ToString::to_string),
@@ -330,7 +345,8 @@ fn look_at_views(
         edges: None,
         exchanged: None,
         failure,
-    }))
+    };
+    Ok(Some(SeenViews { at_rest, seen }))
 }
 
 /// Serialises the name of a layout, such as `acircles:9x4`, or a board of squares in the size of an example.

@@ -9,7 +9,10 @@ use nalgebra::Vector2;
 use crate::health::noise::NoiseMeter;
 use evcal_calibrate::circles::reference_frame::UnorderedFrame;
 use evcal_calibrate::detection::other_board::{OtherReading, other_reading};
+use evcal_calibrate::detection::pictures::settings::PictureSettings;
 use evcal_calibrate::detection::settings::DetectionSettings;
+use evcal_calibrate::detection::still_views::search::search_views;
+use evcal_calibrate::detection::still_views::{StillView, StillViews};
 use evcal_calibrate::detection::{CircleWindow, DetectionReport, DetectionStage, NoCircle};
 use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::numerics::statistics::median;
@@ -56,6 +59,8 @@ pub enum Obstacle {
     OtherBoard(OtherReading),
     /// There are circles, but they are not the board's.
     NoBoard,
+    /// The board is in view, at rest, and blinks.
+    Blinks,
 }
 
 impl fmt::Display for Obstacle {
@@ -68,6 +73,9 @@ impl fmt::Display for Obstacle {
             Self::TooFar => f.write_str("the circles are too small: bring the board closer"),
             Self::CutOff => f.write_str("only a part of the board is in view: move it to the middle"),
             Self::OtherBoard(other) => write!(f, "{other}"),
+            Self::Blinks => f.write_str(
+                "this board blinks: hold still for half a second in each of six or more places, from all sides, and calibrate the recording at the end",
+            ),
             Self::NoBoard => f.write_str("circles, but not those of the board: is it flat, and is it described right?"),
         }
     }
@@ -162,10 +170,18 @@ fn stands_at_edge(window: &CircleWindow, sensor: Sensor) -> bool {
     })
 }
 
+/// Returns `true` if the last of the `views` of a camera at rest shows the board.
+fn shows(views: &[StillView], board: &Board, settings: &DetectionSettings) -> bool {
+    let last = views.last().into_iter().cloned().collect();
+    !search_views(board, settings, &PictureSettings::default(), &[last]).frames.is_empty()
+}
+
 /// Explains at intervals why a board is not found.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub struct Explainer {
     moment: Vec<Event>,
+    /// Since the last explanation.
+    views: Option<StillViews>,
     /// Time at which the board was last seen, or its absence last explained (s).
     settled: f64,
     explanation: Option<Explanation>,
@@ -175,13 +191,18 @@ impl Explainer {
     /// Adds the next events.
     pub fn push(&mut self, events: &[Event], board: &Board, sensor: Sensor, settings: &DetectionSettings) {
         let Some(now) = events.last().map(|event| event.t as f64 * 1e-6) else { return };
+        self.views.get_or_insert_with(|| StillViews::new(sensor)).push(events);
         if now - self.settled < PATIENCE {
             return;
         }
         self.moment.extend_from_slice(events);
         let start = self.moment.first().map_or(now, |event| event.t as f64 * 1e-6);
         if now - start >= MOMENT || self.moment.len() > MOST_EVENTS {
-            self.explanation = Some(explain(&self.moment, board, sensor, settings));
+            let views = self.views.take().map(StillViews::finish);
+            self.explanation = Some(match views.is_some_and(|views| shows(&views, board, settings)) {
+                true => Explanation { obstacle: Obstacle::Blinks, circles: Vec::new() },
+                false => explain(&self.moment, board, sensor, settings),
+            });
             self.moment.clear();
             self.settled = now;
         }
@@ -190,6 +211,7 @@ impl Explainer {
     /// Records that the board was seen at this time (s).
     pub fn found(&mut self, t: f64) {
         self.moment.clear();
+        self.views = None;
         self.explanation = None;
         self.settled = self.settled.max(t);
     }
@@ -197,6 +219,7 @@ impl Explainer {
     /// Records that no event arrived for a while.
     pub fn silence(&mut self) {
         self.moment.clear();
+        self.views = None;
         self.explanation = Some(Explanation { obstacle: Obstacle::NoEvents, circles: Vec::new() });
     }
 

@@ -148,6 +148,14 @@ pub enum CalibrateError {
     /// The views of a board that blinks do not yield a calibration.
     #[error("no calibration from a board that blinks: {0}")]
     Views(NoPictureCalibration),
+    /// The board blinks, and frames were requested beside the events.
+    #[error(
+        "the board blinks in front of a camera at rest ({views} views show it): frames are solved only together with events of a board that moves"
+    )]
+    BlinkingWithFrames {
+        /// Number of views with the board.
+        views: usize,
+    },
     /// Pictures and events of the same moment do not show the same.
     #[error("frames and events cannot be solved together: {}; {}", .0, .0.advice())]
     PicturesMisaligned(Misalignment),
@@ -170,6 +178,7 @@ impl CalibrateError {
                 | Self::Solve(_)
                 | Self::Pictures(_)
                 | Self::Views(_)
+                | Self::BlinkingWithFrames { .. }
                 | Self::PicturesMisaligned(_)
                 | Self::JointPictures(_)
         )

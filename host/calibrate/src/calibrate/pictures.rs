@@ -11,7 +11,7 @@ use super::progress::Progress;
 use super::{PictureUse, Task};
 use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
-use crate::detection::pictures::search::{PictureSearch, PictureSearchReport};
+use crate::detection::pictures::search::{MadeOf, PictureSearch, PictureSearchReport};
 use crate::initial::model_choice::{CANDIDATES, ModelRequest, choose_model};
 use crate::picture_calibration::alignment::{Misalignment, misalignment};
 use crate::picture_calibration::calibration::{
@@ -100,7 +100,7 @@ fn is_in_the_way(pictures: PictureUse, misalignment: &Misalignment) -> bool {
 fn see_pictures(task: &Task, files: Files, progress: &Progress) -> Result<SeenPictures, CalibrateError> {
     let Files { starts, without_pictures: without } = files;
     let fewest = task.settings.detection.fewest_circles(&task.board.lattice());
-    let mut detection = PictureSearch::new(task.board, fewest, task.settings.frames.max_radius);
+    let mut detection = PictureSearch::new(task.board, MadeOf::Light, fewest, task.settings.frames.max_radius);
     let mut origins = Vec::new();
     for (number, input) in task.inputs.iter().enumerate() {
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);

@@ -5,17 +5,16 @@ use std::ops::ControlFlow;
 use evcal_core::sensor::Sensor;
 use event_recordings::given_sensor::check_outside;
 use event_recordings::pass::RecordingReport;
-use event_recordings::pictures::TimedImage;
 
-use super::Task;
 use super::calibrated::Calibrated;
 use super::detected::{Fingerprints, common_sensor};
 use super::error::CalibrateError;
 use super::input::{Input, read_events};
 use super::pictures::{SeenPictures, calibrate_seen};
 use super::progress::Progress;
+use super::{PictureUse, Task};
 use crate::detection::still_views::search::{FoundInViews, search_views};
-use crate::detection::still_views::{FEWEST_VIEWS, LEAST_TIME, StillViews, duration};
+use crate::detection::still_views::{FEWEST_VIEWS, LEAST_TIME, StillView, StillViews, duration};
 use crate::diagnosis::fingerprint::Fingerprint;
 use crate::initial::InitialSettings;
 use crate::picture_calibration::calibration::PictureSource;
@@ -35,7 +34,7 @@ pub(super) enum AtRest {
 struct Views {
     sensor: Sensor,
     /// One entry for each recording.
-    views: Vec<Vec<TimedImage>>,
+    views: Vec<Vec<StillView>>,
     recordings: Vec<RecordingReport>,
     starts: Vec<f64>,
 }
@@ -53,11 +52,11 @@ pub(super) fn begins_at_rest(task: &Task) -> bool {
     read.is_ok() && is_at_rest == Some(true)
 }
 
-/// Calibrates from views, if the camera was at rest for a sufficient share of the time.
+/// Calibrates from views, if those with the board fill `least_time`, a share of the recordings.
 ///
 /// # Errors
 /// [`CalibrateError`].
-pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<AtRest, CalibrateError> {
+pub(super) fn calibrate(task: &Task, least_time: f64, progress: &Progress) -> Result<AtRest, CalibrateError> {
     if !task.inputs.iter().all(|input| matches!(input, Input::Events(_))) {
         return Ok(AtRest::Moved);
     }
@@ -67,9 +66,12 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<AtRest, Cali
         search_views(task.board, &task.settings.detection, &task.settings.frames, &views.views);
     let at_rest: f64 = views.views.iter().flatten().map(duration).sum();
     let seen: f64 = frames.iter().map(|frame| frame.end - frame.start).sum();
-    if frames.is_empty() || seen < LEAST_TIME * time {
+    if frames.is_empty() || seen < least_time * time {
         let is_at_rest = frames.is_empty() && report.frames > 0 && at_rest >= LEAST_TIME * time;
         return Ok(if is_at_rest { AtRest::WithoutBoard(report.frames) } else { AtRest::Moved });
+    }
+    if matches!(task.pictures, PictureUse::Joint | PictureUse::SecondCamera) && frames.len() >= FEWEST_VIEWS {
+        return Err(CalibrateError::BlinkingWithFrames { views: frames.len() });
     }
     let seen = SeenPictures { frames, report, starts: views.starts };
     let initial = InitialSettings { min_frames: FEWEST_VIEWS, ..task.settings.initial.clone() };

@@ -7,7 +7,7 @@
 
 pub mod search;
 
-use evcal_core::event::Event;
+use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 use event_recordings::pictures::{GreyImage, TimedImage};
 
@@ -23,11 +23,17 @@ const LONGEST_BLOCK: i64 = 1_000_000;
 const PIXELS_PER_EVENT: usize = 20;
 /// Fewest blocks of a view.
 const LEAST_BLOCKS: usize = 4;
-/// Smallest correlation of a block with the first block of its view. It is 0.9 or more for boards at rest; for boards in slow motion it
-/// is at most 0.8 after 0.1 s and 0.7 after 0.2 s.
+/// Least correlation of a block with the first of its view. Boards at rest have 0.9 and more, also with ten noise events of each pixel
+/// per second; boards in slow motion 0.8 at most after a tenth of a second and 0.7 after two.
 const LEAST_CORRELATION: f64 = 0.85;
 /// Pixels along a side of the squares that are compared.
 const COMPARED: usize = 2;
+/// Numbers of events below this share of the usual one are taken for noise when blocks are compared.
+const NOISE: f64 = 0.3;
+/// Largest ratio of variance to mean of the numbers of events in small squares, if the events are noise; 1 without hot pixels.
+const MOST_RANDOM: f64 = 1.5;
+/// In so short a time (µs) a screen changes at most once.
+const MOMENT: i64 = 5_000;
 /// Most views that are kept; a calibration needs a tenth of them.
 const MOST_VIEWS: usize = 400;
 /// Number of events that is white in a picture, as a multiple of the median of blinking pixels, of which half have more events.
@@ -41,18 +47,41 @@ pub struct StillViews {
     sensor: Sensor,
     block: Block,
     view: Option<OpenView>,
-    views: Vec<TimedImage>,
-    /// `true` once a block differed from the one before.
+    views: Vec<StillView>,
+    /// Time before which the block has noise only.
+    noise_until: i64,
+    /// Some block was not like the one before.
     has_moved: bool,
 }
 
-/// Number of events of each pixel in an interval.
+/// A view: two pictures of the same events.
+#[derive(Clone, Debug)]
+pub struct StillView {
+    /// The numbers of events: what blinks is bright.
+    pub counts: TimedImage,
+    /// The changes of the light: what becomes bright while other parts become dark, as in a pattern that alternates with its negative,
+    /// is bright, the others are dark, and the rest is grey. Or the reverse.
+    pub changes: TimedImage,
+}
+
+/// The events of a stretch of time by pixel.
 #[derive(Clone, Debug)]
 struct Block {
     start: i64,
     end: i64,
     events: usize,
     counts: Vec<u32>,
+    /// ON minus OFF events of each pixel, where all events of a moment have the sign with which they agree with those before.
+    changes: Vec<i32>,
+    /// The last moment: its start, and its events as a pixel with a change.
+    moment: (i64, Vec<Change>),
+}
+
+/// The change that an event shows: 1 or -1.
+#[derive(Clone, Copy, Debug)]
+struct Change {
+    pixel: usize,
+    sign: i32,
 }
 
 /// A view that may continue: blocks that agree.
@@ -73,7 +102,14 @@ impl StillViews {
     /// Creates an empty collection for a recording of this sensor.
     pub fn new(sensor: Sensor) -> Self {
         let pixels = usize::from(sensor.width) * usize::from(sensor.height);
-        Self { sensor, block: Block::new(pixels), view: None, views: Vec::new(), has_moved: false }
+        Self {
+            sensor,
+            block: Block::new(pixels),
+            view: None,
+            views: Vec::new(),
+            noise_until: i64::MIN,
+            has_moved: false,
+        }
     }
 
     /// Takes the next events, in order of time.
@@ -83,8 +119,10 @@ impl StillViews {
                 (self.block.start, self.block.end) = (event.t, event.t);
             }
             let length = event.t.saturating_sub(self.block.start);
-            let is_full = self.block.events >= self.fewest_events();
-            if length >= BLOCK && is_full || length >= LONGEST_BLOCK {
+            let is_full = self.block.events >= self.fewest_events() && event.t >= self.noise_until;
+            if is_full && length >= BLOCK && length < LONGEST_BLOCK && self.block.is_noise(self.sensor) {
+                self.noise_until = event.t.saturating_add(BLOCK / 2);
+            } else if is_full && length >= BLOCK || length >= LONGEST_BLOCK {
                 self.end_block(is_full);
                 (self.block.start, self.block.end) = (event.t, event.t);
             }
@@ -109,8 +147,8 @@ impl StillViews {
         }
     }
 
-    /// Returns the views in order of time, each with the times of its first and last event (µs) as its exposure.
-    pub fn finish(mut self) -> Vec<TimedImage> {
+    /// The views, in order of time: exposed from their first to their last event (µs).
+    pub fn finish(mut self) -> Vec<StillView> {
         if let Some(view) = &mut self.view {
             view.sum.append(&view.last);
             view.blocks += 1;
@@ -121,7 +159,8 @@ impl StillViews {
 
     fn end_block(&mut self, is_full: bool) {
         let next = Block::new(self.block.counts.len());
-        let block = std::mem::replace(&mut self.block, next);
+        let mut block = std::mem::replace(&mut self.block, next);
+        block.end_moment();
         if !is_full {
             // So few events in the longest block mean that nothing blinks.
             self.has_moved = true;
@@ -149,7 +188,7 @@ impl StillViews {
 
     fn end_view(&mut self) {
         let view = self.view.take().filter(|view| view.blocks >= LEAST_BLOCKS && self.views.len() < MOST_VIEWS);
-        self.views.extend(view.and_then(|view| view.sum.picture(self.sensor)));
+        self.views.extend(view.and_then(|view| view.sum.view(self.sensor)));
     }
 }
 
@@ -160,25 +199,43 @@ impl OpenView {
     }
 }
 
-/// Returns the duration of a view (s).
-pub fn duration(view: &TimedImage) -> f64 {
-    view.exposure.1.saturating_sub(view.exposure.0) as f64 * 1e-6
+/// How long a view is (s).
+pub fn duration(view: &StillView) -> f64 {
+    let (start, end) = view.counts.exposure;
+    end.saturating_sub(start) as f64 * 1e-6
 }
 
 impl Block {
     fn new(pixels: usize) -> Self {
-        Self { start: 0, end: 0, events: 0, counts: vec![0; pixels] }
+        Self { start: 0, end: 0, events: 0, counts: vec![0; pixels], changes: vec![0; pixels], moment: (0, Vec::new()) }
     }
 
     fn add(&mut self, event: &Event, sensor: Sensor) {
+        let pixel = usize::from(event.y) * usize::from(sensor.width) + usize::from(event.x);
         if event.x < sensor.width
-            && let Some(count) =
-                self.counts.get_mut(usize::from(event.y) * usize::from(sensor.width) + usize::from(event.x))
+            && let Some(count) = self.counts.get_mut(pixel)
         {
             *count = count.saturating_add(1);
+            if event.t.saturating_sub(self.moment.0) >= MOMENT {
+                self.end_moment();
+                self.moment.0 = event.t;
+            }
+            self.moment.1.push(Change { pixel, sign: if event.polarity == Polarity::On { 1 } else { -1 } });
         }
         self.end = event.t;
         self.events += 1;
+    }
+
+    /// Adds the changes of the last moment.
+    fn end_moment(&mut self) {
+        let changes = std::mem::take(&mut self.moment.1);
+        let known = changes.iter().map(|change| i64::from(change.sign * self.changes.get(change.pixel).unwrap_or(&0)));
+        let sign = if known.sum::<i64>() < 0 { -1 } else { 1 };
+        for change in &changes {
+            if let Some(sum) = self.changes.get_mut(change.pixel) {
+                *sum += sign * change.sign;
+            }
+        }
     }
 
     fn append(&mut self, other: &Self) {
@@ -187,35 +244,65 @@ impl Block {
         for (count, other) in self.counts.iter_mut().zip(&other.counts) {
             *count = count.saturating_add(*other);
         }
+        let products = self.changes.iter().zip(&other.changes).map(|(a, b)| i64::from(*a) * i64::from(*b));
+        let sign = if products.sum::<i64>() < 0 { -1 } else { 1 };
+        for (change, other) in self.changes.iter_mut().zip(&other.changes) {
+            *change += sign * other;
+        }
     }
 
-    /// Returns the square roots of the numbers of events in small squares; roots have the same noise everywhere.
+    /// Returns `true` if the events are spread at random over the sensor.
+    fn is_noise(&self, sensor: Sensor) -> bool {
+        let sums = self.sums(sensor);
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for &count in &sums {
+            sum += f64::from(count);
+            squares += f64::from(count) * f64::from(count);
+        }
+        let mean = sum / sums.len().max(1) as f64;
+        squares / sum - mean < MOST_RANDOM
+    }
+
+    /// The numbers of events in small squares, less noise; their roots, so that they vary alike everywhere.
     fn compared(&self, sensor: Sensor) -> Vec<f64> {
+        let sums = self.sums(sensor);
+        let noise = NOISE * usual_count(&sums).unwrap_or(0.0);
+        sums.iter().map(|&sum| (f64::from(sum) - noise).max(0.0).sqrt()).collect()
+    }
+
+    /// The numbers of events in small squares.
+    fn sums(&self, sensor: Sensor) -> Vec<u32> {
         let columns = usize::from(sensor.width).div_ceil(COMPARED);
         let rows = usize::from(sensor.height).div_ceil(COMPARED);
-        let mut sums = vec![0.0; columns * rows];
+        let mut sums = vec![0_u32; columns * rows];
         for (y, row) in self.counts.chunks_exact(usize::from(sensor.width).max(1)).enumerate() {
             for (x, &count) in row.iter().enumerate() {
                 if let Some(sum) = sums.get_mut(y / COMPARED * columns + x / COMPARED) {
-                    *sum += f64::from(count);
+                    *sum = sum.saturating_add(count);
                 }
             }
         }
-        sums.iter_mut().for_each(|sum| *sum = sum.sqrt());
         sums
     }
 
-    fn picture(&self, sensor: Sensor) -> Option<TimedImage> {
+    fn view(&self, sensor: Sensor) -> Option<StillView> {
         let white = WHITE * usual_count(&self.counts)?;
-        let grey = |&count: &u32| (f64::from(count) / white * 255.0).min(255.0).round() as u8;
-        let pixels = self.counts.iter().map(grey).collect();
-        let image = GreyImage::new(sensor.width.into(), sensor.height.into(), pixels)?;
-        Some(TimedImage { exposure: (self.start, self.end), exposure_known: true, position: (0, 0), image: Ok(image) })
+        let grey = |level: f64| (level * 255.0).clamp(0.0, 255.0).round() as u8;
+        let picture = |pixels: Vec<u8>| {
+            let image = GreyImage::new(sensor.width.into(), sensor.height.into(), pixels)?;
+            let exposure = (self.start, self.end);
+            Some(TimedImage { exposure, exposure_known: true, position: (0, 0), image: Ok(image) })
+        };
+        let change = |change: &i32| grey(0.5 + 0.5 * f64::from(*change) / white);
+        Some(StillView {
+            counts: picture(self.counts.iter().map(|count| grey(f64::from(*count) / white)).collect())?,
+            changes: picture(self.changes.iter().map(change).collect())?,
+        })
     }
 }
 
-/// Returns the number of events of a typical blinking pixel: the median of the pixels with at least half of the mean number of events
-/// (a mean in which each pixel is weighted with its number of events).
+/// Events of a usual pixel (or square of pixels) that blinks: the median of those with at least half the mean number, each pixel
+/// counting as often as it sent events.
 fn usual_count(counts: &[u32]) -> Option<f64> {
     let mut sorted: Vec<u32> = counts.iter().copied().filter(|count| *count > 0).collect();
     sorted.sort_unstable();
@@ -243,7 +330,6 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use evcal_core::event::Polarity;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
@@ -252,8 +338,9 @@ mod tests {
     const SENSOR: Sensor = Sensor::new(120, 90);
     const SQUARE: f64 = 12.0;
 
-    /// Returns `seconds` of events of squares, every other one blinking with `frequency`, at a position that depends on the time; and noise.
-    fn squares(seconds: f64, frequency: f64, place: impl Fn(f64) -> f64) -> Vec<Event> {
+    /// Events of `seconds` of squares, every other of which blinks with `frequency`, at a place that depends on the time; and `noise`
+    /// events per second.
+    fn noisy_squares(seconds: f64, frequency: f64, noise: f64, place: impl Fn(f64) -> f64) -> Vec<Event> {
         let mut random = ChaCha8Rng::seed_from_u64(5);
         let mut events = Vec::new();
         for flip in 0..(2.0 * seconds * frequency) as usize {
@@ -267,7 +354,7 @@ mod tests {
                 }
             }
         }
-        for _ in 0..(seconds * 2000.0) as usize {
+        for _ in 0..(seconds * noise) as usize {
             let t = (random.random::<f64>() * seconds * 1e6) as i64;
             events.push(Event {
                 t,
@@ -280,7 +367,11 @@ mod tests {
         events
     }
 
-    fn views(events: &[Event]) -> Vec<TimedImage> {
+    fn squares(seconds: f64, frequency: f64, place: impl Fn(f64) -> f64) -> Vec<Event> {
+        noisy_squares(seconds, frequency, 2000.0, place)
+    }
+
+    fn views(events: &[Event]) -> Vec<StillView> {
         let mut views = StillViews::new(SENSOR);
         events.chunks(777).for_each(|events| views.push(events));
         views.finish()
@@ -294,11 +385,31 @@ mod tests {
             events.iter_mut().step_by(9).for_each(|event| (event.x, event.y) = (3, 4));
             let views = views(&events);
             let [view] = &views[..] else { panic!("{} views at {frequency} Hz", views.len()) };
-            assert!(view.exposure.1 - view.exposure.0 > 1_400_000);
-            let image = view.image.as_ref().unwrap();
+            assert!(duration(view) > 1.4);
+            let image = view.counts.image.as_ref().unwrap();
             let at = |x: usize, y: usize| image.get(x, y).unwrap();
             assert!(at(30, 30) > 150 && at(42, 30) < 20 && at(30, 42) < 20 && at(42, 42) > 150 && at(5, 80) < 20);
         }
+    }
+
+    /// Between two changes of the light there is only noise.
+    #[test]
+    fn slow_blinking_in_noise_is_a_view() {
+        let pixels = f64::from(SENSOR.width) * f64::from(SENSOR.height);
+        let views = views(&noisy_squares(3.0, 2.0, 2.0 * pixels, |_| 0.0));
+        let [view] = &views[..] else { panic!("{} views", views.len()) };
+        assert!(duration(view) > 2.0, "{}", duration(view));
+    }
+
+    /// Ten events of every pixel per second are usual in dim light. They used to end every view.
+    #[test]
+    fn noise_does_not_end_a_view() {
+        let pixels = f64::from(SENSOR.width) * f64::from(SENSOR.height);
+        let views = views(&noisy_squares(1.0, 10.0, 10.0 * pixels, |_| 0.0));
+        let [view] = &views[..] else { panic!("{} views", views.len()) };
+        assert!(duration(view) > 0.8, "{}", duration(view));
+        let place = |t: f64| 20.0 * t;
+        assert!(self::views(&noisy_squares(1.0, 10.0, 10.0 * pixels, place)).is_empty());
     }
 
     #[test]
@@ -307,8 +418,8 @@ mod tests {
         let place = |t: f64| ((t - 1.0) * 40.0).clamp(0.0, 30.0);
         let views = views(&squares(3.0, 30.0, place));
         let [before, after] = &views[..] else { panic!("{} views", views.len()) };
-        assert!(before.exposure.1 <= 1_200_000 && after.exposure.0 >= 1_600_000);
-        let grey = |view: &TimedImage, x: usize| view.image.as_ref().unwrap().get(x, 30).unwrap();
+        assert!(before.counts.exposure.1 <= 1_200_000 && after.counts.exposure.0 >= 1_600_000);
+        let grey = |view: &StillView, x: usize| view.counts.image.as_ref().unwrap().get(x, 30).unwrap();
         assert!(grey(before, 30) > 150 && grey(before, 42) < 20 && grey(after, 36) > 150 && grey(after, 48) < 20);
     }
 

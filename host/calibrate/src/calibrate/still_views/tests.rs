@@ -18,7 +18,10 @@ use crate::picture_calibration::calibration::PictureFailure;
 const SENSOR: Sensor = Sensor::new(240, 180);
 /// Number of parts of a pixel along each side.
 const PARTS: usize = 4;
-/// Durations of a view, of the motion to the next one, and between two changes of the light (µs).
+/// Distance of the board (m): all of it is in view, or a part.
+const FAR: f64 = 0.33;
+const NEAR: f64 = 0.24;
+/// Duration of a view, of the way to the next one, and between two changes of the light (µs).
 const VIEW: i64 = 500_000;
 const WAY: i64 = 150_000;
 const CHANGE: i64 = 40_000;
@@ -27,13 +30,13 @@ fn truth() -> Camera<f64> {
     Camera::from_parameters(ModelKind::Radtan4, &[190.0, 190.5, 118.0, 91.0, -0.3, 0.1, 0.001, -0.0005]).unwrap()
 }
 
-/// Poses of the board, `T_camera_world`.
-fn poses(board: &Board, count: usize, random: &mut ChaCha8Rng) -> Vec<Isometry3<f64>> {
+/// Places before the camera, `T_camera_world`.
+fn poses(board: &Board, count: usize, distance: f64, random: &mut ChaCha8Rng) -> Vec<Isometry3<f64>> {
     let middle = board.middle();
     let mut any = |range: f64| range * (2.0 * random.random::<f64>() - 1.0);
     let pose = |_| {
         let rotation = UnitQuaternion::from_euler_angles(any(0.6), any(0.6), any(0.3));
-        let position = Vector3::new(any(0.11), any(0.08), 0.33 + any(0.05));
+        let position = Vector3::new(any(0.11), any(0.08), distance + any(0.05));
         Isometry3::from_parts(Translation3::from(position - rotation * middle.push(0.0)), rotation)
     };
     (0..count).map(pose).collect()
@@ -101,10 +104,14 @@ fn events(board: &Board, poses: &[Isometry3<f64>], random: &mut ChaCha8Rng) -> V
 
 fn blinking(board: &Board, seen_board: &Board, views: usize, seed: u64) -> Result<Calibrated, CalibrateError> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let poses = poses(board, views, &mut random);
+    let poses = poses(board, views, FAR, &mut random);
+    calibrate_seen_board(events(board, &poses, &mut random), seen_board, PictureUse::default())
+}
+
+fn calibrate_seen_board(events: Vec<Event>, board: &Board, pictures: PictureUse) -> Result<Calibrated, CalibrateError> {
     let options = RecordingOptions { sensor: Some(SENSOR), ..RecordingOptions::default() };
-    let inputs = [Recording::from_events("views", events(board, &poses, &mut random), options).into()];
-    let task = Task { model: ModelRequest::Given(ModelKind::Radtan4), ..Task::new(&inputs, seen_board) };
+    let inputs = [Recording::from_events("views", events, options).into()];
+    let task = Task { model: ModelRequest::Given(ModelKind::Radtan4), pictures, ..Task::new(&inputs, board) };
     calibrate_all(&task, |_| ControlFlow::Continue(()))
 }
 
@@ -121,6 +128,29 @@ fn a_board_that_blinks_calibrates_as_well_as_stated() {
         assert!(difference.rms < stated && stated < 0.3, "{board}: {} of {stated} px", difference.rms);
         assert!(calibrated.residuals().rms < 0.1, "{board}: {}", calibrated.residuals().rms);
     }
+}
+
+/// Dots that the border of the image cuts, or that are near it, used to hide the board.
+#[test]
+fn a_board_cut_by_the_border_calibrates_as_well_as_stated() {
+    let board: Board = "acircles:9x4:20mm:r6mm".parse().unwrap();
+    let mut random = ChaCha8Rng::seed_from_u64(7);
+    let poses = poses(&board, 12, NEAR, &mut random);
+    let is_outside = |pose: &&Isometry3<f64>| {
+        let pixel = |index| truth().project(&(**pose * Point3::from(board.point(index).push(0.0))).coords);
+        let visible = |place: Vector2<f64>| place >= Vector2::zeros() && place < Vector2::new(239.0, 179.0);
+        (0..board.point_count()).any(|index| !pixel(index).is_some_and(visible))
+    };
+    assert!(poses.iter().filter(is_outside).count() > 3);
+    let events = events(&board, &poses, &mut random);
+    let calibrated = calibrate_seen_board(events.clone(), &board, PictureUse::default()).unwrap();
+    let report = calibrated.picture_report().unwrap();
+    assert!(report.detection.with_board >= 11, "{} views", report.detection.with_board);
+    let difference = projection_difference(&truth(), calibrated.camera(), SENSOR).unwrap();
+    let stated = calibrated.trust.projection.rms_95;
+    assert!(difference.rms < stated && stated < 0.3, "{} of {stated} px", difference.rms);
+    let with_frames = calibrate_seen_board(events, &board, PictureUse::Joint).err().unwrap();
+    assert!(matches!(with_frames, CalibrateError::BlinkingWithFrames { views } if views >= 11), "{with_frames}");
 }
 
 #[test]

@@ -55,14 +55,31 @@ const CORE: f64 = 0.4;
 /// Largest scatter of the light around a dot, as a share of the dot's contrast.
 const MOST_UNEVEN: f64 = 0.15;
 
-/// Measures the dot at `spot`. `reach` is the outer end of the surroundings, in radii: halfway to the rim of the next dot.
-pub fn measure(image: &GreyImage, spot: &DarkSpot, reach: f64) -> Result<Dot, NoDot> {
+/// The paper around a dot, by which its light is measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Surroundings {
+    /// Distance up to which the dot is summed, in radii. The border of the image may not cut this part.
+    pub inner: f64,
+    /// Outer end, in radii.
+    pub outer: f64,
+    /// Smallest median deviation of the paper's grey levels from a plane: smaller ones are not known.
+    pub least_scatter: f64,
+}
+
+impl Surroundings {
+    /// For dots of pictures; `reach` is the outer end, in radii: halfway to the rim of the next dot.
+    pub fn new(reach: f64) -> Self {
+        Self { inner: 1.0 + INNER_SHARE * (reach - 1.0), outer: reach, least_scatter: SMALLEST_SCATTER }
+    }
+}
+
+/// Measures the dot at `spot`.
+pub fn measure(image: &GreyImage, spot: &DarkSpot, surroundings: &Surroundings) -> Result<Dot, NoDot> {
     let inverse = spot.shape.try_inverse().ok_or(NoDot::LowContrast)?;
-    let inner = 1.0 + INNER_SHARE * (reach - 1.0);
     let mut center = spot.center;
     let mut measured = Err(NoDot::LowContrast);
     for _ in 0..ROUNDS {
-        let window = Window { center, inverse, shape: spot.shape, inner, outer: reach };
+        let window = Window { center, inverse, shape: spot.shape, surroundings: *surroundings };
         let dot = window.measure(image)?;
         center = dot.center;
         measured = Ok(dot);
@@ -88,14 +105,13 @@ struct Window {
     center: Vector2<f64>,
     shape: Matrix2<f64>,
     inverse: Matrix2<f64>,
-    inner: f64,
-    outer: f64,
+    surroundings: Surroundings,
 }
 
 impl Window {
     /// Returns the pixels within `outer`: position relative to the centre, distance in radii, value.
     fn pixels<'a>(&self, image: &'a GreyImage) -> impl Iterator<Item = (Vector2<f64>, f64, f64)> + use<'a> {
-        let half = Vector2::new(self.shape[(0, 0)].sqrt(), self.shape[(1, 1)].sqrt()) * self.outer;
+        let half = Vector2::new(self.shape[(0, 0)].sqrt(), self.shape[(1, 1)].sqrt()) * self.surroundings.outer;
         // Casts saturate: positions left of or above the image become 0.
         let range = |low: f64, high: f64, size: usize| {
             let first = low.ceil().max(0.0) as usize;
@@ -104,7 +120,7 @@ impl Window {
         let (low, high) = (self.center - half, self.center + half);
         let rows = if high.y < 0.0 { 0..0 } else { range(low.y, high.y, image.height()) };
         let columns = if high.x < 0.0 { 0..0 } else { range(low.x, high.x, image.width()) };
-        let (center, inverse, outer) = (self.center, self.inverse, self.outer);
+        let (center, inverse, outer) = (self.center, self.inverse, self.surroundings.outer);
         rows.flat_map(move |y| columns.clone().map(move |x| (x, y))).filter_map(move |(x, y)| {
             let place = Vector2::new(x as f64, y as f64) - center;
             let distance = place.dot(&(inverse * place)).max(0.0).sqrt();
@@ -114,18 +130,18 @@ impl Window {
     }
 
     fn inside(&self, image: &GreyImage) -> bool {
-        let half = Vector2::new(self.shape[(0, 0)].sqrt(), self.shape[(1, 1)].sqrt()) * self.inner;
+        let half = Vector2::new(self.shape[(0, 0)].sqrt(), self.shape[(1, 1)].sqrt()) * self.surroundings.inner;
         let (low, high) = (self.center - half, self.center + half);
         let (right, bottom) = (image.width() as f64 - 1.0, image.height() as f64 - 1.0);
         low.x >= 0.0 && low.y >= 0.0 && high.x <= right && high.y <= bottom
     }
 
     /// Fits the paper's light to `ring`, the positions and values of the surroundings.
-    fn paper(ring: &[(Vector2<f64>, f64)]) -> Option<Paper> {
+    fn paper(ring: &[(Vector2<f64>, f64)], least_scatter: f64) -> Option<Paper> {
         let residual = |place: &Vector2<f64>, value: f64, plane: &Vector3<f64>| value - plane.dot(&place.push(1.0));
         let scatter_about = |plane: &Vector3<f64>| {
             let mut sizes: Vec<f64> = ring.iter().map(|(place, value)| residual(place, *value, plane).abs()).collect();
-            median(&mut sizes, f64::total_cmp).map(|median| SIGMA_BY_MEDIAN * median.max(SMALLEST_SCATTER))
+            median(&mut sizes, f64::total_cmp).map(|median| SIGMA_BY_MEDIAN * median.max(least_scatter))
         };
         // Objects next to the paper would tilt the plane, so it begins level, at the median.
         let mut values: Vec<f64> = ring.iter().map(|(_, value)| *value).collect();
@@ -154,9 +170,10 @@ impl Window {
         if !self.inside(image) {
             return Err(NoDot::CutByBorder);
         }
-        let (dot, ring): (Vec<_>, Vec<_>) = self.pixels(image).partition(|(_, distance, _)| *distance <= self.inner);
+        let Surroundings { inner, least_scatter, .. } = self.surroundings;
+        let (dot, ring): (Vec<_>, Vec<_>) = self.pixels(image).partition(|(_, distance, _)| *distance <= inner);
         let ring: Vec<(Vector2<f64>, f64)> = ring.into_iter().map(|(place, _, value)| (place, value)).collect();
-        let paper = Self::paper(&ring).ok_or(NoDot::UnevenSurroundings)?;
+        let paper = Self::paper(&ring, least_scatter).ok_or(NoDot::UnevenSurroundings)?;
         let brightness = paper.plane.z;
         let (mut core, mut core_count) = (0.0, 0.0);
         let (mut sum, mut squares, mut noise) = (0.0, 0.0, 0.0);
@@ -237,7 +254,7 @@ mod tests {
     }
 
     fn dots(image: &GreyImage) -> Vec<Result<Dot, NoDot>> {
-        dark_spots(image, 40.0).iter().map(|spot| measure(image, spot, 2.2)).collect()
+        dark_spots(image, 40.0).iter().map(|spot| measure(image, spot, &Surroundings::new(2.2))).collect()
     }
 
     #[test]

@@ -9,8 +9,8 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::dark_spots::dark_spots;
-use super::dot::{Dot, NoDot, measure};
+use super::dark_spots::{DarkSpot, dark_spots};
+use super::dot::{Dot, NoDot, Surroundings, measure};
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
 use crate::detection::board_finder::{BoardFinder, within_capacity};
 use crate::detection::no_board::NoBoard;
@@ -25,6 +25,26 @@ const PICTURES_TOGETHER: usize = 64;
 const REACH: [f64; 2] = [1.2, 3.0];
 /// Largest blur of the dots' edges (median of a picture), as the standard deviation of a Gaussian (px).
 const MOST_BLURRED: f64 = 2.5;
+
+/// In pictures made of events: grey levels by which the paper scatters at least. White is about 200 of 255 levels, for a
+/// few ten events.
+const LEAST_SCATTER: f64 = 8.0;
+/// In pictures made of events: width of a dot's edge (px). Where the border of the image cuts the paper around a dot, it
+/// is summed up to there.
+const EDGE: f64 = 1.5;
+
+/// In pictures made of events: odds of the board's place on the lattice. Two dots that are missing within the image are
+/// enough; the camera does not depend on the place.
+const ODDS_AT_REST: f64 = 500.0;
+
+/// What pictures are made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MadeOf {
+    /// Light, in a camera's own frames.
+    Light,
+    /// Numbers of events of a board that blinks in front of a camera at rest.
+    Events,
+}
 
 /// Statistics of the pictures of all recordings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -90,6 +110,7 @@ enum Target<'a> {
 
 struct CircleTarget<'a> {
     board: &'a CircleBoard,
+    made_of: MadeOf,
     /// Largest radius of a dot (px).
     largest_radius: f64,
     /// Fewest circles of a board.
@@ -97,11 +118,11 @@ struct CircleTarget<'a> {
 }
 
 impl<'a> PictureSearch<'a> {
-    /// Creates a search for `board`; of a board of circles, at least `fewest` must be visible, with radii up to `largest_radius`
+    /// Creates a search for `board` in pictures that are `made_of` light or events; of a board of circles, at least `fewest` must be visible, with radii up to `largest_radius`
     /// (px).
-    pub fn new(board: &'a Board, fewest: usize, largest_radius: f64) -> Self {
+    pub fn new(board: &'a Board, made_of: MadeOf, fewest: usize, largest_radius: f64) -> Self {
         let target = match board {
-            Board::Circles(board) => Target::Circles(CircleTarget { board, largest_radius, fewest }),
+            Board::Circles(board) => Target::Circles(CircleTarget { board, made_of, largest_radius, fewest }),
             Board::Squares(board) => Target::Squares(SquareFinder::new(board)),
         };
         Self { target, frames: Vec::new(), blurs: Vec::new(), report: PictureSearchReport::default() }
@@ -176,34 +197,64 @@ impl CircleTarget<'_> {
             Ok(image) => image,
             Err(reason) => return Searched { board: Err((*reason).into()), dots: 0, dots_refused: Vec::new() },
         };
-        // Halfway to the rim of the next dot, in radii.
-        let reach = (0.5 * self.board.neighbour_distance() / self.board.radius).clamp(REACH[0], REACH[1]);
-        let mut dots: Vec<Dot> = Vec::new();
-        let mut dots_refused = Vec::new();
-        for spot in dark_spots(image, self.largest_radius) {
-            match measure(image, &spot, reach) {
-                Ok(dot) => dots.push(dot),
-                Err(reason) => dots_refused.push(reason),
-            }
-        }
-        Searched { board: self.find_board(image, &dots, finder), dots: dots.len() as u64, dots_refused }
+        let spots = dark_spots(image, self.largest_radius);
+        let spots: Vec<(DarkSpot, Result<Dot, NoDot>)> =
+            spots.into_iter().map(|spot| (spot, self.measure(image, &spot))).collect();
+        let dots_refused: Vec<NoDot> = spots.iter().filter_map(|(_, dot)| dot.err()).collect();
+        let dots = (spots.len() - dots_refused.len()) as u64;
+        Searched { board: self.find_board(image, &spots, finder), dots, dots_refused }
     }
 
-    fn find_board(&self, image: &GreyImage, dots: &[Dot], finder: &mut BoardFinder<f32>) -> Result<SeenBoard, NoBoard> {
-        if dots.is_empty() {
+    fn measure(&self, image: &GreyImage, spot: &DarkSpot) -> Result<Dot, NoDot> {
+        // Halfway to the rim of the next dot, in radii.
+        let reach = (0.5 * self.board.neighbour_distance() / self.board.radius).clamp(REACH[0], REACH[1]);
+        let wide = Surroundings::new(reach);
+        match self.made_of {
+            MadeOf::Light => measure(image, spot, &wide),
+            MadeOf::Events => {
+                let wide = Surroundings { least_scatter: LEAST_SCATTER, ..wide };
+                let inner = wide.inner.min(1.0 + EDGE / spot.half_axes().1);
+                match measure(image, spot, &wide) {
+                    Err(NoDot::CutByBorder) => measure(image, spot, &Surroundings { inner, ..wide }),
+                    measured => measured,
+                }
+            }
+        }
+    }
+
+    /// Finds the board. At rest also dots that cannot be measured show where it is.
+    fn find_board(
+        &self,
+        image: &GreyImage,
+        spots: &[(DarkSpot, Result<Dot, NoDot>)],
+        finder: &mut BoardFinder<f32>,
+    ) -> Result<SeenBoard, NoBoard> {
+        if spots.iter().all(|(_, dot)| dot.is_err()) {
             return Err(NoBoard::NoDots);
         }
-        let candidates: Vec<GridCandidate<f32>> = within_capacity(dots)
-            .iter()
-            .map(|dot| GridCandidate { center: dot.center.cast(), radius: dot.radius as f32 })
-            .collect();
+        let is_at_rest = self.made_of == MadeOf::Events;
+        let spots = spots.iter().filter(|(_, dot)| is_at_rest || dot.is_ok());
+        let (candidates, dots): (Vec<GridCandidate<f32>>, Vec<Option<&Dot>>) = spots
+            .map(|(spot, dot)| {
+                let dot = dot.as_ref().ok();
+                let (center, radius) = dot.map_or((spot.center, spot.radius()), |dot| (dot.center, dot.radius));
+                (GridCandidate { center: center.cast(), radius: radius as f32 }, dot)
+            })
+            .unzip();
         let options = GridOptions {
             minimum_circles: self.fewest,
             ..GridOptions::new(&self.board.pattern, (image.width() as f64, image.height() as f64))
         };
-        let placed = finder.find(&candidates, &options)?;
-        let placed = placed.iter().filter_map(|placed| Some((placed.index, dots.get(placed.candidate)?)));
+        let options = match self.made_of {
+            MadeOf::Light => options,
+            MadeOf::Events => GridOptions { independent_misses: true, minimum_odds: ODDS_AT_REST, ..options },
+        };
+        let placed = finder.find(within_capacity(&candidates), &options)?;
+        let placed = placed.iter().filter_map(|placed| Some((placed.index, (*dots.get(placed.candidate)?)?)));
         let placed: Vec<(usize, &Dot)> = placed.collect();
+        if placed.len() < self.fewest {
+            return Err(NoBoard::TooFewOfBoard);
+        }
         let mut blurs: Vec<f64> = placed.iter().map(|(_, dot)| dot.blur).collect();
         let blur = median(&mut blurs, f64::total_cmp);
         if blur.is_some_and(|blur| blur > MOST_BLURRED) {

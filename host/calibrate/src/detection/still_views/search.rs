@@ -10,9 +10,10 @@ use event_recordings::pictures::{GreyImage, NoImage, TimedImage};
 use nalgebra::Vector2;
 
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
-use crate::detection::pictures::search::{PictureSearch, PictureSearchReport};
+use crate::detection::pictures::search::{MadeOf, PictureSearch, PictureSearchReport};
 use crate::detection::pictures::settings::PictureSettings;
 use crate::detection::settings::DetectionSettings;
+use crate::detection::still_views::StillView;
 
 /// White in a picture.
 const WHITE: f32 = 255.0;
@@ -29,31 +30,45 @@ pub struct FoundInViews {
 /// Smoothing of the pictures of dots (standard deviation of a Gaussian in px). The detector expects dots with blurred edges, and the pixels of
 /// a view are nearly all black or white.
 const SMOOTHING: f32 = 0.8;
-/// If the board is found in this share of the views, the negatives are not searched.
+/// Pictures of dots with a side below this (px) are enlarged, so that small dots have enough pixels.
+const SMALL: usize = 200;
+const ENLARGED: usize = 2;
+/// If the board is in this share of the views, it is not looked for in other pictures of them.
 const MOST: f64 = 0.9;
 
 /// Searches `views`, a list for each recording, for `board`.
 ///
-/// Either the paper or the print may blink, so the negatives are searched too. If a little light triggers all events of a pixel, blinking
-/// squares appear so large that the dark squares between them no longer touch; a variant of the picture has smaller bright squares.
+/// What blinks may be the paper or the print, so that the negative is looked at too, and both in turn, so that the changes are. Where a little light is enough for all events of
+/// a pixel, squares that blink have grown so far that those between them do not touch any more; then they are made smaller.
 pub fn search_views(
     board: &Board,
     settings: &DetectionSettings,
     pictures: &PictureSettings,
-    views: &[Vec<TimedImage>],
+    views: &[Vec<StillView>],
 ) -> FoundInViews {
     let variant: fn(&Picture) -> Picture = match board {
         Board::Circles(_) => smooth,
         Board::Squares(_) => Picture::darkest_neighbours,
     };
-    let found = search_twice(board, settings, pictures, views, variant);
-    if found.frames.len() as f64 >= MOST * views.iter().map(Vec::len).sum::<usize>() as f64 {
-        return found;
+    let count = views.iter().map(Vec::len).sum::<usize>() as f64;
+    let kinds: [fn(&StillView) -> TimedImage; 4] = [
+        |view| view.counts.clone(),
+        |view| changed(&view.counts, negative),
+        |view| view.changes.clone(),
+        |view| changed(&view.changes, negative),
+    ];
+    let mut best: Option<FoundInViews> = None;
+    for kind in kinds {
+        let shown: Vec<Vec<TimedImage>> = views.iter().map(|views| views.iter().map(kind).collect()).collect();
+        let found = search_twice(board, settings, pictures, &shown, variant);
+        if best.as_ref().is_none_or(|best| found.report.board_dots > best.report.board_dots) {
+            best = Some(found);
+        }
+        if best.as_ref().is_some_and(|best| best.frames.len() as f64 >= MOST * count) {
+            break;
+        }
     }
-    let negatives: Vec<Vec<TimedImage>> =
-        views.iter().map(|views| views.iter().map(|view| changed(view, negative)).collect()).collect();
-    let of_negatives = search_twice(board, settings, pictures, &negatives, variant);
-    if of_negatives.report.board_dots > found.report.board_dots { of_negatives } else { found }
+    best.unwrap_or(FoundInViews { frames: Vec::new(), report: PictureSearchReport::default() })
 }
 
 /// Searches the pictures for the board, and applies `variant` to the pictures in which it is not found and searches them again.
@@ -95,12 +110,13 @@ fn negative(picture: &Picture) -> Picture {
     picture.map(|grey| WHITE - grey)
 }
 
-/// Returns the view with `variant` applied to its picture.
-fn changed(view: &TimedImage, variant: fn(&Picture) -> Picture) -> TimedImage {
+/// The picture of a view after `variant`.
+fn changed(view: &TimedImage, variant: impl Fn(&Picture) -> Picture) -> TimedImage {
     let image = view.image.as_ref().map_err(|reason| *reason).and_then(|image| {
         let picture = Picture::from_bytes(image.width(), image.height(), &image.pixels).ok_or(NoImage::NotGrey)?;
-        let pixels = variant(&picture).values().iter().map(|grey| grey.round().clamp(0.0, WHITE) as u8).collect();
-        GreyImage::new(image.width(), image.height(), pixels).ok_or(NoImage::NotGrey)
+        let picture = variant(&picture);
+        let pixels = picture.values().iter().map(|grey| grey.round().clamp(0.0, WHITE) as u8).collect();
+        GreyImage::new(picture.width(), picture.height(), pixels).ok_or(NoImage::NotGrey)
     });
     TimedImage { image, ..view.clone() }
 }
@@ -113,16 +129,24 @@ fn search(
     variant: fn(&Picture) -> Picture,
 ) -> FoundInViews {
     let fewest = settings.fewest_circles(&board.lattice());
-    let mut search = PictureSearch::new(board, fewest, pictures.max_radius);
+    let is_small = |view: &TimedImage| view.image.as_ref().is_ok_and(|image| image.width().min(image.height()) < SMALL);
+    let factor = if board.circles().is_some() && views.iter().flatten().any(is_small) { ENLARGED } else { 1 };
+    let scale = factor as f64;
+    let mut search = PictureSearch::new(board, MadeOf::Events, fewest, scale * pictures.max_radius);
     for (number, views) in views.iter().enumerate() {
         let hand_on = |visit: &mut dyn FnMut(TimedImage)| {
-            views.iter().map(|view| changed(view, variant)).for_each(visit);
+            let enlarged = |picture: &Picture| variant(picture).enlarged(factor);
+            views.iter().map(|view| changed(view, enlarged)).for_each(visit);
             Ok(None)
         };
         let Ok(_) = search.search::<Infallible>(number, Some(0), hand_on);
     }
     let (mut frames, report) = search.finish();
     for frame in &mut frames {
+        for circle in frame.circles.iter_mut().filter(|_| factor > 1) {
+            circle.center = (circle.center + Vector2::repeat(0.5)) / scale - Vector2::repeat(0.5);
+            circle.radius = circle.radius.map(|radius| radius / scale);
+        }
         let of_recording = views.get(frame.recording).map_or(&[][..], Vec::as_slice);
         let shown = of_recording.iter().find(|view| starts(frame, view));
         if let Some(Ok(image)) = shown.map(|view| &view.image) {

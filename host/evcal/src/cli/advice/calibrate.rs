@@ -17,6 +17,7 @@ use evcal_calibrate::evaluate::comparison::{CompareError, TrajectoryOf};
 use evcal_calibrate::inertial::error::InertialError;
 use evcal_calibrate::initial::InitialError;
 use evcal_calibrate::motion_capture::file::{CaptureError, CaptureFileError};
+use evcal_calibrate::picture_calibration::calibration::PictureFailure;
 use evcal_calibrate::second_camera::error::SecondCameraError;
 use evcal_calibrate::undistort::target::TargetError;
 use evcal_files::shell_word::shell_word;
@@ -128,10 +129,24 @@ fn about_calibration(error: &CalibrateError) -> Option<String> {
         CalibrateError::ImpossibleValues => "change the values of --fix",
         CalibrateError::HeldFarOff => "leave out --fix",
         CalibrateError::OnlyFrames { .. } => "give the recording of events first, and the frames with --with",
+        CalibrateError::Views(none) => return Some(about_views(&none.reason).to_owned()),
+        CalibrateError::BlinkingWithFrames { .. } => {
+            "leave out --joint-frames or --with-frames: evcal then calibrates from the views"
+        }
         CalibrateError::NoPictures { .. } => "record with --frames, or leave out the option that needs frames",
         _ => return None,
     };
     Some(next.to_owned())
+}
+
+fn about_views(failure: &PictureFailure) -> &'static str {
+    match failure {
+        PictureFailure::Initial(_) => "check --board and --model",
+        PictureFailure::Undetermined { .. } => "add views with the board tilted to all sides",
+        _ => {
+            "give more views, of this recording or others: hold still for half a second each, with the board near, tilted to all sides, and all of it in view"
+        }
+    }
 }
 
 fn about_initial(error: &InitialError) -> Option<&'static str> {
