@@ -24,16 +24,21 @@ const PIXELS_PER_EVENT: usize = 20;
 /// Fewest blocks of a view.
 const LEAST_BLOCKS: usize = 4;
 /// Least correlation of a block with the first of its view. Boards at rest have 0.9 and more, also with ten noise events of each pixel
-/// per second; boards in slow motion 0.8 at most after a tenth of a second and 0.7 after two.
-const LEAST_CORRELATION: f64 = 0.85;
+/// per second; boards in slow motion 0.7 at most after a twentieth of a second.
+const LEAST_CORRELATION: f64 = 0.8;
 /// Pixels along a side of the squares that are compared.
 const COMPARED: usize = 2;
 /// Numbers of events below this share of the usual one are taken for noise when blocks are compared.
-const NOISE: f64 = 0.3;
+const NOISE: f64 = 0.4;
 /// Largest ratio of variance to mean of the numbers of events in small squares, if the events are noise; 1 without hot pixels.
 const MOST_RANDOM: f64 = 1.5;
 /// In so short a time (µs) a screen changes at most once.
 const MOMENT: i64 = 5_000;
+/// A block as long as this (µs) ends between changes of the light: it has few of them, and a part of one is not like a whole one.
+const SLOW: i64 = 100_000;
+/// The light changes while events are so many times as frequent as in all of the block, in a moment of so many µs at least.
+const CHANGING: f64 = 3.0;
+const SHORTEST_MOMENT: f64 = 1000.0;
 /// Most views that are kept; a calibration needs a tenth of them.
 const MOST_VIEWS: usize = 400;
 /// Number of events that is white in a picture, as a multiple of the median of blinking pixels, of which half have more events.
@@ -48,8 +53,10 @@ pub struct StillViews {
     block: Block,
     view: Option<OpenView>,
     views: Vec<StillView>,
-    /// Time before which the block has noise only.
-    noise_until: i64,
+    /// The block does not end before (µs).
+    not_before: i64,
+    /// It could have ended, but the light was changing.
+    has_waited: bool,
     /// Some block was not like the one before.
     has_moved: bool,
 }
@@ -107,7 +114,8 @@ impl StillViews {
             block: Block::new(pixels),
             view: None,
             views: Vec::new(),
-            noise_until: i64::MIN,
+            not_before: i64::MIN,
+            has_waited: false,
             has_moved: false,
         }
     }
@@ -119,10 +127,19 @@ impl StillViews {
                 (self.block.start, self.block.end) = (event.t, event.t);
             }
             let length = event.t.saturating_sub(self.block.start);
-            let is_full = self.block.events >= self.fewest_events() && event.t >= self.noise_until;
-            if is_full && length >= BLOCK && length < LONGEST_BLOCK && self.block.is_noise(self.sensor) {
-                self.noise_until = event.t.saturating_add(BLOCK / 2);
-            } else if is_full && length >= BLOCK || length >= LONGEST_BLOCK {
+            let is_full = self.block.events >= self.fewest_events() && event.t >= self.not_before;
+            let ends = is_full && length >= BLOCK || length >= LONGEST_BLOCK;
+            if ends && length < LONGEST_BLOCK && self.block.is_noise(self.sensor) {
+                self.not_before = event.t.saturating_add(BLOCK / 2);
+            } else if ends
+                && (SLOW..LONGEST_BLOCK).contains(&length)
+                && !self.has_waited
+                && self.block.is_changing(event.t)
+            {
+                self.not_before = event.t.saturating_add(BLOCK / 2);
+                self.has_waited = true;
+            } else if ends {
+                self.has_waited = false;
                 self.end_block(is_full);
                 (self.block.start, self.block.end) = (event.t, event.t);
             }
@@ -249,6 +266,13 @@ impl Block {
         for (change, other) in self.changes.iter_mut().zip(&other.changes) {
             *change += sign * other;
         }
+    }
+
+    /// Returns `true` if the last moment before `now` has far more events than the block on average.
+    fn is_changing(&self, now: i64) -> bool {
+        let (start, changes) = &self.moment;
+        let (moment, block) = (now.saturating_sub(*start) as f64, now.saturating_sub(self.start) as f64);
+        changes.len() as f64 * block > CHANGING * self.events as f64 * moment.max(SHORTEST_MOMENT)
     }
 
     /// Returns `true` if the events are spread at random over the sensor.
@@ -390,6 +414,25 @@ mod tests {
             let at = |x: usize, y: usize| image.get(x, y).unwrap();
             assert!(at(30, 30) > 150 && at(42, 30) < 20 && at(30, 42) < 20 && at(42, 42) > 150 && at(5, 80) < 20);
         }
+    }
+
+    #[test]
+    fn a_pattern_that_alternates_with_its_negative_shows_in_the_changes() {
+        let mut events = Vec::new();
+        for (flip, (x, y)) in
+            (0..20).flat_map(|flip| (20..100).flat_map(move |x| (20..70).map(move |y| (flip, (x, y)))))
+        {
+            let is_dark = (f64::from(x) / SQUARE).floor() + (f64::from(y) / SQUARE).floor();
+            let polarity = if (is_dark % 2.0 < 1.0) == (flip % 2 == 0) { Polarity::On } else { Polarity::Off };
+            events.extend([0, 700].map(|late| Event { t: flip * 50_000 + late, x, y, polarity }));
+        }
+        events.sort_by_key(|event| event.t);
+        let views = views(&events);
+        let [view] = &views[..] else { panic!("{} views", views.len()) };
+        let at = |picture: &TimedImage, x: usize, y: usize| picture.image.as_ref().unwrap().get(x, y).unwrap();
+        assert!(at(&view.counts, 30, 30) == at(&view.counts, 42, 30) && at(&view.counts, 5, 80) == 0);
+        let [here, beside, below] = [(30, 30), (42, 30), (30, 42)].map(|(x, y)| at(&view.changes, x, y));
+        assert!(here.abs_diff(beside) > 150 && beside == below && at(&view.changes, 5, 80).abs_diff(127) <= 1);
     }
 
     /// Between two changes of the light there is only noise.
