@@ -193,7 +193,7 @@ fn a_board_of_another_layout_is_named() {
     let events = simulated(BOARD, SensorModel::default(), MotionSettings::fast(), 0.4);
     let found = explain(&events, &exchanged.into(), SENSOR, &settings.detection);
     let Obstacle::OtherBoard(other) = found.obstacle else { panic!("{:?}", found.obstacle) };
-    assert_eq!(other.board, board());
+    assert_eq!(other.pattern(), Some(board().pattern));
     assert!(found.circles.len() > 18, "{}", found.circles.len());
 }
 

@@ -118,7 +118,9 @@ fn grid(pairs: &[Pair], ids: &[u16], dictionary: Dictionary, border: u8, corner_
         return None;
     }
     // Ids of the first column: there the board begins, even if its first tag was not in view.
-    let steps = pairs.iter().map(|pair| (pair.ids, pair.offset.map(|offset| (offset / period).round() as i32)));
+    // Perspective makes the offsets of distant tags inaccurate.
+    let near = pairs.iter().filter(|pair| pair.offset.iter().all(|offset| offset.abs() < NEIGHBOURS.end));
+    let steps = near.map(|pair| (pair.ids, pair.offset.map(|offset| (offset / period).round() as i32)));
     let places = places(&steps.collect(), ids);
     let along = |place: &[i32; 2]| {
         if order == TagOrder::Upwards || !dictionary.family.is_april() { place[0] } else { -place[0] }
