@@ -199,9 +199,8 @@ impl TagFinder {
             values
         };
         let place = |tag: &Tag| {
-            let corners = tag.corners.map(Vector2::from);
-            let middle = corners.iter().sum::<Vector2<f64>>() / 4.0;
-            Place { middle, side: (corners[1] - corners[0]).norm() }
+            let [first, second, ..] = tag.corners.map(Vector2::from);
+            Place { middle: tag.middle(), side: (second - first).norm() }
         };
         let (patterns, places): (_, Vec<Place>) =
             (tags.iter().map(pattern).collect(), tags.iter().map(place).collect());
@@ -589,7 +588,7 @@ fn turned(modules: &[f32], side: usize) -> Vec<f32> {
     (0..side * side).map(|index| modules[index % side * side + side - 1 - index / side]).collect()
 }
 
-fn middle(quad: &Quad) -> Vector2<f64> {
+pub(crate) fn middle(quad: &Quad) -> Vector2<f64> {
     quad.iter().map(|corner| Vector2::from(*corner).cast::<f64>()).sum::<Vector2<f64>>() / 4.0
 }
 

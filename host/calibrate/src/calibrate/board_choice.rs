@@ -5,9 +5,10 @@ use crate::detection::layout::{RecognisedLayout, find_layout};
 use crate::detection::recognised::{Recognised, find_board};
 use crate::detection::search::{SearchError, sensor_of};
 use crate::detection::settings::DetectionSettings;
+use evcal_core::sensor::Sensor;
 use evcal_geometry::board::request::{BoardRequest, CircleSize, PrintSize};
 use evcal_geometry::board::{Board, CircleBoard};
-use event_recordings::Recording;
+use event_recordings::{Recording, RecordingError};
 
 /// Reasons why the board is not known.
 #[derive(Debug, thiserror::Error)]
@@ -70,10 +71,18 @@ pub fn recognise_board(
     recordings: &[&Recording],
     settings: &DetectionSettings,
 ) -> Result<Recognised, BoardChoiceError> {
+    first_found(recordings, |recording, sensor| find_board(recording, sensor, settings))
+}
+
+/// Returns what `find` finds in the first of the recordings in which it finds something.
+fn first_found<T>(
+    recordings: &[&Recording],
+    find: impl Fn(&Recording, Sensor) -> Result<Option<T>, RecordingError>,
+) -> Result<T, BoardChoiceError> {
     let mut error = BoardChoiceError::NoEvents;
     for recording in recordings {
         let sensor = sensor_of(recording)?;
-        match find_board(recording, sensor, settings).map_err(SearchError::from)? {
+        match find(recording, sensor).map_err(SearchError::from)? {
             Some(found) => return Ok(found),
             None => error = BoardChoiceError::NotRecognised { file: recording.path().display().to_string() },
         }
@@ -97,9 +106,8 @@ pub fn larger_board(inputs: &[Input], board: &CircleBoard, settings: &DetectionS
         Input::Images(_) | Input::Circles { .. } => None,
     });
     // If no board is recognised, there is nothing to report.
-    let found = recordings
-        .filter_map(|recording| find_layout(recording, sensor_of(recording).ok()?, settings).ok().flatten())
-        .next()?;
+    let find = |recording: &Recording, sensor: Sensor| find_layout(recording, sensor, settings);
+    let found = first_found(&recordings.collect::<Vec<_>>(), find).ok()?;
     let fitting = CircleBoard { pattern: found.pattern, ..*board };
     (found.pattern.circle_count() > board.circle_count()).then_some(LargerBoard { found, board: fitting })
 }

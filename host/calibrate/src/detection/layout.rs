@@ -21,7 +21,7 @@ use event_recordings::pass::read_while;
 use event_recordings::{Recording, RecordingError};
 
 /// Length of the beginning of a recording that is evaluated (µs).
-pub(super) const LONGEST: i64 = 4_000_000;
+const LONGEST: i64 = 4_000_000;
 /// Fewest circles of a window that is evaluated.
 pub(super) const FEWEST_CIRCLES: usize = 8;
 /// Number of windows on which every layout is tried.
@@ -82,22 +82,36 @@ pub fn find_layout(
     sensor: Sensor,
     settings: &DetectionSettings,
 ) -> Result<Option<RecognisedLayout>, RecordingError> {
-    let mut stage = DetectionStage::for_circles(settings, sensor, FEWEST_CIRCLES);
-    read_while(recording, &mut |batch| {
-        stage.push(beginning(batch.events));
-        match batch.events.last() {
-            Some(last) if last.t > LONGEST => ControlFlow::Break(()),
-            _ => ControlFlow::Continue(()),
-        }
-    })?;
-    let (windows, _) = stage.into_circles();
-    let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
-    Ok(recognise(&frames, sensor))
+    Ok(recognise(&first_circles(recording, sensor, settings, FEWEST_CIRCLES)?, sensor))
 }
 
-/// Returns the events of the first seconds.
-pub(super) fn beginning(events: &[Event]) -> &[Event] {
-    events.get(..events.partition_point(|event| event.t <= LONGEST)).unwrap_or_default()
+/// Returns the windows of the first seconds of a recording that have at least `fewest` circles.
+///
+/// # Errors
+/// [`RecordingError`] if the recording cannot be read.
+pub(super) fn first_circles(
+    recording: &Recording,
+    sensor: Sensor,
+    settings: &DetectionSettings,
+    fewest: usize,
+) -> Result<Vec<UnorderedFrame>, RecordingError> {
+    let mut stage = DetectionStage::for_circles(settings, sensor, fewest);
+    read_beginning(recording, &mut |events| stage.push(events))?;
+    let (windows, _) = stage.into_circles();
+    Ok(windows.iter().map(CircleWindow::to_frame).collect())
+}
+
+/// Reads the events of the first seconds of a recording.
+///
+/// # Errors
+/// [`RecordingError`] if the recording cannot be read.
+pub(super) fn read_beginning(recording: &Recording, visit: &mut dyn FnMut(&[Event])) -> Result<(), RecordingError> {
+    read_while(recording, &mut |batch| {
+        let count = batch.events.partition_point(|event| event.t <= LONGEST);
+        visit(batch.events.get(..count).unwrap_or_default());
+        if count < batch.events.len() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })?;
+    Ok(())
 }
 
 /// Returns the layout that fits most of these windows; `None` if none does.

@@ -6,17 +6,15 @@
 
 use std::fmt;
 
-use evcal_core::event::Event;
 use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
 
-use super::layout::{FEWEST_CIRCLES, RecognisedLayout, beginning, recognise};
+use super::layout::{FEWEST_CIRCLES, RecognisedLayout, first_circles, recognise};
 use super::recognised::{Recognised, find_board, find_squares, in_size_of, is_same};
 use super::settings::DetectionSettings;
 use crate::circles::reference_frame::UnorderedFrame;
-use crate::detection::{CircleWindow, DetectionStage, order_frames};
+use crate::detection::order_frames;
 use evcal_geometry::board::{Board, CircleBoard};
-use event_recordings::pass::read_recording;
 use event_recordings::{Recording, RecordingError};
 
 /// Smallest share of the windows with at least half as many circles as the board that another board must fit.
@@ -75,15 +73,14 @@ pub fn find_other_board(
             if let Some(squares) = find_squares(recording, sensor)? {
                 return Ok(Some(OtherReading::Kind(Recognised::Squares(squares))));
             }
-            let mut other = OtherBoard::new(settings, board, sensor);
-            read_recording(recording, &mut |events| other.push(events))?;
-            Ok(other.finish())
+            let frames = first_circles(recording, sensor, settings, FEWEST_CIRCLES.min(half(board)))?;
+            Ok(other_reading(&frames, board, sensor))
         }
         Board::Squares(stated) => Ok(match find_board(recording, sensor, settings)? {
             Some(Recognised::Squares(found)) => {
                 let board = in_size_of(&found.board, stated);
                 let (fitting, windows) = (found.fitting, found.moments);
-                (!is_same(&board, stated)).then(|| OtherReading::Board {
+                (!is_same(&board, stated)).then_some(OtherReading::Board {
                     fitting,
                     windows,
                     board: Board::Squares(board),
@@ -92,33 +89,6 @@ pub fn find_other_board(
             Some(circles) => Some(OtherReading::Kind(circles)),
             None => None,
         }),
-    }
-}
-
-/// Collects the circles of the first seconds of a recording.
-struct OtherBoard<'a> {
-    stage: DetectionStage<'a>,
-    board: CircleBoard,
-    sensor: Sensor,
-}
-
-impl<'a> OtherBoard<'a> {
-    /// Creates the collector for a recording in which `board` was not found.
-    fn new(settings: &'a DetectionSettings, board: &CircleBoard, sensor: Sensor) -> Self {
-        let fewest = FEWEST_CIRCLES.min(half(board));
-        Self { stage: DetectionStage::for_circles(settings, sensor, fewest), board: *board, sensor }
-    }
-
-    /// Adds the next events; times are relative to the start of the recording.
-    fn push(&mut self, events: &[Event]) {
-        self.stage.push(beginning(events));
-    }
-
-    /// Returns the board that the circles fit instead; `None` if none fits.
-    fn finish(self) -> Option<OtherReading> {
-        let (windows, _) = self.stage.into_circles();
-        let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
-        other_reading(&frames, &self.board, self.sensor)
     }
 }
 

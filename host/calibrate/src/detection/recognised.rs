@@ -1,19 +1,16 @@
 //! Recognition of the board in a recording, for users who did not name it, or named another one.
 
 use std::fmt;
-use std::ops::ControlFlow;
 
-use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::SquareBoard;
 use evcal_geometry::board::squares::{Charuco, TagGrid};
 use evcal_squares::picture::Picture;
 use evcal_squares::recognition::{RecognisedBoard, recognise};
-use evcal_squares::reconstruction::{Reconstruction, ReconstructionOptions};
-use event_recordings::pass::read_while;
+use evcal_squares::reconstruction::{Moment, Reconstruction, ReconstructionOptions};
 use event_recordings::{Recording, RecordingError};
 
-use super::layout::{LONGEST, RecognisedLayout, find_layout};
+use super::layout::{RecognisedLayout, find_layout, read_beginning};
 use super::settings::DetectionSettings;
 
 /// Time between the pictures in which boards of squares are recognised (µs), and their number.
@@ -102,44 +99,15 @@ pub fn find_board(
 /// # Errors
 /// [`RecordingError`] if the recording cannot be read.
 pub fn find_squares(recording: &Recording, sensor: Sensor) -> Result<Option<RecognisedBoard>, RecordingError> {
-    let mut pictures = SquarePictures::new(sensor);
-    read_while(recording, &mut |batch| {
-        pictures.push(batch.events);
-        if pictures.is_complete() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    })?;
-    Ok(pictures.finish())
-}
-
-/// Collects pictures of the first seconds of a recording, made of its events.
-struct SquarePictures {
-    reconstruction: Reconstruction,
-    moments: Vec<Vec<Picture>>,
-    last: i64,
-}
-
-impl SquarePictures {
-    fn new(sensor: Sensor) -> Self {
-        let options = ReconstructionOptions { interval: INTERVAL, ..ReconstructionOptions::new(sensor) };
-        Self { reconstruction: Reconstruction::new(options), moments: Vec::new(), last: 0 }
-    }
-
-    fn push(&mut self, events: &[Event]) {
-        let moments = &mut self.moments;
-        self.reconstruction.push(events, |moment| moments.push(moment.pictures));
-        self.last = events.last().map_or(self.last, |event| event.t);
-    }
-
-    fn is_complete(&self) -> bool {
-        self.last > LONGEST
-    }
-
-    fn finish(mut self) -> Option<RecognisedBoard> {
-        let moments = &mut self.moments;
-        self.reconstruction.finish(|moment| moments.push(moment.pictures));
-        let step = moments.len().div_ceil(MOST_MOMENTS).max(1);
-        let sample: Vec<Vec<Picture>> = std::mem::take(moments).into_iter().step_by(step).collect();
-        recognise(&sample)
-    }
+    let options = ReconstructionOptions { interval: INTERVAL, ..ReconstructionOptions::new(sensor) };
+    let mut reconstruction = Reconstruction::new(options);
+    let mut moments: Vec<Vec<Picture>> = Vec::new();
+    let mut keep = |moment: Moment| moments.push(moment.pictures);
+    read_beginning(recording, &mut |events| reconstruction.push(events, &mut keep))?;
+    reconstruction.finish(&mut keep);
+    let step = moments.len().div_ceil(MOST_MOMENTS).max(1);
+    let sample: Vec<Vec<Picture>> = moments.into_iter().step_by(step).collect();
+    Ok(recognise(&sample))
 }
 
 /// Returns a recognised board in the size of `stated`: with the same side of a square or tag.

@@ -1,5 +1,7 @@
 //! Square tags of a board.
 
+use nalgebra::Vector2;
+
 /// A square tag on a board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tag {
@@ -12,4 +14,11 @@ pub struct Tag {
     pub side: usize,
     /// `true` for each light module, row by row from the top left.
     pub light: Vec<bool>,
+}
+
+impl Tag {
+    /// Returns its middle on the board in metres.
+    pub fn middle(&self) -> Vector2<f64> {
+        self.corners.map(Vector2::from).iter().sum::<Vector2<f64>>() / 4.0
+    }
 }

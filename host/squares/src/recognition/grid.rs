@@ -5,10 +5,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use evcal_geometry::board::homography::homography;
 use evcal_geometry::board::squares::family::{Dictionary, TagFamily};
 use evcal_geometry::board::squares::{Charuco, CharucoLayout, SquareBoard, TagGrid, TagOrder};
+use evcal_geometry::board::tag::Tag;
 use evcal_geometry::numerics::statistics::median;
 use nalgebra::{Matrix3, Vector2};
 
 use super::{EXAMPLE_LENGTH, SeenTag};
+use crate::tags::middle;
 
 /// Distances of neighbouring tags of a grid, in tags; the next tags of a row of a ChArUco board are farther apart.
 const NEIGHBOURS: std::ops::Range<f64> = 1.0..2.05;
@@ -62,8 +64,7 @@ fn pairs_of(tags: &[SeenTag]) -> Vec<Pair> {
     let corners = |tag: &SeenTag| tag.found.corners.map(|corner| Vector2::from(corner).cast::<f64>());
     let maps: Vec<Option<Matrix3<f64>>> = tags.iter().map(|tag| homography(&corners(tag), &unit)).collect();
     let offset = |from: &Option<Matrix3<f64>>, to: &SeenTag| {
-        let middle = corners(to).iter().sum::<Vector2<f64>>() / 4.0;
-        let place = from.as_ref()? * middle.push(1.0);
+        let place = from.as_ref()? * middle(&to.found.corners).push(1.0);
         Some(place.xy() / place.z - Vector2::new(0.5, 0.5))
     };
     let mut pairs = Vec::new();
@@ -117,7 +118,6 @@ fn grid(pairs: &[Pair], ids: &[u16], dictionary: Dictionary, border: u8, corner_
     if right.is_none() && columns > 1 {
         return None;
     }
-    // Ids of the first column: there the board begins, even if its first tag was not in view.
     // Perspective makes the offsets of distant tags inaccurate.
     let near = pairs.iter().filter(|pair| pair.offset.iter().all(|offset| offset.abs() < NEIGHBOURS.end));
     let steps = near.map(|pair| (pair.ids, pair.offset.map(|offset| (offset / period).round() as i32)));
@@ -125,6 +125,7 @@ fn grid(pairs: &[Pair], ids: &[u16], dictionary: Dictionary, border: u8, corner_
     let along = |place: &[i32; 2]| {
         if order == TagOrder::Upwards || !dictionary.family.is_april() { place[0] } else { -place[0] }
     };
+    // A row begins in the first column, even if its first tag was not in view.
     let left = places.values().map(along).min()?;
     let first = places.iter().map(|(id, place)| i32::from(*id) - (along(place) - left)).min()?;
     let first = u16::try_from(first).ok()?;
@@ -187,10 +188,7 @@ fn places(steps: &BTreeMap<[u16; 2], [i32; 2]>, ids: &[u16]) -> BTreeMap<u16, [i
 
 /// Returns `true` if the tags of `board` are at these positions, apart from a common shift.
 fn fits(board: &Charuco, places: &BTreeMap<u16, [i32; 2]>) -> bool {
-    let square = |tag: &evcal_geometry::board::tag::Tag| {
-        let [x, y] = tag.corners.iter().fold([0.0; 2], |[x, y], corner| [x + corner[0], y + corner[1]]);
-        [x, y].map(|sum| (sum / 4.0 / board.square).floor() as i32)
-    };
+    let square = |tag: &Tag| <[f64; 2]>::from(tag.middle()).map(|place| (place / board.square).floor() as i32);
     let tags = SquareBoard::Charuco(*board).tags();
     let printed: BTreeMap<u16, [i32; 2]> = tags.iter().map(|tag| (tag.id, square(tag))).collect();
     let shift = |(id, [x, y]): (&u16, &[i32; 2])| printed.get(id).map(|[column, row]| [column - x, row - y]);

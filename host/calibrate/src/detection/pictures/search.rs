@@ -118,8 +118,8 @@ struct CircleTarget<'a> {
 }
 
 impl<'a> PictureSearch<'a> {
-    /// Creates a search for `board` in pictures that are `made_of` light or events; of a board of circles, at least `fewest` must be visible, with radii up to `largest_radius`
-    /// (px).
+    /// Creates a search for `board` in pictures that are `made_of` light or events; of a board of circles, at least `fewest` must be
+    /// visible, with radii up to `largest_radius` (px).
     pub fn new(board: &'a Board, made_of: MadeOf, fewest: usize, largest_radius: f64) -> Self {
         let target = match board {
             Board::Circles(board) => Target::Circles(CircleTarget { board, made_of, largest_radius, fewest }),

@@ -38,8 +38,8 @@ const MOST: f64 = 0.9;
 
 /// Searches `views`, a list for each recording, for `board`.
 ///
-/// What blinks may be the paper or the print, so that the negative is looked at too, and both in turn, so that the changes are. Where a little light is enough for all events of
-/// a pixel, squares that blink have grown so far that those between them do not touch any more; then they are made smaller.
+/// The paper or the print may blink, so the negatives are searched too, or both in turn, so the changes are searched. Where a little
+/// light is enough for all events of a pixel, squares that blink have grown so far that those between them do not touch any more; then they are made smaller.
 pub fn search_views(
     board: &Board,
     settings: &DetectionSettings,
