@@ -75,7 +75,7 @@ const USAGE: &[Mistake] = &[
     ),
     mistake("calibrate a.csv --board aprilgrid:6x6:24mm:6mm -o DIR/out", 2, "here 0.25", "aprilgrid:6x6:35.2mm:0.3"),
     mistake("calibrate a.csv --board charuco:5x7:30mm:r20mm -o DIR/out", 2, "size of a marker", "DICT_5X5_100"),
-    mistake("calibrate a.csv --board auto:55mm -o DIR/out", 2, "auto:SPACING:rRADIUS", "auto:55mm:r17.5mm"),
+    mistake("calibrate a.csv --board auto:55 -o DIR/out", 2, "auto:SPACING:rRADIUS", "auto:55mm:r17.5mm"),
     mistake("calibrate a.csv --board BOARD --model pinhole -o DIR/out", 2, "pinhole", "radtan"),
     mistake("calibrate a.csv --board BOARD --model fisheye -o DIR/out", 2, "fisheye", "kannala-brandt"),
     mistake("calibrate a.csv --board BOARD --model radtan5 -o DIR/out", 2, "radtan5", "radtan"),
