@@ -119,7 +119,7 @@ impl Asked {
 pub struct Calibration {
     asked: Asked,
     calibrated: Calibrated,
-    /// What was not calibrated beside the camera, with the reason.
+    /// Results that are missing, with the reason.
     failures: Vec<(String, String)>,
 }
 
@@ -216,7 +216,7 @@ impl Calibration {
         std::iter::once(self.calibrated.verdict.worded(worded).to_string()).chain(beside).chain(failures).collect()
     }
 
-    /// What was not calibrated beside the camera: pairs of a name (the IMU, or the file of another camera) and the reason.
+    /// Results that are missing although they were asked for: pairs of a name (the IMU, or the file of another camera) and the reason.
     #[getter]
     fn not_calibrated(&self) -> Vec<(String, String)> {
         self.failures.clone()

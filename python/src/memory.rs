@@ -5,7 +5,7 @@ use std::fs::read_to_string;
 use pyo3::PyResult;
 use pyo3::exceptions::PyMemoryError;
 
-/// Checks that there is memory for `needed` bytes of events; if the system does not tell, there is.
+/// Checks that there is memory for `needed` bytes of events; succeeds if the system does not report its memory.
 ///
 /// # Errors
 /// `MemoryError` names the limit.

@@ -88,7 +88,7 @@ impl<const N: usize> Lattice<N> {
         true
     }
 
-    /// Returns the mean distance of neighbours in pixels, zero if there are none.
+    /// Returns the mean distance of neighbours in pixels, zero without neighbours.
     pub fn spacing<T: RealField + Copy>(&self, points: &Points<T, N>) -> T {
         let mut sum = T::zero();
         let mut count = T::zero();

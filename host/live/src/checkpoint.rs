@@ -76,7 +76,7 @@ impl Checkpoint {
 /// Time at which the result of a checkpoint is reported.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Telling {
-    /// As soon as it is ready.
+    /// Immediately.
     WhenReady,
     /// When the recording is this many times as long, after waiting for the result if necessary: independent of the
     /// speed of a replay.

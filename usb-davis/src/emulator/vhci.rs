@@ -61,7 +61,7 @@ impl Link {
         }
     }
 
-    /// Sends one transfer; returns `false` if there was none.
+    /// Sends one transfer; returns `false` if nothing was waiting.
     fn send(&mut self, model: &mut Model) -> io::Result<bool> {
         let Some((number, data)) = self.queued.next(model) else { return Ok(false) };
         self.socket.write_all(&match data {

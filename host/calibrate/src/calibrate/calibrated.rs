@@ -192,7 +192,7 @@ impl Calibrated {
         }
     }
 
-    /// Returns the counts of the camera's own pictures; `None` if there are none.
+    /// Returns the counts of the camera's own pictures; `None` without pictures.
     pub fn picture_report(&self) -> Option<&PictureReport> {
         match &self.evidence {
             Evidence::Events(events) => events.witness.as_ref().map(WitnessOutcome::report),

@@ -101,7 +101,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     })
 }
 
-/// Returns the observations of the joint solve: `events`, or the centres of circles if there are none. Only the board is fixed so
+/// Returns the observations of the joint solve: `events`, or the centres of circles without events. Only the board is fixed so
 /// far.
 fn first_input<'a>(
     task: &Task<'a>,

@@ -1,4 +1,4 @@
-//! The first camera, or the reason why there is none.
+//! The first camera, or the reason why it could not be estimated.
 
 use evcal_core::sensor::Sensor;
 

@@ -44,7 +44,7 @@ pub(super) struct Files<'a> {
     pub(super) without_pictures: &'a [bool],
 }
 
-/// The calibration from pictures, or the reason why there is none.
+/// The calibration from pictures, or the reason why it failed.
 pub(super) type CalibratedPictures = Result<PictureCalibration, NoPictureCalibration>;
 
 /// The camera's own pictures, in addition to its events.
@@ -164,7 +164,7 @@ pub(super) fn witness(solve: &BoardSolve, sensor: Sensor, pictures: &PicturesBes
     }
 }
 
-/// Returns the calibration from pictures, or an error if there is none.
+/// Returns the calibration from pictures, or an error if it failed.
 pub(super) fn require<'a>(
     task: &Task,
     pictures: Option<&'a CalibratedPictures>,

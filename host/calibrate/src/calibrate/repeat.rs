@@ -36,7 +36,7 @@ pub struct Run {
     pub start: f64,
     /// End of the part.
     pub end: f64,
-    /// Parameters in the order of the camera model, or the reason why there are none.
+    /// Parameters in the order of the camera model, or the reason why the calibration failed.
     pub outcome: Result<RunCamera, CalibrateError>,
 }
 

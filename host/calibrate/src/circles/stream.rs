@@ -117,7 +117,7 @@ impl Receiver {
         self.decoder.counts().frames
     }
 
-    /// Returns the circles, and the counts of everything else; `None` if there is no circle.
+    /// Returns the circles, and the counts of everything else; `None` without circles.
     pub fn finish(mut self) -> Option<CircleStream> {
         self.close_without_end();
         let origin_us = self.windows.first()?.start_us;

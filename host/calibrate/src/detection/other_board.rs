@@ -93,7 +93,7 @@ pub fn find_other_board(
 }
 
 /// Returns the board that the circles of all frames fit instead of `board`: one that users confuse with it, or any recognised
-/// layout; `None` if there is none.
+/// layout; `None` if no board fits.
 pub fn other_reading(all: &[UnorderedFrame], board: &CircleBoard, sensor: Sensor) -> Option<OtherReading> {
     let frames: Vec<UnorderedFrame> = all.iter().filter(|frame| frame.circles.len() >= half(board)).cloned().collect();
     let pattern = board.pattern;

@@ -71,7 +71,7 @@ pub struct StillView {
     pub changes: TimedImage,
 }
 
-/// The events of a stretch of time by pixel.
+/// The events of a block by pixel.
 #[derive(Clone, Debug)]
 struct Block {
     start: i64,
@@ -216,7 +216,7 @@ impl OpenView {
     }
 }
 
-/// How long a view is (s).
+/// Duration of a view (s).
 pub fn duration(view: &StillView) -> f64 {
     let (start, end) = view.counts.exposure;
     end.saturating_sub(start) as f64 * 1e-6

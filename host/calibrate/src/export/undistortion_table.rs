@@ -57,7 +57,7 @@ pub fn ideal_of(camera: &Camera<f64>) -> IdealCamera<f64> {
 /// Returns the coarsest table whose error is at most `max_error` pixels of `camera`.
 ///
 /// # Errors
-/// [`ExportTableError`] if there is none.
+/// [`ExportTableError`] if no table has so small an error.
 pub fn fit_table(
     camera: &Camera<f64>,
     ideal: &IdealCamera<f64>,

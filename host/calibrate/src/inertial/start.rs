@@ -82,7 +82,7 @@ fn camera_turns(trajectories: &[&Trajectory]) -> Turns {
     })
 }
 
-/// Returns means of the readings within half a step, or interpolates between the neighbours if there are none.
+/// Returns means of the readings within half a step, or interpolates between the neighbours of an empty half step.
 fn unit_values(samples: &[Sample], value: impl Fn(&Sample) -> Vector3<f64>) -> Series<Vector3<f64>> {
     let (Some(first), Some(last)) = (samples.first(), samples.last()) else {
         return Series { start: 0.0, step: STEP, values: Vec::new() };

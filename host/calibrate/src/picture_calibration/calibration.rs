@@ -263,7 +263,7 @@ fn nearest(measured: &[ObservedCircle], circle: &ObservedCircle) -> Option<nalge
     measured.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).map(|nearest| nearest.center)
 }
 
-/// Returns the first camera and poses, or the reason why there is none.
+/// Returns the first camera and poses, or the reason why they could not be estimated.
 fn start(
     frames: &[ReferenceFrame],
     report: &PictureReport,

@@ -40,7 +40,7 @@ pub struct CalibratedCamera {
     pub covariance: Option<Vec<Vec<f64>>>,
     /// Root mean square of the residuals in pixels, if known.
     pub residual_rms: Option<f64>,
-    /// The verdict of the calibration; empty if there is none.
+    /// The verdict of the calibration; empty without one.
     pub verdict: String,
     /// The board, if known.
     pub board: Option<Board>,

@@ -107,7 +107,7 @@ pub struct CalibrationFile {
     /// Result from the camera's own frames; absent if the recordings contain none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<FramesResult>,
-    /// Statistics of the joint solve of frames and events; absent if there was none.
+    /// Statistics of the joint solve of frames and events; absent without such a solve.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub joint_frames: Option<JointReport>,
     /// The IMU, if requested.

@@ -28,7 +28,7 @@ pub struct FixedSetting {
     pub stated: String,
     /// The built-in value.
     pub built_in: String,
-    /// Replacement, after a semicolon; empty if there is none.
+    /// Replacement, after a semicolon; empty if nothing replaces it.
     pub instead: String,
 }
 

@@ -199,7 +199,7 @@ pub fn offset(first: &Rates, second: &Rates, overlap: Overlap) -> Result<Offset,
 /// Returns all offsets that may be right, the best first, at most `most` of them: more than one if the motion is periodic.
 ///
 /// # Errors
-/// [`AlignmentError`] if there is none.
+/// [`AlignmentError`] if no offset fits.
 pub fn offsets(first: &Rates, second: &Rates, overlap: Overlap, most: usize) -> Result<Vec<Offset>, AlignmentError> {
     let seconds = |steps: f64| second.start - first.start + steps * first.step;
     match lags(&first.values, &second.values, &rules(first, second, overlap), most) {
@@ -299,7 +299,7 @@ impl ComparedTurns {
         sums
     }
 
-    /// Returns the rotation between them; `None` if there is none.
+    /// Returns the rotation between them; `None` if they determine no rotation.
     pub fn rotation(&self) -> Option<BestRotation> {
         let svd = self.products.svd(true, true);
         let (left, right, sizes) = (svd.u?, svd.v_t?, svd.singular_values);

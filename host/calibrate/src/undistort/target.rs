@@ -68,7 +68,7 @@ impl TargetProjection {
 /// kept ([`optimal_matrix`]); without it the camera matrix is kept ([`same_matrix`]).
 ///
 /// # Errors
-/// [`TargetError`] if there is none.
+/// [`TargetError`] if no such camera exists.
 pub fn target_camera(
     camera: &Camera<f64>,
     projection: TargetProjection,
@@ -98,7 +98,7 @@ pub fn same_matrix(camera: &Camera<f64>, projection: TargetProjection) -> Result
 /// of 9 × 9 pixels that spans the sensor; focal lengths and principal point are interpolated between them.
 ///
 /// # Errors
-/// [`TargetError`] if there is none.
+/// [`TargetError`] if no such camera exists.
 pub fn optimal_matrix(
     camera: &Camera<f64>,
     projection: TargetProjection,

@@ -190,7 +190,7 @@ fn report(shared: &Shared) -> Answer {
     }
 }
 
-/// Returns the newest state after the one that the page has; 204 if there is none for a while.
+/// Returns the newest state after the one that the page has; 204 if nothing changes for a while.
 async fn state(shared: &Shared, query: Option<&str>) -> Answer {
     *shared.asked.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
     let after = query.and_then(|query| query.strip_prefix("after=")).and_then(|after| after.parse::<u32>().ok());

@@ -77,7 +77,7 @@ impl Description {
     }
 }
 
-/// Returns the name of the coordinate frame in the header of a message; empty if there is none.
+/// Returns the name of the coordinate frame in the header of a message; empty without one.
 pub fn frame_name(wire: Wire, message: &[u8]) -> String {
     let header = Fields::new(wire, message).and_then(|mut fields| fields.header_with_frame());
     header.map(|(_, frame)| String::from_utf8_lossy(frame).into_owned()).unwrap_or_default()

@@ -37,7 +37,7 @@ const EDGE: f64 = 1.5;
 /// enough; the camera does not depend on the place.
 const ODDS_AT_REST: f64 = 500.0;
 
-/// What pictures are made of.
+/// Origin of pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MadeOf {
     /// Light, in a camera's own frames.

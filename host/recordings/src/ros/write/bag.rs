@@ -60,7 +60,7 @@ impl Bag {
         Ok(bag)
     }
 
-    /// Writes the beginning of the file. `index` is the offset of the index, 0 if there is none yet.
+    /// Writes the beginning of the file. `index` is the offset of the index, 0 before it is written.
     fn first_record(&mut self, index: u64) -> Result<(), WriteError> {
         let (connections, chunks) = (self.connected.len() as u32, self.chunks);
         let (index, connections, chunks) = (index.to_le_bytes(), connections.to_le_bytes(), chunks.to_le_bytes());

@@ -91,7 +91,7 @@ impl Mcap {
         let (start, end) = (times.clone().min().unwrap_or(0), times.max().unwrap_or(0));
         let packed = zstd::bulk::compress(&chunk, LEVEL)?;
         let (span, size) = ([start.to_le_bytes(), end.to_le_bytes()].concat(), chunk.len() as u64);
-        // The checksum 0 means that there is none.
+        // The checksum 0 means that nothing is to be checked.
         let head = [&span[..], &size.to_le_bytes(), &[0; 4], &sized(COMPRESSION.as_bytes())?].concat();
         let position = self.position;
         self.write(&record(6, &[&head[..], &(packed.len() as u64).to_le_bytes(), &packed].concat()))?;
