@@ -418,7 +418,7 @@ impl fmt::Display for Checked {
             let (time, covered) = (100.0 * time_share, 100.0 * covered);
             writeln!(
                 f,
-                "{:<12}{what} in {found} of {windows} windows of some milliseconds, in {time:.0} % of the tenths of a second that have events, and in \
+                "{:<12}{what} in {found} of {windows} windows of a few milliseconds, in {time:.0} % of the intervals of 0.1 s with events, and on \
                  {covered:.0} % of the sensor",
                 "board"
             )?;

@@ -80,7 +80,7 @@ pub enum NoBoard {
     #[serde(rename = "too few circles")]
     TooFewCircles,
     /// There is a lattice, with too few circles.
-    #[serde(rename = "too few circles of a board")]
+    #[serde(rename = "too few circles in the grid of the board")]
     TooFewOfBoard,
     /// The window contains too few events for a search.
     #[serde(rename = "too few events")]

@@ -34,14 +34,16 @@ const NOISE: f64 = 0.4;
 const MOST_RANDOM: f64 = 1.5;
 /// In so short a time (µs) a screen changes at most once.
 const MOMENT: i64 = 5_000;
-/// A block as long as this (µs) ends between changes of the light: it has few of them, and a part of one is not like a whole one.
+/// A block at least as long as this (µs) contains few changes of the light. It ends between two of them, because a block with a part of
+/// a change differs from the others.
 const SLOW: i64 = 100_000;
-/// The light changes while events are so many times as frequent as in all of the block, in a moment of so many µs at least.
+/// The light is changing if the event rate of the last moment is this many times the rate of the block.
 const CHANGING: f64 = 3.0;
+/// Shortest time (µs) for which the rate of a moment is computed.
 const SHORTEST_MOMENT: f64 = 1000.0;
 /// Most views that are kept; a calibration needs a tenth of them.
 const MOST_VIEWS: usize = 400;
-/// Number of events that is white in a picture, as a multiple of the median of blinking pixels, of which half have more events.
+/// Number of events of a white pixel in a picture, as a multiple of the median of the blinking pixels.
 const WHITE: f64 = 1.2;
 /// One pixel in this number may be hot.
 const HOT: usize = 1000;
@@ -53,11 +55,11 @@ pub struct StillViews {
     block: Block,
     view: Option<OpenView>,
     views: Vec<StillView>,
-    /// The block does not end before (µs).
+    /// The block does not end before this time (µs).
     not_before: i64,
-    /// It could have ended, but the light was changing.
+    /// `true` if the block was continued because the light was changing.
     has_waited: bool,
-    /// Some block was not like the one before.
+    /// `true` if a block differed from the one before.
     has_moved: bool,
 }
 
@@ -66,8 +68,8 @@ pub struct StillViews {
 pub struct StillView {
     /// The numbers of events: what blinks is bright.
     pub counts: TimedImage,
-    /// The changes of the light: what becomes bright while other parts become dark, as in a pattern that alternates with its negative,
-    /// is bright, the others are dark, and the rest is grey. Or the reverse.
+    /// The directions of the changes. In a pattern that alternates with its negative, some pixels become bright while others become dark:
+    /// one group is white here and the other black (which one is arbitrary), and pixels without changes are grey.
     pub changes: TimedImage,
 }
 
@@ -78,9 +80,9 @@ struct Block {
     end: i64,
     events: usize,
     counts: Vec<u32>,
-    /// ON minus OFF events of each pixel, where all events of a moment have the sign with which they agree with those before.
+    /// ON minus OFF events of each pixel. The events of a moment count with the opposite sign if they disagree with the sum so far.
     changes: Vec<i32>,
-    /// The last moment: its start, and its events as a pixel with a change.
+    /// The last moment: its start, and the pixel and sign of each of its events.
     moment: (i64, Vec<Change>),
 }
 
@@ -325,8 +327,8 @@ impl Block {
     }
 }
 
-/// Events of a usual pixel (or square of pixels) that blinks: the median of those with at least half the mean number, each pixel
-/// counting as often as it sent events.
+/// Number of events of a usual pixel (or square of pixels) that blinks: the median of those with at least half the mean, in which each
+/// pixel has its number of events as weight.
 fn usual_count(counts: &[u32]) -> Option<f64> {
     let mut sorted: Vec<u32> = counts.iter().copied().filter(|count| *count > 0).collect();
     sorted.sort_unstable();

@@ -77,8 +77,8 @@ fn event_lines(events: &EventCalibration) -> Vec<StageLine> {
     lines.push(initial_line(&events.initial.report));
     let segments = &events.segments;
     let parts = counted(segments.segments as u64, "segment", "segments");
-    let kept = format!("frames in {parts} of {:.3} s", segments.duration);
-    let taken = Amount::new(segments.frames_in as u64, "frames");
+    let kept = format!("reference frames in {parts}, {:.3} s together", segments.duration);
+    let taken = Amount::new(segments.frames_in as u64, "reference frames");
     lines.push(StageLine::new("Trajectory segments", taken, Amount::new(segments.frames_out as u64, kept)).dropping([
         (segments.too_few_frames as u64, "groups of too few frames".to_owned()),
         (segments.too_short as u64, "groups too short".to_owned()),
@@ -118,7 +118,7 @@ fn detection_lines(detection: &DetectionReport) -> [StageLine; 2] {
     let too_few = (detection.too_few_events, "too few events".to_owned());
     let by_neighbours = detection.found_by_neighbours;
     let note = (by_neighbours > 0).then(|| {
-        format!("in {by_neighbours} of those with the board, neighbouring frames determined which part of it was seen")
+        format!("in {by_neighbours} of those with the board, neighbouring windows determined which part of it was seen")
     });
     let pairs = detection.pairs_refused.iter().map(|(reason, count)| (*count, format!("{reason} (pairs of clusters)")));
     [
@@ -142,8 +142,8 @@ fn initial_line(initial: &InitialReport) -> StageLine {
     let dropped = initial.dropped_by_reason().into_iter();
     StageLine::new(
         "First lens and poses",
-        Amount::new(initial.frames_in as u64, "frames"),
-        Amount::new(initial.frames_out as u64, "frames"),
+        Amount::new(initial.frames_in as u64, "reference frames"),
+        Amount::new(initial.frames_out as u64, "reference frames"),
     )
     .dropping(dropped.map(|(reason, count)| (count as u64, reason.to_string())))
 }
@@ -220,7 +220,9 @@ fn used_line(report: &PictureReport, spread: f64, inflation: f64) -> StageLine {
     .noting(reasons)
     .noting([
         format!("a centre scatters by {spread:.3} px"),
-        format!("variance {inflation:.1} times that of independent centres"),
+        format!(
+            "the variance of the parameters is {inflation:.1} times the variance that independent centres would have"
+        ),
     ])
 }
 

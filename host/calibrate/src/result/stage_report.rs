@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use super::stage_lines::{Amount, StageLine, stage_lines};
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use crate::picture_calibration::calibration::PictureSource;
+use crate::solve::residual_statistics::Measured;
 use crate::trust::witness::{Comparison, WitnessOutcome};
 use event_recordings::pass::RecordingReport;
 
@@ -13,13 +14,14 @@ const NAME: usize = 30;
 
 /// Returns the text of all stages of a calibration, in their order.
 pub fn stage_report(calibrated: &Calibrated) -> String {
-    let held = match &calibrated.evidence {
+    let counted = match &calibrated.evidence {
         Evidence::Pictures(pictures) if pictures.report.source == PictureSource::Frames => "frames with the board",
-        Evidence::Events(_) | Evidence::Pictures(_) => "events or circles",
+        Evidence::Events(events) if events.measured == Measured::CircleCentres => "circles",
+        Evidence::Events(_) | Evidence::Pictures(_) => "events",
     };
     let mut text = String::new();
     for recording in &calibrated.recordings {
-        put_recording(&mut text, recording, held);
+        put_recording(&mut text, recording, counted);
     }
     for line in stage_lines(calibrated) {
         put(&mut text, &line);
@@ -39,8 +41,8 @@ fn put_row(text: &mut String, name: &str, row: &str) {
     let _ = writeln!(text, "{name:<NAME$} {row}");
 }
 
-fn put_recording(text: &mut String, recording: &RecordingReport, held: &str) {
-    put_row(text, "Recording", &format!("{} {held} in {:.3} s", recording.count, recording.duration));
+fn put_recording(text: &mut String, recording: &RecordingReport, counted: &str) {
+    put_row(text, "Recording", &format!("{} {counted} in {:.3} s", recording.count, recording.duration));
     for note in &recording.notes {
         put_row(text, "", note);
     }

@@ -10,8 +10,8 @@
 //! from the edge, `latency` after its passage. s is the distance from the middle of the sensor, 1 at its corners, and a the
 //! acceleration of the edge of a round dot that does not pass the pixel centrally. At the straight edge of a square, ρ is the width
 //! of the dark strip and a is zero. The spread
-//! depends on the speed: at slow edges noise has the time to shift events, at fast ones differences between pixels' latencies
-//! become pixels.
+//! depends on the speed: at slow edges noise has time to shift events; at fast ones the different latencies of
+//! pixels become distances.
 
 pub mod bias;
 pub mod first_events;
@@ -26,7 +26,7 @@ use bias::{Bias, Biases};
 pub const CLASSES_OF_LENGTH: usize = 2 * RANK_COUNT;
 /// Number of event classes: first the classes of long bursts, then the classes of shorter ones.
 pub const CLASS_COUNT: usize = BurstLength::COUNT * CLASSES_OF_LENGTH;
-/// Number of biases of its own that a class of shorter bursts has, the first ones: offset and latency. It shares the others with
+/// Number of biases that a class of shorter bursts has for itself: the first two, offset and latency. It shares the others with
 /// the class of long bursts of the same polarity and rank.
 const BIASES_OF_SHORTER: usize = 2;
 /// Number of biases of all classes.

@@ -268,18 +268,20 @@ fn sentence(
 ) -> String {
     let (rms, max, [x, y]) = (difference.rms, difference.max, difference.max_at);
     let apart = format!("their projections differ by {rms:.3} px (rms; at most {max:.3} px, at ({x:.0}, {y:.0}))");
-    let expected = format!("{:.3} px are expected from the uncertainty of both", expected.rms);
+    let expected = expected.rms;
     match agreement {
         Agreement::Agrees => {
-            format!("the camera's {frames} frames agree with its events: {apart}, {expected} ({ratio:.1} times)")
+            format!(
+                "the camera's {frames} frames agree with its events: {apart}, {ratio:.1} times the {expected:.3} px that their uncertainties predict"
+            )
         }
         Agreement::Disagrees => format!(
-            "the camera's {frames} frames DISAGREE with its events: {apart}, {expected} ({ratio:.1} times). Both have \
+            "the camera's {frames} frames DISAGREE with its events: {apart}, {ratio:.1} times the {expected:.3} px that their uncertainties predict. Both have \
              the same lens, so one of the two is wrong or less certain than reported: is the lens in focus, is \
              the board flat, was it seen all over the image by both, did the lens or the board change while recording?"
         ),
         Agreement::TooUncertain => format!(
-            "the camera's {frames} frames can neither confirm nor refute the events: {expected}. More light, slower motion \
+            "the camera's {frames} frames can neither confirm nor refute the events: their uncertainties predict a difference of {expected:.3} px. More light, slower motion \
              and a longer recording make better frames"
         ),
     }

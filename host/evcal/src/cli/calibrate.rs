@@ -51,8 +51,8 @@ pub(super) const LISTENING: &str = "listening to the serial port";
 #[derive(clap::Args)]
 pub struct Arguments {
     /// Recordings of one camera: AEDAT 2, 3 or 4, Prophesee RAW or DAT, ROS bags (ROS 1, MCAP, SQLite), npy or npz, HDF5, CSV or text,
-    /// Event Stream, EventCalib binary, .dvraw, pcap (docs/formats.md); or circles: a circle track, a circle stream, or the serial port
-    /// of a detector, serial:PORT?baud=921600&seconds=10
+    /// Event Stream, EventCalib binary, .dvraw, pcap (docs/formats.md); or circles without events: a file of circles, or a recorded stream or
+    /// the serial port of a microcontroller with the detector, serial:PORT?baud=921600&seconds=10
     #[arg(required = true)]
     recordings: Vec<PathBuf>,
     #[command(flatten)]

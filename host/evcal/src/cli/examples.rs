@@ -11,7 +11,7 @@ Each subcommand has examples: evcal calibrate --help";
 
 pub const CALIBRATE: &str = "\
 Examples:
-  A recording and its board (spacing: half the distance in a row; radius):
+  A recording and its board (spacing, which is half the distance of neighbours in a row, and radius):
     evcal calibrate recording.aedat4 --board acircles:9x4:55mm:r17.5mm -o calibration
   Only the spacing and radius of the board are known:
     evcal calibrate recording.aedat4 --board auto:55mm:r17.5mm -o calibration

@@ -35,7 +35,7 @@ pub fn summary(calibration: &CalibrationFile) -> String {
         let _ = writeln!(
             text,
             "two halves of the recording, calibrated separately, differ by {:.4} px (expected: {:.4} px, at most {:.4} px in 95 of 100 cases); \
-             residual {:.4} px on the own half, {:.4} px on the other",
+             residual {:.4} px with the camera of the same half, {:.4} px with the other camera",
             halves.difference_rms, halves.expected_rms, halves.bound, halves.held_out.own_rms, halves.held_out.rms
         );
     }
