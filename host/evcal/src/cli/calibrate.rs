@@ -188,7 +188,7 @@ pub struct CalibrationArguments {
 pub struct MethodArguments {
     /// Board: circles such as acircles:9x4:55mm:r17.5mm (layout, rows x columns, spacing, radius), checkerboard:6x9:25mm (rows x columns of
     /// inner corners), aprilgrid:6x6:35.2mm:0.3, apriltags:3x4:30mm:0.25, charuco:5x7:30mm:22mm:DICT_5X5_100, or a target file of Kalibr;
-    /// auto:55mm:r17.5mm recognises a grid of circles
+    /// auto:25mm recognises a board of squares (length of a square or tag), auto:55mm:r17.5mm a grid of circles
     #[arg(long, value_parser = super::board_argument::board_request)]
     pub board: BoardRequest,
     /// Camera model; auto chooses the simplest model that fits held-out circles as well as the best one
