@@ -19,6 +19,7 @@ impl Polarity {
     }
 
     /// Returns 0 for [`Polarity::Off`] and 1 for [`Polarity::On`], an index into tables by polarity.
+    #[inline]
     pub const fn index(self) -> usize {
         match self {
             Self::Off => 0,

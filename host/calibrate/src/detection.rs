@@ -177,6 +177,8 @@ pub struct DetectionStage<'a> {
     chunk_index: i64,
     waiting: Vec<(i64, Vec<Event>)>,
     waiting_events: usize,
+    /// Memory of chunks that were searched.
+    buffers: Vec<Vec<Event>>,
     frames: Vec<CompactFrame>,
     circle_windows: Vec<CircleWindow>,
     unplaced: UnplacedWindows,
@@ -211,6 +213,7 @@ impl<'a> DetectionStage<'a> {
             chunk_index: 0,
             waiting: Vec::new(),
             waiting_events: 0,
+            buffers: Vec::new(),
             frames: Vec::new(),
             circle_windows: Vec::new(),
             unplaced: UnplacedWindows::new(recording),
@@ -239,7 +242,8 @@ impl<'a> DetectionStage<'a> {
     fn close_chunk(&mut self) {
         if !self.chunk.is_empty() {
             self.waiting_events += self.chunk.len();
-            self.waiting.push((self.chunk_index, std::mem::take(&mut self.chunk)));
+            let empty = self.buffers.pop().unwrap_or_default();
+            self.waiting.push((self.chunk_index, std::mem::replace(&mut self.chunk, empty)));
         }
         if self.waiting.len() >= CHUNKS_TOGETHER || self.waiting_events >= EVENTS_TOGETHER {
             self.search();
@@ -276,6 +280,10 @@ impl<'a> DetectionStage<'a> {
             Wanted::Circles(_) => self.circle_windows.extend(found.into_iter().filter_map(Found::into_circles)),
         }
         self.kept_pixels.limit(&mut self.frames);
+        self.buffers.extend(waiting.into_iter().map(|(_, mut events)| {
+            events.clear();
+            events
+        }));
     }
 
     /// Adds the frames of the chunks `waiting`, and uncertain windows that neighbouring frames determine.

@@ -10,6 +10,10 @@
 #include <stdexcept>
 #include <vector>
 
+#if defined(__unix__) || defined(__APPLE__)
+#include <dlfcn.h>
+#endif
+
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
 
@@ -44,8 +48,17 @@ enum Status { DONE, NOTHING, EXCEPTION };
 // Thrown where a result has not the type or the size that OpenCV's manual names.
 struct Unexpected {};
 
+// OpenCV solves its equations with the BLAS of the system. OpenBLAS shares even small ones among threads, which wait
+// longer than they compute, and the last bits of the result depend on their number.
+void use_one_thread_in_blas() {
+#if defined(__unix__) || defined(__APPLE__)
+    using Set = void (*)(int);
+    if (const auto set = reinterpret_cast<Set>(dlsym(RTLD_DEFAULT, "openblas_set_num_threads"))) set(1);
+#endif
+}
+
 void use_one_thread() {
-    static const bool done = (cv::setNumThreads(1), true);
+    static const bool done = (cv::setNumThreads(1), use_one_thread_in_blas(), true);
     (void)done;
 }
 

@@ -1,7 +1,7 @@
 //! One pass through a recording on a thread of its own, with a report.
 
 use std::ops::ControlFlow;
-use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
 
 use evcal_core::event::Event;
 use serde::{Deserialize, Serialize};
@@ -101,18 +101,29 @@ pub fn read_while(
 ) -> Result<Pass, RecordingError> {
     std::thread::scope(|scope| {
         let (sender, batches) = sync_channel(READ_AHEAD);
-        let reader = scope.spawn(move || read_ahead(recording, &sender));
+        let (used, buffers) = channel();
+        let reader = scope.spawn(move || read_ahead(recording, &sender, &buffers));
         // Dropping the iterator closes the channel, which ends the reader.
-        let _ = batches.into_iter().try_for_each(|(events, done)| visit(Batch { events: &events, done }));
+        let _ = batches.into_iter().try_for_each(|(events, done)| {
+            let flow = visit(Batch { events: &events, done });
+            // After its last batch the reader needs no buffer.
+            let _ = used.send(events);
+            flow
+        });
         reader.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })
 }
 
-fn read_ahead(recording: &Recording, sender: &SyncSender<(Vec<Event>, Option<f64>)>) -> Result<Pass, RecordingError> {
+/// Reads a recording and sends its batches; `buffers` returns their memory, to be used again.
+fn read_ahead(
+    recording: &Recording,
+    sender: &SyncSender<(Vec<Event>, Option<f64>)>,
+    buffers: &Receiver<Vec<Event>>,
+) -> Result<Pass, RecordingError> {
     let mut reader = recording.open()?;
     let (mut count, mut first, mut last) = (0, None, 0);
     let damage = loop {
-        let mut events = Vec::new();
+        let mut events = buffers.try_recv().unwrap_or_default();
         match reader.next_batch(&mut events) {
             Ok(true) => {}
             Ok(false) => break None,

@@ -238,27 +238,23 @@ impl EventReader {
     }
 
     /// Keeps `event` among the first events, or admits it.
+    #[inline]
     fn begin_or_admit(&mut self, event: Event, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         if !(-MAX_TIME..=MAX_TIME).contains(&event.t) {
-            let what = format!(
-                "its time, {} µs, is out of range: the file is damaged here, or its times are in another unit",
-                event.t
-            );
-            return Err(RecordingErrorKind::Event { event: self.decoded, what });
+            return Err(self.out_of_range(event.t));
         }
-        match &mut self.beginning {
-            Some(beginning) if beginning.len() < BEGINNING => {
+        if let Some(beginning) = &mut self.beginning {
+            if beginning.len() < BEGINNING {
                 beginning.push(event);
-                Ok(())
+                return Ok(());
             }
-            _ => {
-                self.begin(events)?;
-                self.admit(event, events)
-            }
+            self.begin(events)?;
         }
+        self.admit(event, events)
     }
 
     /// Admits the first events, without the strays before them.
+    #[cold]
     fn begin(&mut self, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         let Some(beginning) = self.beginning.take() else { return Ok(()) };
         let strays = if beginning.len() < BEGINNING { 0 } else { strays_in_front(&beginning) };
@@ -268,16 +264,23 @@ impl EventReader {
 
     /// Returns `event` to the caller, or keeps it until it is known to be a stray or the first event after a clock
     /// reset.
+    #[inline]
     fn admit(&mut self, event: Event, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         let clock = self.clock.get_or_insert(Clock { latest: event.t, shift: 0 });
         let step = clock.latest - (event.t + clock.shift);
-        if step <= LARGEST_JITTER {
-            if !self.early.is_empty() {
-                self.drop_early(events.len())?;
-            }
-            self.hand_out(event, events);
-            return Ok(());
+        if step > LARGEST_JITTER {
+            return self.keep_early(event, events);
         }
+        if !self.early.is_empty() {
+            self.drop_early(events.len())?;
+        }
+        self.hand_out(event, events);
+        Ok(())
+    }
+
+    /// Keeps an event that is too early.
+    #[cold]
+    fn keep_early(&mut self, event: Event, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         if self.early.last().is_some_and(|last| event.t < last.t - LARGEST_JITTER) {
             // The early events did not continue either: the clock was reset before them, and this event is
             // another early one.
@@ -288,6 +291,7 @@ impl EventReader {
         if self.early.len() > MOST_STRAYS { self.reset(events) } else { Ok(()) }
     }
 
+    #[inline]
     fn hand_out(&mut self, event: Event, events: &mut Vec<Event>) {
         let Some(clock) = &mut self.clock else { return };
         let step = clock.latest - (event.t + clock.shift);
@@ -332,6 +336,13 @@ impl EventReader {
         clock.shift = clock.latest - first.t;
         early.into_iter().for_each(|event| self.hand_out(event, events));
         Ok(())
+    }
+
+    #[cold]
+    fn out_of_range(&self, t: i64) -> RecordingErrorKind {
+        let what =
+            format!("its time, {t} µs, is out of range: the file is damaged here, or its times are in another unit");
+        RecordingErrorKind::Event { event: self.decoded, what }
     }
 
     fn out_of_order(&self, times: u64) -> RecordingErrorKind {

@@ -64,7 +64,7 @@ pub struct OwnPictures {
 }
 
 /// Most events of [`EventCalibration::sample`].
-pub const SAMPLE: usize = 1_000_000;
+pub const SAMPLE: usize = 500_000;
 
 /// A calibration along trajectories.
 pub struct EventCalibration {

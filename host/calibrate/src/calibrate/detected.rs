@@ -15,7 +15,7 @@ use crate::detection::focus::{WINDOWS, edge_width};
 use crate::detection::other_board::{OtherReading, find_other_board};
 use crate::detection::unplaced::UnplacedWindows;
 use crate::detection::{DetectionReport, LARGEST_SENSOR};
-use crate::diagnosis::bad_pixels::PixelCounter;
+use crate::diagnosis::bad_pixels::BadPixels;
 use crate::diagnosis::disorder::Disorder;
 use crate::diagnosis::fingerprint::Fingerprint;
 use crate::diagnosis::flicker::RateBins;
@@ -149,14 +149,12 @@ impl Detected {
         let (mut fingerprint, mut saturation) = (Fingerprint::default(), SaturationDetector::default());
         let mut thinning = Thinning::new(sensor);
         self.events.sample.begin(index);
-        let (mut bins, mut pixels) = (RateBins::default(), PixelCounter::new(sensor));
-        let mut steps = TimeSteps::default();
+        let (mut bins, mut steps) = (RateBins::default(), TimeSteps::default());
         let pass = progress.read(task.inputs, index, &mut |events| {
             fingerprint.push(events);
             saturation.push(events);
             bins.push(events);
             steps.push(events);
-            pixels.push(events);
             stage.push(events);
             self.events.sample.push(events, &mut thinning);
         })?;
@@ -180,7 +178,7 @@ impl Detected {
         self.health.push(Health {
             flicker: bins.flicker(),
             always_full: bins.is_even(),
-            pixels: pixels.finish(),
+            pixels: BadPixels::of_counts(&thinning.counts(), usize::from(sensor.width), thinning.repeated()),
             disorder: Disorder::met(&pass.report),
             coarse_times: steps.coarse(pass.first),
             edges: edge_width(&looked_at(&windows)),

@@ -41,7 +41,11 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let saturated = Saturated::new(detected.saturated, &detected.recordings);
 
     let first = first_model(task, &frames, sensor, progress)?;
-    let files = Files { starts: Some(&detected.starts), without_pictures: &detected.without_pictures };
+    let files = Files {
+        starts: Some(&detected.starts),
+        without_pictures: &detected.without_pictures,
+        duration: detected.recordings.iter().map(|recording| recording.duration).sum(),
+    };
     let pictures = calibrate_beside(task, files, &frames, sensor, first.initial.camera.kind(), progress)?;
     keep_examples(&mut frames, &first.initial);
     let events = detected.events.of_choice(choice.as_ref(), task, sensor, progress)?;

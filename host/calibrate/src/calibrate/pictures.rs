@@ -42,7 +42,16 @@ pub(super) struct Files<'a> {
     pub(super) starts: Option<&'a [f64]>,
     /// For each input, `true` if it is known to contain no pictures; may be empty.
     pub(super) without_pictures: &'a [bool],
+    /// Duration of the events of all inputs (s); 0 if unknown.
+    pub(super) duration: f64,
 }
+
+/// Number of pictures in the cross-check of a short recording. Their calibration is about as precise as the one from the events.
+const CHECKED: f64 = 90.0;
+/// Number of pictures with the board below which all pictures are searched.
+const FEWEST_CHECKED: usize = 45;
+/// Longest time between pictures in the cross-check (s). It compares their clock with that of the events within a few seconds.
+const LONGEST_BETWEEN: f64 = 0.25;
 
 /// The calibration from pictures, or the reason why it failed.
 pub(super) type CalibratedPictures = Result<PictureCalibration, NoPictureCalibration>;
@@ -74,7 +83,7 @@ pub(super) fn calibrate_beside(
         PictureUse::Witness => false,
         PictureUse::Joint | PictureUse::SecondCamera => true,
     };
-    let seen = see_pictures(task, files, progress)?;
+    let seen = if is_needed { see_pictures(task, files, 0, progress)? } else { see_enough(task, files, progress)? };
     let misalignment = misalignment(windows, &seen.frames, task.board, sensor);
     if let Some(misalignment) = misalignment.filter(|misalignment| is_in_the_way(task.pictures, misalignment)) {
         return Err(CalibrateError::PicturesMisaligned(misalignment));
@@ -96,11 +105,22 @@ fn is_in_the_way(pictures: PictureUse, misalignment: &Misalignment) -> bool {
     }
 }
 
-/// Searches for the board in all pictures.
-fn see_pictures(task: &Task, files: Files, progress: &Progress) -> Result<SeenPictures, CalibrateError> {
-    let Files { starts, without_pictures: without } = files;
+/// Searches for the board in as many pictures as a cross-check needs, evenly chosen.
+fn see_enough(task: &Task, files: Files, progress: &Progress) -> Result<SeenPictures, CalibrateError> {
+    let interval = (1e6 * (files.duration / CHECKED).min(LONGEST_BETWEEN)).round() as i64;
+    let seen = see_pictures(task, files, interval, progress)?;
+    if seen.frames.len() < FEWEST_CHECKED && seen.report.passed_over > 0 {
+        return see_pictures(task, files, 0, progress);
+    }
+    Ok(seen)
+}
+
+/// Searches for the board in the first picture of each `interval` (µs), or in all if that is 0.
+fn see_pictures(task: &Task, files: Files, interval: i64, progress: &Progress) -> Result<SeenPictures, CalibrateError> {
+    let Files { starts, without_pictures: without, .. } = files;
     let fewest = task.settings.detection.fewest_circles(&task.board.lattice());
-    let mut detection = PictureSearch::new(task.board, MadeOf::Light, fewest, task.settings.frames.max_radius);
+    let mut detection = PictureSearch::new(task.board, MadeOf::Light, fewest, task.settings.frames.max_radius)
+        .in_intervals_of(interval);
     let mut origins = Vec::new();
     for (number, input) in task.inputs.iter().enumerate() {
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);
@@ -197,7 +217,7 @@ fn no_pictures(task: &Task) -> CalibrateError {
 /// [`CalibrateError`] names the problem and the remedy.
 pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, CalibrateError> {
     let sensor = common_sensor(task)?;
-    let seen = see_pictures(task, Files::default(), progress)?;
+    let seen = see_pictures(task, Files::default(), 0, progress)?;
     let recordings = (0..task.inputs.len()).map(|number| recording_report(task, &seen, number)).collect();
     calibrate_seen(task, seen, PictureSource::Frames, sensor, recordings, progress)
 }

@@ -77,22 +77,30 @@ impl PixelCounter {
 
     /// Returns the result.
     pub fn finish(&self) -> BadPixels {
-        let counts = || self.pixels.iter().map(|pixel| u64::from(pixel.count));
-        let limit = most_of_good(counts().filter(|count| *count > 0));
-        let hot = || counts().filter(|count| *count > limit);
-        let (of_hot, all): (u64, u64) = (hot().sum(), counts().sum());
-        let events: Vec<u32> = self.pixels.iter().map(|pixel| pixel.count).collect();
-        let mut columns = vec![0_u64; self.width];
-        for row in self.pixels.chunks(self.width.max(1)) {
-            columns.iter_mut().zip(row).for_each(|(column, pixel)| *column += u64::from(pixel.count));
+        let counts: Vec<u32> = self.pixels.iter().map(|pixel| pixel.count).collect();
+        BadPixels::of_counts(&counts, self.width, self.repeated)
+    }
+}
+
+impl BadPixels {
+    /// Diagnoses the pixels from the number of events of each, row by row of `width` pixels, and from the number of `repeated`
+    /// events.
+    pub fn of_counts(counts: &[u32], width: usize, repeated: u64) -> Self {
+        let each = || counts.iter().map(|count| u64::from(*count));
+        let limit = most_of_good(each().filter(|count| *count > 0));
+        let hot = || each().filter(|count| *count > limit);
+        let (of_hot, all): (u64, u64) = (hot().sum(), each().sum());
+        let mut columns = vec![0_u64; width];
+        for row in counts.chunks(width.max(1)) {
+            columns.iter_mut().zip(row).for_each(|(column, count)| *column += u64::from(*count));
         }
-        BadPixels {
+        Self {
             hot: hot().count(),
             hot_share: of_hot as f64 / all.max(1) as f64,
-            repeated: Some(Repetition { share: self.repeated as f64 / all.max(1) as f64 })
+            repeated: Some(Repetition { share: repeated as f64 / all.max(1) as f64 })
                 .filter(|repeated| repeated.share > MANY_REPEATED),
             dead_columns: dead_lines(&columns),
-            rounded: Rounded::found(&events, self.width),
+            rounded: Rounded::found(counts, width),
         }
     }
 }

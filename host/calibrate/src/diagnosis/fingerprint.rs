@@ -1,6 +1,6 @@
 //! Detection of recordings with the same events.
 
-use std::collections::BTreeMap;
+use std::collections::HashMap;
 
 use evcal_core::event::{Event, Polarity};
 
@@ -28,25 +28,27 @@ pub struct Fingerprint {
     /// Number of trailing zero bits of the runs that are kept: one in 2^level is.
     level: u32,
     /// The runs, with `true` for those that occurred once. A run that a static scene repeats carries no information.
-    runs: BTreeMap<u64, bool>,
+    runs: HashMap<u64, bool>,
 }
 
 impl Fingerprint {
     /// Adds `events`, which follow the previous ones.
     pub fn push(&mut self, events: &[Event]) {
         const OLDEST: u64 = FACTOR.wrapping_pow(RUN as u32);
+        // In registers, which the compiler cannot do with fields.
+        let Self { mut last, mut run, mut count, mut sum, .. } = *self;
         for event in events {
-            let since = event.t.wrapping_sub(self.last.replace(event.t).unwrap_or(event.t)) as u64;
+            let since = event.t.wrapping_sub(last.replace(event.t).unwrap_or(event.t)) as u64;
             let this = mixed(place(event) << 30 ^ since);
-            let Some(slot) = self.run.get_mut(self.count % RUN) else { continue };
-            let oldest = std::mem::replace(slot, this);
-            self.sum = self.sum.wrapping_mul(FACTOR).wrapping_add(this).wrapping_sub(oldest.wrapping_mul(OLDEST));
-            self.count += 1;
+            let oldest = std::mem::replace(&mut run[count % RUN], this);
+            sum = sum.wrapping_mul(FACTOR).wrapping_add(this).wrapping_sub(oldest.wrapping_mul(OLDEST));
+            count += 1;
             // The time before the first event is not known.
-            if self.count > RUN {
-                self.keep(self.sum);
+            if count > RUN {
+                self.keep(sum);
             }
         }
+        (self.last, self.run, self.count, self.sum) = (last, run, count, sum);
     }
 
     fn keep(&mut self, run: u64) {

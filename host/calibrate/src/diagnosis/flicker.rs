@@ -5,6 +5,7 @@
 //! the number of all events has one too.
 
 use evcal_core::event::{Event, Polarity};
+use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
 
 use super::time_bins::time_bins;
@@ -161,14 +162,21 @@ impl RateBins {
 /// Returns the power of the line of `frequency` (Hz) in counts of a second.
 fn power(counts: &[i32], frequency: f64) -> f64 {
     let step = std::f64::consts::TAU * frequency * BIN as f64 * 1e-6;
-    let (mut cosine, mut sine) = (0.0, 0.0);
+    let wave_at = |index: usize| {
+        let (sine, cosine) = libm::sincos(step * index as f64);
+        Complex::new(cosine, sine)
+    };
+    let turn = wave_at(1);
+    let (mut sum, mut wave, mut next) = (Complex::new(0.0, 0.0), turn, 1);
     // With few events in a long time most bins are empty, so that the work is proportional to the events.
     for (index, count) in counts.iter().enumerate().filter(|(_, count)| **count != 0) {
-        let angle = step * index as f64;
-        cosine += f64::from(*count) * libm::cos(angle);
-        sine += f64::from(*count) * libm::sin(angle);
+        if index != next {
+            wave = wave_at(index);
+        }
+        sum += wave * f64::from(*count);
+        (wave, next) = (wave * turn, index + 1);
     }
-    cosine * cosine + sine * sine
+    sum.norm_sqr()
 }
 
 #[cfg(test)]

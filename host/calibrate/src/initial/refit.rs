@@ -229,11 +229,12 @@ pub fn refit_circle(
         fit_error = 0.0;
         for (distance, outward, _) in &events {
             let row = outward.push(1.0);
-            let error = distance - row.dot(&solution);
-            let weight = if error.abs() <= huber { 1.0 } else { huber / error.abs() };
+            let error = (distance - row.dot(&solution)).abs();
+            // 1 up to `huber`, without a branch that the processor would often predict wrongly.
+            let weight = huber / error.max(huber);
             normal += row * row.transpose() * weight;
             right += row * (distance * weight);
-            fit_error += error.abs();
+            fit_error += error;
         }
         fit_error /= events.len() as f64;
         solution = normal.cholesky().ok_or(Rejection::Disagrees)?.solve(&right);

@@ -191,6 +191,7 @@ fn search_lines(report: &PictureReport) -> [StageLine; 2] {
     let refused = search.refused.iter().map(|(reason, count)| (*count, reason.to_string()));
     let without =
         (search.without_exposure > 0).then(|| format!("{} frames without times of exposure", search.without_exposure));
+    let passed_over = (search.passed_over > 0).then(|| format!("{} more were not needed", search.passed_over));
     let spots = search.dots_refused.iter().map(|(reason, count)| (*count, format!("{reason} (dark spots)")));
     [
         StageLine::new(
@@ -202,7 +203,7 @@ fn search_lines(report: &PictureReport) -> [StageLine; 2] {
             Amount::new(search.with_board, "with the board"),
         )
         .dropping(refused)
-        .noting(without.into_iter().chain(search.notes.iter().cloned())),
+        .noting(passed_over.into_iter().chain(without).chain(search.notes.iter().cloned())),
         StageLine::new("Dots", Amount::new(search.dots, "dots"), Amount::new(search.board_dots, "on boards"))
             .dropping(spots)
             .noting((search.blur > 0.0).then(|| format!("their edges are blurred by {:.2} px", search.blur))),

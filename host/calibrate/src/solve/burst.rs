@@ -43,21 +43,20 @@ impl BurstLength {
     /// Number of lengths.
     pub const COUNT: usize = Self::ALL.len();
 
-    /// Returns the length of a burst of `events` events.
-    const fn of(events: u8) -> Self {
-        match events {
-            0..=2 => Self::OneOrTwo,
-            3 => Self::Three,
-            4 => Self::Four,
-            5.. => Self::FiveOrMore,
-        }
-    }
-
     /// Returns the index in [`BurstLength::ALL`].
     pub const fn index(self) -> usize {
         self as usize
     }
 }
+
+/// Index of the length of a burst, by its number of events: a processor would often predict comparisons wrongly.
+const LENGTH_INDICES: [u8; 256] = {
+    let mut indices = [BurstLength::FiveOrMore as u8; 256];
+    indices[4] = BurstLength::Four as u8;
+    indices[3] = BurstLength::Three as u8;
+    [indices[2], indices[1], indices[0]] = [BurstLength::OneOrTwo as u8; 3];
+    indices
+};
 
 /// Rank of an event in its burst, and the length of the burst.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -86,6 +85,8 @@ struct PixelState {
     last: i64,
     /// Lengths of the 16 previous bursts, the latest in the lowest bits.
     before: u32,
+    /// Number of events.
+    count: u32,
     /// Polarity index of the last event.
     polarity: u8,
     /// Number of events in the burst so far.
@@ -94,11 +95,12 @@ struct PixelState {
     burst: u8,
 }
 
-/// Follows the bursts of every pixel of a sensor.
+/// Follows the bursts of every pixel of a sensor, and counts its events.
 pub struct BurstTracker {
     width: usize,
     pixels: Vec<PixelState>,
     longest_pause: i64,
+    repeated: u64,
 }
 
 impl BurstTracker {
@@ -106,8 +108,9 @@ impl BurstTracker {
     /// new burst.
     pub fn new(sensor: Sensor, longest_pause: i64) -> Self {
         let width = usize::from(sensor.width);
-        let state = PixelState { last: i64::MIN, before: 0, polarity: 0, length: 0, burst: 0 };
-        Self { width, pixels: vec![state; width * usize::from(sensor.height)], longest_pause }
+        let state = PixelState { last: i64::MIN, before: 0, count: 0, polarity: 0, length: 0, burst: 0 };
+        let pixels = vec![state; width * usize::from(sensor.height)];
+        Self { width, pixels, longest_pause, repeated: 0 }
     }
 
     /// Returns the index of a pixel; `None` outside the sensor.
@@ -115,24 +118,48 @@ impl BurstTracker {
         (usize::from(x) < self.width).then_some(usize::from(y) * self.width + usize::from(x))
     }
 
+    /// Counts the next events of each pixel. If a few are counted before they are pushed one by one, the states of their pixels
+    /// arrive from memory at the same time instead of one after the other.
+    pub fn count(&mut self, events: &[Event]) {
+        for event in events {
+            let pixel = self.pixel(event.x, event.y);
+            if let Some(state) = pixel.and_then(|pixel| self.pixels.get_mut(pixel)) {
+                state.count = state.count.saturating_add(1);
+            }
+        }
+    }
+
+    /// Returns the number of counted events of each pixel, row by row.
+    pub fn counts(&self) -> Vec<u32> {
+        self.pixels.iter().map(|state| state.count).collect()
+    }
+
+    /// Returns the number of events with time and polarity of the last one of their pixel.
+    pub fn repeated(&self) -> u64 {
+        self.repeated
+    }
+
     /// Takes the next event in time order and returns its rank in its burst; `None` for an event outside the sensor.
     pub fn push(&mut self, event: &Event) -> Option<BurstBeginning> {
         let pixel = self.pixel(event.x, event.y)?;
         let state = self.pixels.get_mut(pixel)?;
         let polarity = event.polarity.index() as u8;
-        let continues = state.last != i64::MIN
-            && state.polarity == polarity
-            && event.t.saturating_sub(state.last) <= self.longest_pause;
-        if continues {
-            state.length = state.length.saturating_add(1);
-        } else {
-            state.before = state.before << LENGTH_BITS | BurstLength::of(state.length).index() as u32;
-            state.burst = state.burst.wrapping_add(1);
-            state.length = 1;
-        }
+        let is_same = state.polarity == polarity;
+        // The pause before the first event is longer than any other.
+        let continues = is_same & (event.t.saturating_sub(state.last) <= self.longest_pause);
+        self.repeated += u64::from(is_same & (event.t == state.last));
+        let before = state.before << LENGTH_BITS | u32::from(LENGTH_INDICES[usize::from(state.length)]);
+        state.before = if continues { state.before } else { before };
+        state.burst = state.burst.wrapping_add(u8::from(!continues));
+        state.length = if continues { state.length.saturating_add(1) } else { 1 };
         state.polarity = polarity;
         state.last = event.t;
         Some(BurstBeginning { rank: (state.length - 1).min(MAX_RANK), burst: state.burst })
+    }
+
+    /// Reads the state of pixel (`x`, `y`), to bring it into the cache. The returned number has no meaning.
+    pub fn touch(&self, x: u16, y: u16) -> u8 {
+        self.pixel(x, y).and_then(|pixel| self.pixels.get(pixel)).map_or(0, |state| state.length)
     }
 
     /// Returns rank and burst length of an earlier event of pixel (`x`, `y`), once its burst has continued or ended. A burst with
@@ -140,13 +167,11 @@ impl BurstTracker {
     pub fn place(&self, x: u16, y: u16, beginning: BurstBeginning) -> BurstPlace {
         let BurstBeginning { rank, burst } = beginning;
         let state = self.pixel(x, y).and_then(|pixel| self.pixels.get(pixel));
-        let length = state.map_or_else(BurstLength::default, |state| match state.burst.wrapping_sub(burst) {
-            0 => BurstLength::of(state.length),
-            since => {
-                let lengths = state.before.checked_shr(LENGTH_BITS * u32::from(since - 1)).unwrap_or(0);
-                let index = lengths & ((1 << LENGTH_BITS) - 1);
-                BurstLength::ALL.get(index as usize).copied().unwrap_or_default()
-            }
+        let length = state.map_or_else(BurstLength::default, |state| {
+            let lengths = u64::from(state.before) << LENGTH_BITS | u64::from(LENGTH_INDICES[usize::from(state.length)]);
+            let since = LENGTH_BITS * u32::from(state.burst.wrapping_sub(burst));
+            let index = lengths.checked_shr(since).unwrap_or(0) & ((1 << LENGTH_BITS) - 1);
+            BurstLength::ALL.get(index as usize).copied().unwrap_or_default()
         });
         BurstPlace { rank, length }
     }

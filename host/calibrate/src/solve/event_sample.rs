@@ -5,6 +5,7 @@
 //! as many as fit into memory are kept with their ranks during detection, so that the recording is not read again.
 
 use std::collections::VecDeque;
+use std::hint::black_box;
 
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
@@ -41,6 +42,9 @@ fn places(share: f64) -> u64 {
 
 /// Longest pause within a burst (µs), which is also the time that events wait for the end of their burst.
 const BURST_PAUSE: i64 = 100_000;
+
+/// Number of events whose pixels are fetched from memory together: their states fit into the fastest cache.
+const TOGETHER: usize = 128;
 
 /// Ranks the events of one recording and passes on a share of them.
 pub struct Thinning {
@@ -83,21 +87,37 @@ impl Thinning {
     /// Takes the next events of the recording; their times are microseconds since its start. Events whose position is below
     /// `places` wait, and `keep` gets those whose burst is over.
     fn push(&mut self, events: &[Event], places: u64, mut keep: impl FnMut(RankedEvent, u32)) {
-        for event in events {
-            let over = event.t.saturating_sub(BURST_PAUSE);
-            while let Some(first) = self.waiting.front().copied().filter(|first| first.t(self.latest) < over) {
-                self.waiting.pop_front();
-                keep(self.ranked(&first), first.order);
-            }
-            self.latest = event.t;
-            let order = thinning_place(self.ordinal);
-            self.ordinal += 1;
-            let Some(beginning) = self.bursts.push(event) else { continue };
-            if u64::from(order) < places {
-                let Event { t, x, y, polarity } = *event;
-                self.waiting.push_back(Waiting { t: t as u32, order, x, y, polarity, beginning });
+        for events in events.chunks(TOGETHER) {
+            self.bursts.count(events);
+            let over = events.last().map_or(i64::MIN, |last| last.t.saturating_sub(BURST_PAUSE));
+            let due = self.waiting.iter().take_while(|first| first.t(self.latest) < over);
+            black_box(due.fold(0, |sum, event| sum ^ self.bursts.touch(event.x, event.y)));
+            for event in events {
+                let over = event.t.saturating_sub(BURST_PAUSE);
+                while let Some(first) = self.waiting.front().copied().filter(|first| first.t(self.latest) < over) {
+                    self.waiting.pop_front();
+                    keep(self.ranked(&first), first.order);
+                }
+                self.latest = event.t;
+                let order = thinning_place(self.ordinal);
+                self.ordinal += 1;
+                let Some(beginning) = self.bursts.push(event) else { continue };
+                if u64::from(order) < places {
+                    let Event { t, x, y, polarity } = *event;
+                    self.waiting.push_back(Waiting { t: t as u32, order, x, y, polarity, beginning });
+                }
             }
         }
+    }
+
+    /// Returns the number of events of each pixel, row by row.
+    pub fn counts(&self) -> Vec<u32> {
+        self.bursts.counts()
+    }
+
+    /// Returns the number of events with time and polarity of the last one of their pixel.
+    pub fn repeated(&self) -> u64 {
+        self.bursts.repeated()
     }
 
     fn ranked(&self, event: &Waiting) -> RankedEvent {

@@ -23,65 +23,61 @@ use evcal_geometry::board::Board;
 
 /// Columns of the picture of the board: its pixels are smaller than sensor pixels.
 const BOARD_COLUMNS: u16 = 800;
-/// Runs of events that a thread transforms at once.
-const PIECE: usize = 3;
 /// Time over which the motion of the camera is approximated as uniform (s).
 const BIN: f64 = 0.5e-3;
 
 /// Number of events in each pixel of a picture.
 struct Accumulation {
     size: Sensor,
-    off: Vec<u32>,
-    on: Vec<u32>,
+    /// By the index of the polarity.
+    counts: Vec<[u32; 2]>,
 }
 
 impl Accumulation {
     fn new(size: Sensor) -> Self {
-        let counts = vec![0; size.pixel_count()];
-        Self { size, off: counts.clone(), on: counts }
+        Self { size, counts: vec![[0; 2]; size.pixel_count()] }
     }
 
     fn add(&mut self, place: Vector2<f64>, polarity: Polarity) {
-        let (column, row) = (place.x.round(), place.y.round());
+        // Conversions to integers round down.
+        let (column, row) = (place.x + 0.5, place.y + 0.5);
         if !(column >= 0.0 && row >= 0.0 && column < f64::from(self.size.width) && row < f64::from(self.size.height)) {
             return;
         }
-        let counts = if polarity == Polarity::On { &mut self.on } else { &mut self.off };
-        if let Some(count) = counts.get_mut(row as usize * usize::from(self.size.width) + column as usize) {
-            *count += 1;
+        if let Some(counts) = self.counts.get_mut(row as usize * usize::from(self.size.width) + column as usize) {
+            counts[polarity.index()] += 1;
         }
     }
 
     /// Adds the counts of another picture of the same size.
     fn include(&mut self, other: &Self) {
-        for (counts, more) in [(&mut self.on, &other.on), (&mut self.off, &other.off)] {
-            counts.iter_mut().zip(more).for_each(|(count, more)| *count += more);
-        }
+        let counts = self.counts.as_flattened_mut().iter_mut();
+        counts.zip(other.counts.as_flattened()).for_each(|(count, more)| *count += more);
+    }
+
+    /// Returns the count of one polarity that 0.5 % of the pixels with such events exceed.
+    fn brightest(&self, polarity: Polarity) -> f64 {
+        let counts = self.counts.iter().map(|counts| counts[polarity.index()]);
+        let mut counts: Vec<u32> = counts.filter(|&count| count > 0).collect();
+        let place = counts.len().saturating_sub(1 + counts.len() / 200);
+        if counts.is_empty() { 0.0 } else { f64::from(*counts.select_nth_unstable(place).1) }
     }
 
     /// Returns a picture that is white without events and takes on the colours [`ON`] and [`OFF`] with the number of events.
     fn picture(&self, scale: usize) -> Picture {
-        let full = brightest(&self.on).max(brightest(&self.off)).max(1.0);
-        let share = |counts: &[u32], index: usize| {
-            counts.get(index).map_or(0.0, |&count| (f64::from(count) / full).sqrt().min(1.0))
-        };
+        let full = self.brightest(Polarity::On).max(self.brightest(Polarity::Off)).max(1.0);
+        let share = |count: u32| (f64::from(count) / full).sqrt().min(1.0);
         Picture::of_sensor(self.size, scale, |place| {
             let (column, row) = (place.x.round().max(0.0) as usize, place.y.round().max(0.0) as usize);
             let index = row * usize::from(self.size.width) + column;
-            let (on, off) = (share(&self.on, index), share(&self.off, index));
+            let counts = self.counts.get(index).copied().unwrap_or_default();
+            let (on, off) = (share(counts[Polarity::On.index()]), share(counts[Polarity::Off.index()]));
             let absorbed = |color: u8, share: f64| 1.0 - share * (1.0 - f64::from(color) / 255.0);
             std::array::from_fn(|channel| {
                 (255.0 * absorbed(ON[channel], on) * absorbed(OFF[channel], off)).round() as u8
             })
         })
     }
-}
-
-/// Returns the count that 0.5 % of the pixels with events exceed.
-fn brightest(counts: &[u32]) -> f64 {
-    let mut counts: Vec<u32> = counts.iter().copied().filter(|&count| count > 0).collect();
-    let place = counts.len().saturating_sub(1 + counts.len() / 200);
-    if counts.is_empty() { 0.0 } else { f64::from(*counts.select_nth_unstable(place).1) }
 }
 
 /// Returns both pictures; `None` if the input is not events.
@@ -92,9 +88,9 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     }
     let bearings = BearingTable::new(calibrated.camera(), calibrated.sensor);
     let frame = BoardFrame::new(task.board, BOARD_COLUMNS);
-    let nothing = || (Accumulation::new(calibrated.sensor), Accumulation::new(frame.size), 0_u64);
     let carry = |recording: usize, piece: &[Run]| {
-        let (mut sensor, mut board, mut used) = nothing();
+        let (mut sensor, mut board, mut used) =
+            (Accumulation::new(calibrated.sensor), Accumulation::new(frame.size), 0_u64);
         let mut carrier = Carrier::new(events, recording, &bearings);
         for event in piece.iter().flat_map(Run::events) {
             if let Some(point) = carrier.carry(&event) {
@@ -105,16 +101,20 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
         }
         (sensor, board, used)
     };
+    // The pictures of a piece are larger than its events.
     let pieces: Vec<(usize, &[Run])> = (0..task.inputs.len())
-        .flat_map(|recording| events.sample.runs(recording).chunks(PIECE).map(move |piece| (recording, piece)))
+        .flat_map(|recording| {
+            let runs = events.sample.runs(recording);
+            let piece = runs.len().div_ceil(rayon::current_num_threads()).max(1);
+            runs.chunks(piece).map(move |piece| (recording, piece))
+        })
         .collect();
     let carried = pieces.into_par_iter().map(|(recording, piece)| carry(recording, piece));
-    let (sensor, board, used) =
-        carried.reduce(nothing, |(mut sensor, mut board, used), (on_sensor, on_board, more)| {
-            sensor.include(&on_sensor);
-            board.include(&on_board);
-            (sensor, board, used + more)
-        });
+    let (sensor, board, used) = carried.reduce_with(|(mut sensor, mut board, used), (on_sensor, on_board, more)| {
+        sensor.include(&on_sensor);
+        board.include(&on_board);
+        (sensor, board, used + more)
+    })?;
     if used == 0 {
         return None;
     }

@@ -17,7 +17,7 @@ use evcal_geometry::board::Board;
 use event_recordings::pictures::{GreyImage, TimedImage};
 
 /// Limit of the pictures whose mean is shown on the board.
-const MOST_PICTURES: usize = 24;
+const MOST_PICTURES: usize = 16;
 /// Columns of the picture of the board, about as many as the board has on the sensor.
 const BOARD_COLUMNS: u16 = 400;
 /// A picture belongs to a reference frame if their times differ by less than this (s).
@@ -56,16 +56,21 @@ pub fn pictures(calibrated: &Calibrated, task: &Task) -> Markup {
 
 /// Returns at most [`MOST_PICTURES`] pictures with a pose, evenly chosen, and the number of all pictures with a pose.
 fn pictures_with_pose(calibrated: &Calibrated, task: &Task) -> (Vec<Shown>, usize) {
-    let mut used = 0_usize;
-    visit_with_pose(calibrated, task, |_, _| used += 1);
-    let every = used.div_ceil(MOST_PICTURES).max(1);
-    let (mut shown, mut ordinal) = (Vec::new(), 0_usize);
+    let (mut shown, mut used, mut every) = (Vec::new(), 0_usize, 1);
     visit_with_pose(calibrated, task, |picture, pose| {
-        if let (0, Ok(image)) = (ordinal % every, picture.image) {
+        if let (0, Ok(image)) = (used % every, picture.image) {
             let position = Vector2::new(f64::from(picture.position.0), f64::from(picture.position.1));
             shown.push(Shown { image, position, pose });
         }
-        ordinal += 1;
+        used += 1;
+        if shown.len() > MOST_PICTURES {
+            every *= 2;
+            let mut is_even = false;
+            shown.retain(|_| {
+                is_even = !is_even;
+                is_even
+            });
+        }
     });
     (shown, used)
 }

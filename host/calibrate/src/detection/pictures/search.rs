@@ -49,8 +49,11 @@ pub enum MadeOf {
 /// Statistics of the pictures of all recordings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PictureSearchReport {
-    /// Pictures read.
+    /// Pictures searched.
     pub frames: u64,
+    /// Pictures that were not searched, because fewer are enough.
+    #[serde(default)]
+    pub passed_over: u64,
     /// Pictures in which the board was found.
     pub with_board: u64,
     /// Pictures without a board or unusable, by reason.
@@ -97,6 +100,8 @@ struct SeenPoint {
 /// Searches the pictures of recordings for the board.
 pub struct PictureSearch<'a> {
     target: Target<'a>,
+    /// Of the pictures in each interval of this length (µs), only the first is searched; 0 to search all.
+    interval: i64,
     frames: Vec<ReferenceFrame>,
     blurs: Vec<f64>,
     report: PictureSearchReport,
@@ -125,7 +130,13 @@ impl<'a> PictureSearch<'a> {
             Board::Circles(board) => Target::Circles(CircleTarget { board, made_of, largest_radius, fewest }),
             Board::Squares(board) => Target::Squares(SquareFinder::new(board)),
         };
-        Self { target, frames: Vec::new(), blurs: Vec::new(), report: PictureSearchReport::default() }
+        let report = PictureSearchReport::default();
+        Self { target, interval: 0, frames: Vec::new(), blurs: Vec::new(), report }
+    }
+
+    /// Limits the search to the first picture in each `interval` (µs).
+    pub fn in_intervals_of(self, interval: i64) -> Self {
+        Self { interval, ..self }
     }
 
     /// Searches the pictures of recording number `number`, which `hand_on` passes in order of time. Their times are relative to
@@ -144,11 +155,18 @@ impl<'a> PictureSearch<'a> {
     ) -> Result<i64, E> {
         let mut waiting: Vec<TimedImage> = Vec::new();
         let mut origin = start;
+        let mut searched = None;
         let note = hand_on(&mut |image| {
-            origin = origin.or(Some(image.exposure.0));
+            let from = *origin.get_or_insert(image.exposure.0);
+            let interval = image.exposure.0.saturating_sub(from).checked_div(self.interval);
+            if interval.is_some() && interval == searched {
+                self.report.passed_over += 1;
+                return;
+            }
+            searched = interval;
             waiting.push(image);
             if waiting.len() >= PICTURES_TOGETHER {
-                self.search_pictures(std::mem::take(&mut waiting), number, origin.unwrap_or(0));
+                self.search_pictures(std::mem::take(&mut waiting), number, from);
             }
         })?;
         let origin = origin.unwrap_or(0);
@@ -295,4 +313,32 @@ fn reference_frame(picture: &TimedImage, points: Vec<SeenPoint>, number: usize, 
     };
     let circles = points.into_iter().map(circle).collect();
     ReferenceFrame { recording: number, start, end, circles, seen_in: SeenIn::Picture }
+}
+
+#[cfg(test)]
+mod tests {
+    use event_recordings::pictures::NoImage;
+
+    use super::*;
+
+    #[test]
+    fn the_first_picture_of_each_interval_is_searched() {
+        let board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
+        let report_of = |interval: i64, start: Option<i64>| {
+            let mut search = PictureSearch::new(&board, MadeOf::Light, 10, 40.0).in_intervals_of(interval);
+            let hand_on = |visit: &mut dyn FnMut(TimedImage)| {
+                for t in [700, 1100, 1690, 1710, 2300, 6900] {
+                    let image = Err(NoImage::NotGrey);
+                    visit(TimedImage { exposure: (t, t), exposure_known: true, position: (0, 0), image });
+                }
+                Ok::<_, std::convert::Infallible>(None)
+            };
+            let _ = search.search(0, start, hand_on);
+            let report = search.finish().1;
+            (report.frames, report.passed_over)
+        };
+        assert_eq!(report_of(1000, None), (3, 3));
+        assert_eq!(report_of(1000, Some(0)), (4, 2));
+        assert_eq!(report_of(0, None), (6, 0));
+    }
 }
