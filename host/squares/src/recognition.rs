@@ -1,11 +1,14 @@
 //! Recognises a board of squares of which nothing is known: its kind, rows and columns, tags and ratios.
 //!
-//! 1. The tags of all families, with a border of one or two modules, are searched one by one.
-//! 2. The positions of neighbouring tags relative to each other, and their ids, are those of a grid of tags or of a ChArUco board.
-//! 3. If there are no tags, the board may be a checkerboard whose ends are in view.
+//! 1. The corners of a checkerboard form lattices. If its light squares contain markers, it is a ChArUco board; the markers need
+//!    not be readable one by one.
+//! 2. Otherwise it is a checkerboard, if its ends are in view.
+//! 3. Without such a lattice the tags of all families, with a border of one or two modules, are searched one by one. The positions
+//!    of neighbouring tags relative to each other, and their ids, are those of a grid of tags or of a ChArUco board.
 //!
 //! Pictures do not show lengths, so a recognised board has the length of an example.
 
+mod charuco;
 mod grid;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -15,8 +18,9 @@ use evcal_geometry::board::squares::{Checkerboard, Shade, SquareBoard};
 use evcal_geometry::board::tag::Tag;
 use rayon::prelude::*;
 
+use self::charuco::Size;
 use crate::alignment::SquareMap;
-use crate::checkerboard::{NoCheckerboard, find_checkerboard};
+use crate::checkerboard::{CornerLattice, NoCheckerboard, corner_lattices, find_checkerboard};
 use crate::picture::Picture;
 use crate::quads::{Quad, find_quads};
 use crate::tags::{FoundTag, Smooth, TagFinder};
@@ -25,6 +29,9 @@ use crate::tags::{FoundTag, Smooth, TagFinder};
 pub const EXAMPLE_LENGTH: f64 = 0.03;
 /// Fewest moments that must show the board.
 const FEWEST_MOMENTS: usize = 3;
+/// Fewest moments with a lattice whose markers are read, and largest number of sizes of lattices.
+const FEWEST_OF_SIZE: usize = 2;
+const MOST_SIZES: usize = 4;
 /// Fewest tags of a moment that counts.
 const FEWEST_TAGS: usize = 3;
 /// Distance outside a tag, in its sides, at which the gap and the squares at its corners are compared.
@@ -56,6 +63,9 @@ pub struct RecognisedBoard {
     pub fitting: usize,
     /// Number of moments.
     pub moments: usize,
+    /// `true` if the light squares of a checkerboard contain something that differs from square to square: it may be a ChArUco board
+    /// of an unknown dictionary.
+    pub has_unknown_markers: bool,
 }
 
 /// A tag in a picture.
@@ -67,9 +77,45 @@ struct SeenTag {
     darkness: f32,
 }
 
+/// The lattice of corners in a picture.
+#[derive(Clone)]
+struct SeenLattice<'a> {
+    picture: &'a Picture,
+    lattice: CornerLattice,
+}
+
 /// Recognises the board in the pictures of some moments; `None` if there is none, or if it is not clear.
 pub fn recognise(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
-    recognise_tags(moments).or_else(|| recognise_checkerboard(moments))
+    let in_picture =
+        |picture| corner_lattices(picture).into_iter().map(move |lattice| SeenLattice { picture, lattice });
+    let lattices: Vec<Vec<SeenLattice>> =
+        moments.par_iter().map(|pictures| pictures.iter().flat_map(in_picture).collect()).collect();
+    recognise_charuco(&lattices)
+        .or_else(|| recognise_checkerboard(moments, &lattices))
+        .or_else(|| recognise_tags(moments))
+}
+
+/// Returns the lattices of this size, without moments that have none.
+fn of_size<'a>(moments: &[Vec<SeenLattice<'a>>], size: [usize; 2]) -> Vec<Vec<SeenLattice<'a>>> {
+    let of_moment = |seen: &Vec<SeenLattice<'a>>| {
+        let of_size = seen.iter().filter(|seen| [seen.lattice.rows, seen.lattice.columns] == size);
+        of_size.cloned().collect::<Vec<_>>()
+    };
+    moments.iter().map(of_moment).filter(|seen| !seen.is_empty()).collect()
+}
+
+fn recognise_charuco(lattices: &[Vec<SeenLattice>]) -> Option<RecognisedBoard> {
+    let sizes: BTreeSet<[usize; 2]> =
+        lattices.iter().flatten().map(|seen| [seen.lattice.rows, seen.lattice.columns]).collect();
+    let mut seen: Vec<([usize; 2], Vec<Vec<SeenLattice>>)> =
+        sizes.into_iter().map(|size| (size, of_size(lattices, size))).collect();
+    seen.retain(|(_, moments)| moments.len() >= FEWEST_OF_SIZE);
+    seen.sort_by_key(|(_, moments)| std::cmp::Reverse(moments.len()));
+    seen.into_iter().take(MOST_SIZES).find_map(|([rows, columns], seen)| {
+        let board = charuco::read_markers(&seen, Size { rows, columns })?;
+        let (fitting, moments) = (seen.len(), lattices.len());
+        Some(RecognisedBoard { board: SquareBoard::Charuco(board), fitting, moments, has_unknown_markers: false })
+    })
 }
 
 /// A picture, prepared for the search, with its dark quadrilaterals.
@@ -89,7 +135,8 @@ fn recognise_tags(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
         let [first, second] = sightings.each_ref().map(|sightings| score(sightings));
         let (border, sightings) = BORDERS.into_iter().zip(sightings).nth(usize::from(second > first))?;
         let board = grid::board_of(&sightings, family, border).filter(|_| sightings.len() >= FEWEST_MOMENTS)?;
-        Some(RecognisedBoard { board, fitting: sightings.len(), moments: moments.len() })
+        let (fitting, moments) = (sightings.len(), moments.len());
+        Some(RecognisedBoard { board, fitting, moments, has_unknown_markers: false })
     })
 }
 
@@ -141,7 +188,7 @@ fn darkness_beside_corners(picture: &Picture, tag: &FoundTag, side: usize) -> f3
     (gaps - corners) / (gaps - border).max(f32::MIN_POSITIVE)
 }
 
-fn recognise_checkerboard(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
+fn recognise_checkerboard(moments: &[Vec<Picture>], lattices: &[Vec<SeenLattice>]) -> Option<RecognisedBoard> {
     let [rows, columns] = TRIED;
     let size_in = |picture: &Picture| match find_checkerboard(picture, rows, columns, None) {
         Ok(_) => Some(TRIED.map(usize::from)),
@@ -158,9 +205,12 @@ fn recognise_checkerboard(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
     if fitting < FEWEST_MOMENTS || 2 * fitting <= sizes.iter().filter(|sizes| !sizes.is_empty()).count() {
         return None;
     }
-    let [rows, columns] = size.map(u8::try_from);
-    let board = Checkerboard { rows: rows.ok()?, columns: columns.ok()?, square: EXAMPLE_LENGTH, first: Shade::Dark };
-    Some(RecognisedBoard { board: SquareBoard::Checkerboard(board), fitting, moments: moments.len() })
+    let [rows, columns] = size;
+    let has_unknown_markers = charuco::squares_differ(&of_size(lattices, size), Size { rows, columns });
+    let (rows, columns) = (u8::try_from(rows).ok()?, u8::try_from(columns).ok()?);
+    let board = Checkerboard { rows, columns, square: EXAMPLE_LENGTH, first: Shade::Dark };
+    let (board, moments) = (SquareBoard::Checkerboard(board), moments.len());
+    Some(RecognisedBoard { board, fitting, moments, has_unknown_markers })
 }
 
 #[cfg(test)]

@@ -575,7 +575,7 @@ fn keep_better(found: &mut [Option<FoundTag>], tag: Option<FoundTag>) {
 }
 
 /// Normalises to mean 0 and norm 1; all 0 if all values are equal.
-fn normalise(values: &mut [f32]) {
+pub(crate) fn normalise(values: &mut [f32]) {
     let mean = values.iter().sum::<f32>() / values.len() as f32;
     values.iter_mut().for_each(|value| *value -= mean);
     let norm = values.iter().map(|value| value * value).sum::<f32>().sqrt();
@@ -584,7 +584,7 @@ fn normalise(values: &mut [f32]) {
 }
 
 /// Returns the modules of a candidate rotated so that its next corner becomes the first.
-fn turned(modules: &[f32], side: usize) -> Vec<f32> {
+pub(crate) fn turned(modules: &[f32], side: usize) -> Vec<f32> {
     (0..side * side).map(|index| modules[index % side * side + side - 1 - index / side]).collect()
 }
 
