@@ -11,6 +11,7 @@
 mod charuco;
 mod grid;
 
+use std::cell::OnceCell;
 use std::collections::{BTreeMap, BTreeSet};
 
 use evcal_geometry::board::squares::family::TagFamily;
@@ -23,7 +24,7 @@ use crate::alignment::SquareMap;
 use crate::checkerboard::{CornerLattice, NoCheckerboard, corner_lattices, find_checkerboard};
 use crate::picture::Picture;
 use crate::quads::{Quad, find_quads};
-use crate::tags::{FoundTag, Smooth, TagFinder};
+use crate::tags::{FoundTag, Smooth, TagFinder, is_same_place};
 
 /// Side of a square of a recognised board, or of a tag of a grid, in metres.
 pub const EXAMPLE_LENGTH: f64 = 0.03;
@@ -125,15 +126,21 @@ struct Prepared {
 }
 
 fn recognise_tags(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
-    let prepare = |picture: &Picture| Prepared { smooth: Smooth::new(picture), quads: find_quads(picture) };
-    let prepared: Vec<Vec<Prepared>> =
-        moments.par_iter().map(|pictures| pictures.iter().map(prepare).collect()).collect();
+    let prepare = |pictures: &Vec<Picture>| -> Vec<Prepared> {
+        pictures.iter().map(|picture| Prepared { smooth: Smooth::new(picture), quads: find_quads(picture) }).collect()
+    };
+    // Moments in a row that show the board are at least as many.
+    let sample: Vec<Vec<Prepared>> = moments.par_iter().step_by(FEWEST_MOMENTS).map(prepare).collect();
+    let all: OnceCell<Vec<Vec<Prepared>>> = OnceCell::new();
     FAMILIES.into_iter().find_map(|(family, count)| {
-        let sightings = BORDERS.map(|border| sightings_of(&tags_of(family, count, border), &prepared));
-        let score = |sightings: &[Vec<SeenTag>]| sightings.iter().flatten().map(|tag| tag.found.score).sum::<f32>();
+        let scored = BORDERS.into_iter().filter_map(|border| {
+            let finder = TagFinder::new(&tags_of(family, count, border)).ok()?;
+            let score = sightings_of(&finder, &sample).iter().flatten().map(|tag| tag.found.score).sum::<f32>();
+            (score > 0.0).then_some((score, border, finder))
+        });
         // With the wrong border, fewer tags correlate, and less.
-        let [first, second] = sightings.each_ref().map(|sightings| score(sightings));
-        let (border, sightings) = BORDERS.into_iter().zip(sightings).nth(usize::from(second > first))?;
+        let (_, border, finder) = scored.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let sightings = sightings_of(&finder, all.get_or_init(|| moments.par_iter().map(prepare).collect()));
         let board = grid::board_of(&sightings, family, border).filter(|_| sightings.len() >= FEWEST_MOMENTS)?;
         let (fitting, moments) = (sightings.len(), moments.len());
         Some(RecognisedBoard { board, fitting, moments, has_unknown_markers: false })
@@ -141,9 +148,8 @@ fn recognise_tags(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
 }
 
 /// Returns the tags of the moments that show enough of these.
-fn sightings_of(tags: &[Tag], prepared: &[Vec<Prepared>]) -> Vec<Vec<SeenTag>> {
-    let Ok(finder) = TagFinder::new(tags) else { return Vec::new() };
-    let seen = prepared.par_iter().map(|pictures| tags_in(&finder, pictures));
+fn sightings_of(finder: &TagFinder, prepared: &[Vec<Prepared>]) -> Vec<Vec<SeenTag>> {
+    let seen = prepared.par_iter().map(|pictures| tags_in(finder, pictures));
     seen.filter(|tags| tags.len() >= FEWEST_TAGS).collect()
 }
 
@@ -162,7 +168,15 @@ fn tags_of(family: TagFamily, count: u16, border: u8) -> Vec<Tag> {
 fn tags_in(finder: &TagFinder, pictures: &[Prepared]) -> Vec<SeenTag> {
     let mut seen: BTreeMap<u16, SeenTag> = BTreeMap::new();
     for Prepared { smooth, quads } in pictures {
-        for found in quads.iter().filter_map(|quad| finder.recognised(smooth, quad)) {
+        let mut in_picture: Vec<FoundTag> = Vec::new();
+        for quad in quads {
+            // Most quadrilaterals are found with several surroundings.
+            let is_known = in_picture.iter().any(|known| is_same_place(&known.corners, quad));
+            if !is_known && finder.has_border(smooth, quad) {
+                in_picture.extend(finder.recognised(smooth, quad));
+            }
+        }
+        for found in in_picture {
             let Some(tag) = finder.tags().get(found.index) else { continue };
             if seen.get(&tag.id).is_none_or(|known| known.found.score < found.score) {
                 let darkness = darkness_beside_corners(smooth.picture(), &found, tag.side);

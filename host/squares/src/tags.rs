@@ -27,6 +27,9 @@ const LEAST: f32 = 0.6;
 const LEAST_MARGIN: f32 = 0.12;
 /// Smallest correlation at the predicted position of a tag.
 const LEAST_PREDICTED: f32 = 0.55;
+/// Smallest correlation of the modules of a candidate with a dark border around a light inside. (That of a tag is at least 0.3, times
+/// its own correlation.)
+const LEAST_BORDER: f32 = 0.12;
 /// Smallest difference in brightness between the board around a tag and the tag's border, as a fraction of the tag's
 /// contrast.
 const LEAST_AROUND: f32 = 0.25;
@@ -237,8 +240,7 @@ impl TagFinder {
             quads = find_quads(picture);
             for quad in &quads {
                 // Most quadrilaterals are found with several surroundings.
-                let known = |tag: &FoundTag| (middle(&tag.corners) - middle(quad)).norm() < SAME * side_of(quad);
-                if !found.iter().flatten().any(known) {
+                if !found.iter().flatten().any(|tag| is_same_place(&tag.corners, quad)) {
                     keep_better(&mut found, self.recognised(&smooth, quad));
                 }
             }
@@ -353,6 +355,17 @@ impl TagFinder {
         }
         normalise(&mut values);
         values
+    }
+
+    /// Returns `true` unless a candidate has hardly a border that is darker than its inside.
+    pub(crate) fn has_border(&self, smooth: &Smooth, quad: &Quad) -> bool {
+        let is_inner = |place: usize| (self.border..self.side - self.border).contains(&place);
+        let mut inside: Vec<f32> = (0..self.side * self.side)
+            .map(|module| if is_inner(module % self.side) && is_inner(module / self.side) { 1.0 } else { 0.0 })
+            .collect();
+        normalise(&mut inside);
+        let modules = self.modules(&smooth.picture, quad);
+        modules.iter().zip(&inside).map(|(a, b)| a * b).sum::<f32>() >= LEAST_BORDER
     }
 
     /// Returns `true` if the tag lies within the picture and has a light surround. (A tag with a wider border is dark
@@ -559,6 +572,11 @@ fn is_board(tags: &[FoundTag], missing: usize) -> bool {
         [tag] => tag.score >= LEAST_ALONE && missing <= MOST_MISSING,
         tags => missing <= MOST_MISSING * tags.len(),
     }
+}
+
+/// Returns `true` if two quadrilaterals have nearly the same middle.
+pub(crate) fn is_same_place(a: &Quad, b: &Quad) -> bool {
+    (middle(a) - middle(b)).norm() < SAME * side_of(b)
 }
 
 fn within(picture: &Picture, quad: &Quad) -> bool {

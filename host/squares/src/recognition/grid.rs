@@ -50,13 +50,16 @@ pub(super) fn board_of(sightings: &[Vec<SeenTag>], family: TagFamily, border: u8
     let ids: Vec<u16> = counts.into_keys().collect();
     let mut darkness: Vec<f32> = sightings.iter().flatten().map(|tag| tag.darkness).collect();
     let corner_squares = median(&mut darkness, f32::total_cmp)? > DARK;
-    let last = *ids.last()?;
-    let dictionary = Dictionary::all()
-        .filter(|dictionary| dictionary.family == family && dictionary.tags > last)
-        .min_by_key(|dictionary| dictionary.tags)?;
-    grid(&pairs, &ids, dictionary, border, corner_squares)
+    grid(&pairs, &ids, family, border, corner_squares)
         .map(SquareBoard::Tags)
-        .or_else(|| charuco(&pairs, &ids, dictionary).filter(|_| border == 1).map(SquareBoard::Charuco))
+        .or_else(|| charuco(&pairs, &ids, family).filter(|_| border == 1).map(SquareBoard::Charuco))
+}
+
+/// Returns the smallest dictionary of a family that has all tags up to `last`.
+fn dictionary_of(family: TagFamily, last: u16) -> Option<Dictionary> {
+    Dictionary::all()
+        .filter(|dictionary| dictionary.family == family && dictionary.tags > last)
+        .min_by_key(|dictionary| dictionary.tags)
 }
 
 fn pairs_of(tags: &[SeenTag]) -> Vec<Pair> {
@@ -86,23 +89,32 @@ fn common(values: &[i32]) -> Option<i32> {
     (values.len() >= FEWEST_PAIRS && count(&best) as f64 >= AGREEING * values.len() as f64).then_some(best)
 }
 
-fn grid(pairs: &[Pair], ids: &[u16], dictionary: Dictionary, border: u8, corner_squares: bool) -> Option<TagGrid> {
+fn grid(pairs: &[Pair], ids: &[u16], family: TagFamily, border: u8, corner_squares: bool) -> Option<TagGrid> {
     let neighbours = |axis: usize| {
         pairs.iter().filter_map(move |pair| {
             let [x, y] = pair.offset;
             let (along, across) = if axis == 0 { (x, y) } else { (y, x) };
-            (NEIGHBOURS.contains(&along.abs()) && across.abs() < TOLERANCE).then_some((along, pair.step()))
+            (NEIGHBOURS.contains(&along.abs()) && across.abs() < TOLERANCE).then_some((along, pair))
         })
     };
+    let step_along = |(along, pair): (f64, &Pair)| if along > 0.0 { pair.step() } else { -pair.step() };
     // The step of the ids per step to the right, and downwards.
     let step = |axis: usize| {
-        let steps: Vec<i32> = neighbours(axis).map(|(along, step)| if along > 0.0 { step } else { -step }).collect();
+        let steps: Vec<i32> = neighbours(axis).map(step_along).collect();
         common(&steps)
     };
     let (right, down) = (step(0), step(1));
     let mut periods: Vec<f64> = neighbours(0).chain(neighbours(1)).map(|(along, _)| along.abs()).collect();
     let period = median(&mut periods, f64::total_cmp)?;
+    // Single tags that were mistaken for others have no such neighbours.
+    let placed: BTreeSet<u16> = [(0, right), (1, down)]
+        .into_iter()
+        .flat_map(|(axis, step)| neighbours(axis).filter(move |pair| Some(step_along(*pair)) == step))
+        .flat_map(|(_, pair)| pair.ids)
+        .collect();
+    let ids: Vec<u16> = ids.iter().copied().filter(|id| placed.contains(id)).collect();
     let (seen, last) = (*ids.first()?, *ids.last()?);
+    let dictionary = dictionary_of(family, last)?;
     let count = last - seen + 1;
     let columns = match (right, down) {
         (_, Some(down)) => u16::try_from(down.unsigned_abs()).ok()?,
@@ -121,7 +133,7 @@ fn grid(pairs: &[Pair], ids: &[u16], dictionary: Dictionary, border: u8, corner_
     // Perspective makes the offsets of distant tags inaccurate.
     let near = pairs.iter().filter(|pair| pair.offset.iter().all(|offset| offset.abs() < NEIGHBOURS.end));
     let steps = near.map(|pair| (pair.ids, pair.offset.map(|offset| (offset / period).round() as i32)));
-    let places = places(&steps.collect(), ids);
+    let places = places(&steps.collect(), &ids);
     let along = |place: &[i32; 2]| {
         if order == TagOrder::Upwards || !dictionary.family.is_april() { place[0] } else { -place[0] }
     };
@@ -142,7 +154,8 @@ fn grid(pairs: &[Pair], ids: &[u16], dictionary: Dictionary, border: u8, corner_
     })
 }
 
-fn charuco(pairs: &[Pair], ids: &[u16], dictionary: Dictionary) -> Option<Charuco> {
+fn charuco(pairs: &[Pair], ids: &[u16], family: TagFamily) -> Option<Charuco> {
+    let dictionary = dictionary_of(family, *ids.last()?)?;
     let diagonal = pairs.iter().filter(|pair| {
         let [x, y] = pair.offset.map(f64::abs);
         DIAGONAL.contains(&x) && (x - y).abs() < TOLERANCE
