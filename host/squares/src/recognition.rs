@@ -229,45 +229,92 @@ fn recognise_checkerboard(moments: &[Vec<Picture>], lattices: &[Vec<SeenLattice>
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::rendering::{View, noisy};
+    use evcal_geometry::board::squares::Charuco;
+    use evcal_geometry::board::squares::raster::Rectangle;
 
-    /// Returns pictures of `board` in five orientations, and the board that is recognised in them.
-    fn recognised(board: &SquareBoard) -> Option<SquareBoard> {
-        let raster = board.raster();
-        let brightness = |x: f64, y: f64| if raster.is_dark_at([x, y]) { 0.1 } else { 0.9 };
-        let bounds = board.bounds();
+    use super::*;
+    use crate::rendering::{View, is_dark, noisy, tag};
+
+    /// Returns what is recognised in pictures of a board of this brightness in four orientations. The lens sees `distance` times the
+    /// longer side of the board.
+    fn recognised(bounds: Rectangle, distance: f64, brightness: impl Fn(f64, f64) -> f32) -> Option<RecognisedBoard> {
         let middle = [0, 1].map(|axis| (bounds.low[axis] + bounds.high[axis]) / 2.0);
         let longer = (bounds.high[0] - bounds.low[0]).max(bounds.high[1] - bounds.low[1]);
-        let rotations = [[0.3, -0.3, 0.1], [-0.2, 0.3, 0.2], [0.2, 0.1, -0.2], [0.0, 0.3, 0.1], [-0.3, -0.1, 0.0]];
-        let moments =
-            rotations.map(|rotation| vec![noisy(&View::new(middle, 1.6 * longer, rotation).render(brightness), 0.05)]);
-        recognise(&moments).map(|found| found.board)
+        let rotations = [[0.3, -0.3, 0.1], [-0.2, 0.3, 0.2], [0.2, 0.1, -0.2], [0.0, 0.3, 0.1]];
+        let picture = |rotation| View::new(middle, distance * longer, rotation).render_in_parts(3, &brightness);
+        recognise(&rotations.map(|rotation| vec![noisy(&picture(rotation), 0.05)]))
+    }
+
+    fn recognised_print(board: &SquareBoard, distance: f64) -> Option<RecognisedBoard> {
+        let raster = board.raster();
+        recognised(board.bounds(), distance, |x, y| if raster.is_dark_at([x, y]) { 0.1 } else { 0.9 })
     }
 
     #[test]
     fn boards_of_every_kind_are_recognised() {
-        for text in [
-            "checkerboard:6x9:30mm",
-            "checkerboard:4x5:30mm",
-            "aprilgrid:4x5:30mm:0.3",
-            "aprilgrid:4x5:30mm:0.3:border1",
-            "apriltags:3x4:30mm:0.25",
-            "apriltags:3x4:30mm:0.25:down",
-            "apriltags:3x4:30mm:0.25:25h9",
-            "charuco:5x7:30mm:22mm:DICT_5X5_50",
-            "charuco:4x6:30mm:22mm:DICT_4X4_50:legacy",
+        for (text, distance) in [
+            ("checkerboard:6x9:30mm", 1.6),
+            ("checkerboard:4x5:30mm", 1.6),
+            ("aprilgrid:4x5:30mm:0.3", 1.6),
+            ("aprilgrid:4x5:30mm:0.3:border1", 1.6),
+            ("apriltags:3x4:30mm:0.25", 1.6),
+            ("apriltags:3x4:30mm:0.25:down", 1.6),
+            ("apriltags:3x4:30mm:0.25:25h9", 1.6),
+            ("charuco:5x7:30mm:22mm:DICT_5X5_50", 1.6),
+            ("charuco:4x6:30mm:22mm:DICT_4X4_50:legacy", 1.6),
+            // A module of 1.5 pixels.
+            ("charuco:8x11:30mm:22mm:DICT_6X6_50", 2.0),
+            ("charuco:7x7:30mm:22mm:DICT_APRILTAG_36h11", 2.0),
         ] {
             let board: SquareBoard = text.parse().unwrap();
-            let found = recognised(&board).map(|found| found.to_string());
-            assert_eq!(found.as_deref(), Some(board.to_string().as_str()), "{text}");
+            let found = recognised_print(&board, distance).unwrap_or_else(|| panic!("{text} is not recognised"));
+            // The size of markers is only measured.
+            let measured = match (found.board, board) {
+                (SquareBoard::Charuco(found), SquareBoard::Charuco(board)) => {
+                    assert!((found.marker - board.marker).abs() < 0.002, "{text}: {}", found.marker);
+                    SquareBoard::Charuco(Charuco { marker: board.marker, ..found })
+                }
+                (found, _) => found,
+            };
+            assert_eq!(measured.to_string(), board.to_string());
+            assert!(!found.has_unknown_markers, "{text}");
         }
     }
 
     #[test]
-    fn plain_pictures_have_no_board() {
-        let picture = || Picture::new(80, 60, vec![0.5; 80 * 60]).unwrap();
-        assert_eq!(recognise(&[vec![picture()], vec![picture()], vec![picture()]]), None);
+    fn unknown_markers_in_a_checkerboard_are_noticed() {
+        let board: SquareBoard = "checkerboard:4x6:1m".parse().unwrap();
+        let raster = board.raster();
+        // Tags of a known family, but in reverse order.
+        let squares = (0..5).flat_map(|row| (0..7).map(move |column| (row, column)));
+        let light = squares.filter(|(row, column)| (row + column) % 2 == 1);
+        let tags: Vec<Tag> = light
+            .zip(0..)
+            .map(|((row, column), id)| tag(23 - id, 1, column as f64 - 0.85, row as f64 - 0.85, 0.7))
+            .collect();
+        let brightness = |x: f64, y: f64| {
+            let in_tag = |tag: &Tag| {
+                let [u, v] = [(x - tag.corners[0][0]) / 0.7, (y - tag.corners[0][1]) / 0.7];
+                (0.0..1.0).contains(&u) && (0.0..1.0).contains(&v) && is_dark(tag, u, v)
+            };
+            if raster.is_dark_at([x, y]) || tags.iter().any(in_tag) { 0.1 } else { 0.9 }
+        };
+        let found = recognised(board.bounds(), 1.6, brightness).unwrap();
+        assert_eq!(found.board.to_string(), "checkerboard:4x6:30mm");
+        assert!(found.has_unknown_markers);
+    }
+
+    #[test]
+    fn other_patterns_are_not_recognised() {
+        let bounds = Rectangle { low: [0.0; 2], high: [10.0, 7.0] };
+        let inside = |x: f64, y: f64| (0.0..10.0).contains(&x) && (0.0..7.0).contains(&y);
+        let dots = |x: f64, y: f64| {
+            let is_dot = inside(x, y) && (x.fract() - 0.5).hypot(y.fract() - 0.5) < 0.3;
+            if is_dot { 0.1 } else { 0.9 }
+        };
+        assert_eq!(recognised(bounds, 1.6, dots), None);
+        let grey = |_, _| 0.5;
+        assert_eq!(recognised(bounds, 1.6, grey), None);
         assert_eq!(recognise(&[]), None);
     }
 }

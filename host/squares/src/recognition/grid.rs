@@ -208,3 +208,26 @@ fn fits(board: &Charuco, places: &BTreeMap<u16, [i32; 2]>) -> bool {
     let shifts: Option<BTreeSet<[i32; 2]>> = places.iter().map(shift).collect();
     shifts.is_some_and(|shifts| shifts.len() == 1) && places.len() >= FEWEST_PAIRS
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tags::FoundTag;
+
+    /// A tag of another family that looks like this one in two pictures used to add rows to the board.
+    #[test]
+    fn a_single_mistaken_id_does_not_change_the_board() {
+        let board: SquareBoard = "aprilgrid:3x4:30mm:0.3".parse().unwrap();
+        let pixels = |corners: [[f64; 2]; 4]| corners.map(|corner| corner.map(|place| (2000.0 * place) as f32 + 300.0));
+        let seen = |id: u16, corners: [[f64; 2]; 4]| SeenTag {
+            id,
+            found: FoundTag { index: id.into(), corners: pixels(corners), score: 0.9 },
+            darkness: 1.0,
+        };
+        let mut picture: Vec<SeenTag> = board.tags().iter().map(|tag| seen(tag.id, tag.corners)).collect();
+        picture[5] = SeenTag { id: 564, ..picture[5] };
+        let whole: Vec<SeenTag> = board.tags().iter().map(|tag| seen(tag.id, tag.corners)).collect();
+        let found = board_of(&[picture.clone(), whole.clone(), picture, whole], TagFamily::April36h11, 2);
+        assert_eq!(found.map(|board| board.to_string()).as_deref(), Some("aprilgrid:3x4:30mm:0.3"));
+    }
+}
