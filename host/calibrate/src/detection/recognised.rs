@@ -34,11 +34,15 @@ impl Recognised {
         match self {
             Self::Circles(layout) => format!("{}, and give both", layout.to_measure()),
             Self::Squares(found) => {
-                let side = match found.board {
-                    SquareBoard::Checkerboard(_) | SquareBoard::Charuco(_) => "a square",
-                    SquareBoard::Tags(_) => "a tag with its dark border",
+                // The ratio of both lengths is only estimated.
+                let measure = match found.board {
+                    SquareBoard::Checkerboard(_) => "the side of a square, and give it",
+                    SquareBoard::Charuco(_) => "the sides of a square and of a marker, and give both",
+                    SquareBoard::Tags(_) => {
+                        "the side of a tag with its dark border and the gap to the next, and give the side, and the gap divided by it"
+                    }
                 };
-                format!("measure the side of {side}, and give it")
+                format!("measure {measure}")
             }
         }
     }
@@ -56,8 +60,15 @@ impl fmt::Display for Recognised {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Circles(layout) => layout.fmt(f),
-            Self::Squares(RecognisedBoard { board, fitting, moments }) => {
-                write!(f, "{}, which fits {fitting} of {moments} pictures", kind_of(board))
+            Self::Squares(RecognisedBoard { board, fitting, moments, has_unknown_markers }) => {
+                write!(f, "{}, which fits {fitting} of {moments} pictures", kind_of(board))?;
+                if *has_unknown_markers {
+                    write!(
+                        f,
+                        " (its light squares contain markers of an unknown dictionary, and its corners are those of a checkerboard)"
+                    )?;
+                }
+                Ok(())
             }
         }
     }

@@ -23,6 +23,8 @@ const FEWEST_PAIRS: usize = 4;
 const AGREEING: f64 = 0.8;
 /// Number of moments in which a tag must be seen.
 const FEWEST_SIGHTINGS: usize = 2;
+/// Largest error of a measured spacing; usual spacings are multiples of 0.05.
+const MEASURED: f64 = 0.012;
 /// Darkness beside the corners of tags from which there are dark squares.
 const DARK: f32 = 0.5;
 
@@ -145,13 +147,20 @@ fn grid(pairs: &[Pair], ids: &[u16], family: TagFamily, border: u8, corner_squar
         rows: u8::try_from((last - first + 1).div_ceil(columns)).ok()?,
         columns: u8::try_from(columns).ok()?,
         tag: EXAMPLE_LENGTH,
-        spacing: ((period - 1.0) * 100.0).round() / 100.0,
+        spacing: likely_spacing(period - 1.0),
         corner_squares,
         dictionary,
         border,
         first_id: first,
         order,
     })
+}
+
+/// Returns the usual spacing near a measured one, if there is one.
+fn likely_spacing(measured: f64) -> f64 {
+    let rounded = |steps: f64| (measured * steps).round() / steps;
+    let usual = rounded(20.0);
+    if (measured - usual).abs() <= MEASURED { usual } else { rounded(100.0) }
 }
 
 fn charuco(pairs: &[Pair], ids: &[u16], family: TagFamily) -> Option<Charuco> {
