@@ -235,7 +235,7 @@ impl TagFinder {
             keep_better(&mut found, self.verified(&smooth, tag.index, &tag.corners));
         }
         self.leave_out_disagreeing(&mut found);
-        let mut quads = Vec::new();
+        let (mut quads, mut disagreeing) = (Vec::new(), 0);
         if found.iter().flatten().count() < ENOUGH.min(self.tags.len()) {
             quads = find_quads(picture);
             for quad in &quads {
@@ -244,16 +244,18 @@ impl TagFinder {
                     keep_better(&mut found, self.recognised(&smooth, quad));
                 }
             }
-            self.leave_out_disagreeing(&mut found);
+            disagreeing = self.leave_out_disagreeing(&mut found);
         }
         let missing = self.grow(&smooth, &mut found);
         let tags: Vec<FoundTag> = found.into_iter().flatten().collect();
-        if !is_board(&tags, missing) {
+        // Most of its tags are elsewhere on a board with other rows and columns.
+        let is_elsewhere = disagreeing >= ENOUGH && disagreeing > tags.len();
+        if !is_board(&tags, missing) || is_elsewhere {
             return Err(match (self.mirrored(picture, &quads), tags.len(), quads.len()) {
                 (mirrored, found, _) if mirrored > found => NoTags::Mirrored { tags: mirrored },
                 (_, 0, 0) => NoTags::NoQuads,
                 (_, 0, quads) => NoTags::OtherTags { quads },
-                (_, found, _) => NoTags::OtherBoard { found, missing },
+                (_, found, _) => NoTags::OtherBoard { found, missing: missing.max(disagreeing) },
             });
         }
         match self.best_border(&smooth.picture, &tags) {
@@ -450,8 +452,8 @@ impl TagFinder {
         align(&smooth.slopes, &Pattern { side: self.side, light: &self.tags.get(tag)?.light }, start)
     }
 
-    /// Keeps the largest group of tags that agree about the position of the board.
-    fn leave_out_disagreeing(&self, found: &mut [Option<FoundTag>]) {
+    /// Keeps the largest group of tags that agree about the position of the board, and returns the number of others.
+    fn leave_out_disagreeing(&self, found: &mut [Option<FoundTag>]) -> usize {
         let tags: Vec<FoundTag> = found.iter().flatten().copied().collect();
         let maps: Vec<Option<BoardMap>> = tags.iter().map(|tag| self.map_of(&[*tag])).collect();
         let agrees = |from: usize, to: usize| {
@@ -475,13 +477,14 @@ impl TagFinder {
             group.iter().zip(&tags).filter(|(group, _)| **group == name).map(|(_, tag)| 1.0 + 0.1 * tag.score).sum()
         };
         let Some(&largest) = group.iter().max_by(|a, b| weight(**a).total_cmp(&weight(**b)).then(b.cmp(a))) else {
-            return;
+            return 0;
         };
         for (tag, group) in tags.iter().zip(&group) {
             if *group != largest {
                 found[tag.index] = None;
             }
         }
+        group.iter().filter(|group| **group != largest).count()
     }
 
     /// Returns the tags.
@@ -740,6 +743,9 @@ mod tests {
         assert!(matches!(refused(&SHEET, &TagGrid { border: 2, ..SHEET }), NoTags::OtherBorder { border: 2 }));
         // The same tags in another arrangement.
         assert!(matches!(refused(&SHEET, &TagGrid { gap: 0.8, ..SHEET }), NoTags::OtherBoard { .. }));
+        // The tags of each row are at their places relative to each other, but not to those of other rows.
+        let exchanged = TagGrid { rows: SHEET.columns, columns: SHEET.rows, ..SHEET };
+        assert!(matches!(refused(&exchanged, &SHEET), NoTags::OtherBoard { found: 1..=4, missing: 8.. }));
         let brightness = SHEET.brightness();
         let mirrored = view(&SHEET, 7.0, [0.2, 0.3, 0.2]).render(|x, y| brightness(2.0 * SHEET.middle()[0] - x, y));
         assert!(matches!(finder(&SHEET).find(&mirrored, &[]), Err(NoTags::Mirrored { tags: 2.. })));

@@ -121,13 +121,25 @@ pub fn find_squares(recording: &Recording, sensor: Sensor) -> Result<Option<Reco
     Ok(recognise(&sample))
 }
 
-/// Returns a recognised board in the size of `stated`: with the same side of a square or tag.
-pub(super) fn in_size_of(found: &SquareBoard, stated: &SquareBoard) -> SquareBoard {
-    found.with_length(match stated {
-        SquareBoard::Checkerboard(board) => board.square,
-        SquareBoard::Tags(grid) => grid.tag,
-        SquareBoard::Charuco(board) => board.square,
-    })
+/// Returns a recognised board with the lengths of `stated`; `None` if `stated` has other lengths. A stated ratio of two lengths is kept
+/// if it is near the measured one.
+pub(super) fn in_lengths_of(found: &SquareBoard, stated: &SquareBoard) -> Option<SquareBoard> {
+    match (found, stated) {
+        (SquareBoard::Checkerboard(_), SquareBoard::Checkerboard(stated)) => Some(found.with_length(stated.square)),
+        (SquareBoard::Checkerboard(_), SquareBoard::Charuco(stated)) => Some(found.with_length(stated.square)),
+        (SquareBoard::Tags(grid), SquareBoard::Tags(stated)) => {
+            let is_near = (grid.spacing - stated.spacing).abs() < MEASURED;
+            let spacing = if is_near { stated.spacing } else { grid.spacing };
+            Some(SquareBoard::Tags(TagGrid { tag: stated.tag, spacing, ..*grid }))
+        }
+        (SquareBoard::Charuco(board), SquareBoard::Charuco(stated)) => {
+            let ratio = board.marker / board.square;
+            let is_near = (ratio - stated.marker / stated.square).abs() < MEASURED;
+            let marker = if is_near { stated.marker } else { ratio * stated.square };
+            Some(SquareBoard::Charuco(Charuco { square: stated.square, marker, ..*board }))
+        }
+        _ => None,
+    }
 }
 
 /// Returns `true` if a recognised board is the stated one; the ratio of its lengths was only measured.
