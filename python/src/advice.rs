@@ -163,7 +163,7 @@ pub fn worded(advice: &Advice) -> String {
         Advice::CorrectSensor(outside) => format!("{outside}: give its true size as sensor=(width, height)"),
         Advice::BothPolarities(_) => format!("{advice} with columns="),
         Advice::NameBoard => {
-            "circles were seen: give board=\"LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS\" to look for your board".to_owned()
+            "no board was recognised: describe it, for example board=\"acircles:9x4:55mm:r17.5mm\" or board=\"checkerboard:6x9:25mm\"".to_owned()
         }
         Advice::Measure(found) => {
             let measure = found.to_measure();

@@ -142,7 +142,7 @@ impl fmt::Display for Advice {
             }
             Self::CorrectSensor(outside) => write!(f, "{outside}: state its true size"),
             Self::BothPolarities(only) => f.write_str(&only_one_polarity(*only)),
-            Self::NameBoard => write!(f, "circles were seen: name the board to look for it"),
+            Self::NameBoard => write!(f, "no board was recognised: name it"),
             Self::Measure(found) => {
                 write!(f, "the board is {found}: {}, for example {}", found.to_measure(), found.example())
             }

@@ -22,7 +22,7 @@ use crate::detection::radius::{OtherRadius, other_radius};
 use crate::detection::recognised::{Recognised, find_board};
 use crate::detection::search::{FoundContent, SearchFor, search_events};
 use crate::detection::settings::DetectionSettings;
-use crate::detection::still_views::search::search_views;
+use crate::detection::still_views::search::{recognise_views, search_views};
 use crate::detection::still_views::{FEWEST_VIEWS, LEAST_TIME, StillViews, duration};
 use crate::detection::{DetectionReport, LARGEST_SENSOR, NoPattern};
 use crate::diagnosis::bad_pixels::{BadPixels, PixelCounter, Repetition};
@@ -325,6 +325,7 @@ fn look_at_views(
     let step = views.len().div_ceil(MOST_VIEWS);
     views = views.into_iter().step_by(step).collect();
     let count = views.len() as u64;
+    let recognised = if board.is_none() { recognise_views(&views).map(Recognised::Squares) } else { None };
     let found = board.map(|board| search_views(board, settings, pictures, &[views]));
     let frames = found.as_ref().map_or(&[][..], |found| &found.frames);
     let circles = frames.iter().flat_map(|frame| &frame.circles);
@@ -336,7 +337,7 @@ fn look_at_views(
     });
     let seen = Seen {
         is_at_rest: true,
-        recognised: None,
+        recognised,
         board: board.map(ToString::to_string),
         found: frames.len() as u64,
         windows: count,

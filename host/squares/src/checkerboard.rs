@@ -4,6 +4,7 @@
 //! board is accepted if ends of the board are visible or its position is predicted. The shades around the corners must
 //! alternate.
 
+mod lattice;
 mod placement;
 
 use evcal_core::grid::{
@@ -16,6 +17,7 @@ use nalgebra::Vector2;
 use crate::found_point::FoundPoint;
 use crate::picture::Picture;
 use crate::saddles::{Saddle, SaddleTest, find_saddles, refine_saddle};
+pub(crate) use lattice::{CornerLattice, corner_lattices};
 use placement::{LatticeCorner, Placement, place_by_ends};
 
 /// Capacity of the lattice finder in saddles.
@@ -167,12 +169,12 @@ fn corners_at_scales(
     workspace: &mut GridWorkspace<f64, CAPACITY>,
 ) -> Result<OrderedCorners, NoCheckerboard> {
     let (full, mut scale) = (picture, 1.0);
-    let mut smaller: Option<Picture> = None;
+    let mut reduced: Option<Picture> = None;
     let mut best: Result<OrderedCorners, NoCheckerboard> = Err(NoCheckerboard::NoLattice);
     loop {
-        let picture = smaller.as_ref().unwrap_or(full);
-        let reduced = |[x, y]: [f32; 2]| [(x + 0.5) / scale - 0.5, (y + 0.5) / scale - 0.5];
-        let expected: Option<Vec<_>> = expected.map(|pixels| pixels.iter().map(|pixel| pixel.map(reduced)).collect());
+        let picture = reduced.as_ref().unwrap_or(full);
+        let at_scale = |[x, y]: [f32; 2]| [(x + 0.5) / scale - 0.5, (y + 0.5) / scale - 0.5];
+        let expected: Option<Vec<_>> = expected.map(|pixels| pixels.iter().map(|pixel| pixel.map(at_scale)).collect());
         let found = ordered(picture, pattern, expected.as_deref(), workspace).map(|mut corners| {
             for (_, saddle) in &mut corners {
                 saddle.pixel = saddle.pixel.map(|place| (place + 0.5) * scale - 0.5);
@@ -185,13 +187,23 @@ fn corners_at_scales(
             (_, Ok(found)) => Ok(found),
             (Err(reason), Err(other)) => Err(if scale > 1.0 { reason.max(other) } else { other }),
         };
-        smaller = picture.halved().filter(|picture| picture.width().min(picture.height()) >= LEAST_PICTURE);
+        reduced = smaller(picture);
         scale *= 2.0;
         let complete = best.as_ref().is_ok_and(|best| best.corners.len() == pattern.circle_count());
-        if complete || smaller.is_none() {
+        if complete || reduced.is_none() {
             return best;
         }
     }
+}
+
+/// Returns the picture at half the scale, if it is large enough for the search.
+fn smaller(picture: &Picture) -> Option<Picture> {
+    picture.halved().filter(|picture| picture.width().min(picture.height()) >= LEAST_PICTURE)
+}
+
+fn candidates_of(saddles: &[Saddle]) -> Vec<GridCandidate<f64>> {
+    let candidate = |saddle: &Saddle| GridCandidate { center: Vector2::from(saddle.pixel).cast(), radius: 0.0 };
+    saddles.iter().map(candidate).collect()
 }
 
 /// Returns the saddles of a picture that are corners of the board, by index.
@@ -203,8 +215,7 @@ fn ordered(
 ) -> Result<Vec<(usize, Saddle)>, NoCheckerboard> {
     let mut saddles = find_saddles(picture);
     saddles.truncate(CAPACITY);
-    let candidate = |saddle: &Saddle| GridCandidate { center: Vector2::from(saddle.pixel).cast(), radius: 0.0 };
-    let candidates: Vec<GridCandidate<f64>> = saddles.iter().map(candidate).collect();
+    let candidates = candidates_of(&saddles);
     let options = GridOptions::new(pattern, (picture.width() as f64, picture.height() as f64));
     let near = expected.and_then(|expected| {
         let expected: Vec<_> = expected.iter().map(|pixel| pixel.map(|pixel| Vector2::from(pixel).cast())).collect();

@@ -1,13 +1,17 @@
 //! Recognises a board of squares of which nothing is known: its kind, rows and columns, tags and ratios.
 //!
-//! 1. The tags of all families, with a border of one or two modules, are searched one by one.
-//! 2. The positions of neighbouring tags relative to each other, and their ids, are those of a grid of tags or of a ChArUco board.
-//! 3. If there are no tags, the board may be a checkerboard whose ends are in view.
+//! 1. The corners of a checkerboard form lattices. If its light squares contain markers, it is a ChArUco board; the markers need
+//!    not be readable one by one.
+//! 2. Otherwise it is a checkerboard, if its ends are in view.
+//! 3. Without such a lattice the tags of all families, with a border of one or two modules, are searched one by one. The positions
+//!    of neighbouring tags relative to each other, and their ids, are those of a grid of tags or of a ChArUco board.
 //!
 //! Pictures do not show lengths, so a recognised board has the length of an example.
 
+mod charuco;
 mod grid;
 
+use std::cell::OnceCell;
 use std::collections::{BTreeMap, BTreeSet};
 
 use evcal_geometry::board::squares::family::TagFamily;
@@ -15,16 +19,20 @@ use evcal_geometry::board::squares::{Checkerboard, Shade, SquareBoard};
 use evcal_geometry::board::tag::Tag;
 use rayon::prelude::*;
 
+use self::charuco::Size;
 use crate::alignment::SquareMap;
-use crate::checkerboard::{NoCheckerboard, find_checkerboard};
+use crate::checkerboard::{CornerLattice, NoCheckerboard, corner_lattices, find_checkerboard};
 use crate::picture::Picture;
 use crate::quads::{Quad, find_quads};
-use crate::tags::{FoundTag, Smooth, TagFinder};
+use crate::tags::{FoundTag, Smooth, TagFinder, is_same_place};
 
 /// Side of a square of a recognised board, or of a tag of a grid, in metres.
 pub const EXAMPLE_LENGTH: f64 = 0.03;
 /// Fewest moments that must show the board.
 const FEWEST_MOMENTS: usize = 3;
+/// Fewest moments with a lattice whose markers are read, and largest number of sizes of lattices.
+const FEWEST_OF_SIZE: usize = 2;
+const MOST_SIZES: usize = 4;
 /// Fewest tags of a moment that counts.
 const FEWEST_TAGS: usize = 3;
 /// Distance outside a tag, in its sides, at which the gap and the squares at its corners are compared.
@@ -56,6 +64,9 @@ pub struct RecognisedBoard {
     pub fitting: usize,
     /// Number of moments.
     pub moments: usize,
+    /// `true` if the light squares of a checkerboard contain something that differs from square to square: it may be a ChArUco board
+    /// of an unknown dictionary.
+    pub has_unknown_markers: bool,
 }
 
 /// A tag in a picture.
@@ -67,9 +78,45 @@ struct SeenTag {
     darkness: f32,
 }
 
+/// The lattice of corners in a picture.
+#[derive(Clone)]
+struct SeenLattice<'a> {
+    picture: &'a Picture,
+    lattice: CornerLattice,
+}
+
 /// Recognises the board in the pictures of some moments; `None` if there is none, or if it is not clear.
 pub fn recognise(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
-    recognise_tags(moments).or_else(|| recognise_checkerboard(moments))
+    let in_picture =
+        |picture| corner_lattices(picture).into_iter().map(move |lattice| SeenLattice { picture, lattice });
+    let lattices: Vec<Vec<SeenLattice>> =
+        moments.par_iter().map(|pictures| pictures.iter().flat_map(in_picture).collect()).collect();
+    recognise_charuco(&lattices)
+        .or_else(|| recognise_checkerboard(moments, &lattices))
+        .or_else(|| recognise_tags(moments))
+}
+
+/// Returns the lattices of this size, without moments that have none.
+fn of_size<'a>(moments: &[Vec<SeenLattice<'a>>], size: [usize; 2]) -> Vec<Vec<SeenLattice<'a>>> {
+    let of_moment = |seen: &Vec<SeenLattice<'a>>| {
+        let of_size = seen.iter().filter(|seen| [seen.lattice.rows, seen.lattice.columns] == size);
+        of_size.cloned().collect::<Vec<_>>()
+    };
+    moments.iter().map(of_moment).filter(|seen| !seen.is_empty()).collect()
+}
+
+fn recognise_charuco(lattices: &[Vec<SeenLattice>]) -> Option<RecognisedBoard> {
+    let sizes: BTreeSet<[usize; 2]> =
+        lattices.iter().flatten().map(|seen| [seen.lattice.rows, seen.lattice.columns]).collect();
+    let mut seen: Vec<([usize; 2], Vec<Vec<SeenLattice>>)> =
+        sizes.into_iter().map(|size| (size, of_size(lattices, size))).collect();
+    seen.retain(|(_, moments)| moments.len() >= FEWEST_OF_SIZE);
+    seen.sort_by_key(|(_, moments)| std::cmp::Reverse(moments.len()));
+    seen.into_iter().take(MOST_SIZES).find_map(|([rows, columns], seen)| {
+        let board = charuco::read_markers(&seen, Size { rows, columns })?;
+        let (fitting, moments) = (seen.len(), lattices.len());
+        Some(RecognisedBoard { board: SquareBoard::Charuco(board), fitting, moments, has_unknown_markers: false })
+    })
 }
 
 /// A picture, prepared for the search, with its dark quadrilaterals.
@@ -79,24 +126,30 @@ struct Prepared {
 }
 
 fn recognise_tags(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
-    let prepare = |picture: &Picture| Prepared { smooth: Smooth::new(picture), quads: find_quads(picture) };
-    let prepared: Vec<Vec<Prepared>> =
-        moments.par_iter().map(|pictures| pictures.iter().map(prepare).collect()).collect();
+    let prepare = |pictures: &Vec<Picture>| -> Vec<Prepared> {
+        pictures.iter().map(|picture| Prepared { smooth: Smooth::new(picture), quads: find_quads(picture) }).collect()
+    };
+    // Moments in a row that show the board are at least as many.
+    let sample: Vec<Vec<Prepared>> = moments.par_iter().step_by(FEWEST_MOMENTS).map(prepare).collect();
+    let all: OnceCell<Vec<Vec<Prepared>>> = OnceCell::new();
     FAMILIES.into_iter().find_map(|(family, count)| {
-        let sightings = BORDERS.map(|border| sightings_of(&tags_of(family, count, border), &prepared));
-        let score = |sightings: &[Vec<SeenTag>]| sightings.iter().flatten().map(|tag| tag.found.score).sum::<f32>();
+        let scored = BORDERS.into_iter().filter_map(|border| {
+            let finder = TagFinder::new(&tags_of(family, count, border)).ok()?;
+            let score = sightings_of(&finder, &sample).iter().flatten().map(|tag| tag.found.score).sum::<f32>();
+            (score > 0.0).then_some((score, border, finder))
+        });
         // With the wrong border, fewer tags correlate, and less.
-        let [first, second] = sightings.each_ref().map(|sightings| score(sightings));
-        let (border, sightings) = BORDERS.into_iter().zip(sightings).nth(usize::from(second > first))?;
+        let (_, border, finder) = scored.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let sightings = sightings_of(&finder, all.get_or_init(|| moments.par_iter().map(prepare).collect()));
         let board = grid::board_of(&sightings, family, border).filter(|_| sightings.len() >= FEWEST_MOMENTS)?;
-        Some(RecognisedBoard { board, fitting: sightings.len(), moments: moments.len() })
+        let (fitting, moments) = (sightings.len(), moments.len());
+        Some(RecognisedBoard { board, fitting, moments, has_unknown_markers: false })
     })
 }
 
 /// Returns the tags of the moments that show enough of these.
-fn sightings_of(tags: &[Tag], prepared: &[Vec<Prepared>]) -> Vec<Vec<SeenTag>> {
-    let Ok(finder) = TagFinder::new(tags) else { return Vec::new() };
-    let seen = prepared.par_iter().map(|pictures| tags_in(&finder, pictures));
+fn sightings_of(finder: &TagFinder, prepared: &[Vec<Prepared>]) -> Vec<Vec<SeenTag>> {
+    let seen = prepared.par_iter().map(|pictures| tags_in(finder, pictures));
     seen.filter(|tags| tags.len() >= FEWEST_TAGS).collect()
 }
 
@@ -115,7 +168,15 @@ fn tags_of(family: TagFamily, count: u16, border: u8) -> Vec<Tag> {
 fn tags_in(finder: &TagFinder, pictures: &[Prepared]) -> Vec<SeenTag> {
     let mut seen: BTreeMap<u16, SeenTag> = BTreeMap::new();
     for Prepared { smooth, quads } in pictures {
-        for found in quads.iter().filter_map(|quad| finder.recognised(smooth, quad)) {
+        let mut in_picture: Vec<FoundTag> = Vec::new();
+        for quad in quads {
+            // Most quadrilaterals are found with several surroundings.
+            let is_known = in_picture.iter().any(|known| is_same_place(&known.corners, quad));
+            if !is_known && finder.has_border(smooth, quad) {
+                in_picture.extend(finder.recognised(smooth, quad));
+            }
+        }
+        for found in in_picture {
             let Some(tag) = finder.tags().get(found.index) else { continue };
             if seen.get(&tag.id).is_none_or(|known| known.found.score < found.score) {
                 let darkness = darkness_beside_corners(smooth.picture(), &found, tag.side);
@@ -141,7 +202,7 @@ fn darkness_beside_corners(picture: &Picture, tag: &FoundTag, side: usize) -> f3
     (gaps - corners) / (gaps - border).max(f32::MIN_POSITIVE)
 }
 
-fn recognise_checkerboard(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
+fn recognise_checkerboard(moments: &[Vec<Picture>], lattices: &[Vec<SeenLattice>]) -> Option<RecognisedBoard> {
     let [rows, columns] = TRIED;
     let size_in = |picture: &Picture| match find_checkerboard(picture, rows, columns, None) {
         Ok(_) => Some(TRIED.map(usize::from)),
@@ -158,52 +219,102 @@ fn recognise_checkerboard(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
     if fitting < FEWEST_MOMENTS || 2 * fitting <= sizes.iter().filter(|sizes| !sizes.is_empty()).count() {
         return None;
     }
-    let [rows, columns] = size.map(u8::try_from);
-    let board = Checkerboard { rows: rows.ok()?, columns: columns.ok()?, square: EXAMPLE_LENGTH, first: Shade::Dark };
-    Some(RecognisedBoard { board: SquareBoard::Checkerboard(board), fitting, moments: moments.len() })
+    let [rows, columns] = size;
+    let has_unknown_markers = charuco::squares_differ(&of_size(lattices, size), Size { rows, columns });
+    let (rows, columns) = (u8::try_from(rows).ok()?, u8::try_from(columns).ok()?);
+    let board = Checkerboard { rows, columns, square: EXAMPLE_LENGTH, first: Shade::Dark };
+    let (board, moments) = (SquareBoard::Checkerboard(board), moments.len());
+    Some(RecognisedBoard { board, fitting, moments, has_unknown_markers })
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::rendering::{View, noisy};
+    use evcal_geometry::board::squares::Charuco;
+    use evcal_geometry::board::squares::raster::Rectangle;
 
-    /// Returns pictures of `board` in five orientations, and the board that is recognised in them.
-    fn recognised(board: &SquareBoard) -> Option<SquareBoard> {
-        let raster = board.raster();
-        let brightness = |x: f64, y: f64| if raster.is_dark_at([x, y]) { 0.1 } else { 0.9 };
-        let bounds = board.bounds();
+    use super::*;
+    use crate::rendering::{View, is_dark, noisy, tag};
+
+    /// Returns what is recognised in pictures of a board of this brightness in four orientations. The lens sees `distance` times the
+    /// longer side of the board.
+    fn recognised(bounds: Rectangle, distance: f64, brightness: impl Fn(f64, f64) -> f32) -> Option<RecognisedBoard> {
         let middle = [0, 1].map(|axis| (bounds.low[axis] + bounds.high[axis]) / 2.0);
         let longer = (bounds.high[0] - bounds.low[0]).max(bounds.high[1] - bounds.low[1]);
-        let rotations = [[0.3, -0.3, 0.1], [-0.2, 0.3, 0.2], [0.2, 0.1, -0.2], [0.0, 0.3, 0.1], [-0.3, -0.1, 0.0]];
-        let moments =
-            rotations.map(|rotation| vec![noisy(&View::new(middle, 1.6 * longer, rotation).render(brightness), 0.05)]);
-        recognise(&moments).map(|found| found.board)
+        let rotations = [[0.3, -0.3, 0.1], [-0.2, 0.3, 0.2], [0.2, 0.1, -0.2], [0.0, 0.3, 0.1]];
+        let picture = |rotation| View::new(middle, distance * longer, rotation).render_in_parts(3, &brightness);
+        recognise(&rotations.map(|rotation| vec![noisy(&picture(rotation), 0.05)]))
+    }
+
+    fn recognised_print(board: &SquareBoard, distance: f64) -> Option<RecognisedBoard> {
+        let raster = board.raster();
+        recognised(board.bounds(), distance, |x, y| if raster.is_dark_at([x, y]) { 0.1 } else { 0.9 })
     }
 
     #[test]
     fn boards_of_every_kind_are_recognised() {
-        for text in [
-            "checkerboard:6x9:30mm",
-            "checkerboard:4x5:30mm",
-            "aprilgrid:4x5:30mm:0.3",
-            "aprilgrid:4x5:30mm:0.3:border1",
-            "apriltags:3x4:30mm:0.25",
-            "apriltags:3x4:30mm:0.25:down",
-            "apriltags:3x4:30mm:0.25:25h9",
-            "charuco:5x7:30mm:22mm:DICT_5X5_50",
-            "charuco:4x6:30mm:22mm:DICT_4X4_50:legacy",
+        for (text, distance) in [
+            ("checkerboard:6x9:30mm", 1.6),
+            ("checkerboard:4x5:30mm", 1.6),
+            ("aprilgrid:4x5:30mm:0.3", 1.6),
+            ("aprilgrid:4x5:30mm:0.3:border1", 1.6),
+            ("apriltags:3x4:30mm:0.25", 1.6),
+            ("apriltags:3x4:30mm:0.25:down", 1.6),
+            ("apriltags:3x4:30mm:0.25:25h9", 1.6),
+            ("charuco:5x7:30mm:22mm:DICT_5X5_50", 1.6),
+            ("charuco:4x6:30mm:22mm:DICT_4X4_50:legacy", 1.6),
+            // A module of 1.5 pixels.
+            ("charuco:8x11:30mm:22mm:DICT_6X6_50", 2.0),
+            ("charuco:7x7:30mm:22mm:DICT_APRILTAG_36h11", 2.0),
         ] {
             let board: SquareBoard = text.parse().unwrap();
-            let found = recognised(&board).map(|found| found.to_string());
-            assert_eq!(found.as_deref(), Some(board.to_string().as_str()), "{text}");
+            let found = recognised_print(&board, distance).unwrap_or_else(|| panic!("{text} is not recognised"));
+            // The size of markers is only measured.
+            let measured = match (found.board, board) {
+                (SquareBoard::Charuco(found), SquareBoard::Charuco(board)) => {
+                    assert!((found.marker - board.marker).abs() < 0.002, "{text}: {}", found.marker);
+                    SquareBoard::Charuco(Charuco { marker: board.marker, ..found })
+                }
+                (found, _) => found,
+            };
+            assert_eq!(measured.to_string(), board.to_string());
+            assert!(!found.has_unknown_markers, "{text}");
         }
     }
 
     #[test]
-    fn plain_pictures_have_no_board() {
-        let picture = || Picture::new(80, 60, vec![0.5; 80 * 60]).unwrap();
-        assert_eq!(recognise(&[vec![picture()], vec![picture()], vec![picture()]]), None);
+    fn unknown_markers_in_a_checkerboard_are_noticed() {
+        let board: SquareBoard = "checkerboard:4x6:1m".parse().unwrap();
+        let raster = board.raster();
+        // Tags of a known family, but in reverse order.
+        let squares = (0..5).flat_map(|row| (0..7).map(move |column| (row, column)));
+        let light = squares.filter(|(row, column)| (row + column) % 2 == 1);
+        let tags: Vec<Tag> = light
+            .zip(0..)
+            .map(|((row, column), id)| tag(23 - id, 1, column as f64 - 0.85, row as f64 - 0.85, 0.7))
+            .collect();
+        let brightness = |x: f64, y: f64| {
+            let in_tag = |tag: &Tag| {
+                let [u, v] = [(x - tag.corners[0][0]) / 0.7, (y - tag.corners[0][1]) / 0.7];
+                (0.0..1.0).contains(&u) && (0.0..1.0).contains(&v) && is_dark(tag, u, v)
+            };
+            if raster.is_dark_at([x, y]) || tags.iter().any(in_tag) { 0.1 } else { 0.9 }
+        };
+        let found = recognised(board.bounds(), 1.6, brightness).unwrap();
+        assert_eq!(found.board.to_string(), "checkerboard:4x6:30mm");
+        assert!(found.has_unknown_markers);
+    }
+
+    #[test]
+    fn other_patterns_are_not_recognised() {
+        let bounds = Rectangle { low: [0.0; 2], high: [10.0, 7.0] };
+        let inside = |x: f64, y: f64| (0.0..10.0).contains(&x) && (0.0..7.0).contains(&y);
+        let dots = |x: f64, y: f64| {
+            let is_dot = inside(x, y) && (x.fract() - 0.5).hypot(y.fract() - 0.5) < 0.3;
+            if is_dot { 0.1 } else { 0.9 }
+        };
+        assert_eq!(recognised(bounds, 1.6, dots), None);
+        let grey = |_, _| 0.5;
+        assert_eq!(recognised(bounds, 1.6, grey), None);
         assert_eq!(recognise(&[]), None);
     }
 }

@@ -37,15 +37,19 @@ impl View {
 
     /// Renders a board with this brightness at (x, y), slightly blurred.
     pub fn render(&self, brightness: impl Fn(f64, f64) -> f32) -> Picture {
-        const PARTS: usize = 8;
+        self.render_in_parts(8, brightness)
+    }
+
+    /// Does the same with `parts` × `parts` samples of a pixel.
+    pub fn render_in_parts(&self, parts: usize, brightness: impl Fn(f64, f64) -> f32) -> Picture {
         let to_board = self.to_image.try_inverse().unwrap();
         let pixel = |index: usize| {
-            let parts = (0..PARTS * PARTS).map(|part| {
-                let [dx, dy] = [part % PARTS, part / PARTS].map(|part| (part as f64 + 0.5) / PARTS as f64 - 0.5);
+            let samples = (0..parts * parts).map(|part| {
+                let [dx, dy] = [part % parts, part / parts].map(|part| (part as f64 + 0.5) / parts as f64 - 0.5);
                 let board = to_board * Vector3::new((index % WIDTH) as f64 + dx, (index / WIDTH) as f64 + dy, 1.0);
                 brightness(board.x / board.z, board.y / board.z)
             });
-            parts.sum::<f32>() / (PARTS * PARTS) as f32
+            samples.sum::<f32>() / (parts * parts) as f32
         };
         Picture::new(WIDTH, HEIGHT, (0..WIDTH * HEIGHT).map(pixel).collect()).unwrap().blurred(0.7)
     }

@@ -27,6 +27,9 @@ const LEAST: f32 = 0.6;
 const LEAST_MARGIN: f32 = 0.12;
 /// Smallest correlation at the predicted position of a tag.
 const LEAST_PREDICTED: f32 = 0.55;
+/// Smallest correlation of the modules of a candidate with a dark border around a light inside. (That of a tag is at least 0.3, times
+/// its own correlation.)
+const LEAST_BORDER: f32 = 0.12;
 /// Smallest difference in brightness between the board around a tag and the tag's border, as a fraction of the tag's
 /// contrast.
 const LEAST_AROUND: f32 = 0.25;
@@ -232,26 +235,27 @@ impl TagFinder {
             keep_better(&mut found, self.verified(&smooth, tag.index, &tag.corners));
         }
         self.leave_out_disagreeing(&mut found);
-        let mut quads = Vec::new();
+        let (mut quads, mut disagreeing) = (Vec::new(), 0);
         if found.iter().flatten().count() < ENOUGH.min(self.tags.len()) {
             quads = find_quads(picture);
             for quad in &quads {
                 // Most quadrilaterals are found with several surroundings.
-                let known = |tag: &FoundTag| (middle(&tag.corners) - middle(quad)).norm() < SAME * side_of(quad);
-                if !found.iter().flatten().any(known) {
+                if !found.iter().flatten().any(|tag| is_same_place(&tag.corners, quad)) {
                     keep_better(&mut found, self.recognised(&smooth, quad));
                 }
             }
-            self.leave_out_disagreeing(&mut found);
+            disagreeing = self.leave_out_disagreeing(&mut found);
         }
         let missing = self.grow(&smooth, &mut found);
         let tags: Vec<FoundTag> = found.into_iter().flatten().collect();
-        if !is_board(&tags, missing) {
+        // Most of its tags are elsewhere on a board with other rows and columns.
+        let is_elsewhere = disagreeing >= ENOUGH && disagreeing > tags.len();
+        if !is_board(&tags, missing) || is_elsewhere {
             return Err(match (self.mirrored(picture, &quads), tags.len(), quads.len()) {
                 (mirrored, found, _) if mirrored > found => NoTags::Mirrored { tags: mirrored },
                 (_, 0, 0) => NoTags::NoQuads,
                 (_, 0, quads) => NoTags::OtherTags { quads },
-                (_, found, _) => NoTags::OtherBoard { found, missing },
+                (_, found, _) => NoTags::OtherBoard { found, missing: missing.max(disagreeing) },
             });
         }
         match self.best_border(&smooth.picture, &tags) {
@@ -355,6 +359,17 @@ impl TagFinder {
         values
     }
 
+    /// Returns `true` unless a candidate has hardly a border that is darker than its inside.
+    pub(crate) fn has_border(&self, smooth: &Smooth, quad: &Quad) -> bool {
+        let is_inner = |place: usize| (self.border..self.side - self.border).contains(&place);
+        let mut inside: Vec<f32> = (0..self.side * self.side)
+            .map(|module| if is_inner(module % self.side) && is_inner(module / self.side) { 1.0 } else { 0.0 })
+            .collect();
+        normalise(&mut inside);
+        let modules = self.modules(&smooth.picture, quad);
+        modules.iter().zip(&inside).map(|(a, b)| a * b).sum::<f32>() >= LEAST_BORDER
+    }
+
     /// Returns `true` if the tag lies within the picture and has a light surround. (A tag with a wider border is dark
     /// there.)
     fn is_whole(&self, picture: &Picture, tag: &FoundTag) -> bool {
@@ -437,8 +452,8 @@ impl TagFinder {
         align(&smooth.slopes, &Pattern { side: self.side, light: &self.tags.get(tag)?.light }, start)
     }
 
-    /// Keeps the largest group of tags that agree about the position of the board.
-    fn leave_out_disagreeing(&self, found: &mut [Option<FoundTag>]) {
+    /// Keeps the largest group of tags that agree about the position of the board, and returns the number of others.
+    fn leave_out_disagreeing(&self, found: &mut [Option<FoundTag>]) -> usize {
         let tags: Vec<FoundTag> = found.iter().flatten().copied().collect();
         let maps: Vec<Option<BoardMap>> = tags.iter().map(|tag| self.map_of(&[*tag])).collect();
         let agrees = |from: usize, to: usize| {
@@ -462,13 +477,14 @@ impl TagFinder {
             group.iter().zip(&tags).filter(|(group, _)| **group == name).map(|(_, tag)| 1.0 + 0.1 * tag.score).sum()
         };
         let Some(&largest) = group.iter().max_by(|a, b| weight(**a).total_cmp(&weight(**b)).then(b.cmp(a))) else {
-            return;
+            return 0;
         };
         for (tag, group) in tags.iter().zip(&group) {
             if *group != largest {
                 found[tag.index] = None;
             }
         }
+        group.iter().filter(|group| **group != largest).count()
     }
 
     /// Returns the tags.
@@ -561,6 +577,11 @@ fn is_board(tags: &[FoundTag], missing: usize) -> bool {
     }
 }
 
+/// Returns `true` if two quadrilaterals have nearly the same middle.
+pub(crate) fn is_same_place(a: &Quad, b: &Quad) -> bool {
+    (middle(a) - middle(b)).norm() < SAME * side_of(b)
+}
+
 fn within(picture: &Picture, quad: &Quad) -> bool {
     quad.iter().all(|&corner| picture.contains(corner, BORDER))
 }
@@ -575,7 +596,7 @@ fn keep_better(found: &mut [Option<FoundTag>], tag: Option<FoundTag>) {
 }
 
 /// Normalises to mean 0 and norm 1; all 0 if all values are equal.
-fn normalise(values: &mut [f32]) {
+pub(crate) fn normalise(values: &mut [f32]) {
     let mean = values.iter().sum::<f32>() / values.len() as f32;
     values.iter_mut().for_each(|value| *value -= mean);
     let norm = values.iter().map(|value| value * value).sum::<f32>().sqrt();
@@ -584,7 +605,7 @@ fn normalise(values: &mut [f32]) {
 }
 
 /// Returns the modules of a candidate rotated so that its next corner becomes the first.
-fn turned(modules: &[f32], side: usize) -> Vec<f32> {
+pub(crate) fn turned(modules: &[f32], side: usize) -> Vec<f32> {
     (0..side * side).map(|index| modules[index % side * side + side - 1 - index / side]).collect()
 }
 
@@ -722,6 +743,9 @@ mod tests {
         assert!(matches!(refused(&SHEET, &TagGrid { border: 2, ..SHEET }), NoTags::OtherBorder { border: 2 }));
         // The same tags in another arrangement.
         assert!(matches!(refused(&SHEET, &TagGrid { gap: 0.8, ..SHEET }), NoTags::OtherBoard { .. }));
+        // The tags of each row are at their places relative to each other, but not to those of other rows.
+        let exchanged = TagGrid { rows: SHEET.columns, columns: SHEET.rows, ..SHEET };
+        assert!(matches!(refused(&exchanged, &SHEET), NoTags::OtherBoard { found: 1..=4, missing: 8.. }));
         let brightness = SHEET.brightness();
         let mirrored = view(&SHEET, 7.0, [0.2, 0.3, 0.2]).render(|x, y| brightness(2.0 * SHEET.middle()[0] - x, y));
         assert!(matches!(finder(&SHEET).find(&mirrored, &[]), Err(NoTags::Mirrored { tags: 2.. })));

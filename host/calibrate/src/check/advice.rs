@@ -140,7 +140,10 @@ fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> Advice {
 
 /// Returns advice on a board that blinks.
 fn next_at_rest(seen: &Seen, path: &Path) -> Advice {
-    let Some(board) = &seen.board else { return Advice::NameBoard };
+    let Some(board) = &seen.board else {
+        let name = || "something blinks in front of a camera at rest, but no board was recognised: name it".into();
+        return seen.recognised.map_or_else(name, Advice::Measure);
+    };
     if seen.found >= FEWEST_VIEWS as u64 {
         return Advice::Calibrate { recording: path.to_owned(), board: board.clone() };
     }

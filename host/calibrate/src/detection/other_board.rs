@@ -10,11 +10,12 @@ use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
 
 use super::layout::{FEWEST_CIRCLES, RecognisedLayout, first_circles, recognise};
-use super::recognised::{Recognised, find_board, find_squares, in_size_of, is_same};
+use super::recognised::{Recognised, find_board, find_squares, in_lengths_of, is_same};
 use super::settings::DetectionSettings;
 use crate::circles::reference_frame::UnorderedFrame;
 use crate::detection::order_frames;
-use evcal_geometry::board::{Board, CircleBoard};
+use evcal_geometry::board::{Board, CircleBoard, SquareBoard};
+use evcal_squares::recognition::RecognisedBoard;
 use event_recordings::{Recording, RecordingError};
 
 /// Smallest share of the windows with at least half as many circles as the board that another board must fit.
@@ -32,7 +33,7 @@ pub enum OtherReading {
         /// The board.
         board: Board,
     },
-    /// Circles instead of squares, or squares instead of circles; their lengths are unknown.
+    /// A board of another kind; its lengths are unknown.
     Kind(Recognised),
 }
 
@@ -77,19 +78,20 @@ pub fn find_other_board(
             Ok(other_reading(&frames, board, sensor))
         }
         Board::Squares(stated) => Ok(match find_board(recording, sensor, settings)? {
-            Some(Recognised::Squares(found)) => {
-                let board = in_size_of(&found.board, stated);
-                let (fitting, windows) = (found.fitting, found.moments);
-                (!is_same(&board, stated)).then_some(OtherReading::Board {
-                    fitting,
-                    windows,
-                    board: Board::Squares(board),
-                })
-            }
+            Some(Recognised::Squares(found)) => other_squares(found, stated),
             Some(circles) => Some(OtherReading::Kind(circles)),
             None => None,
         }),
     }
+}
+
+/// Returns how a recognised board of squares differs from the stated one; `None` if it does not.
+fn other_squares(found: RecognisedBoard, stated: &SquareBoard) -> Option<OtherReading> {
+    let Some(board) = in_lengths_of(&found.board, stated) else {
+        return Some(OtherReading::Kind(Recognised::Squares(found)));
+    };
+    let (fitting, windows) = (found.fitting, found.moments);
+    (!is_same(&board, stated)).then_some(OtherReading::Board { fitting, windows, board: Board::Squares(board) })
 }
 
 /// Returns the board that the circles of all frames fit instead of `board`: one that users confuse with it, or any recognised
@@ -118,4 +120,42 @@ pub fn other_reading(all: &[UnorderedFrame], board: &CircleBoard, sensor: Sensor
 /// Returns half of a board's circles, rounded up.
 fn half(board: &CircleBoard) -> usize {
     board.circle_count().div_ceil(2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns the board to state, and `true` if all its lengths are known.
+    fn other(found: &str, stated: &str) -> Option<(String, bool)> {
+        let board = found.parse().unwrap();
+        let found = RecognisedBoard { board, fitting: 9, moments: 10, has_unknown_markers: false };
+        other_squares(found, &stated.parse().unwrap()).map(|other| match other {
+            OtherReading::Board { board, .. } => (board.to_string(), true),
+            OtherReading::Kind(found) => (found.example(), false),
+        })
+    }
+
+    #[test]
+    fn another_board_of_squares_has_the_stated_lengths_only_if_they_are_the_same_ones() {
+        assert_eq!(other("checkerboard:6x9:30mm", "checkerboard:9x6:25mm"), None);
+        assert_eq!(other("apriltags:3x4:30mm:0.25", "apriltags:3x4:50mm:0.24"), None);
+        let known = |board: &str| Some((board.to_owned(), true));
+        assert_eq!(other("checkerboard:6x9:30mm", "checkerboard:7x10:25mm"), known("checkerboard:6x9:25mm"));
+        assert_eq!(
+            other("checkerboard:6x9:30mm", "charuco:7x10:25mm:18mm:DICT_4X4_50"),
+            known("checkerboard:6x9:25mm")
+        );
+        // The ratio of both lengths was only measured.
+        assert_eq!(
+            other("charuco:5x7:30mm:22.2mm:DICT_5X5_50", "charuco:5x7:40mm:30mm:DICT_4X4_100"),
+            known("charuco:5x7:40mm:30mm:DICT_5X5_50")
+        );
+        assert_eq!(other("apriltags:3x4:30mm:0.25", "apriltags:4x3:30mm:0.26"), known("apriltags:3x4:30mm:0.26"));
+        // A tag is not a square.
+        let unknown = |board: &str| Some((board.to_owned(), false));
+        let charuco = "charuco:5x7:30mm:22mm:DICT_5X5_50";
+        assert_eq!(other(charuco, "aprilgrid:6x6:88mm:0.3"), unknown(charuco));
+        assert_eq!(other(charuco, "checkerboard:4x6:25mm"), unknown(charuco));
+    }
 }

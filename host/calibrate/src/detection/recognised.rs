@@ -34,11 +34,15 @@ impl Recognised {
         match self {
             Self::Circles(layout) => format!("{}, and give both", layout.to_measure()),
             Self::Squares(found) => {
-                let side = match found.board {
-                    SquareBoard::Checkerboard(_) | SquareBoard::Charuco(_) => "a square",
-                    SquareBoard::Tags(_) => "a tag with its dark border",
+                // The ratio of both lengths is only estimated.
+                let measure = match found.board {
+                    SquareBoard::Checkerboard(_) => "the side of a square, and give it",
+                    SquareBoard::Charuco(_) => "the sides of a square and of a marker, and give both",
+                    SquareBoard::Tags(_) => {
+                        "the side of a tag with its dark border and the gap to the next, and give the side, and the gap divided by it"
+                    }
                 };
-                format!("measure the side of {side}, and give it")
+                format!("measure {measure}")
             }
         }
     }
@@ -56,8 +60,15 @@ impl fmt::Display for Recognised {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Circles(layout) => layout.fmt(f),
-            Self::Squares(RecognisedBoard { board, fitting, moments }) => {
-                write!(f, "{}, which fits {fitting} of {moments} pictures", kind_of(board))
+            Self::Squares(RecognisedBoard { board, fitting, moments, has_unknown_markers }) => {
+                write!(f, "{}, which fits {fitting} of {moments} pictures", kind_of(board))?;
+                if *has_unknown_markers {
+                    write!(
+                        f,
+                        " (its light squares contain markers of an unknown dictionary, and its corners are those of a checkerboard)"
+                    )?;
+                }
+                Ok(())
             }
         }
     }
@@ -110,13 +121,25 @@ pub fn find_squares(recording: &Recording, sensor: Sensor) -> Result<Option<Reco
     Ok(recognise(&sample))
 }
 
-/// Returns a recognised board in the size of `stated`: with the same side of a square or tag.
-pub(super) fn in_size_of(found: &SquareBoard, stated: &SquareBoard) -> SquareBoard {
-    found.with_length(match stated {
-        SquareBoard::Checkerboard(board) => board.square,
-        SquareBoard::Tags(grid) => grid.tag,
-        SquareBoard::Charuco(board) => board.square,
-    })
+/// Returns a recognised board with the lengths of `stated`; `None` if `stated` has other lengths. A stated ratio of two lengths is kept
+/// if it is near the measured one.
+pub(super) fn in_lengths_of(found: &SquareBoard, stated: &SquareBoard) -> Option<SquareBoard> {
+    match (found, stated) {
+        (SquareBoard::Checkerboard(_), SquareBoard::Checkerboard(stated)) => Some(found.with_length(stated.square)),
+        (SquareBoard::Checkerboard(_), SquareBoard::Charuco(stated)) => Some(found.with_length(stated.square)),
+        (SquareBoard::Tags(grid), SquareBoard::Tags(stated)) => {
+            let is_near = (grid.spacing - stated.spacing).abs() < MEASURED;
+            let spacing = if is_near { stated.spacing } else { grid.spacing };
+            Some(SquareBoard::Tags(TagGrid { tag: stated.tag, spacing, ..*grid }))
+        }
+        (SquareBoard::Charuco(board), SquareBoard::Charuco(stated)) => {
+            let ratio = board.marker / board.square;
+            let is_near = (ratio - stated.marker / stated.square).abs() < MEASURED;
+            let marker = if is_near { stated.marker } else { ratio * stated.square };
+            Some(SquareBoard::Charuco(Charuco { square: stated.square, marker, ..*board }))
+        }
+        _ => None,
+    }
 }
 
 /// Returns `true` if a recognised board is the stated one; the ratio of its lengths was only measured.

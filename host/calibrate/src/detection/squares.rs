@@ -177,3 +177,35 @@ fn grey(moment: &Moment) -> Option<GreyImage> {
 fn seconds(moment: &Moment) -> f64 {
     moment.t as f64 * 1e-6
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found_after(reason: NoBoard, refused: u64) -> (usize, u64) {
+        let board = "checkerboard:3x4:30mm".parse().unwrap();
+        let mut stage = SquareStage::new(&board, Sensor::new(40, 30), 0, INTERVAL);
+        let frame = |t: f64| ReferenceFrame {
+            recording: 0,
+            start: t,
+            end: t,
+            circles: Vec::new(),
+            seen_in: SeenIn::PassedEvents,
+        };
+        stage.frames = [0.0, 0.02].map(|t| frame(t).into()).to_vec();
+        stage.report.found = 2;
+        stage.report.grids_refused.insert(reason, refused);
+        let (frames, report) = stage.finish();
+        (frames.len(), report.found)
+    }
+
+    #[test]
+    fn a_board_that_more_pictures_contradict_is_dropped() {
+        for reason in [NoBoard::CornersBesideBoard, NoBoard::OtherTags] {
+            assert_eq!(found_after(reason, 3), (0, 0));
+            assert_eq!(found_after(reason, 2), (2, 2));
+        }
+        // A picture in which nothing is found does not contradict.
+        assert_eq!(found_after(NoBoard::TooFewCorners, 9), (2, 2));
+    }
+}

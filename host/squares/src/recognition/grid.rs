@@ -23,6 +23,8 @@ const FEWEST_PAIRS: usize = 4;
 const AGREEING: f64 = 0.8;
 /// Number of moments in which a tag must be seen.
 const FEWEST_SIGHTINGS: usize = 2;
+/// Largest error of a measured spacing; usual spacings are multiples of 0.05.
+const MEASURED: f64 = 0.012;
 /// Darkness beside the corners of tags from which there are dark squares.
 const DARK: f32 = 0.5;
 
@@ -50,13 +52,16 @@ pub(super) fn board_of(sightings: &[Vec<SeenTag>], family: TagFamily, border: u8
     let ids: Vec<u16> = counts.into_keys().collect();
     let mut darkness: Vec<f32> = sightings.iter().flatten().map(|tag| tag.darkness).collect();
     let corner_squares = median(&mut darkness, f32::total_cmp)? > DARK;
-    let last = *ids.last()?;
-    let dictionary = Dictionary::all()
-        .filter(|dictionary| dictionary.family == family && dictionary.tags > last)
-        .min_by_key(|dictionary| dictionary.tags)?;
-    grid(&pairs, &ids, dictionary, border, corner_squares)
+    grid(&pairs, &ids, family, border, corner_squares)
         .map(SquareBoard::Tags)
-        .or_else(|| charuco(&pairs, &ids, dictionary).filter(|_| border == 1).map(SquareBoard::Charuco))
+        .or_else(|| charuco(&pairs, &ids, family).filter(|_| border == 1).map(SquareBoard::Charuco))
+}
+
+/// Returns the smallest dictionary of a family that has all tags up to `last`.
+fn dictionary_of(family: TagFamily, last: u16) -> Option<Dictionary> {
+    Dictionary::all()
+        .filter(|dictionary| dictionary.family == family && dictionary.tags > last)
+        .min_by_key(|dictionary| dictionary.tags)
 }
 
 fn pairs_of(tags: &[SeenTag]) -> Vec<Pair> {
@@ -86,23 +91,32 @@ fn common(values: &[i32]) -> Option<i32> {
     (values.len() >= FEWEST_PAIRS && count(&best) as f64 >= AGREEING * values.len() as f64).then_some(best)
 }
 
-fn grid(pairs: &[Pair], ids: &[u16], dictionary: Dictionary, border: u8, corner_squares: bool) -> Option<TagGrid> {
+fn grid(pairs: &[Pair], ids: &[u16], family: TagFamily, border: u8, corner_squares: bool) -> Option<TagGrid> {
     let neighbours = |axis: usize| {
         pairs.iter().filter_map(move |pair| {
             let [x, y] = pair.offset;
             let (along, across) = if axis == 0 { (x, y) } else { (y, x) };
-            (NEIGHBOURS.contains(&along.abs()) && across.abs() < TOLERANCE).then_some((along, pair.step()))
+            (NEIGHBOURS.contains(&along.abs()) && across.abs() < TOLERANCE).then_some((along, pair))
         })
     };
+    let step_along = |(along, pair): (f64, &Pair)| if along > 0.0 { pair.step() } else { -pair.step() };
     // The step of the ids per step to the right, and downwards.
     let step = |axis: usize| {
-        let steps: Vec<i32> = neighbours(axis).map(|(along, step)| if along > 0.0 { step } else { -step }).collect();
+        let steps: Vec<i32> = neighbours(axis).map(step_along).collect();
         common(&steps)
     };
     let (right, down) = (step(0), step(1));
     let mut periods: Vec<f64> = neighbours(0).chain(neighbours(1)).map(|(along, _)| along.abs()).collect();
     let period = median(&mut periods, f64::total_cmp)?;
+    // Single tags that were mistaken for others have no such neighbours.
+    let placed: BTreeSet<u16> = [(0, right), (1, down)]
+        .into_iter()
+        .flat_map(|(axis, step)| neighbours(axis).filter(move |pair| Some(step_along(*pair)) == step))
+        .flat_map(|(_, pair)| pair.ids)
+        .collect();
+    let ids: Vec<u16> = ids.iter().copied().filter(|id| placed.contains(id)).collect();
     let (seen, last) = (*ids.first()?, *ids.last()?);
+    let dictionary = dictionary_of(family, last)?;
     let count = last - seen + 1;
     let columns = match (right, down) {
         (_, Some(down)) => u16::try_from(down.unsigned_abs()).ok()?,
@@ -121,7 +135,7 @@ fn grid(pairs: &[Pair], ids: &[u16], dictionary: Dictionary, border: u8, corner_
     // Perspective makes the offsets of distant tags inaccurate.
     let near = pairs.iter().filter(|pair| pair.offset.iter().all(|offset| offset.abs() < NEIGHBOURS.end));
     let steps = near.map(|pair| (pair.ids, pair.offset.map(|offset| (offset / period).round() as i32)));
-    let places = places(&steps.collect(), ids);
+    let places = places(&steps.collect(), &ids);
     let along = |place: &[i32; 2]| {
         if order == TagOrder::Upwards || !dictionary.family.is_april() { place[0] } else { -place[0] }
     };
@@ -133,7 +147,7 @@ fn grid(pairs: &[Pair], ids: &[u16], dictionary: Dictionary, border: u8, corner_
         rows: u8::try_from((last - first + 1).div_ceil(columns)).ok()?,
         columns: u8::try_from(columns).ok()?,
         tag: EXAMPLE_LENGTH,
-        spacing: ((period - 1.0) * 100.0).round() / 100.0,
+        spacing: likely_spacing(period - 1.0),
         corner_squares,
         dictionary,
         border,
@@ -142,7 +156,15 @@ fn grid(pairs: &[Pair], ids: &[u16], dictionary: Dictionary, border: u8, corner_
     })
 }
 
-fn charuco(pairs: &[Pair], ids: &[u16], dictionary: Dictionary) -> Option<Charuco> {
+/// Returns the usual spacing near a measured one, if there is one.
+fn likely_spacing(measured: f64) -> f64 {
+    let rounded = |steps: f64| (measured * steps).round() / steps;
+    let usual = rounded(20.0);
+    if (measured - usual).abs() <= MEASURED { usual } else { rounded(100.0) }
+}
+
+fn charuco(pairs: &[Pair], ids: &[u16], family: TagFamily) -> Option<Charuco> {
+    let dictionary = dictionary_of(family, *ids.last()?)?;
     let diagonal = pairs.iter().filter(|pair| {
         let [x, y] = pair.offset.map(f64::abs);
         DIAGONAL.contains(&x) && (x - y).abs() < TOLERANCE
@@ -194,4 +216,27 @@ fn fits(board: &Charuco, places: &BTreeMap<u16, [i32; 2]>) -> bool {
     let shift = |(id, [x, y]): (&u16, &[i32; 2])| printed.get(id).map(|[column, row]| [column - x, row - y]);
     let shifts: Option<BTreeSet<[i32; 2]>> = places.iter().map(shift).collect();
     shifts.is_some_and(|shifts| shifts.len() == 1) && places.len() >= FEWEST_PAIRS
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tags::FoundTag;
+
+    /// A tag of another family that looks like this one in two pictures used to add rows to the board.
+    #[test]
+    fn a_single_mistaken_id_does_not_change_the_board() {
+        let board: SquareBoard = "aprilgrid:3x4:30mm:0.3".parse().unwrap();
+        let pixels = |corners: [[f64; 2]; 4]| corners.map(|corner| corner.map(|place| (2000.0 * place) as f32 + 300.0));
+        let seen = |id: u16, corners: [[f64; 2]; 4]| SeenTag {
+            id,
+            found: FoundTag { index: id.into(), corners: pixels(corners), score: 0.9 },
+            darkness: 1.0,
+        };
+        let mut picture: Vec<SeenTag> = board.tags().iter().map(|tag| seen(tag.id, tag.corners)).collect();
+        picture[5] = SeenTag { id: 564, ..picture[5] };
+        let whole: Vec<SeenTag> = board.tags().iter().map(|tag| seen(tag.id, tag.corners)).collect();
+        let found = board_of(&[picture.clone(), whole.clone(), picture, whole], TagFamily::April36h11, 2);
+        assert_eq!(found.map(|board| board.to_string()).as_deref(), Some("aprilgrid:3x4:30mm:0.3"));
+    }
 }

@@ -6,6 +6,7 @@ use evcal_geometry::board::{Board, SquareBoard};
 use evcal_squares::crossing::fit_corners;
 use evcal_squares::found_point::FoundPoint;
 use evcal_squares::picture::Picture;
+use evcal_squares::recognition::{RecognisedBoard, recognise};
 use event_recordings::pictures::{GreyImage, NoImage, TimedImage};
 use nalgebra::Vector2;
 
@@ -69,6 +70,19 @@ pub fn search_views(
         }
     }
     best.unwrap_or(FoundInViews { frames: Vec::new(), report: PictureSearchReport::default() })
+}
+
+/// Returns the board of squares in most of the views; `None` if there is none, or if it is not clear.
+pub fn recognise_views(views: &[StillView]) -> Option<RecognisedBoard> {
+    let pictures = |view: &StillView| -> Vec<Picture> {
+        let images = [&view.counts, &view.changes].into_iter().filter_map(|image| image.image.as_ref().ok());
+        let positives = images.filter_map(|image| Picture::from_bytes(image.width(), image.height(), &image.pixels));
+        positives
+            .flat_map(|picture| [negative(&picture), picture])
+            .flat_map(|picture| [picture.darkest_neighbours(), picture])
+            .collect()
+    };
+    recognise(&views.iter().map(pictures).collect::<Vec<_>>())
 }
 
 /// Searches the pictures for the board, and applies `variant` to the pictures in which it is not found and searches them again.

@@ -96,7 +96,8 @@ pub fn worded(advice: &Advice) -> String {
         Advice::CorrectSensor(outside) => format!("{outside}: give the true size of the sensor with --sensor"),
         Advice::BothPolarities(_) => format!("{advice} with --columns"),
         Advice::NameBoard => {
-            "circles were found: add --board LAYOUT:ROWSxCOLUMNS:SPACING:rRADIUS to search for your board".to_owned()
+            "no board was recognised: describe it with --board, for example acircles:9x4:55mm:r17.5mm or checkerboard:6x9:25mm"
+                .to_owned()
         }
         Advice::Measure(found) => {
             let measure = found.to_measure();
