@@ -6,7 +6,8 @@
 //! 3. Without such a lattice the tags of all families, with a border of one or two modules, are searched one by one. The positions
 //!    of neighbouring tags relative to each other, and their ids, are those of a grid of tags or of a ChArUco board.
 //!
-//! Pictures do not show lengths, so a recognised board has the length of an example.
+//! A *moment* is a time at which one or several pictures were made. Pictures do not show lengths, so a recognised board gets an
+//! arbitrary size, [`EXAMPLE_LENGTH`].
 
 mod charuco;
 mod grid;
@@ -30,15 +31,16 @@ use crate::tags::{FoundTag, Smooth, TagFinder, is_same_place};
 pub const EXAMPLE_LENGTH: f64 = 0.03;
 /// Fewest moments that must show the board.
 const FEWEST_MOMENTS: usize = 3;
-/// Fewest moments with a lattice whose markers are read, and largest number of sizes of lattices.
+/// Markers are read in lattices of a size that so many moments show.
 const FEWEST_OF_SIZE: usize = 2;
+/// Largest number of sizes of lattices in which markers are read.
 const MOST_SIZES: usize = 4;
-/// Fewest tags of a moment that counts.
+/// Fewest tags that a moment must show to be used.
 const FEWEST_TAGS: usize = 3;
-/// Distance outside a tag, in its sides, at which the gap and the squares at its corners are compared.
+/// Distance from a tag, as a share of its side, at which the shades of the gap and of the corner squares are measured.
 const BESIDE: f64 = 0.08;
-/// Families that are searched, the usual ones first, and the number of their first tags that boards have. The more tags, the more
-/// of them are alike.
+/// Families that are searched, the usual ones first, each with the number of its tags that are searched, from id 0 on (boards use the
+/// lowest ids). The more tags are searched, the more look alike.
 const FAMILIES: [(TagFamily, u16); 9] = [
     (TagFamily::April36h11, 587),
     (TagFamily::Aruco5x5, 100),
@@ -52,7 +54,8 @@ const FAMILIES: [(TagFamily, u16); 9] = [
 ];
 /// Widths of the dark border of tags that are searched, in modules.
 const BORDERS: [u8; 2] = [1, 2];
-/// Rows and columns of the checkerboard that is searched: the finder names the size of any other whole board.
+/// Rows and columns with which the finder of checkerboards is called. If it sees a whole board of another size, its error contains
+/// that size ([`NoCheckerboard::OtherSize`]).
 const TRIED: [u8; 2] = [4, 5];
 
 /// A board that was recognised.
@@ -147,7 +150,7 @@ fn recognise_tags(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
     })
 }
 
-/// Returns the tags of the moments that show enough of these.
+/// Returns the tags of each moment that shows at least [`FEWEST_TAGS`] of them.
 fn sightings_of(finder: &TagFinder, prepared: &[Vec<Prepared>]) -> Vec<Vec<SeenTag>> {
     let seen = prepared.par_iter().map(|pictures| tags_in(finder, pictures));
     seen.filter(|tags| tags.len() >= FEWEST_TAGS).collect()
