@@ -7,5 +7,6 @@ pub mod flicker;
 pub mod information;
 pub mod rounded;
 pub mod saturation;
+pub mod silent_lines;
 mod time_bins;
 pub mod time_steps;

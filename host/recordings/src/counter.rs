@@ -67,8 +67,7 @@ impl TimeCounter {
             let near = NEAR * count;
             // The last count may have been rounded up to microseconds.
             let is_at_end = |time| (end - near..end + MICROSECOND).contains(&time);
-            // The highest count of an unsigned counter may have been read as -1.
-            let is_at_start = |time| (start - near..start + near).contains(&time);
+            let is_at_start = |time| (start..start + near).contains(&time);
             if is_at_end(last) && is_at_start(t) {
                 Some(end - start)
             } else if is_at_start(last) && is_at_end(t) {

@@ -32,10 +32,31 @@ pub fn likely_sensor_of(recording: &Recording) -> Option<Sensor> {
 
 /// Returns the likely sensor as text that can be appended to a sentence about an unknown size.
 pub fn likely_words(likely: Option<Sensor>) -> String {
-    likely.map_or_else(String::new, |sensor| format!("; all events fit in {sensor}"))
+    likely.map_or_else(String::new, |sensor| format!("; its events suggest {sensor}"))
 }
 
-/// Returns the smallest common sensor that has this column and row.
+/// Returns the common sensor whose last column and row these are, perhaps with x and y exchanged, or else the smallest common
+/// sensor that has them.
 pub fn likely_sensor(column: u16, row: u16) -> Option<Sensor> {
-    SENSORS.into_iter().find(|sensor| sensor.contains(column, row))
+    let largest = |sensor: &Sensor| (sensor.width - 1, sensor.height - 1);
+    let exchanged = SENSORS.into_iter().find(|sensor| largest(sensor) == (row, column));
+    exchanged.or_else(|| SENSORS.into_iter().find(|sensor| sensor.contains(column, row)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_smallest_sensor_is_likely_unless_x_and_y_are_exchanged() {
+        for (column, row, likely) in [
+            (345, 259, Some(Sensor::new(346, 260))),
+            (259, 345, Some(Sensor::new(346, 260))),
+            (258, 345, Some(Sensor::new(640, 480))),
+            (319, 319, Some(Sensor::new(320, 320))),
+            (2000, 10, None),
+        ] {
+            assert_eq!(likely_sensor(column, row), likely, "{column}, {row}");
+        }
+    }
 }

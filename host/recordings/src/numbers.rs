@@ -35,6 +35,8 @@ pub enum Number {
     Whole(i64),
     /// A floating-point number.
     Real(f64),
+    /// An unsigned number of all ones. As a polarity it is the -1 of OFF, which some programs store in an unsigned array.
+    AllOnes(u64),
 }
 
 impl NumberType {
@@ -47,8 +49,7 @@ impl NumberType {
         known.then_some(Self { kind, size, big_endian })
     }
 
-    /// Reads the number at the front of `bytes`; `None` if there are too few bytes. An unsigned number of all ones is
-    /// read as -1, because some programs store the -1 of OFF in an unsigned array.
+    /// Reads the number at the front of `bytes`; `None` if there are too few bytes.
     pub fn read(self, bytes: &[u8]) -> Option<Number> {
         let mut little = [0; 8];
         let (slots, bytes) = (little.get_mut(..self.size)?, bytes.get(..self.size)?);
@@ -61,12 +62,8 @@ impl NumberType {
         Some(match (self.kind, self.size) {
             (NumberKind::Float, 4) => Number::Real(f32::from_bits(value as u32).into()),
             (NumberKind::Float, _) => Number::Real(f64::from_bits(value)),
-            (NumberKind::Unsigned, size) if size == 8 || value != u64::MAX >> unused => match i64::try_from(value) {
-                Ok(value) => Number::Whole(value),
-                Err(_) if value == u64::MAX => Number::Whole(-1),
-                Err(_) => Number::Real(value as f64),
-            },
-            (NumberKind::Unsigned, _) => Number::Whole(-1),
+            (NumberKind::Unsigned, _) if value == u64::MAX >> unused => Number::AllOnes(value),
+            (NumberKind::Unsigned, _) => i64::try_from(value).map_or(Number::Real(value as f64), Number::Whole),
             (NumberKind::Signed, _) => Number::Whole(value.cast_signed() << unused >> unused),
         })
     }
@@ -78,6 +75,7 @@ impl Number {
         match self {
             Self::Whole(value) => value as f64,
             Self::Real(value) => value,
+            Self::AllOnes(value) => value as f64,
         }
     }
 
@@ -89,7 +87,7 @@ impl Number {
     /// Converts to a time, rounded to µs.
     pub fn microseconds(self, unit: TimeUnit) -> Option<i64> {
         let exponent = unit.decimal_exponent();
-        match self {
+        match self.as_whole() {
             Self::Whole(value) => {
                 let scale = 10_i64.checked_pow(exponent.unsigned_abs())?;
                 if exponent >= 0 {
@@ -102,6 +100,15 @@ impl Number {
                 let microseconds = value * 10_f64.powi(exponent);
                 (microseconds.abs() < 9e18).then(|| microseconds.round() as i64)
             }
+            Self::AllOnes(_) => None,
+        }
+    }
+
+    /// Returns a number of all ones as the integer that it is, if i64 contains it.
+    fn as_whole(self) -> Self {
+        match self {
+            Self::AllOnes(value) => i64::try_from(value).map_or(self, Self::Whole),
+            Self::Whole(_) | Self::Real(_) => self,
         }
     }
 
@@ -112,15 +119,19 @@ impl Number {
             Self::Whole(value) => Some(u16::try_from(value).unwrap_or(u16::MAX)),
             Self::Real(value) if value.fract() != 0.0 => None,
             Self::Real(value) => Some(if value < 0.0 { u16::MAX } else { value as u16 }),
+            Self::AllOnes(value) => Some(u16::try_from(value).unwrap_or(u16::MAX)),
         }
     }
 
     /// Converts to a polarity: 1 is ON, 0 and -1 are OFF.
     pub fn polarity(self) -> Option<Polarity> {
-        match self.value() {
-            1.0 => Some(Polarity::On),
-            0.0 | -1.0 => Some(Polarity::Off),
-            _ => None,
+        match self {
+            Self::AllOnes(_) => Some(Polarity::Off),
+            Self::Whole(_) | Self::Real(_) => match self.value() {
+                1.0 => Some(Polarity::On),
+                0.0 | -1.0 => Some(Polarity::Off),
+                _ => None,
+            },
         }
     }
 }
@@ -191,13 +202,21 @@ mod tests {
         assert_eq!(number(Signed, 2, false, &(-7_i16).to_le_bytes()), Some(Number::Whole(-7)));
         assert_eq!(number(Signed, 8, true, &(-7_i64).to_be_bytes()), Some(Number::Whole(-7)));
         assert_eq!(number(Unsigned, 4, true, &70_000_u32.to_be_bytes()), Some(Number::Whole(70_000)));
-        assert_eq!(number(Unsigned, 1, false, &[255]), Some(Number::Whole(-1)));
-        assert_eq!(number(Unsigned, 8, false, &[255; 8]), Some(Number::Whole(-1)));
+        assert_eq!(number(Unsigned, 1, false, &[255]), Some(Number::AllOnes(255)));
+        assert_eq!(number(Unsigned, 8, false, &[255; 8]), Some(Number::AllOnes(u64::MAX)));
         assert_eq!(number(Unsigned, 8, false, &(1_u64 << 63).to_le_bytes()), Some(Number::Real(2_f64.powi(63))));
         assert_eq!(number(Float, 4, false, &0.25_f32.to_le_bytes()), Some(Number::Real(0.25)));
         assert_eq!(number(Float, 8, true, &(-1e9_f64).to_be_bytes()), Some(Number::Real(-1e9)));
         assert_eq!(number(Float, 2, false, &[0; 2]), None);
         assert_eq!(number(Signed, 4, false, &[0; 3]), None);
+    }
+
+    #[test]
+    fn all_ones_are_the_largest_pixel_and_count_but_off() {
+        let number = number(NumberKind::Unsigned, 1, false, &[255]).unwrap();
+        assert_eq!((number.pixel(), number.polarity()), (Some(255), Some(Polarity::Off)));
+        assert_eq!(number.microseconds(TimeUnit::Milliseconds), Some(255_000));
+        assert_eq!(Number::AllOnes(u64::MAX).microseconds(TimeUnit::Microseconds), None);
     }
 
     #[test]

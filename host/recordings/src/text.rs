@@ -211,7 +211,7 @@ fn is_separator(byte: &u8) -> bool {
 }
 
 /// Iterator over the fields of a line, from left to right. Fields are separated by spaces and tabs, or by one comma or
-/// semicolon with optional spaces around it.
+/// semicolon with optional spaces around it; quotes around a field are left out.
 struct Fields<'a> {
     /// The rest of the line after the fields returned so far; `None` after the last one.
     rest: Option<&'a [u8]>,
@@ -238,7 +238,7 @@ impl<'a> Iterator for Fields<'a> {
             Some(_) => Some(after),
             None => None,
         };
-        Some(field)
+        Some(field.strip_prefix(b"\"").and_then(|field| field.strip_suffix(b"\"")).unwrap_or(field))
     }
 }
 

@@ -1,10 +1,12 @@
 //! Findings on light, lens and pixels for the verdict.
 
+use crate::advice::Advice;
 use crate::detection::focus::EdgeWidth;
 use crate::diagnosis::bad_pixels::{BadPixels, Repetition};
 use crate::diagnosis::disorder::Disorder;
 use crate::diagnosis::flicker::Flicker;
 use crate::diagnosis::rounded::Rounded;
+use crate::diagnosis::silent_lines::SilentLines;
 use crate::diagnosis::time_steps::CoarseTimes;
 use crate::trust::verdict::{Cause, Finding, Severity};
 
@@ -32,7 +34,6 @@ const NAMED: usize = 8;
 pub(super) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
     let flicker = recordings.iter().filter_map(|health| health.flicker).max_by(|a, b| a.share.total_cmp(&b.share));
     let hottest = recordings.iter().map(|health| &health.pixels).max_by(|a, b| a.hot_share.total_cmp(&b.hot_share));
-    let deadest = recordings.iter().map(|health| &health.pixels).max_by_key(|pixels| pixels.dead_columns.len());
     let repeated = recordings.iter().filter_map(|health| health.pixels.repeated);
     let most_repeated = repeated.max_by(|a, b| a.share.total_cmp(&b.share));
     let widths = recordings.iter().filter_map(|health| health.edges);
@@ -47,7 +48,7 @@ pub(super) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
     findings.extend(recordings.iter().find_map(|health| health.coarse_times).map(too_coarse));
     findings.extend(recordings.iter().find_map(|health| health.pixels.rounded).map(already_undistorted));
     findings.extend(hottest.and_then(hot));
-    findings.extend(deadest.and_then(dead));
+    findings.extend(recordings.iter().find_map(|health| health.pixels.silent.as_ref()).map(silent));
     findings.extend(widest.and_then(out_of_focus));
     findings
 }
@@ -127,16 +128,33 @@ fn hot(pixels: &BadPixels) -> Option<Finding> {
     })
 }
 
-fn dead(pixels: &BadPixels) -> Option<Finding> {
-    let columns = &pixels.dead_columns;
-    let named: Vec<String> = columns.iter().take(NAMED).map(ToString::to_string).collect();
-    let more = if columns.len() > NAMED { " and more" } else { "" };
-    (!columns.is_empty()).then(|| Finding {
-        cause: Cause::DeadColumns,
-        severity: Severity::Note,
-        reason: format!("{} columns of the sensor send nothing ({}{more})", columns.len(), named.join(", ")),
-        advice: "is a region of interest set, or the sensor broken?".into(),
-    })
+fn silent(lines: &SilentLines) -> Finding {
+    match lines {
+        SilentLines::SmallerSensor { smaller, stated } => Finding {
+            cause: Cause::OtherSensorSize,
+            severity: Severity::Failure,
+            reason: format!("all events lie on the first {smaller} of the stated {stated} pixels"),
+            advice: Advice::NameSensor(Some(*smaller)),
+        },
+        SilentLines::Scaled { columns, rows } => Finding {
+            cause: Cause::Scaled,
+            severity: Severity::Failure,
+            reason: format!(
+                "{columns} columns and {rows} rows between others send nothing: the coordinates of the events were scaled"
+            ),
+            advice: Rounded::ADVICE.into(),
+        },
+        SilentLines::Columns(columns) => {
+            let named: Vec<String> = columns.iter().take(NAMED).map(ToString::to_string).collect();
+            let more = if columns.len() > NAMED { " and more" } else { "" };
+            Finding {
+                cause: Cause::DeadColumns,
+                severity: Severity::Note,
+                reason: format!("{} columns of the sensor send nothing ({}{more})", columns.len(), named.join(", ")),
+                advice: "is a region of interest set, or the sensor broken?".into(),
+            }
+        }
+    }
 }
 
 fn out_of_focus(edges: EdgeWidth) -> Option<Finding> {
@@ -170,7 +188,8 @@ mod tests {
         assert_eq!(causes(&[flickers(1.0)]), [(Cause::Flicker, Severity::Failure)]);
         let full = Health { always_full: true, ..calm.clone() };
         assert_eq!(causes(&[full]), [(Cause::Saturated, Severity::Failure)]);
-        let pixels = BadPixels { hot: 5, hot_share: 0.3, dead_columns: vec![7], ..BadPixels::default() };
+        let pixels =
+            BadPixels { hot: 5, hot_share: 0.3, silent: Some(SilentLines::Columns(vec![7])), ..BadPixels::default() };
         let bad = Health { pixels, edges: Some(EdgeWidth { pixels: 4.0, radii: 0.3 }), ..calm };
         let found = causes(&[bad.clone(), bad]);
         assert_eq!(

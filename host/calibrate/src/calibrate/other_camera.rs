@@ -1,4 +1,6 @@
-//! Detection of recordings from another camera.
+//! Detection of recordings, and of parts of recordings, from another camera.
+
+use std::collections::BTreeMap;
 
 use super::input::Input;
 use crate::advice::Advice;
@@ -12,9 +14,11 @@ const FEWEST: usize = 20;
 const FITS: f64 = 0.2;
 /// Share of its reference frames that fit above which a recording is of the camera.
 const OWN: f64 = 0.5;
+/// Shortest part of a recording that is checked, in whole seconds.
+const SHORTEST: usize = 2;
 
 /// Number of reference frames of a recording, and of those that fit the first camera.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Count {
     found: usize,
     fitting: usize,
@@ -26,33 +30,71 @@ impl Count {
     }
 }
 
-/// Returns a failure for each recording of which hardly a frame fits the first camera, if frames of another recording do.
+/// A part of a recording from the second `start` up to the second `end`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Part {
+    start: usize,
+    end: usize,
+    count: Count,
+}
+
+/// Returns a failure for each recording, and for each part of a recording, of which hardly a frame fits the first camera, if the other
+/// frames do.
 pub(super) fn findings_on(inputs: &[Input], frames: &[ReferenceFrame], initial: &InitialModel) -> Vec<Finding> {
-    let mut counts = vec![Count::default(); inputs.len()];
-    for frame in frames {
-        if let Some(count) = counts.get_mut(frame.recording) {
-            count.found += 1;
+    // The counts of each second of each recording.
+    let mut seconds: Vec<BTreeMap<usize, Count>> = vec![BTreeMap::new(); inputs.len()];
+    let mut count = |frame: &ReferenceFrame, fits: bool| {
+        if let Some(seconds) = seconds.get_mut(frame.recording) {
+            let count = seconds.entry(frame.start.max(0.0) as usize).or_default();
+            count.found += usize::from(!fits);
+            count.fitting += usize::from(fits);
         }
+    };
+    frames.iter().for_each(|frame| count(frame, false));
+    initial.frames.iter().filter_map(|posed| frames.get(posed.frame)).for_each(|frame| count(frame, true));
+    let counts: Vec<Count> = seconds.iter().map(|seconds| sum(seconds.values())).collect();
+    let foreign = foreign(&counts);
+    let whole = foreign
+        .iter()
+        .filter_map(|(place, count)| Some((inputs.get(*place)?.short_name(), count)))
+        .map(|(name, count)| finding(&name, count, "the other recordings", &format!("Calibrate without {name}")));
+    let parts = seconds.iter().enumerate().filter(|(place, _)| foreign.iter().all(|(other, _)| other != place));
+    let parts = parts.filter_map(|(place, seconds)| Some((inputs.get(place)?.short_name(), foreign_part(seconds)?)));
+    let parts = parts.map(|(name, Part { start, end, count })| {
+        finding(&format!("{name} from {start} s to {end} s"), &count, "the rest", "Calibrate without this part")
+    });
+    whole.chain(parts).collect()
+}
+
+fn finding(name: &str, Count { found, fitting }: &Count, others: &str, remedy: &str) -> Finding {
+    Finding {
+        cause: Cause::OtherCamera,
+        severity: Severity::Failure,
+        reason: format!("only {fitting} of the {found} reference frames of {name} fit the camera of {others}"),
+        advice: Advice::Plain(format!("is it of another camera, or was the lens refocused? {remedy}")),
     }
-    for frame in initial.frames.iter().filter_map(|posed| frames.get(posed.frame)) {
-        if let Some(count) = counts.get_mut(frame.recording) {
-            count.fitting += 1;
-        }
-    }
-    foreign(&counts)
-        .into_iter()
-        .filter_map(|(place, Count { found, fitting })| Some((inputs.get(place)?.short_name(), found, fitting)))
-        .map(|(name, found, fitting)| Finding {
-            cause: Cause::OtherCamera,
-            severity: Severity::Failure,
-            reason: format!(
-                "only {fitting} of the {found} reference frames of {name} fit the camera of the other recordings"
-            ),
-            advice: Advice::Plain(format!(
-                "is it of another camera, or was the lens refocused? Calibrate without {name}"
-            )),
-        })
-        .collect()
+}
+
+fn sum<'a>(counts: impl IntoIterator<Item = &'a Count>) -> Count {
+    counts.into_iter().fold(Count::default(), |sum, count| Count {
+        found: sum.found + count.found,
+        fitting: sum.fitting + count.fitting,
+    })
+}
+
+/// Returns the longest part of a recording that does not fit, if the rest does. `seconds` are the seconds with reference frames.
+fn foreign_part(seconds: &BTreeMap<usize, Count>) -> Option<Part> {
+    let fits = |count: &Count| count.share() >= FITS;
+    let seconds: Vec<(usize, Count)> = seconds.iter().map(|(second, count)| (*second, *count)).collect();
+    let own = sum(seconds.iter().map(|(_, count)| count).filter(|count| fits(count)));
+    let part = |run: &[(usize, Count)]| {
+        let ((start, _), (last, _)) = (run.first()?, run.last()?);
+        Some(Part { start: *start, end: last + 1, count: sum(run.iter().map(|(_, count)| count)) })
+    };
+    let runs = seconds.chunk_by(|(_, a), (_, b)| fits(a) == fits(b));
+    let unfit = runs.filter(|run| run.len() >= SHORTEST && run.iter().all(|(_, count)| !fits(count))).filter_map(part);
+    let longest = unfit.filter(|part| part.count.found >= SHORTEST * FEWEST).max_by_key(|part| part.count.found);
+    longest.filter(|_| own.found >= FEWEST && own.share() > OWN)
 }
 
 /// Returns the indices of the recordings that do not fit.
@@ -79,5 +121,20 @@ mod tests {
         for counts in [&[(400, 60), (300, 5)][..], &[(400, 390)], &[(400, 390), (300, 100)]] {
             assert!(places(counts).is_empty(), "{counts:?}");
         }
+    }
+
+    #[test]
+    fn a_part_is_of_another_camera_if_hardly_a_frame_of_it_fits_and_the_rest_does() {
+        let part = |counts: &[(usize, usize)]| {
+            let seconds = counts.iter().map(|&(found, fitting)| Count { found, fitting }).enumerate();
+            foreign_part(&seconds.collect()).map(|part| (part.start, part.end))
+        };
+        assert_eq!(part(&[(100, 2), (90, 0), (100, 95), (100, 99)]), Some((0, 2)));
+        assert_eq!(part(&[(100, 95), (90, 0), (100, 3), (100, 99)]), Some((1, 3)));
+        // A second of difficult motion, hardly any frames, or difficult everywhere.
+        assert_eq!(part(&[(100, 95), (90, 0), (100, 99)]), None);
+        assert_eq!(part(&[(100, 95), (10, 0), (10, 0), (100, 99)]), None);
+        assert_eq!(part(&[(100, 30), (90, 0), (100, 3), (100, 35)]), None);
+        assert_eq!(part(&[]), None);
     }
 }

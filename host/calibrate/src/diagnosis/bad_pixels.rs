@@ -7,6 +7,7 @@ use evcal_core::sensor::Sensor;
 use serde::Serialize;
 
 use super::rounded::Rounded;
+use super::silent_lines::{FEWEST_OF_COLUMN, SilentLines};
 
 /// Ratio to the number of events of the median active pixel from which a pixel is hot.
 pub(super) const HOT_FACTOR: u64 = 10;
@@ -15,8 +16,6 @@ const FEWEST_OF_HOT: u64 = 50;
 /// Share of all events from which repeated events are reported. With timestamps rounded to 1 ms, 0.02 % are repeated, with 10 ms
 /// 44 %.
 const MANY_REPEATED: f64 = 0.05;
-/// Number of events of the median column from which a column without events is dead.
-const FEWEST_OF_COLUMN: u64 = 1000;
 
 /// Counts the events of each pixel.
 #[derive(Clone, Debug)]
@@ -51,8 +50,8 @@ pub struct BadPixels {
     pub hot_share: f64,
     /// Repeated events, if there are many.
     pub repeated: Option<Repetition>,
-    /// Columns without events.
-    pub dead_columns: Vec<u16>,
+    /// Columns and rows without events, if there are any.
+    pub silent: Option<SilentLines>,
     /// Pixels without events, as in undistorted recordings.
     pub rounded: Option<Rounded>,
 }
@@ -90,16 +89,12 @@ impl BadPixels {
         let limit = most_of_good(each().filter(|count| *count > 0));
         let hot = || each().filter(|count| *count > limit);
         let (of_hot, all): (u64, u64) = (hot().sum(), each().sum());
-        let mut columns = vec![0_u64; width];
-        for row in counts.chunks(width.max(1)) {
-            columns.iter_mut().zip(row).for_each(|(column, count)| *column += u64::from(*count));
-        }
         Self {
             hot: hot().count(),
             hot_share: of_hot as f64 / all.max(1) as f64,
             repeated: Some(Repetition { share: repeated as f64 / all.max(1) as f64 })
                 .filter(|repeated| repeated.share > MANY_REPEATED),
-            dead_columns: dead_lines(&columns),
+            silent: SilentLines::found(counts, width),
             rounded: Rounded::found(counts, width),
         }
     }
@@ -155,7 +150,10 @@ mod tests {
                 }
             }
         }
-        assert_eq!(counter.finish(), BadPixels { dead_columns: vec![4, 17], ..BadPixels::default() });
+        assert_eq!(
+            counter.finish(),
+            BadPixels { silent: Some(SilentLines::Columns(vec![4, 17])), ..BadPixels::default() }
+        );
         counter.push(&(0..27_000).map(|t| event(150 + t, 3, 3)).collect::<Vec<_>>());
         // Two thirds of 150 rounds of 18 columns and 15 rows, and the added events.
         let found = counter.finish();

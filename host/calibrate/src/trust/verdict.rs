@@ -118,8 +118,12 @@ pub enum Cause {
     PartOfBoard,
     /// The board has more rows or columns than stated.
     LargerBoard,
-    /// A recording is of another camera than the rest.
+    /// A recording, or a part of one, is of another camera than the rest.
     OtherCamera,
+    /// The sensor has another size than stated.
+    OtherSensorSize,
+    /// The coordinates of the events were scaled.
+    Scaled,
 }
 
 /// A reason for caution. Its advice is data, or a `String` in the words of a program.

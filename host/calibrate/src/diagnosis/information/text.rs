@@ -51,7 +51,7 @@ impl Information {
             "sensor",
             match (self.sensor, self.likely_sensor) {
                 (Some(sensor), _) => format!("{sensor} pixels"),
-                (None, Some(likely)) => format!("not given; all events fit in {likely} pixels"),
+                (None, Some(likely)) => format!("not given; the events suggest {likely} pixels"),
                 (None, None) => "not given".to_owned(),
             },
         )?;
