@@ -44,7 +44,9 @@ pub enum InertialError {
         needed: f64,
     },
     /// The samples are too short for a calibration.
-    #[error("the IMU samples last only {seconds:.1} s; {needed:.0} s are needed, and 20 s are better: record longer")]
+    #[error(
+        "the IMU samples last only {seconds:.1} s; {needed:.0} s are needed, and 20 s are better: record longer, or correct the rate of the IMU's clock if the events last longer"
+    )]
     ShortRecording {
         /// Length from the first to the last sample (s).
         seconds: f64,
