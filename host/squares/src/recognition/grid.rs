@@ -24,7 +24,7 @@ const AGREEING: f64 = 0.8;
 /// Number of moments in which a tag must be seen.
 const FEWEST_SIGHTINGS: usize = 2;
 /// Largest error of a measured spacing; usual spacings are multiples of 0.05.
-const MEASURED: f64 = 0.012;
+const MEASURED: f64 = 0.02;
 /// Darkness beside the corners of tags from which there are dark squares.
 const DARK: f32 = 0.5;
 
