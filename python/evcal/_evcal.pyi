@@ -109,7 +109,7 @@ def calibrate(
     time_unit: str | None = None,
     stream: str | None = None,
     settings: str | PathLike[str] | None = None,
-    frames: Literal["witness", "joint", "only", "ignore"] = "witness",
+    frames: Literal["cross-check", "joint", "only", "ignore"] = "cross-check",
     imu: bool | _Path | None = None,
     gravity: float | None = None,
     with_: _Path | _Events | Sequence[_Path | _Events] | None = None,

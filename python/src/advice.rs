@@ -100,7 +100,7 @@ fn about_calibration(error: &(dyn Error + 'static)) -> Option<String> {
         return match error {
             CalibrateError::TimeUnit { unit, .. } => unit.unit.map(|unit| format!("give time_unit={:?}", short(unit))),
             CalibrateError::LargerBoard(larger) => Some(give_board(larger.board)),
-            CalibrateError::NoPictures { .. } => Some("give frames=\"witness\"".to_owned()),
+            CalibrateError::NoPictures { .. } => Some("give frames=\"cross-check\"".to_owned()),
             _ => None,
         };
     }

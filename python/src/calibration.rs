@@ -37,7 +37,7 @@ use crate::advice::worded;
 use crate::camera::Camera;
 use crate::events::viewed;
 use crate::interrupt::interruptible;
-use crate::recording::{Said, as_path, of_array};
+use crate::recording::{ReadOptions, as_path, of_array};
 use crate::{failed, in_words, to_python, warn};
 
 /// The inputs and settings of a calibration, kept for the files of its result.
@@ -67,16 +67,16 @@ impl Asked {
     /// Calibrates the camera, and the IMU and other cameras if requested; returns those that were not calibrated, with the reason.
     fn calibrate(
         &self,
-        mut tell: impl FnMut(Step) -> ControlFlow<()> + Send,
+        mut on_progress: impl FnMut(Step) -> ControlFlow<()> + Send,
     ) -> PyResult<(Calibrated, Vec<(String, String)>)> {
         let task = self.task();
         if let Some(request) = &self.inertial {
             check_length(&self.inputs, request).map_err(failed)?;
         }
-        let mut first = evcal_calibrate::calibrate::calibrate(&task, &mut tell).map_err(failed)?;
+        let mut first = evcal_calibrate::calibrate::calibrate(&task, &mut on_progress).map_err(failed)?;
         let mut failures = Vec::new();
         let inertial = self.inertial.as_ref().map(|request| {
-            let _ = tell(Step { text: "IMU", done: None });
+            let _ = on_progress(Step { text: "IMU", done: None });
             calibrate_inertial(&first, &self.inputs, request, None)
         });
         let inertial = inertial.transpose().unwrap_or_else(|error| {
@@ -85,7 +85,7 @@ impl Asked {
         });
         let mut cameras = Vec::new();
         for other in &self.others {
-            match self.second(&first, other, &task, &mut tell) {
+            match self.second(&first, other, &task, &mut on_progress) {
                 Ok(second) => cameras.push(second),
                 Err(reason) => failures.push((other.name(), reason)),
             }
@@ -103,12 +103,12 @@ impl Asked {
         first: &Calibrated,
         other: &Input,
         task: &Task,
-        tell: &mut (impl FnMut(Step) -> ControlFlow<()> + Send),
+        on_progress: &mut (impl FnMut(Step) -> ControlFlow<()> + Send),
     ) -> Result<SecondCamera, String> {
         let pictures = pictures_beside(&self.inputs, other);
         let apart = Task { inputs: std::slice::from_ref(other), pictures, ..*task };
-        let second = calibrate_lens_apart(&apart, &mut *tell).map_err(|error| in_words(&error))?;
-        let _ = tell(Step { text: "both cameras", done: None });
+        let second = calibrate_lens_apart(&apart, &mut *on_progress).map_err(|error| in_words(&error))?;
+        let _ = on_progress(Step { text: "both cameras", done: None });
         calibrate_beside(first, &second, other, self.rolling_shutter, &self.board, [None, None])
             .map_err(|error| in_words(&error))
     }
@@ -161,7 +161,7 @@ impl Calibration {
     /// Covariance of the parameters of the camera (K x K, in the order of camera.parameters; px² for the first four).
     #[getter]
     fn covariance<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
-        let covariance = &self.calibrated.trust.uncertainty.covariance;
+        let covariance = &self.calibrated.quality.uncertainty.covariance;
         Array2::from_shape_fn(covariance.shape(), |place| covariance[place]).into_pyarray(py)
     }
 
@@ -267,27 +267,27 @@ fn several<'py>(given: &Bound<'py, PyAny>) -> Vec<Bound<'py, PyAny>> {
 }
 
 /// Returns the inputs from a path, an array, or a list of them.
-fn inputs_of(given: &Bound<'_, PyAny>, said: &Said, board: &Board) -> PyResult<Vec<Input>> {
+fn inputs_of(given: &Bound<'_, PyAny>, options: &ReadOptions, board: &Board) -> PyResult<Vec<Input>> {
     several(given)
         .iter()
         .map(|one| match as_path(one) {
             Some(path) => {
-                let options = said.clone().options()?;
+                let options = options.clone().options()?;
                 given.py().detach(|| Input::open(&path, &options, board)).map_err(failed)
             }
-            None => Ok(of_array(one, said)?.into()),
+            None => Ok(of_array(one, options)?.into()),
         })
         .collect()
 }
 
 /// Returns the recording of another camera: a path (events or images), or events in memory.
-fn other_input(given: &Bound<'_, PyAny>, said: &Said, board: &Board) -> PyResult<Input> {
+fn other_input(given: &Bound<'_, PyAny>, options: &ReadOptions, board: &Board) -> PyResult<Input> {
     match as_path(given) {
         Some(path) => {
-            let (options, stream) = (said.clone().options()?, said.stream.as_deref());
+            let (options, stream) = (options.clone().options()?, options.stream.as_deref());
             given.py().detach(|| Input::open_other(&path, stream, Stamps::default(), &options, board)).map_err(failed)
         }
-        None => Ok(of_array(given, said)?.into()),
+        None => Ok(of_array(given, options)?.into()),
     }
 }
 
@@ -311,19 +311,19 @@ fn inertial_request(imu: &Bound<'_, PyAny>, gravity: Option<f64>) -> PyResult<Op
 /// Returns the inputs, and the board, which is given or recognised in them.
 fn inputs_and_board(
     given: &Bound<'_, PyAny>,
-    said: &Said,
+    options: &ReadOptions,
     request: &BoardRequest,
     settings: &Settings,
 ) -> PyResult<(Vec<Input>, Board)> {
     if let BoardRequest::Given(board) = request {
-        return Ok((inputs_of(given, said, board)?, *board));
+        return Ok((inputs_of(given, options, board)?, *board));
     }
     // Events are read in the same way for every board. Circles are put in the order of the board, which therefore cannot be
     // recognised in them.
     let any =
         CircleBoard { pattern: Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 }, spacing: 1.0, radius: 0.3 }
             .into();
-    let inputs = inputs_of(given, said, &any)?;
+    let inputs = inputs_of(given, options, &any)?;
     let recordings = inputs.iter().map(|input| match input {
         Input::Events(recording) => Ok(recording),
         Input::Images(_) | Input::Circles { .. } => Err(failed(BoardChoiceError::NoEvents)),
@@ -350,11 +350,11 @@ pub fn model_request(model: &str) -> PyResult<ModelRequest> {
 
 fn picture_use(name: &str) -> PyResult<PictureUse> {
     match name {
-        "witness" => Ok(PictureUse::Witness),
+        "cross-check" => Ok(PictureUse::CrossCheck),
         "joint" => Ok(PictureUse::Joint),
         "only" => Ok(PictureUse::Only),
         "ignore" => Ok(PictureUse::Ignore),
-        _ => Err(PyValueError::new_err("frames is \"witness\", \"joint\", \"only\" or \"ignore\"")),
+        _ => Err(PyValueError::new_err("frames is \"cross-check\", \"joint\", \"only\" or \"ignore\"")),
     }
 }
 
@@ -368,7 +368,7 @@ fn picture_use(name: &str) -> PyResult<PictureUse> {
 /// sensor: (width, height) in pixels; needed for arrays, and for files that do not contain it.
 /// columns, time_unit, stream: as for read.
 /// settings: a settings file (TOML).
-/// frames: use of the camera's own frames, if a file contains them: "witness" compares them with the events, "joint" solves for both, "only"
+/// frames: use of the camera's own frames, if a file contains them: "cross-check" compares them with the events, "joint" solves for both, "only"
 /// uses the frames alone, "ignore" does not read them.
 /// imu: also calibrate the IMU: True for the samples in the recording, or the path of a CSV file of samples. gravity: its magnitude at the
 /// place of the recording (m/s²).
@@ -378,7 +378,7 @@ fn picture_use(name: &str) -> PyResult<PictureUse> {
 ///
 /// If the IMU or another camera cannot be calibrated, a warning gives the reason, and not_calibrated of the result as well.
 #[pyfunction]
-#[pyo3(signature = (events, *, board, model="radtan", sensor=None, columns=None, time_unit=None, stream=None, settings=None, frames="witness", imu=None, gravity=None, with_=None, with_sensor=None, with_stream=None, rolling_shutter=false, progress=None))]
+#[pyo3(signature = (events, *, board, model="radtan", sensor=None, columns=None, time_unit=None, stream=None, settings=None, frames="cross-check", imu=None, gravity=None, with_=None, with_sensor=None, with_stream=None, rolling_shutter=false, progress=None))]
 #[expect(clippy::too_many_arguments, reason = "all but the first are named by the caller")]
 pub fn calibrate(
     py: Python<'_>,
@@ -400,13 +400,13 @@ pub fn calibrate(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Calibration> {
     let request = board_request(board)?;
-    let said = Said { sensor, columns, time_unit, stream };
-    let said_of_others = Said { sensor: with_sensor.or(sensor), stream: with_stream, ..said.clone() };
+    let options = ReadOptions { sensor, columns, time_unit, stream };
+    let options_of_others = ReadOptions { sensor: with_sensor.or(sensor), stream: with_stream, ..options.clone() };
     let settings = settings_of(settings)?;
-    let (inputs, board) = inputs_and_board(events, &said, &request, &settings)?;
+    let (inputs, board) = inputs_and_board(events, &options, &request, &settings)?;
     let others = with_.map_or_else(
         || Ok(Vec::new()),
-        |given| several(given).iter().map(|one| other_input(one, &said_of_others, &board)).collect(),
+        |given| several(given).iter().map(|one| other_input(one, &options_of_others, &board)).collect(),
     )?;
     let asked = Asked {
         inputs: Input::join(inputs),
@@ -415,7 +415,7 @@ pub fn calibrate(
         inertial: imu.map_or(Ok(None), |imu| inertial_request(imu, gravity))?,
         board,
         model: model_request(model)?,
-        sensor: said.options()?.sensor,
+        sensor: options.options()?.sensor,
         pictures: picture_use(frames)?,
         settings,
     };

@@ -10,7 +10,7 @@ use crate::calibration::settings_of;
 use crate::events::filled;
 use crate::failed;
 use crate::interrupt::interruptible;
-use crate::recording::{Said, recording_of};
+use crate::recording::{ReadOptions, recording_of};
 
 /// Bytes of a circle.
 const CIRCLE_BYTES: usize = 40;
@@ -35,7 +35,7 @@ pub fn detect<'py>(
     settings: Option<std::path::PathBuf>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let board: Board = board.parse().map_err(|error: BoardError| PyValueError::new_err(error.to_string()))?;
-    let recording = recording_of(events, &Said { sensor, columns, time_unit, stream })?;
+    let recording = recording_of(events, &ReadOptions { sensor, columns, time_unit, stream })?;
     let settings = settings_of(settings)?;
     let wanted = SearchFor::from(&board);
     let sensor = sensor_of(&recording).map_err(failed)?;

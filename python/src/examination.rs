@@ -18,7 +18,7 @@ use crate::advice::worded;
 use crate::calibration::{Calibration, board_request, model_request, settings_of};
 use crate::camera::Camera;
 use crate::interrupt::interruptible;
-use crate::recording::{Said, as_path, recording_of};
+use crate::recording::{ReadOptions, as_path, recording_of};
 use crate::{failed, to_python};
 
 /// Returns the given board, or recognises it in a recording.
@@ -45,7 +45,7 @@ pub fn check<'py>(
     stream: Option<String>,
     settings: Option<PathBuf>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let recording = recording_of(events, &Said { sensor, columns, time_unit, stream })?;
+    let recording = recording_of(events, &ReadOptions { sensor, columns, time_unit, stream })?;
     let settings = settings_of(settings)?;
     let request = board.map(board_request).transpose()?;
     let checked = interruptible(py, |_| {
@@ -87,10 +87,10 @@ pub fn repeat<'py>(
     if runs < 2 || !(seconds > 0.0 && seconds.is_finite()) {
         return Err(PyValueError::new_err("runs is at least 2, seconds above 0"));
     }
-    let said = Said { sensor, columns, time_unit, stream };
-    let recording = recording_of(events, &said)?;
+    let options = ReadOptions { sensor, columns, time_unit, stream };
+    let recording = recording_of(events, &options)?;
     let (settings, model) = (settings_of(settings)?, model_request(model)?);
-    let (request, sensor) = (board_request(board)?, said.options()?.sensor);
+    let (request, sensor) = (board_request(board)?, options.options()?.sensor);
     let parts = RepeatSettings { runs: runs.into(), seconds, seed };
     let repetition = interruptible(py, |_: &AtomicBool| {
         let board = board_in(&request, &recording, &settings)?;

@@ -18,7 +18,7 @@ use pyo3::types::{PyList, PyString};
 use crate::calibration::Calibration;
 use crate::examination::known;
 use crate::interrupt::interruptible;
-use crate::recording::{Said, as_path, recording_of};
+use crate::recording::{ReadOptions, as_path, recording_of};
 use crate::{Error, failed, to_python, warn};
 
 /// Name that selects all formats.
@@ -131,7 +131,7 @@ pub fn convert<'py>(
     let origin = if unix_time { TimeOrigin::Unix } else { TimeOrigin::Kept };
     let input = as_path(events);
     may_write([output.as_path()], &input.iter().map(PathBuf::as_path).collect::<Vec<_>>(), force)?;
-    let recording = recording_of(events, &Said { sensor, columns, time_unit, stream })?;
+    let recording = recording_of(events, &ReadOptions { sensor, columns, time_unit, stream })?;
     let report =
         interruptible(py, |_| event_recordings::convert::convert(&recording, &output, target, origin, |_| {}))?;
     let report = report.map_err(failed)?;

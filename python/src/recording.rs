@@ -15,14 +15,14 @@ use crate::{failed, memory, to_python};
 
 /// Options for reading a recording.
 #[derive(Clone, Default)]
-pub struct Said {
+pub struct ReadOptions {
     pub sensor: Option<(u16, u16)>,
     pub columns: Option<String>,
     pub time_unit: Option<String>,
     pub stream: Option<String>,
 }
 
-impl Said {
+impl ReadOptions {
     pub fn options(self) -> PyResult<RecordingOptions> {
         let wrong = |error: OptionError| PyValueError::new_err(error.to_string());
         Ok(RecordingOptions {
@@ -36,20 +36,19 @@ impl Said {
 }
 
 /// Creates a recording from the events in an array, which are copied once.
-pub fn of_array(array: &Bound<'_, PyAny>, said: &Said) -> PyResult<Recording> {
-    let options = said.clone().options()?;
-    let array = EventArray::new(array, said.columns.as_deref(), said.time_unit.as_deref())?;
+pub fn of_array(array: &Bound<'_, PyAny>, options: &ReadOptions) -> PyResult<Recording> {
+    let array = EventArray::new(array, options.columns.as_deref(), options.time_unit.as_deref())?;
     let records = array.records()?;
     memory::check((array.len() * EVENT_BYTES) as u64)?;
     let events = array.dtype().py().detach(|| records.to_events()).map_err(PyValueError::new_err)?;
-    Ok(Recording::from_events("array", events, options))
+    Ok(Recording::from_events("array", events, options.clone().options()?))
 }
 
 /// Returns the recording from an argument: a path, or an array.
-pub fn recording_of(events: &Bound<'_, PyAny>, said: &Said) -> PyResult<Recording> {
+pub fn recording_of(events: &Bound<'_, PyAny>, options: &ReadOptions) -> PyResult<Recording> {
     match as_path(events) {
-        Some(path) => open_events(&path, said.clone().options()?).map_err(failed),
-        None => of_array(events, said),
+        Some(path) => open_events(&path, options.clone().options()?).map_err(failed),
+        None => of_array(events, options),
     }
 }
 
@@ -75,7 +74,7 @@ pub fn read<'py>(
     time_unit: Option<String>,
     stream: Option<String>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let options = Said { sensor, columns, time_unit, stream }.options()?;
+    let options = ReadOptions { sensor, columns, time_unit, stream }.options()?;
     let bytes: PyResult<Vec<u8>> = interruptible(py, |stop| {
         let recording = open_events(&file, options).map_err(failed)?;
         let mut reader = recording.open().map_err(failed)?;
@@ -107,7 +106,7 @@ pub fn info<'py>(
     time_unit: Option<String>,
     stream: Option<String>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let options = Said { sensor, columns, time_unit, stream }.options()?;
+    let options = ReadOptions { sensor, columns, time_unit, stream }.options()?;
     let information = interruptible(py, |_| {
         let recording = open_events(&file, options)?;
         Ok(gather(&recording)?)

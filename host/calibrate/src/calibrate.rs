@@ -13,12 +13,13 @@ mod frames;
 mod health;
 pub mod inertia;
 pub mod input;
+pub mod interval_choice;
 mod joint_solve;
 mod kept_events;
 mod model_solve;
 pub mod mounted;
 mod other_camera;
-pub mod other_stretches;
+pub mod other_intervals;
 pub mod parameter_request;
 mod picture_solve;
 mod pictures;
@@ -28,7 +29,6 @@ mod saturated;
 pub mod second;
 pub mod step;
 pub(crate) mod still_views;
-pub mod stretch_choice;
 mod unseen_rows;
 mod unstated_rows;
 
@@ -49,9 +49,9 @@ use crate::advice::{self, Wording};
 use crate::calibrate::input::Input;
 use crate::detection::still_views::LEAST_TIME;
 use crate::initial::model_choice::ModelRequest;
+use crate::quality::verdict::Grade;
 use crate::settings::Settings;
 use crate::solve::SolveError;
-use crate::trust::verdict::Grade;
 use evcal_geometry::board::Board;
 
 /// Use of the camera's own pictures, if the recordings contain any.
@@ -59,7 +59,7 @@ use evcal_geometry::board::Board;
 pub enum PictureUse {
     /// They are calibrated separately, and compared with the events.
     #[default]
-    Witness,
+    CrossCheck,
     /// They are compared with the events, then pictures and events are solved together.
     Joint,
     /// They are compared with the events, then used as the pictures of a second camera.
@@ -133,9 +133,9 @@ pub fn calibrate(
         PictureUse::Only => pictures::calibrate(task, &progress),
         _ => calibrate_moved_or_blinking(task, &progress),
     };
-    let held = task.parameters.fixed_intrinsics.iter().any(Option::is_some);
+    let fixed = task.parameters.fixed_intrinsics.iter().any(Option::is_some);
     calibrated.map_err(|error| match error {
-        CalibrateError::Solve(SolveError::NoObservations) if held => CalibrateError::HeldFarOff,
+        CalibrateError::Solve(SolveError::NoObservations) if fixed => CalibrateError::FixedFarOff,
         error => error,
     })
 }

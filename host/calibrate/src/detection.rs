@@ -109,7 +109,7 @@ impl CircleWindow {
 
 /// Target of the search in a window.
 #[derive(Clone, Copy, Debug)]
-enum Wanted {
+enum Requirement {
     /// The board.
     Board(Pattern),
     /// Any circles, at least this many.
@@ -149,7 +149,7 @@ impl Found {
 /// Board index, centre and radius in pixels.
 type BoardCircle = (usize, Vector2<f64>, f64);
 
-/// Searches the circles of a window for [`Wanted`].
+/// Searches the circles of a window for [`Requirement`].
 enum Seeker {
     Board(Pattern, BoardFinder<f32>),
     Circles(usize),
@@ -171,7 +171,7 @@ struct Searched {
 pub struct DetectionStage<'a> {
     settings: Cow<'a, DetectionSettings>,
     sensor: Sensor,
-    wanted: Wanted,
+    wanted: Requirement,
     recording: usize,
     chunk: Vec<Event>,
     chunk_index: i64,
@@ -195,15 +195,15 @@ const EVENTS_TOGETHER: usize = 8 << 20;
 impl<'a> DetectionStage<'a> {
     /// Creates a search for a board of `pattern`.
     pub fn for_board(settings: &'a DetectionSettings, sensor: Sensor, pattern: Pattern, recording: usize) -> Self {
-        Self::new(settings, sensor, Wanted::Board(pattern), recording)
+        Self::new(settings, sensor, Requirement::Board(pattern), recording)
     }
 
     /// Creates a search for windows with at least `fewest` circles.
     pub fn for_circles(settings: &'a DetectionSettings, sensor: Sensor, fewest: usize) -> Self {
-        Self::new(settings, sensor, Wanted::Circles(fewest), 0)
+        Self::new(settings, sensor, Requirement::Circles(fewest), 0)
     }
 
-    fn new(settings: &'a DetectionSettings, sensor: Sensor, wanted: Wanted, recording: usize) -> Self {
+    fn new(settings: &'a DetectionSettings, sensor: Sensor, wanted: Requirement, recording: usize) -> Self {
         Self {
             settings: settings.for_sensor(sensor),
             sensor,
@@ -268,7 +268,7 @@ impl<'a> DetectionStage<'a> {
         for part in parts {
             self.report.add(&part.report);
             self.shape.add(&part.shape);
-            if let Wanted::Board(pattern) = self.wanted {
+            if let Requirement::Board(pattern) = self.wanted {
                 let as_stated = part.findings.iter().any(|found| found.shows_all(pattern));
                 self.unplaced.take(part.unplaced, as_stated);
             }
@@ -276,8 +276,8 @@ impl<'a> DetectionStage<'a> {
             uncertain.extend(part.uncertain);
         }
         match self.wanted {
-            Wanted::Board(pattern) => self.place_uncertain(&waiting, found, uncertain, pattern),
-            Wanted::Circles(_) => self.circle_windows.extend(found.into_iter().filter_map(Found::into_circles)),
+            Requirement::Board(pattern) => self.place_uncertain(&waiting, found, uncertain, pattern),
+            Requirement::Circles(_) => self.circle_windows.extend(found.into_iter().filter_map(Found::into_circles)),
         }
         self.kept_pixels.limit(&mut self.frames);
         self.buffers.extend(waiting.into_iter().map(|(_, mut events)| {
@@ -359,7 +359,7 @@ impl<'a> DetectionStage<'a> {
                     }
                     let most =
                         unplaced.as_ref().map_or_else(|| self.circles_of_board(), |fullest| fullest.circles.len());
-                    if matches!(reason, NoBoard::PlaceUncertain | NoBoard::BesideBoard) && circles.len() > most {
+                    if matches!(reason, NoBoard::PlaceUncertain | NoBoard::LargerThanBoard) && circles.len() > most {
                         unplaced = Some(circle_window(&window, &circles, Vec::new()).to_frame());
                     }
                     *report.grids_refused.entry(reason).or_default() += 1;
@@ -375,15 +375,15 @@ impl<'a> DetectionStage<'a> {
     /// Returns the number of circles of the board.
     fn circles_of_board(&self) -> usize {
         match self.wanted {
-            Wanted::Board(pattern) => pattern.circle_count(),
-            Wanted::Circles(_) => 0,
+            Requirement::Board(pattern) => pattern.circle_count(),
+            Requirement::Circles(_) => 0,
         }
     }
 
     fn seeker(&self) -> Seeker {
         match self.wanted {
-            Wanted::Board(pattern) => Seeker::Board(pattern, BoardFinder::new(pattern)),
-            Wanted::Circles(fewest) => Seeker::Circles(fewest),
+            Requirement::Board(pattern) => Seeker::Board(pattern, BoardFinder::new(pattern)),
+            Requirement::Circles(fewest) => Seeker::Circles(fewest),
         }
     }
 

@@ -36,14 +36,14 @@ use solve::Solved;
 use stream::StreamReport;
 use uncertainty::Stated;
 
+use crate::quality::uncertainty::Uncertainty;
 use crate::solve::Problem;
 use crate::solve::bordered::System;
-use crate::solve::held_intrinsics::{self, HeldIntrinsics, share_of_held};
+use crate::solve::fixed_intrinsics::{self, FixedIntrinsics, share_of_fixed};
 use crate::solve::left_out::covers;
 use crate::solve::refinement::Refined;
 use crate::trajectory::Trajectory;
 use crate::trajectory::mean_distance;
-use crate::trust::uncertainty::Uncertainty;
 
 /// Fewest seconds of samples along trajectories.
 pub const FEWEST_SECONDS: f64 = 3.0;
@@ -73,7 +73,7 @@ pub struct RecordedSamples {
 }
 
 /// Calibrates the IMU that recorded `recorded` during the observations of `refined`; `camera` is the uncertainty of the camera.
-/// The intrinsics are estimated too, unless they are fixed at `held`.
+/// The intrinsics are estimated too, unless they are fixed (`fixed`).
 ///
 /// # Errors
 /// [`InertialError`] names the problem with the samples or the motion, and the remedy.
@@ -81,7 +81,7 @@ pub fn calibrate_unit(
     recorded: Vec<RecordedSamples>,
     refined: &Refined,
     camera: &Uncertainty,
-    held: Option<&HeldIntrinsics>,
+    fixed: Option<&FixedIntrinsics>,
     settings: &InertialSettings,
 ) -> Result<InertialCalibration, InertialError> {
     let recordings = recorded.iter().map(|one| one.recording + 1).max().unwrap_or(0);
@@ -131,9 +131,9 @@ pub fn calibrate_unit(
     if seconds < FEWEST_SECONDS {
         return Err(InertialError::TooShort { seconds, needed: FEWEST_SECONDS });
     }
-    let with_held = held.map(|_| held_intrinsics::held(&refined.problem));
+    let with_fixed = fixed.map(|_| fixed_intrinsics::with_fixed(&refined.problem));
     let joint = Joint {
-        problem: with_held.as_ref().unwrap_or(&refined.problem),
+        problem: with_fixed.as_ref().unwrap_or(&refined.problem),
         inflation: camera.inflation,
         samples: &samples,
         used,
@@ -143,11 +143,11 @@ pub fn calibrate_unit(
     };
     let mut state = refined.state.clone();
     state.trajectories = trajectories;
-    state.camera = held.map_or(state.camera, |held| held.camera);
+    state.camera = fixed.map_or(state.camera, |fixed| fixed.camera);
     let estimate = Estimate { state, parameters: start.parameters, noise: solve::first_noise() };
     let solved = solve::solve(&joint, estimate)?;
     let delays_at = solved.estimate.parameters.middle + starts.get(first).unwrap_or(&0.0) + clock_origin;
-    let apart = Apart { refined, camera, held };
+    let apart = Apart { refined, camera, fixed };
     let clock = Clock { correlation: start.correlation, streams, clock_origin, delays_at };
     let calibration = finish(&joint, solved, apart, clock)?;
     findings::explained(&calibration, joint.samples)?;
@@ -164,7 +164,7 @@ struct Apart<'a> {
     refined: &'a Refined,
     camera: &'a Uncertainty,
     /// Its intrinsics, if they are fixed.
-    held: Option<&'a HeldIntrinsics>,
+    fixed: Option<&'a FixedIntrinsics>,
 }
 
 /// The IMU's clock relative to the events' clock.
@@ -179,29 +179,29 @@ struct Clock {
 }
 
 fn finish(joint: &Joint, solved: Solved, apart: Apart, clock: Clock) -> Result<InertialCalibration, InertialError> {
-    let Apart { refined, camera, held } = apart;
+    let Apart { refined, camera, fixed } = apart;
     let total = joint.used.iter().map(ExactSizeIterator::len).sum::<usize>() as f64 / joint.rate;
     let Stated { mut covariance, sigma_of_others, block_scatter } =
         uncertainty::stated(&solved.system, &solved.parts, total)?;
     let Solved { estimate, residuals, spectra, system, .. } = solved;
     uncertainty::add_systematic(&mut covariance, &estimate.parameters, mean_distance(&refined.state.trajectories));
     // An error of the intrinsics that all events have in common moves the IMU, but blocks of time do not show it.
-    let share = match held {
-        Some(held) => {
-            let opened = held.opened(joint.problem);
-            share_of_intrinsics(&solve::system_at(&joint.of_problem(&opened), &estimate), held.of_opened())?
+    let share = match fixed {
+        Some(fixed) => {
+            let opened = fixed.opened(joint.problem);
+            share_of_intrinsics(&solve::system_at(&joint.of_problem(&opened), &estimate), fixed.of_opened())?
         }
         None => share_of_intrinsics(&system, of_free(&camera.systematic, joint.problem))?,
     };
     covariance += share;
     let (own, mut sigma) = (&refined.state.camera, camera.sigma());
-    let camera_moved = match held {
-        Some(held) => held.distance(own, &sigma),
+    let camera_moved = match fixed {
+        Some(fixed) => fixed.distance(own, &sigma),
         None => {
             for (place, together) in free_intrinsics(joint.problem, sigma.len()).into_iter().zip(sigma_of_others) {
                 sigma[place] = sigma[place].hypot(together);
             }
-            HeldIntrinsics { camera: estimate.state.camera, covariance: None }.distance(own, &sigma)
+            FixedIntrinsics { camera: estimate.state.camera, covariance: None }.distance(own, &sigma)
         }
     };
     let tilt = tilt(&estimate.state.trajectories, &estimate.parameters.gravity);
@@ -218,7 +218,7 @@ fn finish(joint: &Joint, solved: Solved, apart: Apart, clock: Clock) -> Result<I
         knot_spacing: joint.knot_spacing,
         camera: estimate.state.camera,
         camera_moved,
-        held: held.map(|held| held.camera),
+        fixed: fixed.map(|fixed| fixed.camera),
         block_scatter,
         tilt,
         residuals,
@@ -229,7 +229,7 @@ fn finish(joint: &Joint, solved: Solved, apart: Apart, clock: Clock) -> Result<I
 
 /// Returns the covariance of the inertial parameters that follows from a `covariance` of the intrinsics estimated in `system`.
 fn share_of_intrinsics(system: &System, covariance: DMatrix<f64>) -> Result<DMatrix<f64>, InertialError> {
-    let share = share_of_held(system, &[(COUNT..COUNT + covariance.nrows(), covariance)])?;
+    let share = share_of_fixed(system, &[(COUNT..COUNT + covariance.nrows(), covariance)])?;
     Ok(share.view((0, 0), (COUNT, COUNT)).into_owned())
 }
 

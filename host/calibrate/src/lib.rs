@@ -15,12 +15,12 @@ pub mod inertial;
 pub mod initial;
 pub mod motion_capture;
 pub mod picture_calibration;
+pub mod quality;
 pub mod result;
 pub mod second_camera;
 pub mod settings;
 pub mod solve;
 pub mod trajectory;
-pub mod trust;
 pub mod undistort;
 
 pub use evcal_geometry::VERSION;

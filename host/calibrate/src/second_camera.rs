@@ -31,13 +31,13 @@ use self::mount::{Mount, ROTATION, TRANSLATION};
 use self::seen::{Seen, sample_at};
 use self::start::{FEWEST_SECONDS, Start};
 use crate::circles::reference_frame::PointObservation;
-use crate::solve::held_intrinsics::{self, HeldIntrinsics};
+use crate::quality::uncertainty::Uncertainty;
+use crate::solve::fixed_intrinsics::{self, FixedIntrinsics};
 use crate::solve::left_out::covers;
 use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use crate::solve::refinement::Refined;
 use crate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, State};
 use crate::trajectory::mean_distance;
-use crate::trust::uncertainty::Uncertainty;
 use evcal_geometry::board::symmetry::Symmetry;
 
 /// Largest σ of the rotation (rad) with which a mount counts as determined.
@@ -69,8 +69,8 @@ pub fn calibrate_second(
     let count = |segments: &[SegmentObservations]| segments.iter().map(|one| one.events.len()).sum::<usize>();
     let left_out = 1.0 - count(&segments) as f64 / count(&second.refined.problem.segments).max(1) as f64;
     let joint = Joint {
-        first: with_board_held(&first.refined.problem, first.refined.problem.segments.clone()),
-        second: with_board_held(&second.refined.problem, segments),
+        first: with_board_fixed(&first.refined.problem, first.refined.problem.segments.clone()),
+        second: with_board_fixed(&second.refined.problem, segments),
     };
     let estimate = Estimate {
         first: first.refined.state.clone(),
@@ -105,14 +105,14 @@ pub struct Pictures<'a> {
 }
 
 /// Calibrates `pictures` against the events of the same sensor, as if they were pictures of a second camera: the relative pose
-/// should be the identity. The intrinsics of the events are estimated too, unless they are fixed at `held`.
+/// should be the identity. The intrinsics of the events are estimated too, unless they are fixed (`fixed`).
 ///
 /// # Errors
 /// [`SecondCameraError`] names the problem with the recording or the motion, and the remedy.
 pub fn calibrate_pictures_against(
     first: Apart,
     pictures: Pictures,
-    held: Option<&HeldIntrinsics>,
+    fixed: Option<&FixedIntrinsics>,
 ) -> Result<SecondCalibration, SecondCameraError> {
     let of = |points: &Vec<PointObservation>| SegmentObservations { points: points.clone(), ..Default::default() };
     let seen: Vec<f64> = pictures.points.iter().flatten().map(|point| point.t).collect();
@@ -126,14 +126,14 @@ pub fn calibrate_pictures_against(
     let points = pictures.points.iter().map(of).collect();
     let second = problem_of_points(&first.refined.problem, points, pictures.sigma, pictures.point_sigma);
     let joint =
-        Joint { first: with_board_held(&first.refined.problem, first.refined.problem.segments.clone()), second };
+        Joint { first: with_board_fixed(&first.refined.problem, first.refined.problem.segments.clone()), second };
     let state = &first.refined.state;
     let estimate = Estimate {
         first: state.clone(),
         second: State { camera: pictures.camera, trajectories: Vec::new(), ..state.clone() },
         mount: Mount { second_first: Isometry3::identity(), offset: 0.0, rate: 0.0, middle, line_delay: None },
     };
-    let lenses = [held, None];
+    let lenses = [fixed, None];
     let mut solved = solve_holding(joint, estimate, lenses)?;
     add_scale_error(&mut solved, &first);
     let sensor = first.refined.problem.sensor;
@@ -154,7 +154,7 @@ fn add_scale_error(solved: &mut Solved, first: &Apart) {
 /// Returns the problem of centres of dots with this spread (px), through a lens whose parameters have these `sigma`; parameters
 /// without σ are fixed. Board and settings come from `first`.
 fn problem_of_points(first: &Problem, points: Vec<SegmentObservations>, sigma: &[f64], point_sigma: f64) -> Problem {
-    let mut problem = with_board_held(first, points);
+    let mut problem = with_board_fixed(first, points);
     problem.point_sigma = point_sigma;
     problem.free.biases = Default::default();
     problem.free.intrinsics = std::array::from_fn(|index| sigma.get(index) > Some(&0.0));
@@ -185,11 +185,11 @@ fn solve_holding(joint: Joint, estimate: Estimate, lenses: Lenses) -> Result<Sol
 fn holding(mut joint: Joint, mut estimate: Estimate, lenses: Lenses) -> (Joint, Estimate) {
     let [first, second] = lenses;
     if let Some(lens) = first {
-        joint.first = held_intrinsics::held(&joint.first);
+        joint.first = fixed_intrinsics::with_fixed(&joint.first);
         estimate.first.camera = lens.camera;
     }
     if let Some(lens) = second {
-        joint.second = held_intrinsics::held(&joint.second);
+        joint.second = fixed_intrinsics::with_fixed(&joint.second);
         estimate.second.camera = lens.camera;
     }
     (joint, estimate)
@@ -201,7 +201,7 @@ fn finish(solved: Solved, known: &Known, before: [(&Camera<f64>, &[f64]); 2]) ->
     let cameras = [estimate.first.camera, estimate.second.camera];
     let moved = [0, 1].map(|index| {
         let (before, sigma) = before[index];
-        let solved = || HeldIntrinsics { camera: cameras[index], covariance: None }.distance(before, sigma);
+        let solved = || FixedIntrinsics { camera: cameras[index], covariance: None }.distance(before, sigma);
         known.lenses[index].map_or_else(solved, |lens| lens.distance(before, sigma))
     });
     let mut calibration = SecondCalibration {
@@ -217,7 +217,7 @@ fn finish(solved: Solved, known: &Known, before: [(&Camera<f64>, &[f64]); 2]) ->
         sensors: known.sensors,
         cameras,
         cameras_moved: moved,
-        held: known.lenses.map(|lens| lens.is_some()),
+        fixed: known.lenses.map(|lens| lens.is_some()),
         rolling_shutter: false,
         findings: Vec::new(),
     };
@@ -233,7 +233,7 @@ fn determined(calibration: SecondCalibration) -> Result<SecondCalibration, Secon
 }
 
 /// Returns the problem with these observations, and the board fixed.
-fn with_board_held(problem: &Problem, segments: Vec<SegmentObservations>) -> Problem {
+fn with_board_fixed(problem: &Problem, segments: Vec<SegmentObservations>) -> Problem {
     let free = FreeParameters { board: [false; BOARD_PARAMETERS], ..problem.free };
     Problem { free, ..problem.with_segments(segments) }
 }

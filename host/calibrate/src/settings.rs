@@ -26,15 +26,15 @@ pub use self::text::document;
 use crate::detection::pictures::settings::PictureSettings;
 use crate::detection::settings::DetectionSettings;
 use crate::initial::InitialSettings;
+use crate::quality::board_evidence::BoardShapeSettings;
+use crate::quality::poses::PoseSettings;
+use crate::quality::verdict::VerdictSettings;
 use crate::solve::SolveSettings;
 use crate::solve::association::AssociationSettings;
 use crate::solve::refinement::RefinementSettings;
 use crate::trajectory::knot_grid::KnotSettings;
 use crate::trajectory::segment::SegmentSettings;
 use crate::trajectory::settings::SplineSettings;
-use crate::trust::board_evidence::BoardShapeSettings;
-use crate::trust::poses::PoseSettings;
-use crate::trust::verdict::VerdictSettings;
 
 settings! {
     /// All settings.

@@ -9,7 +9,7 @@ use evcal_calibrate::solve::association::BIN;
 use evcal_calibrate::solve::board_edge::BoardEdges;
 use evcal_calibrate::solve::event_bias::bias::Biases;
 use evcal_calibrate::solve::event_bias::{CLASS_COUNT, unknown};
-use evcal_calibrate::solve::levenberg::solve_telling;
+use evcal_calibrate::solve::levenberg::solve_with_progress;
 use evcal_calibrate::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use evcal_calibrate::solve::{BOARD_PARAMETERS, FreeParameters, HUBER, Problem, ResidualMeasure, State};
 use evcal_calibrate::trajectory::fit::{TrajectoryShape, fit};
@@ -63,7 +63,7 @@ fn main() {
             let start = Instant::now();
             // No step is trusted, so that all are looked at.
             let goes_on = &mut |_| ControlFlow::Continue(());
-            let solved = pool.install(|| solve_telling(&problem, state.clone(), 0.0, goes_on));
+            let solved = pool.install(|| solve_with_progress(&problem, state.clone(), 0.0, goes_on));
             let elapsed = start.elapsed().as_secs_f64();
             match solved {
                 // One linearisation more than iterations: the first.

@@ -75,7 +75,7 @@ impl Checkpoint {
 
 /// Time at which the result of a checkpoint is reported.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Telling {
+pub enum ReportTime {
     /// Immediately.
     WhenReady,
     /// When the recording is this many times as long, after waiting for the result if necessary: independent of the
@@ -108,7 +108,7 @@ impl Underway {
     }
 
     /// Reports the current step.
-    pub fn tell(&self, text: &str, done: Option<f64>) {
+    pub fn report(&self, text: &str, done: Option<f64>) {
         *self.step() = CalibrationStep { text: text.to_owned(), done };
     }
 
@@ -126,7 +126,7 @@ impl Underway {
 pub struct Checkpoints {
     requests: Sender<f64>,
     results: Receiver<Checkpoint>,
-    telling: Telling,
+    report_time: ReportTime,
     target: f64,
     /// Time from the first sight of the board to the first checkpoint (s).
     first: f64,
@@ -146,7 +146,7 @@ impl Checkpoints {
     /// # Errors
     /// If the system cannot create threads.
     pub fn start(
-        telling: Telling,
+        report_time: ReportTime,
         target: f64,
         first: f64,
         mut calibrate: impl FnMut(f64, &Underway) -> Result<Stated, String> + Send + 'static,
@@ -165,7 +165,7 @@ impl Checkpoints {
                 }
             }
         })?;
-        Ok(Self { requests, results, telling, target, first, begun: None, next: None, latest: None, underway })
+        Ok(Self { requests, results, report_time, target, first, begun: None, next: None, latest: None, underway })
     }
 
     /// Returns the latest reported result.
@@ -194,10 +194,10 @@ impl Checkpoints {
             }
             return None;
         };
-        let result = match self.telling {
-            Telling::WhenReady => self.results.try_recv(),
-            Telling::AtLength(growth) if now < growth * begun => Err(TryRecvError::Empty),
-            Telling::AtLength(_) => {
+        let result = match self.report_time {
+            ReportTime::WhenReady => self.results.try_recv(),
+            ReportTime::AtLength(growth) if now < growth * begun => Err(TryRecvError::Empty),
+            ReportTime::AtLength(_) => {
                 self.underway.is_awaited.store(true, Ordering::Relaxed);
                 let result = self.results.recv().map_err(TryRecvError::from);
                 self.underway.is_awaited.store(false, Ordering::Relaxed);
@@ -258,9 +258,9 @@ mod tests {
     }
 
     /// Returns the sensor times at which checkpoints started, and at which they were reported.
-    fn told(telling: Telling) -> Vec<(f64, f64)> {
+    fn told(report_time: ReportTime) -> Vec<(f64, f64)> {
         let work = |t: f64, _: &Underway| Ok(Stated { rms: 0.2 / t.sqrt(), ..GOOD });
-        let mut checkpoints = Checkpoints::start(telling, 0.05, 4.0, work).unwrap();
+        let mut checkpoints = Checkpoints::start(report_time, 0.05, 4.0, work).unwrap();
         let mut told = Vec::new();
         for step in 0..300 {
             let now = f64::from(step) * 0.1;
@@ -274,8 +274,8 @@ mod tests {
 
     #[test]
     fn in_a_replay_they_are_told_at_definite_times() {
-        let first = told(Telling::AtLength(1.5));
-        assert_eq!(first, told(Telling::AtLength(1.5)));
+        let first = told(ReportTime::AtLength(1.5));
+        assert_eq!(first, told(ReportTime::AtLength(1.5)));
         assert_eq!(first.first(), Some(&(6.0, 9.0)));
         assert!(first.iter().all(|(begun, told)| *told >= 1.5 * begun && *told < 1.5 * begun + 0.11), "{first:?}");
         assert!(first.len() >= 2);
@@ -286,11 +286,11 @@ mod tests {
     fn an_awaited_checkpoint_reports_its_step() {
         let (go, may_go) = channel::<()>();
         let work = move |_: f64, underway: &Underway| {
-            underway.tell("joint solve", Some(0.25));
+            underway.report("joint solve", Some(0.25));
             let _ = may_go.recv();
             Ok(GOOD)
         };
-        let mut checkpoints = Checkpoints::start(Telling::AtLength(1.5), 0.05, 2.0, work).unwrap();
+        let mut checkpoints = Checkpoints::start(ReportTime::AtLength(1.5), 0.05, 2.0, work).unwrap();
         let underway = checkpoints.underway();
         checkpoints.advance(2.0, Some(0.0));
         assert_eq!((checkpoints.under_way(), underway.awaited()), (Some(2.0), None));
@@ -321,7 +321,7 @@ mod tests {
             let _ = ended.send(());
             Err("ended".to_owned())
         };
-        let mut checkpoints = Checkpoints::start(Telling::WhenReady, 0.05, 1.0, work).unwrap();
+        let mut checkpoints = Checkpoints::start(ReportTime::WhenReady, 0.05, 1.0, work).unwrap();
         for step in 0..100 {
             assert_eq!(checkpoints.advance(f64::from(step), Some(0.0)), None);
         }

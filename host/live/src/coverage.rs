@@ -3,7 +3,7 @@
 use evcal_core::sensor::Sensor;
 use nalgebra::{Matrix3, Vector2};
 
-use super::wanted::Wanted;
+use super::wanted::Requirement;
 use evcal_calibrate::circles::reference_frame::ReferenceFrame;
 use evcal_calibrate::settings::LiveSettings;
 use evcal_geometry::board::Board;
@@ -82,7 +82,7 @@ pub struct CoverageSummary {
     /// Windows with the board at each of [`DISTANCES`].
     pub distances: [u64; 3],
     /// Remaining requirements; empty if enough was seen.
-    pub missing: Vec<Wanted>,
+    pub missing: Vec<Requirement>,
     /// Fulfilled fraction of each criterion, 0 to 1: windows with the board, coverage of the sensor, tilts.
     pub fulfilled: [f64; 3],
 }
@@ -222,22 +222,22 @@ impl LiveCoverage {
     }
 
     /// Returns the remaining requirements; empty if enough was seen.
-    pub fn missing(&self) -> Vec<Wanted> {
+    pub fn missing(&self) -> Vec<Requirement> {
         self.missing_beside(self.covered(), self.tilts())
     }
 
-    fn missing_beside(&self, covered: f64, tilts: [u64; 4]) -> Vec<Wanted> {
+    fn missing_beside(&self, covered: f64, tilts: [u64; 4]) -> Vec<Requirement> {
         let mut missing = Vec::new();
         if self.boards() < BOARDS {
-            missing.push(Wanted::Views(BOARDS - self.boards()));
+            missing.push(Requirement::Views(BOARDS - self.boards()));
         }
         if covered < self.settings.coverage {
             let (x, y) = self.emptiest();
-            missing.push(Wanted::Part(x, y));
+            missing.push(Requirement::Part(x, y));
         }
         for (tilt, count) in Tilt::ALL.into_iter().zip(tilts) {
             if count < self.settings.boards_per_tilt {
-                missing.push(Wanted::Nearer(tilt, TILT));
+                missing.push(Requirement::Nearer(tilt, TILT));
             }
         }
         missing
@@ -406,7 +406,7 @@ mod tests {
         }
         assert_eq!(coverage.tilts(), [1; 4]);
         let missing = coverage.missing();
-        assert!(matches!(missing[..], [Wanted::Views(196), Wanted::Part(1, _)]), "{missing:?}");
+        assert!(matches!(missing[..], [Requirement::Views(196), Requirement::Part(1, _)]), "{missing:?}");
         for x in [-0.4, -0.2, 0.0, 0.2, 0.4] {
             for y in [-0.3, -0.1, 0.1, 0.3] {
                 let frame = view(Vector3::zeros(), Vector3::new(x, y, 0.9), 330.0);

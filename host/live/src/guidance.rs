@@ -9,8 +9,8 @@
 //! whenever their number has doubled. Its uncertainty ([`Guidance::sigma`]) is based on windows alone and therefore
 //! larger than that of a calibration of the same recording.
 
+mod board_pose;
 mod hint;
-mod place;
 #[cfg(test)]
 mod tests;
 
@@ -18,16 +18,16 @@ use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 use nalgebra::{Isometry3, Point3, Vector2};
 
+use self::board_pose::{Candidate, candidates, expected_information};
 use self::hint::{choose, errors};
-use self::place::{Candidate, candidates, expected_information};
 use evcal_calibrate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use evcal_calibrate::initial::InitialSettings;
 use evcal_calibrate::initial::information::{Information, ProjectionMeasure, prior, sigma_in_cells, view_information};
 use evcal_calibrate::initial::provisional::{provisional_camera, provisional_pose};
 use evcal_geometry::board::Board;
 
+pub use self::board_pose::BoardPose;
 pub use self::hint::{Hint, Swing};
-pub use self::place::Place;
 
 /// Windows within this time (s) count once.
 const WINDOW: f64 = 0.1;
@@ -68,7 +68,7 @@ struct View {
 /// The target pose of the board.
 #[derive(Clone, Copy, Debug)]
 struct Ghost {
-    place: Place,
+    place: BoardPose,
     /// Information of one window at this pose.
     information: Information,
     /// Start time.
@@ -192,7 +192,7 @@ impl Guidance {
     }
 
     /// Returns the pose of the ghost.
-    pub fn place(&self) -> Option<Place> {
+    pub fn place(&self) -> Option<BoardPose> {
         self.ghost.map(|ghost| ghost.place)
     }
 

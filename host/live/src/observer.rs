@@ -8,10 +8,10 @@ use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
 use super::checkpoint::{Checkpoint, Checkpoints, Underway};
-use super::guidance::{GhostOutline, Guidance, Hint, Place, corners};
+use super::guidance::{BoardPose, GhostOutline, Guidance, Hint, corners};
 use super::health::{Health, HealthMonitor};
 use super::obstacle::{Explainer, Explanation};
-use super::wanted::Wanted;
+use super::wanted::Requirement;
 use super::{CoverageSummary, LiveCoverage};
 use evcal_calibrate::circles::reference_frame::ReferenceFrame;
 use evcal_calibrate::detection::board_stage::BoardStage;
@@ -98,15 +98,15 @@ impl Seen {
     }
 
     /// Returns the remaining requirements; empty if enough was seen.
-    pub fn missing(&self) -> Vec<Wanted> {
+    pub fn missing(&self) -> Vec<Requirement> {
         let mut missing = self.coverage.missing.clone();
         if self.watched < self.shortest {
-            missing.push(Wanted::Time(self.shortest - self.watched));
+            missing.push(Requirement::Time(self.shortest - self.watched));
         }
         match &self.checkpoint {
-            Some(checkpoint) => missing.extend(checkpoint.missing(self.target).map(Wanted::Checkpoint)),
-            None if self.sigma.is_none() => missing.push(Wanted::OtherTilts),
-            None => missing.push(Wanted::FirstCheckpoint),
+            Some(checkpoint) => missing.extend(checkpoint.missing(self.target).map(Requirement::Checkpoint)),
+            None if self.sigma.is_none() => missing.push(Requirement::OtherTilts),
+            None => missing.push(Requirement::FirstCheckpoint),
         }
         missing
     }
@@ -315,7 +315,7 @@ impl<'a> Observer<'a> {
     }
 
     /// Returns the target pose of the board, for callers that need numbers.
-    pub fn wanted_place(&self) -> Option<Place> {
+    pub fn goal_pose(&self) -> Option<BoardPose> {
         self.guidance.as_ref().and_then(Guidance::place)
     }
 

@@ -38,7 +38,7 @@ pub struct ReplayReport {
 /// Plays `recording` to `observer` until it ends, enough was seen, or `show` breaks.
 ///
 /// `speed` is in seconds of the recording per second; `None` means as fast as the detector. `show` is called with a
-/// picture 30 times a second, `tell` with the state once per second of the recording's time, whatever the speed.
+/// picture 30 times a second, `on_progress` with the state once per second of the recording's time, whatever the speed.
 ///
 /// # Errors
 /// [`RecordingError`] if no event can be read.
@@ -48,13 +48,13 @@ pub fn replay(
     speed: Option<f64>,
     observer: Observer<'_>,
     latest: &Latest,
-    tell: impl FnMut(&Seen) + Send,
+    on_progress: impl FnMut(&Seen) + Send,
     mut show: impl FnMut(&EventPicture) -> ControlFlow<()>,
 ) -> Result<ReplayReport, RecordingError> {
     let mut reader = recording.open()?;
     thread::scope(|scope| {
         let (sender, pieces) = sync_channel::<Vec<Event>>(PIECES_AHEAD);
-        let observing = scope.spawn(move || observe(observer, &pieces, latest, tell));
+        let observing = scope.spawn(move || observe(observer, &pieces, latest, on_progress));
         let mut clock = Clock { speed, began: Instant::now() };
         let mut picture = EventPicture::new(sensor);
         let mut due = Instant::now() + PICTURE_INTERVAL;
@@ -122,7 +122,7 @@ fn observe(
     mut observer: Observer<'_>,
     pieces: &Receiver<Vec<Event>>,
     latest: &Latest,
-    mut tell: impl FnMut(&Seen),
+    mut on_progress: impl FnMut(&Seen),
 ) -> Seen {
     let mut next = TOLD;
     for piece in pieces {
@@ -133,7 +133,7 @@ fn observe(
         let is_enough = seen.is_enough();
         if seen.t >= next {
             next = (seen.t / TOLD).floor() * TOLD + TOLD;
-            tell(&seen);
+            on_progress(&seen);
         }
         latest.set(seen);
         if is_enough {

@@ -5,7 +5,7 @@ use super::Tilt;
 /// A remaining requirement.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
-pub enum Wanted {
+pub enum Requirement {
     /// This many more windows with the board.
     Views(u64),
     /// The board in this part of the image: to the right and downwards from the middle (each −1, 0 or 1).
@@ -22,7 +22,7 @@ pub enum Wanted {
     Checkpoint(String),
 }
 
-impl Wanted {
+impl Requirement {
     /// Returns the requirement in words, for a view as seen by the camera or in a mirror.
     pub fn words(&self, mirrored: bool) -> String {
         match self {
@@ -38,7 +38,7 @@ impl Wanted {
 }
 
 /// Returns all requirements in words.
-pub fn words(wanted: &[Wanted], mirrored: bool) -> Vec<String> {
+pub fn words(wanted: &[Requirement], mirrored: bool) -> Vec<String> {
     wanted.iter().map(|wanted| wanted.words(mirrored)).collect()
 }
 
@@ -63,11 +63,11 @@ mod tests {
     #[test]
     fn in_a_mirror_left_and_right_change_places() {
         for (wanted, plain, mirrored) in [
-            (Wanted::Part(-1, 1), "the board at the lower left", "the board at the lower right"),
-            (Wanted::Part(0, -1), "the board at the top", "the board at the top"),
-            (Wanted::Nearer(Tilt::Right, 15.0), "its right side nearer by 15°", "its left side nearer by 15°"),
-            (Wanted::Nearer(Tilt::Top, 15.0), "its top side nearer by 15°", "its top side nearer by 15°"),
-            (Wanted::Time(3.2), "4 s more with the board", "4 s more with the board"),
+            (Requirement::Part(-1, 1), "the board at the lower left", "the board at the lower right"),
+            (Requirement::Part(0, -1), "the board at the top", "the board at the top"),
+            (Requirement::Nearer(Tilt::Right, 15.0), "its right side nearer by 15°", "its left side nearer by 15°"),
+            (Requirement::Nearer(Tilt::Top, 15.0), "its top side nearer by 15°", "its top side nearer by 15°"),
+            (Requirement::Time(3.2), "4 s more with the board", "4 s more with the board"),
         ] {
             assert_eq!((wanted.words(false).as_str(), wanted.words(true).as_str()), (plain, mirrored));
         }

@@ -67,8 +67,8 @@ pub struct ChainExtras {
 }
 
 impl ReadExtras for ChainExtras {
-    fn held(&self) -> OtherStreams {
-        let held = |part: fn(&OtherStreams) -> bool| self.files.iter().any(|file| part(&file.held()));
+    fn streams(&self) -> OtherStreams {
+        let held = |part: fn(&OtherStreams) -> bool| self.files.iter().any(|file| part(&file.streams()));
         OtherStreams { frames: held(|held| held.frames), imu: held(|held| held.imu) }
     }
 

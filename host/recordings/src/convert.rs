@@ -197,7 +197,7 @@ pub fn convert_changed(
         None => Sensor::new(0, 0),
     };
     let camera_name = information.camera_name.as_deref().unwrap_or_default();
-    let description = Description { sensor, camera_name, others: extras.held(), zero };
+    let description = Description { sensor, camera_name, others: extras.streams(), zero };
     let mut file = None;
     let mut create = || {
         let new = NewFile::create(path).map_err(|error| error.error)?;

@@ -108,7 +108,7 @@ pub fn frame_start(frame: &Frame) -> i64 {
 /// Reader of frames and IMU samples, in order of time.
 pub trait ReadExtras {
     /// Kinds of streams that this reader returns.
-    fn held(&self) -> OtherStreams;
+    fn streams(&self) -> OtherStreams;
 
     /// Time at which the first element begins (µs), if it is known in advance.
     fn first_time(&mut self) -> Option<i64>;
@@ -227,7 +227,7 @@ pub fn take_until(
 pub struct NoExtras;
 
 impl ReadExtras for NoExtras {
-    fn held(&self) -> OtherStreams {
+    fn streams(&self) -> OtherStreams {
         OtherStreams::default()
     }
 

@@ -71,7 +71,7 @@ pub enum NoCheckerboard {
     NotAlternating,
     /// The lattice continues beyond the board: the board has another size.
     #[error("{outside} corners beyond the board: the board has another size")]
-    BesideBoard {
+    LargerThanBoard {
         /// Corners beyond the board.
         outside: usize,
     },
@@ -102,7 +102,7 @@ impl From<GridError> for NoCheckerboard {
             GridError::TooFewCandidates { usable, needed } => Self::TooFewSaddles { found: usable, needed },
             GridError::TooFewCircles { found, needed } => Self::TooFewCorners { found, needed },
             GridError::NotSmooth => Self::Scattered,
-            GridError::WrongBoard { outside } => Self::BesideBoard { outside },
+            GridError::WrongBoard { outside } => Self::LargerThanBoard { outside },
             GridError::AmbiguousPlacement { best, runner_up } => Self::PlaceUncertain { best, runner_up },
             GridError::NotAsExpected => Self::NotAsExpected,
             _ => Self::NoLattice,

@@ -12,7 +12,7 @@ const LENS: Lens = RADTAN4;
 const WRONG_LENS: &str = "334.5,334.0,175.6,126.4,-0.33,0.12,0.0006,-0.0004";
 
 fn cross_check(calibration: &Path) -> Value {
-    read_json(&calibration.join("calibration.json"))["frames"]["witness"].clone()
+    read_json(&calibration.join("calibration.json"))["frames"]["cross-check"].clone()
 }
 
 fn number(value: &Value) -> f64 {
@@ -22,7 +22,7 @@ fn number(value: &Value) -> f64 {
 #[test]
 fn frames_and_events_of_one_recording_agree_within_their_uncertainty() {
     let recording = LENS.recording_with_frames();
-    let check = cross_check(&LENS.calibration_with("frames-witness", &recording, &[]));
+    let check = cross_check(&LENS.calibration_with("frames-cross-check", &recording, &[]));
     assert_eq!(check["agreement"], "agrees", "{check}");
     assert!(number(&check["ratio"]) <= 2.0, "{check}");
     // The cross-check is precise enough to show a disagreement.
@@ -40,7 +40,7 @@ fn frames_and_events_of_one_recording_agree_within_their_uncertainty() {
 fn frames_through_another_lens_disagree() {
     let options = ["--motion", "fast", "--duration", "4s", "--frames", "--frame-lens", WRONG_LENS];
     let recording = LENS.simulation("frames-wrong-lens", &options);
-    let calibration = LENS.calibration_with("frames-wrong-lens-witness", &recording, &[]);
+    let calibration = LENS.calibration_with("frames-wrong-lens-cross-check", &recording, &[]);
     let check = cross_check(&calibration);
     assert_eq!(check["agreement"], "disagrees", "{check}");
     assert!(number(&check["ratio"]) > 5.0, "{check}");

@@ -116,7 +116,7 @@ impl Bench<'_> {
         calibrate_unit(
             recorded,
             &events.refined,
-            &self.calibrated.trust.uncertainty,
+            &self.calibrated.quality.uncertainty,
             None,
             &InertialSettings::default(),
         )

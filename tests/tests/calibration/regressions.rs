@@ -41,7 +41,7 @@ fn the_report_of_frames_alone_omits_the_trajectory() {
         let folder = RADTAN4.calibration_with(name, &recording, options);
         fs::read_to_string(folder.join("report.html")).unwrap()
     };
-    let (frames, events) = (report("frames-only", &["--frames-only"]), report("frames-witness", &[]));
+    let (frames, events) = (report("frames-only", &["--frames-only"]), report("frames-cross-check", &[]));
     for part in ["Trajectory segments", "id=\"halves\""] {
         assert!(events.contains(part) && !frames.contains(part), "{part}");
     }

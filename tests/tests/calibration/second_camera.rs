@@ -102,7 +102,7 @@ fn intrinsics_can_be_fixed() {
     assert_eq!(finished.said().len(), 2, "{}", finished.stderr);
     assert!(finished.said().iter().all(|line| line.contains("contains no σ of the intrinsics")), "{}", finished.stderr);
     let found = &read_json(&result.join("calibration.json"))["second_cameras"][0];
-    assert_eq!(found["held"], serde_json::json!([true, true]));
+    assert_eq!(found["fixed"], serde_json::json!([true, true]));
     for (solved, was) in [(0, &truth["camera"]), (1, &of_second["camera"])] {
         assert_eq!(&found["solved_together"][solved]["camera"], was);
     }

@@ -21,7 +21,7 @@ fn round_trip(folder: &Path) -> CalibrationFile {
 #[test]
 fn events_with_a_cross_check_by_frames() {
     let file = round_trip(&session_calibration());
-    assert!(matches!(file.frames, Some(FramesResult::Witness(_))));
+    assert!(matches!(file.frames, Some(FramesResult::CrossCheck(_))));
     assert!(file.residual_pattern.is_some() && file.stages.detection.is_some() && !file.event_classes.is_empty());
     // From the header of the recording.
     assert_eq!(file.camera_name.as_deref(), Some("DAVIS346_evcalsim"));

@@ -132,7 +132,7 @@ fn frames_and_samples_of_mvsec_are_read() {
     let (folder, paths) = written_by(&[("hdf5-mvsec", "h5")], &events(UNIX_TIME));
     let recording = Recording::new(&paths[0], RecordingOptions::default()).unwrap();
     let mut extras = recording.open_extras().unwrap();
-    assert_eq!(extras.held(), OtherStreams { frames: true, imu: true });
+    assert_eq!(extras.streams(), OtherStreams { frames: true, imu: true });
     let found: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut Vec::new())).collect();
     let close = |t: i64, milliseconds: i64| (t - UNIX_TIME - 1000 * milliseconds).abs() <= 1;
     let [Extra::Inertial(first), Extra::Frame(frame), Extra::Inertial(_), Extra::Frame(last), Extra::Inertial(_)] =

@@ -106,7 +106,7 @@ impl Bus {
         if !std::mem::replace(&mut self.unplugged, true) {
             self.nodes.iter_mut().for_each(|(_, node)| node.shut_down());
             tree::hide(&self.directory, self.port)?;
-            self.tell(Action::Remove)?;
+            self.notify(Action::Remove)?;
         }
         Ok(())
     }
@@ -115,12 +115,12 @@ impl Bus {
         if std::mem::replace(&mut self.unplugged, false) {
             self.model.power_cycle();
             tree::show(&self.directory, self.port)?;
-            self.tell(Action::Add)?;
+            self.notify(Action::Add)?;
         }
         Ok(())
     }
 
-    fn tell(&mut self, action: Action) -> io::Result<()> {
+    fn notify(&mut self, action: Action) -> io::Result<()> {
         self.messages += 1;
         let (path, address) = (self.port.path(), self.port.address());
         uevent::send(&self.directory, action, self.messages, &path, BUS, address)

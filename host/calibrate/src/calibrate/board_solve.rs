@@ -8,15 +8,15 @@ use super::Task;
 use super::error::CalibrateError;
 use super::joint_solve::{certainty, refined as refined_from, solve};
 use super::progress::Progress;
+use crate::quality::board_evidence::{BoardEstimate, BoardEvidence};
+use crate::quality::misfit::lens_explains_more;
+use crate::quality::residual_map::residual_map;
+use crate::quality::uncertainty::SolveUncertainty;
 use crate::solve::State;
 use crate::solve::refinement::{EventInput, Refined, RefinementInput};
-use crate::trust::board_evidence::{BoardEstimate, BoardEvidence};
-use crate::trust::misfit::lens_explains_more;
-use crate::trust::residual_map::residual_map;
-use crate::trust::uncertainty::SolveUncertainty;
 use evcal_geometry::board::shape::{BoardShape, PARAMETERS};
 use evcal_geometry::lens::distortion_prior::distortion_prior;
-use evcal_geometry::lens::held::with_held;
+use evcal_geometry::lens::fixed::with_fixed;
 
 /// Most solves in which parameters of the board are added or removed.
 const MOST_CHANGES: usize = 3;
@@ -55,13 +55,13 @@ pub(super) fn solve_with_board(
 ) -> Result<BoardSolve, CalibrateError> {
     let requests = &task.parameters;
     let stated = shape_with(&BoardShape::stated(task.board).parameters(), &requests.fixed_board);
-    let camera = with_held(&state.camera, &requests.fixed_intrinsics, input.sensor)
+    let camera = with_fixed(&state.camera, &requests.fixed_intrinsics, input.sensor)
         .filter(|_| stated.is_possible(task.board))
         .ok_or(CalibrateError::ImpossibleValues)?;
-    let held = requests.fixed_intrinsics.map(|value| value.is_some());
+    let fixed = requests.fixed_intrinsics.map(|value| value.is_some());
     let mut free = requests.free_board;
     let state = State { camera, board: stated, ..state };
-    let (mut refined, mut certainty) = solve(task, &with(input, free, held), state, progress)?;
+    let (mut refined, mut certainty) = solve(task, &with(input, free, fixed), state, progress)?;
     let mut as_stated = None;
     for _ in 0..MOST_CHANGES {
         let Some(evidence) = certainty.board else { break };
@@ -73,19 +73,19 @@ pub(super) fn solve_with_board(
         if free == [false; PARAMETERS] && lens_is_to_blame(&refined, &certainty, shape, asked) {
             break;
         }
-        progress.tell("joint solve with the board's shape")?;
+        progress.report("joint solve with the board's shape")?;
         let before = refined.state.camera;
         let state = State { board: shape, ..refined.state };
-        let (with_shape, certainty_with_shape) = solve(task, &with(input, asked, held), state, progress)?;
+        let (with_shape, certainty_with_shape) = solve(task, &with(input, asked, fixed), state, progress)?;
         as_stated = as_stated.or(Some((before, certainty)));
         (refined, certainty, free) = (with_shape, certainty_with_shape, asked);
     }
     let mut undetermined = undetermined(task, &refined, &certainty);
     if !undetermined.is_empty() {
-        let with_held = hold(task, with(input, free, held), &refined, &undetermined, progress)?;
+        let with_fixed = hold(task, with(input, free, fixed), &refined, &undetermined, progress)?;
         // If the residuals grew, the coefficients were determined after all, in combination.
-        if with_held.0.residuals.rms < WORSE * refined.residuals.rms {
-            (refined, certainty) = with_held;
+        if with_fixed.0.residuals.rms < WORSE * refined.residuals.rms {
+            (refined, certainty) = with_fixed;
         } else {
             undetermined.clear();
         }
@@ -99,10 +99,10 @@ pub(super) fn solve_with_board(
 fn with<'a>(
     input: &RefinementInput<'a, CalibrateError>,
     free_board: [bool; PARAMETERS],
-    held: [bool; MAX_PARAMETERS],
+    fixed: [bool; MAX_PARAMETERS],
 ) -> RefinementInput<'a, CalibrateError> {
     let events = input.events.as_ref().map(|events| EventInput { ..*events });
-    RefinementInput { free_board, held, points: input.points.clone(), events, ..*input }
+    RefinementInput { free_board, fixed, points: input.points.clone(), events, ..*input }
 }
 
 /// Returns the parameters of the board that are to be estimated: those that the user requests, and those that the observations
@@ -186,12 +186,12 @@ fn hold(
     let mut values = task.parameters.fixed_intrinsics;
     for &index in undetermined {
         values[index] = Some(expected[index]);
-        input.held[index] = true;
+        input.fixed[index] = true;
     }
-    let camera = with_held(&state.camera, &values, input.sensor).ok_or(CalibrateError::ImpossibleValues)?;
-    progress.tell("joint solve with undetermined parameters fixed")?;
+    let camera = with_fixed(&state.camera, &values, input.sensor).ok_or(CalibrateError::ImpossibleValues)?;
+    progress.report("joint solve with undetermined parameters fixed")?;
     let (mut refined, system) = refined_from(task, &input, State { camera, ..state }, progress)?;
-    progress.tell("uncertainty")?;
+    progress.report("uncertainty")?;
     for &index in undetermined {
         refined.problem.free.intrinsics[index] = true;
     }

@@ -4,9 +4,9 @@ use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
 
+use super::interval_choice::IntervalChoice;
 use super::mounted::SecondCamera;
-use super::other_stretches::FollowedStretch;
-use super::stretch_choice::StretchChoice;
+use super::other_intervals::FollowedInterval;
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::{PointObservation, ReferenceFrame};
 use crate::detection::DetectionReport;
@@ -15,13 +15,13 @@ use crate::initial::model_choice::ModelChoice;
 use crate::initial::{InitialModel, PosedFrame};
 use crate::picture_calibration::calibration::{PictureCalibration, PictureReport};
 use crate::picture_calibration::joint::JointReport;
+use crate::quality::cross_check::CrossCheckOutcome;
+use crate::quality::verdict::Verdict;
+use crate::quality::{EventQuality, Quality};
 use crate::solve::event_sample::EventSample;
 use crate::solve::refinement::Refined;
 use crate::solve::residual_statistics::{Measured, ResidualStatistics};
 use crate::trajectory::segment::SegmentReport;
-use crate::trust::verdict::Verdict;
-use crate::trust::witness::WitnessOutcome;
-use crate::trust::{EventTrust, Trust};
 use evcal_geometry::lens::covered_region::CoveredRegion;
 use event_recordings::pass::RecordingReport;
 
@@ -36,7 +36,7 @@ pub struct Calibrated {
     /// Statistics of the choice of the camera model, if it was automatic.
     pub model_choice: Option<ModelChoice>,
     /// Uncertainty and coverage.
-    pub trust: Trust,
+    pub quality: Quality,
     /// The verdict.
     pub verdict: Verdict,
     /// Data from which the camera was calibrated.
@@ -75,9 +75,9 @@ pub struct EventCalibration {
     /// Windows outside the joint solve.
     pub other_windows: Vec<CompactFrame>,
     /// Choice of the seconds of a long recording; `None` if all of them are in the joint solve.
-    pub choice: Option<StretchChoice>,
+    pub choice: Option<IntervalChoice>,
     /// The poses along intervals outside the joint solve.
-    pub followed: Vec<FollowedStretch>,
+    pub followed: Vec<FollowedInterval>,
     /// Section 5: start of the joint solve.
     pub initial: InitialModel,
     /// Section 6.
@@ -90,10 +90,10 @@ pub struct EventCalibration {
     pub measured: Measured,
     /// Sections 8 to 11: camera, event biases and trajectories.
     pub refined: Refined,
-    /// Quality measures in addition to [`Calibrated::trust`].
-    pub trust: EventTrust,
+    /// Quality measures in addition to [`Calibrated::quality`].
+    pub quality: EventQuality,
     /// Cross-check with the camera's own pictures; `None` if the recordings contain none.
-    pub witness: Option<WitnessOutcome>,
+    pub cross_check: Option<CrossCheckOutcome>,
     /// Statistics of the joint solve of pictures and events, if there was one.
     pub joint: Option<JointReport>,
     /// The IMU, if requested.
@@ -126,7 +126,7 @@ impl Calibrated {
 
     /// Returns the standard deviation of each parameter of the camera, in the order of [`Camera::parameters`].
     pub fn sigma(&self) -> Vec<f64> {
-        self.trust.uncertainty.sigma()
+        self.quality.uncertainty.sigma()
     }
 
     /// Returns statistics of the distances of the observations from their predicted positions.
@@ -195,7 +195,7 @@ impl Calibrated {
     /// Returns the counts of the camera's own pictures; `None` without pictures.
     pub fn picture_report(&self) -> Option<&PictureReport> {
         match &self.evidence {
-            Evidence::Events(events) => events.witness.as_ref().map(WitnessOutcome::report),
+            Evidence::Events(events) => events.cross_check.as_ref().map(CrossCheckOutcome::report),
             Evidence::Pictures(pictures) => Some(&pictures.report),
         }
     }

@@ -108,7 +108,7 @@ fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateErr
     // The error at which the first damaged recording ends.
     let mut damage = None;
     for (index, input) in task.inputs.iter().enumerate() {
-        progress.tell(format!("looking for the board in {}", input.short_name()))?;
+        progress.report(format!("looking for the board in {}", input.short_name()))?;
         match input {
             Input::Events(recording) => {
                 let (fingerprint, broken) = all.look_through(task, index, recording, progress)?;
@@ -163,8 +163,8 @@ impl Detected {
         if pass.count == 0 {
             return Err(CalibrateError::Empty { file: recording.path().display().to_string() });
         }
-        let stretches = saturation.finish().stretches.into_iter();
-        self.saturated.extend(stretches.map(|(start, end)| LeftOut {
+        let intervals = saturation.finish().intervals.into_iter();
+        self.saturated.extend(intervals.map(|(start, end)| LeftOut {
             recording: index,
             start,
             end,
@@ -297,7 +297,7 @@ fn check_times(task: &Task, health: &[Health]) -> Result<(), CalibrateError> {
 fn other_board(task: &Task, sensor: Sensor, progress: &Progress) -> Result<Option<OtherReading>, CalibrateError> {
     for input in task.inputs {
         if let Input::Events(recording) = input {
-            progress.tell(format!("looking for another board in {}", input.short_name()))?;
+            progress.report(format!("looking for another board in {}", input.short_name()))?;
             let found = find_other_board(recording, sensor, task.board, &task.settings.detection)?;
             if found.is_some() {
                 return Ok(found);

@@ -77,7 +77,7 @@ pub enum CalibrateError {
     #[error(
         "with these fixed parameters no event is near the board's circles: do the values belong to this lens? Parameters that are not fixed are estimated"
     )]
-    HeldFarOff,
+    FixedFarOff,
     /// The stated board is a part of a larger one.
     #[error("too few views are consistent: is the board described correctly? It looks like {}: {}", .0.found, .0.board)]
     LargerBoard(Box<LargerBoard>),

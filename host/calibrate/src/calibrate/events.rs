@@ -10,14 +10,14 @@ use super::error::CalibrateError;
 use super::examination::{Seen, examine_calibration};
 use super::first_model::first_model;
 use super::frames::{Frames, keep_examples, take_frames};
+use super::interval_choice::choose_intervals;
 use super::joint_solve::trajectory_settings;
 use super::model_solve::solve_with_model;
-use super::other_stretches::follow_others;
+use super::other_intervals::follow_others;
 use super::picture_solve::{WithPictures, join_pictures};
-use super::pictures::{Files, calibrate_beside, witness};
+use super::pictures::{Files, calibrate_beside, cross_check};
 use super::progress::Progress;
 use super::saturated::Saturated;
-use super::stretch_choice::choose_stretches;
 use crate::circles::reference_frame::PointObservation;
 use crate::initial::InitialModel;
 use crate::solve::event_bias::unknown;
@@ -36,7 +36,7 @@ use evcal_geometry::board::shape::BoardShape;
 pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, CalibrateError> {
     let detected = detect(task, progress)?;
     let sensor = detected.sensor;
-    let choice = choose_stretches(&detected.windows, task, sensor);
+    let choice = choose_intervals(&detected.windows, task, sensor);
     let Frames { taken: mut frames, others } = take_frames(detected.windows, detected.frames, choice.as_ref());
     let saturated = Saturated::new(detected.saturated, &detected.recordings);
 
@@ -50,14 +50,14 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     keep_examples(&mut frames, &first.initial);
     let events = detected.events.of_choice(choice.as_ref(), task, sensor, progress)?;
 
-    progress.tell("trajectory")?;
+    progress.report("trajectory")?;
     let start = first_trajectories(&first.initial, &frames, trajectory_settings(task.settings))?;
 
     let read = events.reader(task, sensor, progress);
     let input = first_input(task, &first.initial, sensor, events.input(&*read), start.points, &saturated.left_out);
     let state = first_state(task, first.initial.camera, start.trajectories);
     let (solve, model_choice) = solve_with_model(task, &input, state, first.choice, progress)?;
-    let witness = pictures.as_ref().map(|pictures| witness(&solve, sensor, pictures));
+    let cross_check = pictures.as_ref().map(|pictures| cross_check(&solve, sensor, pictures));
     let WithPictures { mut solve, joint, own } =
         join_pictures(task, input, solve, pictures.as_ref().map(|pictures| &pictures.calibrated), progress)?;
     drop(read);
@@ -65,7 +65,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let sample = events.sample.thinned(SAMPLE);
     let followed = follow_others(task, &mut solve, &others, &detected.recordings, progress)?;
 
-    progress.tell("examination")?;
+    progress.report("examination")?;
     let seen = Seen {
         sensor,
         health: &detected.health,
@@ -73,7 +73,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         frames: &frames,
         initial: &first.initial,
     };
-    let examined = examine_calibration(task, &seen, solve, &saturated.kept, witness)?;
+    let examined = examine_calibration(task, &seen, solve, &saturated.kept, cross_check)?;
 
     let calibration = EventCalibration {
         detection: detected.detection,
@@ -87,8 +87,8 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         segments_without_spline: start.without_spline,
         measured,
         refined: examined.refined,
-        trust: examined.event_trust,
-        witness: examined.witness,
+        quality: examined.event_quality,
+        cross_check: examined.cross_check,
         joint,
         inertial: None,
         second_cameras: Vec::new(),
@@ -99,7 +99,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         starts: detected.starts,
         recordings: detected.recordings,
         model_choice,
-        trust: examined.trust,
+        quality: examined.quality,
         verdict: examined.verdict,
         evidence: Evidence::Events(Box::new(calibration)),
     })
@@ -123,7 +123,7 @@ fn first_input<'a>(
         point_sigma: initial.report.rms.max(SMALLEST_POINT_SIGMA),
         left_out,
         free_board: [false; BOARD_PARAMETERS],
-        held: [false; MAX_PARAMETERS],
+        fixed: [false; MAX_PARAMETERS],
     }
 }
 

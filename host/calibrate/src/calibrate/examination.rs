@@ -11,12 +11,12 @@ use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::larger_pattern::larger_pattern;
 use crate::detection::unplaced::UnplacedWindows;
 use crate::initial::InitialModel;
+use crate::quality::cross_check::CrossCheckOutcome;
+use crate::quality::verdict::{Finding, Verdict, verdict};
+use crate::quality::{EventQuality, Quality, SolveCertainty, examine};
 use crate::solve::State;
 use crate::solve::left_out::LeftOut;
 use crate::solve::refinement::Refined;
-use crate::trust::verdict::{Finding, Verdict, verdict};
-use crate::trust::witness::WitnessOutcome;
-use crate::trust::{EventTrust, SolveCertainty, Trust, examine};
 
 /// Results of the stages before the joint solve.
 pub(super) struct Seen<'a> {
@@ -34,9 +34,9 @@ pub(super) struct Seen<'a> {
 /// A calibration and its quality measures.
 pub(super) struct Examined {
     pub(super) refined: Refined,
-    pub(super) trust: Trust,
-    pub(super) event_trust: EventTrust,
-    pub(super) witness: Option<WitnessOutcome>,
+    pub(super) quality: Quality,
+    pub(super) event_quality: EventQuality,
+    pub(super) cross_check: Option<CrossCheckOutcome>,
     pub(super) verdict: Verdict,
 }
 
@@ -49,17 +49,18 @@ pub(super) fn examine_calibration(
     seen: &Seen,
     solve: BoardSolve,
     saturated: &[LeftOut],
-    witness: Option<WitnessOutcome>,
+    cross_check: Option<CrossCheckOutcome>,
 ) -> Result<Examined, CalibrateError> {
     let BoardSolve { mut refined, certainty: uncertainty, board, undetermined, .. } = solve;
     let certainty = SolveCertainty { uncertainty, board, undetermined };
-    let (trust, event_trust) = examine(&refined, certainty, task.board, saturated).map_err(CalibrateError::Solve)?;
+    let (quality, event_quality) =
+        examine(&refined, certainty, task.board, saturated).map_err(CalibrateError::Solve)?;
     refined.events = Vec::new();
-    let (findings, witness) = findings(task, seen, &refined.state, witness);
+    let (findings, cross_check) = findings(task, seen, &refined.state, cross_check);
     let camera = &refined.state.camera;
     let settings = &task.settings.verdict;
-    let verdict = verdict(camera, &trust, Some(&event_trust), task.board, seen.sensor, findings, settings);
-    Ok(Examined { refined, trust, event_trust, witness, verdict })
+    let verdict = verdict(camera, &quality, Some(&event_quality), task.board, seen.sensor, findings, settings);
+    Ok(Examined { refined, quality, event_quality, cross_check, verdict })
 }
 
 /// Returns the findings on the recordings at the solution `state`, and the result of the cross-check with pictures, now that the
@@ -68,19 +69,20 @@ fn findings(
     task: &Task,
     seen: &Seen,
     state: &State,
-    witness: Option<WitnessOutcome>,
-) -> (Vec<Finding>, Option<WitnessOutcome>) {
+    cross_check: Option<CrossCheckOutcome>,
+) -> (Vec<Finding>, Option<CrossCheckOutcome>) {
     let mut findings = health::findings_on(seen.health);
     findings.extend(other_camera::findings_on(task.inputs, seen.frames, seen.initial));
     findings.extend(unseen_rows::finding_on(task.board.lattice(), seen.frames));
     let circles = task.board.circles();
     let larger = circles.and_then(|board| larger_pattern(seen.unplaced, board.pattern, seen.sensor));
-    let witness = if larger.is_some() { witness.map(WitnessOutcome::with_larger_board) } else { witness };
+    let cross_check =
+        if larger.is_some() { cross_check.map(CrossCheckOutcome::with_larger_board) } else { cross_check };
     findings.extend(
         larger
             .zip(circles)
             .map(|(larger, board)| unstated_rows::finding_on(&larger, board, &state.camera, &state.trajectories)),
     );
-    findings.extend(witness.as_ref().and_then(WitnessOutcome::finding));
-    (findings, witness)
+    findings.extend(cross_check.as_ref().and_then(CrossCheckOutcome::finding));
+    (findings, cross_check)
 }

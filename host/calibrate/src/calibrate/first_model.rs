@@ -38,7 +38,7 @@ fn of_model(
     progress: &Progress,
 ) -> Result<FirstModel, CalibrateError> {
     let settings = task.settings;
-    progress.tell(format!("initial model from {} reference frames", frames.len()))?;
+    progress.report(format!("initial model from {} reference frames", frames.len()))?;
     match task.model {
         ModelRequest::Given(model) => {
             let initial = initial_model(frames, task.board, sensor, model, &settings.initial)?;
@@ -46,10 +46,11 @@ fn of_model(
         }
         ModelRequest::Auto => {
             // It cannot be cancelled there; the request takes effect afterwards.
-            let tell = |model| {
-                let _ = progress.tell(format!("initial model {model} from {} reference frames", frames.len()));
+            let on_progress = |model| {
+                let _ = progress.report(format!("initial model {model} from {} reference frames", frames.len()));
             };
-            let (initial, choice) = choose_model(frames, task.board, sensor, &CANDIDATES, &settings.initial, tell)?;
+            let (initial, choice) =
+                choose_model(frames, task.board, sensor, &CANDIDATES, &settings.initial, on_progress)?;
             progress.go_on()?;
             Ok(FirstModel { initial, choice: Some(choice) })
         }

@@ -1,6 +1,6 @@
 //! Selection of the reference frames for the joint solve, and of those that keep their events.
 
-use super::stretch_choice::{ChosenSeconds, StretchChoice, second_of};
+use super::interval_choice::{ChosenSeconds, IntervalChoice, second_of};
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::{ReferenceFrame, SeenIn};
 use crate::initial::InitialModel;
@@ -17,7 +17,7 @@ pub(super) struct Frames {
 pub(super) fn take_frames(
     windows: Vec<CompactFrame>,
     of_circles: Vec<ReferenceFrame>,
-    choice: Option<&StretchChoice>,
+    choice: Option<&IntervalChoice>,
 ) -> Frames {
     let chosen = choice.map(ChosenSeconds::new);
     let (mut taken, mut others) = (of_circles, Vec::new());

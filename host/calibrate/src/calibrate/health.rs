@@ -8,7 +8,7 @@ use crate::diagnosis::flicker::Flicker;
 use crate::diagnosis::rounded::Rounded;
 use crate::diagnosis::silent_lines::SilentLines;
 use crate::diagnosis::time_steps::CoarseTimes;
-use crate::trust::verdict::{Cause, Finding, Severity};
+use crate::quality::verdict::{Cause, Finding, Severity};
 
 /// Quality of a recording.
 #[derive(Clone, Debug, Default)]

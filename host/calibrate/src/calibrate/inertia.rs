@@ -9,7 +9,7 @@ use crate::inertial::error::InertialError;
 use crate::inertial::settings::InertialSettings;
 use crate::inertial::stream::ReadSamples;
 use crate::inertial::{FEWEST_SECONDS, RecordedSamples, calibrate_unit, csv, stream};
-use crate::solve::held_intrinsics::HeldIntrinsics;
+use crate::solve::fixed_intrinsics::FixedIntrinsics;
 
 /// Request for the calibration of an IMU, with prior knowledge.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -21,7 +21,7 @@ pub struct InertialRequest {
 }
 
 /// Calibrates the IMU of `inputs`, from which `calibrated` was made. The camera's intrinsics are estimated too, unless they are
-/// fixed at `held`.
+/// fixed (`fixed`).
 ///
 /// # Errors
 /// [`InertialError`] names the problem and the remedy; the calibration of the camera is not affected.
@@ -29,11 +29,11 @@ pub fn calibrate_inertial(
     calibrated: &Calibrated,
     inputs: &[Input],
     request: &InertialRequest,
-    held: Option<&HeldIntrinsics>,
+    fixed: Option<&FixedIntrinsics>,
 ) -> Result<InertialCalibration, InertialError> {
     let Evidence::Events(events) = &calibrated.evidence else { return Err(InertialError::NoTrajectory) };
     let recorded = recorded_samples(inputs, &calibrated.starts, request)?;
-    calibrate_unit(recorded, &events.refined, &calibrated.trust.uncertainty, held, &request.settings)
+    calibrate_unit(recorded, &events.refined, &calibrated.quality.uncertainty, fixed, &request.settings)
 }
 
 /// Checks before the calibration of the camera that the IMU samples of `inputs` are long enough. It reads only as many samples as

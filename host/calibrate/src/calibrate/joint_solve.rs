@@ -3,12 +3,12 @@
 use super::Task;
 use super::error::CalibrateError;
 use super::progress::Progress;
+use crate::quality::uncertainty::{SolveUncertainty, uncertainty};
 use crate::settings::Settings;
 use crate::solve::State;
 use crate::solve::refinement::{Refined, RefinementInput, StageSettings, refine};
 use crate::solve::system::System;
 use crate::trajectory::first::FirstTrajectorySettings;
-use crate::trust::uncertainty::{SolveUncertainty, uncertainty};
 
 /// Returns the settings of the joint solve.
 pub(super) fn stage_settings(settings: &Settings) -> StageSettings<'_> {
@@ -33,8 +33,8 @@ pub(super) fn refined(
     progress: &Progress,
 ) -> Result<(Refined, System), CalibrateError> {
     let stage = stage_settings(task.settings);
-    let tell = |round, done| progress.tell_part(&format!("joint solve, round {}", round + 1), done);
-    Ok(refine(input, state, stage, tell)?)
+    let on_progress = |round, done| progress.report_part(&format!("joint solve, round {}", round + 1), done);
+    Ok(refine(input, state, stage, on_progress)?)
 }
 
 /// Returns the uncertainty of a joint solve whose normal equations are `system`.
@@ -50,7 +50,7 @@ pub(super) fn solve(
     progress: &Progress,
 ) -> Result<(Refined, SolveUncertainty), CalibrateError> {
     let (refined, system) = refined(task, input, state, progress)?;
-    progress.tell("uncertainty")?;
+    progress.report("uncertainty")?;
     let certainty = certainty(&refined, system)?;
     Ok((refined, certainty))
 }

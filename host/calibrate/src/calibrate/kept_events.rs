@@ -5,8 +5,8 @@ use evcal_core::sensor::Sensor;
 use super::Task;
 use super::error::CalibrateError;
 use super::input::Input;
+use super::interval_choice::{ChosenSeconds, IntervalChoice, second_of};
 use super::progress::Progress;
-use super::stretch_choice::{ChosenSeconds, StretchChoice, second_of};
 use crate::solve::event_sample::{EventSample, RankedEvent, Thinning};
 use crate::solve::refinement::{EventInput, ReadRecording};
 
@@ -29,7 +29,7 @@ impl KeptEvents {
     /// [`CalibrateError`] if a recording cannot be read, or the caller cancels.
     pub(super) fn of_choice(
         self,
-        choice: Option<&StretchChoice>,
+        choice: Option<&IntervalChoice>,
         task: &Task,
         sensor: Sensor,
         progress: &Progress,
@@ -82,7 +82,7 @@ fn events_of(
     let mut counts = vec![0; task.inputs.len()];
     for (index, (input, count)) in task.inputs.iter().zip(&mut counts).enumerate() {
         let Input::Events(_) = input else { continue };
-        progress.tell(format!("reading the chosen seconds of {}", input.short_name()))?;
+        progress.report(format!("reading the chosen seconds of {}", input.short_name()))?;
         let mut thinning = Thinning::new(sensor);
         sample.begin(index);
         progress.read(task.inputs, index, &mut |events| {

@@ -7,9 +7,9 @@ use super::board_solve::{BoardSolve, solve_with_board};
 use super::error::CalibrateError;
 use super::progress::Progress;
 use crate::initial::model_choice::ModelChoice;
+use crate::quality::better_model;
 use crate::solve::State;
 use crate::solve::refinement::RefinementInput;
-use crate::trust::better_model;
 
 /// Solves from `state` on. If the model was chosen automatically and the events require another one, solves again with that
 /// model.
@@ -29,7 +29,7 @@ pub(super) fn solve_with_model(
     let better = better_model(&solved.refined, solved.certainty.intrinsics.inflation);
     let camera = better.and_then(|kind| refit(kind, &solved.refined.state.camera, input.sensor));
     let Some((kind, camera)) = better.zip(camera) else { return Ok((solved, Some(choice))) };
-    progress.tell(format!("joint solve with {kind}"))?;
+    progress.report(format!("joint solve with {kind}"))?;
     let state = State { camera, board, ..solved.refined.state };
     let solved = solve_with_board(task, input, state, progress)?;
     Ok((solved, Some(choice.instead(kind))))

@@ -2,8 +2,8 @@
 
 use evcal_core::sensor::Sensor;
 
+use crate::quality::verdict::Grade;
 use crate::second_camera::calibration::SecondCalibration;
-use crate::trust::verdict::Grade;
 use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::lens::covered_region::CoveredRegion;
 use event_recordings::image_folder::Stamps;

@@ -6,7 +6,7 @@ use super::input::Input;
 use crate::advice::Advice;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::InitialModel;
-use crate::trust::verdict::{Cause, Finding, Severity};
+use crate::quality::verdict::{Cause, Finding, Severity};
 
 /// Recordings with fewer reference frames are not checked.
 const FEWEST: usize = 20;

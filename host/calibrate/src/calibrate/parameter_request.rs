@@ -104,8 +104,8 @@ impl ParameterRequests {
                 }
             }
         }
-        let held = requests.fixed_intrinsics.iter().flatten().count();
-        if model.is_some_and(|model| held == model.parameter_names().len()) {
+        let fixed = requests.fixed_intrinsics.iter().flatten().count();
+        if model.is_some_and(|model| fixed == model.parameter_names().len()) {
             return Err(ParameterError::NothingLeft);
         }
         Ok(requests)

@@ -8,9 +8,9 @@ use super::pictures::{CalibratedPictures, observations, require};
 use super::progress::Progress;
 use super::{PictureUse, Task};
 use crate::picture_calibration::joint::{JointPoints, JointReport};
+use crate::quality::board_evidence::BoardEstimate;
 use crate::solve::FreeParameters;
 use crate::solve::refinement::RefinementInput;
-use crate::trust::board_evidence::BoardEstimate;
 
 /// A joint solve, with its pictures.
 pub(super) struct WithPictures {
@@ -35,7 +35,7 @@ pub(super) fn join_pictures(
     let is_joint = match task.pictures {
         PictureUse::Joint => true,
         PictureUse::SecondCamera => false,
-        PictureUse::Ignore | PictureUse::Witness | PictureUse::Only => {
+        PictureUse::Ignore | PictureUse::CrossCheck | PictureUse::Only => {
             return Ok(WithPictures { solve, joint: None, own: None });
         }
     };
@@ -61,8 +61,8 @@ fn solve_with_pictures(
 ) -> Result<BoardSolve, CalibrateError> {
     let BoardSolve { refined, board, as_stated, undetermined, .. } = solved;
     let FreeParameters { board: free_board, intrinsics, .. } = refined.problem.free;
-    let held = std::array::from_fn(|index| !intrinsics[index] || undetermined.contains(&index));
-    let input = RefinementInput { free_board, held, ..input };
+    let fixed = std::array::from_fn(|index| !intrinsics[index] || undetermined.contains(&index));
+    let input = RefinementInput { free_board, fixed, ..input };
     let (refined, certainty) = solve(task, &input, refined.state, progress)?;
     let board = BoardEstimate { shape: refined.state.board, sigma: certainty.board_sigma, ..board };
     Ok(BoardSolve { refined, certainty, board, as_stated, undetermined })

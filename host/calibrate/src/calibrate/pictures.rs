@@ -18,11 +18,11 @@ use crate::picture_calibration::calibration::{
     NoPictureCalibration, PictureCalibration, PictureSource, calibrate_pictures,
 };
 use crate::picture_calibration::joint::{JointPoints, joint_points};
+use crate::quality::cross_check::{CrossCheckOutcome, FailedCrossCheck, NoCrossCheck, cross_check_pictures};
+use crate::quality::examine_pictures;
+use crate::quality::uncertainty::Uncertainty;
+use crate::quality::verdict::verdict;
 use crate::solve::refinement::Refined;
-use crate::trust::examine_pictures;
-use crate::trust::uncertainty::Uncertainty;
-use crate::trust::verdict::verdict;
-use crate::trust::witness::{FailedWitness, NoWitness, WitnessOutcome, picture_witness};
 use event_recordings::images::ImagesError;
 use event_recordings::pass::RecordingReport;
 use event_recordings::pictures::TimedImage;
@@ -80,7 +80,7 @@ pub(super) fn calibrate_beside(
 ) -> Result<Option<PicturesBeside>, CalibrateError> {
     let is_needed = match task.pictures {
         PictureUse::Ignore | PictureUse::Only => return Ok(None),
-        PictureUse::Witness => false,
+        PictureUse::CrossCheck => false,
         PictureUse::Joint | PictureUse::SecondCamera => true,
     };
     let seen = if is_needed { see_pictures(task, files, 0, progress)? } else { see_enough(task, files, progress)? };
@@ -101,7 +101,7 @@ fn is_in_the_way(pictures: PictureUse, misalignment: &Misalignment) -> bool {
         PictureUse::Joint => true,
         // A second camera may have another lens.
         PictureUse::SecondCamera => !misalignment.is_of_lens(),
-        PictureUse::Witness | PictureUse::Only | PictureUse::Ignore => false,
+        PictureUse::CrossCheck | PictureUse::Only | PictureUse::Ignore => false,
     }
 }
 
@@ -126,11 +126,11 @@ fn see_pictures(task: &Task, files: Files, interval: i64, progress: &Progress) -
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);
         let origin = match input {
             Input::Events(recording) if recording.may_hold_frames() && without.get(number) != Some(&true) => {
-                progress.tell(format!("looking for the board in the frames of {}", input.short_name()))?;
+                progress.report(format!("looking for the board in the frames of {}", input.short_name()))?;
                 detection.search(number, start, |visit| recording.visit_frames(visit))?
             }
             Input::Images(images) => {
-                progress.tell(format!("looking for the board in the frames of {}", input.short_name()))?;
+                progress.report(format!("looking for the board in the frames of {}", input.short_name()))?;
                 let images = |visit: &mut dyn FnMut(TimedImage)| images.visit(visit);
                 detection.search::<ImagesError>(number, start, images)?
             }
@@ -155,12 +155,12 @@ fn picture_calibration(
         return None;
     }
     // It cannot be cancelled there; the request takes effect afterwards.
-    let _ = progress.tell(format!("calibration from {} {source}", seen.frames.len()));
+    let _ = progress.report(format!("calibration from {} {source}", seen.frames.len()));
     Some(calibrate_pictures(seen.frames, seen.report, source, task.board, sensor, model, &task.settings.initial))
 }
 
 /// Compares the result from events with the one from pictures.
-pub(super) fn witness(solve: &BoardSolve, sensor: Sensor, pictures: &PicturesBeside) -> WitnessOutcome {
+pub(super) fn cross_check(solve: &BoardSolve, sensor: Sensor, pictures: &PicturesBeside) -> CrossCheckOutcome {
     // The pictures are calibrated with the nominal board, so they are compared with the result for that board.
     let (camera, certainty) = match &solve.as_stated {
         Some((camera, certainty)) => (camera, certainty),
@@ -171,15 +171,15 @@ pub(super) fn witness(solve: &BoardSolve, sensor: Sensor, pictures: &PicturesBes
     let calibration = match &pictures.calibrated {
         Ok(calibration) => calibration,
         Err(NoPictureCalibration { reason, report }) => {
-            let reason = NoWitness::NoCalibration(reason.clone());
-            return WitnessOutcome::Failed(FailedWitness { reason, misalignment, report: report.clone() });
+            let reason = NoCrossCheck::NoCalibration(reason.clone());
+            return CrossCheckOutcome::Failed(FailedCrossCheck { reason, misalignment, report: report.clone() });
         }
     };
-    match picture_witness(camera, covariance, calibration, sensor, misalignment) {
-        Ok(witness) => WitnessOutcome::Witness(Box::new(witness)),
+    match cross_check_pictures(camera, covariance, calibration, sensor, misalignment) {
+        Ok(cross_check) => CrossCheckOutcome::Compared(Box::new(cross_check)),
         Err(reason) => {
             let report = Box::new(calibration.report.clone());
-            WitnessOutcome::Failed(FailedWitness { reason, misalignment, report })
+            CrossCheckOutcome::Failed(FailedCrossCheck { reason, misalignment, report })
         }
     }
 }
@@ -240,10 +240,10 @@ pub(super) fn calibrate_seen(
         ModelRequest::Auto => {
             let stage = &task.settings.initial;
             // It cannot be cancelled there; the request takes effect afterwards.
-            let tell = |model| {
-                let _ = progress.tell(format!("initial model {model} from {} {source}", seen.frames.len()));
+            let on_progress = |model| {
+                let _ = progress.report(format!("initial model {model} from {} {source}", seen.frames.len()));
             };
-            let (initial, choice) = choose_model(&seen.frames, task.board, sensor, &CANDIDATES, stage, tell)?;
+            let (initial, choice) = choose_model(&seen.frames, task.board, sensor, &CANDIDATES, stage, on_progress)?;
             progress.go_on()?;
             (initial.camera.kind(), Some(choice))
         }
@@ -255,10 +255,10 @@ pub(super) fn calibrate_seen(
             PictureSource::StillViews => CalibrateError::Views,
         })?;
     progress.go_on()?;
-    let trust = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;
-    let verdict = verdict(&calibration.camera, &trust, None, task.board, sensor, Vec::new(), &task.settings.verdict);
+    let quality = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;
+    let verdict = verdict(&calibration.camera, &quality, None, task.board, sensor, Vec::new(), &task.settings.verdict);
     let evidence = Evidence::Pictures(Box::new(calibration));
-    Ok(Calibrated { sensor, starts, recordings, model_choice, trust, verdict, evidence })
+    Ok(Calibrated { sensor, starts, recordings, model_choice, quality, verdict, evidence })
 }
 
 /// Returns the contents of recording `number`: pictures with the board, up to the end of the last.

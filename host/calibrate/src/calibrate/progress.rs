@@ -11,13 +11,13 @@ use super::step::Step;
 use event_recordings::pass::Pass;
 
 /// Callback for progress, which can cancel the calibration.
-pub(super) type Tell<'a> = dyn FnMut(Step) -> ControlFlow<()> + Send + 'a;
+pub(super) type ProgressCallback<'a> = dyn FnMut(Step) -> ControlFlow<()> + Send + 'a;
 
 /// Reports progress to the caller, and remembers that the caller cancelled.
 pub(super) struct Progress<'a>(Mutex<State<'a>>);
 
 struct State<'a> {
-    tell: &'a mut Tell<'a>,
+    on_progress: &'a mut ProgressCallback<'a>,
     /// The last reported text.
     text: String,
     /// Number of events of each recording that was read to its end, by input.
@@ -31,7 +31,7 @@ struct State<'a> {
 
 impl State<'_> {
     fn ask(&mut self, done: Option<f64>) -> Result<(), CalibrateError> {
-        self.stopped = self.stopped || (self.tell)(Step { text: &self.text, done }).is_break();
+        self.stopped = self.stopped || (self.on_progress)(Step { text: &self.text, done }).is_break();
         if self.stopped { Err(CalibrateError::Stopped) } else { Ok(()) }
     }
 
@@ -56,16 +56,16 @@ impl State<'_> {
 
 impl<'a> Progress<'a> {
     /// Creates the progress of a calibration of `inputs`.
-    pub(super) fn new(inputs: &[Input], tell: &'a mut Tell<'a>) -> Self {
+    pub(super) fn new(inputs: &[Input], on_progress: &'a mut ProgressCallback<'a>) -> Self {
         let known = inputs.iter().map(|input| matches!(input, Input::Circles { .. }).then_some(0)).collect();
-        Self(Mutex::new(State { tell, text: String::new(), done: None, known, read: 0, stopped: false }))
+        Self(Mutex::new(State { on_progress, text: String::new(), done: None, known, read: 0, stopped: false }))
     }
 
     /// Reports the next step.
     ///
     /// # Errors
     /// [`CalibrateError::Stopped`] once the caller cancelled; it is not asked again.
-    pub(super) fn tell(&self, text: impl Into<String>) -> Result<(), CalibrateError> {
+    pub(super) fn report(&self, text: impl Into<String>) -> Result<(), CalibrateError> {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         state.text = text.into();
         (state.done, state.read) = (None, 0);
@@ -75,8 +75,8 @@ impl<'a> Progress<'a> {
     /// Reports the progress of the step `text`, 0 to 1. It never decreases, and reading does not change it.
     ///
     /// # Errors
-    /// As for [`Progress::tell`].
-    pub(super) fn tell_part(&self, text: &str, done: f64) -> Result<(), CalibrateError> {
+    /// As for [`Progress::report`].
+    pub(super) fn report_part(&self, text: &str, done: f64) -> Result<(), CalibrateError> {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let before = state.done.filter(|_| state.text == text).unwrap_or(0.0);
         text.clone_into(&mut state.text);
@@ -88,7 +88,7 @@ impl<'a> Progress<'a> {
     /// Reports the current step again, to give the caller the chance to cancel.
     ///
     /// # Errors
-    /// As for [`Progress::tell`].
+    /// As for [`Progress::report`].
     pub(super) fn go_on(&self) -> Result<(), CalibrateError> {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let done = state.done;
@@ -153,7 +153,7 @@ mod tests {
         let inputs = input();
         let (mut asked, mut visited) = (0, 0);
         let mut last = 0.0;
-        let mut tell = |step: Step| {
+        let mut on_progress = |step: Step| {
             assert_eq!(step.text, "reading");
             // Not known before the first events were read.
             assert_eq!(step.done.is_some(), asked > 0);
@@ -162,8 +162,8 @@ mod tests {
             asked += 1;
             if asked < 4 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         };
-        let progress = Progress::new(&inputs, &mut tell);
-        progress.tell("reading").unwrap();
+        let progress = Progress::new(&inputs, &mut on_progress);
+        progress.report("reading").unwrap();
         let read = progress.read(&inputs, 0, &mut |events| visited += events.len());
         assert!(matches!(read.err(), Some(CalibrateError::Stopped)));
         assert!(matches!(progress.go_on(), Err(CalibrateError::Stopped)));
@@ -175,15 +175,15 @@ mod tests {
     fn a_pass_through_recordings_that_were_read_before_counts_all_of_them() {
         let inputs: Vec<Input> = input().into_iter().chain(input()).collect();
         let mut told: Vec<(String, Option<f64>)> = Vec::new();
-        let mut tell = |step: Step| {
+        let mut on_progress = |step: Step| {
             told.push((step.text.to_owned(), step.done));
             ControlFlow::Continue(())
         };
-        let progress = Progress::new(&inputs, &mut tell);
+        let progress = Progress::new(&inputs, &mut on_progress);
         for text in ["first", "second"] {
             for index in 0..2 {
                 if text == "first" || index == 0 {
-                    progress.tell(text).unwrap();
+                    progress.report(text).unwrap();
                 }
                 progress.read(&inputs, index, &mut |_| {}).unwrap();
             }
@@ -204,18 +204,18 @@ mod tests {
     fn progress_measured_by_a_step_never_decreases_while_events_are_read() {
         let inputs = input();
         let mut told: Vec<(String, Option<f64>)> = Vec::new();
-        let mut tell = |step: Step| {
+        let mut on_progress = |step: Step| {
             told.push((step.text.to_owned(), step.done));
             ControlFlow::Continue(())
         };
-        let progress = Progress::new(&inputs, &mut tell);
-        progress.tell_part("round", 0.1).unwrap();
+        let progress = Progress::new(&inputs, &mut on_progress);
+        progress.report_part("round", 0.1).unwrap();
         progress.read(&inputs, 0, &mut |_| {}).unwrap();
-        progress.tell_part("round", 0.4).unwrap();
-        progress.tell_part("round", 0.3).unwrap();
+        progress.report_part("round", 0.4).unwrap();
+        progress.report_part("round", 0.3).unwrap();
         progress.go_on().unwrap();
-        progress.tell_part("next round", 0.2).unwrap();
-        progress.tell("end").unwrap();
+        progress.report_part("next round", 0.2).unwrap();
+        progress.report("end").unwrap();
         drop(progress);
         let of = |text: &str| told.iter().filter(|(other, _)| other == text).map(|(_, done)| *done).collect::<Vec<_>>();
         let round = of("round");

@@ -152,8 +152,8 @@ pub fn repeat(
             Ok(calibrated) => {
                 let camera = *calibrated.camera();
                 model = ModelRequest::Given(camera.kind());
-                let stated = calibrated.trust.projection.rms_95;
-                let sigma = calibrated.trust.uncertainty.sigma();
+                let stated = calibrated.quality.projection.rms_95;
+                let sigma = calibrated.quality.uncertainty.sigma();
                 cameras.push((index, calibrated));
                 Ok(RunCamera { parameters: camera.parameters().to_vec(), sigma, difference: 0.0, stated })
             }
@@ -207,7 +207,7 @@ impl Summary {
                 let squares: f64 = row.iter().map(|value| (value - mean[index]) * (value - mean[index])).sum();
                 let stated: f64 = cameras
                     .iter()
-                    .filter_map(|(_, calibrated)| calibrated.trust.uncertainty.sigma().get(index).copied())
+                    .filter_map(|(_, calibrated)| calibrated.quality.uncertainty.sigma().get(index).copied())
                     .map(|sigma| sigma * sigma)
                     .sum();
                 ParameterScatter {

@@ -15,13 +15,13 @@ pub(super) struct Saturated {
 }
 
 impl Saturated {
-    pub(super) fn new(stretches: Vec<LeftOut>, recordings: &[RecordingReport]) -> Self {
+    pub(super) fn new(intervals: Vec<LeftOut>, recordings: &[RecordingReport]) -> Self {
         let duration = recordings.iter().map(|recording| recording.duration).sum::<f64>();
-        let of_saturated: f64 = stretches.iter().map(|stretch| stretch.end - stretch.start).sum();
+        let of_saturated: f64 = intervals.iter().map(|interval| interval.end - interval.start).sum();
         if of_saturated <= MOST_LEFT_OUT * duration {
-            Self { left_out: stretches, kept: Vec::new() }
+            Self { left_out: intervals, kept: Vec::new() }
         } else {
-            Self { left_out: Vec::new(), kept: stretches }
+            Self { left_out: Vec::new(), kept: intervals }
         }
     }
 }

@@ -16,7 +16,7 @@ use crate::second_camera::frames::{FrameCamera, SeenFrame, calibrate_frames};
 use crate::second_camera::joint::Lenses;
 use crate::second_camera::{Apart, Pictures, calibrate_pictures_against, calibrate_second};
 use crate::settings::Settings;
-use crate::solve::held_intrinsics::HeldIntrinsics;
+use crate::solve::fixed_intrinsics::FixedIntrinsics;
 use crate::solve::residual_statistics::Measured;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::symmetry::symmetries;
@@ -44,7 +44,7 @@ pub fn pictures_beside(first: &[Input], input: &Input) -> PictureUse {
     match input {
         Input::Images(_) => PictureUse::Only,
         _ if first.iter().any(|own| own.is_of_file_of(input)) => PictureUse::Ignore,
-        _ => PictureUse::Witness,
+        _ => PictureUse::CrossCheck,
     }
 }
 
@@ -93,8 +93,8 @@ pub fn calibrate_second_camera(
         return Err(SecondCameraError::SameRecording { file: file.to_owned() });
     }
     let calibration = calibrate_second(
-        Apart { refined: &of_first.refined, uncertainty: &first.trust.uncertainty },
-        Apart { refined: &of_second.refined, uncertainty: &second.trust.uncertainty },
+        Apart { refined: &of_first.refined, uncertainty: &first.quality.uncertainty },
+        Apart { refined: &of_second.refined, uncertainty: &second.quality.uncertainty },
         &symmetries(board),
         lenses,
     )?;
@@ -116,7 +116,7 @@ fn mounted(
         camera: CameraDescription::new(second.camera()),
         sigma: CameraDescription::of_values(second.camera().kind(), second.sigma()),
         covered: second.covered_region(),
-        lens_grade: (!calibration.held[1] && !calibration.rolling_shutter).then_some(second.verdict.grade),
+        lens_grade: (!calibration.fixed[1] && !calibration.rolling_shutter).then_some(second.verdict.grade),
         lens_verdict: second.verdict.sentence.clone(),
         starts: [start(first), start(second)],
         frames,
@@ -152,7 +152,7 @@ pub fn calibrate_frame_camera(
         point_sigma: pictures.spread,
         rolling_shutter,
     };
-    let apart = Apart { refined: &of_first.refined, uncertainty: &first.trust.uncertainty };
+    let apart = Apart { refined: &of_first.refined, uncertainty: &first.quality.uncertainty };
     let calibration = calibrate_frames(apart, camera, &symmetries(board), lenses)?;
     let used = SecondFrames { used: frames.len(), stamps: images.stamps(), exposure_known: images.exposure_known() };
     Ok(mounted(first, second, &images.name(), Some(used), calibration))
@@ -172,21 +172,21 @@ fn seen_frame(posed: &PosedFrame, frame: &ReferenceFrame) -> SeenFrame {
 /// [`SecondCameraError`] names the problem and the remedy.
 pub fn calibrate_own_pictures(
     first: &Calibrated,
-    held: Option<&HeldIntrinsics>,
+    fixed: Option<&FixedIntrinsics>,
 ) -> Result<SecondCamera, SecondCameraError> {
     if first.starts.len() != 1 {
         return Err(SecondCameraError::SeveralRecordings);
     }
     let of_first = along_trajectories(first)?;
     let pictures = of_first.own_pictures.as_ref().ok_or(SecondCameraError::NoTrajectory)?;
-    let refined = Apart { refined: &of_first.refined, uncertainty: &first.trust.uncertainty };
+    let refined = Apart { refined: &of_first.refined, uncertainty: &first.quality.uncertainty };
     let seen = Pictures {
         camera: pictures.camera,
         sigma: &pictures.sigma,
         points: &pictures.points,
         point_sigma: pictures.report.spread,
     };
-    let calibration = calibrate_pictures_against(refined, seen, held)?;
+    let calibration = calibrate_pictures_against(refined, seen, fixed)?;
     let start = first.starts.first().copied().unwrap_or(0.0);
     Ok(SecondCamera {
         file: "the first camera's own frames".to_owned(),

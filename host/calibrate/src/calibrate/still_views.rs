@@ -88,7 +88,7 @@ fn collect(task: &Task, progress: &Progress) -> Result<Views, CalibrateError> {
     let mut all = Views { sensor, views: Vec::new(), recordings: Vec::new(), starts: Vec::new() };
     let mut fingerprints = Fingerprints::default();
     for (index, input) in task.inputs.iter().enumerate() {
-        progress.tell(format!("looking for a board at rest in {}", input.short_name()))?;
+        progress.report(format!("looking for a board at rest in {}", input.short_name()))?;
         let (mut views, mut fingerprint) = (StillViews::new(sensor), Fingerprint::default());
         let pass = progress.read(task.inputs, index, &mut |events| {
             views.push(events);

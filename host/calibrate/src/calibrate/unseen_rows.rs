@@ -6,7 +6,7 @@ use evcal_core::pattern::Pattern;
 
 use crate::advice::Advice;
 use crate::circles::reference_frame::ReferenceFrame;
-use crate::trust::verdict::{Cause, Finding, Severity};
+use crate::quality::verdict::{Cause, Finding, Severity};
 
 /// Fewest reference frames for the check.
 const FEWEST: usize = 100;

@@ -10,8 +10,8 @@ use nalgebra::{Point3, Vector2};
 use crate::advice::Advice;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::larger_pattern::LargerPattern;
+use crate::quality::verdict::{Cause, Finding, Severity};
 use crate::trajectory::Trajectory;
-use crate::trust::verdict::{Cause, Finding, Severity};
 use evcal_geometry::board::CircleBoard;
 
 /// Distance of an origin from a circle, relative to the distance to the circle's neighbour in the image, below which the origin

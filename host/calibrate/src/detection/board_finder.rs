@@ -78,7 +78,7 @@ impl From<GridError> for NoBoard {
             GridError::NoLattice => Self::NoLattice,
             GridError::TooFewCircles { .. } => Self::TooFewOfBoard,
             GridError::NotSmooth => Self::Scattered,
-            GridError::WrongBoard { .. } => Self::BesideBoard,
+            GridError::WrongBoard { .. } => Self::LargerThanBoard,
             GridError::AmbiguousPlacement { .. } => Self::PlaceUncertain,
             GridError::NotAsExpected => Self::NotAsExpected,
             _ => Self::Unknown,

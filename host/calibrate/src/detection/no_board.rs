@@ -45,7 +45,7 @@ pub enum NoBoard {
     TooFewCorners,
     /// The lattice continues where the board ends.
     #[serde(rename = "circles beside the board")]
-    BesideBoard,
+    LargerThanBoard,
     /// The circles do not form a lattice.
     #[serde(rename = "circles form no lattice")]
     NoLattice,
@@ -100,7 +100,7 @@ impl NoBoard {
             Self::TooFewCircles => {
                 "is the board in view, moving and in focus? Try the soft extraction, or move faster".to_owned()
             }
-            Self::BesideBoard | Self::TooFewOfBoard | Self::PlaceUncertain => {
+            Self::LargerThanBoard | Self::TooFewOfBoard | Self::PlaceUncertain => {
                 "is the board described right: rows and columns, acircles or circles? Of rows with 5, 4, 5, 4 circles only 4 each are used: state 4 columns".to_owned()
             }
             Self::CornersBesideBoard => {
@@ -163,7 +163,7 @@ mod tests {
             OpencvFoundNone,
             Blurred,
             NotAsExpected,
-            BesideBoard,
+            LargerThanBoard,
             NoLattice,
             Scattered,
             NotRound,

@@ -239,7 +239,7 @@ mod tests {
             report.no_pattern(100, None).to_string(),
             "no pattern found in 13 windows: 4 had too few events: move faster, or set a larger detection.window.max_interval (now 100)"
         );
-        report.grids_refused = BTreeMap::from([(NoBoard::BesideBoard, 5), (NoBoard::NoLattice, 4)]);
+        report.grids_refused = BTreeMap::from([(NoBoard::LargerThanBoard, 5), (NoBoard::NoLattice, 4)]);
         let text = report.no_pattern(100, None).to_string();
         assert!(text.contains("5 had circles beside the board: is the board described right"), "{text}");
         let board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();

@@ -147,7 +147,7 @@ pub fn search_events(
 ///
 /// # Errors
 /// [`SearchError`] if the recording cannot be read, or many events are outside the requested sensor.
-pub fn search_events_telling(
+pub fn search_events_with_progress(
     recording: &Recording,
     sensor: Sensor,
     wanted: SearchFor,

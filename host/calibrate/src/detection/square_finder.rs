@@ -149,7 +149,7 @@ impl From<NoCheckerboard> for NoBoard {
     fn from(reason: NoCheckerboard) -> Self {
         match reason {
             NoCheckerboard::TooFewSaddles { .. } | NoCheckerboard::TooFewCorners { .. } => Self::TooFewCorners,
-            NoCheckerboard::BesideBoard { .. } | NoCheckerboard::OtherSize { .. } => Self::CornersBesideBoard,
+            NoCheckerboard::LargerThanBoard { .. } | NoCheckerboard::OtherSize { .. } => Self::CornersBesideBoard,
             NoCheckerboard::PlaceUncertain { .. } => Self::PlaceUncertain,
             NoCheckerboard::NotAsExpected => Self::NotAsExpected,
             _ => Self::NoCheckerboard,

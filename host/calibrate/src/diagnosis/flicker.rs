@@ -13,7 +13,7 @@ use super::time_bins::time_bins;
 /// Length of a bin in which events are counted (µs).
 const BIN: i64 = 1000;
 /// Number of bins of an interval whose spectrum is computed: 1 s, so that its lines are 1 Hz apart.
-const STRETCH: usize = 1000;
+const INTERVAL: usize = 1000;
 /// Number of bins that is a multiple of the period of most lamps.
 const LONG_BIN: usize = 50;
 /// The rate of events is constant if the mean over long bins is at least this share of their maximum.
@@ -44,7 +44,7 @@ pub struct Flicker {
 /// Counts ON and OFF events in bins of a millisecond.
 #[derive(Clone, Debug, Default)]
 pub struct RateBins {
-    stretch: Vec<[i32; 2]>,
+    interval: Vec<[i32; 2]>,
     /// For the sum of both polarities and their difference, and each lamp, the sums over intervals of the powers of its line and
     /// of the neighbouring lines.
     powers: [[(f64, f64); LAMPS.len()]; 2],
@@ -78,15 +78,15 @@ impl RateBins {
 
     fn add_to(&mut self, bin: i64, counts: [i32; 2]) {
         let index = bin - self.current;
-        if index >= STRETCH as i64 {
-            self.close(index < 2 * STRETCH as i64);
+        if index >= INTERVAL as i64 {
+            self.close(index < 2 * INTERVAL as i64);
             // Intervals without events are skipped.
-            self.current = bin - index % STRETCH as i64;
+            self.current = bin - index % INTERVAL as i64;
         }
-        if self.stretch.is_empty() {
-            self.stretch.resize(STRETCH, [0; 2]);
+        if self.interval.is_empty() {
+            self.interval.resize(INTERVAL, [0; 2]);
         }
-        let place = usize::try_from(bin - self.current).ok().and_then(|index| self.stretch.get_mut(index));
+        let place = usize::try_from(bin - self.current).ok().and_then(|index| self.interval.get_mut(index));
         if let Some(sums) = place {
             sums.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
         }
@@ -95,25 +95,25 @@ impl RateBins {
     /// Adds the spectrum of the interval that ended, if it is `whole`.
     fn close(&mut self, whole: bool) {
         if whole {
-            self.look(STRETCH);
+            self.look(INTERVAL);
         }
-        self.stretch.clear();
+        self.interval.clear();
     }
 
     /// Adds the spectrum of the first `length` bins of the interval.
     fn look(&mut self, length: usize) {
-        let stretch = self.stretch.get(..length).unwrap_or_default();
-        let events: u64 = stretch.iter().flatten().map(|count| u64::from(count.unsigned_abs())).sum();
+        let interval = self.interval.get(..length).unwrap_or_default();
+        let events: u64 = interval.iter().flatten().map(|count| u64::from(count.unsigned_abs())).sum();
         if events == 0 {
             return;
         }
         self.events += events;
         self.bins += length;
-        for bins in stretch.chunks_exact(LONG_BIN) {
+        for bins in interval.chunks_exact(LONG_BIN) {
             self.fullest = self.fullest.max(bins.iter().flatten().map(|count| u64::from(count.unsigned_abs())).sum());
         }
-        let between = STRETCH as f64 / length as f64;
-        let signals: [Vec<i32>; 2] = [1, -1].map(|sign| stretch.iter().map(|[off, on]| on + sign * off).collect());
+        let between = INTERVAL as f64 / length as f64;
+        let signals: [Vec<i32>; 2] = [1, -1].map(|sign| interval.iter().map(|[off, on]| on + sign * off).collect());
         for (signal, powers) in signals.iter().zip(&mut self.powers) {
             for (frequency, (line, beside)) in LAMPS.iter().zip(powers) {
                 *line += power(signal, *frequency);
@@ -130,7 +130,7 @@ impl RateBins {
         if self.bins > 0 {
             return self.strongest();
         }
-        let last = self.stretch.iter().rposition(|counts| *counts != [0; 2])?;
+        let last = self.interval.iter().rposition(|counts| *counts != [0; 2])?;
         let mut beginning = self.clone();
         beginning.look(last);
         if last < SHORTEST { None } else { beginning.strongest() }
@@ -149,8 +149,8 @@ impl RateBins {
         let candidates = self.powers.iter().flat_map(|powers| LAMPS.iter().zip(powers));
         let candidates = candidates.filter_map(|(frequency, (line, beside))| {
             // The amplitude of a wave whose line has this power, in intervals of one length.
-            let stretches = self.bins.div_ceil(STRETCH) as f64;
-            let amplitude = 2.0 * (line * stretches).sqrt() / self.bins.max(1) as f64;
+            let intervals = self.bins.div_ceil(INTERVAL) as f64;
+            let amplitude = 2.0 * (line * intervals).sqrt() / self.bins.max(1) as f64;
             let share = amplitude / mean;
             let stands_out = *line > STRONGER * beside && share > SMALLEST_SHARE;
             stands_out.then_some(Flicker { frequency: *frequency, share, fills_readout })

@@ -37,13 +37,13 @@ pub struct Saturation {
     /// Events per second of the saturated readout; 0 without an interval.
     pub rate: f64,
     /// Start and end of each in seconds since the start of the recording, in order of time.
-    pub stretches: Vec<(f64, f64)>,
+    pub intervals: Vec<(f64, f64)>,
 }
 
 impl Saturation {
     /// Returns the length of all intervals (s).
     pub fn duration(&self) -> f64 {
-        self.stretches.iter().map(|(start, end)| end - start).sum()
+        self.intervals.iter().map(|(start, end)| end - start).sum()
     }
 }
 
@@ -83,7 +83,7 @@ impl SaturationDetector {
             if is_long && is_flat(run, most) && is_steady(run) {
                 let time = |bin: usize| (bin as i64 * BIN) as f64 * 1e-6;
                 // Events that still wait at the end arrive in the next bin.
-                found.stretches.push((time(start.saturating_sub(1)), time(end + 1)));
+                found.intervals.push((time(start.saturating_sub(1)), time(end + 1)));
                 events += run.iter().map(|&count| u64::from(count)).sum::<u64>();
                 bins += run.len();
             }
@@ -156,7 +156,7 @@ mod tests {
             .collect();
         let saturation = found(&read);
         assert!((saturation.rate - 3e6).abs() < 1e4, "{saturation:?}");
-        let &[(start, end)] = saturation.stretches.as_slice() else { panic!("{saturation:?}") };
+        let &[(start, end)] = saturation.intervals.as_slice() else { panic!("{saturation:?}") };
         // Half of the surplus is read in the following 100 ms.
         assert!((start - 0.1).abs() < 0.003 && (end - 0.25).abs() < 0.006, "{saturation:?}");
     }

@@ -83,7 +83,7 @@ pub fn files(
     others: &[SecondCameraResult],
 ) -> Vec<(&'static str, String)> {
     // The IMU's parameters match the intrinsics of its solve; older files contain these only if they were fixed.
-    let with_unit = inertial.solved_together.as_ref().or(inertial.held_camera.as_ref());
+    let with_unit = inertial.solved_together.as_ref().or(inertial.fixed_camera.as_ref());
     let with_unit = with_unit.and_then(|known| known.camera().ok());
     let camera = &CalibratedCamera { camera: with_unit.unwrap_or(camera.camera), ..camera.clone() };
     let text = |format: &super::content::ExportFormat| format.export(camera).ok().map(|exported| exported.text);

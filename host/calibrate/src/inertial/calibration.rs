@@ -43,7 +43,7 @@ pub struct InertialCalibration {
     /// difference; `None` if the intrinsics were fixed at the intrinsics of another model.
     pub camera_moved: Option<f64>,
     /// The camera at which intrinsics were fixed; `None` if they were estimated.
-    pub held: Option<Camera<f64>>,
+    pub fixed: Option<Camera<f64>>,
     /// Ratio of the scatter of blocks to the formal variance, the mean over rotation, position and delays.
     pub block_scatter: f64,
     /// Largest angle between gravity and its mean direction, as seen from the camera (rad).

@@ -83,7 +83,7 @@ pub fn findings(calibration: &InertialCalibration) -> Vec<Finding> {
         findings.push(Finding::Loose { scatter: calibration.block_scatter });
     }
     let distance = calibration.camera_moved.unwrap_or(0.0);
-    match calibration.held {
+    match calibration.fixed {
         // A loose IMU affects the camera, too.
         None if distance > MOVED && !loose => findings.push(Finding::CameraMoved { sigmas: distance }),
         Some(_) if distance > OTHER => findings.push(Finding::OtherCamera { sigmas: distance }),

@@ -11,6 +11,7 @@ use super::parameters::{InertialParameters, POSITION};
 use super::prediction::{accelerometer, gyroscope};
 use super::*;
 use crate::circles::reference_frame::PointObservation;
+use crate::quality::verdict::Grade;
 use crate::result::inertial_result::grade;
 use crate::solve::board_edge::BoardEdges;
 use crate::solve::event_bias::bias::Biases;
@@ -20,7 +21,6 @@ use crate::solve::residual_statistics::ResidualStatistics;
 use crate::solve::{BOARD_PARAMETERS, FreeParameters, HUBER, ITERATIONS, Problem, ResidualMeasure, State};
 use crate::trajectory::RotationSpline;
 use crate::trajectory::fit::{TrajectoryShape, fit};
-use crate::trust::verdict::Grade;
 use evcal_geometry::board::shape::{BoardShape, CircleArea};
 use evcal_geometry::numerics::random::{normal, uniform_in};
 use evcal_geometry::timed_pose::TimedPose;
@@ -194,19 +194,19 @@ impl Bench {
         }
     }
 
-    fn calibrated(&self, held: Option<&HeldIntrinsics>) -> Result<InertialCalibration, InertialError> {
-        self.calibrated_without(held, Vec::new())
+    fn calibrated(&self, fixed: Option<&FixedIntrinsics>) -> Result<InertialCalibration, InertialError> {
+        self.calibrated_without(fixed, Vec::new())
     }
 
     /// Calibrates a recording with `lost` parts.
     fn calibrated_without(
         &self,
-        held: Option<&HeldIntrinsics>,
+        fixed: Option<&FixedIntrinsics>,
         lost: Vec<String>,
     ) -> Result<InertialCalibration, InertialError> {
         let recorded = RecordedSamples { recording: 0, samples: self.samples.clone(), start: 0.0, lost };
         let settings = InertialSettings { gravity: STANDARD_GRAVITY, ..InertialSettings::default() };
-        calibrate_unit(vec![recorded], &self.refined, &self.uncertainty, held, &settings)
+        calibrate_unit(vec![recorded], &self.refined, &self.uncertainty, fixed, &settings)
     }
 }
 
@@ -299,12 +299,12 @@ fn the_uncertainty_of_held_intrinsics_is_part_of_sigma() {
     let long = Camera::from_parameters(ModelKind::Radtan4, &parameters).unwrap();
     let mut covariance = DMatrix::zeros(8, 8);
     covariance.view_mut((0, 0), (2, 2)).fill((330.0 * off).powi(2));
-    let held = |camera, covariance| {
-        let found = bench.calibrated(Some(&HeldIntrinsics { camera, covariance })).unwrap();
-        assert_eq!(found.held, Some(camera));
+    let fixed = |camera, covariance| {
+        let found = bench.calibrated(Some(&FixedIntrinsics { camera, covariance })).unwrap();
+        assert_eq!(found.fixed, Some(camera));
         found
     };
-    let [right, wrong, known] = [held(true_camera, None), held(long, None), held(long, Some(covariance.clone()))];
+    let [right, wrong, known] = [fixed(true_camera, None), fixed(long, None), fixed(long, Some(covariance.clone()))];
     let place = POSITION + 2;
     let error = |found: &InertialCalibration| (found.parameters.position.z - unit().position.z).abs();
     assert!(error(&right) < 4.5 * right.sigma(place), "{} ± {}", error(&right), right.sigma(place));

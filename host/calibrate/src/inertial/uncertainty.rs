@@ -4,8 +4,8 @@ use nalgebra::{DMatrix, Vector3};
 
 use super::error::InertialError;
 use super::parameters::{ACCELEROMETER_BIAS, COUNT, GRAVITY, InertialParameters, POSITION};
+use crate::quality::uncertainty::blocks::{scatter, sum_by_block};
 use crate::solve::bordered::{Blocks, Part, System};
-use crate::trust::uncertainty::blocks::{scatter, sum_by_block};
 
 /// Lengths of blocks (s).
 const LENGTHS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];

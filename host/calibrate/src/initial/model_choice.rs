@@ -36,7 +36,7 @@ pub const CANDIDATES: [ModelKind; 9] = [
 ];
 
 /// Models that OpenCV and ROS support: plumb bob, rational polynomial and equidistant.
-pub const WIDELY_HELD: [ModelKind; 4] =
+pub const WIDELY_SUPPORTED: [ModelKind; 4] =
     [ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8, ModelKind::KannalaBrandt];
 
 /// The requested camera model.
@@ -94,7 +94,7 @@ pub struct Candidate {
     /// Number of the model's parameters.
     pub parameters: usize,
     /// `true` if OpenCV and ROS support it.
-    pub widely_held: bool,
+    pub widely_supported: bool,
     /// `true` if its distortion folds over inside the image.
     pub folds: bool,
     /// Its held-out statistics, on the same blocks for all candidates.
@@ -127,17 +127,18 @@ pub fn choose(candidates: &[Candidate]) -> Option<(usize, Vec<Standing>)> {
             Standing { excess, standard_error, as_good, nearly_as_good: false }
         })
         .collect();
-    if !candidates.iter().zip(&standings).any(|(candidate, standing)| candidate.widely_held && standing.as_good) {
+    if !candidates.iter().zip(&standings).any(|(candidate, standing)| candidate.widely_supported && standing.as_good) {
         for (candidate, standing) in candidates.iter().zip(&mut standings) {
-            standing.nearly_as_good =
-                candidate.widely_held && candidate.folds == best.folds && standing.excess <= NEGLIGIBLE * cost(best);
+            standing.nearly_as_good = candidate.widely_supported
+                && candidate.folds == best.folds
+                && standing.excess <= NEGLIGIBLE * cost(best);
         }
     }
     let counts = |standing: &Standing| standing.as_good || standing.nearly_as_good;
     let good = candidates.iter().zip(&standings).enumerate().filter(|(_, (_, standing))| counts(standing));
     let simplest = good.min_by(|(_, (a, _)), (_, (b, _))| {
-        let held = b.widely_held.cmp(&a.widely_held);
-        held.then(a.parameters.cmp(&b.parameters)).then(cost(a).total_cmp(&cost(b)))
+        let supported = b.widely_supported.cmp(&a.widely_supported);
+        supported.then(a.parameters.cmp(&b.parameters)).then(cost(a).total_cmp(&cost(b)))
     })?;
     Some((simplest.0, standings))
 }
@@ -245,8 +246,8 @@ impl ModelChoice {
         if others.is_empty() {
             return format!("{} chosen: no other model predicts unseen circles as well", self.chosen);
         }
-        let held = WIDELY_HELD.iter().any(|kind| kind.name() == self.chosen);
-        let why = if held { "OpenCV and ROS hold it, and of such models" } else { "of these" };
+        let supported = WIDELY_SUPPORTED.iter().any(|kind| kind.name() == self.chosen);
+        let why = if supported { "OpenCV and ROS support it, and of such models" } else { "of these" };
         format!(
             "{} chosen: it predicts unseen circles as well as {}; {why} it has the fewest parameters",
             self.chosen,
@@ -288,17 +289,17 @@ pub fn choose_model(
     };
     let circles_of = *circles_of;
     let circles = ComparedCircles::new(reference, frames, board);
-    let held: Vec<Option<HeldOutCost>> =
+    let costs: Vec<Option<HeldOutCost>> =
         found.iter().map(|(_, model)| held_out(&circles, &model.camera, board, sensor, initial)).collect();
-    let compared: Vec<usize> = (0..found.len()).filter(|&index| matches!(held.get(index), Some(Some(_)))).collect();
+    let compared: Vec<usize> = (0..found.len()).filter(|&index| matches!(costs.get(index), Some(Some(_)))).collect();
     let candidates: Vec<Candidate> = found
         .iter()
-        .zip(&held)
+        .zip(&costs)
         .filter_map(|((kind, model), held_out)| {
             let parameters = kind.parameter_names().len();
-            let widely_held = WIDELY_HELD.contains(kind);
+            let widely_supported = WIDELY_SUPPORTED.contains(kind);
             let folds = folds(&model.camera, sensor);
-            held_out.clone().map(|held_out| Candidate { parameters, widely_held, folds, held_out })
+            held_out.clone().map(|held_out| Candidate { parameters, widely_supported, folds, held_out })
         })
         .collect();
     let (chosen, standings) = match choose(&candidates) {
@@ -358,7 +359,7 @@ mod tests {
     fn candidate(parameters: usize, block_costs: &[f64]) -> Candidate {
         Candidate {
             parameters,
-            widely_held: true,
+            widely_supported: true,
             folds: false,
             held_out: HeldOutCost { count: 100, block_costs: block_costs.to_vec() },
         }
@@ -399,9 +400,9 @@ mod tests {
 
     #[test]
     fn a_model_that_opencv_and_ros_support_has_priority() {
-        let rare = Candidate { widely_held: false, ..candidate(6, &[1.0, 1.2, 0.9]) };
-        let held = candidate(8, &[1.01, 1.19, 0.91]);
-        let (chosen, standings) = choose(&[rare.clone(), held]).unwrap();
+        let rare = Candidate { widely_supported: false, ..candidate(6, &[1.0, 1.2, 0.9]) };
+        let common = candidate(8, &[1.01, 1.19, 0.91]);
+        let (chosen, standings) = choose(&[rare.clone(), common]).unwrap();
         assert_eq!((chosen, standings[1].as_good), (1, true), "{standings:?}");
         let (chosen, _) = choose(&[rare, candidate(8, &[1.5, 1.7, 1.4])]).unwrap();
         assert_eq!(chosen, 0);
@@ -410,7 +411,7 @@ mod tests {
     /// The difference is a thousandth of the cost, and still many standard errors.
     #[test]
     fn a_model_that_opencv_and_ros_support_is_chosen_despite_a_negligible_difference() {
-        let rare = Candidate { widely_held: false, ..candidate(5, &[1.0, 1.2, 0.9]) };
+        let rare = Candidate { widely_supported: false, ..candidate(5, &[1.0, 1.2, 0.9]) };
         let slightly_worse = candidate(8, &[1.0009, 1.2010, 0.9011]);
         let simpler = candidate(4, &[1.0007, 1.2008, 0.9009]);
         let choose = |candidates: &[Candidate]| choose(candidates).unwrap().0;

@@ -27,7 +27,7 @@ pub const LONG_ENOUGH_FOR_DRIFT: f64 = 20.0;
 /// Prior σ of the relative rate of the clocks.
 const DRIFT_SIGMA: f64 = 2e-4;
 /// σ of a fixed parameter.
-const HELD: f64 = 1e-9;
+const FIXED: f64 = 1e-9;
 /// Residual from which a pose counts linearly, in σ of one axis.
 const HUBER: f64 = 4.0;
 /// Number of rounds of spread and solve.
@@ -233,7 +233,7 @@ pub fn fit(
     drifts: bool,
     wanted: impl Fn(f64) -> bool,
 ) -> Result<Fitted, MotionCaptureError> {
-    let priors = Priors { drift: if drifts { DRIFT_SIGMA } else { HELD }, scale: HELD };
+    let priors = Priors { drift: if drifts { DRIFT_SIGMA } else { FIXED }, scale: FIXED };
     let (count, sum) =
         start.matched(path, capture).fold((0.0, 0.0), |(count, sum), (body, _)| (count + 1.0, sum + body.t));
     // The uncertainty of the offset is smallest, and independent of drift, in the middle.
@@ -251,7 +251,7 @@ pub fn with_scale(
     all: &Fitted,
     drifts: bool,
 ) -> Result<Fitted, MotionCaptureError> {
-    let priors = Priors { drift: if drifts { DRIFT_SIGMA } else { HELD }, scale: 1.0 };
+    let priors = Priors { drift: if drifts { DRIFT_SIGMA } else { FIXED }, scale: 1.0 };
     solve(path, capture, all.hand_eye, priors, |_| true)
 }
 

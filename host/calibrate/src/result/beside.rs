@@ -1,9 +1,9 @@
 //! Verdicts on calibrated devices other than the camera: an IMU, other cameras.
 
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
+use crate::quality::verdict::Grade;
 use crate::result::inertial_result::InertialResult;
 use crate::result::second_camera_result::SecondCameraResult;
-use crate::trust::verdict::Grade;
 
 /// The verdict on one device other than the camera.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -81,7 +81,7 @@ struct OtherResiduals {
 impl CalibratedCamera {
     /// Returns the camera of a new calibration.
     pub fn new(calibrated: &Calibrated, board: &Board) -> Self {
-        let uncertainty = &calibrated.trust.uncertainty;
+        let uncertainty = &calibrated.quality.uncertainty;
         let covariance = uncertainty.covariance.row_iter().map(|row| row.iter().copied().collect()).collect();
         Self {
             camera: *calibrated.camera(),

@@ -7,12 +7,21 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::advice::Wording;
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
-use crate::calibrate::stretch_choice::StretchChoice;
+use crate::calibrate::interval_choice::IntervalChoice;
 use crate::detection::DetectionReport;
 use crate::initial::InitialReport;
 use crate::initial::model_choice::ModelChoice;
 use crate::picture_calibration::calibration::{PictureReport, PictureSummary};
 use crate::picture_calibration::joint::JointReport;
+use crate::quality::coverage::Coverage;
+use crate::quality::cross_check::{Comparison, CrossCheckOutcome};
+use crate::quality::misfit::Misfit;
+use crate::quality::residual_map::ResidualPattern;
+use crate::quality::split_half::{HeldOutResidual, SplitHalf};
+use crate::quality::uncertainty::BiasSigma;
+use crate::quality::uncertainty::parts::ProjectionParts;
+use crate::quality::verdict::Verdict;
+use crate::quality::{EventQuality, ObservedRadius, Quality};
 use crate::result::inertial_result::InertialResult;
 use crate::result::printed_board::PrintedBoard;
 use crate::result::second_camera_result::SecondCameraResult;
@@ -23,15 +32,6 @@ use crate::solve::refinement::RoundReport;
 use crate::solve::residual_statistics::Measured;
 use crate::solve::residual_statistics::ResidualStatistics;
 use crate::trajectory::segment::SegmentReport;
-use crate::trust::coverage::Coverage;
-use crate::trust::misfit::Misfit;
-use crate::trust::residual_map::ResidualPattern;
-use crate::trust::split_half::{HeldOutResidual, SplitHalf};
-use crate::trust::uncertainty::BiasSigma;
-use crate::trust::uncertainty::parts::ProjectionParts;
-use crate::trust::verdict::Verdict;
-use crate::trust::witness::{Comparison, WitnessOutcome};
-use crate::trust::{EventTrust, ObservedRadius, Trust};
 use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::Board;
@@ -103,7 +103,7 @@ pub struct CalibrationFile {
     pub segments: Vec<SegmentSummary>,
     /// Chosen seconds of long recordings in the joint solve; absent if it includes everything.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub chosen_seconds: Option<StretchChoice>,
+    pub chosen_seconds: Option<IntervalChoice>,
     /// Result from the camera's own frames; absent if the recordings contain none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<FramesResult>,
@@ -136,7 +136,7 @@ pub struct InputFile {
 #[serde(rename_all = "kebab-case")]
 pub enum FramesResult {
     /// They were calibrated and compared with the events.
-    Witness(Box<Comparison>),
+    CrossCheck(Box<Comparison>),
     /// They yielded no camera, or none that can be compared.
     #[serde(alias = "silent")]
     Failed(FailedFrames),
@@ -216,7 +216,7 @@ impl EventClass {
         if events.measured == Measured::CircleCentres {
             return Vec::new();
         }
-        Self::all(&events.refined.state.bias, &events.trust.bias_sigma)
+        Self::all(&events.refined.state.bias, &events.quality.bias_sigma)
     }
 
     /// Returns all classes with their biases and standard deviations.
@@ -303,8 +303,8 @@ pub struct UncertaintySummary {
 }
 
 impl UncertaintySummary {
-    fn new(trust: &Trust, events: Option<&EventTrust>) -> Self {
-        let Trust { uncertainty, projection, .. } = trust;
+    fn new(quality: &Quality, events: Option<&EventQuality>) -> Self {
+        let Quality { uncertainty, projection, .. } = quality;
         Self {
             covariance: uncertainty.covariance.row_iter().map(|row| row.iter().copied().collect()).collect(),
             inflation: uncertainty.inflation,
@@ -386,9 +386,9 @@ impl CalibrationFile {
     pub fn new(calibrated: &Calibrated, board: &Board, wording: Wording) -> Self {
         let camera = calibrated.camera();
         let names = camera.kind().parameter_names();
-        let trust = &calibrated.trust;
+        let quality = &calibrated.quality;
         let events = calibrated.events();
-        let sigma = Parameters::new(names.iter().copied().zip(trust.uncertainty.sigma()));
+        let sigma = Parameters::new(names.iter().copied().zip(quality.uncertainty.sigma()));
         Self {
             format: FORMAT.to_owned(),
             version: LATEST_VERSION,
@@ -401,17 +401,17 @@ impl CalibrationFile {
             sensor: calibrated.sensor,
             camera: CameraDescription::new(camera),
             verdict: calibrated.verdict.worded(wording),
-            uncertainty: UncertaintySummary::new(trust, events.map(|events| &events.trust)),
-            coverage: trust.coverage.clone(),
-            split_half: events.and_then(|events| events.trust.split_half.as_ref().map(SplitHalfSummary::from)),
-            residual_pattern: events.map(|events| events.trust.residuals.pattern),
-            misfit: events.and_then(|events| events.trust.misfit.as_ref().map(MisfitSummary::from)),
-            observed_radius: events.and_then(|events| events.trust.radius),
+            uncertainty: UncertaintySummary::new(quality, events.map(|events| &events.quality)),
+            coverage: quality.coverage.clone(),
+            split_half: events.and_then(|events| events.quality.split_half.as_ref().map(SplitHalfSummary::from)),
+            residual_pattern: events.map(|events| events.quality.residuals.pattern),
+            misfit: events.and_then(|events| events.quality.misfit.as_ref().map(MisfitSummary::from)),
+            observed_radius: events.and_then(|events| events.quality.radius),
             sigma: CameraDescription { model: camera.kind().name().to_owned(), parameters: sigma },
             initial_camera: CameraDescription::new(&calibrated.initial().camera),
             covered_region: calibrated.covered_region().corners().iter().map(|&corner| corner.into()).collect(),
             board: board.to_string(),
-            printed_board: events.map(|events| PrintedBoard::new(&events.trust.board)),
+            printed_board: events.map(|events| PrintedBoard::new(&events.quality.board)),
             event_classes: events.map_or_else(Vec::new, EventClass::of_calibration),
             residuals: Residuals::new(calibrated),
             segments: events.map_or_else(Vec::new, SegmentSummary::of_calibration),
@@ -429,9 +429,9 @@ impl CalibrationFile {
 impl FramesResult {
     fn new(calibrated: &Calibrated) -> Option<Self> {
         match &calibrated.evidence {
-            Evidence::Events(events) => events.witness.as_ref().map(|outcome| match outcome {
-                WitnessOutcome::Witness(witness) => Self::Witness(Box::new(witness.comparison.clone())),
-                WitnessOutcome::Failed(failure) => {
+            Evidence::Events(events) => events.cross_check.as_ref().map(|outcome| match outcome {
+                CrossCheckOutcome::Compared(cross_check) => Self::CrossCheck(Box::new(cross_check.comparison.clone())),
+                CrossCheckOutcome::Failed(failure) => {
                     Self::Failed(FailedFrames { reason: failure.to_string(), report: failure.report.clone() })
                 }
             }),

@@ -14,8 +14,8 @@ use crate::inertial::parameters::{
     GYROSCOPE_DELAY, GYROSCOPE_MATRIX, GYROSCOPE_TURN, POSITION, ROTATION, TRIANGLE,
 };
 use crate::inertial::stream::StreamReport;
+use crate::quality::verdict::{Grade, Severity};
 use crate::result::correlated::{POSE_NAMES, correlated};
-use crate::trust::verdict::{Grade, Severity};
 use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 use evcal_geometry::numerics::rigid::pose_of_rows;
@@ -130,7 +130,7 @@ pub struct InertialResult {
     pub camera_moved: Option<f64>,
     /// The camera at which intrinsics were fixed; absent if they were estimated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub held_camera: Option<CameraDescription>,
+    pub fixed_camera: Option<CameraDescription>,
     /// The camera from this solve, or the fixed one: the intrinsics that match the IMU's parameters best.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub solved_together: Option<CameraDescription>,
@@ -225,7 +225,7 @@ impl InertialResult {
             used: calibration.used,
             streams: calibration.streams.clone(),
             camera_moved: calibration.camera_moved,
-            held_camera: calibration.held.as_ref().map(CameraDescription::new),
+            fixed_camera: calibration.fixed.as_ref().map(CameraDescription::new),
             solved_together: Some(CameraDescription::new(&calibration.camera)),
             block_scatter: calibration.block_scatter,
             correlations: correlations(calibration),
@@ -254,8 +254,8 @@ impl InertialResult {
 
     /// Returns the result as text: each number with its σ, each transform and delay with its direction.
     pub fn sentences(&self) -> String {
-        let held = if self.held_camera.is_some() { ", with fixed camera intrinsics" } else { "" };
-        let mut text = format!("IMU, from {} samples{held}:\n", self.used);
+        let fixed = if self.fixed_camera.is_some() { ", with fixed camera intrinsics" } else { "" };
+        let mut text = format!("IMU, from {} samples{fixed}:\n", self.used);
         let _ = writeln!(text, "  {}", self.verdict);
         self.place(&mut text);
         for (name, sensor) in [("gyroscope", &self.gyroscope), ("accelerometer", &self.accelerometer)] {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::trust::board_evidence::BoardEstimate;
+use crate::quality::board_evidence::BoardEstimate;
 use evcal_geometry::lens::camera_file::CameraDescription;
 
 /// The printed board: differences from its nominal shape, and evidence for them.

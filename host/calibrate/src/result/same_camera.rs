@@ -9,7 +9,7 @@ use nalgebra::DMatrix;
 use serde::Serialize;
 
 use super::calibrated_camera::CalibratedCamera;
-use crate::trust::uncertainty::projection::projection_uncertainty;
+use crate::quality::uncertainty::projection::projection_uncertainty;
 use evcal_geometry::lens::camera_file::CameraFileError;
 use evcal_geometry::lens::projection_difference::{NoCommonView, projection_difference};
 

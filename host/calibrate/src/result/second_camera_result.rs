@@ -7,12 +7,12 @@ use nalgebra::{Isometry3, RowDVector, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::calibrate::mounted::{SecondCamera, SecondFrames};
+use crate::quality::verdict::{Grade, Severity};
 use crate::result::correlated::{POSE_NAMES, correlated};
 use crate::result::inertial_result::Uncertain;
 use crate::second_camera::calibration::SecondCalibration;
 use crate::second_camera::finding::Finding;
 use crate::second_camera::mount::{COUNT, LINE_DELAY, OFFSET, RATE, ROTATION, TRANSLATION};
-use crate::trust::verdict::{Grade, Severity};
 use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::numerics::rigid::pose_of_rows;
 use event_recordings::image_folder::Stamps;
@@ -128,7 +128,7 @@ pub struct SecondCameraResult {
     pub cameras_moved: [Option<f64>; 2],
     /// `true` for each camera whose intrinsics were fixed; otherwise they were estimated.
     #[serde(default)]
-    pub held: [bool; 2],
+    pub fixed: [bool; 2],
     /// Seconds with the board in view of both cameras.
     pub seconds: f64,
     /// Events, or centres of dots, of the second camera that were used.
@@ -198,7 +198,7 @@ impl SecondCameraResult {
             }),
             solved_together: [0, 1].map(solved),
             cameras_moved: calibration.cameras_moved,
-            held: calibration.held,
+            fixed: calibration.fixed,
             seconds: calibration.seconds,
             used: calibration.used,
             left_out: calibration.left_out,
@@ -243,7 +243,7 @@ impl SecondCameraResult {
         if self.lens_grade.is_some() {
             let _ = writeln!(text, "  its lens: {}", self.lens_verdict);
         }
-        if let Some(whose) = match self.held {
+        if let Some(whose) = match self.fixed {
             [true, true] => Some("both cameras were"),
             [true, false] => Some("the first camera were"),
             [false, true] => Some("the second camera were"),

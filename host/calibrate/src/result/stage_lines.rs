@@ -1,15 +1,15 @@
 //! Reports of all stages, with the amounts that each got, kept and dropped, for `stages.txt` and the report.
 
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
-use crate::calibrate::stretch_choice::StretchChoice;
+use crate::calibrate::interval_choice::IntervalChoice;
 use crate::detection::DetectionReport;
 use crate::detection::counted::counted;
 use crate::initial::InitialReport;
 use crate::picture_calibration::calibration::{PictureCalibration, PictureReport, PictureSource};
 use crate::picture_calibration::joint::JointReport;
+use crate::quality::cross_check::{Comparison, CrossCheckOutcome};
 use crate::solve::refinement::RoundReport;
 use crate::solve::residual_statistics::Measured;
-use crate::trust::witness::{Comparison, WitnessOutcome};
 
 /// Report of one stage.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -89,17 +89,17 @@ fn event_lines(events: &EventCalibration) -> Vec<StageLine> {
         lines.extend(observed.then(|| association_line(index + 1, round)));
         lines.push(solve_line(index + 1, round));
     }
-    if let Some(outcome) = &events.witness {
+    if let Some(outcome) = &events.cross_check {
         lines.extend(search_lines(outcome.report()));
-        lines.push(witness_line(outcome));
+        lines.push(cross_check_line(outcome));
     }
     lines.extend(events.joint.as_ref().map(joint_line));
     lines
 }
 
-fn choice_line(events: &EventCalibration, choice: &StretchChoice) -> StageLine {
+fn choice_line(events: &EventCalibration, choice: &IntervalChoice) -> StageLine {
     let taken = Amount::new(choice.seconds as u64, "seconds with the board");
-    let poses = events.followed.iter().map(|stretch| stretch.poses.len()).sum::<usize>();
+    let poses = events.followed.iter().map(|interval| interval.poses.len()).sum::<usize>();
     StageLine::new("Seconds in the joint solve", taken, Amount::new(choice.chosen.len() as u64, "seconds")).noting([
         format!("{} frames of the others; {poses} poses along them with the camera fixed", events.other_windows.len()),
     ])
@@ -227,13 +227,13 @@ fn used_line(report: &PictureReport, spread: f64, inflation: f64) -> StageLine {
     ])
 }
 
-fn witness_line(outcome: &WitnessOutcome) -> StageLine {
+fn cross_check_line(outcome: &CrossCheckOutcome) -> StageLine {
     match outcome {
-        WitnessOutcome::Witness(witness) => {
-            let Comparison { report, spread, inflation, .. } = &witness.comparison;
+        CrossCheckOutcome::Compared(cross_check) => {
+            let Comparison { report, spread, inflation, .. } = &cross_check.comparison;
             used_line(report, *spread, *inflation)
         }
-        WitnessOutcome::Failed(failure) => StageLine::new(
+        CrossCheckOutcome::Failed(failure) => StageLine::new(
             "Calibration from frames",
             Amount::new(failure.report.detection.with_board, "frames with the board"),
             Amount::new(0, "frames"),

@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use super::stage_lines::{Amount, StageLine, stage_lines};
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use crate::picture_calibration::calibration::PictureSource;
+use crate::quality::cross_check::{Comparison, CrossCheckOutcome};
 use crate::solve::residual_statistics::Measured;
-use crate::trust::witness::{Comparison, WitnessOutcome};
 use event_recordings::pass::RecordingReport;
 
 /// Width of the column of stage names.
@@ -31,8 +31,10 @@ pub fn stage_report(calibrated: &Calibrated) -> String {
             put_row(&mut text, if index == 0 { "Camera model" } else { "" }, line);
         }
     }
-    if let Some(EventCalibration { witness: Some(WitnessOutcome::Witness(witness)), .. }) = calibrated.events() {
-        put_comparison(&mut text, &witness.comparison);
+    if let Some(EventCalibration { cross_check: Some(CrossCheckOutcome::Compared(cross_check)), .. }) =
+        calibrated.events()
+    {
+        put_comparison(&mut text, &cross_check.comparison);
     }
     text
 }

@@ -37,7 +37,7 @@ pub struct SecondCalibration {
     /// `None` if the intrinsics were fixed at the intrinsics of another model.
     pub cameras_moved: [Option<f64>; 2],
     /// `true` for each camera whose intrinsics were fixed.
-    pub held: [bool; 2],
+    pub fixed: [bool; 2],
     /// `true` if a rolling shutter was requested for the second camera.
     pub rolling_shutter: bool,
     /// Problems of the result.

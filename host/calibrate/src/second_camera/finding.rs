@@ -110,7 +110,7 @@ impl fmt::Display for Finding {
             ),
             Self::OtherCamera { camera, sigmas } => write!(
                 f,
-                "the intrinsics of the {} camera that were held are {sigmas:.1} σ from those of this recording: hold those of the same lens with \
+                "the intrinsics of the {} camera that were fixed are {sigmas:.1} σ from those of this recording: fix those of the same lens with \
                  the same focus",
                 ["first", "second"][(*camera).min(1)]
             ),

@@ -54,7 +54,7 @@ pub fn findings(calibration: &SecondCalibration) -> Vec<Finding> {
         // In the separate calibration of a camera with a rolling shutter, all rows were assumed to be exposed at once.
         let is_of_other_rows = camera == 1 && calibration.rolling_shutter;
         let Some(sigmas) = sigmas.filter(|sigmas| *sigmas > MOVED && !is_of_other_rows) else { continue };
-        findings.push(match calibration.held[camera] {
+        findings.push(match calibration.fixed[camera] {
             true => Finding::OtherCamera { camera, sigmas },
             false => Finding::CameraMoved { camera, sigmas },
         });

@@ -15,7 +15,8 @@ use super::joint::{Joint, Lenses, Solved, share_of_lenses, solve};
 use super::mount::{LINE_DELAY, Mount};
 use super::seen::Seen;
 use super::{
-    Apart, Known, add_scale_error, determined, finish, holding, problem_of_points, seen_by_both, start, with_board_held,
+    Apart, Known, add_scale_error, determined, finish, holding, problem_of_points, seen_by_both, start,
+    with_board_fixed,
 };
 use crate::circles::reference_frame::PointObservation;
 use crate::solve::State;
@@ -93,7 +94,7 @@ pub fn calibrate_frames(
     let left_out = 1.0 - count(&segments) as f64 / count(&of_segments).max(1) as f64;
     let mut of_frames = problem_of_points(&first.refined.problem, segments, second.sigma, second.point_sigma);
     of_frames.sensor = second.sensor;
-    let of_first = with_board_held(&first.refined.problem, first.refined.problem.segments.clone());
+    let of_first = with_board_fixed(&first.refined.problem, first.refined.problem.segments.clone());
     let joint = Joint { first: of_first, second: of_frames };
     let estimate = Estimate {
         first: state.clone(),

@@ -11,17 +11,17 @@ use super::error::SecondCameraError;
 use super::estimate::Estimate;
 use super::mount::{RATE, RATE_SIGMA};
 use super::rows::{SecondPart, second_parts};
+use crate::quality::uncertainty::{BLOCK, Time, stated};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::bordered::{Part, Step, System, event_parts, minimise, moved_by};
-use crate::solve::held_intrinsics::{HeldIntrinsics, share_of_held};
+use crate::solve::fixed_intrinsics::{FixedIntrinsics, share_of_fixed};
 use crate::solve::levenberg::linearised;
-use crate::solve::stretch::{STRETCHES_TOGETHER, Stretch, stretches};
+use crate::solve::observation_range::{ObservationRange, RANGES_TOGETHER, observation_ranges};
 use crate::solve::{Problem, State};
 use crate::trajectory::Trajectory;
-use crate::trust::uncertainty::{BLOCK, Time, stated};
 
 /// Fixed intrinsics of the first and the second camera; `None` for intrinsics that are estimated.
-pub type Lenses<'a> = [Option<&'a HeldIntrinsics>; 2];
+pub type Lenses<'a> = [Option<&'a FixedIntrinsics>; 2];
 
 /// Constant input of the solve.
 pub struct Joint {
@@ -105,7 +105,7 @@ pub fn share_of_lenses(
     if lenses.iter().all(Option::is_none) {
         return Ok(None);
     }
-    let opened = |lens: Option<&HeldIntrinsics>, problem: &Problem| match lens {
+    let opened = |lens: Option<&FixedIntrinsics>, problem: &Problem| match lens {
         Some(lens) => lens.opened(problem),
         None => problem.with_segments(problem.segments.clone()),
     };
@@ -113,11 +113,11 @@ pub fn share_of_lenses(
     let system = linearise(&opened, estimate)?.system;
     let of_second = estimate.mount.count();
     let of_first = of_second + opened.second.free.places().len();
-    let held = lenses.into_iter().zip([of_first, of_second]).filter_map(|(lens, place)| {
+    let fixed = lenses.into_iter().zip([of_first, of_second]).filter_map(|(lens, place)| {
         let covariance = lens?.of_opened();
         Some((place..place + covariance.nrows(), covariance))
     });
-    let share = share_of_held(&system, &held.collect::<Vec<_>>())?;
+    let share = share_of_fixed(&system, &fixed.collect::<Vec<_>>())?;
     Ok(Some(share.view((0, 0), (of_second, of_second)).into_owned()))
 }
 
@@ -129,8 +129,9 @@ fn linearise(joint: &Joint, estimate: &Estimate) -> Result<Linearised, SecondCam
     let (mut parts, first_count) = event_parts(&joint.first, &estimate.first, offset, 1.0);
     let mut counts = [first_count, 0];
     let bearings = BearingTable::new(&estimate.second.camera, joint.second.sensor);
-    let of_stretch = |stretch: &Stretch| second_parts(&joint.second, estimate, &bearings, &of_second, stretch);
-    let second: Vec<SecondPart> = stretches(&joint.second.segments).par_iter().flat_map_iter(of_stretch).collect();
+    let of_range = |range: &ObservationRange| second_parts(&joint.second, estimate, &bearings, &of_second, range);
+    let second: Vec<SecondPart> =
+        observation_ranges(&joint.second.segments).par_iter().flat_map_iter(of_range).collect();
     let mut misfit = Vec::with_capacity(second.len());
     let mut cost = 0.0;
     for SecondPart { part, count } in second {
@@ -158,7 +159,7 @@ fn rms(cost: f64, count: usize) -> f64 {
 pub fn own_rms(problem: &Problem, state: &State) -> f64 {
     let bearings = BearingTable::new(&state.camera, problem.sensor);
     let (mut cost, mut count) = (0.0, 0);
-    for group in stretches(&problem.segments).chunks(STRETCHES_TOGETHER) {
+    for group in observation_ranges(&problem.segments).chunks(RANGES_TOGETHER) {
         for (_, equations) in linearised(problem, state, &bearings, group) {
             cost += equations.loss.cost;
             count += equations.loss.count;

@@ -11,10 +11,10 @@ use crate::solve::bearing_table::BearingTable;
 use crate::solve::bordered::Part;
 use crate::solve::control_band::Block;
 use crate::solve::event_row::ROW_RESIDUAL;
-use crate::solve::normal::{StretchEquations, border_of};
+use crate::solve::normal::{RangeEquations, border_of};
+use crate::solve::observation_range::{BinSums, ObservationRange};
 use crate::solve::pose_bin::PoseBin;
 use crate::solve::row_products::RowProducts;
-use crate::solve::stretch::{BinSums, Stretch};
 
 /// Equations of a part of the second camera's observations.
 pub struct SecondPart {
@@ -41,9 +41,9 @@ pub fn second_parts(
     estimate: &Estimate,
     bearings: &BearingTable,
     free: &[usize],
-    stretch: &Stretch,
+    range: &ObservationRange,
 ) -> Vec<SecondPart> {
-    let Some(observations) = problem.segments.get(stretch.segment) else { return Vec::new() };
+    let Some(observations) = problem.segments.get(range.segment) else { return Vec::new() };
     let mount = &estimate.mount;
     let moment = |index: usize, t: f64, rows: f64| {
         let t = mount.row_time(t, rows);
@@ -53,10 +53,10 @@ pub fn second_parts(
         let carried = Carried::new(&first, mount, t, rows);
         Some(Moment { index, t: time, segment, first, carried })
     };
-    let bins = stretch.bins.clone().filter_map(|bin| moment(bin, observations.bins.get(bin)?.t, 0.0));
+    let bins = range.bins.clone().filter_map(|bin| moment(bin, observations.bins.get(bin)?.t, 0.0));
     let bins: Vec<Moment> = bins.collect();
     let middle = 0.5 * (f64::from(problem.sensor.height) - 1.0);
-    let points = stretch.points.clone().filter_map(|index| {
+    let points = range.points.clone().filter_map(|index| {
         let point = observations.points.get(index)?;
         moment(index, point.t, point.pixel.y - middle)
     });
@@ -111,7 +111,7 @@ fn part_of<'a>(
         add_moment(&mut part, moment, &sums.products, of_mount, free);
         sums.products.clear_pose();
     }
-    let mut own = StretchEquations::new(0, 0, order);
+    let mut own = RangeEquations::new(0, 0, order);
     own.add_globals(&sums.products);
     for (row, &global) in free.iter().enumerate() {
         for (column, &other) in free.iter().enumerate() {

@@ -13,10 +13,10 @@ use rayon::prelude::*;
 use super::bearing_table::BearingTable;
 use super::control_band::{Block, NotPositiveDefinite, banded_times, factored, mean_diagonal};
 use super::levenberg::{linearised, moved};
-use super::normal::StretchEquations;
+use super::normal::RangeEquations;
+use super::observation_range::{ObservationRange, RANGES_TOGETHER, observation_ranges};
 use super::smoothness::accelerations;
 use super::stiffness::{Stiffness, add_jerk};
-use super::stretch::{STRETCHES_TOGETHER, Stretch, stretches};
 use super::system::{Contribution, PackedContribution};
 use super::{GLOBAL_COUNT, Problem, State};
 use crate::trajectory::Trajectory;
@@ -64,7 +64,7 @@ impl Part {
     pub fn from_events(
         segment: usize,
         t: f64,
-        equations: &StretchEquations,
+        equations: &RangeEquations,
         free: &[usize],
         offset: usize,
         weight: f64,
@@ -156,16 +156,16 @@ impl Part {
 pub fn event_parts(problem: &Problem, state: &State, offset: usize, weight: f64) -> (Vec<Part>, usize) {
     let free = problem.free.places();
     let bearings = BearingTable::new(&state.camera, problem.sensor);
-    let part = |(stretch, equations): &(Stretch, StretchEquations)| {
-        let t = stretch.start(&problem.segments);
-        (Part::from_events(stretch.segment, t, equations, &free, offset, weight), equations.loss.count)
+    let part = |(range, equations): &(ObservationRange, RangeEquations)| {
+        let t = range.start(&problem.segments);
+        (Part::from_events(range.segment, t, equations, &free, offset, weight), equations.loss.count)
     };
     // The equations of an interval are large, so they are dropped as soon as the estimated parameters are extracted.
-    let of_group = |group: &[Stretch]| -> Vec<(Part, usize)> {
+    let of_group = |group: &[ObservationRange]| -> Vec<(Part, usize)> {
         linearised(problem, state, &bearings, group).par_iter().map(part).collect()
     };
     let (parts, counts): (Vec<Part>, Vec<usize>) =
-        stretches(&problem.segments).chunks(STRETCHES_TOGETHER).flat_map(of_group).unzip();
+        observation_ranges(&problem.segments).chunks(RANGES_TOGETHER).flat_map(of_group).unzip();
     (parts, counts.iter().sum())
 }
 

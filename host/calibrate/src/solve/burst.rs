@@ -60,7 +60,7 @@ const LENGTH_INDICES: [u8; 256] = {
 
 /// Rank of an event in its burst, and the length of the burst.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BurstPlace {
+pub struct BurstPosition {
     /// 0 for the first event of a burst, at most [`MAX_RANK`].
     pub rank: u8,
     /// Length of the burst.
@@ -164,7 +164,7 @@ impl BurstTracker {
 
     /// Returns rank and burst length of an earlier event of pixel (`x`, `y`), once its burst has continued or ended. A burst with
     /// more than 16 later bursts is no longer stored and counts as long.
-    pub fn place(&self, x: u16, y: u16, beginning: BurstBeginning) -> BurstPlace {
+    pub fn place(&self, x: u16, y: u16, beginning: BurstBeginning) -> BurstPosition {
         let BurstBeginning { rank, burst } = beginning;
         let state = self.pixel(x, y).and_then(|pixel| self.pixels.get(pixel));
         let length = state.map_or_else(BurstLength::default, |state| {
@@ -173,7 +173,7 @@ impl BurstTracker {
             let index = lengths.checked_shr(since).unwrap_or(0) & ((1 << LENGTH_BITS) - 1);
             BurstLength::ALL.get(index as usize).copied().unwrap_or_default()
         });
-        BurstPlace { rank, length }
+        BurstPosition { rank, length }
     }
 }
 
@@ -222,7 +222,7 @@ mod tests {
             _ => FiveOrMore,
         };
         for (first, count) in firsts.iter().zip(counts).skip(1) {
-            assert_eq!(tracker.place(0, 0, *first), BurstPlace { rank: 0, length: length(count) }, "{count}");
+            assert_eq!(tracker.place(0, 0, *first), BurstPosition { rank: 0, length: length(count) }, "{count}");
         }
         // The first burst has seventeen after it.
         assert_eq!(tracker.place(0, 0, firsts[0]).length, FiveOrMore);

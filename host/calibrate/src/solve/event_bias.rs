@@ -19,7 +19,7 @@ pub mod robust;
 
 use evcal_core::event::Polarity;
 
-use crate::solve::burst::{BurstLength, BurstPlace, MAX_RANK, RANK_COUNT};
+use crate::solve::burst::{BurstLength, BurstPosition, MAX_RANK, RANK_COUNT};
 use bias::{Bias, Biases};
 
 /// Number of classes for each length of bursts: two polarities × ranks.
@@ -57,7 +57,7 @@ pub struct EventKind {
     /// Darker or brighter.
     pub polarity: Polarity,
     /// Rank and length of the burst.
-    pub place: BurstPlace,
+    pub place: BurstPosition,
 }
 
 impl EventKind {
@@ -72,7 +72,7 @@ impl EventKind {
         let burst = class / RANK_COUNT;
         let polarity = if burst.is_multiple_of(2) { Polarity::Off } else { Polarity::On };
         let length = BurstLength::ALL.get(burst / 2).copied().unwrap_or_default();
-        let place = BurstPlace { rank: (class % RANK_COUNT) as u8, length };
+        let place = BurstPosition { rank: (class % RANK_COUNT) as u8, length };
         Self { polarity, place }
     }
 }
@@ -165,7 +165,7 @@ mod tests {
             assert_eq!(EventKind::of_class(class).class(), class);
         }
         let first = EventKind::of_class(0);
-        let place = BurstPlace { rank: 0, length: BurstLength::FiveOrMore };
+        let place = BurstPosition { rank: 0, length: BurstLength::FiveOrMore };
         assert_eq!(first, EventKind { polarity: Polarity::Off, place });
     }
 
@@ -174,7 +174,7 @@ mod tests {
         let mut owners = [0; BIAS_COUNT];
         for class in 0..CLASS_COUNT {
             let kind = EventKind::of_class(class);
-            let long = BurstPlace { length: BurstLength::FiveOrMore, ..kind.place };
+            let long = BurstPosition { length: BurstLength::FiveOrMore, ..kind.place };
             let twin = EventKind { place: long, ..kind }.class();
             for bias in Bias::ALL {
                 let place = bias_place(class, bias);

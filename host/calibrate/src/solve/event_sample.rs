@@ -10,7 +10,7 @@ use std::hint::black_box;
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
-use super::burst::{BurstBeginning, BurstLength, BurstPlace, BurstTracker};
+use super::burst::{BurstBeginning, BurstLength, BurstPosition, BurstTracker};
 
 /// An event with its rank and burst length.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,7 +24,7 @@ pub struct RankedEvent {
     /// Direction of the change.
     pub polarity: Polarity,
     /// Rank and length of its burst.
-    pub place: BurstPlace,
+    pub place: BurstPosition,
 }
 
 /// Returns the position of an event in a fixed order of thinning: to keep a share of the events, the ones whose position is below
@@ -176,7 +176,7 @@ struct CompactEvent {
 struct CompactKind(u8);
 
 impl CompactKind {
-    fn new(polarity: Polarity, place: BurstPlace) -> Self {
+    fn new(polarity: Polarity, place: BurstPosition) -> Self {
         Self(polarity.index() as u8 | (place.length.index() as u8) << 1 | place.rank << 3)
     }
 
@@ -184,9 +184,9 @@ impl CompactKind {
         if self.0 & 1 == 0 { Polarity::Off } else { Polarity::On }
     }
 
-    fn place(self) -> BurstPlace {
+    fn place(self) -> BurstPosition {
         let length = BurstLength::ALL.get(usize::from(self.0 >> 1 & 3)).copied().unwrap_or_default();
-        BurstPlace { rank: self.0 >> 3, length }
+        BurstPosition { rank: self.0 >> 3, length }
     }
 }
 

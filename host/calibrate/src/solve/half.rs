@@ -7,9 +7,9 @@ use nalgebra::{DMatrix, DVector};
 
 use super::GLOBAL_COUNT;
 use super::loss::Loss;
-use super::normal::StretchEquations;
+use super::normal::RangeEquations;
+use super::observation_range::ObservationRange;
 use super::places;
-use super::stretch::Stretch;
 use super::system::{Holds, SegmentSystem};
 
 /// Damping, relative to the diagonal: it keeps a parameter that the half does not determine where it is.
@@ -44,8 +44,8 @@ impl Half {
 
     /// Adds a slice: the equations of all its intervals, which belong to one segment; `holds` are the priors of its trajectory.
     /// Returns `None` if they do not determine the trajectory.
-    pub fn add_slice(&mut self, slice: &[(Stretch, StretchEquations)], holds: &Holds) -> Option<()> {
-        let Some(segment) = SegmentSystem::of_stretches(slice, holds) else { return Some(()) };
+    pub fn add_slice(&mut self, slice: &[(ObservationRange, RangeEquations)], holds: &Holds) -> Option<()> {
+        let Some(segment) = SegmentSystem::of_ranges(slice, holds) else { return Some(()) };
         let (schur, right) = segment.eliminated(DAMPING, &self.free).ok()?.schur();
         self.information -= schur;
         self.right -= right;
@@ -81,8 +81,8 @@ mod tests {
     use crate::solve::BOARD_PARAMETERS;
     use crate::solve::bearing_table::BearingTable;
     use crate::solve::levenberg::{assemble, linearised};
-    use crate::solve::stretch::stretches;
-    use crate::solve::stretch::tests::example;
+    use crate::solve::observation_range::observation_ranges;
+    use crate::solve::observation_range::tests::example;
     use crate::trajectory::jerk::jerks;
 
     /// A half with all observations equals the whole, however they are cut into intervals.
@@ -93,13 +93,14 @@ mod tests {
         problem.free.board = [false; BOARD_PARAMETERS];
         problem.stiffness = vec![vec![[1e-3, 1e-2]; jerks(&state.trajectories[0]).len()]];
         let free = problem.free.mask();
-        let system = assemble(&problem, &state, &stretches(&problem.segments));
+        let system = assemble(&problem, &state, &observation_ranges(&problem.segments));
         let step = system.step(DAMPING, &free).unwrap();
         let reduced = system.reduced(DAMPING, &free).unwrap();
         let formal = reduced.covariance(&reduced.places(&free)).unwrap();
 
         let bins = problem.segments[0].bins.len();
-        let cut: Vec<Stretch> = [0..2, 2..5, 5..bins].map(|bins| Stretch { segment: 0, bins, points: 0..0 }).into();
+        let cut: Vec<ObservationRange> =
+            [0..2, 2..5, 5..bins].map(|bins| ObservationRange { segment: 0, bins, points: 0..0 }).into();
         let bearings = BearingTable::new(&state.camera, problem.sensor);
         let holds = Holds::new(&state.trajectories[0], &problem.stiffness[0]);
         let mut half = Half::new(&free);

@@ -14,8 +14,8 @@ use serde::{Deserialize, Serialize};
 
 use super::knot_fit::{Displacement, KnotFit};
 use super::levenberg::assemble;
+use super::observation_range::observation_ranges;
 use super::stiffness::{Stiffness, weigh_jerks};
-use super::stretch::stretches;
 use super::system::SegmentSystem;
 use super::{Problem, SegmentObservations, State};
 use crate::trajectory::knot_grid::{KnotGrid, KnotSettings, cheapest_levels};
@@ -73,7 +73,7 @@ const NOISE: f64 = 5.0;
 /// belong to a grid of `settings`, or which has no events, is not changed.
 pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -> KnotChoice {
     let on_finest = on_finest_knots(problem, state, settings);
-    let system = assemble(problem, &with_finest(state, &on_finest), &stretches(&problem.segments));
+    let system = assemble(problem, &with_finest(state, &on_finest), &observation_ranges(&problem.segments));
     let costs: Vec<Option<Vec<Vec<f64>>>> = on_finest
         .par_iter()
         .zip(&system.segments)

@@ -36,20 +36,20 @@ impl fmt::Display for LeftOut {
     }
 }
 
-/// Returns `true` if time `t` (s) of `recording` lies in one of `stretches`.
-pub fn covers(stretches: &[LeftOut], recording: usize, t: f64) -> bool {
-    stretches.iter().any(|stretch| stretch.recording == recording && stretch.start <= t && t <= stretch.end)
+/// Returns `true` if time `t` (s) of `recording` lies in one of `intervals`.
+pub fn covers(intervals: &[LeftOut], recording: usize, t: f64) -> bool {
+    intervals.iter().any(|interval| interval.recording == recording && interval.start <= t && t <= interval.end)
 }
 
-/// Removes the observations in `stretches` from `problem`.
-pub fn leave_out(problem: &mut Problem, state: &State, stretches: &[LeftOut]) {
+/// Removes the observations in `intervals` from `problem`.
+pub fn leave_out(problem: &mut Problem, state: &State, intervals: &[LeftOut]) {
     // Usually there is nothing to do, and there are many events.
-    if stretches.is_empty() {
+    if intervals.is_empty() {
         return;
     }
     for (observations, trajectory) in problem.segments.iter_mut().zip(&state.trajectories) {
         let far = std::mem::take(&mut observations.far);
-        *observations = observations.within(|t| !covers(stretches, trajectory.recording, t));
+        *observations = observations.within(|t| !covers(intervals, trajectory.recording, t));
         observations.far = far;
     }
 }

@@ -6,9 +6,9 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::bearing_table::BearingTable;
-use super::normal::StretchEquations;
+use super::normal::RangeEquations;
+use super::observation_range::{ObservationRange, RANGES_TOGETHER, linearise, observation_ranges};
 use super::smoothness::{Acceleration, accelerations};
-use super::stretch::{STRETCHES_TOGETHER, Stretch, linearise, stretches};
 use super::system::System;
 use super::{BOARD_INDEX, GLOBAL_COUNT, Problem, SolveError, SolveReport, State, bias_index};
 use crate::solve::event_bias::CLASS_COUNT;
@@ -43,24 +43,24 @@ pub struct Solved {
 /// # Errors
 /// [`SolveError`] if there are no observations, or if they do not determine the parameters.
 pub fn solve(problem: &Problem, state: State) -> Result<Solved, SolveError> {
-    solve_telling(problem, state, TRUSTED, &mut |_| ControlFlow::Continue(()))
+    solve_with_progress(problem, state, TRUSTED, &mut |_| ControlFlow::Continue(()))
 }
 
 /// Does the same as [`solve`], with a progress callback. A step that is predicted to lower the cost by less than the share
-/// `trusted` is the last, and the cost after it is not evaluated. After each iteration but the last, `tell` gets the progress
+/// `trusted` is the last, and the cost after it is not evaluated. After each iteration but the last, `on_progress` gets the progress
 /// from 0 to 1 and may end the solve; the result is then what the iterations so far reached.
 ///
 /// # Errors
 /// As [`solve`].
-pub fn solve_telling(
+pub fn solve_with_progress(
     problem: &Problem,
     mut state: State,
     trusted: f64,
-    tell: &mut dyn FnMut(f64) -> ControlFlow<()>,
+    on_progress: &mut dyn FnMut(f64) -> ControlFlow<()>,
 ) -> Result<Solved, SolveError> {
-    let stretches = stretches(&problem.segments);
+    let ranges = observation_ranges(&problem.segments);
     let free = problem.free.mask();
-    let mut system = assemble(problem, &state, &stretches);
+    let mut system = assemble(problem, &state, &ranges);
     if system.loss.count == 0 {
         return Err(SolveError::NoObservations);
     }
@@ -76,7 +76,7 @@ pub fn solve_telling(
     for _ in 0..problem.iterations {
         if report.iterations > 0 {
             done = done.max(report.iterations as f64 / problem.iterations as f64);
-            if tell(done).is_break() {
+            if on_progress(done).is_break() {
                 break;
             }
         }
@@ -100,7 +100,7 @@ pub fn solve_telling(
             }
             break;
         }
-        let next = assemble(problem, &trial, &stretches);
+        let next = assemble(problem, &trial, &ranges);
         let lost = LOST * cost / count as f64 * count.saturating_sub(next.loss.count) as f64;
         if next.cost + lost >= cost {
             report.rejected += 1;
@@ -143,13 +143,13 @@ pub fn intrinsics_of(matrix: &DMatrix<f64>, free: &[bool; GLOBAL_COUNT], count: 
     part
 }
 
-/// Returns the normal equations of all observations of `problem` at `state` and of the trajectory priors; `stretches` are the
+/// Returns the normal equations of all observations of `problem` at `state` and of the trajectory priors; `ranges` are the
 /// intervals into which the observations are divided.
-pub fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> System {
+pub fn assemble(problem: &Problem, state: &State, ranges: &[ObservationRange]) -> System {
     let control_points: Vec<usize> = state.trajectories.iter().map(|t| t.control_point_count()).collect();
     let bearings = BearingTable::new(&state.camera, problem.sensor);
     let mut system = System::new(&control_points);
-    for group in stretches.chunks(STRETCHES_TOGETHER) {
+    for group in ranges.chunks(RANGES_TOGETHER) {
         system.add(&linearised(problem, state, &bearings, group));
     }
     system.close();
@@ -161,14 +161,14 @@ pub fn assemble(problem: &Problem, state: &State, stretches: &[Stretch]) -> Syst
     system
 }
 
-/// Returns the normal equations of each of `stretches` at `state`; `bearings` are those of the state's camera.
+/// Returns the normal equations of each of `ranges` at `state`; `bearings` are those of the state's camera.
 pub fn linearised(
     problem: &Problem,
     state: &State,
     bearings: &BearingTable,
-    stretches: &[Stretch],
-) -> Vec<(Stretch, StretchEquations)> {
-    stretches.par_iter().map(|stretch| (stretch.clone(), linearise(problem, state, bearings, stretch))).collect()
+    ranges: &[ObservationRange],
+) -> Vec<(ObservationRange, RangeEquations)> {
+    ranges.par_iter().map(|range| (range.clone(), linearise(problem, state, bearings, range))).collect()
 }
 
 /// Returns `state` moved by a step; `None` if the camera model rejects the parameters.
@@ -199,7 +199,7 @@ mod tests {
 
     use super::*;
     use crate::solve::BOARD_PARAMETERS;
-    use crate::solve::stretch::tests::example;
+    use crate::solve::observation_range::tests::example;
 
     /// A problem whose focal lengths are estimated, and a state with wrong focal lengths.
     fn displaced() -> (Problem, State) {
@@ -216,7 +216,7 @@ mod tests {
     fn a_solve_reports_its_progress_and_can_be_ended() {
         let (problem, state) = displaced();
         let mut told = Vec::new();
-        let whole = solve_telling(&problem, state.clone(), TRUSTED, &mut |done| {
+        let whole = solve_with_progress(&problem, state.clone(), TRUSTED, &mut |done| {
             told.push(done);
             ControlFlow::Continue(())
         });
@@ -224,7 +224,7 @@ mod tests {
         assert!(whole.final_cost < 0.9 * whole.initial_cost, "{whole:?}");
         assert_eq!(told.len() + 1, whole.iterations);
         assert!(told.len() > 1 && told.is_sorted() && told[0] > 0.0 && told[told.len() - 1] <= 1.0, "{told:?}");
-        let ended = solve_telling(&problem, state, TRUSTED, &mut |_| ControlFlow::Break(())).unwrap().report;
+        let ended = solve_with_progress(&problem, state, TRUSTED, &mut |_| ControlFlow::Break(())).unwrap().report;
         assert!(ended.iterations == 1 && ended.final_cost > whole.final_cost, "{ended:?}");
     }
 

@@ -35,7 +35,7 @@ pub type BorderBlock = [[f64; GLOBAL_COUNT]; 6];
 
 /// Normal equations of an interval of one segment.
 #[derive(Clone, Debug)]
-pub struct StretchEquations {
+pub struct RangeEquations {
     /// Index of the first control point concerned.
     pub first: usize,
     /// Number of control points that act at one time.
@@ -54,7 +54,7 @@ pub struct StretchEquations {
     pub loss: Loss,
 }
 
-impl StretchEquations {
+impl RangeEquations {
     /// Creates empty equations for `count` control points from `first` on.
     pub fn new(first: usize, count: usize, order: usize) -> Self {
         Self {

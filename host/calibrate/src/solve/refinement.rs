@@ -21,10 +21,10 @@ use crate::solve::event_bias::{CLASS_COUNT, CLASSES_OF_LENGTH, EventBias, is_own
 use crate::solve::event_sample::RankedEvent;
 use crate::solve::knot_choice::{KnotReport, choose_knots};
 use crate::solve::left_out::{LeftOut, leave_out};
-use crate::solve::levenberg::{Solved, TRUSTED, solve_telling};
+use crate::solve::levenberg::{Solved, TRUSTED, solve_with_progress};
 use crate::solve::observation::SegmentObservations;
+use crate::solve::observation_range::{EventResidual, residuals_and_scale, residuals_at};
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
-use crate::solve::stretch::{EventResidual, residuals_and_scale, residuals_at};
 use crate::solve::system::System;
 use crate::solve::unexplained::unexplained;
 use crate::solve::{
@@ -126,7 +126,7 @@ pub struct RefinementInput<'a, E> {
     /// Flags of the estimated parameters of the board; the others keep their start values.
     pub free_board: [bool; BOARD_PARAMETERS],
     /// Flags of the intrinsics that keep their start values.
-    pub held: [bool; MAX_PARAMETERS],
+    pub fixed: [bool; MAX_PARAMETERS],
 }
 
 /// All settings of association and joint solve (sections 8 to 11 of method.md).
@@ -199,8 +199,8 @@ pub fn refine<E: Send>(
     let mut last_early = false;
     loop {
         let round = rounds.len();
-        let mut tell = |done| progress(round, done);
-        tell(0.0).map_err(RefinementError::Read)?;
+        let mut on_progress = |done| progress(round, done);
+        on_progress(0.0).map_err(RefinementError::Read)?;
         let first = rounds.is_empty();
         // The last round uses all events that the settings allow; the ones before use only as many as are needed to get near.
         let final_round = last_early || rounds.len() + 1 == total;
@@ -208,10 +208,10 @@ pub fn refine<E: Send>(
         let share = (wanted as f64 / (count * kept_share)).min(1.0);
         let bearings = BearingTable::new(&state.camera, input.sensor);
         // A request to end is noticed immediately afterwards.
-        let mut associating = |done| _ = tell(ASSOCIATED * done);
+        let mut associating = |done| _ = on_progress(ASSOCIATED * done);
         let Associated { segments, report: association, mut residuals, mut mean_scale } =
             associate_all(input, &state, &bearings, settings, !first, share, &mut associating)?;
-        tell(ASSOCIATED).map_err(RefinementError::Read)?;
+        on_progress(ASSOCIATED).map_err(RefinementError::Read)?;
         kept_share = (association.kept as f64 / (association.events.max(1) as f64 * share)).clamp(1e-3, 1.0);
         let mut problem = problem(input, settings, segments, &state);
         if !input.left_out.is_empty() || problem.residual == ResidualMeasure::Plane {
@@ -233,8 +233,8 @@ pub fn refine<E: Send>(
             BoardEdges::Lines(_) => biases.iter_mut().for_each(|biases| biases[Bias::Memory] = false),
         }
         problem.free.board = input.free_board;
-        let intrinsics = problem.free.intrinsics.iter_mut().zip(input.held);
-        intrinsics.for_each(|(free, held)| *free &= !held);
+        let intrinsics = problem.free.intrinsics.iter_mut().zip(input.fixed);
+        intrinsics.for_each(|(free, fixed)| *free &= !fixed);
         let is_large = final_round && counts.iter().sum::<usize>() > EARLY_EVENTS;
         let knots = (!first).then(|| {
             let fewer = is_large.then(|| problem.every(KNOTS));
@@ -244,21 +244,21 @@ pub fn refine<E: Send>(
             choice.report
         });
         let before = state.camera;
-        tell(READY).map_err(RefinementError::Read)?;
+        on_progress(READY).map_err(RefinementError::Read)?;
         let (mut ready, mut trusted) = (READY, if final_round { TRUSTED } else { EARLY });
         if is_large {
             let coarse = problem.every(COARSE);
-            let solving = &mut |done| flow(tell(READY + (COARSELY_SOLVED - READY) * done));
-            let Solved { state: solved, report, .. } = solve_telling(&coarse, state, EARLY, solving)?;
+            let solving = &mut |done| flow(on_progress(READY + (COARSELY_SOLVED - READY) * done));
+            let Solved { state: solved, report, .. } = solve_with_progress(&coarse, state, EARLY, solving)?;
             (state, ready) = (solved, COARSELY_SOLVED);
             if report.iterations < coarse.iterations {
                 trusted = AFTER_COARSE;
             }
         }
-        let solving = &mut |done| flow(tell(ready + (SOLVED - ready) * done));
+        let solving = &mut |done| flow(on_progress(ready + (SOLVED - ready) * done));
         let Solved { state: solved, mut system, report: solve_report } =
-            solve_telling(&problem, state, trusted, solving)?;
-        tell(SOLVED).map_err(RefinementError::Read)?;
+            solve_with_progress(&problem, state, trusted, solving)?;
+        on_progress(SOLVED).map_err(RefinementError::Read)?;
         state = solved;
         let moved = difference(&before, &state.camera, input.sensor);
         let change = (moved.compared > 0).then_some(moved.root_mean_square);
@@ -273,9 +273,9 @@ pub fn refine<E: Send>(
             if !unexplained.is_empty() {
                 drop(events);
                 leave_out(&mut problem, &state, &unexplained);
-                let solving = &mut |done| flow(tell(SOLVED + (1.0 - SOLVED) * done));
-                Solved { state, system, .. } = solve_telling(&problem, state, TRUSTED, solving)?;
-                tell(1.0).map_err(RefinementError::Read)?;
+                let solving = &mut |done| flow(on_progress(SOLVED + (1.0 - SOLVED) * done));
+                Solved { state, system, .. } = solve_with_progress(&problem, state, TRUSTED, solving)?;
+                on_progress(1.0).map_err(RefinementError::Read)?;
                 events = residuals_at(&problem, &state);
                 residuals = residual_statistics(&problem, &state, &events);
             }
@@ -306,7 +306,7 @@ pub(super) struct Associated {
     pub(super) mean_scale: Option<f64>,
 }
 
-/// Associates a `share` of 0 to 1 of the events of each recording. `tell` gets the share that was processed, 0 to 1.
+/// Associates a `share` of 0 to 1 of the events of each recording. `on_progress` gets the share that was processed, 0 to 1.
 pub(super) fn associate_all<E: Send>(
     input: &RefinementInput<E>,
     state: &State,
@@ -314,7 +314,7 @@ pub(super) fn associate_all<E: Send>(
     settings: StageSettings,
     sigma_known: bool,
     share: f64,
-    tell: &mut dyn FnMut(f64),
+    on_progress: &mut dyn FnMut(f64),
 ) -> Result<Associated, RefinementError<E>> {
     let mut segments = vec![SegmentObservations::default(); state.trajectories.len()];
     let mut report = AssociationReport::default();
@@ -331,7 +331,7 @@ pub(super) fn associate_all<E: Send>(
         let take = &mut |batch: &[RankedEvent]| {
             associator.push(batch);
             seen += batch.len();
-            tell((seen as f64 / (total as f64 * share)).min(1.0));
+            on_progress((seen as f64 / (total as f64 * share)).min(1.0));
         };
         (events.read)(recording, share, take).map_err(RefinementError::Read)?;
         let Observed { segments: found, residuals: of_events, scales, report: part } = associator.finish();

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::stretch::{EventResidual, point_residuals};
+use super::observation_range::{EventResidual, point_residuals};
 use super::{Problem, State};
 use evcal_geometry::numerics::statistics::median;
 

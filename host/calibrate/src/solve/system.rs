@@ -6,10 +6,10 @@ use rayon::prelude::*;
 use super::control_band::{Block, NotPositiveDefinite, banded_times, factored, mean_diagonal};
 use super::eliminated::{ControlCovariance, Eliminated, Following};
 use super::loss::Loss;
-use super::normal::{BorderBlock, StretchEquations};
+use super::normal::{BorderBlock, RangeEquations};
+use super::observation_range::ObservationRange;
 use super::smoothness::{Acceleration, accelerations};
 use super::stiffness::{Stiffness, add_jerk};
-use super::stretch::Stretch;
 use super::{GLOBAL_COUNT, places};
 use crate::trajectory::Trajectory;
 use crate::trajectory::jerk::{Jerk, jerks};
@@ -120,9 +120,9 @@ impl System {
     }
 
     /// Adds intervals, in their order.
-    pub fn add(&mut self, stretches: &[(Stretch, StretchEquations)]) {
-        for (stretch, equations) in stretches {
-            let Some(segment) = self.segments.get_mut(stretch.segment) else { continue };
+    pub fn add(&mut self, ranges: &[(ObservationRange, RangeEquations)]) {
+        for (range, equations) in ranges {
+            let Some(segment) = self.segments.get_mut(range.segment) else { continue };
             let order = equations.order;
             if segment.order != order && !equations.border.is_empty() {
                 *segment = SegmentSystem::new(segment.border.len(), order);
@@ -300,16 +300,16 @@ pub struct Follows {
 }
 
 impl Follows {
-    /// Returns the contribution of each of `stretches` to the equations of the estimated global parameters, after elimination of
+    /// Returns the contribution of each of `ranges` to the equations of the estimated global parameters, after elimination of
     /// the control points.
     ///
     /// With A⁻¹B, by which the control points follow the global parameters, an interval with the equations (Aₖ, Bₖ, Cₖ) and the
     /// gradient (gₖ, hₖ) has the gradient hₖ − (A⁻¹B)ᵀgₖ and the information Cₖ − BₖᵀA⁻¹B − (BₖᵀA⁻¹B)ᵀ + (A⁻¹B)ᵀAₖA⁻¹B. Over all
     /// intervals these add up to the equations of the system, without the trajectory priors.
-    pub fn contributions(&self, stretches: &[(Stretch, StretchEquations)]) -> Vec<PackedContribution> {
+    pub fn contributions(&self, ranges: &[(ObservationRange, RangeEquations)]) -> Vec<PackedContribution> {
         let free = &self.free;
-        let of_stretch = |(stretch, equations): &(Stretch, StretchEquations)| {
-            let segment = self.segments.get(stretch.segment)?;
+        let of_range = |(range, equations): &(ObservationRange, RangeEquations)| {
+            let segment = self.segments.get(range.segment)?;
             let rows = 6 * equations.control_point_count();
             let follows = &segment.of_points(equations.first, equations.control_point_count());
             let gradient = DVector::from_iterator(rows, equations.gradient.iter().flatten().copied());
@@ -327,7 +327,7 @@ impl Follows {
             };
             Some(contribution.into())
         };
-        stretches.par_iter().filter_map(of_stretch).collect()
+        ranges.par_iter().filter_map(of_range).collect()
     }
 
     /// Returns the covariance of the control points of each segment when the estimated global parameters at `places` have the
@@ -353,7 +353,7 @@ impl SegmentSystem {
     }
 
     /// Adds equations of the same order whose first control point has the index `at` here.
-    fn add(&mut self, equations: &StretchEquations, at: usize) {
+    fn add(&mut self, equations: &RangeEquations, at: usize) {
         let blocks = self.blocks.iter_mut().skip(at * self.order);
         blocks.zip(&equations.blocks).for_each(|(sum, block)| *sum += block);
         for (sum, part) in self.border.iter_mut().skip(at).zip(&equations.border) {
@@ -367,8 +367,8 @@ impl SegmentSystem {
 
     /// Sums the equations of intervals of one segment and the priors `holds` of its trajectory between their control points;
     /// `None` without any.
-    pub fn of_stretches(stretches: &[(Stretch, StretchEquations)], holds: &Holds) -> Option<Self> {
-        let concerned = || stretches.iter().map(|(_, equations)| equations).filter(|one| !one.border.is_empty());
+    pub fn of_ranges(ranges: &[(ObservationRange, RangeEquations)], holds: &Holds) -> Option<Self> {
+        let concerned = || ranges.iter().map(|(_, equations)| equations).filter(|one| !one.border.is_empty());
         let first = concerned().map(|one| one.first).min()?;
         let end = concerned().map(|one| one.first + one.control_point_count()).max()?;
         let mut segment = Self::new(end - first, concerned().next()?.order);

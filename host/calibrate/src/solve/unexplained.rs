@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::left_out::{LeftOut, Reason};
 use super::observation::SegmentObservations;
-use super::stretch::EventResidual;
+use super::observation_range::EventResidual;
 use super::{Problem, State};
 use crate::trajectory::Trajectory;
 use evcal_geometry::numerics::statistics::median;
@@ -40,17 +40,17 @@ pub fn unexplained(problem: &Problem, state: &State, residuals: &[EventResidual]
         })
         .collect();
     let mut found: Vec<(LeftOut, usize)> = Vec::new();
-    for stretch in of_segments.into_iter().flatten() {
-        let adjoins = |last: &LeftOut| last.recording == stretch.recording && last.end >= stretch.start;
+    for range in of_segments.into_iter().flatten() {
+        let adjoins = |last: &LeftOut| last.recording == range.recording && last.end >= range.start;
         match found.last_mut().filter(|(last, _)| adjoins(last)) {
             Some((last, cells)) => {
-                last.end = stretch.end;
+                last.end = range.end;
                 *cells += 1;
             }
-            None => found.push((stretch, 1)),
+            None => found.push((range, 1)),
         }
     }
-    found.into_iter().filter(|(_, cells)| *cells >= FEWEST_CELLS).map(|(stretch, _)| stretch).collect()
+    found.into_iter().filter(|(_, cells)| *cells >= FEWEST_CELLS).map(|(range, _)| range).collect()
 }
 
 /// Finds the unexplained cells of one segment, each with its neighbours.

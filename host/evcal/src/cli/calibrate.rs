@@ -1,6 +1,6 @@
 //! `evcal calibrate`.
 
-pub mod held;
+pub mod fixed;
 pub mod work;
 
 use std::error::Error;
@@ -34,7 +34,7 @@ use evcal_report::output::folder::{FOLDERS, is_result};
 use event_recordings::image_folder::Stamps;
 use event_recordings::{Recording, RecordingOptions};
 
-use self::held::{HeldCamera, HeldCameras};
+use self::fixed::{FixedCamera, FixedCameras};
 use self::work::{Failed, Other, Work};
 use super::output_arguments::OutputArguments;
 use super::progress::{Waiting, short_name};
@@ -120,15 +120,15 @@ impl SecondCameraArguments {
     }
 
     /// Reads the cameras whose intrinsics are fixed.
-    fn held_cameras(&self, calibration: &CalibrationArguments) -> Result<HeldCameras, Box<dyn Error>> {
+    fn fixed_cameras(&self, calibration: &CalibrationArguments) -> Result<FixedCameras, Box<dyn Error>> {
         let together = calibration.imu.is_some() || calibration.with_frames || !self.with.is_empty();
         if self.camera.is_some() && !together {
             let advice = "--camera works only together with --imu, --with or --with-frames: add one of them, or leave out --camera";
             return Err(UsageError(advice.to_owned()).into());
         }
-        let first = self.camera.as_deref().map(HeldCamera::read).transpose()?;
-        let others = self.with_camera.iter().map(|path| HeldCamera::read(path)).collect::<Result<_, _>>()?;
-        Ok(HeldCameras { first, others })
+        let first = self.camera.as_deref().map(FixedCamera::read).transpose()?;
+        let others = self.with_camera.iter().map(|path| FixedCamera::read(path)).collect::<Result<_, _>>()?;
+        Ok(FixedCameras { first, others })
     }
 }
 
@@ -315,8 +315,8 @@ fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
         stamps: arguments.second.with_stamps,
         rolling_shutter: arguments.second.rolling_shutter,
     };
-    let held = arguments.second.held_cameras(&arguments.calibration)?;
-    let recordings = CameraRecordings { first: &arguments.recordings, others, held };
+    let fixed = arguments.second.fixed_cameras(&arguments.calibration)?;
+    let recordings = CameraRecordings { first: &arguments.recordings, others, fixed };
     let waiting = Waiting::new(arguments.calibration.json);
     calibrate_recordings(recordings, &arguments.source.options(), &arguments.calibration, &settings, &folder, waiting)
 }
@@ -325,7 +325,7 @@ fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
 pub struct CameraRecordings<'a> {
     pub first: &'a [PathBuf],
     pub others: OtherCameras<'a>,
-    pub held: HeldCameras,
+    pub fixed: FixedCameras,
 }
 
 /// One recording per other camera, with its options.
@@ -355,13 +355,13 @@ impl<'a> OtherCameras<'a> {
 impl<'a> CameraRecordings<'a> {
     /// Returns the recordings of a camera without others.
     pub fn alone(first: &'a [PathBuf]) -> Self {
-        Self { first, others: OtherCameras::default(), held: HeldCameras::default() }
+        Self { first, others: OtherCameras::default(), fixed: FixedCameras::default() }
     }
 }
 
 /// Calibrates from `recordings` and writes the results.
 pub fn calibrate_recordings(
-    CameraRecordings { first: recordings, others, held }: CameraRecordings,
+    CameraRecordings { first: recordings, others, fixed }: CameraRecordings,
     options: &RecordingOptions,
     arguments: &CalibrationArguments,
     settings: &Settings,
@@ -400,7 +400,7 @@ pub fn calibrate_recordings(
         inputs,
         others,
         rolling_shutter,
-        held,
+        fixed,
         board,
         sensor: options.sensor,
         parameters,

@@ -8,7 +8,9 @@ use evcal_calibrate::circles::file::{InputKind, open_events};
 use evcal_calibrate::circles::serial::SerialAddress;
 use evcal_calibrate::circles::stream::{self, CircleStream};
 use evcal_calibrate::detection::recognised::Recognised;
-use evcal_calibrate::detection::search::{FoundCircles, SearchFor, search_events_telling, search_stream, sensor_of};
+use evcal_calibrate::detection::search::{
+    FoundCircles, SearchFor, search_events_with_progress, search_stream, sensor_of,
+};
 use evcal_calibrate::detection::settings::DetectionSettings;
 use evcal_core::circle::Extraction;
 use evcal_files::shell_word::shell_word;
@@ -85,7 +87,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let stage = format!("searching {}", short_name(&arguments.recording));
     waiting.stage(&stage, None);
     let wanted = wanted(arguments, &[&recording], &settings.detection)?;
-    let found = search_events_telling(&recording, sensor, wanted, &settings.detection, |done| {
+    let found = search_events_with_progress(&recording, sensor, wanted, &settings.detection, |done| {
         waiting.stage(&stage, done);
     })?;
     waiting.finish();

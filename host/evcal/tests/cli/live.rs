@@ -16,7 +16,7 @@ use evcal_calibrate::settings::Settings;
 use evcal_core::camera::ModelKind;
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
-use evcal_live::checkpoint::{Checkpoints, Stated, Telling};
+use evcal_live::checkpoint::{Checkpoints, ReportTime, Stated};
 use evcal_live::frames::FrameFeed;
 use evcal_live::guidance::Hint;
 use evcal_live::health::{Health, HealthMonitor};
@@ -47,8 +47,8 @@ fn recording(path: &Path) -> Recording {
 }
 
 fn stated(calibrated: &Calibrated) -> Stated {
-    let projection = &calibrated.trust.projection;
-    let halves = calibrated.events().and_then(|events| events.trust.split_half.as_ref());
+    let projection = &calibrated.quality.projection;
+    let halves = calibrated.events().and_then(|events| events.quality.split_half.as_ref());
     Stated { rms: projection.rms, max: projection.max, halves_agree: halves.is_some_and(|halves| halves.consistent()) }
 }
 
@@ -65,15 +65,16 @@ fn state(path: &Path, seconds: f64) -> Stated {
 fn printed_lines(speed: Option<f64>) -> Vec<String> {
     let (settings, board) = (Settings::default(), board());
     let work = |seconds: f64, _: &_| Ok(state(Path::new(RECORDING), seconds));
-    let checkpoints = Checkpoints::start(Telling::AtLength(1.5), 0.05, 1.0, work).unwrap();
+    let checkpoints = Checkpoints::start(ReportTime::AtLength(1.5), 0.05, 1.0, work).unwrap();
     let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, &board.into(), SENSOR)
         .with_checkpoints(checkpoints);
     let latest = Latest::new(observer.seen());
     let mut printed = Vec::new();
-    let tell = |seen: &evcal_live::Seen| printed.push(format!("{seen:?}"));
-    let report =
-        replay(&recording(Path::new(RECORDING)), SENSOR, speed, observer, &latest, tell, |_| ControlFlow::Continue(()))
-            .unwrap();
+    let on_progress = |seen: &evcal_live::Seen| printed.push(format!("{seen:?}"));
+    let report = replay(&recording(Path::new(RECORDING)), SENSOR, speed, observer, &latest, on_progress, |_| {
+        ControlFlow::Continue(())
+    })
+    .unwrap();
     assert!(report.damage.is_none() && report.events > 1_000_000);
     let seen = &report.seen;
     assert!(seen.coverage.boards > 200 && seen.camera.is_some());

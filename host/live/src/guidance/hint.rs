@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::{Isometry3, Vector2, Vector3};
 
-use super::place::Place;
+use super::board_pose::BoardPose;
 use crate::Tilt;
 
 /// Tolerance of the position in the image, as a fraction of the sensor's width.
@@ -31,7 +31,7 @@ pub enum Swing {
 
 impl Swing {
     /// Returns the swing about the axis of the pose's tilt.
-    pub fn of(place: &Place) -> Self {
+    pub fn of(place: &BoardPose) -> Self {
         if place.tilt.x.abs() > place.tilt.y.abs() { Self::ToAndFro } else { Self::Sideways }
     }
 }

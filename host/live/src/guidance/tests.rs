@@ -4,8 +4,8 @@ use nalgebra::{DMatrix, Isometry3, Point3, Vector2, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
+use super::board_pose::{BoardPose, candidates, in_image, visible};
 use super::hint::{Hint, Seen, choose, errors, half_turn};
-use super::place::{Place, candidates, in_image, visible};
 use super::*;
 use crate::coverage::BOARDS;
 use crate::{LiveCoverage, Tilt};
@@ -27,16 +27,16 @@ fn camera() -> Camera<f64> {
     Camera::from_parameters(ModelKind::Radtan, &LENS).unwrap()
 }
 
-fn place(position: [f64; 3], tilt: [f64; 2], roll: f64) -> Place {
-    Place { position: position.into(), tilt: tilt.into(), roll }
+fn place(position: [f64; 3], tilt: [f64; 2], roll: f64) -> BoardPose {
+    BoardPose { position: position.into(), tilt: tilt.into(), roll }
 }
 
-fn seen(place: &Place) -> Seen {
+fn seen(place: &BoardPose) -> Seen {
     let pose = place.pose(&board());
     Seen { pose, middle: place.position, pixel: camera().project(&place.position).unwrap() }
 }
 
-fn hint(now: &Place, goal: &Place) -> Hint {
+fn hint(now: &BoardPose, goal: &BoardPose) -> Hint {
     choose(&errors(&seen(now), &seen(goal), 346.0), Hint::Show)
 }
 
@@ -242,7 +242,7 @@ fn session(follows: Follows, target: f64, seconds: f64, seed: u64) -> Session {
                 _ => (0.05, 0.02),
             };
             let mut shaken = |size: f64| normal(&mut random) * size;
-            goal = Place {
+            goal = BoardPose {
                 position: wanted.position + Vector3::new(shaken(shift), shaken(shift), shaken(shift)),
                 tilt: wanted.tilt + Vector2::new(shaken(turn), shaken(turn)),
                 roll: wanted.roll + shaken(turn),
@@ -257,7 +257,7 @@ fn session(follows: Follows, target: f64, seconds: f64, seed: u64) -> Session {
         for (index, part) in tremor.iter_mut().enumerate() {
             *part = 0.8 * *part + normal(&mut random) * if index < 3 { 0.02 } else { 0.006 };
         }
-        let real = Place {
+        let real = BoardPose {
             position: at.position + Vector3::new(tremor[3], tremor[4], tremor[5]),
             tilt: at.tilt + Vector2::new(tremor[0], tremor[1]),
             roll: at.roll + tremor[2],
@@ -277,7 +277,7 @@ fn session(follows: Follows, target: f64, seconds: f64, seed: u64) -> Session {
     Session { reached: steps * STEP, seen: seen / steps, guidance, coverage }
 }
 
-fn by_coverage(coverage: &LiveCoverage, step: u64, random: &mut ChaCha8Rng) -> Place {
+fn by_coverage(coverage: &LiveCoverage, step: u64, random: &mut ChaCha8Rng) -> BoardPose {
     let summary = coverage.summary();
     let z = uniform_in(random, 0.6, 1.0);
     let emptiest = (0..48).min_by(|a, b| summary.cells[*a].total_cmp(&summary.cells[*b])).unwrap_or(0);
@@ -295,7 +295,7 @@ fn by_coverage(coverage: &LiveCoverage, step: u64, random: &mut ChaCha8Rng) -> P
 fn frame(
     camera: &Camera<f64>,
     board: &Board,
-    at: &Place,
+    at: &BoardPose,
     t: f64,
     was_seen: bool,
     random: &mut ChaCha8Rng,

@@ -255,7 +255,7 @@ pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtra
 }
 
 impl ReadExtras for WordExtras {
-    fn held(&self) -> OtherStreams {
+    fn streams(&self) -> OtherStreams {
         self.held
     }
 
@@ -355,7 +355,7 @@ mod tests {
         ];
         let (_directory, recording) = recording(&records.concat());
         let mut extras = recording.open_extras().unwrap();
-        assert_eq!(extras.held(), OtherStreams { frames: true, imu: true });
+        assert_eq!(extras.streams(), OtherStreams { frames: true, imu: true });
         let t = i64::from(t);
         let picture = |t: i64| Frame {
             t: (t + 5).midpoint(t + 1000),

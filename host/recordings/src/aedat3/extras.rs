@@ -174,7 +174,7 @@ pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtra
 }
 
 impl ReadExtras for PacketExtras {
-    fn held(&self) -> OtherStreams {
+    fn streams(&self) -> OtherStreams {
         self.held
     }
 
@@ -268,7 +268,7 @@ mod tests {
     fn frames_and_samples_are_decoded() {
         let (_directory, recording) = recording(&file());
         let mut extras = recording.open_extras().unwrap();
-        assert_eq!(extras.held(), OtherStreams { frames: true, imu: true });
+        assert_eq!(extras.streams(), OtherStreams { frames: true, imu: true });
         let t = |t: i64| (1 << 31) + t;
         let grey = Frame {
             t: t(150),

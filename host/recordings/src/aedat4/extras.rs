@@ -36,7 +36,7 @@ impl Aedat4Extras {
 }
 
 impl ReadExtras for Aedat4Extras {
-    fn held(&self) -> OtherStreams {
+    fn streams(&self) -> OtherStreams {
         self.held
     }
 

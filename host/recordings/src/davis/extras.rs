@@ -30,7 +30,7 @@ impl CameraExtras {
 }
 
 impl ReadExtras for CameraExtras {
-    fn held(&self) -> OtherStreams {
+    fn streams(&self) -> OtherStreams {
         self.held
     }
 

@@ -168,7 +168,7 @@ fn damaged(path: &Path, error: &Error) -> RecordingError {
 }
 
 impl ReadExtras for Hdf5Extras {
-    fn held(&self) -> OtherStreams {
+    fn streams(&self) -> OtherStreams {
         self.held
     }
 
@@ -248,7 +248,7 @@ mod tests {
         std::fs::write(&path, without_pictures()).unwrap();
         let recording = Recording::new(&path, RecordingOptions { damage, ..RecordingOptions::default() }).unwrap();
         let (mut extras, mut lost) = (recording.open_extras().unwrap(), Vec::new());
-        assert!(extras.held().frames && extras.held().imu);
+        assert!(extras.streams().frames && extras.streams().imu);
         let read: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut lost)).collect();
         let samples = read.iter().map(|extra| match extra {
             Extra::Inertial(sample) => sample.t,

@@ -275,7 +275,7 @@ pub fn open(
 }
 
 impl ReadExtras for MessageExtras {
-    fn held(&self) -> OtherStreams {
+    fn streams(&self) -> OtherStreams {
         OtherStreams { frames: self.topics.pictures.is_some(), imu: self.topics.samples.is_some() }
     }
 

@@ -72,7 +72,7 @@ fn every_container_gives_events_frames_and_samples() {
         assert_eq!(counts.collect::<Vec<_>>(), expected);
 
         let mut extras = recording.open_extras().unwrap();
-        assert!(extras.held().frames && extras.held().imu);
+        assert!(extras.streams().frames && extras.streams().imu);
         let (Some(Extra::Frame(frame)), Some(Extra::Inertial(sample))) =
             (extras.next_until(i64::MAX, &mut Vec::new()), extras.next_until(i64::MAX, &mut Vec::new()))
         else {
@@ -304,7 +304,7 @@ fn frames_of_the_other_side_of_a_rig_are_not_read() {
         let path = directory.path().join("recording");
         std::fs::write(&path, content).unwrap();
         let extras = Recording::new(&path, RecordingOptions::default()).unwrap().open_extras().unwrap();
-        (extras.held().frames, extras.chosen())
+        (extras.streams().frames, extras.chosen())
     };
     for [events_topic, own, other] in PAIRS {
         let with = |frames: &'static str| {

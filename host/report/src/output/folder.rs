@@ -19,10 +19,10 @@ use evcal_calibrate::export::content::ExportFormat;
 use evcal_calibrate::export::{inertial, kalibr, opencv, ros, second_camera};
 use evcal_calibrate::initial::PosedFrame;
 use evcal_calibrate::picture_calibration::calibration::PictureSource;
+use evcal_calibrate::quality::poses::{PoseSettings, UncertainPose, csv, determined, sampled_poses};
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::result::calibration_file::{CalibrationFile, InputFile};
 use evcal_calibrate::result::stage_report::stage_report;
-use evcal_calibrate::trust::poses::{PoseSettings, UncertainPose, csv, determined, sampled_poses};
 use evcal_files::FileError;
 use evcal_files::folder::{FolderError, OutputFolder};
 use evcal_geometry::board::Board;
@@ -307,7 +307,7 @@ pub fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &P
     let mut poses = match &calibrated.evidence {
         Evidence::Events(events) => {
             let (state, left_out) = (&events.refined.state, &events.refined.left_out);
-            let mut poses = sampled_poses(state, &events.trust.poses, left_out, recording, settings);
+            let mut poses = sampled_poses(state, &events.quality.poses, left_out, recording, settings);
             let followed = events.followed.iter().filter(|interval| interval.recording == recording);
             poses.extend(followed.flat_map(|interval| &interval.poses).copied());
             poses.sort_by(|a, b| a.pose.t.total_cmp(&b.pose.t));

@@ -53,8 +53,8 @@ pub fn summary(calibration: &CalibrationFile) -> String {
         let _ = write!(text, "\n{choice}");
     }
     match &calibration.frames {
-        Some(FramesResult::Witness(witness)) => {
-            let _ = write!(text, "\nframes: {}", witness.sentence);
+        Some(FramesResult::CrossCheck(cross_check)) => {
+            let _ = write!(text, "\nframes: {}", cross_check.sentence);
         }
         Some(FramesResult::Failed(failure)) => {
             let _ = write!(text, "\nthe camera's frames could not be calibrated for comparison: {}", failure.reason);

@@ -8,7 +8,7 @@ use super::number::percent;
 use super::page::Section;
 use super::trusted_places::observation_map;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
-use evcal_calibrate::trust::coverage::Coverage;
+use evcal_calibrate::quality::coverage::Coverage;
 use evcal_geometry::board::Board;
 
 /// Limit of points in a plot; more would not be distinguishable.
@@ -27,7 +27,7 @@ struct Place {
 /// Returns the observations on the sensor, distances and tilts.
 pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     let places: Vec<Place> = poses(calibrated).map(|pose| place(board, &pose)).collect();
-    let Coverage { distance, tilt, fill, .. } = &calibrated.trust.coverage;
+    let Coverage { distance, tilt, fill, .. } = &calibrated.quality.coverage;
     let content = html! {
         p {
             "Focal length and distance are determined separately only if the board is near and tilted in all directions. Here it was "

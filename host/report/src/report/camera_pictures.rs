@@ -12,7 +12,7 @@ use super::trusted_places::difference_cells;
 use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use evcal_calibrate::picture_calibration::calibration::{PictureReport, PictureSource};
-use evcal_calibrate::trust::witness::{Comparison, PictureWitness, WitnessOutcome};
+use evcal_calibrate::quality::cross_check::{Comparison, CrossCheckOutcome, PictureCrossCheck};
 
 /// Returns the comparison and examples; `None` if the recordings contain no pictures.
 pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
@@ -44,9 +44,9 @@ fn of_views(report: &PictureReport) -> Section {
 
 fn with_events(calibrated: &Calibrated, events: &EventCalibration) -> Markup {
     html! {
-        @match &events.witness {
-            Some(WitnessOutcome::Witness(witness)) => (compared(calibrated, witness)),
-            Some(WitnessOutcome::Failed(failure)) => p { "The frames of the recording could not be calibrated: " (failure) "." },
+        @match &events.cross_check {
+            Some(CrossCheckOutcome::Compared(cross_check)) => (compared(calibrated, cross_check)),
+            Some(CrossCheckOutcome::Failed(failure)) => p { "The frames of the recording could not be calibrated: " (failure) "." },
             None => {}
         }
         @if let Some(joint) = &events.joint {
@@ -74,8 +74,8 @@ fn counts(report: &PictureReport) -> Markup {
     }
 }
 
-fn compared(calibrated: &Calibrated, witness: &PictureWitness) -> Markup {
-    let PictureWitness { comparison, difference } = witness;
+fn compared(calibrated: &Calibrated, cross_check: &PictureCrossCheck) -> Markup {
+    let PictureCrossCheck { comparison, difference } = cross_check;
     let (cells, largest) = difference_cells(calibrated, difference);
     let map = SensorMap {
         description: format!(

@@ -8,11 +8,11 @@ use super::page::{Section, scrolling};
 use super::palette::Palette;
 use super::trusted_places::difference_cells;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
-use evcal_calibrate::trust::split_half::SplitHalf;
+use evcal_calibrate::quality::split_half::SplitHalf;
 
 /// Returns the differences of the halves; `None` for a calibration from pictures alone, whose uncertainty comes from leaving pictures out.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
-    let content = match &calibrated.events()?.trust.split_half {
+    let content = match &calibrated.events()?.quality.split_half {
         Some(halves) => compared(calibrated, halves),
         None => {
             html! { p { "The recordings are too short to be split into halves, so the uncertainty could not be tested." } }
@@ -87,7 +87,7 @@ fn map(calibrated: &Calibrated, halves: &SplitHalf) -> SensorMap {
 
 fn parameters(calibrated: &Calibrated, halves: &SplitHalf) -> Markup {
     let [first, second] = &halves.cameras;
-    let sigma = calibrated.trust.uncertainty.sigma();
+    let sigma = calibrated.quality.uncertainty.sigma();
     let names = calibrated.camera().kind().parameter_names();
     html! {
         table.short {

@@ -30,7 +30,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let content = html! {
         p {
             (capital(&result.verdict)) " From " (count(result.used as u64)) " samples."
-            @if result.held_camera.is_some() { " The intrinsics of the camera were fixed." }
+            @if result.fixed_camera.is_some() { " The intrinsics of the camera were fixed." }
         }
         @if !result.findings.is_empty() { ul { @for finding in &result.findings { li { (capital(finding)) } } } }
         div.trio {

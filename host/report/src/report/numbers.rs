@@ -9,8 +9,8 @@ use super::page::{Section, scrolling};
 use super::palette::Palette;
 use super::{distortion, to_copy};
 use evcal_calibrate::calibrate::calibrated::Calibrated;
-use evcal_calibrate::initial::model_choice::{ModelChoice, WIDELY_HELD};
-use evcal_calibrate::trust::board_evidence::BoardEstimate;
+use evcal_calibrate::initial::model_choice::{ModelChoice, WIDELY_SUPPORTED};
+use evcal_calibrate::quality::board_evidence::BoardEstimate;
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::shape::PARAMETERS;
@@ -18,7 +18,7 @@ use evcal_geometry::board::shape::PARAMETERS;
 /// Returns the parameters with their standard deviations; the model comparison, the board, correlations and texts to copy are folded.
 pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     let camera = calibrated.camera();
-    let uncertainty = &calibrated.trust.uncertainty;
+    let uncertainty = &calibrated.quality.uncertainty;
     let sigma = uncertainty.sigma();
     let initial = calibrated.initial().camera.parameters();
     let values = camera.parameters();
@@ -59,7 +59,7 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
             (distortion::curve_figure(calibrated))
         }
         @if let Some(choice) = &calibrated.model_choice { (chosen(choice)) }
-        @if let Some(events) = calibrated.events() { (printed_board(&events.trust.board)) }
+        @if let Some(events) = calibrated.events() { (printed_board(&events.quality.board)) }
         (distortion::reprojection_errors(calibrated, board))
         details {
             summary { "Correlation of the parameters" }
@@ -134,7 +134,7 @@ fn chosen(choice: &ModelChoice) -> Markup {
         p {
             code { (choice.chosen) } " has the fewest parameters of the models that predict circles of other frames as well as the best one"
             @if is_nearly { ", or nearly as well" }
-            @if WIDELY_HELD.iter().any(|kind| kind.name() == choice.chosen) { ", among the models that OpenCV and ROS support" }
+            @if WIDELY_SUPPORTED.iter().any(|kind| kind.name() == choice.chosen) { ", among the models that OpenCV and ROS support" }
             "."
         }
         (scrolling("Camera models compared", &html! {
@@ -168,7 +168,7 @@ fn chosen(choice: &ModelChoice) -> Markup {
 
 fn correlation(calibrated: &Calibrated) -> Markup {
     let names = calibrated.camera().kind().parameter_names();
-    let correlation = calibrated.trust.uncertainty.correlation();
+    let correlation = calibrated.quality.uncertainty.correlation();
     let rows = names.iter().zip(correlation.row_iter()).enumerate();
     html! {
         table.correlation {

@@ -8,9 +8,9 @@ use evcal_calibrate::advice::Wording;
 use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::calibrate::input::Input;
+use evcal_calibrate::quality::verdict::{Finding, Grade, SMALLEST_COVERAGE, Severity, VerdictSettings};
 use evcal_calibrate::result::beside::{VerdictBeside, verdicts_beside};
 use evcal_calibrate::solve::residual_statistics::Measured;
-use evcal_calibrate::trust::verdict::{Finding, Grade, SMALLEST_COVERAGE, Severity, VerdictSettings};
 use evcal_core::sensor::Sensor;
 
 /// Returns the title of the page.
@@ -88,8 +88,8 @@ pub fn capital(text: &str) -> String {
 }
 
 fn figures(calibrated: &Calibrated, settings: &VerdictSettings) -> Markup {
-    let trust = &calibrated.trust;
-    let projection = &trust.projection;
+    let quality = &calibrated.quality;
+    let projection = &quality.projection;
     let residuals = calibrated.residuals();
     html! {
         dl.figures {
@@ -97,8 +97,8 @@ fn figures(calibrated: &Calibrated, settings: &VerdictSettings) -> Markup {
             @if let Some((pixel, sigma)) = largest_uncertainty(calibrated) {
                 (figure("Largest projection error", &format!("{} px", signed(2.0 * sigma, 3)), &format!("or less where the board was seen: at pixel ({:.0}, {:.0}), in 95 of 100 cases (2σ)", pixel[0], pixel[1])))
             }
-            (figure("Sensor covered", &percent(trust.coverage.covered), &format!("of its cells have enough observations; good: {} or more", percent(SMALLEST_COVERAGE))))
-            @if let Some(halves) = calibrated.events().and_then(|events| events.trust.split_half.as_ref()) {
+            (figure("Sensor covered", &percent(quality.coverage.covered), &format!("of its cells have enough observations; good: {} or more", percent(SMALLEST_COVERAGE))))
+            @if let Some(halves) = calibrated.events().and_then(|events| events.quality.split_half.as_ref()) {
                 (figure(
                     "Two halves differ by",
                     &format!("{} px", signed(halves.difference.rms, 3)),
@@ -106,7 +106,7 @@ fn figures(calibrated: &Calibrated, settings: &VerdictSettings) -> Markup {
                 ))
             }
             (figure("Residual", &format!("{} px", signed(residuals.rms, 3)), &format!("rms {}", typical_residual(calibrated.measured()))))
-            (figure("Observations", &count(residuals.count as u64), &format!("worth {} independent ones", count(trust.uncertainty.effective_observations() as u64))))
+            (figure("Observations", &count(residuals.count as u64), &format!("worth {} independent ones", count(quality.uncertainty.effective_observations() as u64))))
         }
     }
 }
@@ -122,8 +122,8 @@ fn typical_residual(measured: Measured) -> &'static str {
 
 /// Returns the pixel with the largest σ of the projection among those with observations, and that σ (px).
 fn largest_uncertainty(calibrated: &Calibrated) -> Option<([f64; 2], f64)> {
-    let grid = calibrated.trust.projection.grid.iter();
-    let supported = grid.filter(|point| calibrated.trust.coverage.backs(point.pixel, calibrated.sensor));
+    let grid = calibrated.quality.projection.grid.iter();
+    let supported = grid.filter(|point| calibrated.quality.coverage.backs(point.pixel, calibrated.sensor));
     supported.filter_map(|point| Some((point.pixel, point.sigma?))).max_by(|a, b| a.1.total_cmp(&b.1))
 }
 

@@ -7,12 +7,12 @@ use super::number::{count, signed, with_sigma};
 use super::page::{Section, scrolling};
 use super::palette::Palette;
 use evcal_calibrate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
+use evcal_calibrate::quality::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals};
+use evcal_calibrate::quality::residual_map::{ResidualMap, ResidualPattern};
 use evcal_calibrate::solve::burst::{BurstLength, RANK_COUNT};
 use evcal_calibrate::solve::event_bias::bias::Bias;
 use evcal_calibrate::solve::event_bias::{CLASS_COUNT, EventKind};
 use evcal_calibrate::solve::residual_statistics::Measured;
-use evcal_calibrate::trust::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals};
-use evcal_calibrate::trust::residual_map::{ResidualMap, ResidualPattern};
 use evcal_core::event::Polarity;
 
 const RANKS: [&str; RANK_COUNT] = ["first", "second", "third", "later"];
@@ -42,8 +42,8 @@ fn in_words(calibrated: &Calibrated) -> Markup {
 }
 
 fn of_events(calibrated: &Calibrated, calibration: &EventCalibration) -> Markup {
-    let map = &calibration.trust.residuals;
-    let (classes, by_rank) = (&calibration.trust.classes, &calibration.trust.ranks);
+    let map = &calibration.quality.residuals;
+    let (classes, by_rank) = (&calibration.quality.classes, &calibration.quality.ranks);
     let (off, on) = by_rank.split_at(RANK_COUNT);
     let highest = by_rank.iter().flat_map(|class| (0..BIN_COUNT).map(|bin| density(class, bin))).fold(0.1, f64::max);
     html! {
@@ -68,7 +68,7 @@ fn of_events(calibrated: &Calibrated, calibration: &EventCalibration) -> Markup 
 /// Returns the map of the displacements; empty if no cell has enough observations.
 pub fn displacement_map(calibrated: &Calibrated) -> Markup {
     let Some(events) = calibrated.events() else { return html! {} };
-    let map = &events.trust.residuals;
+    let map = &events.quality.residuals;
     let shifts: Vec<_> =
         map.places().zip(&map.cells).filter_map(|(place, cell)| Some((place, cell.displacement?))).collect();
     if shifts.is_empty() {
@@ -210,7 +210,7 @@ fn class_table(calibration: &EventCalibration, classes: &[ClassResiduals; CLASS_
             } }
             tbody {
                 @for (index, (class, bias)) in classes.iter().zip(bias).enumerate().filter(|(_, (class, _))| class.count > 0) {
-                    @let sigma = calibration.trust.bias_sigma.get(index).copied().unwrap_or_default();
+                    @let sigma = calibration.quality.bias_sigma.get(index).copied().unwrap_or_default();
                     @let (offset, offset_sigma) = with_sigma(bias.biases[Bias::Offset], sigma[Bias::Offset]);
                     @let (latency, latency_sigma) = with_sigma(1e3 * bias.biases[Bias::Latency], 1e3 * sigma[Bias::Latency]);
                     tr {

@@ -8,7 +8,7 @@ use super::chart::{Chart, Color, Series, range_of};
 use super::number::count;
 use super::page::{Section, scrolling};
 use evcal_calibrate::calibrate::calibrated::Calibrated;
-use evcal_calibrate::calibrate::stretch_choice::StretchChoice;
+use evcal_calibrate::calibrate::interval_choice::IntervalChoice;
 use evcal_calibrate::solve::left_out::{LeftOut, Reason};
 use evcal_calibrate::solve::pose_covariance::{PoseCovariance, PoseSigma};
 use evcal_calibrate::solve::refinement::Refined;
@@ -30,7 +30,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let trajectories = &refined.state.trajectories;
     let recordings = calibrated.starts.len();
     let plots = (0..recordings.min(PLOTTED))
-        .filter_map(|recording| plots(trajectories, &events.trust.poses, recording, recordings));
+        .filter_map(|recording| plots(trajectories, &events.quality.poses, recording, recordings));
     let content = html! {
         p {
             "The pose of the camera in the frame of the board: the origin is the first circle, x is along a row, y across the rows, and the camera is at "
@@ -38,7 +38,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
         }
         @for plots in plots { (plots) }
         @if let Some(choice) = &events.choice { (chosen(choice, recordings)) }
-        (left_out(&events.trust.left_out))
+        (left_out(&events.quality.left_out))
         @if recordings > PLOTTED { p.faint { "The trajectory files contain the other recordings." } }
         details.screen {
             summary { (trajectories.len()) @if trajectories.len() == 1 { " segment" } @else { " segments" } }
@@ -50,7 +50,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
 }
 
 /// Returns the seconds of a long recording that the joint solve used, with the information in each.
-fn chosen(choice: &StretchChoice, recordings: usize) -> Markup {
+fn chosen(choice: &IntervalChoice, recordings: usize) -> Markup {
     let of_recording = |recording: usize| {
         let seconds = choice.chosen.iter().filter(move |second| second.recording == recording);
         let gains: Vec<(f64, f64)> =

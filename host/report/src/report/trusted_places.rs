@@ -7,12 +7,12 @@ use super::number::{percent, signed};
 use super::page::Section;
 use super::palette::Palette;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
-use evcal_calibrate::trust::uncertainty::parts::ProjectionParts;
+use evcal_calibrate::quality::uncertainty::parts::ProjectionParts;
 use evcal_geometry::lens::projection_difference::ProjectionDifference;
 
 /// Returns the uncertainty of the projection in words.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
-    let projection = &calibrated.trust.projection;
+    let projection = &calibrated.quality.projection;
     let content = html! {
         p {
             "If the same camera were calibrated many times, the image of a distant point would vary by " (signed(projection.rms, 3))
@@ -20,7 +20,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
             " px, the figure at the top. In regions without observations (grey in the map at the top) the result depends on the lens model alone, and may "
             "be wrong by more than σ."
         }
-        @if let Some(events) = calibrated.events() { (parts(&events.trust.projection_parts)) }
+        @if let Some(events) = calibrated.events() { (parts(&events.quality.projection_parts)) }
     };
     Some(Section { id: "trust", title: "Uncertainty of the projection", folded: false, content })
 }
@@ -43,7 +43,7 @@ pub fn observation_map(calibrated: &Calibrated) -> Markup {
     html! {
         figure {
             (seen(calibrated).render())
-            figcaption { "Observations per cell of the sensor; " (percent(calibrated.trust.coverage.covered)) " of the cells have enough." }
+            figcaption { "Observations per cell of the sensor; " (percent(calibrated.quality.coverage.covered)) " of the cells have enough." }
         }
     }
 }
@@ -64,7 +64,7 @@ fn parts(parts: &ProjectionParts) -> Markup {
 /// Returns the sizes of the differences on the sensor as cells of a map, without those where no observations support the calibration, and
 /// the largest of them (px).
 pub fn difference_cells(calibrated: &Calibrated, difference: &ProjectionDifference) -> (Vec<Cell>, f64) {
-    let coverage = &calibrated.trust.coverage;
+    let coverage = &calibrated.quality.coverage;
     let size = |pixel, difference: Option<[f64; 2]>| {
         difference.filter(|_| coverage.backs(pixel, calibrated.sensor)).map(|[x, y]| x.hypot(y))
     };
@@ -75,8 +75,8 @@ pub fn difference_cells(calibrated: &Calibrated, difference: &ProjectionDifferen
 }
 
 fn uncertainty(calibrated: &Calibrated) -> SensorMap {
-    let projection = &calibrated.trust.projection;
-    let coverage = &calibrated.trust.coverage;
+    let projection = &calibrated.quality.projection;
+    let coverage = &calibrated.quality.coverage;
     let value = |pixel: [f64; 2], sigma: Option<f64>| sigma.filter(|_| coverage.backs(pixel, calibrated.sensor));
     let points: Vec<_> = projection.grid.iter().map(|point| (point.pixel, value(point.pixel, point.sigma))).collect();
     let most = points.iter().filter_map(|point| point.1).fold(0.0, f64::max);
@@ -94,7 +94,7 @@ fn uncertainty(calibrated: &Calibrated) -> SensorMap {
 }
 
 fn seen(calibrated: &Calibrated) -> SensorMap {
-    let coverage = &calibrated.trust.coverage;
+    let coverage = &calibrated.quality.coverage;
     let (columns, rows) = (coverage.columns.max(1), coverage.rows.max(1));
     let (width, height) = (f64::from(calibrated.sensor.width), f64::from(calibrated.sensor.height));
     let most = coverage.counts.iter().max().copied().unwrap_or(0);

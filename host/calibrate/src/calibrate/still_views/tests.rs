@@ -124,7 +124,7 @@ fn a_board_that_blinks_calibrates_as_well_as_stated() {
         assert_eq!((report.source, report.detection.frames), (PictureSource::StillViews, 12), "{board}");
         assert!(report.used >= 10, "{board}: {} views used", report.used);
         let difference = projection_difference(&truth(), calibrated.camera(), SENSOR).unwrap();
-        let stated = calibrated.trust.projection.rms_95;
+        let stated = calibrated.quality.projection.rms_95;
         assert!(difference.rms < stated && stated < 0.3, "{board}: {} of {stated} px", difference.rms);
         assert!(calibrated.residuals().rms < 0.1, "{board}: {}", calibrated.residuals().rms);
     }
@@ -147,7 +147,7 @@ fn a_board_cut_by_the_border_calibrates_as_well_as_stated() {
     let report = calibrated.picture_report().unwrap();
     assert!(report.detection.with_board >= 11, "{} views", report.detection.with_board);
     let difference = projection_difference(&truth(), calibrated.camera(), SENSOR).unwrap();
-    let stated = calibrated.trust.projection.rms_95;
+    let stated = calibrated.quality.projection.rms_95;
     assert!(difference.rms < stated && stated < 0.3, "{} of {stated} px", difference.rms);
     let with_frames = calibrate_seen_board(events, &board, PictureUse::Joint).err().unwrap();
     assert!(matches!(with_frames, CalibrateError::BlinkingWithFrames { views } if views >= 11), "{with_frames}");

@@ -85,7 +85,7 @@ impl Statistics {
 
     pub(super) fn saturation(&self) -> Option<SaturatedReadout> {
         let found = self.saturation.finish();
-        let (t_s, _) = *found.stretches.first()?;
+        let (t_s, _) = *found.intervals.first()?;
         Some(SaturatedReadout { rate: found.rate, duration_s: found.duration(), t_s })
     }
 

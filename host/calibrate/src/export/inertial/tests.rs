@@ -8,8 +8,8 @@ use yaml_rust2::{Yaml, YamlLoader};
 
 use super::*;
 use crate::export::second_camera::tests::result;
+use crate::quality::verdict::Grade;
 use crate::result::inertial_result::Uncertain;
-use crate::trust::verdict::Grade;
 use evcal_geometry::lens::camera_file::CameraDescription;
 
 const DELAY: f64 = 0.002_781;
@@ -68,7 +68,7 @@ fn unit() -> InertialResult {
         used: 30_000,
         streams: serde_json::from_str(STREAMS).unwrap(),
         camera_moved: Some(0.1),
-        held_camera: None,
+        fixed_camera: None,
         solved_together: None,
         block_scatter: 1.0,
         correlations: Vec::new(),

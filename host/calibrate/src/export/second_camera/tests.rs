@@ -6,8 +6,8 @@ use nalgebra::{Matrix3, Matrix4, Point3, Quaternion, Translation3, UnitQuaternio
 use yaml_rust2::{Yaml, YamlLoader};
 
 use super::*;
+use crate::quality::verdict::Grade;
 use crate::result::inertial_result::Uncertain;
-use crate::trust::verdict::Grade;
 use evcal_geometry::lens::camera_file::CameraDescription;
 
 const SENSOR: Sensor = Sensor::new(80, 60);
@@ -50,7 +50,7 @@ pub(in crate::export) fn result(index: usize) -> SecondCameraResult {
         correlations: [[0.0; 8]; 8],
         solved_together: [solved(0.0), solved(2.0)],
         cameras_moved: [Some(0.1); 2],
-        held: [false; 2],
+        fixed: [false; 2],
         seconds: 9.0,
         used: 1000,
         left_out: 0.0,

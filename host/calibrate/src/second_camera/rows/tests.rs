@@ -13,8 +13,8 @@ use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::{CLASS_COUNT, unknown};
 use crate::solve::levenberg::moved;
 use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
-use crate::solve::stretch::stretches;
-use crate::solve::stretch::tests::{AREA, BINS, CENTERS, RADIUS, trajectory};
+use crate::solve::observation_range::observation_ranges;
+use crate::solve::observation_range::tests::{AREA, BINS, CENTERS, RADIUS, trajectory};
 use crate::solve::{BOARD_PARAMETERS, FreeParameters, ITERATIONS, ResidualMeasure, State, bias_index};
 use crate::trajectory::Trajectory;
 use evcal_geometry::board::shape::BoardShape;
@@ -61,8 +61,8 @@ fn observations(trajectory: &Trajectory) -> SegmentObservations {
 
 fn parts(problem: &Problem, estimate: &Estimate, free: &[usize]) -> Vec<SecondPart> {
     let bearings = BearingTable::new(&estimate.second.camera, problem.sensor);
-    let of_stretch = |stretch: &Stretch| second_parts(problem, estimate, &bearings, free, stretch);
-    stretches(&problem.segments).iter().flat_map(of_stretch).collect()
+    let of_range = |range: &ObservationRange| second_parts(problem, estimate, &bearings, free, range);
+    observation_ranges(&problem.segments).iter().flat_map(of_range).collect()
 }
 
 fn problem(segment: SegmentObservations) -> Problem {

@@ -9,7 +9,7 @@ use evcal_core::event::Polarity;
 
 use super::bias::Bias;
 use super::{EventBias, EventKind};
-use crate::solve::stretch::EventResidual;
+use crate::solve::observation_range::EventResidual;
 use crate::trajectory::Trajectory;
 use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
 

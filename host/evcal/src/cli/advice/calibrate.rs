@@ -128,7 +128,7 @@ fn about_calibration(error: &CalibrateError) -> Option<String> {
         CalibrateError::TimeUnit { unit, .. } => return Some(worded(&Advice::NameTimeUnit(unit.unit))),
         CalibrateError::LargerBoard(larger) => return Some(format!("use --board {}", larger.board)),
         CalibrateError::ImpossibleValues => "change the values of --fix",
-        CalibrateError::HeldFarOff => "leave out --fix",
+        CalibrateError::FixedFarOff => "leave out --fix",
         CalibrateError::OnlyFrames { .. } => "give the recording of events first, and the frames with --with",
         CalibrateError::Views(none) => return Some(about_views(&none.reason).to_owned()),
         CalibrateError::BlinkingWithFrames { .. } => {

@@ -18,11 +18,11 @@ use evcal_calibrate::calibrate::step::Step;
 use evcal_calibrate::calibrate::{PictureUse, Task, calibrate};
 use evcal_calibrate::inertial::error::InertialError;
 use evcal_calibrate::initial::model_choice::ModelRequest;
+use evcal_calibrate::quality::verdict::{Cause, Grade};
 use evcal_calibrate::result::beside::{verdicts_beside, worst_grade};
 use evcal_calibrate::second_camera::error::SecondCameraError;
 use evcal_calibrate::settings::Settings;
-use evcal_calibrate::solve::held_intrinsics::HeldIntrinsics;
-use evcal_calibrate::trust::verdict::{Cause, Grade};
+use evcal_calibrate::solve::fixed_intrinsics::FixedIntrinsics;
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
 use evcal_files::visible;
@@ -36,7 +36,7 @@ use super::super::advice::with_advice;
 use super::super::progress::Waiting;
 use super::super::{NotGoodEnough, Outcome, command_line, print};
 use super::CalibrationArguments;
-use super::held::{HeldCameras, OtherSensor};
+use super::fixed::{FixedCameras, OtherSensor};
 
 /// A failed calibration, and the files that describe the failure.
 #[derive(Debug, thiserror::Error)]
@@ -71,7 +71,7 @@ pub struct Work<'a> {
     /// `true` if the other cameras have a rolling shutter.
     pub rolling_shutter: bool,
     /// Cameras whose intrinsics are fixed in the solve with an IMU or other cameras.
-    pub held: HeldCameras,
+    pub fixed: FixedCameras,
     /// The board in the recordings.
     pub board: Board,
     /// Sensor size, if the recordings do not contain it.
@@ -108,7 +108,7 @@ impl Work<'_> {
             {
                 PictureUse::Ignore
             }
-            (false, false, false) => PictureUse::Witness,
+            (false, false, false) => PictureUse::CrossCheck,
         };
         Task {
             inputs: &self.inputs,
@@ -261,15 +261,15 @@ impl Work<'_> {
     fn add_imu(&self, calibrated: &mut Calibrated, waiting: &mut Waiting) -> Result<(), OtherError> {
         let Some(request) = self.arguments.inertial_request() else { return Ok(()) };
         waiting.stage("IMU", None);
-        let inertial = calibrate_inertial(calibrated, &self.inputs, &request, self.held_of_first(calibrated)?)?;
+        let inertial = calibrate_inertial(calibrated, &self.inputs, &request, self.fixed_of_first(calibrated)?)?;
         if let Evidence::Events(events) = &mut calibrated.evidence {
             events.inertial = Some(inertial);
         }
         Ok(())
     }
 
-    fn held_of_first(&self, first: &Calibrated) -> Result<Option<&HeldIntrinsics>, OtherSensor> {
-        self.held.first.as_ref().map(|held| held.of(first.sensor)).transpose()
+    fn fixed_of_first(&self, first: &Calibrated) -> Result<Option<&FixedIntrinsics>, OtherSensor> {
+        self.fixed.first.as_ref().map(|fixed| fixed.of(first.sensor)).transpose()
     }
 
     /// Calibrates the other cameras, and adds them to the first; returns those that failed.
@@ -290,7 +290,7 @@ impl Work<'_> {
 
     fn add_own_frames(&self, first: &mut Calibrated, waiting: &mut Waiting) -> Result<(), OtherError> {
         waiting.stage("frames as a second camera", None);
-        let frames = calibrate_own_pictures(first, self.held_of_first(first)?)?;
+        let frames = calibrate_own_pictures(first, self.fixed_of_first(first)?)?;
         keep(first, frames);
         Ok(())
     }
@@ -314,8 +314,8 @@ impl Work<'_> {
         });
         let second = second.map_err(OtherError::Alone)?;
         waiting.stage("both cameras", None);
-        let held = self.held.others.get(number).map(|held| held.of(second.sensor)).transpose()?;
-        let lenses = [self.held_of_first(first)?, held];
+        let fixed = self.fixed.others.get(number).map(|fixed| fixed.of(second.sensor)).transpose()?;
+        let lenses = [self.fixed_of_first(first)?, fixed];
         let second = calibrate_beside(first, &second, input, self.rolling_shutter, &self.board, lenses)?;
         keep(first, second);
         Ok(())

@@ -14,7 +14,7 @@ use evcal_live::background::workers;
 use event_recordings::{Recording, RecordingOptions};
 use usb_davis::dump::Growth;
 
-use super::super::calibrate::held::HeldCameras;
+use super::super::calibrate::fixed::FixedCameras;
 use super::super::calibrate::work::{Attempt, Work};
 use super::super::calibrate::{CalibrationArguments, CameraRecordings, calibrate_recordings};
 use super::super::progress::Waiting;
@@ -60,7 +60,7 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
                 inputs,
                 others: Vec::new(),
                 rolling_shutter: false,
-                held: HeldCameras::default(),
+                fixed: FixedCameras::default(),
                 board,
                 sensor: None,
                 parameters,

@@ -8,7 +8,7 @@ use evcal_calibrate::settings::Settings;
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
 use evcal_geometry::board::Board;
-use evcal_live::checkpoint::Telling;
+use evcal_live::checkpoint::ReportTime;
 use evcal_live::page::Next;
 use evcal_live::page::view::Losses;
 use evcal_live::picture::PictureFeed;
@@ -124,7 +124,7 @@ impl Session<'_> {
             before,
             path,
             &RecordingOptions::default(),
-            Telling::WhenReady,
+            ReportTime::WhenReady,
         )?;
         let mut watcher =
             Watcher::start(&settings.detection, &settings.initial, &settings.live, board, &header, checkpoints, memory);

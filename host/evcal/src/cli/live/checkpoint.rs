@@ -11,7 +11,7 @@ use evcal_calibrate::calibrate::step::Step;
 use evcal_calibrate::initial::model_choice::ModelRequest;
 use evcal_calibrate::settings::Settings;
 use evcal_geometry::board::Board;
-use evcal_live::checkpoint::{Checkpoints, Stated, Telling, Underway};
+use evcal_live::checkpoint::{Checkpoints, ReportTime, Stated, Underway};
 use event_recordings::{Recording, RecordingOptions};
 
 use super::super::advice::with_advice;
@@ -36,7 +36,7 @@ pub fn start(
     before: &[PathBuf],
     recording: &Path,
     options: &RecordingOptions,
-    telling: Telling,
+    report_time: ReportTime,
 ) -> io::Result<Checkpoints> {
     let work = Work {
         before: before.to_vec(),
@@ -47,7 +47,7 @@ pub fn start(
         settings: settings.clone(),
     };
     let (target, first) = (settings.live.target, settings.live.first_checkpoint());
-    Checkpoints::start(telling, target, first, move |seconds, underway| work.state(seconds, underway))
+    Checkpoints::start(report_time, target, first, move |seconds, underway| work.state(seconds, underway))
 }
 
 impl Work {
@@ -63,12 +63,12 @@ impl Work {
             ..Task::new(&before, &self.board)
         };
         let go_on = |step: Step| {
-            underway.tell(step.text, step.done);
+            underway.report(step.text, step.done);
             if underway.is_stopped() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
         let calibrated = calibrate_beginning(&recording, seconds, &task, go_on).map_err(|error| with_advice(&error))?;
-        let split_half = calibrated.events().and_then(|events| events.trust.split_half.as_ref());
-        let projection = &calibrated.trust.projection;
+        let split_half = calibrated.events().and_then(|events| events.quality.split_half.as_ref());
+        let projection = &calibrated.quality.projection;
         Ok(Stated {
             rms: projection.rms,
             max: projection.max,

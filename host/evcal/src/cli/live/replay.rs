@@ -7,7 +7,7 @@ use evcal_calibrate::circles::file::open_events;
 use evcal_calibrate::detection::search::sensor_of;
 use evcal_calibrate::settings::Settings;
 use evcal_files::folder::OutputFolder;
-use evcal_live::checkpoint::Telling;
+use evcal_live::checkpoint::ReportTime;
 use evcal_live::latest::Latest;
 use evcal_live::observer::Observer;
 use evcal_live::replay::replay;
@@ -38,7 +38,7 @@ pub fn run(
     let method = &arguments.calibration.method;
     let board = &method.choose_board(&[path.to_owned()], &options, &settings.detection)?;
     let checkpoints =
-        checkpoint::start(arguments, settings, board, &[], path, &options, Telling::AtLength(SHOWN_AT_LENGTH))?;
+        checkpoint::start(arguments, settings, board, &[], path, &options, ReportTime::AtLength(SHOWN_AT_LENGTH))?;
     let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, board, sensor)
         .with_checkpoints(checkpoints);
     let latest = Latest::new(observer.seen());

@@ -9,8 +9,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use evcal_calibrate::quality::verdict::Grade;
 use evcal_calibrate::result::calibration_file::CalibrationFile;
-use evcal_calibrate::trust::verdict::Grade;
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
 use evcal_files::visible;

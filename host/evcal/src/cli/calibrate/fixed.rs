@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
-use evcal_calibrate::solve::held_intrinsics::HeldIntrinsics;
+use evcal_calibrate::solve::fixed_intrinsics::FixedIntrinsics;
 use evcal_core::sensor::Sensor;
 use evcal_files::visible;
 use evcal_geometry::lens::camera_file::CameraFileError;
@@ -11,10 +11,10 @@ use evcal_geometry::lens::camera_file::CameraFileError;
 use super::super::print;
 
 /// A camera whose intrinsics are fixed.
-pub struct HeldCamera {
+pub struct FixedCamera {
     file: PathBuf,
     sensor: Sensor,
-    intrinsics: HeldIntrinsics,
+    intrinsics: FixedIntrinsics,
 }
 
 /// The given camera and the recording have different sensor sizes.
@@ -29,7 +29,7 @@ pub struct OtherSensor {
     recorded: Sensor,
 }
 
-impl HeldCamera {
+impl FixedCamera {
     /// Reads a calibration or another camera file; prints a warning if it contains no σ.
     pub fn read(path: &Path) -> Result<Self, CameraFileError> {
         let known = CalibratedCamera::read(path)?;
@@ -38,11 +38,11 @@ impl HeldCamera {
             let file = visible::path(path);
             print::aside(format!("{file} contains no σ of the intrinsics, so all σ of this calibration are too small"));
         }
-        Ok(Self { file: path.to_owned(), sensor, intrinsics: HeldIntrinsics { camera, covariance } })
+        Ok(Self { file: path.to_owned(), sensor, intrinsics: FixedIntrinsics { camera, covariance } })
     }
 
     /// Returns the intrinsics for a recording with this sensor size.
-    pub fn of(&self, recorded: Sensor) -> Result<&HeldIntrinsics, OtherSensor> {
+    pub fn of(&self, recorded: Sensor) -> Result<&FixedIntrinsics, OtherSensor> {
         if self.sensor == recorded {
             return Ok(&self.intrinsics);
         }
@@ -52,9 +52,9 @@ impl HeldCamera {
 
 /// The cameras whose intrinsics are fixed.
 #[derive(Default)]
-pub struct HeldCameras {
+pub struct FixedCameras {
     /// The first camera.
-    pub first: Option<HeldCamera>,
+    pub first: Option<FixedCamera>,
     /// The other cameras, in the order of their recordings; may be fewer.
-    pub others: Vec<HeldCamera>,
+    pub others: Vec<FixedCamera>,
 }

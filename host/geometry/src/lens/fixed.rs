@@ -11,19 +11,19 @@ const STEPS: usize = 20;
 /// The fit ends when no parameter changes by more than this fraction.
 const SETTLED: f64 = 1e-10;
 
-/// Returns `camera` with the parameters that have a value in `held` fixed at that value, and the others fitted so that
+/// Returns `camera` with the parameters that have a value in `fixed` fixed at that value, and the others fitted so that
 /// bearings on `sensor` are seen as close as possible to their previous pixels. Returns `None` if the model rejects the
 /// values.
-pub fn with_held(camera: &Camera<f64>, held: &[Option<f64>; MAX_PARAMETERS], sensor: Sensor) -> Option<Camera<f64>> {
+pub fn with_fixed(camera: &Camera<f64>, fixed: &[Option<f64>; MAX_PARAMETERS], sensor: Sensor) -> Option<Camera<f64>> {
     let mut parameters = camera.parameters();
-    let free: Vec<usize> = (0..parameters.len()).filter(|&index| held[index].is_none()).collect();
+    let free: Vec<usize> = (0..parameters.len()).filter(|&index| fixed[index].is_none()).collect();
     if free.len() == parameters.len() {
         return Some(*camera);
     }
     let seen: Vec<(Vector2<f64>, Vector3<f64>)> =
         grid(sensor).into_iter().filter_map(|pixel| Some((pixel, camera.unproject(&pixel)?))).collect();
-    for (parameter, held) in parameters.iter_mut().zip(held) {
-        *parameter = held.unwrap_or(*parameter);
+    for (parameter, fixed) in parameters.iter_mut().zip(fixed) {
+        *parameter = fixed.unwrap_or(*parameter);
     }
     let mut nearest = Camera::from_parameters(camera.kind(), &parameters)?;
     for _ in 0..STEPS {
@@ -65,10 +65,10 @@ mod tests {
         let sensor = Sensor::new(346, 260);
         let parameters = [331.0, 332.0, 176.0, 134.0, -0.35, 0.15, -4e-4, 5e-4, -0.03];
         let camera = Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap();
-        let mut held = [None; MAX_PARAMETERS];
-        assert_eq!(with_held(&camera, &held, sensor), Some(camera));
-        held[8] = Some(0.0);
-        let nearest = with_held(&camera, &held, sensor).unwrap();
+        let mut fixed = [None; MAX_PARAMETERS];
+        assert_eq!(with_fixed(&camera, &fixed, sensor), Some(camera));
+        fixed[8] = Some(0.0);
+        let nearest = with_fixed(&camera, &fixed, sensor).unwrap();
         assert_eq!(nearest.parameters()[8], 0.0);
         let mut cut = camera.parameters();
         cut[8] = 0.0;

@@ -14,15 +14,15 @@ use super::progress::Progress;
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::initial::{InitialModel, posed_frames};
+use crate::quality::poses::{UncertainPose, sampled_poses};
+use crate::quality::uncertainty::POSE_MODEL_ERROR;
 use crate::solve::event_sample::RankedEvent;
-use crate::solve::held_camera::{Followed, follow};
+use crate::solve::fixed_camera::{Followed, follow};
 use crate::solve::left_out::LeftOut;
 use crate::solve::pose_covariance::PoseCovariance;
 use crate::solve::refinement::{EventInput, RefinementInput};
 use crate::solve::{BOARD_PARAMETERS, State};
 use crate::trajectory::first::first_trajectories;
-use crate::trust::poses::{UncertainPose, sampled_poses};
-use crate::trust::uncertainty::POSE_MODEL_ERROR;
 use event_recordings::pass::RecordingReport;
 
 /// Length of the intervals that are solved together (s).
@@ -35,7 +35,7 @@ const MARGIN: f64 = 0.5;
 
 /// The poses along one interval outside the joint solve.
 #[derive(Clone, Debug, PartialEq)]
-pub struct FollowedStretch {
+pub struct FollowedInterval {
     /// Number of the recording.
     pub recording: usize,
     /// Its poses, in order of time; times count from the start of the recording.
@@ -53,30 +53,30 @@ pub(super) fn follow_others(
     frames: &[CompactFrame],
     reports: &[RecordingReport],
     progress: &Progress,
-) -> Result<Vec<FollowedStretch>, CalibrateError> {
+) -> Result<Vec<FollowedInterval>, CalibrateError> {
     if frames.is_empty() {
         return Ok(Vec::new());
     }
     let mut left_out = Vec::new();
-    progress.tell("trajectory of the other intervals")?;
+    progress.report("trajectory of the other intervals")?;
     let sensor = solve.refined.problem.sensor;
     let part = |frame: &CompactFrame| (frame.t() / LENGTH).floor() as i64;
     let mut followed = Vec::new();
     for frames in frames.chunk_by(|a, b| a.recording == b.recording) {
         let Some(recording) = frames.first().map(|frame| frame.recording) else { continue };
         let share = reports.get(recording).map_or(1.0, share);
-        let mut stretches = frames.chunk_by(|a, b| part(a) == part(b)).peekable();
+        let mut intervals = frames.chunk_by(|a, b| part(a) == part(b)).peekable();
         // Solves the intervals that end before `t` (µs), and drops the events that no later interval needs.
         let mut follow_until = |events: &mut Vec<RankedEvent>, t: i64| {
-            while let Some(frames) = stretches.next_if(|frames| span(frames).end <= t) {
+            while let Some(frames) = intervals.next_if(|frames| span(frames).end <= t) {
                 let frames: Vec<ReferenceFrame> = frames.iter().map(CompactFrame::without_events).collect();
                 // If an interval cannot be solved, no poses are written for it.
-                if let Some((stretch, unexplained)) = follow_stretch(task, solve, &frames, events) {
+                if let Some((interval, unexplained)) = follow_interval(task, solve, &frames, events) {
                     left_out.extend(unexplained);
-                    followed.push(stretch);
+                    followed.push(interval);
                 }
             }
-            let next = stretches.peek().map_or(i64::MAX, |frames| span(frames).start);
+            let next = intervals.peek().map_or(i64::MAX, |frames| span(frames).start);
             events.drain(..events.partition_point(|event| event.t < next));
         };
         let mut kept: Vec<RankedEvent> = Vec::new();
@@ -103,12 +103,12 @@ fn span(frames: &[CompactFrame]) -> Range<i64> {
     ((start - MARGIN) * 1e6) as i64..((end + MARGIN) * 1e6) as i64
 }
 
-fn follow_stretch(
+fn follow_interval(
     task: &Task,
     solve: &BoardSolve,
     frames: &[ReferenceFrame],
     events: &[RankedEvent],
-) -> Option<(FollowedStretch, Vec<LeftOut>)> {
+) -> Option<(FollowedInterval, Vec<LeftOut>)> {
     let settings = task.settings;
     let BoardSolve { refined, certainty, .. } = solve;
     let (problem, solution) = (&refined.problem, &refined.state);
@@ -136,7 +136,7 @@ fn follow_stretch(
         point_sigma: problem.point_sigma,
         left_out: &refined.left_out,
         free_board: [false; BOARD_PARAMETERS],
-        held: [true; MAX_PARAMETERS],
+        fixed: [true; MAX_PARAMETERS],
     };
     let state = State { trajectories: first.trajectories, ..solution.clone() };
     // It fails with too few events, for example.
@@ -150,5 +150,5 @@ fn follow_stretch(
         PoseCovariance::new(controls, certainty.intrinsics.inflation, &state.trajectories, POSE_MODEL_ERROR);
     let all_left_out: Vec<LeftOut> = refined.left_out.iter().chain(&unexplained).copied().collect();
     let poses = sampled_poses(&state, &covariance, &all_left_out, recording, &settings.poses);
-    Some((FollowedStretch { recording, poses }, unexplained))
+    Some((FollowedInterval { recording, poses }, unexplained))
 }

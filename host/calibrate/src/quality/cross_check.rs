@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::picture_calibration::alignment::Misalignment;
 use crate::picture_calibration::calibration::{PictureCalibration, PictureFailure, PictureReport};
-use crate::trust::uncertainty::projection::{NoView, projection_uncertainty};
-use crate::trust::verdict::{Cause, Finding, Severity};
+use crate::quality::uncertainty::projection::{NoView, projection_uncertainty};
+use crate::quality::verdict::{Cause, Finding, Severity};
 use evcal_geometry::lens::camera_file::{CameraDescription, Parameters};
 use evcal_geometry::lens::projection_difference::{NoCommonView, ProjectionDifference, projection_difference};
 
@@ -60,7 +60,7 @@ pub struct ExpectedDifference {
 
 /// Comparison of the calibration from pictures with the one from events, with the difference over the sensor.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PictureWitness {
+pub struct PictureCrossCheck {
     /// The comparison.
     pub comparison: Comparison,
     /// The difference at every point of the sensor.
@@ -102,19 +102,19 @@ pub struct Comparison {
 
 /// Result of the cross-check with pictures.
 #[derive(Clone, Debug)]
-pub enum WitnessOutcome {
+pub enum CrossCheckOutcome {
     /// They were calibrated and compared.
-    Witness(Box<PictureWitness>),
+    Compared(Box<PictureCrossCheck>),
     /// They yielded no camera, or none that can be compared.
-    Failed(FailedWitness),
+    Failed(FailedCrossCheck),
 }
 
 /// Reason why pictures cannot be compared with a calibration from events, and counts of the pictures.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{reason}")]
-pub struct FailedWitness {
+pub struct FailedCrossCheck {
     /// The reason.
-    pub reason: NoWitness,
+    pub reason: NoCrossCheck,
     /// Misalignment of frames and events of the same moment, if there is any.
     pub misalignment: Option<Misalignment>,
     /// Counts of the pictures that were used, and of those that were not, by reason.
@@ -123,7 +123,7 @@ pub struct FailedWitness {
 
 /// Reasons why pictures cannot be compared with a calibration from events.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum NoWitness {
+pub enum NoCrossCheck {
     /// They yield no camera.
     #[error("{0}")]
     NoCalibration(#[source] PictureFailure),
@@ -135,11 +135,11 @@ pub enum NoWitness {
     NoView(#[from] NoView),
 }
 
-impl WitnessOutcome {
+impl CrossCheckOutcome {
     /// Returns the counts of the pictures.
     pub fn report(&self) -> &PictureReport {
         match self {
-            Self::Witness(witness) => &witness.comparison.report,
+            Self::Compared(cross_check) => &cross_check.comparison.report,
             Self::Failed(failure) => &failure.report,
         }
     }
@@ -147,9 +147,9 @@ impl WitnessOutcome {
     /// Adds that the events show a larger board than stated.
     pub fn with_larger_board(self) -> Self {
         match self {
-            Self::Failed(FailedWitness { reason: NoWitness::NoCalibration(reason), misalignment, report }) => {
-                let reason = NoWitness::NoCalibration(reason.with_larger_board());
-                Self::Failed(FailedWitness { reason, misalignment, report })
+            Self::Failed(FailedCrossCheck { reason: NoCrossCheck::NoCalibration(reason), misalignment, report }) => {
+                let reason = NoCrossCheck::NoCalibration(reason.with_larger_board());
+                Self::Failed(FailedCrossCheck { reason, misalignment, report })
             }
             other => other,
         }
@@ -158,7 +158,7 @@ impl WitnessOutcome {
     /// Returns the finding for the verdict: that pictures and events disagree.
     pub fn finding(&self) -> Option<Finding> {
         let misalignment = match self {
-            Self::Witness(witness) => witness.comparison.misalignment,
+            Self::Compared(cross_check) => cross_check.comparison.misalignment,
             Self::Failed(failure) => failure.misalignment,
         };
         if let Some(misalignment) = misalignment {
@@ -169,15 +169,15 @@ impl WitnessOutcome {
                 advice: misalignment.advice().into(),
             });
         }
-        let Self::Witness(witness) = self else { return None };
-        let witness = &witness.comparison;
-        (witness.agreement == Agreement::Disagrees).then(|| Finding {
+        let Self::Compared(cross_check) = self else { return None };
+        let cross_check = &cross_check.comparison;
+        (cross_check.agreement == Agreement::Disagrees).then(|| Finding {
             cause: Cause::FramesDisagree,
             severity: Severity::Warning,
             reason: format!(
                 "the camera's own frames differ from its events by {:.3} px, {:.1} times what the uncertainty of both \
                  makes likely",
-                witness.difference_rms, witness.ratio
+                cross_check.difference_rms, cross_check.ratio
             ),
             advice:
                 "both look through the same lens: is it in focus, is the board flat, was it seen all over the image, \
@@ -191,14 +191,14 @@ impl WitnessOutcome {
 /// however similar they are, if frames and events of the same moment do not show the same.
 ///
 /// # Errors
-/// [`NoWitness`] if both have no part of the sensor in common.
-pub fn picture_witness(
+/// [`NoCrossCheck`] if both have no part of the sensor in common.
+pub fn cross_check_pictures(
     camera: &Camera<f64>,
     covariance: &DMatrix<f64>,
     pictures: &PictureCalibration,
     sensor: Sensor,
     misalignment: Option<Misalignment>,
-) -> Result<PictureWitness, NoWitness> {
+) -> Result<PictureCrossCheck, NoCrossCheck> {
     let difference = projection_difference(camera, &pictures.camera, sensor)?;
     let expected =
         |camera, covariance| projection_uncertainty(camera, covariance, sensor).map(|uncertainty| uncertainty.rms);
@@ -256,7 +256,7 @@ pub fn picture_witness(
         inflation: pictures.inflation,
         report: pictures.report.clone(),
     };
-    Ok(PictureWitness { comparison, difference })
+    Ok(PictureCrossCheck { comparison, difference })
 }
 
 fn sentence(

@@ -8,11 +8,11 @@ use evcal_core::camera::refit::refit;
 use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
 use nalgebra::DMatrix;
 
+use crate::quality::residual_map::ResidualPattern;
+use crate::quality::uncertainty::Uncertainty;
+use crate::quality::uncertainty::projection::ProjectionUncertainty;
 use crate::solve::levenberg::solve;
 use crate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, State};
-use crate::trust::residual_map::ResidualPattern;
-use crate::trust::uncertainty::Uncertainty;
-use crate::trust::uncertainty::projection::ProjectionUncertainty;
 use evcal_geometry::board::shape::BoardShape;
 use evcal_geometry::lens::folds::folds;
 use evcal_geometry::lens::projection_difference::{ProjectionDifference, projection_difference};
@@ -166,7 +166,7 @@ mod tests {
     use evcal_core::sensor::Sensor;
 
     use super::*;
-    use crate::trust::uncertainty::projection::projection_uncertainty;
+    use crate::quality::uncertainty::projection::projection_uncertainty;
 
     #[test]
     fn the_bound_grows_by_the_misfit() {

@@ -45,14 +45,14 @@ pub struct ChosenSecond {
 
 /// Choice of seconds from recordings that are longer than the joint solve allows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct StretchChoice {
+pub struct IntervalChoice {
     /// Number of seconds with the board.
     pub seconds: usize,
     /// The chosen seconds, in order of recording and time.
     pub chosen: Vec<ChosenSecond>,
 }
 
-impl fmt::Display for StretchChoice {
+impl fmt::Display for IntervalChoice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
@@ -67,7 +67,7 @@ impl fmt::Display for StretchChoice {
 pub(super) struct ChosenSeconds(BTreeSet<(usize, i64)>);
 
 impl ChosenSeconds {
-    pub(super) fn new(choice: &StretchChoice) -> Self {
+    pub(super) fn new(choice: &IntervalChoice) -> Self {
         Self(choice.chosen.iter().map(|second| (second.recording, second.start as i64)).collect())
     }
 
@@ -90,7 +90,7 @@ struct Second {
 }
 
 /// Chooses from `frames`, which are in order of recording and time; `None` if the joint solve allows all of them.
-pub(super) fn choose_stretches(frames: &[CompactFrame], task: &Task, sensor: Sensor) -> Option<StretchChoice> {
+pub(super) fn choose_intervals(frames: &[CompactFrame], task: &Task, sensor: Sensor) -> Option<IntervalChoice> {
     let seconds = seconds(frames);
     let room = (task.settings.refinement.most_seconds as usize).max(1);
     if seconds.len() <= room {
@@ -106,7 +106,7 @@ pub(super) fn choose_stretches(frames: &[CompactFrame], task: &Task, sensor: Sen
     let second = |(index, gain): (usize, Option<f64>)| {
         seconds.get(index).map(|second| ChosenSecond { recording: second.recording, start: second.number as f64, gain })
     };
-    Some(StretchChoice { seconds: seconds.len(), chosen: chosen.into_iter().zip(gains).filter_map(second).collect() })
+    Some(IntervalChoice { seconds: seconds.len(), chosen: chosen.into_iter().zip(gains).filter_map(second).collect() })
 }
 
 fn seconds(frames: &[CompactFrame]) -> Vec<Second> {
@@ -239,7 +239,7 @@ mod tests {
             seconds(&frames).into_iter().map(|second| (second.recording, second.number, second.frames)).collect();
         assert_eq!(found, [(0, 0, 0..2), (0, 1, 2..3), (0, 7, 3..4), (1, 7, 4..5)]);
         let chosen = ChosenSecond { recording: 1, start: 7.0, gain: None };
-        let chosen = ChosenSeconds::new(&StretchChoice { seconds: 4, chosen: vec![chosen] });
+        let chosen = ChosenSeconds::new(&IntervalChoice { seconds: 4, chosen: vec![chosen] });
         assert!(chosen.has(1, second_of(7.999)) && !chosen.has(0, 7) && !chosen.has(1, 8));
     }
 }

@@ -52,7 +52,7 @@ const STEEPEST: f64 = 0.5;
 
 /// A pose of the board, with parameters that a person understands.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
+pub struct BoardPose {
     /// The board's middle in camera coordinates (m).
     pub position: Vector3<f64>,
     /// Tilt as a rotation vector about the camera's x and y axes (rad).
@@ -61,7 +61,7 @@ pub struct Place {
     pub roll: f64,
 }
 
-impl Place {
+impl BoardPose {
     /// Returns `T_camera_world` of the board.
     pub fn pose(&self, board: &Board) -> Isometry3<f64> {
         let tilt = UnitQuaternion::from_scaled_axis(Vector3::new(self.tilt.x, self.tilt.y, 0.0));
@@ -127,14 +127,14 @@ pub fn in_image(
 #[derive(Clone, Copy, Debug)]
 pub struct Candidate {
     /// The pose.
-    pub place: Place,
+    pub place: BoardPose,
     /// Information of one window there, averaged over the typical errors of a person's hands.
     pub information: Information,
 }
 
 /// Returns the information about `camera` of one window with the board near `place`: the mean over poses as reached by
 /// a person's hands, zero for those in which the board would not be found.
-pub fn expected_information(camera: &Camera<f64>, board: &Board, sensor: Sensor, place: &Place) -> Information {
+pub fn expected_information(camera: &Camera<f64>, board: &Board, sensor: Sensor, place: &BoardPose) -> Information {
     // The same errors of the hands for every pose, so that poses can be compared.
     let mut hands = ChaCha8Rng::seed_from_u64(1);
     let mut sum = Information::zeros();
@@ -143,7 +143,7 @@ pub fn expected_information(camera: &Camera<f64>, board: &Board, sensor: Sensor,
         let tilt = place.tilt + Vector2::new(shaken(), shaken()) * HAND_TURN;
         let roll = place.roll + shaken() * HAND_TURN;
         let position = place.position + Vector3::new(shaken(), shaken(), shaken()) * HAND_SHIFT;
-        let pose = Place { position, tilt, roll }.pose(board);
+        let pose = BoardPose { position, tilt, roll }.pose(board);
         let circles = visible(camera, board, sensor, &pose);
         if let Some(information) = circles.and_then(|circles| view_information(camera, &pose, circles.into_iter())) {
             sum += information;
@@ -163,7 +163,7 @@ pub fn candidates(camera: &Camera<f64>, board: &Board, sensor: Sensor) -> Vec<Ca
             for (tilt, roll) in TILTS.iter().flat_map(|tilt| ROLLS.map(|roll| (tilt, roll))) {
                 let position = Vector3::new(x * width / focal, y * height / focal, 1.0) * depth;
                 let tilt = Vector2::new(tilt[0].to_radians(), tilt[1].to_radians());
-                let place = Place { position, tilt, roll };
+                let place = BoardPose { position, tilt, roll };
                 if visible(camera, board, sensor, &place.pose(board)).is_some() {
                     places.push(place);
                 }

@@ -2,13 +2,13 @@
 
 pub mod board_evidence;
 pub mod coverage;
+pub mod cross_check;
 pub mod misfit;
 pub mod poses;
 pub mod residual_map;
 pub mod split_half;
 pub mod uncertainty;
 pub mod verdict;
-pub mod witness;
 
 use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
@@ -17,6 +17,15 @@ use serde::{Deserialize, Serialize};
 
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::picture_calibration::calibration::{PictureCalibration, PictureSource};
+use crate::quality::board_evidence::BoardEstimate;
+use crate::quality::coverage::{Coverage, coverage, coverage_of};
+use crate::quality::misfit::{Misfit, misfit, with_misfit};
+use crate::quality::residual_map::histogram::{ClassResiduals, class_residuals};
+use crate::quality::residual_map::{ResidualMap, residual_map};
+use crate::quality::split_half::{SplitHalf, split_half};
+use crate::quality::uncertainty::parts::ProjectionParts;
+use crate::quality::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
+use crate::quality::uncertainty::{BiasSigma, SolveUncertainty, Uncertainty};
 use crate::solve::board_edge::BoardEdges;
 use crate::solve::burst::RANK_COUNT;
 use crate::solve::event_bias::bias::Bias;
@@ -25,20 +34,11 @@ use crate::solve::left_out::LeftOut;
 use crate::solve::pose_covariance::PoseCovariance;
 use crate::solve::refinement::Refined;
 use crate::solve::{Problem, SolveError, State};
-use crate::trust::board_evidence::BoardEstimate;
-use crate::trust::coverage::{Coverage, coverage, coverage_of};
-use crate::trust::misfit::{Misfit, misfit, with_misfit};
-use crate::trust::residual_map::histogram::{ClassResiduals, class_residuals};
-use crate::trust::residual_map::{ResidualMap, residual_map};
-use crate::trust::split_half::{SplitHalf, split_half};
-use crate::trust::uncertainty::parts::ProjectionParts;
-use crate::trust::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
-use crate::trust::uncertainty::{BiasSigma, SolveUncertainty, Uncertainty};
 use evcal_geometry::board::Board;
 
 /// Quality measures of a calibration, whatever its input was.
 #[derive(Clone, Debug)]
-pub struct Trust {
+pub struct Quality {
     /// Covariance of the intrinsics.
     pub uncertainty: Uncertainty,
     /// Uncertainty of the projection that follows from it.
@@ -47,9 +47,9 @@ pub struct Trust {
     pub coverage: Coverage,
 }
 
-/// Quality measures of a calibration along trajectories, in addition to [`Trust`].
+/// Quality measures of a calibration along trajectories, in addition to [`Quality`].
 #[derive(Clone, Debug)]
-pub struct EventTrust {
+pub struct EventQuality {
     /// Contribution of each cause to the uncertainty of the projection.
     pub projection_parts: ProjectionParts,
     /// Standard deviations of the event biases.
@@ -123,7 +123,7 @@ pub fn examine(
     certainty: SolveCertainty,
     board: &Board,
     saturated: &[LeftOut],
-) -> Result<(Trust, EventTrust), SolveError> {
+) -> Result<(Quality, EventQuality), SolveError> {
     let (problem, state) = (&refined.problem, &refined.state);
     let SolveUncertainty { intrinsics: uncertainty, parts, bias_sigma, poses, halves, .. } = certainty.uncertainty;
     let in_the_image = |uncertainty: &Uncertainty| {
@@ -149,7 +149,7 @@ pub fn examine(
     let projection_parts = parts
         .projection(&state.camera, &(&uncertainty.covariance - before), problem.sensor)
         .map_err(|_| SolveError::Singular)?;
-    let events = EventTrust {
+    let events = EventQuality {
         projection_parts,
         bias_sigma,
         split_half,
@@ -164,14 +164,18 @@ pub fn examine(
         saturated: saturated.to_vec(),
         poses,
     };
-    Ok((Trust { uncertainty, projection, coverage: coverage(problem, state, board) }, events))
+    Ok((Quality { uncertainty, projection, coverage: coverage(problem, state, board) }, events))
 }
 
 /// Examines a calibration from pictures alone.
 ///
 /// # Errors
 /// [`SolveError::Singular`] if the lens covers almost nothing of the sensor.
-pub fn examine_pictures(calibration: &PictureCalibration, board: &Board, sensor: Sensor) -> Result<Trust, SolveError> {
+pub fn examine_pictures(
+    calibration: &PictureCalibration,
+    board: &Board,
+    sensor: Sensor,
+) -> Result<Quality, SolveError> {
     let projection = projection_uncertainty(&calibration.camera, &calibration.covariance, sensor)
         .map_err(|_| SolveError::Singular)?
         .of_few_views(calibration.report.used.saturating_sub(1));
@@ -184,7 +188,7 @@ pub fn examine_pictures(calibration: &PictureCalibration, board: &Board, sensor:
     let duration = (calibration.report.source == PictureSource::Frames).then(followed);
     let pixels = calibration.posed.iter().flat_map(|posed| posed.circles.iter().map(|circle| circle.center.into()));
     let poses = calibration.posed.iter().map(|posed| posed.pose);
-    Ok(Trust {
+    Ok(Quality {
         uncertainty: Uncertainty {
             covariance: calibration.covariance.clone(),
             systematic: DMatrix::zeros(calibration.covariance.nrows(), calibration.covariance.ncols()),

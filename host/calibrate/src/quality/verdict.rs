@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use self::findings::findings_on;
 pub use self::settings::{SMALLEST_COVERAGE, VerdictSettings};
 use crate::advice::{Advice, Wording};
-use crate::trust::{EventTrust, Trust};
+use crate::quality::{EventQuality, Quality};
 use evcal_geometry::board::Board;
 use evcal_geometry::lens::axial_focal::axial_focal_gradients;
 
@@ -182,22 +182,22 @@ impl<A: fmt::Display> fmt::Display for Verdict<A> {
 /// trajectories.
 pub fn verdict(
     camera: &Camera<f64>,
-    trust: &Trust,
-    events: Option<&EventTrust>,
+    quality: &Quality,
+    events: Option<&EventQuality>,
     board: &Board,
     sensor: Sensor,
     more: Vec<Finding>,
     settings: &VerdictSettings,
 ) -> Verdict {
     let mut findings = more;
-    findings.extend(findings_on(camera, trust, events, board, sensor, settings));
+    findings.extend(findings_on(camera, quality, events, board, sensor, settings));
     if findings.iter().any(|finding| finding.cause == Cause::Undistorted) {
         // Pixels shifted by rounding leave a pattern that no lens has.
         findings.retain(|finding| finding.cause != Cause::ModelTooPoor);
     }
     sort(&mut findings);
     let grade = Grade::of(findings.iter().map(|finding| finding.severity));
-    Verdict { grade, sentence: sentence(grade, camera, trust, &findings), findings }
+    Verdict { grade, sentence: sentence(grade, camera, quality, &findings), findings }
 }
 
 /// Sorts findings by severity. Causes of an uncertain projection come before the uncertainty itself, because removing them
@@ -206,12 +206,12 @@ fn sort(findings: &mut [Finding]) {
     findings.sort_by_key(|finding| (std::cmp::Reverse(finding.severity), finding.cause == Cause::Uncertain));
 }
 
-fn sentence(grade: Grade, camera: &Camera<f64>, trust: &Trust, findings: &[Finding]) -> String {
-    let focal = focal_length(camera, trust)
+fn sentence(grade: Grade, camera: &Camera<f64>, quality: &Quality, findings: &[Finding]) -> String {
+    let focal = focal_length(camera, quality)
         .map_or_else(String::new, |(what, value, sigma)| format!(", {what} {value:.2} ± {sigma:.2} px"));
     let known = format!(
         "expected projection error below {:.3} px over the sensor (95 % confidence){focal}",
-        trust.projection.rms_95
+        quality.projection.rms_95
     );
     let reasons = reasons(findings);
     match grade {
@@ -234,8 +234,8 @@ fn reasons(findings: &[Finding]) -> Vec<&str> {
 
 /// Returns name, value and σ of the focal length along x. In models in which fx is only determined together with a shape
 /// parameter, it is the focal length in the middle of the image.
-fn focal_length(camera: &Camera<f64>, trust: &Trust) -> Option<(&'static str, f64, f64)> {
-    let covariance = &trust.uncertainty.covariance;
+fn focal_length(camera: &Camera<f64>, quality: &Quality) -> Option<(&'static str, f64, f64)> {
+    let covariance = &quality.uncertainty.covariance;
     let [value, _] = camera.axial_focal_lengths()?;
     let [gradient, _] = axial_focal_gradients(camera)?;
     let count = covariance.nrows();

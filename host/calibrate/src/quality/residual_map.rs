@@ -15,7 +15,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::solve::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
-use crate::solve::stretch::{EventResidual, PointResidual, point_residuals};
+use crate::solve::observation_range::{EventResidual, PointResidual, point_residuals};
 use crate::solve::{Problem, State};
 use evcal_geometry::numerics::huber::huber;
 

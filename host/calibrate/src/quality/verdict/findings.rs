@@ -10,33 +10,33 @@ use super::settings::{
 };
 use super::{Cause, Finding, Severity, VerdictSettings};
 use crate::advice::Advice;
+use crate::quality::board_evidence::{BoardEvidence, RADIUS};
+use crate::quality::coverage::Coverage;
+use crate::quality::misfit::BetterModel;
+use crate::quality::split_half::SplitHalf;
+use crate::quality::{EventQuality, ObservedRadius, Quality};
 use crate::solve::left_out::{LeftOut, Reason};
-use crate::trust::board_evidence::{BoardEvidence, RADIUS};
-use crate::trust::coverage::Coverage;
-use crate::trust::misfit::BetterModel;
-use crate::trust::split_half::SplitHalf;
-use crate::trust::{EventTrust, ObservedRadius, Trust};
 use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::lens::folds::folded_share;
 
 /// Runs all checks.
 pub(super) fn findings_on(
     camera: &Camera<f64>,
-    trust: &Trust,
-    events: Option<&EventTrust>,
+    quality: &Quality,
+    events: Option<&EventQuality>,
     board: &Board,
     sensor: Sensor,
     settings: &VerdictSettings,
 ) -> Vec<Finding> {
-    let mut findings = Vec::from_iter(uncertain(trust, settings));
-    findings.extend(views(&trust.coverage));
+    let mut findings = Vec::from_iter(uncertain(quality, settings));
+    findings.extend(views(&quality.coverage));
     findings
         .extend(events.and_then(|events| radius(&events.radius?, events.board.evidence.as_ref(), board.circles()?)));
     findings.extend(events.and_then(|events| board_finding(&events.board, board, camera)));
-    findings.extend(pixels_not_square(camera, trust));
+    findings.extend(pixels_not_square(camera, quality));
     findings.extend(not_one_to_one(camera, sensor));
-    findings.extend(events.and_then(|events| held(camera, &events.undetermined)));
-    findings.extend(undetermined(camera, trust, events.map_or(&[], |events| &events.undetermined)));
+    findings.extend(events.and_then(|events| fixed(camera, &events.undetermined)));
+    findings.extend(undetermined(camera, quality, events.map_or(&[], |events| &events.undetermined)));
     findings.extend(events.and_then(|events| too_poor(camera, events)));
     findings.extend(events.and_then(|events| halves(events.split_half.as_ref()?)));
     findings.extend(events.and_then(|events| unexplained(&events.left_out)));
@@ -45,17 +45,17 @@ pub(super) fn findings_on(
 }
 
 /// Returns the total length (s) of the intervals, and the first of them in words.
-fn places<'a>(stretches: impl Iterator<Item = &'a LeftOut>) -> Option<(f64, String)> {
+fn places<'a>(intervals: impl Iterator<Item = &'a LeftOut>) -> Option<(f64, String)> {
     /// Number of intervals that are listed individually.
     const LISTED: usize = 4;
-    let stretches: Vec<&LeftOut> = stretches.collect();
-    if stretches.is_empty() {
+    let intervals: Vec<&LeftOut> = intervals.collect();
+    if intervals.is_empty() {
         return None;
     }
-    let seconds = stretches.iter().map(|stretch| stretch.end - stretch.start).sum();
-    let mut places: Vec<String> = stretches.iter().take(LISTED).map(ToString::to_string).collect();
-    if stretches.len() > LISTED {
-        places.push(format!("{} more", stretches.len() - LISTED));
+    let seconds = intervals.iter().map(|interval| interval.end - interval.start).sum();
+    let mut places: Vec<String> = intervals.iter().take(LISTED).map(ToString::to_string).collect();
+    if intervals.len() > LISTED {
+        places.push(format!("{} more", intervals.len() - LISTED));
     }
     Some((seconds, places.join(", ")))
 }
@@ -64,7 +64,7 @@ fn places<'a>(stretches: impl Iterator<Item = &'a LeftOut>) -> Option<(f64, Stri
 const SHORT: f64 = 0.1;
 
 fn unexplained(left_out: &[LeftOut]) -> Option<Finding> {
-    let (seconds, places) = places(left_out.iter().filter(|stretch| stretch.reason == Reason::Unexplained))?;
+    let (seconds, places) = places(left_out.iter().filter(|interval| interval.reason == Reason::Unexplained))?;
     Some(Finding {
         cause: Cause::Unexplained,
         severity: if seconds < SHORT { Severity::Note } else { Severity::Warning },
@@ -73,7 +73,7 @@ fn unexplained(left_out: &[LeftOut]) -> Option<Finding> {
     })
 }
 
-fn saturated(events: &EventTrust) -> Option<Finding> {
+fn saturated(events: &EventQuality) -> Option<Finding> {
     let advice =
         "move the camera more slowly, from further away, or raise the contrast thresholds of its pixels".into();
     let what = "there were more events than the camera can send";
@@ -82,14 +82,14 @@ fn saturated(events: &EventTrust) -> Option<Finding> {
             format!("{what} for {seconds:.2} s, most of the recording: their times are late by an unknown amount");
         return Some(Finding { cause: Cause::Saturated, severity: Severity::Failure, reason, advice });
     }
-    let (seconds, places) = places(events.left_out.iter().filter(|stretch| stretch.reason == Reason::Saturated))?;
+    let (seconds, places) = places(events.left_out.iter().filter(|interval| interval.reason == Reason::Saturated))?;
     let reason = format!("{what} for {seconds:.2} s ({places}): their times are late there, and they were not used");
     let severity = if seconds < SHORT { Severity::Note } else { Severity::Warning };
     Some(Finding { cause: Cause::Saturated, severity, reason, advice })
 }
 
-fn uncertain(trust: &Trust, settings: &VerdictSettings) -> Option<Finding> {
-    let bound = trust.projection.rms_95;
+fn uncertain(quality: &Quality, settings: &VerdictSettings) -> Option<Finding> {
+    let bound = quality.projection.rms_95;
     let severity = if bound > POOR * settings.good {
         Severity::Failure
     } else if bound > settings.good {
@@ -210,10 +210,10 @@ fn radius(observed: &ObservedRadius, evidence: Option<&BoardEvidence>, board: &C
     })
 }
 
-fn pixels_not_square(camera: &Camera<f64>, trust: &Trust) -> Option<Finding> {
+fn pixels_not_square(camera: &Camera<f64>, quality: &Quality) -> Option<Finding> {
     let parameters = camera.parameters();
     let (&[fx, fy], _) = parameters.split_first_chunk::<2>()?;
-    let covariance = &trust.uncertainty.covariance;
+    let covariance = &quality.uncertainty.covariance;
     let variance = covariance[(0, 0)] + covariance[(1, 1)] - 2.0 * covariance[(0, 1)];
     let difference = (fx - fy).abs();
     let sigma = variance.max(0.0).sqrt();
@@ -243,22 +243,22 @@ fn not_one_to_one(camera: &Camera<f64>, sensor: Sensor) -> Option<Finding> {
     })
 }
 
-fn held(camera: &Camera<f64>, held: &[usize]) -> Option<Finding> {
+fn fixed(camera: &Camera<f64>, fixed: &[usize]) -> Option<Finding> {
     let (names, values) = (camera.kind().parameter_names(), camera.parameters());
-    let told: Vec<String> = held
+    let listed: Vec<String> = fixed
         .iter()
         .filter_map(|&index| Some(format!("{} was fixed at {}", names.get(index)?, values.get(index)?)))
         .collect();
-    (!told.is_empty()).then(|| Finding {
+    (!listed.is_empty()).then(|| Finding {
         cause: Cause::ParameterUndetermined,
         severity: Severity::Note,
-        reason: format!("this recording does not determine all lens parameters: {}", told.join(", ")),
-        advice: Advice::Free(held.iter().filter_map(|&index| names.get(index).copied()).collect()),
+        reason: format!("this recording does not determine all lens parameters: {}", listed.join(", ")),
+        advice: Advice::Free(fixed.iter().filter_map(|&index| names.get(index).copied()).collect()),
     })
 }
 
-fn undetermined(camera: &Camera<f64>, trust: &Trust, held: &[usize]) -> Option<Finding> {
-    let sigma = trust.uncertainty.sigma();
+fn undetermined(camera: &Camera<f64>, quality: &Quality, fixed: &[usize]) -> Option<Finding> {
+    let sigma = quality.uncertainty.sigma();
     let parameters = camera.parameters();
     let names = camera.kind().parameter_names();
     let lost: Vec<&str> = names
@@ -266,14 +266,14 @@ fn undetermined(camera: &Camera<f64>, trust: &Trust, held: &[usize]) -> Option<F
         .zip(parameters.iter().zip(&sigma))
         .enumerate()
         .skip(4)
-        .filter(|(index, _)| !held.contains(index))
+        .filter(|(index, _)| !fixed.contains(index))
         .filter(|(_, (_, (value, sigma)))| value.abs() < SIGNIFICANT * **sigma)
         .map(|(_, (name, _))| *name)
         .collect();
     // Each parameter may be poorly determined although the projection is known: then they are only meaningful together.
     if let (Some(fx), Some(sigma)) = (parameters.first(), sigma.first())
         && *sigma > OPEN_FOCAL_LENGTH * fx
-        && trust.projection.rms_95 < sigma * KNOWN_TOGETHER
+        && quality.projection.rms_95 < sigma * KNOWN_TOGETHER
     {
         return Some(Finding {
             cause: Cause::ParameterUndetermined,
@@ -301,7 +301,7 @@ fn simpler_model(kind: ModelKind) -> Option<(ModelKind, &'static str)> {
     }
 }
 
-fn too_poor(camera: &Camera<f64>, events: &EventTrust) -> Option<Finding> {
+fn too_poor(camera: &Camera<f64>, events: &EventQuality) -> Option<Finding> {
     let misfit = events.misfit.as_ref()?;
     let own = camera.kind();
     let Some(BetterModel { kind, difference }) = &misfit.better else {
@@ -349,7 +349,7 @@ mod tests {
     fn a_radius_that_the_evidence_confirms_is_not_reported() {
         let board: CircleBoard = "acircles:11x5:30mm:r8mm".parse().unwrap();
         let scale = 2.7e-3;
-        let told = |pixels: f64, evidence: Option<(f64, f64)>| {
+        let listed = |pixels: f64, evidence: Option<(f64, f64)>| {
             let observed = ObservedRadius { mean_offset: pixels - 0.41, scale, radius: board.radius + pixels * scale };
             let evidence = evidence.map(|(radius, sigma)| BoardEvidence {
                 values: [1.0, 0.0, 0.0, radius],
@@ -358,10 +358,10 @@ mod tests {
             radius(&observed, evidence.as_ref(), &board).is_some()
         };
         let stated = Some((8.1e-3, 0.23e-3));
-        assert!(told(0.3, None) && !told(0.3, stated) && !told(-0.3, stated));
+        assert!(listed(0.3, None) && !listed(0.3, stated) && !listed(-0.3, stated));
         // Evidence that distinguishes neither, or supports another radius, does not confirm the stated one.
-        assert!(told(0.3, Some((8.1e-3, 1e-3))) && told(0.3, Some((8.9e-3, 0.23e-3))));
+        assert!(listed(0.3, Some((8.1e-3, 1e-3))) && listed(0.3, Some((8.9e-3, 0.23e-3))));
         // Light dots, or exchanged polarities.
-        assert!(told(0.8, stated) && told(-0.8, stated));
+        assert!(listed(0.8, stated) && listed(-0.8, stated));
     }
 }

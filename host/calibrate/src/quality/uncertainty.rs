@@ -24,17 +24,17 @@ pub mod projection;
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::quality::board_evidence::{BoardEvidence, RADIUS, after, with_board};
+use crate::quality::split_half::{Halves, SolvedHalves, groups};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::board_edge::BoardEdges;
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::levenberg::{intrinsics_of, linearised};
+use crate::solve::observation_range::{RANGES_TOGETHER, observation_ranges};
 use crate::solve::pose_covariance::PoseCovariance;
-use crate::solve::stretch::{STRETCHES_TOGETHER, stretches};
 use crate::solve::system::{Contribution, PackedContribution, System};
 use crate::solve::{BOARD_INDEX, BOARD_PARAMETERS, GLOBAL_COUNT, Problem, SolveError, State, bias_index};
-use crate::trust::board_evidence::{BoardEvidence, RADIUS, after, with_board};
-use crate::trust::split_half::{Halves, SolvedHalves, groups};
 use blocks::{Scatter, scatter, sum_by_block};
 use parts::CovarianceParts;
 use projection::{NoView, ProjectionUncertainty, projection_uncertainty};
@@ -173,7 +173,7 @@ fn combined(formal: &DMatrix<f64>, scatters: impl Iterator<Item = Scatter>) -> (
 /// # Errors
 /// [`SolveError::Singular`] if the observations do not determine the estimated parameters.
 pub fn uncertainty(problem: &Problem, state: &State, system: System) -> Result<SolveUncertainty, SolveError> {
-    let stretches = stretches(&problem.segments);
+    let ranges = observation_ranges(&problem.segments);
     let free = problem.free.mask();
     let singular = |_| SolveError::Singular;
     let observations = system.loss.count;
@@ -191,9 +191,9 @@ pub fn uncertainty(problem: &Problem, state: &State, system: System) -> Result<S
     let step_with_board = reduced.global_step().ok();
     let follows = reduced.into_follows();
     let bearings = BearingTable::new(&state.camera, problem.sensor);
-    let mut contributions_with_board = Vec::with_capacity(stretches.len());
+    let mut contributions_with_board = Vec::with_capacity(ranges.len());
     let mut halves = Halves::new(problem, state);
-    for group in groups(&stretches, &problem.segments, STRETCHES_TOGETHER) {
+    for group in groups(&ranges, &problem.segments, RANGES_TOGETHER) {
         let equations = linearised(problem, state, &bearings, group);
         contributions_with_board.extend(follows.contributions(&equations));
         if let Some(halves) = &mut halves {
@@ -201,8 +201,7 @@ pub fn uncertainty(problem: &Problem, state: &State, system: System) -> Result<S
         }
     }
     let halves = halves.and_then(|halves| halves.solved());
-    let times: Vec<(usize, f64)> =
-        stretches.iter().map(|stretch| (stretch.segment, stretch.start(&problem.segments))).collect();
+    let times: Vec<(usize, f64)> = ranges.iter().map(|range| (range.segment, range.start(&problem.segments))).collect();
     let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
     let time = Time { starts: &times, total };
     let of_free = |one: Contribution| one.of(&places);

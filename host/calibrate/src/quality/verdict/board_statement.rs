@@ -3,7 +3,7 @@
 use evcal_core::camera::Camera;
 
 use super::{Cause, Finding, Severity};
-use crate::trust::board_evidence::BoardEstimate;
+use crate::quality::board_evidence::BoardEstimate;
 use evcal_geometry::board::Board;
 
 /// Returns a finding with the differences from the stated `board` and their effect on the focal length of `camera`; `None`

@@ -12,7 +12,7 @@ use super::{FreeParameters, Problem};
 
 /// Fixed intrinsics.
 #[derive(Clone, Debug)]
-pub struct HeldIntrinsics {
+pub struct FixedIntrinsics {
     /// The camera with these intrinsics.
     pub camera: Camera<f64>,
     /// Covariance of its parameters, in their order; `None` if it is not known.
@@ -20,7 +20,7 @@ pub struct HeldIntrinsics {
 }
 
 /// Returns `problem` with all intrinsics fixed.
-pub fn held(problem: &Problem) -> Problem {
+pub fn with_fixed(problem: &Problem) -> Problem {
     with_intrinsics(problem, [false; MAX_PARAMETERS])
 }
 
@@ -29,7 +29,7 @@ fn with_intrinsics(problem: &Problem, intrinsics: [bool; MAX_PARAMETERS]) -> Pro
     Problem { free, ..problem.with_segments(problem.segments.clone()) }
 }
 
-impl HeldIntrinsics {
+impl FixedIntrinsics {
     /// Returns σ of each parameter; 0 if it is not known.
     pub fn sigma(&self) -> Vec<f64> {
         let count = self.camera.parameters().into_iter().count();
@@ -43,7 +43,7 @@ impl HeldIntrinsics {
         with_intrinsics(problem, std::array::from_fn(|index| sigma.get(index) > Some(&0.0)))
     }
 
-    /// Returns the covariance of the parameters that [`HeldIntrinsics::opened`] estimates, in their order.
+    /// Returns the covariance of the parameters that [`FixedIntrinsics::opened`] estimates, in their order.
     pub fn of_opened(&self) -> DMatrix<f64> {
         let sigma = self.sigma();
         let known: Vec<usize> = (0..sigma.len()).filter(|index| sigma[*index] > 0.0).collect();
@@ -58,30 +58,30 @@ impl HeldIntrinsics {
         let pairs = self.camera.parameters().into_iter().zip(own.parameters());
         let sigmas = self.sigma().into_iter().zip(sigma).map(|(one, other)| one.hypot(*other));
         let known = pairs.zip(sigmas).filter(|(_, sigma)| *sigma > 0.0);
-        let largest = known.map(|((held, own), sigma)| (held - own).abs() / sigma).fold(0.0, f64::max);
+        let largest = known.map(|((fixed, own), sigma)| (fixed - own).abs() / sigma).fold(0.0, f64::max);
         (self.camera.kind() == own.kind()).then_some(largest)
     }
 }
 
 /// Returns the covariance that the uncertainty of fixed intrinsics adds to the other border parameters of `system`, in which the
-/// intrinsics are estimated. Each element of `held` has the indices of a camera's intrinsics in the border, and their covariance.
+/// intrinsics are estimated. Each element of `fixed` has the indices of a camera's intrinsics in the border, and their covariance.
 /// Rows and columns of the intrinsics are 0.
 ///
 /// With the normal equations S of the border, an error e of the intrinsics moves the others by −S_oo⁻¹ S_oh e.
 ///
 /// # Errors
 /// [`NotPositiveDefinite`] if the others are not determined.
-pub fn share_of_held(
+pub fn share_of_fixed(
     system: &System,
-    held: &[(Range<usize>, DMatrix<f64>)],
+    fixed: &[(Range<usize>, DMatrix<f64>)],
 ) -> Result<DMatrix<f64>, NotPositiveDefinite> {
     let normal = system.normal()?;
-    let of_held = |index: usize| held.iter().any(|(range, _)| range.contains(&index));
-    let others: Vec<usize> = (0..normal.nrows()).filter(|index| !of_held(*index)).collect();
+    let of_fixed = |index: usize| fixed.iter().any(|(range, _)| range.contains(&index));
+    let others: Vec<usize> = (0..normal.nrows()).filter(|index| !of_fixed(*index)).collect();
     let by_others = DMatrix::from_fn(others.len(), others.len(), |row, column| normal[(others[row], others[column])]);
     let inverse = super::bordered::scaled_inverse(&by_others)?;
     let mut share = DMatrix::zeros(normal.nrows(), normal.nrows());
-    for (range, covariance) in held {
+    for (range, covariance) in fixed {
         let between =
             DMatrix::from_fn(others.len(), range.len(), |row, column| normal[(others[row], range.start + column)]);
         let follows = &inverse * between;

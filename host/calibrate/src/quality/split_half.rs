@@ -12,16 +12,16 @@ use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+use crate::quality::uncertainty::parts::CovarianceParts;
+use crate::quality::uncertainty::projection::projection_uncertainty;
 use crate::solve::half::{Half, SolvedHalf};
 use crate::solve::levenberg::intrinsics_of;
-use crate::solve::normal::StretchEquations;
+use crate::solve::normal::RangeEquations;
 use crate::solve::observation::SegmentObservations;
+use crate::solve::observation_range::{EventResidual, ObservationRange, point_residuals};
 use crate::solve::stiffness::Stiffness;
-use crate::solve::stretch::{EventResidual, Stretch, point_residuals};
 use crate::solve::system::Holds;
 use crate::solve::{GLOBAL_COUNT, Problem, State};
-use crate::trust::uncertainty::parts::CovarianceParts;
-use crate::trust::uncertainty::projection::projection_uncertainty;
 use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::lens::projection_difference::{ProjectionDifference, projection_difference};
 
@@ -69,16 +69,20 @@ fn slice(t: f64) -> i64 {
 }
 
 /// Returns segment and slice of an interval.
-fn slice_of(stretch: &Stretch, segments: &[SegmentObservations]) -> (usize, i64) {
-    (stretch.segment, slice(stretch.start(segments)))
+fn slice_of(range: &ObservationRange, segments: &[SegmentObservations]) -> (usize, i64) {
+    (range.segment, slice(range.start(segments)))
 }
 
-/// Cuts `stretches` into groups of at least `size`, without cutting a slice.
-pub fn groups<'a>(stretches: &'a [Stretch], segments: &[SegmentObservations], size: usize) -> Vec<&'a [Stretch]> {
+/// Cuts `ranges` into groups of at least `size`, without cutting a slice.
+pub fn groups<'a>(
+    ranges: &'a [ObservationRange],
+    segments: &[SegmentObservations],
+    size: usize,
+) -> Vec<&'a [ObservationRange]> {
     let mut groups = Vec::new();
-    let mut rest = stretches;
+    let mut rest = ranges;
     let mut count = 0;
-    for of_slice in stretches.chunk_by(|a, b| slice_of(a, segments) == slice_of(b, segments)) {
+    for of_slice in ranges.chunk_by(|a, b| slice_of(a, segments) == slice_of(b, segments)) {
         count += of_slice.len();
         if count >= size {
             let (group, later) = rest.split_at(count);
@@ -119,8 +123,8 @@ impl<'a> Halves<'a> {
     }
 
     /// Adds a group of [`groups`].
-    pub fn add(&mut self, equations: &[(Stretch, StretchEquations)]) {
-        let slice = |(stretch, _): &(Stretch, StretchEquations)| slice_of(stretch, self.segments);
+    pub fn add(&mut self, equations: &[(ObservationRange, RangeEquations)]) {
+        let slice = |(range, _): &(ObservationRange, RangeEquations)| slice_of(range, self.segments);
         for of_slice in equations.chunk_by(|a, b| slice(a) == slice(b)) {
             let Some((segment, number)) = of_slice.first().map(slice) else { continue };
             let Some(holds) = self.holds.get(segment) else { continue };
@@ -246,10 +250,10 @@ mod tests {
     fn no_slice_is_in_two_groups() {
         let bins = (0..100).map(|index| EventBin { t: 0.05 + 0.1 * f64::from(index), first: 0, end: 0 }).collect();
         let segments = [SegmentObservations { bins, ..SegmentObservations::default() }];
-        let stretch = |first: usize| Stretch { segment: 0, bins: first..first + 2, points: 0..0 };
-        let stretches: Vec<Stretch> = (0..100).step_by(2).map(stretch).collect();
-        let groups = groups(&stretches, &segments, 4);
-        assert_eq!(groups.concat(), stretches);
+        let range = |first: usize| ObservationRange { segment: 0, bins: first..first + 2, points: 0..0 };
+        let ranges: Vec<ObservationRange> = (0..100).step_by(2).map(range).collect();
+        let groups = groups(&ranges, &segments, 4);
+        assert_eq!(groups.concat(), ranges);
         assert!(groups.iter().rev().skip(1).all(|group| (4..8).contains(&group.len())), "{groups:?}");
         for pair in groups.windows(2) {
             let [before, after] = [pair[0].last().unwrap(), &pair[1][0]].map(|one| slice_of(one, &segments));

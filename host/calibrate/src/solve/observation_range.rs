@@ -9,7 +9,7 @@ use super::bearing_table::BearingTable;
 use super::edge_batch::{BatchEvent, EdgeBatch, LANES};
 use super::event_row::ROW_RESIDUAL;
 use super::loss::Loss;
-use super::normal::StretchEquations;
+use super::normal::RangeEquations;
 use super::observation::{EventObservation, SegmentObservations};
 use super::point_row::point_rows;
 use super::pose_bin::PoseBin;
@@ -24,7 +24,7 @@ use evcal_geometry::numerics::huber::huber;
 
 /// Consecutive bins (and circle centres) of one segment, few enough to be a unit of work.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Stretch {
+pub struct ObservationRange {
     /// Index of the segment.
     pub segment: usize,
     /// Indices in [`SegmentObservations::bins`].
@@ -33,7 +33,7 @@ pub struct Stretch {
     pub points: Range<usize>,
 }
 
-impl Stretch {
+impl ObservationRange {
     /// Returns the time of the first observation in seconds; 0 without any.
     pub fn start(&self, segments: &[SegmentObservations]) -> f64 {
         let observations = segments.get(self.segment);
@@ -44,44 +44,49 @@ impl Stretch {
 }
 
 /// Numbers of bins and of points in an interval: enough that merging costs little, few enough to share among threads.
-const STRETCH_BINS: usize = 128;
-const STRETCH_POINTS: usize = 512;
+const RANGE_BINS: usize = 128;
+const RANGE_POINTS: usize = 512;
 /// Number of intervals whose results are in memory at one time.
-pub const STRETCHES_TOGETHER: usize = 64;
+pub const RANGES_TOGETHER: usize = 64;
 
 /// Cuts all segments into intervals.
-pub fn stretches(segments: &[SegmentObservations]) -> Vec<Stretch> {
-    let mut stretches = Vec::new();
+pub fn observation_ranges(segments: &[SegmentObservations]) -> Vec<ObservationRange> {
+    let mut ranges = Vec::new();
     for (segment, observations) in segments.iter().enumerate() {
-        for first in (0..observations.bins.len()).step_by(STRETCH_BINS) {
-            let bins = first..(first + STRETCH_BINS).min(observations.bins.len());
-            stretches.push(Stretch { segment, bins, points: 0..0 });
+        for first in (0..observations.bins.len()).step_by(RANGE_BINS) {
+            let bins = first..(first + RANGE_BINS).min(observations.bins.len());
+            ranges.push(ObservationRange { segment, bins, points: 0..0 });
         }
-        for first in (0..observations.points.len()).step_by(STRETCH_POINTS) {
-            let points = first..(first + STRETCH_POINTS).min(observations.points.len());
-            stretches.push(Stretch { segment, bins: 0..0, points });
+        for first in (0..observations.points.len()).step_by(RANGE_POINTS) {
+            let points = first..(first + RANGE_POINTS).min(observations.points.len());
+            ranges.push(ObservationRange { segment, bins: 0..0, points });
         }
     }
-    stretches
+    ranges
 }
 
-/// Computes the normal equations of `stretch` at `state`.
-pub fn linearise(problem: &Problem, state: &State, bearings: &BearingTable, stretch: &Stretch) -> StretchEquations {
+/// Computes the normal equations of `range` at `state`.
+pub fn linearise(
+    problem: &Problem,
+    state: &State,
+    bearings: &BearingTable,
+    range: &ObservationRange,
+) -> RangeEquations {
     let (Some(observations), Some(trajectory)) =
-        (problem.segments.get(stretch.segment), state.trajectories.get(stretch.segment))
+        (problem.segments.get(range.segment), state.trajectories.get(range.segment))
     else {
-        return StretchEquations::new(0, 0, 1);
+        return RangeEquations::new(0, 0, 1);
     };
-    let bins = observations.bins.get(stretch.bins.clone()).unwrap_or_default();
-    let points = observations.points.get(stretch.points.clone()).unwrap_or_default();
+    let bins = observations.bins.get(range.bins.clone()).unwrap_or_default();
+    let points = observations.points.get(range.points.clone()).unwrap_or_default();
     let times = || bins.iter().map(|bin| bin.t).chain(points.iter().map(|point| point.t));
     let first_pose = times().find_map(|t| PoseBin::new(trajectory, t));
     let last_pose = times().rev().find_map(|t| PoseBin::new(trajectory, t));
     let (Some(first_pose), Some(last_pose)) = (first_pose, last_pose) else {
-        return StretchEquations::new(0, 0, trajectory.degree + 1);
+        return RangeEquations::new(0, 0, trajectory.degree + 1);
     };
     let count = last_pose.first + last_pose.order - first_pose.first;
-    let mut equations = StretchEquations::new(first_pose.first, count, first_pose.order);
+    let mut equations = RangeEquations::new(first_pose.first, count, first_pose.order);
     let mut sums = BinSums::default();
 
     for bin in bins {
@@ -218,15 +223,15 @@ pub fn residuals_and_scale(
     state: &State,
     bearings: &BearingTable,
 ) -> (Vec<EventResidual>, Option<f64>) {
-    let of_stretch = |stretch: &Stretch| {
+    let of_range = |range: &ObservationRange| {
         let mut found = Vec::new();
         let (Some(observations), Some(trajectory)) =
-            (problem.segments.get(stretch.segment), state.trajectories.get(stretch.segment))
+            (problem.segments.get(range.segment), state.trajectories.get(range.segment))
         else {
             return found;
         };
         let mut batch = EdgeBatch::default();
-        for bin in observations.bins.get(stretch.bins.clone()).unwrap_or_default() {
+        for bin in observations.bins.get(range.bins.clone()).unwrap_or_default() {
             let Some(pose) = PoseBin::new(trajectory, bin.t) else { continue };
             for part in observations.events.get(bin.first..bin.end).unwrap_or_default().chunks(LANES) {
                 find_edges(problem, state, bearings, &pose, part, &mut batch);
@@ -238,7 +243,7 @@ pub fn residuals_and_scale(
                     let passage = edges.passage(lane);
                     let residual = EventResidual {
                         t: bin.t + f64::from(event.dt),
-                        segment: stretch.segment as u32,
+                        segment: range.segment as u32,
                         pixel: [event.x, event.y],
                         normal: [0, 1].map(|axis| (edges.by_pixel[axis][lane] / scale) as f32),
                         class: event.class,
@@ -256,8 +261,8 @@ pub fn residuals_and_scale(
     let mut found = Vec::with_capacity(problem.segments.iter().map(|segment| segment.events.len()).sum());
     let mut scales = 0.0;
     // A few intervals at a time, so that the residuals are not in memory twice.
-    for group in stretches(&problem.segments).chunks(STRETCHES_TOGETHER) {
-        for (residual, scale) in group.par_iter().map(of_stretch).collect::<Vec<_>>().into_iter().flatten() {
+    for group in observation_ranges(&problem.segments).chunks(RANGES_TOGETHER) {
+        for (residual, scale) in group.par_iter().map(of_range).collect::<Vec<_>>().into_iter().flatten() {
             scales += f64::from(scale);
             found.push(residual);
         }
@@ -359,9 +364,9 @@ pub(crate) mod tests {
         observations
     }
 
-    fn cost_and_gradient(problem: &Problem, state: &State) -> (f64, StretchEquations) {
+    fn cost_and_gradient(problem: &Problem, state: &State) -> (f64, RangeEquations) {
         let bearings = BearingTable::new(&state.camera, problem.sensor);
-        let mut equations = linearised(problem, state, &bearings, &stretches(&problem.segments));
+        let mut equations = linearised(problem, state, &bearings, &observation_ranges(&problem.segments));
         assert_eq!(equations.len(), 1);
         let (_, equations) = equations.remove(0);
         assert_eq!(equations.loss.count, problem.segments[0].events.len());
