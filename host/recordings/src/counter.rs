@@ -125,15 +125,6 @@ mod tests {
         assert_eq!((times, met), (vec![2, -1, 3, -2, 5, 6], None));
     }
 
-    /// An unsigned count of all ones is read as −1.
-    #[test]
-    fn the_highest_count_may_be_minus_one() {
-        let end = 1 << 32;
-        let (times, met) = times(TimeUnit::Microseconds, [end - 2, -1, -1, end - 2, 0, -1, 1]);
-        assert_eq!(times, [end - 2, end - 1, end - 1, end - 2, end, end - 1, end + 1]);
-        assert_eq!(met, Some(CounterWraps { count: 1, first_event: 2 }));
-    }
-
     #[test]
     fn the_unit_of_the_column_determines_the_range() {
         // 32 bits of nanoseconds: 10 min in steps of 5 ms, to the nearest µs.
