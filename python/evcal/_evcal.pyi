@@ -119,7 +119,7 @@ def calibrate(
     progress: Callable[[str], object] | None = None,
 ) -> Calibration: ...
 def _columns(
-    names: list[str] | None, rows: NDArray[np.float64] | None, said: str | None
+    names: list[str] | None, rows: NDArray[np.float64] | None, given: str | None
 ) -> tuple[str, str | None]: ...
 def check(
     events: _Path | _Events,

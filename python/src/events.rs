@@ -331,7 +331,7 @@ pub fn viewed<'py>(dtype: &Bound<'py, PyArrayDescr>, bytes: Vec<u8>) -> PyResult
 pub fn columns_of(
     names: Option<Vec<String>>,
     rows: Option<PyReadonlyArray2<'_, f64>>,
-    options: Option<&str>,
+    given: Option<&str>,
 ) -> PyResult<(String, Option<&'static str>)> {
     let unclear = |error: LayoutError| {
         PyValueError::new_err(format!("events: {error}; give columns=\"t,x,y,p\", in the order that is theirs"))
@@ -342,9 +342,8 @@ pub fn columns_of(
         let missing = || PyTypeError::new_err(LayoutError::Names(names.join(", ")).to_string());
         return Ok((columns.ok_or_else(missing)?.to_string(), unit.map(short)));
     }
-    if let Some(options) = options {
-        let columns: Columns =
-            options.parse().map_err(|error: OptionError| PyValueError::new_err(error.to_string()))?;
+    if let Some(given) = given {
+        let columns: Columns = given.parse().map_err(|error: OptionError| PyValueError::new_err(error.to_string()))?;
         return Ok((columns.to_string(), None));
     }
     let cell = |value: &f64| Cell { value: Some(*value), is_polarity: [-1.0, 0.0, 1.0].contains(value) };
