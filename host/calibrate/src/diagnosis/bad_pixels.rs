@@ -7,7 +7,7 @@ use evcal_core::sensor::Sensor;
 use serde::Serialize;
 
 use super::rounded::Rounded;
-use super::silent_lines::{FEWEST_OF_COLUMN, SilentLines};
+use super::silent_lines::SilentLines;
 
 /// Ratio to the number of events of the median active pixel from which a pixel is hot.
 pub(super) const HOT_FACTOR: u64 = 10;
@@ -123,16 +123,6 @@ pub(super) fn most_of_good(active: impl Iterator<Item = u64>) -> u64 {
     median.saturating_mul(HOT_FACTOR).max(FEWEST_OF_HOT)
 }
 
-/// Returns the lines of pixels without events if most lines have many.
-pub(super) fn dead_lines(events: &[u64]) -> Vec<u16> {
-    let mut sorted = events.to_vec();
-    sorted.sort_unstable();
-    if sorted.get(sorted.len() / 2).is_none_or(|median| *median < FEWEST_OF_COLUMN) {
-        return Vec::new();
-    }
-    (0..).zip(events).filter(|(_, events)| **events == 0).map(|(line, _)| line).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use evcal_core::event::Polarity;
@@ -185,12 +175,5 @@ mod tests {
         assert_eq!(most_of_good([1, 2, 3, 1000].into_iter()), 50);
         assert_eq!(most_of_good([1, 7, 9, 100, 200].into_iter()), 90);
         assert_eq!(most_of_good([].into_iter()), 50);
-    }
-
-    #[test]
-    fn few_events_do_not_make_a_column_dead() {
-        assert_eq!(dead_lines(&[0, 999, 999]), [0_u16; 0]);
-        assert_eq!(dead_lines(&[0, 1000, 1000]), [0]);
-        assert_eq!(dead_lines(&[]), [0_u16; 0]);
     }
 }

@@ -4,7 +4,7 @@ use evcal_core::sensor::Sensor;
 use event_recordings::likely_sensor::likely_sensor;
 
 /// Number of events of the median active column from which a column without events is silent.
-pub(super) const FEWEST_OF_COLUMN: u64 = 1000;
+const FEWEST_OF_COLUMN: u64 = 1000;
 /// Share of the columns and of the rows between active ones from which silent ones are due to scaled coordinates.
 const MANY_SILENT: f64 = 0.15;
 /// Most silent columns or rows side by side if coordinates were scaled.
@@ -57,8 +57,22 @@ impl SilentLines {
         if let (Some(columns), Some(rows)) = (scaled(&columns), scaled(&rows)) {
             return Some(Self::Scaled { columns, rows });
         }
-        Some(Self::Columns((0..).zip(&columns).filter(|(_, events)| **events == 0).map(|(line, _)| line).collect()))
+        Some(Self::Columns(without_events(&columns)))
     }
+}
+
+/// Returns the lines of pixels without events if most lines have many.
+pub(super) fn dead_lines(events: &[u64]) -> Vec<u16> {
+    let mut sorted = events.to_vec();
+    sorted.sort_unstable();
+    if sorted.get(sorted.len() / 2).is_none_or(|median| *median < FEWEST_OF_COLUMN) {
+        return Vec::new();
+    }
+    without_events(events)
+}
+
+fn without_events(lines: &[u64]) -> Vec<u16> {
+    (0..).zip(lines).filter(|(_, events)| **events == 0).map(|(line, _)| line).collect()
 }
 
 /// Returns the number of silent lines between active ones if many are silent, nowhere many side by side.
@@ -97,5 +111,12 @@ mod tests {
         // A region of interest.
         let region = found(davis, |x, y| (40..300).contains(&x) && (20..200).contains(&y));
         assert!(matches!(region, Some(SilentLines::Columns(columns)) if columns.len() == 86));
+    }
+
+    #[test]
+    fn few_events_do_not_make_a_column_dead() {
+        assert_eq!(dead_lines(&[0, 999, 999]), [0_u16; 0]);
+        assert_eq!(dead_lines(&[0, 1000, 1000]), [0]);
+        assert_eq!(dead_lines(&[]), [0_u16; 0]);
     }
 }

@@ -6,9 +6,10 @@ use std::collections::HashMap;
 use evcal_core::event::{Event, Polarity};
 
 use super::{Gap, HotPixel, LISTED, Peak, SaturatedReadout, seconds};
-use crate::diagnosis::bad_pixels::{dead_lines, most_of_good};
+use crate::diagnosis::bad_pixels::most_of_good;
 use crate::diagnosis::flicker::RateBins;
 use crate::diagnosis::saturation::SaturationDetector;
+use crate::diagnosis::silent_lines::dead_lines;
 use crate::diagnosis::time_steps::TimeSteps;
 
 /// Length of the bins for the peak rate, in microseconds.
