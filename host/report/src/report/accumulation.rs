@@ -23,6 +23,8 @@ use evcal_geometry::board::Board;
 
 /// Columns of the picture of the board: its pixels are smaller than sensor pixels.
 const BOARD_COLUMNS: u16 = 800;
+/// Parts of a recording, which have a picture each. The number is independent of the number of threads.
+const PIECES: usize = 8;
 /// Time over which the motion of the camera is approximated as uniform (s).
 const BIN: f64 = 0.5e-3;
 
@@ -105,7 +107,7 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     let pieces: Vec<(usize, &[Run])> = (0..task.inputs.len())
         .flat_map(|recording| {
             let runs = events.sample.runs(recording);
-            let piece = runs.len().div_ceil(rayon::current_num_threads()).max(1);
+            let piece = runs.len().div_ceil(PIECES).max(1);
             runs.chunks(piece).map(move |piece| (recording, piece))
         })
         .collect();

@@ -71,7 +71,7 @@ fn trim(sites: &mut Vec<LatticeSite>) {
             let filled = |line: i8| {
                 let [first, last] = ranges[1 - axis].unwrap_or_default();
                 let count = sites.iter().filter(|site| axes[axis](site) == line).count();
-                (count as f64 / f64::from(last.abs_diff(first) + 1), axis, line)
+                (count as f64 / (f64::from(last.abs_diff(first)) + 1.0), axis, line)
             };
             ranges[axis].into_iter().flatten().map(filled).collect::<Vec<_>>()
         });
