@@ -62,7 +62,7 @@ fn with_events(calibrated: &Calibrated, events: &EventCalibration) -> Markup {
 fn counts(report: &PictureReport) -> Markup {
     let (detection, pictures) = (&report.detection, report.source);
     let refused: Vec<String> =
-        detection.refused.iter().map(|(reason, number)| format!("{} {reason}", count(*number))).collect();
+        detection.refused.iter().map(|(reason, number)| format!("{reason}: {}", count(*number))).collect();
     html! {
         p {
             (count(detection.with_board)) " of " (count(detection.frames)) " " (pictures) " show the board; their calibration used " (count(report.used as u64))
