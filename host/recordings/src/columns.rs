@@ -16,7 +16,7 @@ pub enum LayoutError {
     #[error("the first line, {0:?}, is neither an event nor the size of a sensor")]
     FirstLine(String),
     /// The array has no rows, or its rows were never written.
-    #[error("holds no events: its array has no rows, or none that was written")]
+    #[error("contains no events: its array has no rows, or no row of it was written")]
     NoRows,
     /// No line consists of numbers.
     #[error("no line with numbers was found at its beginning; one line `t x y p` per event is expected")]

@@ -161,7 +161,7 @@ pub enum PictureFailure {
     #[error("{0}")]
     Initial(#[from] InitialError),
     /// The views are too similar.
-    #[error("the {count} {pictures} with the board do not determine the camera: tilt it more")]
+    #[error("the {count} {pictures} with the board do not determine the camera: tilt the board more")]
     Undetermined {
         /// Number of used pictures.
         count: usize,
