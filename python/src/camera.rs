@@ -176,7 +176,7 @@ impl Camera {
         PyArray1::from_iter(py, self.camera.parameters().iter().skip(4).copied())
     }
 
-    /// Pixels (N x 2, or 2 numbers) of points (N x 3, or one of 3 numbers) in camera coordinates: x to the right, y down, z forward. NaN if
+    /// Pixels (N x 2, or 2 numbers) of points (N x 3, or a point of 3 numbers) in camera coordinates: x to the right, y down, z forward. NaN if
     /// the lens model does not project the point.
     fn project<'py>(&self, py: Python<'py>, points: Rows<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let project = |point: &[f64; 3]| {
@@ -185,7 +185,7 @@ impl Camera {
         mapped(py, &points, "points", project)
     }
 
-    /// Directions of view (N x 3, or 3 numbers, of length 1) of pixels (N x 2, or one of 2 numbers). NaN if the lens model has none.
+    /// Directions of view (N x 3, or 3 numbers, of length 1) of pixels (N x 2, or a pixel of 2 numbers). NaN if the lens model has none.
     fn unproject<'py>(&self, py: Python<'py>, pixels: Rows<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let unproject = |pixel: &[f64; 2]| {
             <[f64; 3]>::from(self.camera.unproject(&Vector2::from(*pixel)).unwrap_or(Vector3::repeat(f64::NAN)))

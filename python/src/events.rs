@@ -194,7 +194,7 @@ impl Records<'_> {
         }
     }
 
-    /// Copies the records to `output` whose pixels have a new position in `places`, with that position. Returns their number.
+    /// Copies the records whose pixels have a new position in `places` to `output`, with that position. Returns their number.
     pub fn moved(self, output: &mut [u8], places: &NewPlaces) -> usize {
         match self.record {
             // The lengths of records in known libraries: copies of constant length are several times as fast.

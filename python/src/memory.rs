@@ -1,4 +1,4 @@
-//! Memory for events, which are refused before they exhaust it: then the system would end Python.
+//! Memory for events. Events that would not fit are refused, because the system ends Python if memory is exhausted.
 
 use std::fs::read_to_string;
 
@@ -19,7 +19,7 @@ pub fn check(needed: u64) -> PyResult<()> {
     )))
 }
 
-/// Returns the bytes that each limit leaves, as Linux states them.
+/// Returns the limits of memory, each with the bytes that it leaves, as Linux reports them.
 fn limits() -> [(&'static str, Option<u64>); 3] {
     let number = |file, name: &str| {
         let text = read_to_string(file).ok()?;

@@ -19,7 +19,7 @@ pub struct Configuration {
     pub silent_pixels: [Option<(u16, u16)>; PIXEL_FILTERS],
     /// Removes events without a neighbour within this time; `None` disables the filter. Steps of 250 µs.
     pub background_activity_filter: Option<u32>,
-    /// Removes events of a pixel that follow another within this time; `None` disables the filter. Steps of 250 µs.
+    /// Removes an event that follows another one of its pixel within this time; `None` disables the filter. Steps of 250 µs.
     pub refractory_filter: Option<u32>,
     /// Pixels that produce events.
     pub event_region: Region,

@@ -13,8 +13,9 @@
 //! | time | wrap word with a multiplier; special 1 restarts it | 64-bit µs |
 //!
 //! **Time.** A timestamp word contains the low 15 bits and comes before the word that it applies to, unless the value
-//! is unchanged. After 2^15 µs a wrap word adds 2^15 µs, or a multiple of it after a stall; zero low bits are never
-//! sent but follow from the wrap. Times are summed in 64 bits, so nothing special happens at 2^31 µs (35.8 minutes).
+//! is unchanged. After 2^15 µs a wrap word adds 2^15 µs, or a multiple of it after a stall. A timestamp word with zero
+//! low bits is never sent, because the wrap word implies it. Times are summed in 64 bits, so nothing special happens at
+//! 2^31 µs (35.8 minutes).
 //!
 //! **Geometry.** The chip of a DAVIS346 is mounted rotated: its 260 columns are the user's rows, its 346 rows the
 //! user's columns. Events are already mirrored correctly, so only the axes are swapped. Frames are sent as the chip is

@@ -89,9 +89,9 @@ registers! {
         TIMESTAMP_RESET = 2,
         /// Powers the sensor chip (biases on).
         RUN_CHIP = 3,
-        /// 1: external input is dropped instead of waited for while the host reads too slowly.
+        /// 1: drops external input while the host reads too slowly; 0: waits for the host.
         DROP_EXTERNAL_INPUT_ON_STALL = 4,
-        /// 1: pixel events are dropped instead of waited for while the host reads too slowly.
+        /// 1: drops pixel events while the host reads too slowly; 0: waits for the host.
         DROP_DVS_ON_STALL = 5,
         /// 1 if the drop counters exist.
         HAS_STATISTICS = 80,

@@ -6,7 +6,6 @@
 //!
 //! All input passes through [`black_box`], so that the compiler knows nothing but its type. Formatting (`Display`,
 //! `Debug`) is not checked because it belongs to `core::fmt`.
-//! of it is formatting (`Display`, `Debug`), which `core::fmt` does.
 #![no_std]
 #![no_main]
 

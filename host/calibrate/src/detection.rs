@@ -189,7 +189,7 @@ pub struct DetectionStage<'a> {
 
 /// Number of chunks that are searched together.
 const CHUNKS_TOGETHER: usize = 16;
-/// Number of events from which fewer chunks are searched together: the waiting events then take 128 MiB, and those of one chunk.
+/// Number of waiting events at which the chunks are searched even if they are fewer than [`CHUNKS_TOGETHER`]: these events take 128 MiB.
 const EVENTS_TOGETHER: usize = 8 << 20;
 
 impl<'a> DetectionStage<'a> {

@@ -243,8 +243,8 @@ impl LiveCoverage {
         missing
     }
 
-    /// Returns the part of the image with the least coverage: to the right and downwards from the middle (each −1, 0 or
-    /// 1).
+    /// Returns the ninth of the image with the least coverage, as column (−1 left, 0, 1 right) and row (−1 top, 0, 1
+    /// bottom).
     fn emptiest(&self) -> (i8, i8) {
         const PARTS: [(i8, i8); 9] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (0, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
         let (columns, rows) = (usize::from(COLUMNS), usize::from(ROWS));
@@ -265,9 +265,9 @@ impl LiveCoverage {
     }
 }
 
-/// Estimates the focal length in widths of the sensor, by least squares over the equations of each view for 1/f² (two
-/// per view: the images of the board's axes are perpendicular and equally long in space). Returns one width, 53°
-/// across, if the views do not determine it.
+/// Estimates the focal length in widths of the sensor. The axes of the board are perpendicular and equally long, so each
+/// view gives two linear equations for 1/f², which are solved by least squares. Returns one width, a field of view of 53°,
+/// if the views do not determine it.
 fn focal_length(views: &[Matrix3<f64>]) -> f64 {
     let (mut square, mut product) = (0.0, 0.0);
     for view in views {
@@ -283,7 +283,7 @@ fn focal_length(views: &[Matrix3<f64>]) -> f64 {
     }
     let inverse_square = product / square;
     let focal_length = 1.0 / inverse_square.sqrt();
-    // From 7° to 150° across.
+    // A field of view of 7° to 150°.
     if (0.13..8.0).contains(&focal_length) { focal_length } else { 1.0 }
 }
 

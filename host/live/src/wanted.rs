@@ -28,7 +28,9 @@ impl Requirement {
         match self {
             Self::Views(count) => format!("{count} more views of the board"),
             Self::Part(x, y) => format!("the board at the {}", part(if mirrored { -x } else { *x }, *y)),
-            Self::Nearer(side, angle) => format!("its {} side nearer by {angle:.0}°", side.seen(mirrored).name()),
+            Self::Nearer(side, angle) => {
+                format!("a tilt of {angle:.0}° with the {} side nearer", side.seen(mirrored).name())
+            }
             Self::Time(seconds) => format!("{:.0} s more with the board", seconds.ceil()),
             Self::OtherTilts => "the board tilted differently".to_owned(),
             Self::FirstCheckpoint => "a first calibration of what was recorded".to_owned(),
@@ -65,8 +67,16 @@ mod tests {
         for (wanted, plain, mirrored) in [
             (Requirement::Part(-1, 1), "the board at the lower left", "the board at the lower right"),
             (Requirement::Part(0, -1), "the board at the top", "the board at the top"),
-            (Requirement::Nearer(Tilt::Right, 15.0), "its right side nearer by 15°", "its left side nearer by 15°"),
-            (Requirement::Nearer(Tilt::Top, 15.0), "its top side nearer by 15°", "its top side nearer by 15°"),
+            (
+                Requirement::Nearer(Tilt::Right, 15.0),
+                "a tilt of 15° with the right side nearer",
+                "a tilt of 15° with the left side nearer",
+            ),
+            (
+                Requirement::Nearer(Tilt::Top, 15.0),
+                "a tilt of 15° with the top side nearer",
+                "a tilt of 15° with the top side nearer",
+            ),
             (Requirement::Time(3.2), "4 s more with the board", "4 s more with the board"),
         ] {
             assert_eq!((wanted.words(false).as_str(), wanted.words(true).as_str()), (plain, mirrored));

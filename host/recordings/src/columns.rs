@@ -16,7 +16,7 @@ pub enum LayoutError {
     #[error("the first line, {0:?}, is neither an event nor the size of a sensor")]
     FirstLine(String),
     /// The array has no rows, or its rows were never written.
-    #[error("holds no events: its array has no rows, or none that was written")]
+    #[error("contains no events: its array has no rows, or no row of it was written")]
     NoRows,
     /// No line consists of numbers.
     #[error("no line with numbers was found at its beginning; one line `t x y p` per event is expected")]
@@ -101,7 +101,7 @@ pub fn from_values(rows: &[Vec<Cell>], notes: &mut Vec<String>) -> Result<Column
         let back = values.windows(2).filter(|pair| pair[1] < pair[0]).count();
         back as f64 <= most_back * values.len() as f64 && values.first() != values.last()
     };
-    // The usual order is tried first. It is also the only one that is accepted without a change of time.
+    // The usual order is tried first. It is also accepted if no column can be the time, for example because all times are equal.
     const ORDERS: [(usize, usize); 3] = [(0, 3), (3, 2), (2, 3)];
     let order = |most_back: f64| ORDERS.into_iter().find(|&(t, p)| is_polarity(p) && is_time(t, most_back));
     // A column of coordinates may also decrease rarely, if pixels are read out in order, so strict order is tried

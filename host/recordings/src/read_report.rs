@@ -175,7 +175,7 @@ impl StreamFaults {
         }
         if self.repaired_gaps > 0 {
             notes.push(format!(
-                                "in {} of them words that count the camera's time were lost too, {:.3} s in all, as measured by the computer's clock",
+                "in {} of them time was lost too: {:.3} s in all, according to the computer's clock",
                 self.repaired_gaps,
                 self.restored_us as f64 / 1e6
             ));
@@ -183,7 +183,7 @@ impl StreamFaults {
                 let restored = times.restored_us as f64 / 1e3;
                 let excess = match times.excess_us {
                     0 => String::new(),
-                    excess => format!(" ({:.3} ms of that are too much, up to a later gap)", excess as f64 / 1e3),
+                    excess => format!(" ({:.3} ms too much, until a later gap)", excess as f64 / 1e3),
                 };
                 format!("by {restored:.3} ms from {:.6} s on{excess}", times.from_us as f64 / 1e6)
             });

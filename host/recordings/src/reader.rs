@@ -147,7 +147,7 @@ impl EventReader {
 
     /// Fraction of the recording that has been read, 0 to 1, for a progress display; `None` if unknown.
     pub fn done(&self) -> Option<f64> {
-        // The position of the end of a section in the file is unknown.
+        // Where the requested span ends in the file is unknown.
         if self.span.is_some() { None } else { self.decoder.done() }
     }
 

@@ -35,7 +35,7 @@ pub enum Effect {
 /// Error: a text is not the name of an effect.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{0} is no effect: write flicker:100Hz:20%, background, hand, glare, smudges, vignetting:60%, defocus:2px, hot-pixels:300 or dead-columns:5"
+    "{0} is not an effect: write flicker:100Hz:20%, background, hand, glare, smudges, vignetting:60%, defocus:2px, hot-pixels:300 or dead-columns:5"
 )]
 pub struct EffectError(String);
 

@@ -31,7 +31,7 @@ use crate::tags::{FoundTag, Smooth, TagFinder, is_same_place};
 pub const EXAMPLE_LENGTH: f64 = 0.03;
 /// Fewest moments that must show the board.
 const FEWEST_MOMENTS: usize = 3;
-/// Markers are read in lattices of a size that so many moments show.
+/// Markers are read only in lattices of a size that at least this number of moments shows.
 const FEWEST_OF_SIZE: usize = 2;
 /// Largest number of sizes of lattices in which markers are read.
 const MOST_SIZES: usize = 4;
@@ -132,7 +132,7 @@ fn recognise_tags(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
     let prepare = |pictures: &Vec<Picture>| -> Vec<Prepared> {
         pictures.iter().map(|picture| Prepared { smooth: Smooth::new(picture), quads: find_quads(picture) }).collect()
     };
-    // Moments in a row that show the board are at least as many.
+    // A board is shown by at least this number of successive moments, so one in each such number is enough to find it.
     let sample: Vec<Vec<Prepared>> = moments.par_iter().step_by(FEWEST_MOMENTS).map(prepare).collect();
     let all: OnceCell<Vec<Vec<Prepared>>> = OnceCell::new();
     FAMILIES.into_iter().find_map(|(family, count)| {
@@ -141,7 +141,7 @@ fn recognise_tags(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
             let score = sightings_of(&finder, &sample).iter().flatten().map(|tag| tag.found.score).sum::<f32>();
             (score > 0.0).then_some((score, border, finder))
         });
-        // With the wrong border, fewer tags correlate, and less.
+        // With the wrong width of the border, fewer tags match, and their correlations are smaller.
         let (_, border, finder) = scored.max_by(|a, b| a.0.total_cmp(&b.0))?;
         let sightings = sightings_of(&finder, all.get_or_init(|| moments.par_iter().map(prepare).collect()));
         let board = grid::board_of(&sightings, family, border).filter(|_| sightings.len() >= FEWEST_MOMENTS)?;

@@ -18,10 +18,10 @@ use crate::picture::Picture;
 
 /// Events later than this many time constants after a moment are ignored.
 const REACH: f64 = 3.0;
-/// Memory limit in bytes of the pictures that are computed at once. (The more pictures at once, the fewer events are
-/// processed several times.)
+/// Memory limit in bytes of the pictures that are computed at once, a block. (A picture also needs later events, so the
+/// events after a block are processed again in the next one. Large blocks make this rare.)
 const BLOCK_BYTES: usize = 64 << 20;
-/// Parts of an interval within which all events have the same weight.
+/// Number of equal parts of an interval; all events in one part have the same weight.
 const SLOTS: u16 = 128;
 /// Largest ratio of the ON and OFF thresholds of a sensor.
 const MOST_RATIO: f64 = 8.0;

@@ -27,8 +27,8 @@ const LEAST: f32 = 0.6;
 const LEAST_MARGIN: f32 = 0.12;
 /// Smallest correlation at the predicted position of a tag.
 const LEAST_PREDICTED: f32 = 0.55;
-/// Smallest correlation of the modules of a candidate with a dark border around a light inside. (That of a tag is at least 0.3, times
-/// its own correlation.)
+/// Smallest correlation of the modules of a candidate with a dark border around a light inside. (For a tag it is at least 0.3 times
+/// the correlation with the tag's own modules.)
 const LEAST_BORDER: f32 = 0.12;
 /// Smallest difference in brightness between the board around a tag and the tag's border, as a fraction of the tag's
 /// contrast.

@@ -81,7 +81,7 @@ fn a_model_that_cannot_describe_the_lens() {
         let better = calibration["misfit"]["better_model"].as_str().expect("a better model");
         assert!(right.contains(&better), "{model}: {better}");
         let sentence = verdict["sentence"].as_str().expect("a sentence");
-        assert!(sentence.contains(&format!("take the model {better}")), "{model}: {sentence}");
+        assert!(sentence.contains(&format!("the model {better} fits better")), "{model}: {sentence}");
         let evaluation = json(&["evaluate", text(&folder), "--truth", text(&simulation), "--json"]);
         let error = evaluation["projection_difference"]["rms_px"].as_f64().expect("a number");
         let bound = calibration["uncertainty"]["projection_rms_95"].as_f64().expect("a number");

@@ -14,7 +14,7 @@
 //! | `plug-in-after=SECONDS` | plugs the camera in again this long after that, with its initial registers |
 //! | `stall-at=BYTES` | halts the data endpoint until the program clears the halt |
 //! | `cuts=LENGTH,…` | uses transfers of these lengths, repeatedly, odd lengths included |
-//! | `bad-word-every=WORDS` | replaces the last of every WORDS words by a word that no camera sends |
+//! | `bad-word-every=WORDS` | replaces every WORDS-th word by a word that no camera sends |
 #![cfg_attr(not(target_os = "linux"), allow(unused, reason = "only Linux has the virtual USB controller"))]
 
 use std::error::Error;

@@ -54,7 +54,7 @@ unsafe impl Send for Slot {}
 struct State {
     backlog: Backlog,
     slots: Vec<Slot>,
-    /// Numbers of the slots whose transfer is not queued for lack of room.
+    /// Numbers of the slots whose transfer waits to be queued until there is room.
     idle: Vec<usize>,
     submitted: usize,
     stopping: bool,

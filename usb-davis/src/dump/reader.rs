@@ -8,9 +8,9 @@ use crate::registers::Register;
 
 /// Bytes read at once when searching for a record: a few at first, because a good record may follow closely.
 const SEARCH: [usize; 2] = [1 << 10, 1 << 16];
-/// Limit for bytes that are read although their head does not belong to a good record: a constant, plus this factor
-/// times the position in the file. A file may be full of heads that each claim the longest record, and reading all of
-/// them would never end.
+/// Limit for the total bytes of records that turn out to be damaged after they were read: a constant, plus this factor
+/// times the position in the file. Without it, a file full of heads that each claim the longest record would take
+/// forever to read.
 const IN_VAIN: u64 = 4 * LENGTH_MOST as u64;
 const IN_VAIN_FACTOR: u64 = 4;
 /// Smallest cost of reading a record, for the seek.

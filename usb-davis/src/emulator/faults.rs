@@ -9,7 +9,7 @@ pub struct Faults {
     pub stall_at: Option<u64>,
     /// Lengths of the transfers, used repeatedly, odd lengths included; if empty, transfers have the requested length.
     pub cuts: Vec<usize>,
-    /// Replaces the last of every so many words of the stream by a word that no camera sends; `None` or 0 disables it.
+    /// Replaces every n-th word of the stream by a word that no camera sends; `None` or 0 disables it.
     pub bad_word_every: Option<u64>,
     /// The bus fails; once only.
     pub failures: Option<Failures>,

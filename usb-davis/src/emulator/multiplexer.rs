@@ -104,7 +104,7 @@ pub(super) struct Multiplexer {
     exact: bool,
     source: Position,
     sent: Position,
-    /// Time of the source that is the host's zero.
+    /// Time of the source at which the host's time is zero (µs).
     zero: u64,
     /// `true` if the current frame, or IMU sample, is sent.
     frame: bool,

@@ -197,9 +197,9 @@ impl<S: AsRef<[u16]> + AsMut<[u16]>> Decoder<S> {
     fn events<'w>(&mut self, words: &'w [[u8; 2]], events: &mut [PolarityEvent; BLOCK]) -> (usize, &'w [[u8; 2]]) {
         let array = self.layout.dvs;
         let columns = if self.row == NO_ROW { 0 } else { array.columns };
-        // The data of each code must be below this limit. The limit is zero for words not handled here, and has no
-        // effect on timestamps, whose bit 15 makes them codes 8 and above. The first word after a gap that carries time
-        // is not handled here.
+        // For each code, a limit of the data: a word at or above it is left to the caller. The limit is 0 for codes that
+        // are not decoded here, and for every address and timestamp directly after a gap. Timestamps, whose bit 15 makes
+        // them codes 8 to 15, otherwise have no limit.
         let (rows, any) = if self.resuming { (0, 0) } else { (array.rows, 0x1000) };
         let limits = [0, rows, columns, columns, 0, 0, 0, 0, any, any, any, any, any, any, any, any];
         let (wrap, mut time, mut row) = (self.wrap, self.time, self.row);

@@ -76,8 +76,8 @@ pub enum FrameStep {
     End,
 }
 
-/// Returns the steps of `frame` in order, each with a time that spreads its columns evenly between the frame's four
-/// times. With a rolling shutter a quarter of the columns lies between reset and signal.
+/// Returns the steps of `frame` in order, each with its time. Columns are spread evenly between the frame's four times.
+/// With a rolling shutter, the signal of a column is read a quarter of the columns after its reset.
 pub fn frame_steps(layout: &Layout, frame: &Frame<'_>) -> impl Iterator<Item = (u64, FrameStep)> + use<> {
     let columns = Geometry::new(&layout.aps, frame.region).columns;
     let Frame { shutter, start, end, .. } = *frame;

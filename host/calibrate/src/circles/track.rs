@@ -136,7 +136,7 @@ pub enum CircleTrackErrorKind {
     /// Required columns are missing.
     #[error(
         "line {line}: no column {missing} among the names; \
-         a line of names such as `frame,t_s,x_px,y_px,column,row` must stand above the circles"
+         a line of names such as `frame,t_s,x_px,y_px,column,row` must precede the circles"
     )]
     Columns {
         /// Number of the line of names, from 1.

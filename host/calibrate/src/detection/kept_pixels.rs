@@ -6,8 +6,8 @@ use crate::circles::reference_frame::SeenIn;
 /// Most pixels that are kept, four bytes each. Half a minute of a DAVIS346 is below it.
 const MOST: usize = 12_000_000;
 
-/// Number of windows from which far fewer pixels are kept, enough to show some. Only a part of such a recording is in the joint
-/// solve, whose first camera does not need them.
+/// Number of windows above which far fewer pixels are kept, enough to show the events of some windows. Only a part of such a long
+/// recording is in the joint solve, and its first camera does not need these pixels.
 const MANY_WINDOWS: usize = 12_000;
 /// Most pixels that are kept of such a recording.
 const MOST_OF_MANY: usize = 1_000_000;

@@ -61,15 +61,15 @@ pub fn larger_pattern(recordings: &[UnplacedWindows], stated: Pattern, sensor: S
     (frames.len() >= FEWEST && most).then_some(LargerPattern { pattern, frames })
 }
 
-/// Returns boards that contain `stated`, the smallest first, because of boards that fit equally the first is taken.
+/// Returns boards that contain `stated`, the smallest first: if several fit equally well, the first one is taken.
 fn larger(stated: Pattern) -> Vec<Pattern> {
     let more = |count: u8| count..=count.saturating_add(MOST_MORE);
     let boards = more(stated.rows)
         .flat_map(|rows| more(stated.columns).map(move |columns| Pattern { rows, columns, ..stated }))
         .filter(|pattern| *pattern != stated);
     let mut boards: Vec<Pattern> = boards.collect();
-    // A symmetric board rotated by a quarter fits as well: the one is named whose sides grow by the same number, or that is
-    // higher than wide.
+    // A symmetric board rotated by 90° fits as well. The board whose rows and columns grow more evenly comes first, then the one
+    // with more rows.
     boards.sort_by_key(|pattern| {
         let sides_more = [pattern.rows - stated.rows, pattern.columns - stated.columns];
         (pattern.circle_count(), sides_more.into_iter().max(), Reverse(pattern.rows))

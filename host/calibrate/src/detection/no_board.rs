@@ -98,7 +98,7 @@ impl NoBoard {
                 format!("move faster, or set a larger detection.window.max_interval (now {max_interval})")
             }
             Self::TooFewCircles => {
-                "is the board in view, moving and in focus? Try the soft extraction, or move faster".to_owned()
+                "is the board in view, moving and in focus? If so, move faster, or use the soft extraction".to_owned()
             }
             Self::LargerThanBoard | Self::TooFewOfBoard | Self::PlaceUncertain => {
                 "is the board described right: rows and columns, acircles or circles? Of rows with 5, 4, 5, 4 circles only 4 each are used: state 4 columns".to_owned()

@@ -4,14 +4,14 @@ use std::collections::HashMap;
 
 use evcal_core::event::{Event, Polarity};
 
-/// Number of successive events of a run. On a small sensor, pairs of neighbours 0 or 1 µs apart are common to recordings of one
-/// scene without a common event; in real recordings of a blinking board, no two had a run of 4 events in common.
+/// Number of successive events of a run. Shorter runs can be equal by chance: on a small sensor, different recordings of one scene
+/// contain the same pairs of neighbours 0 or 1 µs apart. No two real recordings of a blinking board had a run of 4 events in common.
 const RUN: usize = 6;
 /// Most runs that are kept. Of a longer recording, a sample of them is kept.
 const MOST: usize = 1 << 16;
 /// Fewest equal runs that are not a coincidence.
 const FEWEST: usize = 4;
-/// Odd, so that a sum of events can be multiplied by it without loss.
+/// Odd, so that multiplication by it loses no bit of a sum.
 const FACTOR: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// A sample of the runs of successive events, by their pixels, polarities and time differences. It does not change when a
@@ -25,7 +25,7 @@ pub struct Fingerprint {
     count: usize,
     /// Sum over the last events, each times a power of [`FACTOR`].
     sum: u64,
-    /// Number of trailing zero bits of the runs that are kept: one in 2^level is.
+    /// Runs are kept if their hash ends with this number of zero bits: one run in 2^level.
     level: u32,
     /// The runs, with `true` for those that occurred once. A run that a static scene repeats carries no information.
     runs: HashMap<u64, bool>,
@@ -35,7 +35,7 @@ impl Fingerprint {
     /// Adds `events`, which follow the previous ones.
     pub fn push(&mut self, events: &[Event]) {
         const OLDEST: u64 = FACTOR.wrapping_pow(RUN as u32);
-        // In registers, which the compiler cannot do with fields.
+        // Local copies, which the compiler keeps in registers, unlike fields.
         let Self { mut last, mut run, mut count, mut sum, .. } = *self;
         for event in events {
             let since = event.t.wrapping_sub(last.replace(event.t).unwrap_or(event.t)) as u64;

@@ -14,7 +14,7 @@ use super::time_bins::time_bins;
 const BIN: i64 = 1000;
 /// Number of bins of an interval whose spectrum is computed: 1 s, so that its lines are 1 Hz apart.
 const INTERVAL: usize = 1000;
-/// Number of bins that is a multiple of the period of most lamps.
+/// Number of bins over which the flicker of most lamps averages out: 50 ms are five periods of 100 Hz and six of 120 Hz.
 const LONG_BIN: usize = 50;
 /// The rate of events is constant if the mean over long bins is at least this share of their maximum.
 const EVEN: f64 = 0.97;
@@ -34,7 +34,8 @@ const SMALLEST_SHARE: f64 = 0.05;
 pub struct Flicker {
     /// Frequency in hertz.
     pub frequency: f64,
-    /// Share of all events by which ON and OFF alternate, or by which their rate varies, if that is larger: 0 to about 1.
+    /// Amplitude of the flicker in ON minus OFF events, or in the number of all events if it is larger there, as a share of the mean
+    /// number of events: 0 to about 1.
     pub share: f64,
     /// `true` if the rate of events is constant, at the limit of the readout. The events are late then, and therefore the
     /// frequency is too low.
@@ -45,8 +46,8 @@ pub struct Flicker {
 #[derive(Clone, Debug, Default)]
 pub struct RateBins {
     interval: Vec<[i32; 2]>,
-    /// For the sum of both polarities and their difference, and each lamp, the sums over intervals of the powers of its line and
-    /// of the neighbouring lines.
+    /// Powers of two signals, the sum of both polarities and their difference. For each frequency of [`LAMPS`]: the power of its
+    /// line and the mean power of the neighbouring lines, each summed over the intervals.
     powers: [[(f64, f64); LAMPS.len()]; 2],
     /// Number of evaluated bins, and of events in them.
     bins: usize,
@@ -148,7 +149,7 @@ impl RateBins {
         let fills_readout = self.is_even();
         let candidates = self.powers.iter().flat_map(|powers| LAMPS.iter().zip(powers));
         let candidates = candidates.filter_map(|(frequency, (line, beside))| {
-            // The amplitude of a wave whose line has this power, in intervals of one length.
+            // Amplitude of the wave (events per bin), from the power of its line in all intervals.
             let intervals = self.bins.div_ceil(INTERVAL) as f64;
             let amplitude = 2.0 * (line * intervals).sqrt() / self.bins.max(1) as f64;
             let share = amplitude / mean;
@@ -168,7 +169,7 @@ fn power(counts: &[i32], frequency: f64) -> f64 {
     };
     let turn = wave_at(1);
     let (mut sum, mut wave, mut next) = (Complex::new(0.0, 0.0), turn, 1);
-    // With few events in a long time most bins are empty, so that the work is proportional to the events.
+    // Empty bins are skipped: a recording with few events in a long time consists mostly of them.
     for (index, count) in counts.iter().enumerate().filter(|(_, count)| **count != 0) {
         if index != next {
             wave = wave_at(index);

@@ -52,7 +52,7 @@ pub struct Information {
     pub flicker: Option<Flicker>,
     /// Resolution of the timestamps, if they are coarser than a camera's.
     pub coarse_times: Option<CoarseTimes>,
-    /// Number of times without events of more than 0.1 s.
+    /// Number of intervals of more than 0.1 s without events.
     pub gap_count: u64,
     /// The longest gaps, in the order of time.
     pub longest_gaps: Vec<Gap>,

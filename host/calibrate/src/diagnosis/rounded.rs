@@ -10,7 +10,7 @@ use serde::Serialize;
 const BUSY: u32 = 8;
 /// Fewest pixels among busy ones for a decision.
 const FEWEST: u64 = 1000;
-/// Share of them without an event that does not occur on a sensor.
+/// Share of them without an event above which the events were rounded: on a sensor, fewer are empty.
 const MANY_EMPTY: f64 = 0.01;
 
 /// Pixels without events among busy ones.

@@ -16,9 +16,10 @@ const NEAR: f64 = 0.9;
 const FEWEST_BINS: usize = 10;
 /// Bins within this share of the largest are at the top.
 const TOP: f64 = 0.97;
-/// Share of an interval's bins that must be at the top; a rate that rises and falls by itself is there for half of the time.
+/// Share of an interval's bins that must be at the top; the rate of an unsaturated readout, which rises and falls, is there for half
+/// of the time.
 const AT_TOP: f64 = 0.75;
-/// Ratio of variance to mean below which the number of events per bin is not random, for which it would be 1.
+/// Ratio of variance to mean below which the numbers of events per bin vary too little to be random: for random events it is 1.
 const STEADY: f64 = 0.3;
 /// Lowest rate of a readout (events per bin).
 const FEWEST_EVENTS: u32 = 500;

@@ -5,7 +5,7 @@ use event_recordings::likely_sensor::likely_sensor;
 
 /// Number of events of the median active column from which a column without events is silent.
 const FEWEST_OF_COLUMN: u64 = 1000;
-/// Share of the columns and of the rows between active ones from which silent ones are due to scaled coordinates.
+/// If this share of both the columns and the rows between active ones is silent, the coordinates were scaled.
 const MANY_SILENT: f64 = 0.15;
 /// Most silent columns or rows side by side if coordinates were scaled.
 const LARGEST_STEP: usize = 8;

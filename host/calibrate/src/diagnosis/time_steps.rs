@@ -8,12 +8,12 @@ use serde::Serialize;
 
 /// Fewest events for a decision.
 const FEWEST_EVENTS: u64 = 1000;
-/// Steps between different timestamps that are coarse (µs). The steps of a DVXplorer, which scans its pixels, are 200 µs; longer
-/// ones are pauses.
+/// Range of coarse steps between different timestamps (µs). The steps of a DVXplorer, which scans its pixels, are 200 µs and not
+/// coarse; steps above the range are pauses.
 const COARSE: RangeInclusive<i64> = 240..=50_000;
 /// Largest share of shorter steps.
 const FEW_SHORT: f64 = 0.01;
-/// Mean number of events with one timestamp from which steps belong to the clock and not to the events.
+/// Mean number of events per timestamp from which steps are due to the clock. With fewer, the events themselves may be that rare.
 const TOGETHER: f64 = 10.0;
 /// Mean number of events with one timestamp above which times were lost: cameras read a row of at most some thousand pixels at
 /// once.

@@ -118,8 +118,8 @@ fn clocks(pair: &Pair) -> String {
             "t_second = t_first + {offset} s (of the middle row of a frame), line delay {} s",
             frames.line_delay.value
         ),
-        Some(_) => format!("t_second = t_first + {offset} s (stamps of events and of a frame of the same moment)"),
-        None => format!("t_second = t_first + {offset} s (stamps of events of the same moment)"),
+        Some(_) => format!("t_second = t_first + {offset} s (timestamps of events and of a frame of the same moment)"),
+        None => format!("t_second = t_first + {offset} s (timestamps of events of the same moment)"),
     }
 }
 

@@ -45,7 +45,7 @@ pub enum InertialError {
     },
     /// The samples are too short for a calibration.
     #[error(
-        "the IMU samples last only {seconds:.1} s; {needed:.0} s are needed, and 20 s are better: record longer, or correct the rate of the IMU's clock if the events last longer"
+        "the IMU samples span only {seconds:.3} s; {needed:.0} s are needed, and 30 s are good: record longer. If the events span more time, the rate of the IMU's clock is wrong"
     )]
     ShortRecording {
         /// Length from the first to the last sample (s).

@@ -97,7 +97,7 @@ pub fn first_camera(
     Ok(bundle)
 }
 
-/// Returns the reason why there may be no camera.
+/// Returns the reason to report if no camera is found.
 fn reason(opencv: Option<&OpencvStart>) -> String {
     let Some(opencv) = opencv else { return "no focal length fits".to_owned() };
     opencv.failure.clone().unwrap_or_else(|| match opencv.rms {
@@ -111,7 +111,8 @@ fn is_good(candidate: &Candidate, views: &StartViews<'_>) -> bool {
     candidate.as_ref().is_some_and(|(posed, bundle)| 2 * posed > views.all.len() && bundle.rms <= MAX_START_RMS)
 }
 
-/// Returns the number of views that a camera explains, then minus their root mean square error.
+/// Returns a key by which candidates are compared: the number of views that the camera explains, then minus their root mean square
+/// error.
 fn merit(candidate: &Candidate) -> (usize, f64) {
     candidate.as_ref().map_or((0, f64::NEG_INFINITY), |(posed, bundle)| (*posed, -bundle.rms))
 }

@@ -29,7 +29,7 @@ pub struct PlanarPose {
     pub inliers: Vec<usize>,
 }
 
-/// Probability that at least one sample contained no wrong points from which sampling ends early.
+/// Sampling ends early once at least one sample contained no wrong points with this probability.
 const CONFIDENCE: f64 = 0.999;
 
 /// Largest number of fits of one pose to the points that agree with it.

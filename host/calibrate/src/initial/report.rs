@@ -164,7 +164,7 @@ impl InitialReport {
     /// Returns the reasons for dropped frames in words, most frequent first.
     pub fn reasons(&self) -> String {
         let words: Vec<String> =
-            self.dropped_by_reason().iter().map(|(reason, count)| format!("{count} {reason}")).collect();
+            self.dropped_by_reason().iter().map(|(reason, count)| format!("{reason}: {count}")).collect();
         if words.is_empty() { "none was dropped".to_owned() } else { words.join(", ") }
     }
 }

@@ -161,7 +161,7 @@ pub enum PictureFailure {
     #[error("{0}")]
     Initial(#[from] InitialError),
     /// The views are too similar.
-    #[error("the {count} {pictures} with the board do not determine the camera: tilt it more")]
+    #[error("the {count} {pictures} with the board do not determine the camera: tilt the board more")]
     Undetermined {
         /// Number of used pictures.
         count: usize,
@@ -187,7 +187,7 @@ impl PictureFailure {
 fn in_words(refused: &BTreeMap<NoBoard, u64>) -> String {
     let mut reasons: Vec<_> = refused.iter().collect();
     reasons.sort_by(|a, b| b.1.cmp(a.1).then(a.0.cmp(b.0)));
-    let reasons: Vec<String> = reasons.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
+    let reasons: Vec<String> = reasons.iter().map(|(reason, count)| format!("{reason}: {count}")).collect();
     if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join(", ")) }
 }
 
@@ -316,6 +316,6 @@ mod tests {
         assert!(all_good.to_string().ends_with("needed: record longer"), "{all_good}");
         assert_eq!(all_good.clone().with_larger_board(), all_good);
         let unread = told(BTreeMap::from([(NoBoard::UnreadEncoding, 7)]));
-        assert!(unread.to_string().ends_with("needed (7 encoding that is not read): 7 frames: 32FC1"), "{unread}");
+        assert!(unread.to_string().ends_with("needed (encoding that is not read: 7): 7 frames: 32FC1"), "{unread}");
     }
 }

@@ -49,8 +49,8 @@ pub struct BetterModel {
     pub difference: ProjectionDifference,
 }
 
-/// Difference of two models (px) above which the wrong one had no events in that part of the image, so that its projection is
-/// extrapolated.
+/// Difference of two models (px) that is so large that the wrong model must have had no events in that part of the image, and only
+/// extrapolates there.
 const LOST: f64 = 1.0;
 
 /// Weight of such parts, as a multiple of the largest difference elsewhere: the other model had no events there either. Chosen on

@@ -152,7 +152,7 @@ fn sameness(difference: f64, expected: Option<f64>) -> Sameness {
 impl fmt::Display for ComparedCalibrations {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self.sameness {
-            Sameness::Same => "The same camera: either calibration can replace the other.",
+            Sameness::Same => "The same camera: the difference is explained by the uncertainties, or too small to matter.",
             Sameness::Near => {
                 "Not the same within their uncertainties: the lens was touched between them, or a reported uncertainty is too \
                  small. Use the one with the better verdict."

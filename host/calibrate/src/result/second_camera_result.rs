@@ -233,6 +233,7 @@ impl SecondCameraResult {
     pub fn sentences(&self) -> String {
         let what = match self.frames {
             Some(frames) => format!("{} circles in {} frames", self.used, frames.used),
+            None if self.from_identity.is_some() => format!("{} dots", self.used),
             None => format!("{} events", self.used),
         };
         let mut text = format!(
@@ -256,7 +257,7 @@ impl SecondCameraResult {
         let sigma = self.rotation_sigma.map(f64::to_degrees);
         let _ = writeln!(
             text,
-            "  R_second_first, from the first camera's axes to the second's, is a turn of {:.4}°: rotation vector ({:.4} ± {:.4}, {:.4} ± \
+            "  R_second_first, from the first camera's axes to the second's, is a rotation by {:.4}°: rotation vector ({:.4} ± {:.4}, {:.4} ± \
              {:.4}, {:.4} ± {:.4})°",
             vector.norm(),
             vector.x,
@@ -311,7 +312,7 @@ impl SecondCameraResult {
         let (way, sign) = if value >= 0.0 { ("later", '+') } else { ("earlier", '-') };
         let _ = writeln!(
             text,
-            "  stamps of the second camera are {:.6} s ± {:.1} µs {way} than those of the first for the same moment: t_second = t_first {sign} \
+            "  timestamps of the second camera are {:.6} s ± {:.1} µs {way} than the first camera's of the same moment: t_second = t_first {sign} \
              {:.6} s",
             value.abs(),
             1e6 * sigma,

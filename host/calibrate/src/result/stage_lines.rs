@@ -212,7 +212,7 @@ fn search_lines(report: &PictureReport) -> [StageLine; 2] {
 
 fn used_line(report: &PictureReport, spread: f64, inflation: f64) -> StageLine {
     let with_board = report.detection.with_board;
-    let reasons = (with_board > report.used as u64).then(|| format!("the others: {}", report.dropped));
+    let reasons = (with_board > report.used as u64).then(|| format!("the others were dropped ({})", report.dropped));
     StageLine::new(
         format!("Calibration from {}", report.source),
         Amount::new(with_board, format!("{} with the board", report.source)),
@@ -222,7 +222,7 @@ fn used_line(report: &PictureReport, spread: f64, inflation: f64) -> StageLine {
     .noting([
         format!("a centre scatters by {spread:.3} px"),
         format!(
-            "the variance of the parameters is {inflation:.1} times the variance that independent centres would have"
+            "errors of the centres are correlated: the variance of the parameters is {inflation:.1} times as large as without"
         ),
     ])
 }

@@ -55,7 +55,7 @@ pub enum SecondCameraError {
     },
     /// The second camera has a rolling shutter, which was not requested.
     #[error(
-        "the second camera has a rolling shutter: each row of its frames is exposed {:.2} ± {:.2} µs after the one above it ({:.1} ms from the first to the last): state that it has",
+        "the second camera has a rolling shutter: each row of its frames is exposed {:.2} ± {:.2} µs after the one above it ({:.1} ms from the first to the last): a rolling shutter must be declared",
         1e6 * line_delay, 1e6 * sigma, 1e3 * line_delay * f64::from(*rows)
     )]
     RollingShutter {

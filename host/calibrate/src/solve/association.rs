@@ -44,7 +44,7 @@ const FIRST_BAND: f64 = 3.0;
 /// Largest distance from the expected distance of the event's class, whatever the spread (px).
 const WIDEST_BAND: f64 = 2.5;
 /// Largest distance of an event from a line, as a share of the width of the narrower of the two strips along it. The next line with
-/// events of the same polarity is at least twice this width away.
+/// events of the same polarity is at least two such strips away.
 const REACH: f64 = 0.75;
 /// Smallest distance from a point where lines cross or end (px).
 const CLEARANCE: f64 = 1.5;

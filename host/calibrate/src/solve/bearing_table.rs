@@ -103,8 +103,8 @@ const MARGIN: usize = 8;
 const CELL: usize = 4;
 /// Distance from the first pixel of a cell to its centre (px).
 const CELL_CENTER: f64 = 0.5 * (CELL as f64 - 1.0);
-/// Shares of x (for x³ / 6) and of y (for x² y / 2, with x² at its mean) that minimise the largest remainder over a cell
-/// (Chebyshev).
+/// Within a cell, x³ / 6 is approximated by a multiple of x, and x² y / 2 by a multiple of y. These factors minimise the largest
+/// remainder in the cell (Chebyshev); for y, x² has its mean value.
 const ALONG: f64 = (CELL * CELL) as f64 / 32.0;
 const ACROSS: f64 = (CELL * CELL) as f64 / 24.0;
 /// Cells along the side of a large cell.

@@ -20,8 +20,8 @@ pub const MAX_RANK: u8 = 3;
 /// Number of ranks with a class of their own.
 pub const RANK_COUNT: usize = MAX_RANK as usize + 1;
 
-/// Number of events of a whole burst. Classes by this length were chosen instead of the length of the previous burst on simulated
-/// recordings (seeds 5001 to 5003, 5008, 5010).
+/// Number of events of a whole burst. In simulated recordings (seeds 5001 to 5003, 5008, 5010), classes by this number gave better
+/// results than classes by the length of the previous burst.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BurstLength {
@@ -49,7 +49,7 @@ impl BurstLength {
     }
 }
 
-/// Index of the length of a burst, by its number of events: a processor would often predict comparisons wrongly.
+/// Index of the length of a burst, by its number of events. (A table, because comparisons would cost many mispredicted branches.)
 const LENGTH_INDICES: [u8; 256] = {
     let mut indices = [BurstLength::FiveOrMore as u8; 256];
     indices[4] = BurstLength::Four as u8;
@@ -118,8 +118,8 @@ impl BurstTracker {
         (usize::from(x) < self.width).then_some(usize::from(y) * self.width + usize::from(x))
     }
 
-    /// Counts the next events of each pixel. If a few are counted before they are pushed one by one, the states of their pixels
-    /// arrive from memory at the same time instead of one after the other.
+    /// Counts the next events of each pixel. Call it for a few events before they are pushed one by one: their pixels' states are then
+    /// fetched from memory at the same time, not one after the other.
     pub fn count(&mut self, events: &[Event]) {
         for event in events {
             let pixel = self.pixel(event.x, event.y);
@@ -134,7 +134,7 @@ impl BurstTracker {
         self.pixels.iter().map(|state| state.count).collect()
     }
 
-    /// Returns the number of events with time and polarity of the last one of their pixel.
+    /// Returns the number of events that have the same time and polarity as the previous event of their pixel.
     pub fn repeated(&self) -> u64 {
         self.repeated
     }

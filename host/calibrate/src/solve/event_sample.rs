@@ -115,7 +115,7 @@ impl Thinning {
         self.bursts.counts()
     }
 
-    /// Returns the number of events with time and polarity of the last one of their pixel.
+    /// Returns the number of events that have the same time and polarity as the previous event of their pixel.
     pub fn repeated(&self) -> u64 {
         self.bursts.repeated()
     }

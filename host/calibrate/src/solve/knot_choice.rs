@@ -59,7 +59,7 @@ pub struct KnotChoice {
     pub report: KnotReport,
 }
 
-/// Fewest knot spans over which costs are averaged, in spans of the level concerned.
+/// Number of knot spans over which costs are averaged, in spans of the level whose cost it is.
 const NEIGHBOURHOOD: usize = 3;
 /// Number of finest spans that form one sample of the scatter.
 const SAMPLE: usize = 6;

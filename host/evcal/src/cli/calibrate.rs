@@ -67,8 +67,8 @@ pub struct Arguments {
 #[derive(clap::Args)]
 struct SecondCameraArguments {
     /// Recording of another camera, rigidly connected to the first, of the same board at the same time; estimates its pose and clock
-    /// offset (docs/second-camera.md). Events, a folder of images with data.csv (EuRoC format), or a bag with images and no events;
-    /// can be repeated
+    /// offset (docs/second-camera.md). Events, a folder of images with data.csv (EuRoC format), or a bag with images (if it also has
+    /// events, name the topic with --with-stream); can be repeated
     #[arg(long, value_name = "RECORDING", conflicts_with = "frames_only")]
     with: Vec<PathBuf>,
     /// Stream or topic of events or images to read from the file of --with [default: as --stream, or the only topic of images]; can
@@ -148,7 +148,7 @@ pub struct CalibrationArguments {
     /// Print the calibration as JSON
     #[arg(long)]
     pub json: bool,
-    /// Print the stage report
+    /// Print how many events, circles and frames each stage received and kept
     #[arg(short, long)]
     verbose: bool,
     /// Calibrate from the camera's own frames only, as ordinary image calibration does

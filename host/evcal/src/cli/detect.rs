@@ -151,7 +151,7 @@ fn print_report(arguments: &Arguments, found: &FoundCircles, tried: String, idle
     text += &format!("{tried}, {} {kind}\n", report.found);
     text.extend(idle.map(|idle| idle + "\n"));
     for (reason, count) in &report.grids_refused {
-        text += &format!("{count} windows rejected: {reason}\n");
+        text += &format!("rejected windows: {count} ({reason})\n");
     }
     text += &format!("{} circles, {} of them on boards", report.circles, report.board_circles);
     if report.found == 0 {

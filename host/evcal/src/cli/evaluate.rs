@@ -128,18 +128,18 @@ fn print_trajectory(figures: &TrajectoryComparison, verbose: bool) -> super::Out
         print::line(direct)?;
         return shifted.as_ref().map_or(Ok(()), print::line);
     }
-    print::line(format!("{:24} {:>12} {:>12} {:>16}", "rms", "aligned mm", "as is mm", "orientation deg"))?;
+    print::line(format!("{:28} {:>12} {:>12} {:>16}", "rms error", "aligned mm", "unaligned mm", "orientation deg"))?;
     let row = |name: String, error: &AbsoluteTrajectoryError| {
         print::line(format!(
-            "{name:24} {:12.4} {:12.4} {:16.4}",
+            "{name:28} {:12.4} {:12.4} {:16.4}",
             1e3 * error.aligned.rmse,
             1e3 * error.direct.rmse,
             error.direct_rotation.rmse.to_degrees()
         ))
     };
-    row(format!("{} poses, own clock", direct.direct.count), direct)?;
+    row(format!("{} poses, no time shift", direct.direct.count), direct)?;
     match shifted {
-        Some(error) => row(format!("times {:+.1} us", 1e6 * error.time_shift), error),
+        Some(error) => row(format!("times shifted by {:+.1} us", 1e6 * error.time_shift), error),
         None => print::line("no time shift was estimated: fewer than 3 poses are far enough from both ends"),
     }
 }

@@ -49,7 +49,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE|DIR", conflicts_with_all = ["model", "parameters", "sensor"])]
     camera: Option<PathBuf>,
     /// Size of the sensor in pixels, or the name of a sensor: dvs128, davis240, davis346, dvxplorer, gen31, genx320, imx636. A name
-    /// also sets its pixels, and scales the speed of --motion with its width [default: 346x260]
+    /// also sets thresholds, delays and readout of the sensor, and scales the speed of --motion with its width [default: 346x260]
     #[arg(long, value_name = "WIDTHxHEIGHT|NAME", value_parser = sensor)]
     sensor: Option<SensorChoice>,
     /// The board: layout, rows x columns, spacing (asymmetric: half the distance in a row), radius; or checkerboard:6x9:25mm (inner

@@ -116,7 +116,7 @@ fn text(failure: &Failure, task: &Task) -> String {
             let _ = writeln!(text, "  {} windows had too few events to be tried", windows.too_few_events);
         }
         for (reason, count) in &windows.grids_refused {
-            let _ = writeln!(text, "  {count} windows rejected: {reason}");
+            let _ = writeln!(text, "  rejected windows: {count} ({reason})");
         }
         for (reason, count) in &windows.pairs_refused {
             let _ = writeln!(text, "  {count} pairs of clusters are not circles: {reason}");

@@ -62,7 +62,7 @@ fn with_events(calibrated: &Calibrated, events: &EventCalibration) -> Markup {
 fn counts(report: &PictureReport) -> Markup {
     let (detection, pictures) = (&report.detection, report.source);
     let refused: Vec<String> =
-        detection.refused.iter().map(|(reason, number)| format!("{} {reason}", count(*number))).collect();
+        detection.refused.iter().map(|(reason, number)| format!("{reason}: {}", count(*number))).collect();
     html! {
         p {
             (count(detection.with_board)) " of " (count(detection.frames)) " " (pictures) " show the board; their calibration used " (count(report.used as u64))
@@ -113,8 +113,8 @@ fn parameters(comparison: &Comparison) -> Markup {
                 th scope="col" { "parameter" }
                 th.number scope="col" { "events" }
                 th.number scope="col" { "frames" }
-                th.number scope="col" { "± σ" }
-                th.number scope="col" { "difference / σ" }
+                th.number scope="col" { "± σ of frames" }
+                th.number scope="col" { "difference / its σ" }
             } }
             tbody {
                 @for parameter in &comparison.parameters {

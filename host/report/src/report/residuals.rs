@@ -153,8 +153,8 @@ fn pattern_in_words(pattern: &ResidualPattern) -> Markup {
                 "The mean displacements of the cells (map at the top) are " strong { (format!("{shift_ratio:.1} times")) } " as large as from noise alone: 1 is noise, "
                 "1.5 and more a pattern. Without the noise they are " (signed(shift, 3)) " px (rms)."
                 @if outward_ratio > 0.0 {
-                    " The edges of dots are displaced inwards or outwards " (format!("{outward_ratio:.1}")) " times as far as from noise alone; without the noise "
-                    (signed(outward, 3)) " px."
+                    " The edges of the dots are displaced inwards or outwards " (format!("{outward_ratio:.1}")) " times as far as from noise alone; without the noise "
+                    (signed(outward, 3)) " px. This is an error of the event biases, not of the camera model."
                 }
             }
         }

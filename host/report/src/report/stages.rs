@@ -19,8 +19,8 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
 fn table(lines: &[StageLine]) -> Markup {
     let in_words = |amount: &Amount| format!("{} {}", count(amount.count), amount.what);
     let rest = |line: &StageLine| {
-        let dropped = line.dropped.iter().map(in_words);
-        dropped.chain(line.notes.iter().cloned()).collect::<Vec<_>>().join(", ")
+        let dropped = line.dropped.iter().map(|amount| format!("{}: {}", amount.what, count(amount.count)));
+        dropped.chain(line.notes.iter().cloned()).collect::<Vec<_>>().join("; ")
     };
     html! {
         table.stages {

@@ -16,8 +16,7 @@ pub(super) fn board_finding(estimate: &BoardEstimate, board: &Board, camera: &Ca
         severity: Severity::Note,
         reason: format!("{}{}", statements.join(", "), effect.unwrap_or_default()),
         advice:
-            "nothing has to be done: the calibration takes this into account. A stiff, flat board and a measured print \
-                 make it more certain"
+            "the calibration takes this into account. A stiff, flat board and a measured print make it more certain"
                 .into(),
     })
 }
@@ -34,26 +33,26 @@ fn statements(estimate: &BoardEstimate, board: &Board) -> Vec<String> {
         if estimated {
             let side = if bend > 0.0 { "away from" } else { "towards" };
             let bend = with_sigma(1e3 * bend.abs(), 1e3 * sigma);
-            statements.push(format!("your board is bent by {bend} mm along {axis}, its middle {side} the camera"));
+            statements.push(format!("the board is bent by {bend} mm along {axis}, its middle {side} the camera"));
         }
     }
     if by_ratio {
         let (longer, shorter) = if shape.print_ratio > 1.0 { ("x", "y") } else { ("y", "x") };
         let ratio = if shape.print_ratio > 1.0 { shape.print_ratio } else { 1.0 / shape.print_ratio };
         let percent = with_sigma(1e2 * (ratio - 1.0), 1e2 * ratio_sigma);
-        statements.push(format!("its print is {percent} % longer along {longer} than along {shorter}"));
+        statements.push(format!("the print is {percent} % longer along {longer} than along {shorter}"));
     }
     if by_radius {
         let radius = with_sigma(1e3 * shape.radius, 1e3 * radius_sigma);
         statements.push(match board {
             Board::Circles(circles) => {
-                format!("its circles have a radius of {radius} mm, not {} mm", 1e3 * circles.radius)
+                format!("the circles have a radius of {radius} mm, not {} mm", 1e3 * circles.radius)
             }
             Board::Squares(_) => {
                 let wider = 2e3 * (shape.radius - board.print_radius());
                 let word = if wider > 0.0 { "wider" } else { "narrower" };
                 let difference = with_sigma(wider.abs(), 2e3 * radius_sigma);
-                format!("its dark squares are {difference} mm {word} than stated")
+                format!("the dark squares are {difference} mm {word} than stated")
             }
         });
     }
@@ -96,10 +95,10 @@ mod tests {
         assert_eq!(reason([false; 4]), None);
         let all = reason([true; 4]).unwrap();
         for part in [
-            "your board is bent by 1.80 ± 0.10 mm along x, its middle away from the camera",
-            "your board is bent by 4.00 ± 0.12 mm along y, its middle towards the camera",
-            "its print is 0.301 ± 0.020 % longer along y than along x",
-            "its circles have a radius of 17.000 ± 0.050 mm, not 17.5 mm",
+            "the board is bent by 1.80 ± 0.10 mm along x, its middle away from the camera",
+            "the board is bent by 4.00 ± 0.12 mm along y, its middle towards the camera",
+            "the print is 0.301 ± 0.020 % longer along y than along x",
+            "the circles have a radius of 17.000 ± 0.050 mm, not 17.5 mm",
             "; with the nominal board, fx would be 340.00 px (+3.030 %)",
         ] {
             assert!(all.contains(part), "{part}\n{all}");

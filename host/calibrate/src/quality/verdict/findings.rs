@@ -320,7 +320,7 @@ fn too_poor(camera: &Camera<f64>, events: &EventQuality) -> Option<Finding> {
         cause: Cause::ModelTooPoor,
         severity: if misfit.rms > LARGEST_MISFIT { Severity::Failure } else { Severity::Warning },
         reason: format!(
-            "{own} cannot follow this lens: take the model {kind}, which differs by {:.2} px over the sensor ({:.1} px at most)",
+            "{own} cannot follow this lens; the model {kind} fits better, and its pixels differ by {:.2} px over the sensor ({:.1} px at most)",
             difference.rms, difference.max
         ),
         advice: Advice::TakeModel(*kind),

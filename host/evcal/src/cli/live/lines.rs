@@ -81,7 +81,7 @@ fn as_text(seen: &Seen, status: Option<&RecordingStatus>, mirrored: bool) -> Str
         format!("; {}; {} transfers not displayed", record::as_text(status), seen.left_out)
     });
     format!(
-        "{seconds:.0} s: {}{nothing}; {:.0} % done; {} boards, {:.0} % of the sensor, tilts {}{error}{wanted}{health}{recording}",
+        "{seconds:.0} s: {}{nothing}; {:.0} % done; {} windows with the board, {:.0} % of the sensor, tilts {}{error}{wanted}{health}{recording}",
         seen.hint.words(mirrored),
         100.0 * seen.progress(),
         coverage.boards,
@@ -94,7 +94,8 @@ fn as_text(seen: &Seen, status: Option<&RecordingStatus>, mirrored: bool) -> Str
 fn health_as_text(health: &Health) -> String {
     let mut parts = Vec::new();
     if let Some(rates) = health.rates {
-        let load = rates.load.map_or_else(String::new, |load| format!(" (busiest {:.0} % of the limit)", 100.0 * load));
+        let load =
+            rates.load.map_or_else(String::new, |load| format!(" (peak {:.0} % of the readout's limit)", 100.0 * load));
         parts.push(format!("{:.2} Mev/s{load}, {:.0} % ON", 1e-6 * rates.mean, 100.0 * rates.on_share));
     }
     if let Some(noise) = health.noise {
@@ -107,7 +108,7 @@ fn health_as_text(health: &Health) -> String {
         parts.push(format!("light flickers at {} Hz", flicker.frequency));
     }
     if let Some(focus) = health.focus {
-        parts.push(format!("edges {:.1} px wide (sharpest {:.1})", focus.width, focus.sharpest));
+        parts.push(format!("edges {:.1} px wide ({:.1} at best in 5 s)", focus.width, focus.sharpest));
     }
     if parts.is_empty() { String::new() } else { format!("; {}", parts.join(", ")) }
 }
