@@ -34,6 +34,8 @@ const MARKER_STEP: usize = 3;
 const LEAST: f32 = 0.2;
 const LEAST_MARGIN: f32 = 0.1;
 const LEAST_RATIO: f32 = 1.6;
+/// Smallest correlation in standard deviations of the correlation of as many random modules.
+const LEAST_SIGNIFICANCE: f32 = 6.0;
 /// Samples along the side of a square, and the share of the side that they cover, for a comparison without known markers.
 const SAMPLES: usize = 8;
 const SHARE: f64 = 0.7;
@@ -95,7 +97,10 @@ pub(super) fn read_markers(moments: &[Vec<SeenLattice>], size: Size) -> Option<C
     let mut order: Vec<(f32, &Candidate)> = best.into_iter().zip(&candidates).collect();
     order.sort_by(|a, b| b.0.total_cmp(&a.0));
     let [(score, first), (other, _), ..] = order.as_slice() else { return None };
-    let is_clear = *score >= LEAST && score - other >= LEAST_MARGIN && *score >= LEAST_RATIO * other;
+    let is_clear = *score >= LEAST
+        && score - other >= LEAST_MARGIN
+        && *score >= LEAST_RATIO * other
+        && *score >= LEAST_SIGNIFICANCE / (modules_compared(moments, size, first) as f32).sqrt();
     is_clear.then(|| {
         let marker = EXAMPLE_LENGTH * f64::from(marker_size(moments, size, first)) / 100.0;
         Charuco { marker: (marker * 1e4).round() / 1e4, ..first.board }
@@ -191,6 +196,18 @@ fn candidates(size: Size) -> Vec<Candidate> {
         }
     }
     candidates
+}
+
+/// Returns the number of modules of markers that are compared in all moments, each with one of its pictures.
+fn modules_compared(moments: &[Vec<SeenLattice>], size: Size, candidate: &Candidate) -> usize {
+    let side = candidate.board.dictionary.family.inner_side();
+    let turns = candidate.markers(size, 0);
+    let of_picture = |seen: &SeenLattice| {
+        let squares = squares_of(seen, size, side, SHARE);
+        turns.iter().map(|markers| pairs(markers, &squares).len()).max().unwrap_or(0)
+    };
+    let of_moment = |seen: &Vec<SeenLattice>| seen.iter().map(of_picture).max().unwrap_or(0);
+    moments.iter().map(of_moment).sum::<usize>() * side * side
 }
 
 /// Returns the side of the markers in percent of the side of a square.
