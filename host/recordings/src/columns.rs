@@ -66,8 +66,10 @@ pub struct Cell {
 /// Numbers for ON and OFF in a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PolarityCode {
-    on: f64,
-    off: [f64; 2],
+    /// ON.
+    pub on: f64,
+    /// OFF.
+    pub off: [f64; 2],
 }
 
 impl PolarityCode {
