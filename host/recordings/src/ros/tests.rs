@@ -328,8 +328,7 @@ fn frames_of_the_other_side_of_a_rig_are_not_read() {
 /// Frames must not be dropped silently.
 #[test]
 fn frames_in_an_unsupported_encoding_are_reported() {
-    let encodings =
-        [("16SC1", "16SC1"), ("32FC1", "32FC1 (possibly distances)"), ("16UC1", "16UC1 (possibly distances)")];
+    let encodings = [("16SC1", "16SC1"), ("32FC1", "32FC1"), ("16UC1", "16UC1 (possibly distances)")];
     for (encoding, expected) in encodings {
         let of_camera = |wire: Wire| -> Messages {
             let (step, bytes) = if encoding == "32FC1" { (12, vec![9; 24]) } else { (6, vec![9; 12]) };
