@@ -35,6 +35,8 @@ const LEAST_OF_A_MESSAGE: u64 = 64;
 #[derive(Clone, Copy, Debug, Default)]
 struct Topics {
     pictures: Option<usize>,
+    /// `true` if the encoding of the images is supported.
+    are_pictures_read: bool,
     samples: Option<usize>,
     /// Topic of images that would be chosen if it did not belong to another side of the rig.
     foreign: Option<usize>,
@@ -216,12 +218,13 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
             let (shared, is_raw) = fit(*index);
             (!pictures.may_be_distances, shared, pictures.is_read, is_raw, Reverse(*index))
         });
-        best.map(|(index, _)| index)
+        best.map(|(index, pictures)| (index, pictures.is_read && !pictures.may_be_distances))
     };
-    let pictures = best(own);
-    let foreign = best(foreign).filter(|_| pictures.is_none());
+    let own = best(own);
+    let foreign = best(foreign).filter(|_| own.is_none()).map(|(index, _)| index);
+    let (pictures, are_pictures_read) = (own.map(|(index, _)| index), own.is_some_and(|(_, is_read)| is_read));
     let samples = samples.into_iter().max_by_key(|&index| (fit(index), Reverse(index)));
-    Ok(Topics { pictures, samples, foreign })
+    Ok(Topics { pictures, are_pictures_read, samples, foreign })
 }
 
 /// The topic of the events.
@@ -310,7 +313,9 @@ impl ReadExtras for MessageExtras {
     fn chosen(&self) -> Vec<String> {
         let sentence = |(what, name): (&str, &Option<String>)| Some(format!("{what} are read from {}", name.as_ref()?));
         let other = |name: &String| format!("{name} is not read: its name belongs to another camera than the events");
-        let chosen = ["frames", "IMU samples"].into_iter().zip(&self.names).filter_map(sentence);
+        let read = [self.topics.are_pictures_read, true];
+        let chosen = ["frames", "IMU samples"].into_iter().zip(&self.names).zip(read);
+        let chosen = chosen.filter_map(|(chosen, is_read)| sentence(chosen).filter(|_| is_read));
         chosen.chain(self.foreign.iter().map(other)).collect()
     }
 }

@@ -357,6 +357,7 @@ fn check_unread(content: &[u8], expected: &str) {
     let (mut reader, mut lost) = (recording.open_extras().unwrap(), Vec::new());
     assert_eq!(std::iter::from_fn(|| reader.next_until(i64::MAX, &mut lost)).count(), 1);
     assert!(lost.len() == 1 && lost[0].contains(expected), "{lost:?}");
+    assert!(!reader.chosen().iter().any(|sentence| sentence.starts_with("frames are read")));
 }
 
 /// A file may be cut within a chunk, even within its first one.
