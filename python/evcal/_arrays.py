@@ -4,7 +4,7 @@ from collections import abc
 
 import numpy as np
 
-from ._evcal import _columns
+from ._evcal import _columns, _polarities
 
 OWN = np.dtype(
     {"names": ["t", "x", "y", "p"], "formats": ["<i8", "<u2", "<u2", "u1"], "offsets": [0, 8, 10, 12], "itemsize": 16}
@@ -76,7 +76,7 @@ def _joined(named, time_unit):
     events["t"] = _microseconds(named["t"], time_unit)
     for axis in "xy":
         events[axis] = _pixels(named[axis], axis)
-    events["p"] = named["p"] > 0
+    events["p"] = _are_on(named["p"])
     return events
 
 
@@ -104,6 +104,13 @@ def _pixels(values, axis):
     if values.dtype.kind == "f":
         _refuse(values != np.floor(values), values, axis, "is not a whole pixel: undistorted events cannot be used")
     return values.astype(np.uint16)
+
+
+def _are_on(values):
+    all_ones = np.iinfo(values.dtype).max if values.dtype.kind == "u" else None
+    on, off = _polarities(values[:2000].astype(np.float64), all_ones)
+    _refuse(~np.isin(values, [on, *off]), values, "p", f"is not a polarity ({on:g} for ON, {off[0]:g} for OFF)")
+    return values == on
 
 
 def _refuse(wrong, values, name, why):

@@ -12,6 +12,7 @@ __all__ = [
     "Error",
     "__version__",
     "_columns",
+    "_polarities",
     "calibrate",
     "check",
     "compare",
@@ -121,6 +122,7 @@ def calibrate(
 def _columns(
     names: list[str] | None, rows: NDArray[np.float64] | None, given: str | None
 ) -> tuple[str, str | None]: ...
+def _polarities(first: NDArray[np.float64], all_ones: float | None) -> tuple[float, list[float]]: ...
 def check(
     events: _Path | _Events,
     *,

@@ -3,7 +3,7 @@
 use evcal_calibrate::undistort::PixelMap;
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
-use event_recordings::columns::{self, Cell};
+use event_recordings::columns::{self, Cell, PolarityCode, SAMPLE};
 use event_recordings::{Columns, LayoutError, OptionError};
 use numpy::{
     PyArray1, PyArrayDescr, PyArrayDescrMethods, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
@@ -171,26 +171,36 @@ impl Records<'_> {
     /// All events.
     pub fn to_events(self) -> Result<Vec<Event>, String> {
         let Fields { t, x, y, p } = self.fields;
+        let code = self.polarity_code();
         let event = |(index, record): (usize, &[u8])| {
             let pixel = |field: &Field, name: &str| {
                 u16::try_from(field.get(record))
                     .map_err(|_| format!("event {index}: {name} = {} is on no sensor", field.get(record)))
             };
-            let polarity = if p.get(record) > 0 { Polarity::On } else { Polarity::Off };
+            let wrong = || format!("event {index}: p = {} is not a polarity ({code})", p.get(record));
+            let polarity = code.polarity(p.get(record) as f64).ok_or_else(wrong)?;
             Ok(Event { t: t.get(record), x: pixel(&x, "x")?, y: pixel(&y, "y")?, polarity })
         };
         self.bytes.chunks_exact(self.record).enumerate().map(event).collect()
     }
 
+    /// Returns the numbers for ON and OFF.
+    fn polarity_code(self) -> PolarityCode {
+        let p = self.fields.p;
+        let first = self.bytes.chunks_exact(self.record).take(SAMPLE).map(|record| p.get(record) as f64);
+        polarity_code(first, (!p.integer.signed).then(|| p.largest() as f64))
+    }
+
     /// Appends the events that remain on the sensor after a map to `bytes`, as bytes of an array of [`sub_pixel_dtype`].
     pub fn between_pixels(self, bytes: &mut Vec<u8>, map: &PixelMap) {
         let Fields { t, x, y, p } = self.fields;
+        let code = self.polarity_code();
         for record in self.bytes.chunks_exact(self.record) {
             let Some([column, row]) = map.get_on_sensor(x.pixel(record), y.pixel(record)) else { continue };
             bytes.extend_from_slice(&t.get(record).to_le_bytes());
             bytes.extend_from_slice(&column.to_le_bytes());
             bytes.extend_from_slice(&row.to_le_bytes());
-            bytes.push(u8::from(p.get(record) > 0));
+            bytes.push(u8::from(code.polarity(p.get(record) as f64) == Some(Polarity::On)));
         }
     }
 
@@ -351,6 +361,21 @@ pub fn columns_of(
     let rows: Vec<Vec<Cell>> = rows.as_array().outer_iter().map(|row| row.iter().map(cell).collect()).collect();
     let columns = columns::from_values(&rows, &mut Vec::new()).map_err(unclear)?;
     Ok((columns.to_string(), None))
+}
+
+/// Determines the numbers for ON and OFF from the first ones of a column. `all_ones` is its largest number if it is unsigned.
+fn polarity_code(first: impl Iterator<Item = f64>, all_ones: Option<f64>) -> PolarityCode {
+    let is_polarity = |value: f64| PolarityCode::USUAL.polarity(value).is_some() || all_ones == Some(value);
+    let cell = |value: f64| Cell { value: Some(value), is_polarity: is_polarity(value) };
+    PolarityCode::from_values(first.map(cell), &mut Vec::new())
+}
+
+/// Determines the numbers for ON and OFF from the first ones of a column. all_ones: its largest number if it is unsigned.
+#[pyfunction]
+#[pyo3(name = "_polarities")]
+pub fn polarities_of(first: PyReadonlyArray1<'_, f64>, all_ones: Option<f64>) -> (f64, [f64; 2]) {
+    let PolarityCode { on, off } = polarity_code(first.as_array().iter().copied(), all_ones);
+    (on, off)
 }
 
 /// Returns a sensor of this width and height.

@@ -61,7 +61,7 @@ mod _evcal {
     #[pymodule_export]
     use super::evaluation::evaluate;
     #[pymodule_export]
-    use super::events::columns_of;
+    use super::events::{columns_of, polarities_of};
     #[pymodule_export]
     use super::examination::{check, compare, repeat};
     #[pymodule_export]

@@ -93,6 +93,15 @@ def test_detection_does_not_depend_on_the_type(layout):
     assert len(found) > 0 and (found == evcal.detect(events, board=board, sensor=(346, 260))).all()
 
 
+@pytest.mark.parametrize("kind, off, on", [("u1", 0, 255), ("u1", 255, 1), ("u1", 1, 2), ("i2", -1, 1)])
+def test_the_larger_of_two_polarities_is_on(kind, off, on):
+    events = make(1000)
+    theirs = events.astype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", kind)])
+    theirs["p"] = np.where(events["p"] == 1, on, off)
+    expected = camera().undistort_events(events, subpixel=True)["p"]
+    assert (camera().undistort_events(theirs, subpixel=True)["p"] == expected).all()
+
+
 FORMS = {
     "N x 4": lambda events: table(events),
     "4 x N": lambda events: table(events).T,

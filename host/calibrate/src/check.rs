@@ -24,7 +24,7 @@ use crate::detection::search::{FoundContent, SearchFor, search_events};
 use crate::detection::settings::DetectionSettings;
 use crate::detection::still_views::search::{recognise_views, search_views};
 use crate::detection::still_views::{FEWEST_VIEWS, LEAST_TIME, StillViews, duration};
-use crate::detection::{DetectionReport, LARGEST_SENSOR, NoPattern};
+use crate::detection::{DetectionReport, LARGEST_SENSOR, NoPattern, NoPatternCause};
 use crate::diagnosis::bad_pixels::{BadPixels, PixelCounter, Repetition};
 use crate::diagnosis::information::{Information, gather_events};
 use crate::diagnosis::rounded::Rounded;
@@ -98,6 +98,17 @@ pub struct Seen {
     pub edges: Option<EdgeWidth>,
     /// Reason why the board was not found, or differs from the stated one.
     pub failure: Option<BoardFailure>,
+}
+
+impl Seen {
+    /// Returns `true` if the given board was found, or any board was recognised.
+    pub fn shows_a_known_board(&self) -> bool {
+        let is_other = |failure: &BoardFailure| match failure {
+            BoardFailure::NoPattern(error) => matches!(error.main_cause(), NoPatternCause::OtherBoard(_)),
+            BoardFailure::OtherRadius(_) => true,
+        };
+        self.recognised.is_some() || self.failure.as_ref().map_or(self.board.is_some() && self.found > 0, is_other)
+    }
 }
 
 /// Reason why the board was not found, or differs from the stated one. Stored as a sentence in files.

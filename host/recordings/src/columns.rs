@@ -1,5 +1,9 @@
 //! Detection of the columns of a table of events and of the unit of its times, if the user does not give them.
 
+use std::fmt;
+
+use evcal_core::event::Polarity;
+
 use crate::options::{Column, Columns, TimeUnit};
 
 /// Reason why the columns of a text file or an array cannot be determined.
@@ -46,13 +50,73 @@ const MOST_BACK: f64 = 0.1;
 /// Number of different times, all multiples of 1000, from which they are taken for nanoseconds.
 const ENOUGH_TIMES: usize = 20;
 
+/// Number of rows from which two unusual numbers are taken for polarities, and the smallest fraction of each.
+const ENOUGH_POLARITIES: usize = 20;
+const LEAST_OF_A_POLARITY: f64 = 0.05;
+
 /// Properties of one field of a row.
 #[derive(Clone, Copy, Debug)]
 pub struct Cell {
     /// Its value, if it is a number.
     pub value: Option<f64>,
-    /// `true` if it can be a polarity.
+    /// `true` if it can be a polarity: 1, 0, −1 (all ones in an unsigned number), or a word for one.
     pub is_polarity: bool,
+}
+
+/// Numbers for ON and OFF in a column.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PolarityCode {
+    /// ON.
+    pub on: f64,
+    /// OFF.
+    pub off: [f64; 2],
+}
+
+impl PolarityCode {
+    /// 1 is ON, 0 and −1 are OFF.
+    pub const USUAL: Self = Self { on: 1.0, off: [0.0, -1.0] };
+
+    /// Determines the code from the first rows of a column. Of two numbers that are not the usual ones, the larger is
+    /// ON, except that an unsigned number of all ones next to 1 is −1.
+    pub fn from_values(column: impl Iterator<Item = Cell>, notes: &mut Vec<String>) -> Self {
+        let Some(code) = two_numbers(column) else { return Self::USUAL };
+        if code.off[0] < code.on {
+            notes.push(format!("polarities {} and {} are taken for OFF and ON", code.off[0], code.on));
+        }
+        code
+    }
+
+    /// Returns the polarity that `value` stands for.
+    pub fn polarity(self, value: f64) -> Option<Polarity> {
+        if value == self.on { Some(Polarity::On) } else { self.off.contains(&value).then_some(Polarity::Off) }
+    }
+}
+
+impl fmt::Display for PolarityCode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::USUAL => f.write_str("1, 0 or -1"),
+            Self { on, off: [off, _] } => write!(f, "{on} or {off}"),
+        }
+    }
+}
+
+/// Returns the code of a column that consists of two numbers, at least one of them unusual for a polarity.
+fn two_numbers(column: impl Iterator<Item = Cell>) -> Option<PolarityCode> {
+    let cells: Vec<(f64, bool)> = column.map(|cell| Some((cell.value?, cell.is_polarity))).collect::<Option<_>>()?;
+    let &(off, is_off_usual) = cells.iter().min_by(|one, other| one.0.total_cmp(&other.0))?;
+    let &(on, is_on_usual) = cells.iter().max_by(|one, other| one.0.total_cmp(&other.0))?;
+    let count = |value: f64| cells.iter().filter(|cell| cell.0 == value).count();
+    let (offs, ons) = (count(off), count(on));
+    if off == on || offs + ons != cells.len() || on <= 1.0 && is_off_usual && is_on_usual {
+        return None;
+    }
+    if off == 1.0 && is_on_usual {
+        return Some(PolarityCode { on: off, off: [on; 2] });
+    }
+    let are_enough =
+        cells.len() >= ENOUGH_POLARITIES && offs.min(ons) as f64 >= LEAST_OF_A_POLARITY * cells.len() as f64;
+    are_enough.then_some(PolarityCode { on, off: [off; 2] })
 }
 
 /// Returns the content of a column with this name, and the unit if the name contains one.
@@ -83,8 +147,8 @@ pub fn from_names(names: &[&str]) -> (Option<Columns>, Option<TimeUnit>) {
     (Columns::new(known.into_iter().map(|(column, _)| column).collect()), unit)
 }
 
-/// Determines the columns by value: p contains only −1, 0 and 1 (apart from a few bad rows), t does not decrease, and x
-/// precedes y. A few decreases of t are allowed if no column is without them.
+/// Determines the columns by value: p contains only −1, 0 and 1 (apart from a few bad rows) or two other numbers, t does
+/// not decrease, and x precedes y. A few decreases of t are allowed if no column is without them.
 pub fn from_values(rows: &[Vec<Cell>], notes: &mut Vec<String>) -> Result<Columns, LayoutError> {
     let Some(width) = rows.first().map(Vec::len) else {
         return Err(LayoutError::NoRows);
@@ -93,8 +157,8 @@ pub fn from_values(rows: &[Vec<Cell>], notes: &mut Vec<String>) -> Result<Column
         return Err(LayoutError::FieldCount(width));
     }
     let is_polarity = |index: usize| {
-        let fitting = rows.iter().filter(|row| row.get(index).is_some_and(|cell| cell.is_polarity)).count();
-        2 * fitting >= rows.len()
+        let column = || rows.iter().filter_map(|row| row.get(index).copied());
+        2 * column().filter(|cell| cell.is_polarity).count() >= rows.len() || two_numbers(column()).is_some()
     };
     let is_time = |index: usize, most_back: f64| {
         let values: Vec<f64> = rows.iter().filter_map(|row| row.get(index)?.value).collect();

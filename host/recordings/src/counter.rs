@@ -1,26 +1,44 @@
-//! Unwrapping of times from a 32-bit counter.
+//! Unwrapping of times from a counter of 32, 24, 16 or 15 bits.
 //!
-//! In microseconds, such a counter wraps after 71.6 min, or after 35.8 min if its highest bit is not used. Tables of
-//! events contain its counts unchanged. A clock reset jumps back too, but from any count, whereas a wrap jumps from the
-//! end of the counter's range to its beginning.
+//! In microseconds, a counter of 32 bits wraps after 71.6 min, or after 35.8 min if its highest bit is not used. Tables
+//! of events contain its counts unchanged. A clock reset jumps back too, but from any count, whereas a wrap jumps from
+//! the end of the counter's range to its beginning.
 
 use crate::options::TimeUnit;
 use crate::read_report::{CounterWraps, ReadReport};
 
-/// Ranges of counters: the lowest count, and the highest count plus 1.
-const RANGES: [(i128, i128); 3] = [(0, 1 << 32), (-(1 << 31), 1 << 31), (0, 1 << 31)];
-/// A jump is a wrap if it begins within this many counts of the end of the range and ends within as many of its
-/// beginning (16.8 s in microseconds).
-const NEAR: i128 = 1 << 24;
+/// Range of a counter.
+#[derive(Clone, Copy)]
+struct Range {
+    /// Lowest count, and highest count plus 1.
+    start: i128,
+    end: i128,
+    /// A jump is a wrap if it begins within this many counts of the end of the range and ends within as many of its
+    /// beginning.
+    near: i128,
+    /// `true` if other recordings often have such times too: only their beginning, or a pause in them.
+    is_short: bool,
+}
+
+/// Ranges of counters. In microseconds, 2²⁴ counts are 16.8 s.
+const RANGES: [Range; 7] = [
+    Range { start: 0, end: 1 << 32, near: 1 << 24, is_short: false },
+    Range { start: -(1 << 31), end: 1 << 31, near: 1 << 24, is_short: false },
+    Range { start: 0, end: 1 << 31, near: 1 << 24, is_short: false },
+    Range { start: 0, end: 1 << 24, near: 1 << 16, is_short: true },
+    Range { start: 0, end: 1 << 16, near: 1 << 14, is_short: true },
+    Range { start: -(1 << 15), end: 1 << 15, near: 1 << 14, is_short: true },
+    Range { start: 0, end: 1 << 15, near: 1 << 13, is_short: true },
+];
 /// A microsecond in nanoseconds.
 const MICROSECOND: i128 = 1000;
-/// Shortest jump in µs that can be a wrap. The shortest range, nanoseconds in 31 bits, is 2.1 s long.
-const SHORTEST_WRAP: u64 = 2_000_000;
+/// Shortest jump in µs that can be a wrap: 15 bits of microseconds are 33 ms long, 24 bits of nanoseconds 17 ms.
+const SHORTEST_WRAP: u64 = 16_000;
 
 /// Clock that unwraps the times of a table.
 pub struct TimeCounter {
-    /// Possible durations of a count, in nanoseconds.
-    counts: [i128; 2],
+    /// Possible ranges, in nanoseconds.
+    ranges: Vec<Range>,
     /// Number of times seen so far, and the last of them (µs) as in the file.
     events: u64,
     last: Option<i64>,
@@ -29,6 +47,8 @@ pub struct TimeCounter {
     most: i128,
     /// `wrapped` in microseconds.
     shift: i64,
+    /// End in µs of the short range that was wrapped, if any.
+    short_end: Option<i64>,
 }
 
 impl TimeCounter {
@@ -36,7 +56,15 @@ impl TimeCounter {
     /// counter.
     pub fn new(unit: TimeUnit) -> Self {
         let count = 10_i128.pow(unit.decimal_exponent().saturating_add(3).unsigned_abs());
-        Self { counts: [count, count.min(MICROSECOND)], events: 0, last: None, wrapped: 0, most: 0, shift: 0 }
+        let counted = |Range { start, end, near, is_short }: Range, count: i128| Range {
+            start: start * count,
+            end: end * count,
+            near: near * count,
+            is_short,
+        };
+        let ranges = [count, count.min(MICROSECOND)].into_iter();
+        let ranges = ranges.flat_map(|count| RANGES.map(|range| counted(range, count))).collect();
+        Self { ranges, events: 0, last: None, wrapped: 0, most: 0, shift: 0, short_end: None }
     }
 
     /// Returns the unwrapped time (µs) of the next event, which has the time `t` (µs) in the file.
@@ -45,9 +73,12 @@ impl TimeCounter {
     pub fn time(&mut self, t: i64, report: &mut ReadReport) -> i64 {
         self.events += 1;
         let last = self.last.replace(t).unwrap_or(t);
-        if t.abs_diff(last) > SHORTEST_WRAP {
-            self.wrapped += self.wrap(last, t);
-            self.shift = i64::try_from((self.wrapped + MICROSECOND / 2).div_euclid(MICROSECOND)).unwrap_or(i64::MAX);
+        if self.short_end.is_some_and(|end| t > end) {
+            // A counter of this range would not have counted that far, so it has not wrapped.
+            (self.wrapped, self.most, self.shift, self.short_end) = (0, 0, 0, None);
+            report.counter_wraps = None;
+        } else if t.abs_diff(last) > SHORTEST_WRAP {
+            self.wrap(last, t);
             if self.wrapped > self.most {
                 self.most = self.wrapped;
                 let wraps = report.counter_wraps.get_or_insert(CounterWraps { count: 0, first_event: self.events });
@@ -57,26 +88,30 @@ impl TimeCounter {
         t.saturating_add(self.shift)
     }
 
-    /// Returns the length of the wrap from the time `last` to the time `t`: negative if it is passed backwards, 0 if
-    /// there is no wrap.
-    fn wrap(&self, last: i64, t: i64) -> i128 {
+    /// Adds the length of the wrap from the time `last` to the time `t` (µs), if there is one, or subtracts it if the
+    /// wrap is passed backwards. A short one is passed backwards only after it was passed forwards, because a pause
+    /// looks the same.
+    fn wrap(&mut self, last: i64, t: i64) {
         let [last, t] = [last, t].map(|time| i128::from(time) * MICROSECOND);
-        let mut ranges =
-            self.counts.iter().flat_map(|count| RANGES.map(|(start, end)| (start * count, end * count, count)));
-        let wrap = |(start, end, count): (i128, i128, &i128)| {
-            let near = NEAR * count;
+        let wrapped = self.wrapped;
+        let wrap = |range: &Range| {
+            let Range { start, end, near, is_short } = *range;
             // The last count may have been rounded up to microseconds.
             let is_at_end = |time| (end - near..end + MICROSECOND).contains(&time);
             let is_at_start = |time| (start..start + near).contains(&time);
             if is_at_end(last) && is_at_start(t) {
-                Some(end - start)
-            } else if is_at_start(last) && is_at_end(t) {
-                Some(start - end)
+                Some((end - start, *range))
+            } else if is_at_start(last) && is_at_end(t) && (!is_short || wrapped >= end - start) {
+                Some((start - end, *range))
             } else {
                 None
             }
         };
-        ranges.find_map(wrap).unwrap_or(0)
+        let Some((length, range)) = self.ranges.iter().find_map(wrap) else { return };
+        let microseconds = |time: i128| i64::try_from((time + MICROSECOND / 2).div_euclid(MICROSECOND));
+        self.wrapped += length;
+        self.shift = microseconds(self.wrapped).unwrap_or(i64::MAX);
+        self.short_end = microseconds(range.end).ok().filter(|_| range.is_short);
     }
 }
 
@@ -139,6 +174,33 @@ mod tests {
         assert_eq!(times(TimeUnit::Milliseconds, [end - 1, 1]).0, [end - 1, end + 1]);
         // In microseconds, no counter has a range of 49.7 days.
         assert_eq!(times(TimeUnit::Microseconds, [(end - 1) * 1000, 1000]).0, [(end - 1) * 1000, 1000]);
+    }
+
+    /// Times in ms, every 3 ms and with one late event in seven, for the longest range.
+    #[test]
+    fn short_counters_are_unwrapped() {
+        for (bits, lowest, step) in [(24, 0, 5003), (16, 0, 301), (16, -(1 << 15), 301), (15, 0, 301)] {
+            let kept = |t: i64| (t - lowest).rem_euclid(1 << bits) + lowest;
+            let truth: Vec<i64> =
+                (0..20_000).map(|index| index * step - if index % 7 == 6 { 2 * step } else { 0 }).collect();
+            let wraps = (truth.iter().max().unwrap() - lowest) >> bits;
+            for (unit, scale) in [(TimeUnit::Microseconds, 1), (TimeUnit::Milliseconds, 1000)] {
+                let (times, met) = times(unit, truth.iter().map(|t| kept(*t) * scale));
+                assert!(times.iter().zip(&truth).all(|(time, t)| *time == t * scale), "{bits} bits from {lowest}");
+                assert_eq!(met.map(|met| met.count as i64), Some(wraps));
+            }
+        }
+    }
+
+    /// Late events at the beginning, and a pause of 31 ms.
+    #[test]
+    fn times_beyond_a_short_range_are_no_counter() {
+        let late = (0..600).map(|index| index * 100 - if index > 290 && index % 9 == 0 { 27_000 } else { 0 });
+        for given in [late.collect::<Vec<i64>>(), vec![0, 500, 31_500, 31_600, 40_000, 70_000]] {
+            let (times, met) = times(TimeUnit::Microseconds, given.iter().copied());
+            assert_eq!((times.last(), met), (given.last(), None));
+        }
+        assert_eq!(times(TimeUnit::Microseconds, [0, 500, 31_500, 40_000]).0, [0, 500, 31_500, 40_000]);
     }
 
     #[test]

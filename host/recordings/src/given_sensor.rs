@@ -3,9 +3,10 @@
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
-use super::likely_sensor::likely_sensor_of;
+use super::likely_sensor::{likely_sensor_of, likely_words};
 use crate::options::RecordingOptions;
 use crate::read_report::ReadReport;
+use crate::reader::MAX_SENSOR_SIZE;
 use crate::recording::Recording;
 
 /// Fraction of events that may lie outside the requested sensor.
@@ -69,6 +70,20 @@ pub enum OtherSensor {
         /// Number of all events.
         total: u64,
     },
+    /// Many events lie outside the sensor that the file states.
+    #[error("{file} states a sensor of {own} pixels, but {outside} of its {total} events lie outside{}", likely_words(*likely))]
+    StatedTooSmall {
+        /// Path of the file.
+        file: String,
+        /// Number of events outside the sensor.
+        outside: u64,
+        /// Number of all events.
+        total: u64,
+        /// Sensor stated in the file.
+        own: Sensor,
+        /// Smallest common sensor that has all events.
+        likely: Option<Sensor>,
+    },
     /// The requested sensor is larger than the sensor stated in the file.
     #[error("{file} is of a sensor of {own} pixels, but {sensor} was asked for")]
     TooLarge {
@@ -103,19 +118,40 @@ fn turned(sensor: Sensor) -> Sensor {
     Sensor::new(sensor.height, sensor.width)
 }
 
-/// Checks the requested sensor against the size stated in the file, without reading events.
+/// `true` if so many of `total` events do not fit the sensor that its size is wrong.
+fn is_many(count: u64, total: u64) -> bool {
+    count as f64 > FEW_OUTSIDE * total as f64
+}
+
+/// Checks the requested sensor against the size stated in the file. Reads the events only if the requested one is larger.
 ///
 /// # Errors
-/// [`OtherSensor::TooLarge`].
+/// [`OtherSensor::TooLarge`], unless many events lie outside the sensor that the file states.
 pub fn check_stated(recording: &Recording) -> Result<(), OtherSensor> {
     let Some(sensor) = recording.options().sensor else { return Ok(()) };
     match recording.own_sensor() {
         Some(own) if is_portrait(own) && sensor == turned(own) => Ok(()),
-        Some(own) if sensor.width > own.width || sensor.height > own.height => {
+        Some(own) if (sensor.width > own.width || sensor.height > own.height) && has_most(recording, own) => {
             Err(OtherSensor::TooLarge { file: recording.path().display().to_string(), sensor, own })
         }
         _ => Ok(()),
     }
+}
+
+/// `true` if `sensor` has most events of `recording`, or if they cannot be read.
+fn has_most(recording: &Recording, sensor: Sensor) -> bool {
+    let options = RecordingOptions { sensor: Some(sensor), ..recording.options().clone() };
+    let Ok(mut reader) = recording.with_options(options).open() else { return true };
+    let mut events = Vec::new();
+    while reader.next_batch(&mut events).is_ok_and(|more| more) {}
+    let report = reader.report();
+    !is_many(report.out_of_range, report.events + report.out_of_range)
+}
+
+/// Returns the smallest common sensor that has all events of `recording`, whatever sensor is stated.
+fn likely_for_all(recording: &Recording) -> Option<Sensor> {
+    let sensor = Some(Sensor::new(MAX_SENSOR_SIZE, MAX_SENSOR_SIZE));
+    likely_sensor_of(&recording.with_options(RecordingOptions { sensor, ..recording.options().clone() }))
 }
 
 /// Checks that the events, which were read with this `report`, fit the sensor.
@@ -130,8 +166,7 @@ pub fn check_outside(recording: &Recording, report: &ReadReport) -> Result<(), O
         return Err(OtherSensor::CountedFromOne { file: recording.path().display().to_string(), sensor });
     }
     let total = report.events + outside;
-    let is_many = |count: u64| count as f64 > FEW_OUTSIDE * total as f64;
-    if !is_many(outside) {
+    if !is_many(outside, total) {
         return Ok(());
     }
     let file = recording.path().display().to_string();
@@ -147,11 +182,12 @@ pub fn check_outside(recording: &Recording, report: &ReadReport) -> Result<(), O
             };
             Err(OtherSensor::Exchanged { file, outside, total, sensor, exchanged })
         }
-        _ if has_columns && is_many(report.no_pixel) => {
+        _ if has_columns && is_many(report.no_pixel, total) => {
             Err(OtherSensor::NoPixels { file, count: report.no_pixel, total })
         }
         Some(sensor) if asked.is_some() => Err(OtherSensor::TooSmall { file, outside, total, sensor, own }),
-        _ => Ok(()),
+        Some(own) => Err(OtherSensor::StatedTooSmall { file, outside, total, own, likely: likely_for_all(recording) }),
+        None => Ok(()),
     }
 }
 
@@ -226,6 +262,23 @@ mod tests {
         assert!(matches!(small, Some(OtherSensor::TooSmall { outside: 2, total: 2, own: None, .. })), "{small:?}");
         let negative = wrong("t_us,x,y,p\n1,-3,5,1\n2,3,3,0\n", davis);
         assert!(matches!(negative, Some(OtherSensor::NoPixels { count: 1, total: 2, .. })), "{negative:?}");
+    }
+
+    /// The size that the advice names must be accepted, although the file states a smaller one.
+    #[test]
+    fn a_size_in_the_file_that_its_events_exceed_is_named() {
+        let lines = "240 180\n1 345 259 1\n2 3 4 0\n";
+        let likely = Some(Sensor::new(346, 260));
+        let found = wrong(lines, None);
+        let Some(OtherSensor::StatedTooSmall { outside: 1, total: 2, likely: named, .. }) = found else {
+            panic!("{found:?}")
+        };
+        assert_eq!(named, likely);
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("events.csv");
+        std::fs::write(&path, lines).unwrap();
+        let recording = Recording::new(&path, RecordingOptions { sensor: likely, ..Default::default() }).unwrap();
+        assert_eq!((check_stated(&recording), wrong(lines, likely)), (Ok(()), None));
     }
 
     /// The size that the advice names must be accepted.

@@ -30,7 +30,7 @@ use hdf5_reader::error::Error;
 
 pub use self::write::SubPixelEncoder;
 use super::bytes::share;
-use super::columns::{self, GuessedUnit};
+use super::columns::{self, GuessedUnit, PolarityCode};
 use super::counter::TimeCounter;
 use super::numbers;
 use crate::error::Usable;
@@ -69,7 +69,8 @@ fn recognise(head: &Head) -> bool {
 fn open(path: &Path, options: &RecordingOptions) -> Opened {
     let (found, mut notes) = choose(path, options)?;
     let Found { table, sensor, offset, frames, samples, .. } = found;
-    let (table, GuessedUnit { unit, is_doubtful: is_unit_doubtful }) = arrange(path, table, options, &mut notes)?;
+    let Arranged { table, unit: GuessedUnit { unit, is_doubtful: is_unit_doubtful }, code } =
+        arrange(path, table, options, &mut notes)?;
     let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
     let others = [(extras::FRAMES, frames), (extras::SAMPLES, samples)];
     let other = others.into_iter().filter_map(|(name, found)| Some((name.to_owned(), length(&found?.data)))).collect();
@@ -82,6 +83,7 @@ fn open(path: &Path, options: &RecordingOptions) -> Opened {
         table,
         unit,
         is_unit_doubtful,
+        code,
         counter,
         offset,
         damage,
@@ -158,13 +160,20 @@ fn with_room(path: &Path, found: Found) -> Result<Found, RecordingError> {
     again.into_iter().find(|again| again.name == found.name).ok_or_else(gone)
 }
 
-/// Determines the order of the table's columns and the unit of its times.
+/// A table whose columns are known.
+struct Arranged {
+    table: Table,
+    unit: GuessedUnit,
+    code: PolarityCode,
+}
+
+/// Determines the order of the table's columns, the unit of its times, and the numbers for ON and OFF.
 fn arrange(
     path: &Path,
     mut table: Table,
     options: &RecordingOptions,
     notes: &mut Vec<String>,
-) -> Result<(Table, GuessedUnit), RecordingError> {
+) -> Result<Arranged, RecordingError> {
     let layout = |error| RecordingError::new(path, RecordingErrorKind::Layout(error));
     let sample = table.cells(columns::SAMPLE as u64).map_err(|error| structure(path, &error))?;
     let sample = numbers::written_cells(sample);
@@ -178,13 +187,14 @@ fn arrange(
         return Err(layout(columns::LayoutError::Named));
     }
     let stated = options.time_unit.or_else(|| table.unit_of_name());
-    let guess = || {
-        let column = table.index_of(Column::T);
-        let times: Vec<f64> = sample.iter().filter_map(|row| row.get(column?)?.value).collect();
-        columns::unit_from_values(&times, notes)
+    let cells = |column: Column| {
+        let index = table.index_of(column);
+        sample.iter().filter_map(move |row| row.get(index?).copied())
     };
-    let unit = stated.map_or_else(guess, GuessedUnit::from);
-    Ok((table, unit))
+    let times = || cells(Column::T).filter_map(|cell| cell.value).collect::<Vec<f64>>();
+    let unit = stated.map_or_else(|| columns::unit_from_values(&times(), notes), GuessedUnit::from);
+    let code = PolarityCode::from_values(cells(Column::P), notes);
+    Ok(Arranged { table, unit, code })
 }
 
 fn streams(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummary>, RecordingError> {
@@ -210,7 +220,8 @@ fn streams(path: &Path, options: &RecordingOptions) -> Result<Vec<StreamSummary>
 /// Returns the times of the first and the last event in µs; `None` if they cannot be read, which the reader of the
 /// events reports.
 fn times(path: &Path, found: &Found, options: &RecordingOptions) -> Option<(i64, i64)> {
-    let (table, GuessedUnit { unit, .. }) = arrange(path, found.table.clone(), options, &mut Vec::new()).ok()?;
+    let Arranged { table, unit: GuessedUnit { unit, .. }, .. } =
+        arrange(path, found.table.clone(), options, &mut Vec::new()).ok()?;
     let offset = found.offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
     let time = |row: u64| {
         let rows = table.rows(row, row + 1).ok()?;
@@ -266,6 +277,7 @@ struct Decoder {
     table: Table,
     unit: TimeUnit,
     is_unit_doubtful: bool,
+    code: PolarityCode,
     counter: TimeCounter,
     /// Offset in µs of all times.
     offset: i64,
@@ -334,7 +346,8 @@ impl Decode for Decoder {
             self.next += 1;
             let mut event = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
             for (column, number) in row {
-                numbers::put(&mut event, self.next, *column, *number, self.unit).map_err(|kind| self.error(kind))?;
+                numbers::put(&mut event, self.next, *column, *number, self.unit, self.code)
+                    .map_err(|kind| self.error(kind))?;
             }
             event.t = self.counter.time(event.t, report).saturating_add(self.offset);
             batch.push(event);

@@ -1,8 +1,8 @@
 //! Numbers in arrays, and their conversion to events.
 
-use evcal_core::event::{Event, Polarity};
+use evcal_core::event::Event;
 
-use super::columns::Cell;
+use super::columns::{Cell, PolarityCode};
 use crate::error::RecordingErrorKind;
 use crate::options::{Column, TimeUnit};
 
@@ -35,7 +35,8 @@ pub enum Number {
     Whole(i64),
     /// A floating-point number.
     Real(f64),
-    /// An unsigned number of all ones. As a polarity it is the -1 of OFF, which some programs store in an unsigned array.
+    /// An unsigned number of all ones. As a polarity it may be the -1 of OFF, which some programs store in an unsigned
+    /// array.
     AllOnes(u64),
 }
 
@@ -81,7 +82,8 @@ impl Number {
 
     /// Describes the number for the detection of columns.
     pub fn cell(self) -> Cell {
-        Cell { value: Some(self.value()), is_polarity: self.polarity().is_some() }
+        let is_usual = PolarityCode::USUAL.polarity(self.value()).is_some();
+        Cell { value: Some(self.value()), is_polarity: is_usual || matches!(self, Self::AllOnes(_)) }
     }
 
     /// Converts to a time, rounded to µs.
@@ -122,18 +124,6 @@ impl Number {
             Self::AllOnes(value) => Some(u16::try_from(value).unwrap_or(u16::MAX)),
         }
     }
-
-    /// Converts to a polarity: 1 is ON, 0 and -1 are OFF.
-    pub fn polarity(self) -> Option<Polarity> {
-        match self {
-            Self::AllOnes(_) => Some(Polarity::Off),
-            Self::Whole(_) | Self::Real(_) => match self.value() {
-                1.0 => Some(Polarity::On),
-                0.0 | -1.0 => Some(Polarity::Off),
-                _ => None,
-            },
-        }
-    }
 }
 
 /// Stores the number of a column in `event`. `index` is the number of the event, from 1.
@@ -143,6 +133,7 @@ pub fn put(
     column: Column,
     number: Number,
     unit: TimeUnit,
+    code: PolarityCode,
 ) -> Result<(), RecordingErrorKind> {
     let wrong = |what: String| RecordingErrorKind::Event { event: index, what };
     let value = number.value();
@@ -158,8 +149,8 @@ pub fn put(
         Column::X => event.x = pixel("x")?,
         Column::Y => event.y = pixel("y")?,
         Column::P => {
-            let what = || format!("its polarity is {value}, not 1, 0 or -1; is this the polarity column?");
-            event.polarity = number.polarity().ok_or_else(|| wrong(what()))?;
+            let what = || format!("its polarity is {value}, not {code}; is this the polarity column?");
+            event.polarity = code.polarity(value).ok_or_else(|| wrong(what()))?;
         }
         Column::Ignored => {}
     }
@@ -190,6 +181,8 @@ pub fn written_cells(mut rows: Vec<Vec<Cell>>) -> Vec<Vec<Cell>> {
 
 #[cfg(test)]
 mod tests {
+    use evcal_core::event::Polarity;
+
     use super::*;
 
     fn number(kind: NumberKind, size: usize, big_endian: bool, bytes: &[u8]) -> Option<Number> {
@@ -212,9 +205,9 @@ mod tests {
     }
 
     #[test]
-    fn all_ones_are_the_largest_pixel_and_count_but_off() {
+    fn all_ones_are_the_largest_pixel_and_count_and_may_be_a_polarity() {
         let number = number(NumberKind::Unsigned, 1, false, &[255]).unwrap();
-        assert_eq!((number.pixel(), number.polarity()), (Some(255), Some(Polarity::Off)));
+        assert_eq!((number.pixel(), number.cell().is_polarity), (Some(255), true));
         assert_eq!(number.microseconds(TimeUnit::Milliseconds), Some(255_000));
         assert_eq!(Number::AllOnes(u64::MAX).microseconds(TimeUnit::Microseconds), None);
     }
@@ -257,7 +250,8 @@ mod tests {
             (Column::P, 2.0, "polarity is 2"),
         ] {
             let mut event = Event { t: 0, x: 0, y: 0, polarity: Polarity::Off };
-            let error = put(&mut event, 7, column, Number::Real(value), TimeUnit::Seconds).unwrap_err().to_string();
+            let put = put(&mut event, 7, column, Number::Real(value), TimeUnit::Seconds, PolarityCode::USUAL);
+            let error = put.unwrap_err().to_string();
             assert!(error.contains("event 7") && error.contains(part), "{error}");
         }
     }

@@ -25,7 +25,7 @@ use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
 use super::bytes::share;
-use super::columns::{self, GuessedUnit};
+use super::columns::{self, GuessedUnit, PolarityCode};
 use super::counter::TimeCounter;
 use super::numbers::{self, NumberType};
 use crate::error::Usable;
@@ -114,6 +114,7 @@ fn open(
     let (columns, GuessedUnit { unit, is_doubtful: is_unit_doubtful }) =
         layout(&table, &sample, options, &mut notes)
             .map_err(|error| RecordingError::new(path, RecordingErrorKind::Layout(error)))?;
+    let code = PolarityCode::from_values(cells(&sample, &columns, Column::P), &mut notes);
     let sources = sources(path, &table, columns.as_slice())?;
     let fields = sources.iter().flat_map(|source| &source.fields);
     let unread = fields.into_iter().find(|(column, _, number)| *column != Column::Ignored && number.is_none());
@@ -125,7 +126,24 @@ fn open(
     let information = RecordingInformation { format, sensor, camera_name: None, began: None, notes };
     let path = path.to_owned();
     let (counter, count) = (TimeCounter::new(unit), table.count);
-    Ok(Box::new(Decoder { path, information, sources, unit, is_unit_doubtful, counter, events: 0, left: count, count }))
+    Ok(Box::new(Decoder {
+        path,
+        information,
+        sources,
+        unit,
+        is_unit_doubtful,
+        code,
+        counter,
+        events: 0,
+        left: count,
+        count,
+    }))
+}
+
+/// Returns the values of one of the `columns` of the first rows.
+fn cells(sample: &[Vec<columns::Cell>], columns: &Columns, column: Column) -> impl Iterator<Item = columns::Cell> {
+    let index = columns.as_slice().iter().position(|other| *other == column);
+    sample.iter().filter_map(move |row| row.get(index?).copied())
 }
 
 /// Determines the columns and the unit of the times.
@@ -150,8 +168,7 @@ fn layout(
         (None, None) => columns::from_values(sample, notes)?,
     };
     let guess = || {
-        let t = columns.as_slice().iter().position(|column| *column == Column::T);
-        let times: Vec<f64> = sample.iter().filter_map(|row| row.get(t?)?.value).collect();
+        let times: Vec<f64> = cells(sample, &columns, Column::T).filter_map(|cell| cell.value).collect();
         columns::unit_from_values(&times, notes)
     };
     let unit = options.time_unit.or(unit_of_name).map_or_else(guess, GuessedUnit::from);
@@ -260,6 +277,7 @@ struct Decoder {
     sources: Vec<Source>,
     unit: TimeUnit,
     is_unit_doubtful: bool,
+    code: PolarityCode,
     counter: TimeCounter,
     /// Number of events read, and number of rows left.
     events: u64,
@@ -288,7 +306,7 @@ impl Decoder {
             for (column, offset, number) in &source.fields {
                 let number = number.and_then(|number| number.read(record.get(*offset..)?));
                 if let Some(number) = number {
-                    numbers::put(&mut event, self.events, *column, number, self.unit)?;
+                    numbers::put(&mut event, self.events, *column, number, self.unit, self.code)?;
                 }
             }
         }

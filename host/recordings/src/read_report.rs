@@ -20,7 +20,7 @@ impl fmt::Display for Truncation {
     }
 }
 
-/// Wraps of a 32-bit time counter: after its highest value it restarted at zero.
+/// Wraps of a time counter: after its highest value it restarted at its lowest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct CounterWraps {
     /// Number of wraps.

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use evcal_core::event::Event;
+use evcal_core::event::{Event, Polarity};
 use evcal_files::visible;
 
 use crate::error::{RecordingError, RecordingErrorKind};
@@ -24,6 +24,8 @@ const MOST_STRAYS: usize = 8;
 const EVENTS_PER_STRAY: u64 = 100;
 /// Number of events at the beginning that are examined together to find strays among the first ones.
 const BEGINNING: usize = 64;
+/// Number of events of one polarity at the beginning of a file from which it may be sorted by polarity.
+const MANY_OF_A_POLARITY: u64 = 1000;
 /// Times beyond ±2⁵⁵ µs (1100 years) are rejected. With at most [`MAX_RESETS`] shifts of twice that, no returned time
 /// exceeds 2⁶¹ µs.
 const MAX_TIME: i64 = 1 << 55;
@@ -78,6 +80,8 @@ pub struct EventReader {
     beginning: Option<Vec<Event>>,
     /// `true` once an event inside the sensor would be outside with x and y exchanged.
     is_upright: bool,
+    /// The polarity of all events so far; `None` if there are both.
+    only: Option<Polarity>,
     /// Buffer for the decoder's events.
     batch: Vec<Event>,
     /// Events that are too early: either strays or the first events after a clock reset.
@@ -126,6 +130,7 @@ impl EventReader {
             clock: None,
             beginning: Some(Vec::new()),
             is_upright: false,
+            only: None,
             batch: Vec::new(),
             early: Vec::new(),
             decoded: 0,
@@ -266,7 +271,10 @@ impl EventReader {
     /// reset.
     #[inline]
     fn admit(&mut self, event: Event, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
-        let clock = self.clock.get_or_insert(Clock { latest: event.t, shift: 0 });
+        let clock = self.clock.get_or_insert_with(|| {
+            self.only = Some(event.polarity);
+            Clock { latest: event.t, shift: 0 }
+        });
         let step = clock.latest - (event.t + clock.shift);
         if step > LARGEST_JITTER {
             return self.keep_early(event, events);
@@ -294,6 +302,7 @@ impl EventReader {
     #[inline]
     fn hand_out(&mut self, event: Event, events: &mut Vec<Event>) {
         let Some(clock) = &mut self.clock else { return };
+        self.only = self.only.filter(|only| *only == event.polarity);
         let step = clock.latest - (event.t + clock.shift);
         if step > 0 {
             self.report.steps_back += 1;
@@ -329,6 +338,12 @@ impl EventReader {
         let early = std::mem::take(&mut self.early);
         let (Some(first), Some(clock)) = (early.first(), &mut self.clock) else { return Ok(()) };
         self.report.clock_resets += 1;
+        let before = self.report.events + events.len() as u64;
+        if let Some(only) = self.only.filter(|_| before > MANY_OF_A_POLARITY)
+            && early.iter().all(|event| event.polarity != only)
+        {
+            return Err(self.sorted_by_polarity(only));
+        }
         if self.report.clock_resets > MAX_RESETS {
             return Err(self.out_of_order(self.report.clock_resets));
         }
@@ -342,6 +357,14 @@ impl EventReader {
     fn out_of_range(&self, t: i64) -> RecordingErrorKind {
         let what =
             format!("its time, {t} µs, is out of range: the file is damaged here, or its times are in another unit");
+        RecordingErrorKind::Event { event: self.decoded, what }
+    }
+
+    fn sorted_by_polarity(&self, first: Polarity) -> RecordingErrorKind {
+        let [first, second] = if first == Polarity::On { ["ON", "OFF"] } else { ["OFF", "ON"] };
+        let what = format!(
+            "all events up to here are {first}, and earlier events follow, which are {second}: the events are sorted by polarity and must be sorted by time first"
+        );
         RecordingErrorKind::Event { event: self.decoded, what }
     }
 
@@ -500,6 +523,21 @@ mod tests {
         let (times, report, error) = times(events);
         assert!(error.unwrap().to_string().contains("sort"));
         assert!(times.is_sorted() && times.len() as u64 == report.events && report.events > 16);
+    }
+
+    #[test]
+    fn a_recording_sorted_by_polarity_is_rejected() {
+        let run = |polarity| (0..1500).map(move |index| Event { polarity, ..at(index * 1000) });
+        let (_, _, error) = times(run(Polarity::On).chain(run(Polarity::Off)).collect());
+        assert!(error.unwrap().to_string().contains("follow, which are OFF: the events are sorted by polarity"));
+        // Clock resets.
+        let both = || run(Polarity::On).zip(run(Polarity::Off)).flat_map(|(on, off)| [on, off]);
+        let one_after_both = both().chain(run(Polarity::Off)).collect();
+        let both_after_one = run(Polarity::On).chain(both()).collect();
+        for events in [one_after_both, both_after_one] {
+            let (_, report, error) = times(events);
+            assert_eq!((report.clock_resets, error.is_none()), (1, true));
+        }
     }
 
     #[test]

@@ -9,7 +9,7 @@
 //! below 10¹⁵ and the resulting event rate is possible. [`RecordingInformation::notes`] contains everything that was
 //! guessed.
 //!
-//! Polarity is 1 (ON) and 0 or −1 (OFF), or `true` and `false`. A line with two whole numbers before the first event is
+//! Polarity is 1 (ON) and 0 or −1 (OFF), or `true` and `false`, or two other numbers, of which the larger is ON. A line with two whole numbers before the first event is
 //! taken as width and height of the sensor.
 
 pub(crate) mod error;
@@ -28,12 +28,12 @@ use evcal_core::event::{Event, Polarity};
 use layout::Layout;
 
 use super::bytes::share;
-use super::columns::LayoutError;
+use super::columns::{LayoutError, PolarityCode};
 use super::counter::TimeCounter;
 use super::encode::{Encode, OutputFormat, WriteError};
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::format::{FileFormat, Head, Opened, Uses};
-use crate::options::{Column, RecordingOptions, TimeUnit};
+use crate::options::{Column, RecordingOptions};
 use crate::read_report::{ReadReport, Truncation};
 use crate::reader::{Decode, RecordingInformation};
 
@@ -118,7 +118,7 @@ impl Decoder {
 
     /// Reads the event of the next line if the line is plain and completely in the buffer.
     fn next_plain_line(&mut self) -> Option<Event> {
-        if self.number < self.layout.first_line {
+        if self.number < self.layout.first_line || self.layout.code != PolarityCode::USUAL {
             return None;
         }
         let plain = plain::event(self.file.buffer(), &self.layout)?;
@@ -249,7 +249,7 @@ fn event(line: &[u8], layout: &Layout) -> Result<Event, LineError> {
     let (mut count, mut wrong) = (0, None);
     for field in Fields::of(line) {
         if let (Some(column), None) = (columns.get(count), &wrong) {
-            wrong = put(&mut event, *column, field, layout.time_unit).err();
+            wrong = put(&mut event, *column, field, layout).err();
         }
         count += 1;
     }
@@ -260,7 +260,8 @@ fn event(line: &[u8], layout: &Layout) -> Result<Event, LineError> {
 }
 
 /// Stores the field of a column in `event`.
-fn put(event: &mut Event, column: Column, field: &[u8], unit: TimeUnit) -> Result<(), LineError> {
+fn put(event: &mut Event, column: Column, field: &[u8], layout: &Layout) -> Result<(), LineError> {
+    let unit = layout.time_unit;
     let shown = || String::from_utf8_lossy(field).into_owned();
     let pixel = |axis| number::pixel(field).ok_or_else(|| LineError::Pixel { field: shown(), axis });
     match column {
@@ -269,7 +270,10 @@ fn put(event: &mut Event, column: Column, field: &[u8], unit: TimeUnit) -> Resul
         }
         Column::X => event.x = pixel("x")?,
         Column::Y => event.y = pixel("y")?,
-        Column::P => event.polarity = number::polarity(field).ok_or_else(|| LineError::Polarity(shown()))?,
+        Column::P => {
+            let wrong = || LineError::Polarity { field: shown(), known: layout.code.to_string() };
+            event.polarity = number::polarity(field, layout.code).ok_or_else(wrong)?;
+        }
         Column::Ignored => {}
     }
     Ok(())
@@ -308,6 +312,7 @@ impl<W: Write> Encode for Encoder<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::options::TimeUnit;
     use crate::{Recording, testing};
 
     fn read(
@@ -354,6 +359,20 @@ mod tests {
         ] {
             assert_eq!(default(text).0, expected, "{text}");
         }
+    }
+
+    /// Two numbers that are not 0 and 1 are polarities too; a single wrong one is not.
+    #[test]
+    fn the_larger_of_two_numbers_is_on() {
+        let lines = |off: &str, on: &str, odd: &str| {
+            let polarity = |index: usize| [if index == 24 { odd } else { off }, on, on][index % 3];
+            (1..40).map(|index| format!("{index} 5 7 {}\n", polarity(index))).collect::<String>()
+        };
+        let expected = default(&lines("0", "1", "0")).0;
+        for (off, on) in [("-1", "1"), ("0", "255"), ("1", "2"), ("-1.0", "0.5"), ("-128", "127")] {
+            assert_eq!(default(&lines(off, on, off)).0, expected, "{off} {on}");
+        }
+        assert!(failure(&lines("0", "1", "255")).contains("line 24: \"255\" is not a polarity (1, 0 or -1)"));
     }
 
     #[test]

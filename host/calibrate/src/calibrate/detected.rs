@@ -126,8 +126,11 @@ fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateErr
         Some(damage) => Err(CalibrateError::Source(damage)),
         None => {
             check_units(task, &all.recordings)?;
-            check_times(task, &all.health)?;
             let other = other_board(task, all.sensor, progress)?;
+            // A board that is recognised in spite of coarse times is not missed because of them.
+            if other.is_none() {
+                check_times(task, &all.health)?;
+            }
             let max_interval = task.settings.detection.window.max_interval;
             Err(CalibrateError::NoPattern(all.detection.no_pattern(max_interval, other)))
         }

@@ -85,7 +85,7 @@ pub(super) fn calibrate_beside(
     };
     let seen = if is_needed { see_pictures(task, files, 0, progress)? } else { see_enough(task, files, progress)? };
     let misalignment = misalignment(windows, &seen.frames, task.board, sensor);
-    if let Some(misalignment) = misalignment.filter(|misalignment| is_in_the_way(task.pictures, misalignment)) {
+    if let Some(misalignment) = misalignment.filter(|_| is_needed) {
         return Err(CalibrateError::PicturesMisaligned(misalignment));
     }
     let calibrated = picture_calibration(task, seen, PictureSource::Frames, sensor, model, progress);
@@ -93,16 +93,6 @@ pub(super) fn calibrate_beside(
         require(task, calibrated.as_ref())?;
     }
     Ok(calibrated.map(|calibrated| PicturesBeside { calibrated, misalignment }))
-}
-
-/// Returns `true` if pictures with this misalignment are useless for the task.
-fn is_in_the_way(pictures: PictureUse, misalignment: &Misalignment) -> bool {
-    match pictures {
-        PictureUse::Joint => true,
-        // A second camera may have another lens.
-        PictureUse::SecondCamera => !misalignment.is_of_lens(),
-        PictureUse::CrossCheck | PictureUse::Only | PictureUse::Ignore => false,
-    }
 }
 
 /// Searches for the board in as many pictures as a cross-check needs, evenly chosen.

@@ -41,7 +41,8 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
     if let Some(other) = &checked.other_unit {
         return Advice::NameTimeUnit(other.unit);
     }
-    if let Some(coarse) = information.coarse_times {
+    let is_known = checked.seen.as_ref().is_some_and(Seen::shows_a_known_board);
+    if let (Some(coarse), false) = (information.coarse_times, is_known) {
         return Advice::Plain(format!("{coarse}: {}", CoarseTimes::ADVICE));
     }
     if let Some(sensor) = checked.counted_from_one {

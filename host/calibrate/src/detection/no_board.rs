@@ -56,7 +56,7 @@ pub enum NoBoard {
     #[serde(rename = "dots that are not round")]
     NotRound,
     /// The encoding of a picture is not supported.
-    #[serde(rename = "encoding that is not read")]
+    #[serde(rename = "in an encoding that is not read")]
     UnreadEncoding,
     /// Columns of a picture were lost in transmission.
     #[serde(rename = "lost columns")]

@@ -178,11 +178,6 @@ impl Misalignment {
             Self::Unlike => "are they of one camera and of one recording? If not, ignore the frames",
         }
     }
-
-    /// Returns `true` if a lens other than that behind the events could cause the difference: only a shift or a scale.
-    pub fn is_of_lens(&self) -> bool {
-        matches!(self, Self::Image { orientation: Orientation::Same, .. })
-    }
 }
 
 /// Positions of the points of the board, by their index.

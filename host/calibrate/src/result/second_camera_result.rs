@@ -17,7 +17,7 @@ use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::numerics::rigid::pose_of_rows;
 use event_recordings::image_folder::Stamps;
 
-/// Seconds with the board in view of both cameras from which the rates of the clocks are reported.
+/// Seconds with the board in view of both cameras from which the rates of the clocks are reported even if they do not differ.
 const LONG_ENOUGH_FOR_RATE: f64 = 20.0;
 /// Names of the parameters of the mount, in their order, after [`POSE_NAMES`].
 const NAMES: [&str; COUNT - POSE_NAMES.len()] = ["offset", "rate"];
@@ -151,6 +151,11 @@ pub struct SecondCameraResult {
     pub findings: Vec<String>,
 }
 
+/// `true` if the rates of the clocks differ.
+fn differ_in_rate(findings: &[Finding]) -> bool {
+    findings.iter().any(|finding| matches!(finding, Finding::ClockRate { .. }))
+}
+
 /// Returns the grade of the transform between two cameras.
 pub fn grade(calibration: &SecondCalibration) -> Grade {
     Grade::of(calibration.findings.iter().map(|finding| match finding {
@@ -191,7 +196,7 @@ impl SecondCameraResult {
             baseline: baseline(calibration),
             time_offset: Uncertain { value: mount.offset + between, sigma: sigma(OFFSET) },
             time_offset_at: mount.middle + starts[1],
-            clock_rate: (calibration.seconds > LONG_ENOUGH_FOR_RATE)
+            clock_rate: (calibration.seconds > LONG_ENOUGH_FOR_RATE || differ_in_rate(&calibration.findings))
                 .then(|| Uncertain { value: mount.rate, sigma: sigma(RATE) }),
             correlations: std::array::from_fn(|row| {
                 std::array::from_fn(|column| calibration.covariance[(row, column)] / (sigma(row) * sigma(column)))
@@ -330,7 +335,10 @@ impl SecondCameraResult {
                 );
             }
             None => {
-                let _ = writeln!(text, "  the rates of the clocks are not compared: that takes more than 20 s");
+                let _ = writeln!(
+                    text,
+                    "  no difference between the rates of the clocks was found: a small one takes more than 20 s"
+                );
             }
         }
     }

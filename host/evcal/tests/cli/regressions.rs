@@ -1,6 +1,7 @@
 //! Defects that were found and mended, one test each, in the order in which they were: the test fails as the program
 //! did. Those that need a whole calibration are in `tests/tests/calibration/regressions.rs`.
 
+use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::io::BufWriter;
 use std::path::Path;
@@ -187,6 +188,26 @@ fn the_assumed_unit_of_times_is_printed() {
     let message = fail(&["calibrate", text(&path), "--board", BOARD, "-o", text(&output)]);
     assert!(message.contains("coarse.csv: times are taken for microseconds"), "{message}");
     assert!(message.contains("no board found, and times come in steps of 1.00 ms"), "{message}");
+}
+
+/// Emulated events have coarse times; these were blamed, although another board than the stated one was in view.
+#[test]
+fn coarse_times_do_not_hide_another_board() {
+    let directory = tempfile::tempdir().unwrap();
+    let [path, output] = ["coarse.csv", "output"].map(|name| directory.path().join(name));
+    let fixture = concat!(env!("CARGO_MANIFEST_DIR"), "/../../fixtures/board/events.dvraw");
+    let mut reader = Recording::new(fixture, RecordingOptions::default()).unwrap().open().unwrap();
+    let (mut lines, mut events) = ("# sensor 346 x 260\nt_us,x,y,p\n".to_owned(), Vec::new());
+    while reader.next_batch(&mut events).unwrap() {
+        for Event { t, x, y, polarity } in &events {
+            writeln!(lines, "{},{x},{y},{}", t / 300 * 300, polarity.index()).unwrap();
+        }
+    }
+    fs::write(&path, lines).unwrap();
+    let message = fail(&["calibrate", text(&path), "--board", "acircles:7x5:55mm:r17.5mm", "-o", text(&output)]);
+    assert!(message.contains(BOARD), "{message}");
+    let found = succeed(&["check", text(&path), "--board", BOARD]);
+    assert!(found.contains("next: evcal calibrate"), "{found}");
 }
 
 /// Standard output, redirected to a file, was taken for that existing file, and the report was then written into it.

@@ -9,7 +9,6 @@ use hdf5_reader::{Dataset, SliceInfo, SliceInfoElem};
 
 use super::layout::{Found, TimedDataset};
 use super::{arrange, choose, structure, table};
-use crate::columns::GuessedUnit;
 use crate::error::Usable;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::extras::{
@@ -100,7 +99,7 @@ struct Reader {
 impl Reader {
     fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
         let Found { table, offset, frames, samples, .. } = choose(path, options)?.0;
-        let (_, GuessedUnit { unit, .. }) = arrange(path, table, options, &mut Vec::new())?;
+        let unit = arrange(path, table, options, &mut Vec::new())?.unit.unit;
         let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
         let open = |found: Option<TimedDataset>| Timed::open(found?, unit, offset);
         let skipped = Skipped::new(options.damage);

@@ -293,6 +293,15 @@ fn four<'a>(t: &'a str, scale: i64, events: &[Event], sides: &'a [u64]) -> [Arra
     ]
 }
 
+#[test]
+fn polarities_of_0_and_255_are_read() {
+    let events = events(50);
+    let [t, x, y, (name, sides, polarities)] = four("t_us", 1, &events, &[50]);
+    let polarities = polarities.into_iter().map(|polarity| polarity * 255).collect();
+    let outcome = testing::read(&groups(&[("events", &[t, x, y, (name, sides, polarities)])]));
+    assert_eq!((outcome.error, outcome.events), (None, events));
+}
+
 /// Nanoseconds must not be taken for microseconds.
 #[test]
 fn the_name_of_the_times_gives_their_unit() {

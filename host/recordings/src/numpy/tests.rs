@@ -71,6 +71,31 @@ fn structured_arrays_of_every_program_are_read_by_their_names() {
     assert_events(outcome, &events);
 }
 
+/// 255 in an unsigned column is -1 next to 1, but ON next to 0.
+#[test]
+fn polarities_are_read_from_any_two_numbers() {
+    let events = events(60);
+    for (kind, off, on, notes) in [
+        ("|u1", 0_i16, 255, 1),
+        ("|u1", 255, 1, 0),
+        ("|u1", 1, 2, 1),
+        ("<i2", 0, 255, 1),
+        ("<i2", -1, 1, 0),
+        ("|i1", -128, 127, 1),
+    ] {
+        let descr = format!("[('t_us', '<i8'), ('x', '<u2'), ('y', '<u2'), ('p', '{kind}')]");
+        let size = if kind == "<i2" { 2 } else { 1 };
+        let content = records(&descr, &events, |event| {
+            let number = if event.polarity == Polarity::On { on } else { off };
+            let pixel = [event.x.to_le_bytes(), event.y.to_le_bytes()].concat();
+            [&event.t.to_le_bytes()[..], &pixel, &number.to_le_bytes()[..size]].concat()
+        });
+        let outcome = testing::read(&content);
+        assert_eq!(outcome.information.as_ref().unwrap().notes.len(), notes, "{kind} {off} {on}");
+        assert_events(outcome, &events);
+    }
+}
+
 /// Returns columns of numbers, row by row or column by column.
 fn columns(events: &[Event], by_rows: bool) -> Vec<u8> {
     let row = |event: &Event| [event.x.into(), event.y.into(), f64::from(bit(event)) * 2.0 - 1.0, event.t as f64 / 1e6];

@@ -3,8 +3,8 @@
 //! A bag may contain several cameras and IMUs. The topics that belong to the events are those whose names share the
 //! most leading parts with that of the events: `/davis/left/image_raw` and `/davis/left/imu` belong to
 //! `/davis/left/events`. Images are from another camera if they are larger than the sensor, if they are smaller and
-//! their topic shares no part with that of the events, if they may be depth images, or if their coordinate frame or
-//! topic names another side of a rig (left, right, 0, 1) than those of the events.
+//! their topic shares no part with that of the events, or if their coordinate frame or topic names another side of a rig
+//! (left, right, 0, 1) than those of the events. Possible depth images are not read, but named if there are no others.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
@@ -35,6 +35,8 @@ const LEAST_OF_A_MESSAGE: u64 = 64;
 #[derive(Clone, Copy, Debug, Default)]
 struct Topics {
     pictures: Option<usize>,
+    /// `true` if the encoding of the images is supported.
+    are_pictures_read: bool,
     samples: Option<usize>,
     /// Topic of images that would be chosen if it did not belong to another side of the rig.
     foreign: Option<usize>,
@@ -115,11 +117,14 @@ fn next_or_unread(
 }
 
 fn read_picture(topic: &Topic, message: &[u8]) -> Result<Read, MessageError> {
-    if let Some(frame) = picture::frame(topic.kind, topic.wire, message)? {
-        return Ok(Read::Extra(Extra::Frame(frame)));
-    }
     let picture::Description { t, encoding, .. } = picture::description(topic.kind, topic.wire, message)?;
-    Ok(Read::Unread(UnreadFrame { t, encoding }))
+    if let Some(encoding) = picture::unread_encoding(topic.wire, message) {
+        return Ok(Read::Unread(UnreadFrame { t, encoding }));
+    }
+    match picture::frame(topic.kind, topic.wire, message)? {
+        Some(frame) => Ok(Read::Extra(Extra::Frame(frame))),
+        None => Ok(Read::Unread(UnreadFrame { t, encoding })),
+    }
 }
 
 /// Chooses the topics that belong to the events of the topic `wanted`, or of the first topic that has any.
@@ -169,10 +174,14 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
                 // A damaged image says nothing about its topic.
                 let Ok(frame) = picture::frame(topic.kind, topic.wire, message) else { continue };
                 let described = picture::description(topic.kind, topic.wire, message).ok();
-                let described = described.filter(|described| !picture::may_be_distances(&described.encoding));
-                let size = described.and_then(|described| described.size);
-                let named = message::frame_name(topic.wire, message);
-                let of_topic = size.map(|size| Pictures { size, is_read: frame.is_some(), frame: named });
+                let of_topic = described.and_then(|described| {
+                    Some(Pictures {
+                        size: described.size?,
+                        is_read: frame.is_some(),
+                        may_be_distances: picture::may_be_distances(&described.encoding),
+                        frame: message::frame_name(topic.wire, message),
+                    })
+                });
                 pictures.insert(head.topic, of_topic);
             }
             Kind::Imu => _ = samples.insert(head.topic),
@@ -202,18 +211,20 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
     };
     let pictures = pictures.into_iter().filter_map(|(index, pictures)| Some((index, pictures?))).filter(fits);
     let (foreign, own): (Vec<_>, Vec<_>) = pictures.partition(|(index, pictures)| is_of_other_side(*index, pictures));
-    // Among topics that share equally many parts, prefers one with a supported encoding.
+    // Depth images are chosen only if there are no others, so that their encoding is named. Among topics that share equally many
+    // parts, prefers one with a supported encoding.
     let best = |pictures: Vec<(usize, Pictures)>| {
         let best = pictures.into_iter().max_by_key(|(index, pictures)| {
             let (shared, is_raw) = fit(*index);
-            (shared, pictures.is_read, is_raw, Reverse(*index))
+            (!pictures.may_be_distances, shared, pictures.is_read, is_raw, Reverse(*index))
         });
-        best.map(|(index, _)| index)
+        best.map(|(index, pictures)| (index, pictures.is_read && !pictures.may_be_distances))
     };
-    let pictures = best(own);
-    let foreign = best(foreign).filter(|_| pictures.is_none());
+    let own = best(own);
+    let foreign = best(foreign).filter(|_| own.is_none()).map(|(index, _)| index);
+    let (pictures, are_pictures_read) = (own.map(|(index, _)| index), own.is_some_and(|(_, is_read)| is_read));
     let samples = samples.into_iter().max_by_key(|&index| (fit(index), Reverse(index)));
-    Ok(Topics { pictures, samples, foreign })
+    Ok(Topics { pictures, are_pictures_read, samples, foreign })
 }
 
 /// The topic of the events.
@@ -230,6 +241,8 @@ struct Pictures {
     size: (u32, u32),
     /// `true` if their encoding is supported.
     is_read: bool,
+    /// `true` if they may be depth images.
+    may_be_distances: bool,
     /// Name of the images' coordinate frame.
     frame: String,
 }
@@ -300,7 +313,9 @@ impl ReadExtras for MessageExtras {
     fn chosen(&self) -> Vec<String> {
         let sentence = |(what, name): (&str, &Option<String>)| Some(format!("{what} are read from {}", name.as_ref()?));
         let other = |name: &String| format!("{name} is not read: its name belongs to another camera than the events");
-        let chosen = ["frames", "IMU samples"].into_iter().zip(&self.names).filter_map(sentence);
+        let read = [self.topics.are_pictures_read, true];
+        let chosen = ["frames", "IMU samples"].into_iter().zip(&self.names).zip(read);
+        let chosen = chosen.filter_map(|(chosen, is_read)| sentence(chosen).filter(|_| is_read));
         chosen.chain(self.foreign.iter().map(other)).collect()
     }
 }

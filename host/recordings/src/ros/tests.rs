@@ -328,28 +328,36 @@ fn frames_of_the_other_side_of_a_rig_are_not_read() {
 /// Frames must not be dropped silently.
 #[test]
 fn frames_in_an_unsupported_encoding_are_reported() {
-    let of_camera = |wire: Wire| -> Messages {
-        vec![
-            ("/dvs/events", "dvs_msgs/msg/EventArray", event_array(wire, &events(0, 2))),
-            ("/dvs/image_raw", "sensor_msgs/msg/Image", image(wire, START + 2, "16SC1", 6, &[9; 12])),
-            ("/dvs/image_raw", "sensor_msgs/msg/Image", image(wire, START + 9, "mono8", 3, &[9; 6])),
-        ]
-    };
-    for content in files(of_camera) {
-        let directory = tempfile::tempdir().unwrap();
-        let path = directory.path().join("recording");
-        std::fs::write(&path, &content).unwrap();
-        let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
-        let named: Vec<Option<String>> = recording.streams().unwrap().into_iter().map(|stream| stream.unread).collect();
-        assert_eq!(named, [None, Some("16SC1".to_owned())]);
-        let mut images = Vec::new();
-        let note = recording.visit_frames(|image| images.push(image.image)).unwrap().unwrap();
-        assert!(note.contains("1 frame is in an unsupported encoding (16SC1)"), "{note}");
-        assert_eq!((images.len(), &images[0]), (2, &Err(NoImage::UnreadEncoding)));
-        let (mut reader, mut lost) = (recording.open_extras().unwrap(), Vec::new());
-        assert_eq!(std::iter::from_fn(|| reader.next_until(i64::MAX, &mut lost)).count(), 1);
-        assert!(lost.len() == 1 && lost[0].contains("16SC1"), "{lost:?}");
+    let encodings = [("16SC1", "16SC1"), ("32FC1", "32FC1"), ("16UC1", "16UC1 (possibly distances)")];
+    for (encoding, expected) in encodings {
+        let of_camera = |wire: Wire| -> Messages {
+            let (step, bytes) = if encoding == "32FC1" { (12, vec![9; 24]) } else { (6, vec![9; 12]) };
+            vec![
+                ("/dvs/events", "dvs_msgs/msg/EventArray", event_array(wire, &events(0, 2))),
+                ("/dvs/image_raw", "sensor_msgs/msg/Image", image(wire, START + 2, encoding, step, &bytes)),
+                ("/dvs/image_raw", "sensor_msgs/msg/Image", image(wire, START + 9, "mono8", 3, &[9; 6])),
+            ]
+        };
+        files(of_camera).iter().for_each(|content| check_unread(content, expected));
     }
+}
+
+/// Checks that the first of two frames is named as unread, with this encoding.
+fn check_unread(content: &[u8], expected: &str) {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("recording");
+    std::fs::write(&path, content).unwrap();
+    let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+    let named: Vec<Option<String>> = recording.streams().unwrap().into_iter().map(|stream| stream.unread).collect();
+    assert_eq!(named, [None, Some(expected.to_owned())]);
+    let mut images = Vec::new();
+    let note = recording.visit_frames(|image| images.push(image.image)).unwrap().unwrap();
+    assert!(note.contains(&format!("1 frame is in an unsupported encoding ({expected})")), "{note}");
+    assert_eq!((images.len(), &images[0]), (2, &Err(NoImage::UnreadEncoding)));
+    let (mut reader, mut lost) = (recording.open_extras().unwrap(), Vec::new());
+    assert_eq!(std::iter::from_fn(|| reader.next_until(i64::MAX, &mut lost)).count(), 1);
+    assert!(lost.len() == 1 && lost[0].contains(expected), "{lost:?}");
+    assert!(!reader.chosen().iter().any(|sentence| sentence.starts_with("frames are read")));
 }
 
 /// A file may be cut within a chunk, even within its first one.

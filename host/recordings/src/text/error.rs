@@ -38,6 +38,11 @@ pub enum LineError {
         axis: &'static str,
     },
     /// The polarity is invalid.
-    #[error("{0:?} is not a polarity (1 for ON, 0 or -1 for OFF)")]
-    Polarity(String),
+    #[error("{field:?} is not a polarity ({known})")]
+    Polarity {
+        /// Text of the field.
+        field: String,
+        /// Numbers for ON and OFF.
+        known: String,
+    },
 }

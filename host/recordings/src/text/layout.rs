@@ -1,7 +1,7 @@
 //! Detection of the columns of a text file: from the options, its header line, or its values.
 
 use super::{Fields, is_comment, number};
-use crate::columns::{self, Cell, GuessedUnit, LayoutError, SAMPLE};
+use crate::columns::{self, Cell, GuessedUnit, LayoutError, PolarityCode, SAMPLE};
 use crate::options::{Column, Columns, RecordingOptions, TimeUnit};
 use crate::reader::MAX_SENSOR_SIZE;
 use evcal_core::sensor::Sensor;
@@ -15,6 +15,8 @@ pub struct Layout {
     pub time_unit: TimeUnit,
     /// `true` if nanoseconds were guessed and could also be microseconds.
     pub is_unit_doubtful: bool,
+    /// Numbers for ON and OFF.
+    pub code: PolarityCode,
     /// Number of lines before the first event.
     pub first_line: u64,
     /// Width and height of the sensor, if the file contains them.
@@ -47,14 +49,22 @@ pub fn find(text: &str, options: &RecordingOptions) -> Result<Layout, LayoutErro
             return Err(LayoutError::Names(parts.names.unwrap_or_default().join(", ")));
         }
         (None, None) if parts.rows.is_empty() => return Err(LayoutError::NoNumbers),
-        (None, None) => (columns::from_values(&cells(&parts.rows), &mut notes)?, None),
+        (None, None) => {
+            let rows: Vec<Vec<Cell>> = parts.rows.iter().map(|row| row.iter().map(cell).collect()).collect();
+            (columns::from_values(&rows, &mut notes)?, None)
+        }
     };
-    let GuessedUnit { unit: time_unit, is_doubtful } = match options.time_unit.or(unit_of_name) {
-        Some(unit) => unit.into(),
-        None => columns::unit_from_values(&times(&parts.rows, &columns), &mut notes),
+    let cells = |column: Column| {
+        let index = columns.as_slice().iter().position(|other| *other == column);
+        parts.rows.iter().filter_map(move |row| Some(cell(row.get(index?)?)))
     };
+    let times = || cells(Column::T).filter_map(|cell| cell.value).collect::<Vec<f64>>();
+    let stated = options.time_unit.or(unit_of_name);
+    let GuessedUnit { unit: time_unit, is_doubtful } =
+        stated.map_or_else(|| columns::unit_from_values(&times(), &mut notes), GuessedUnit::from);
+    let code = PolarityCode::from_values(cells(Column::P), &mut notes);
     let Parts { first_line, sensor, .. } = parts;
-    Ok(Layout { columns, time_unit, is_unit_doubtful: is_doubtful, first_line, sensor, notes })
+    Ok(Layout { columns, time_unit, is_unit_doubtful: is_doubtful, code, first_line, sensor, notes })
 }
 
 /// `true` if a line of `text` names the columns of events.
@@ -116,7 +126,7 @@ fn parts(text: &str) -> Result<Parts<'_>, LayoutError> {
 /// `true` if these fields are an event and not a header. Fields of unused columns may be empty, except the first one:
 /// an empty first field means a header above numbered rows.
 fn is_row(fields: &[&[u8]]) -> bool {
-    let is_number = |field: &[u8]| number::is_number(field) || number::polarity(field).is_some();
+    let is_number = |field: &[u8]| number::is_number(field) || number::polarity(field, PolarityCode::USUAL).is_some();
     fields.first().is_none_or(|first| is_number(first))
         && fields.iter().all(|field| field.is_empty() || is_number(field))
 }
@@ -142,15 +152,6 @@ fn name_list(line: &str) -> Vec<&str> {
     names.into_iter().map(|name| name.trim().trim_matches('"')).collect()
 }
 
-fn cells(rows: &[Vec<&[u8]>]) -> Vec<Vec<Cell>> {
-    let cell = |field: &&[u8]| Cell { value: number::value(field), is_polarity: number::polarity(field).is_some() };
-    rows.iter().map(|row| row.iter().map(cell).collect()).collect()
-}
-
-/// Returns the times of the sample, in the unit of the file.
-fn times(rows: &[Vec<&[u8]>], columns: &Columns) -> Vec<f64> {
-    let Some(index) = columns.as_slice().iter().position(|&column| column == Column::T) else {
-        return Vec::new();
-    };
-    rows.iter().filter_map(|row| number::value(row.get(index)?)).collect()
+fn cell(field: &&[u8]) -> Cell {
+    Cell { value: number::value(field), is_polarity: number::polarity(field, PolarityCode::USUAL).is_some() }
 }

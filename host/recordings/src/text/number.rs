@@ -2,6 +2,7 @@
 
 use evcal_core::event::Polarity;
 
+use crate::columns::PolarityCode;
 use crate::options::TimeUnit;
 
 /// A decimal number without exponent: sign, digits before the point, digits after it.
@@ -82,24 +83,15 @@ pub fn pixel(field: &[u8]) -> Option<u16> {
     Some(if value < 0.0 { u16::MAX } else { value as u16 })
 }
 
-/// Returns the polarity in `field`.
-pub fn polarity(field: &[u8]) -> Option<Polarity> {
-    match field {
-        b"1" | b"+1" => return Some(Polarity::On),
-        b"0" | b"-1" => return Some(Polarity::Off),
-        _ => {}
-    }
+/// Returns the polarity in `field`: a word, or a number of `code`.
+pub fn polarity(field: &[u8], code: PolarityCode) -> Option<Polarity> {
     if field.eq_ignore_ascii_case(b"true") || field.eq_ignore_ascii_case(b"on") {
         return Some(Polarity::On);
     }
     if field.eq_ignore_ascii_case(b"false") || field.eq_ignore_ascii_case(b"off") {
         return Some(Polarity::Off);
     }
-    match floating(field)? {
-        1.0 => Some(Polarity::On),
-        0.0 | -1.0 => Some(Polarity::Off),
-        _ => None,
-    }
+    code.polarity(floating(field)?)
 }
 
 #[cfg(test)]
@@ -171,7 +163,7 @@ mod tests {
             for unit in [TimeUnit::Seconds, TimeUnit::Nanoseconds] {
                 let _ = microseconds(&field, unit);
             }
-            let _ = (pixel(&field), polarity(&field), is_number(&field));
+            let _ = (pixel(&field), polarity(&field, PolarityCode::USUAL), is_number(&field));
         }
     }
 }

@@ -95,11 +95,19 @@ mod tests {
     use super::super::{LineError, event as general};
     use super::*;
     use crate::TimeUnit;
+    use crate::columns::PolarityCode;
 
     fn both(line: &str, columns: &str, time_unit: TimeUnit) -> (Option<PlainLine>, Result<Event, LineError>) {
         let columns = columns.parse().unwrap();
-        let layout =
-            Layout { columns, time_unit, is_unit_doubtful: false, first_line: 0, sensor: None, notes: Vec::new() };
+        let layout = Layout {
+            columns,
+            time_unit,
+            is_unit_doubtful: false,
+            code: PolarityCode::USUAL,
+            first_line: 0,
+            sensor: None,
+            notes: Vec::new(),
+        };
         (event(format!("{line}\nnext").as_bytes(), &layout), general(line.as_bytes(), &layout))
     }
 
@@ -142,6 +150,7 @@ mod tests {
     fn a_line_without_end_is_left_to_the_general_parser() {
         let layout = Layout {
             is_unit_doubtful: false,
+            code: PolarityCode::USUAL,
             columns: "t,x,y,p".parse().unwrap(),
             time_unit: TimeUnit::Microseconds,
             first_line: 0,

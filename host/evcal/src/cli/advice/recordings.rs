@@ -210,6 +210,9 @@ fn about_sensor(error: &OtherSensor) -> String {
         OtherSensor::Exchanged { exchanged: Exchanged::File, .. } => {
             "the program that wrote the file swapped them; write the file again"
         }
+        OtherSensor::StatedTooSmall { likely: Some(likely), .. } => {
+            return format!("give the true size: --sensor {}x{}", likely.width, likely.height);
+        }
         OtherSensor::CountedFromOne { .. } => "subtract 1 from x and y",
         OtherSensor::NoPixels { .. } => "give the columns of x and y with --columns",
         _ => "give the true size with --sensor",
