@@ -151,6 +151,11 @@ mod tests {
             other("charuco:5x7:30mm:22.2mm:DICT_5X5_50", "charuco:5x7:40mm:30mm:DICT_4X4_100"),
             known("charuco:5x7:40mm:30mm:DICT_5X5_50")
         );
+        // Of dictionaries that contain the same tags, the stated one is kept.
+        assert_eq!(
+            other("charuco:5x7:30mm:22.2mm:DICT_5X5_50", "charuco:7x5:40mm:30mm:DICT_5X5_100"),
+            known("charuco:5x7:40mm:30mm:DICT_5X5_100")
+        );
         assert_eq!(other("apriltags:3x4:30mm:0.25", "apriltags:4x3:30mm:0.26"), known("apriltags:3x4:30mm:0.26"));
         // A tag is not a square.
         let unknown = |board: &str| Some((board.to_owned(), false));

@@ -4,6 +4,7 @@ use std::fmt;
 
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::SquareBoard;
+use evcal_geometry::board::squares::family::Dictionary;
 use evcal_geometry::board::squares::{Charuco, TagGrid};
 use evcal_squares::picture::Picture;
 use evcal_squares::recognition::{RecognisedBoard, recognise};
@@ -122,7 +123,7 @@ pub fn find_squares(recording: &Recording, sensor: Sensor) -> Result<Option<Reco
 }
 
 /// Returns a recognised board with the lengths of `stated`; `None` if `stated` has other lengths. A stated ratio of two lengths is kept
-/// if it is near the measured one.
+/// if it is near the measured one, and a stated dictionary if it contains the tags.
 pub(super) fn in_lengths_of(found: &SquareBoard, stated: &SquareBoard) -> Option<SquareBoard> {
     match (found, stated) {
         (SquareBoard::Checkerboard(_), SquareBoard::Checkerboard(stated)) => Some(found.with_length(stated.square)),
@@ -130,16 +131,24 @@ pub(super) fn in_lengths_of(found: &SquareBoard, stated: &SquareBoard) -> Option
         (SquareBoard::Tags(grid), SquareBoard::Tags(stated)) => {
             let is_near = (grid.spacing - stated.spacing).abs() < MEASURED;
             let spacing = if is_near { stated.spacing } else { grid.spacing };
-            Some(SquareBoard::Tags(TagGrid { tag: stated.tag, spacing, ..*grid }))
+            let dictionary = or_larger(grid.dictionary, stated.dictionary);
+            Some(SquareBoard::Tags(TagGrid { tag: stated.tag, spacing, dictionary, ..*grid }))
         }
         (SquareBoard::Charuco(board), SquareBoard::Charuco(stated)) => {
             let ratio = board.marker / board.square;
             let is_near = (ratio - stated.marker / stated.square).abs() < MEASURED;
             let marker = if is_near { stated.marker } else { ratio * stated.square };
-            Some(SquareBoard::Charuco(Charuco { square: stated.square, marker, ..*board }))
+            let dictionary = or_larger(board.dictionary, stated.dictionary);
+            Some(SquareBoard::Charuco(Charuco { square: stated.square, marker, dictionary, ..*board }))
         }
         _ => None,
     }
+}
+
+/// Returns the `stated` dictionary if it contains the tags of the one that was `found`, which is the smallest with the tags of the
+/// board; otherwise the one that was found.
+fn or_larger(found: Dictionary, stated: Dictionary) -> Dictionary {
+    if stated.family == found.family && stated.tags >= found.tags { stated } else { found }
 }
 
 /// Returns `true` if a recognised board is the stated one; the ratio of its lengths was only measured.

@@ -4,6 +4,7 @@ use std::error::Error as _;
 use std::path::Path;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
+use evcal_geometry::board::Board;
 
 use super::advice::advice;
 
@@ -41,7 +42,7 @@ fn without_board(error: &clap::Error) -> Option<String> {
     })
 }
 
-/// Options of Kalibr, a recording for `evcal live` without `--replay`, and negative numbers.
+/// Options of Kalibr, a board without `--board`, a recording for `evcal live` without `--replay`, and negative numbers.
 fn other_program(error: &clap::Error, words: &[String]) -> Option<String> {
     let Some(ContextValue::String(refused)) = error.get(ContextKind::InvalidArg) else { return None };
     let tip = match refused.as_str() {
@@ -49,6 +50,7 @@ fn other_program(error: &clap::Error, words: &[String]) -> Option<String> {
         "--target" | "--target-yaml" => "the board is given as '--board acircles:9x4:55mm:r17.5mm'".to_owned(),
         "--topic" | "--topics" => "the topic of a bag is given with '--stream TOPIC'".to_owned(),
         "--models" => "the camera model is given with '--model'".to_owned(),
+        board if board.parse::<Board>().is_ok() => format!("the board is given as '--board {board}'"),
         file if words.first().is_some_and(|word| word == "live") && Path::new(file).exists() => {
             format!("a recording is played with '--replay {file}'")
         }

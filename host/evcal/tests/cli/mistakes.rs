@@ -121,6 +121,12 @@ const USAGE: &[Mistake] = &[
     mistake("record DIR/out.dvraw --duration 10", 2, "'10'", "for example 6s"),
     mistake("record DIR/out.aedat4", 2, "recorded as .dvraw", "evcal convert"),
     mistake("live FIXTURE --board BOARD -o DIR/out", 2, "unexpected argument", "--replay"),
+    mistake(
+        "board checkerboard:6x9:20mm --pdf DIR/board.pdf",
+        2,
+        "unexpected argument",
+        "--board checkerboard:6x9:20mm",
+    ),
     mistake("calibrate --bag a.bag --board BOARD -o DIR/out", 2, "'--bag'", "evcal calibrate RECORDING"),
     mistake("calibrate a.bag --target board.yaml -o DIR/out", 2, "'--target'", "--board acircles:9x4"),
     mistake("calibrate a.bag --topics /dvs/events --board BOARD -o DIR/out", 2, "'--topics'", "--stream TOPIC"),
