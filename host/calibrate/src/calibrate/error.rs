@@ -137,10 +137,15 @@ pub enum CalibrateError {
         file: String,
     },
     /// There are no pictures.
-    #[error("{file} contains no frames, but frames were requested: record them too, or do not request them")]
+    #[error(
+        "{file} contains no frames{}, but frames were requested: record them too, or do not request them",
+        passed_over.iter().map(|passed_over| format!(" of this camera ({passed_over})")).collect::<String>()
+    )]
     NoPictures {
         /// The files.
         file: String,
+        /// Sentence about a stream of frames that is not read.
+        passed_over: Option<String>,
     },
     /// The pictures do not yield a calibration.
     #[error("no calibration from the camera's frames: {0}")]

@@ -316,6 +316,9 @@ mod tests {
         assert!(all_good.to_string().ends_with("needed: record longer"), "{all_good}");
         assert_eq!(all_good.clone().with_larger_board(), all_good);
         let unread = told(BTreeMap::from([(NoBoard::UnreadEncoding, 7)]));
-        assert!(unread.to_string().ends_with("needed (7 in an encoding that is not read): 7 frames: 32FC1"), "{unread}");
+        assert!(
+            unread.to_string().ends_with("needed (7 in an encoding that is not read): 7 frames: 32FC1"),
+            "{unread}"
+        );
     }
 }
