@@ -257,20 +257,19 @@ struct Pictures {
     frame: String,
 }
 
-/// Returns the side of a rig in the name of a topic or coordinate frame: the last word that names a side or ends in a
-/// single digit.
+/// Returns the side of a rig in the name of a topic or coordinate frame: the last word that names a side, is its first letter, or ends
+/// in a single digit.
 fn side_of_rig(name: &str) -> Option<&str> {
     const SIDES: [&str; 12] =
         ["left", "right", "front", "rear", "back", "top", "bottom", "upper", "lower", "center", "master", "slave"];
-    let words = name.split(|letter: char| !letter.is_ascii_alphanumeric());
-    let side = |word: &'_ str| -> Option<(usize, usize)> {
+    fn side(word: &str) -> Option<&str> {
         let letters = word.trim_end_matches(|letter: char| letter.is_ascii_digit());
-        let digits = word.len() - letters.len();
-        let is_number = digits == 1;
-        let known = SIDES.iter().find(|side| letters.eq_ignore_ascii_case(side));
-        known.map(|_| (0, letters.len())).or(is_number.then_some((letters.len(), word.len())))
-    };
-    words.filter_map(|word| side(word).and_then(|(from, to)| word.get(from..to))).next_back()
+        let is = |side: &str| letters.eq_ignore_ascii_case(side);
+        let named = SIDES.into_iter().find(|side| is(side));
+        let named = named.or_else(|| is("l").then_some("left")).or_else(|| is("r").then_some("right"));
+        named.or_else(|| word.get(letters.len()..).filter(|digits| digits.len() == 1))
+    }
+    name.split(|letter: char| !letter.is_ascii_alphanumeric()).filter_map(side).next_back()
 }
 
 /// Returns the number of leading parts that two names share.

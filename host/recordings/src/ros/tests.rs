@@ -293,7 +293,9 @@ fn frames_and_samples_are_from_the_camera_whose_events_are_read() {
 /// A bag may contain the events of the right camera but only the frames of the left one.
 #[test]
 fn frames_of_the_other_side_of_a_rig_are_not_read() {
-    const PAIRS: [[&str; 3]; 4] = [
+    const PAIRS: [[&str; 3]; 6] = [
+        ["/davis/events_l", "/davis/image_l", "/davis/image_r"],
+        ["/stereo/L/events", "/stereo/left/image_raw", "/stereo/R/image_raw"],
         ["/rig/left/events", "/rig/left/image_raw", "/rig/right/image_raw"],
         ["/rig/cam0/events", "/rig/cam0/image_raw", "/rig/cam1/image_raw"],
         ["/rig/event_cam_0/events", "/rig/event_cam_0/image_raw", "/rig/event_cam_1/image_raw"],
