@@ -221,11 +221,10 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
     // Depth images are chosen only if there are no others, so that their encoding is named. Among topics that share equally many
     // parts, prefers one with a supported encoding.
     let best = |pictures: Vec<(usize, Pictures)>| {
-        let best = pictures.into_iter().max_by_key(|(index, pictures)| {
+        pictures.into_iter().max_by_key(|(index, pictures)| {
             let (shared, is_raw) = fit(*index);
             (!pictures.may_be_distances, shared, pictures.is_read, is_raw, Reverse(*index))
-        });
-        best
+        })
     };
     let own = best(own);
     let other = best(others).filter(|_| own.is_none());
