@@ -107,6 +107,8 @@ def _pixels(values, axis):
 
 
 def _are_on(values):
+    if values.dtype.kind not in "iufb":
+        raise TypeError(f"p of the events is of type {values.dtype}, where numbers are expected")
     all_ones = np.iinfo(values.dtype).max if values.dtype.kind == "u" else None
     on, off = _polarities(values[:2000].astype(np.float64), all_ones)
     _refuse(~np.isin(values, [on, *off]), values, "p", f"is not a polarity ({on:g} for ON, {off[0]:g} for OFF)")

@@ -88,6 +88,10 @@ impl ReadExtras for ChainExtras {
         self.files.first().map_or_else(Vec::new, |file| file.chosen())
     }
 
+    fn passed_over(&self) -> Option<String> {
+        self.files.first()?.passed_over()
+    }
+
     fn lessened(&self) -> Option<&'static str> {
         self.files.iter().find_map(|file| file.lessened())
     }

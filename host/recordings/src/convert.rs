@@ -241,7 +241,7 @@ pub fn convert_changed(
     }
     report.report = reader.report().clone();
     report.notes = reader.information().notes.clone();
-    report.notes.extend(extras.chosen());
+    report.notes.extend(extras.chosen().into_iter().chain(extras.passed_over()));
     report.lost.extend(left_out(&*extras, &report.report));
     Ok(report)
 }

@@ -125,6 +125,11 @@ pub trait ReadExtras {
         Vec::new()
     }
 
+    /// Names in a sentence a stream of frames that is not returned because it seems to be from another camera.
+    fn passed_over(&self) -> Option<String> {
+        None
+    }
+
     /// Describes in a sentence what is lost from the returned elements, for example bits per pixel.
     fn lessened(&self) -> Option<&'static str> {
         None

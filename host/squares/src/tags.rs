@@ -119,6 +119,12 @@ pub enum NoTags {
         /// Number of mirrored tags.
         tags: usize,
     },
+    /// The tags are negatives of the board's.
+    #[error("{tags} tags have dark and light exchanged")]
+    Inverted {
+        /// Number of negatives.
+        tags: usize,
+    },
 }
 
 /// Finds the tags of one board.
@@ -253,8 +259,11 @@ impl TagFinder {
         if !is_board(&tags, missing) || is_elsewhere {
             return Err(match (self.mirrored(picture, &quads), tags.len(), quads.len()) {
                 (mirrored, found, _) if mirrored > found => NoTags::Mirrored { tags: mirrored },
-                (_, 0, 0) => NoTags::NoQuads,
-                (_, 0, quads) => NoTags::OtherTags { quads },
+                (_, 0, quads) => match (self.inverted(picture), quads) {
+                    (0, 0) => NoTags::NoQuads,
+                    (0, quads) => NoTags::OtherTags { quads },
+                    (tags, _) => NoTags::Inverted { tags },
+                },
                 (_, found, _) => NoTags::OtherBoard { found, missing: missing.max(disagreeing) },
             });
         }
@@ -556,10 +565,21 @@ impl TagFinder {
         if candidates.len() < 2 {
             return 0;
         }
-        let smooth = Smooth::new(&picture.mirrored());
+        self.count(&picture.mirrored(), candidates.into_iter().map(|[a, b, c, d]| [*a, *d, *c, *b].map(mirror)))
+    }
+
+    /// Returns the number of tags that are negatives of the board's; a single one does not count.
+    fn inverted(&self, picture: &Picture) -> usize {
+        let negative = picture.map(|value| -value);
+        self.count(&negative, find_quads(&negative).into_iter())
+    }
+
+    /// Returns the number of tags in these quadrilaterals if they are those of the board, and more than one.
+    fn count(&self, picture: &Picture, quads: impl Iterator<Item = Quad>) -> usize {
+        let smooth = Smooth::new(picture);
         let mut found = vec![None; self.tags.len()];
-        for [a, b, c, d] in candidates {
-            keep_better(&mut found, self.recognised(&smooth, &[*a, *d, *c, *b].map(mirror)));
+        for quad in quads {
+            keep_better(&mut found, self.recognised(&smooth, &quad));
         }
         self.leave_out_disagreeing(&mut found);
         let missing = self.grow(&smooth, &mut found);
@@ -749,6 +769,8 @@ mod tests {
         let brightness = SHEET.brightness();
         let mirrored = view(&SHEET, 7.0, [0.2, 0.3, 0.2]).render(|x, y| brightness(2.0 * SHEET.middle()[0] - x, y));
         assert!(matches!(finder(&SHEET).find(&mirrored, &[]), Err(NoTags::Mirrored { tags: 2.. })));
+        let inverted = view(&SHEET, 7.0, [0.2, 0.3, 0.2]).render(|x, y| 1.0 - brightness(x, y));
+        assert!(matches!(finder(&SHEET).find(&inverted, &[]), Err(NoTags::Inverted { tags: 2.. })));
         let blank = view(&SHEET, 7.0, [0.0; 3]).render(|_, _| 0.5);
         assert_eq!(finder(&SHEET).find(&blank, &[]), Err(NoTags::NoQuads));
     }

@@ -12,6 +12,7 @@ use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::board_stage::BoardStage;
 use crate::detection::exchanged::{Exchanged, PAIRS, exchanged};
 use crate::detection::focus::{WINDOWS, edge_width};
+use crate::detection::no_board::NoBoard;
 use crate::detection::other_board::{OtherReading, find_other_board};
 use crate::detection::unplaced::UnplacedWindows;
 use crate::detection::{DetectionReport, LARGEST_SENSOR};
@@ -176,6 +177,11 @@ impl Detected {
         let (windows, unplaced, report) = stage.into_compact_frames(index);
         if let Some(exchanged) = exchanged_in(&windows) {
             return Err(CalibrateError::Exchanged { file: recording.path().display().to_string(), exchanged });
+        }
+        let inverted = report.grids_refused.get(&NoBoard::Inverted).copied().unwrap_or(0);
+        if inverted > report.found {
+            let (file, windows) = (recording.path().display().to_string(), report.windows);
+            return Err(CalibrateError::Inverted { file, inverted, windows });
         }
         self.unplaced.push(unplaced);
         self.health.push(Health {

@@ -70,6 +70,19 @@ pub enum CalibrateError {
         /// The evidence.
         exchanged: Exchanged,
     },
+    /// In most windows the tags are negatives of those of the board.
+    #[error(
+        "{file}: dark and light are exchanged in {inverted} of {windows} windows: ON and OFF are exchanged in the file, or the board is light on dark; {}",
+        Exchanged::ADVICE
+    )]
+    Inverted {
+        /// The file name.
+        file: String,
+        /// Number of windows with negatives of the tags.
+        inverted: u64,
+        /// Number of windows that were searched.
+        windows: u64,
+    },
     /// The lens or the board cannot have the given values.
     #[error("the values of the fixed parameters are not possible for this lens or board")]
     ImpossibleValues,
@@ -137,10 +150,15 @@ pub enum CalibrateError {
         file: String,
     },
     /// There are no pictures.
-    #[error("{file} contains no frames, but frames were requested: record them too, or do not request them")]
+    #[error(
+        "{file} contains no frames{}, but frames were requested: record them too, or do not request them",
+        passed_over.iter().map(|passed_over| format!(" of this camera ({passed_over})")).collect::<String>()
+    )]
     NoPictures {
         /// The files.
         file: String,
+        /// Sentence about a stream of frames that is not read.
+        passed_over: Option<String>,
     },
     /// The pictures do not yield a calibration.
     #[error("no calibration from the camera's frames: {0}")]
@@ -172,6 +190,7 @@ impl CalibrateError {
             Self::NoPattern(_)
                 | Self::OtherRadius(_)
                 | Self::Exchanged { .. }
+                | Self::Inverted { .. }
                 | Self::LargerBoard(_)
                 | Self::Initial(_)
                 | Self::FirstTrajectories(_)

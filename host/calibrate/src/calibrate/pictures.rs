@@ -198,7 +198,11 @@ pub(super) fn observations(
 
 fn no_pictures(task: &Task) -> CalibrateError {
     let files: Vec<String> = task.inputs.iter().map(Input::name).collect();
-    CalibrateError::NoPictures { file: files.join(", ") }
+    let passed_over = |input: &Input| match input {
+        Input::Events(recording) => recording.open_extras().ok()?.passed_over(),
+        _ => None,
+    };
+    CalibrateError::NoPictures { file: files.join(", "), passed_over: task.inputs.iter().find_map(passed_over) }
 }
 
 /// Calibrates from the camera's own pictures alone, like an ordinary camera calibration: each picture has its own pose.

@@ -36,7 +36,7 @@ pub struct Exchanged {
 impl Exchanged {
     /// Remedy.
     pub const ADVICE: &str =
-        "write 1 for ON, where the pixel became brighter, and 0 for OFF; or print dark dots on light paper";
+        "write 1 for ON, where the pixel became brighter, and 0 for OFF; or print the board dark on light paper";
 }
 
 /// Evaluates the circles of windows, each with the following one.

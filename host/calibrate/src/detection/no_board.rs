@@ -7,6 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use event_recordings::pictures::NoImage;
 
+use super::exchanged::Exchanged;
+
 /// Reason why no board was found in a window, a picture or a frame of circles. Sorted by their words, in the order of reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum NoBoard {
@@ -40,6 +42,9 @@ pub enum NoBoard {
     /// The board is printed mirrored.
     #[serde(rename = "mirrored print")]
     MirroredPrint,
+    /// Dark and light are exchanged.
+    #[serde(rename = "dark and light exchanged")]
+    Inverted,
     /// There are fewer corners of squares than required.
     #[serde(rename = "too few corners")]
     TooFewCorners,
@@ -113,6 +118,7 @@ impl NoBoard {
             Self::OtherTags => "count rows and columns of tags, measure tag and gap, and see whether ids rise from the top or from the bottom".to_owned(),
             Self::NoTags => "are the family of the tags, their border and their ids stated as printed?".to_owned(),
             Self::MirroredPrint => "print the board again, not mirrored".to_owned(),
+            Self::Inverted => Exchanged::ADVICE.to_owned(),
             Self::NotRound => {
                 "they have corners or holes, like tags, keys, nuts or windows: is the board with round dots in view?"
                     .to_owned()

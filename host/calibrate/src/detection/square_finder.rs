@@ -161,6 +161,7 @@ impl From<NoTags> for NoBoard {
     fn from(reason: NoTags) -> Self {
         match reason {
             NoTags::Mirrored { .. } => Self::MirroredPrint,
+            NoTags::Inverted { .. } => Self::Inverted,
             NoTags::OtherBorder { .. } => Self::OtherBorder,
             NoTags::OtherBoard { .. } => Self::OtherTags,
             _ => Self::NoTags,

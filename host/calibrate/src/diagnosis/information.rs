@@ -133,7 +133,8 @@ pub fn gather(recording: &Recording) -> Result<Information, RecordingError> {
     information.streams = recording.streams()?;
     let other_span = |stream| OtherSpan::new(stream, information.times_us?);
     information.other_spans = information.streams.iter().filter_map(other_span).collect();
-    information.notes.extend(recording.open_extras()?.chosen());
+    let extras = recording.open_extras()?;
+    information.notes.extend(extras.chosen().into_iter().chain(extras.passed_over()));
     Ok(information)
 }
 

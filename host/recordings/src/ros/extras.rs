@@ -38,8 +38,16 @@ struct Topics {
     /// `true` if the encoding of the images is supported.
     are_pictures_read: bool,
     samples: Option<usize>,
-    /// Topic of images that would be chosen if it did not belong to another side of the rig.
-    foreign: Option<usize>,
+    /// Topic of images that seem to be from another camera, if there are no others.
+    other: Option<Other>,
+}
+
+/// A topic of images that are not read.
+#[derive(Clone, Copy, Debug)]
+struct Other {
+    topic: usize,
+    /// Width and height of the images in pixels, if they are larger than the sensor of the events.
+    larger: Option<(u32, u32)>,
 }
 
 /// A message that was read.
@@ -55,8 +63,8 @@ struct MessageExtras {
     topics: Topics,
     /// Descriptions of the topics of images and of samples, by [`super::container::Topic::description`].
     names: [Option<String>; 2],
-    /// Description of the topic of images from another side of the rig.
-    foreign: Option<String>,
+    /// Description of the topic of images from another camera.
+    other: Option<String>,
     /// Description of an error in the first element.
     lost: Vec<String>,
     damage: Damage,
@@ -194,13 +202,11 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
     // Measures how well a topic matches that of the events.
     let fit = |index: usize| (shared(of_events, name(index)), name(index).contains("image_raw"));
     let sensor = events.as_ref().and_then(|events| events.sensor);
-    let fits = |(index, pictures): &(usize, Pictures)| {
-        let (width, height) = pictures.size;
-        let sides = sensor.map(|sensor| (u32::from(sensor.width), u32::from(sensor.height)));
-        let is_whole = sides == Some((width, height));
-        let fits = sides.is_none_or(|sides| width <= sides.0 && height <= sides.1);
-        let is_related = events.is_none() || shared(of_events, name(*index)) > 0;
-        is_whole || fits && is_related
+    let sides = sensor.map(|sensor| (u32::from(sensor.width), u32::from(sensor.height)));
+    let is_larger = |size: (u32, u32)| sides.is_some_and(|sides| size.0 > sides.0 || size.1 > sides.1);
+    let fits = |index: usize, pictures: &Pictures| {
+        let is_related = events.is_none() || shared(of_events, name(index)) > 0;
+        sides == Some(pictures.size) || !is_larger(pictures.size) && is_related
     };
     let is_of_other_side = |index: usize, pictures: &Pictures| {
         events.as_ref().is_some_and(|events| {
@@ -209,22 +215,25 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
             side_of_events.is_some() && side_of_pictures.is_some() && side_of_events != side_of_pictures
         })
     };
-    let pictures = pictures.into_iter().filter_map(|(index, pictures)| Some((index, pictures?))).filter(fits);
-    let (foreign, own): (Vec<_>, Vec<_>) = pictures.partition(|(index, pictures)| is_of_other_side(*index, pictures));
+    let pictures = pictures.into_iter().filter_map(|(index, pictures)| Some((index, pictures?)));
+    let (own, others): (Vec<_>, Vec<_>) =
+        pictures.partition(|(index, pictures)| fits(*index, pictures) && !is_of_other_side(*index, pictures));
     // Depth images are chosen only if there are no others, so that their encoding is named. Among topics that share equally many
     // parts, prefers one with a supported encoding.
     let best = |pictures: Vec<(usize, Pictures)>| {
-        let best = pictures.into_iter().max_by_key(|(index, pictures)| {
+        pictures.into_iter().max_by_key(|(index, pictures)| {
             let (shared, is_raw) = fit(*index);
             (!pictures.may_be_distances, shared, pictures.is_read, is_raw, Reverse(*index))
-        });
-        best.map(|(index, pictures)| (index, pictures.is_read && !pictures.may_be_distances))
+        })
     };
     let own = best(own);
-    let foreign = best(foreign).filter(|_| own.is_none()).map(|(index, _)| index);
-    let (pictures, are_pictures_read) = (own.map(|(index, _)| index), own.is_some_and(|(_, is_read)| is_read));
+    let other = best(others).filter(|_| own.is_none());
+    let are_pictures_read = own.as_ref().is_some_and(|(_, own)| own.is_read && !own.may_be_distances);
+    let pictures = own.map(|(index, _)| index);
+    let other =
+        other.map(|(index, other)| Other { topic: index, larger: Some(other.size).filter(|size| is_larger(*size)) });
     let samples = samples.into_iter().max_by_key(|&index| (fit(index), Reverse(index)));
-    Ok(Topics { pictures, are_pictures_read, samples, foreign })
+    Ok(Topics { pictures, are_pictures_read, samples, other })
 }
 
 /// The topic of the events.
@@ -247,20 +256,19 @@ struct Pictures {
     frame: String,
 }
 
-/// Returns the side of a rig in the name of a topic or coordinate frame: the last word that names a side or ends in a
-/// single digit.
+/// Returns the side of a rig in the name of a topic or coordinate frame: the last word that names a side, is its first letter, or ends
+/// in a single digit.
 fn side_of_rig(name: &str) -> Option<&str> {
     const SIDES: [&str; 12] =
         ["left", "right", "front", "rear", "back", "top", "bottom", "upper", "lower", "center", "master", "slave"];
-    let words = name.split(|letter: char| !letter.is_ascii_alphanumeric());
-    let side = |word: &'_ str| -> Option<(usize, usize)> {
+    fn side(word: &str) -> Option<&str> {
         let letters = word.trim_end_matches(|letter: char| letter.is_ascii_digit());
-        let digits = word.len() - letters.len();
-        let is_number = digits == 1;
-        let known = SIDES.iter().find(|side| letters.eq_ignore_ascii_case(side));
-        known.map(|_| (0, letters.len())).or(is_number.then_some((letters.len(), word.len())))
-    };
-    words.filter_map(|word| side(word).and_then(|(from, to)| word.get(from..to))).next_back()
+        let is = |side: &str| letters.eq_ignore_ascii_case(side);
+        let named = SIDES.into_iter().find(|side| is(side));
+        let named = named.or_else(|| is("l").then_some("left")).or_else(|| is("r").then_some("right"));
+        named.or_else(|| word.get(letters.len()..).filter(|digits| digits.len() == 1))
+    }
+    name.split(|letter: char| !letter.is_ascii_alphanumeric()).filter_map(side).next_back()
 }
 
 /// Returns the number of leading parts that two names share.
@@ -279,12 +287,12 @@ pub fn open(
     let topics = choose(&mut *container, options.stream.as_deref(), options.damage)?;
     let description = |topic: Option<usize>| Some(container.topics().get(topic?)?.description());
     let names = [topics.pictures, topics.samples].map(description);
-    let foreign = description(topics.foreign);
+    let other = description(topics.other.map(|other| other.topic));
     let mut container = open(path)?;
     let mut lost = Vec::new();
     let (damage, mut skipped, mut unread) = (options.damage, Skipped::new(options.damage), UnreadFrames::default());
     let first = read_or_report(next(&mut *container, topics, damage, &mut skipped, &mut unread), BOTH, &mut lost);
-    Ok(Box::new(MessageExtras { container, next: first, topics, names, foreign, lost, damage, skipped, unread }))
+    Ok(Box::new(MessageExtras { container, next: first, topics, names, other, lost, damage, skipped, unread }))
 }
 
 impl ReadExtras for MessageExtras {
@@ -312,11 +320,21 @@ impl ReadExtras for MessageExtras {
 
     fn chosen(&self) -> Vec<String> {
         let sentence = |(what, name): (&str, &Option<String>)| Some(format!("{what} are read from {}", name.as_ref()?));
-        let other = |name: &String| format!("{name} is not read: its name belongs to another camera than the events");
         let read = [self.topics.are_pictures_read, true];
         let chosen = ["frames", "IMU samples"].into_iter().zip(&self.names).zip(read);
-        let chosen = chosen.filter_map(|(chosen, is_read)| sentence(chosen).filter(|_| is_read));
-        chosen.chain(self.foreign.iter().map(other)).collect()
+        chosen.filter_map(|(chosen, is_read)| sentence(chosen).filter(|_| is_read)).collect()
+    }
+
+    fn passed_over(&self) -> Option<String> {
+        let (name, Other { larger, .. }) = (self.other.as_ref()?, self.topics.other?);
+        Some(match larger {
+            Some((width, height)) => {
+                format!(
+                    "{name} is not read: its images of {width} x {height} pixels are larger than the sensor of the events"
+                )
+            }
+            None => format!("{name} is not read: its name belongs to another camera than the events"),
+        })
     }
 }
 

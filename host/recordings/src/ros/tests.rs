@@ -12,7 +12,7 @@ use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
 use self::files::{
-    Message, Messages, START, bag, event_array, event_packet, events, image, imu, mcap, packed_one_by_one,
+    Message, Messages, START, bag, event_array, event_packet, events, image, imu, mcap, packed_one_by_one, sized_image,
 };
 use super::ImageTopic;
 use super::fields::Wire;
@@ -293,7 +293,9 @@ fn frames_and_samples_are_from_the_camera_whose_events_are_read() {
 /// A bag may contain the events of the right camera but only the frames of the left one.
 #[test]
 fn frames_of_the_other_side_of_a_rig_are_not_read() {
-    const PAIRS: [[&str; 3]; 4] = [
+    const PAIRS: [[&str; 3]; 6] = [
+        ["/davis/events_l", "/davis/image_l", "/davis/image_r"],
+        ["/stereo/L/events", "/stereo/left/image_raw", "/stereo/R/image_raw"],
         ["/rig/left/events", "/rig/left/image_raw", "/rig/right/image_raw"],
         ["/rig/cam0/events", "/rig/cam0/image_raw", "/rig/cam1/image_raw"],
         ["/rig/event_cam_0/events", "/rig/event_cam_0/image_raw", "/rig/event_cam_1/image_raw"],
@@ -304,7 +306,7 @@ fn frames_of_the_other_side_of_a_rig_are_not_read() {
         let path = directory.path().join("recording");
         std::fs::write(&path, content).unwrap();
         let extras = Recording::new(&path, RecordingOptions::default()).unwrap().open_extras().unwrap();
-        (extras.streams().frames, extras.chosen())
+        (extras.streams().frames, extras.passed_over().unwrap_or_default())
     };
     for [events_topic, own, other] in PAIRS {
         let with = |frames: &'static str| {
@@ -317,11 +319,31 @@ fn frames_of_the_other_side_of_a_rig_are_not_read() {
         };
         for content in with(other) {
             let (frames, named) = chosen(&content);
-            assert!(!frames && named.iter().any(|one| one.contains("to another camera")), "{other}: {named:?}");
+            assert!(!frames && named.contains("to another camera"), "{other}: {named}");
         }
         for content in with(own) {
             assert!(chosen(&content).0, "{own}");
         }
+    }
+}
+
+/// A program that enlarges frames makes them look like those of another camera.
+#[test]
+fn frames_larger_than_the_sensor_are_named() {
+    let enlarged = |wire: Wire| -> Messages {
+        let image = sized_image(wire, START + 2, [692, 2], "mono8", 692, &[9; 1384]);
+        vec![
+            ("/dvs/events", "dvs_msgs/msg/EventArray", event_array(wire, &events(0, 2))),
+            ("/dvs/image_raw", "sensor_msgs/msg/Image", image),
+        ]
+    };
+    for content in files(enlarged) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, &content).unwrap();
+        let extras = Recording::new(&path, RecordingOptions::default()).unwrap().open_extras().unwrap();
+        let named = extras.passed_over().unwrap();
+        assert!(!extras.streams().frames && named.contains("692 x 2 pixels are larger than the sensor"), "{named}");
     }
 }
 

@@ -73,9 +73,15 @@ pub fn event_packet(wire: Wire, encoding: &str, time_base: u64, words: &[u16]) -
     message.finish()
 }
 
+/// An image of 3 x 2 pixels.
 pub fn image(wire: Wire, t: i64, encoding: &str, step: u32, pixels: &[u8]) -> Vec<u8> {
+    sized_image(wire, t, [3, 2], encoding, step, pixels)
+}
+
+pub fn sized_image(wire: Wire, t: i64, size: [u32; 2], encoding: &str, step: u32, pixels: &[u8]) -> Vec<u8> {
+    let [width, height] = size;
     let mut message = Message::new(wire, t);
-    message.number(2_u32.to_le_bytes()).number(3_u32.to_le_bytes()).text(encoding);
+    message.number(height.to_le_bytes()).number(width.to_le_bytes()).text(encoding);
     message.number([0]).number(step.to_le_bytes()).bytes(pixels);
     message.finish()
 }
