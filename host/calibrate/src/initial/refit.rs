@@ -30,6 +30,9 @@ const RIM_BAND: f64 = 3.0;
 /// Largest extension of the band by motion within the window (px).
 const MAX_MOTION_BAND: f64 = 4.0;
 
+/// Number of event pixels near a rim for which memory is allocated at once.
+const USUAL_EVENTS: usize = 256;
+
 /// Fewest event pixels of each polarity.
 const MIN_EVENTS: usize = 5;
 
@@ -199,7 +202,7 @@ pub fn refit_circle(
     let [low, high] = circle.bounds;
     let reach = Vector2::new(band, band);
     // Distance from the rim along its outward normal, and that normal.
-    let mut events: Vec<(f64, Vector2<f64>, Polarity)> = Vec::new();
+    let mut events: Vec<(f64, Vector2<f64>, Polarity)> = Vec::with_capacity(USUAL_EVENTS);
     for (pixel, polarity) in frame.pixels.within(low - reach, high + reach) {
         let unit = inverse * (pixel - circle.middle);
         let gradient = inverse.transpose() * unit;
@@ -224,7 +227,8 @@ pub fn refit_circle(
     let mut normal = Matrix3::identity();
     let mut fit_error = 0.0;
     for _ in 0..ROUNDS {
-        normal = Matrix3::identity() * PULL;
+        // The different entries of the symmetric normal matrix, whose rows are (x, y, 1).
+        let [mut xx, mut xy, mut x1, mut yy, mut y1, mut ones] = [PULL, 0.0, 0.0, PULL, 0.0, PULL];
         let mut right = Vector3::zeros();
         fit_error = 0.0;
         for (distance, outward, _) in &events {
@@ -232,10 +236,16 @@ pub fn refit_circle(
             let error = (distance - row.dot(&solution)).abs();
             // 1 up to `huber`, without a branch that the processor would often predict wrongly.
             let weight = huber / error.max(huber);
-            normal += row * row.transpose() * weight;
+            xx += outward.x * outward.x * weight;
+            xy += outward.x * outward.y * weight;
+            x1 += outward.x * weight;
+            yy += outward.y * outward.y * weight;
+            y1 += outward.y * weight;
+            ones += weight;
             right += row * (distance * weight);
             fit_error += error;
         }
+        normal = Matrix3::new(xx, xy, x1, xy, yy, y1, x1, y1, ones);
         fit_error /= events.len() as f64;
         solution = normal.cholesky().ok_or(Rejection::Disagrees)?.solve(&right);
     }
