@@ -64,7 +64,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     line("whole", first, last);
     if let Some(EventCalibration { refined, .. }) = calibrated.events() {
-        println!("{:<44} {:>12} {:>10} {:>8}", "round of the last joint solve", "observations", "iterations", "rejected");
+        println!(
+            "{:<44} {:>12} {:>10} {:>8}",
+            "round of the last joint solve", "observations", "iterations", "rejected"
+        );
         for (round, RoundReport { solve, .. }) in refined.rounds.iter().enumerate() {
             println!("{:<44} {:>12} {:>10} {:>8}", round + 1, solve.observations, solve.iterations, solve.rejected);
         }
@@ -90,15 +93,15 @@ impl Counters {
     }
 }
 
-/// Repeats the last solve on one core, from its result on. Returns the time per observation and iteration (s).
+/// Repeats the last solve on one core, from its result on. Returns the processor time per observation and iteration (s).
 fn solve_time(refined: &Refined) -> Result<f64, Box<dyn std::error::Error>> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
-    let start = Instant::now();
+    let start = processor_time()?;
     // No step is trusted, so that all are evaluated.
     let goes_on = &mut |_| ControlFlow::Continue(());
     let solved = pool.install(|| solve_with_progress(&refined.problem, refined.state.clone(), 0.0, goes_on))?;
     // The observations are also processed once before the first iteration.
-    Ok(start.elapsed().as_secs_f64() / (solved.report.observations * (solved.report.iterations + 1)) as f64)
+    Ok((processor_time()? - start) / (solved.report.observations * (solved.report.iterations + 1)) as f64)
 }
 
 /// Returns user plus system time of this process (s).

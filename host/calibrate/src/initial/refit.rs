@@ -227,8 +227,7 @@ pub fn refit_circle(
     let mut normal = Matrix3::identity();
     let mut fit_error = 0.0;
     for _ in 0..ROUNDS {
-        // The different entries of the symmetric normal matrix, whose rows are (x, y, 1).
-        let [mut xx, mut xy, mut x1, mut yy, mut y1, mut ones] = [PULL, 0.0, 0.0, PULL, 0.0, PULL];
+        normal = Matrix3::identity() * PULL;
         let mut right = Vector3::zeros();
         fit_error = 0.0;
         for (distance, outward, _) in &events {
@@ -236,16 +235,10 @@ pub fn refit_circle(
             let error = (distance - row.dot(&solution)).abs();
             // 1 up to `huber`, without a branch that the processor would often predict wrongly.
             let weight = huber / error.max(huber);
-            xx += outward.x * outward.x * weight;
-            xy += outward.x * outward.y * weight;
-            x1 += outward.x * weight;
-            yy += outward.y * outward.y * weight;
-            y1 += outward.y * weight;
-            ones += weight;
+            normal += row * row.transpose() * weight;
             right += row * (distance * weight);
             fit_error += error;
         }
-        normal = Matrix3::new(xx, xy, x1, xy, yy, y1, x1, y1, ones);
         fit_error /= events.len() as f64;
         solution = normal.cholesky().ok_or(Rejection::Disagrees)?.solve(&right);
     }
