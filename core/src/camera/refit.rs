@@ -10,13 +10,16 @@
 //!
 //! The fit uses the Levenberg-Marquardt method, with columns scaled to unit length.
 
-use nalgebra::{RealField, SMatrix, SVector, Vector2};
+use nalgebra::{RealField, SMatrix, SVector, Vector2, Vector3};
 
 use super::{Camera, MAX_PARAMETERS, ModelKind};
 use crate::sensor::Sensor;
 
 /// Columns and rows of the grid of pixels.
 const GRID: u16 = 33;
+
+/// Number of pixels of the grid.
+const GRID_PIXELS: usize = GRID as usize * GRID as usize;
 
 /// Largest number of steps of a fit, including rejected ones.
 const MAX_STEPS: usize = 300;
@@ -110,25 +113,45 @@ fn fits<T: RealField + Copy, F: Fn(&Vector2<T>) -> bool>(
     sensor: Sensor,
     inside: &F,
 ) -> impl Iterator<Item = (Camera<T>, NormalEquations<T>)> {
+    let targets = Targets::new(reference, grid(sensor).filter(inside));
     kind.expectation().fit_starts.iter().filter_map(move |coefficients| {
         let start = start(kind, reference, coefficients)?;
-        fit(kind, reference, start, || grid(sensor).filter(|pixel| inside(pixel)))
+        fit(kind, start, &targets)
     })
 }
 
-/// Moves `parameters` of model `kind` to the camera nearest to `reference` on `pixels`.
-fn fit<T: RealField + Copy, I: Iterator<Item = Vector2<T>>>(
+/// Pixels of a camera and their bearings, which every step of a fit uses.
+struct Targets<T> {
+    /// `None` for a pixel that the camera does not define.
+    places: [Option<(Vector2<T>, Vector3<T>)>; GRID_PIXELS],
+    /// Number of pixels, including those that the camera does not define.
+    pixels: usize,
+}
+
+impl<T: RealField + Copy> Targets<T> {
+    /// Unprojects the first [`GRID_PIXELS`] of `pixels`.
+    fn new(reference: &Camera<T>, pixels: impl Iterator<Item = Vector2<T>>) -> Self {
+        let mut targets = Self { places: [None; GRID_PIXELS], pixels: 0 };
+        for (place, pixel) in targets.places.iter_mut().zip(pixels) {
+            *place = reference.unproject(&pixel).map(|bearing| (pixel, bearing));
+            targets.pixels += 1;
+        }
+        targets
+    }
+}
+
+/// Moves `parameters` of model `kind` to the camera nearest to `targets`.
+fn fit<T: RealField + Copy>(
     kind: ModelKind,
-    reference: &Camera<T>,
     mut parameters: SVector<T, MAX_PARAMETERS>,
-    pixels: impl Fn() -> I,
+    targets: &Targets<T>,
 ) -> Option<(Camera<T>, NormalEquations<T>)> {
     let count = kind.parameter_names().len();
     let camera_of =
         |parameters: &SVector<T, MAX_PARAMETERS>| Camera::from_parameters(kind, parameters.as_slice().get(..count)?);
     let mut camera = camera_of(&parameters)?;
-    let mut equations = normal_equations(reference, &camera, pixels());
-    let needed = pixels().count() / 2;
+    let mut equations = normal_equations(&camera, targets);
+    let needed = targets.pixels / 2;
     if equations.compared < needed.max(1) {
         return None;
     }
@@ -139,7 +162,7 @@ fn fit<T: RealField + Copy, I: Iterator<Item = Vector2<T>>>(
         let trial = equations.step(damping).map(|step| parameters + step);
         let better = trial.and_then(|trial| {
             let camera = camera_of(&trial)?;
-            let next = normal_equations(reference, &camera, pixels());
+            let next = normal_equations(&camera, targets);
             (next.compared >= equations.compared && next.cost < equations.cost).then_some((trial, camera, next))
         });
         match better {
@@ -203,16 +226,11 @@ struct NormalEquations<T> {
     compared: usize,
 }
 
-fn normal_equations<T: RealField + Copy>(
-    reference: &Camera<T>,
-    camera: &Camera<T>,
-    pixels: impl Iterator<Item = Vector2<T>>,
-) -> NormalEquations<T> {
+fn normal_equations<T: RealField + Copy>(camera: &Camera<T>, targets: &Targets<T>) -> NormalEquations<T> {
     let mut equations =
         NormalEquations { matrix: SMatrix::zeros(), right: SVector::zeros(), cost: T::zero(), compared: 0 };
-    for pixel in pixels {
-        let projection = reference.unproject(&pixel).and_then(|bearing| camera.project_with_jacobians(&bearing));
-        let Some(projection) = projection else { continue };
+    for (pixel, bearing) in targets.places.iter().flatten() {
+        let Some(projection) = camera.project_with_jacobians(bearing) else { continue };
         let error = pixel - projection.pixel;
         equations.matrix += projection.by_parameters.transpose() * projection.by_parameters;
         equations.right += projection.by_parameters.transpose() * error;

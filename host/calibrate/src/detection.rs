@@ -173,12 +173,12 @@ pub struct DetectionStage<'a> {
     sensor: Sensor,
     wanted: Requirement,
     recording: usize,
-    chunk: Vec<Event>,
+    /// Events of the waiting chunks, then of the current one.
+    events: Vec<Event>,
+    /// Index of the current chunk.
     chunk_index: i64,
-    waiting: Vec<(i64, Vec<Event>)>,
-    waiting_events: usize,
-    /// Memory of chunks that were searched.
-    buffers: Vec<Vec<Event>>,
+    /// Index of each complete chunk, and its place in `events`.
+    waiting: Vec<(i64, Range<usize>)>,
     frames: Vec<CompactFrame>,
     circle_windows: Vec<CircleWindow>,
     unplaced: UnplacedWindows,
@@ -189,7 +189,8 @@ pub struct DetectionStage<'a> {
 
 /// Number of chunks that are searched together.
 const CHUNKS_TOGETHER: usize = 16;
-/// Number of waiting events at which the chunks are searched even if they are fewer than [`CHUNKS_TOGETHER`]: these events take 128 MiB.
+/// Number of waiting events at which the chunks are searched even if they are fewer than [`CHUNKS_TOGETHER`]: these events take 128 MiB,
+/// and those of one more chunk.
 const EVENTS_TOGETHER: usize = 8 << 20;
 
 impl<'a> DetectionStage<'a> {
@@ -209,11 +210,9 @@ impl<'a> DetectionStage<'a> {
             sensor,
             wanted,
             recording,
-            chunk: Vec::new(),
+            events: Vec::new(),
             chunk_index: 0,
             waiting: Vec::new(),
-            waiting_events: 0,
-            buffers: Vec::new(),
             frames: Vec::new(),
             circle_windows: Vec::new(),
             unplaced: UnplacedWindows::new(recording),
@@ -234,25 +233,32 @@ impl<'a> DetectionStage<'a> {
             }
             let end = events.partition_point(|event| event.t.div_euclid(CHUNK) <= index).max(1);
             let (now, later) = events.split_at(end);
-            self.chunk.extend_from_slice(now);
+            self.events.extend_from_slice(now);
             events = later;
         }
     }
 
     fn close_chunk(&mut self) {
-        if !self.chunk.is_empty() {
-            self.waiting_events += self.chunk.len();
-            let empty = self.buffers.pop().unwrap_or_default();
-            self.waiting.push((self.chunk_index, std::mem::replace(&mut self.chunk, empty)));
+        let chunk = self.waiting_events()..self.events.len();
+        if !chunk.is_empty() {
+            self.waiting.push((self.chunk_index, chunk));
         }
-        if self.waiting.len() >= CHUNKS_TOGETHER || self.waiting_events >= EVENTS_TOGETHER {
+        if self.waiting.len() >= CHUNKS_TOGETHER || self.waiting_events() >= EVENTS_TOGETHER {
             self.search();
         }
     }
 
+    /// Returns the number of events in waiting chunks.
+    fn waiting_events(&self) -> usize {
+        self.waiting.last().map_or(0, |(_, chunk)| chunk.end)
+    }
+
     fn search(&mut self) {
-        let waiting = std::mem::take(&mut self.waiting);
-        self.waiting_events = 0;
+        let searched = self.waiting_events();
+        let mut events = std::mem::take(&mut self.events);
+        let waiting = std::mem::take(&mut self.waiting).into_iter();
+        let waiting: Vec<(i64, &[Event])> =
+            waiting.map(|(index, chunk)| (index, events.get(chunk).unwrap_or_default())).collect();
         let parts: Vec<Searched> = waiting
             .par_iter()
             .enumerate()
@@ -280,16 +286,15 @@ impl<'a> DetectionStage<'a> {
             Requirement::Circles(_) => self.circle_windows.extend(found.into_iter().filter_map(Found::into_circles)),
         }
         self.kept_pixels.limit(&mut self.frames);
-        self.buffers.extend(waiting.into_iter().map(|(_, mut events)| {
-            events.clear();
-            events
-        }));
+        // The memory stays for the next chunks.
+        events.drain(..searched);
+        self.events = events;
     }
 
     /// Adds the frames of the chunks `waiting`, and uncertain windows that neighbouring frames determine.
     fn place_uncertain(
         &mut self,
-        waiting: &[(i64, Vec<Event>)],
+        waiting: &[(i64, &[Event])],
         found: Vec<Found>,
         uncertain: Vec<Uncertain>,
         pattern: Pattern,
@@ -301,7 +306,7 @@ impl<'a> DetectionStage<'a> {
         let options = self.grid_options(&pattern);
         let place = |window: &Uncertain, expected: &[Option<Vector2<f32>>]| {
             let placed = finder.find_near(&window.candidates, &options, expected).ok()?;
-            let events = &waiting.get(window.chunk)?.1;
+            let (_, events) = waiting.get(window.chunk)?;
             let events = events.get(window.window.first..window.window.last)?;
             let frame = self.frame(&window.window, events, board_circles(&placed, &window.candidates));
             let shape = DotShape::of_frame(&frame, &pattern)?;
@@ -516,5 +521,7 @@ fn unique_pixels(events: &[Event]) -> Vec<EventPixel> {
     let mut pixels: Vec<EventPixel> = events.iter().map(EventPixel::new).collect();
     pixels.sort_unstable();
     pixels.dedup();
+    // The frames of a whole recording keep theirs.
+    pixels.shrink_to_fit();
     pixels
 }

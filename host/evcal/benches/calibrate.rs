@@ -1,19 +1,23 @@
-//! Processor time and memory of a calibration, by stage.
+//! Processor time, passes and memory of a calibration, by stage.
 //!
 //! ```text
 //! cargo bench -p evcal --bench calibrate [-- RECORDING BOARD MODEL]
 //! ```
 //!
 //! Without arguments it calibrates the fixture. Processor times are sums over all threads, so a busy machine hardly changes them.
-//! The report is a separate stage, as in `evcal calibrate`. Needs Linux's `/proc`.
+//! Passes are passes through the file; passes through the observations are the iterations of the joint solve. The report is a
+//! separate stage, as in `evcal calibrate`. Needs Linux's `/proc`.
 
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
 
+use evcal_calibrate::calibrate::calibrated::EventCalibration;
 use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::calibrate::{Task, calibrate};
 use evcal_calibrate::initial::model_choice::ModelRequest;
+use evcal_calibrate::solve::levenberg::solve_with_progress;
+use evcal_calibrate::solve::refinement::{Refined, RoundReport};
 use evcal_core::camera::ModelKind;
 use event_recordings::RecordingOptions;
 
@@ -31,34 +35,73 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let task = Task { model, ..Task::new(&inputs, &board) };
 
     let start = Instant::now();
-    let mut stages: Vec<(String, f64)> = vec![("start".to_owned(), processor_time()?)];
+    let mut stages: Vec<(String, Counters)> = vec![("start".to_owned(), Counters::now()?)];
     let calibrated = calibrate(&task, |step| {
         if stages.last().is_none_or(|(last, _)| last != step.text) {
-            stages.push((step.text.to_owned(), processor_time().unwrap_or(0.0)));
+            stages.extend(Counters::now().map(|counters| (step.text.to_owned(), counters)));
         }
         ControlFlow::Continue(())
     })?;
-    stages.push(("results and report".to_owned(), processor_time()?));
+    stages.push(("results and report".to_owned(), Counters::now()?));
     let folder = tempfile::tempdir()?;
     evcal::write_new_folder(folder.path(), &calibrated, &task)?;
-    let end = processor_time()?;
-    let wall = start.elapsed().as_secs_f64();
+    stages.push(("end".to_owned(), Counters::now()?));
+    let (wall, memory) = (start.elapsed().as_secs_f64(), peak_memory()?);
 
-    let events: u64 = calibrated.recordings.iter().map(|recording| recording.count).sum();
+    let events = calibrated.recordings.iter().map(|recording| recording.count).sum::<u64>() as f64;
     let length: f64 = calibrated.recordings.iter().map(|recording| recording.duration).sum();
-    let first = stages.first().map_or(0.0, |(_, time)| *time);
-    let total = end - first;
-    let millions = events as f64 * 1e-6;
-    println!("{}: {millions:.2} million events, {length:.1} s", Path::new(path).display());
-    println!("{:<44} {:>6} {:>7} {:>12}", "stage", "CPU s", "share", "s / Mevent");
-    let ends = stages.iter().skip(1).map(|(_, time)| *time).chain([end]);
-    for ((stage, start), end) in stages.iter().zip(ends).filter(|((_, start), end)| end > start) {
-        let time = end - start;
-        println!("{stage:<44} {time:>6.2} {:>5.1} % {:>12.3}", 100.0 * time / total, time / millions);
+    let size = std::fs::metadata(path)?.len() as f64;
+    println!("{}: {:.2} million events, {length:.1} s", Path::new(path).display(), 1e-6 * events);
+    println!("{:<44} {:>6} {:>8} {:>10} {:>6}", "stage", "CPU s", "share", "ns / event", "passes");
+    let [(_, first), .., (_, last)] = stages.as_slice() else { return Ok(()) };
+    let line = |stage: &str, from: &Counters, to: &Counters| {
+        let (time, passes) = (to.time - from.time, (to.read - from.read) / size);
+        let share = 100.0 * time / (last.time - first.time);
+        println!("{stage:<44} {time:>6.2} {share:>6.1} % {:>10.1} {passes:>6.2}", 1e9 * time / events);
+    };
+    for ((stage, from), (_, to)) in stages.iter().zip(stages.iter().skip(1)) {
+        line(stage, from, to);
     }
-    println!("{:<44} {total:>6.2} {:>5.1} % {:>12.3}", "whole", 100.0, total / millions);
-    println!("{wall:.1} s on this machine, {:.2} times the recording; {:.0} MB at most", wall / length, peak_memory()?);
+    line("whole", first, last);
+    if let Some(EventCalibration { refined, .. }) = calibrated.events() {
+        println!(
+            "{:<44} {:>12} {:>10} {:>8}",
+            "round of the last joint solve", "observations", "iterations", "rejected"
+        );
+        for (round, RoundReport { solve, .. }) in refined.rounds.iter().enumerate() {
+            println!("{:<44} {:>12} {:>10} {:>8}", round + 1, solve.observations, solve.iterations, solve.rejected);
+        }
+        println!("joint solve: {:.0} ns per observation and iteration, one core", 1e9 * solve_time(refined)?);
+    }
+    println!("{wall:.1} s on this machine, {:.2} times the recording; {memory:.0} MB at most", wall / length);
     Ok(())
+}
+
+/// Consumption of this process since it began.
+struct Counters {
+    /// User plus system time (s).
+    time: f64,
+    /// Bytes read from files.
+    read: f64,
+}
+
+impl Counters {
+    fn now() -> Result<Self, Box<dyn std::error::Error>> {
+        let text = std::fs::read_to_string("/proc/self/io")?;
+        let read = text.lines().find_map(|line| line.strip_prefix("rchar:")).ok_or("no rchar in /proc/self/io")?;
+        Ok(Self { time: processor_time()?, read: read.trim().parse()? })
+    }
+}
+
+/// Repeats the last solve on one core, from its result on. Returns the processor time per observation and iteration (s).
+fn solve_time(refined: &Refined) -> Result<f64, Box<dyn std::error::Error>> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    let start = processor_time()?;
+    // No step is trusted, so that all are evaluated.
+    let goes_on = &mut |_| ControlFlow::Continue(());
+    let solved = pool.install(|| solve_with_progress(&refined.problem, refined.state.clone(), 0.0, goes_on))?;
+    // The observations are also processed once before the first iteration.
+    Ok((processor_time()? - start) / (solved.report.observations * (solved.report.iterations + 1)) as f64)
 }
 
 /// Returns user plus system time of this process (s).

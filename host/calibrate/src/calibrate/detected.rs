@@ -139,8 +139,8 @@ fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateErr
 }
 
 impl Detected {
-    /// Searches for the board in recording `index`, and collects what else is needed of its events. Returns its fingerprint, and
-    /// the error at which it ends, if it is damaged.
+    /// Searches for the board in recording `index`, and collects what else is needed of its events. Returns its fingerprint,
+    /// which is empty without another recording to compare it with, and the error at which it ends, if it is damaged.
     fn look_through(
         &mut self,
         task: &Task,
@@ -154,8 +154,11 @@ impl Detected {
         let mut thinning = Thinning::new(sensor);
         self.events.sample.begin(index);
         let (mut bins, mut steps) = (RateBins::default(), TimeSteps::default());
+        let may_repeat = task.inputs.len() > 1;
         let pass = progress.read(task.inputs, index, &mut |events| {
-            fingerprint.push(events);
+            if may_repeat {
+                fingerprint.push(events);
+            }
             saturation.push(events);
             bins.push(events);
             steps.push(events);

@@ -80,13 +80,13 @@ impl TimeSteps {
             return;
         };
         let step = t.saturating_sub(latest);
-        if step != 0 {
-            self.times += 1;
-            if step <= *COARSE.end() {
-                self.steps += 1;
-                self.short += u64::from(step < *COARSE.start());
-                self.sum += step;
-            }
+        // Not a branch: a processor would often predict wrongly whether a time repeats.
+        let is_step = u64::from(step != 0);
+        self.times += is_step;
+        if step <= *COARSE.end() {
+            self.steps += is_step;
+            self.short += is_step & u64::from(step < *COARSE.start());
+            self.sum += step;
         }
     }
 

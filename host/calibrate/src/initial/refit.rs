@@ -30,6 +30,9 @@ const RIM_BAND: f64 = 3.0;
 /// Largest extension of the band by motion within the window (px).
 const MAX_MOTION_BAND: f64 = 4.0;
 
+/// Number of event pixels near a rim for which memory is allocated at once.
+const USUAL_EVENTS: usize = 256;
+
 /// Fewest event pixels of each polarity.
 const MIN_EVENTS: usize = 5;
 
@@ -199,7 +202,7 @@ pub fn refit_circle(
     let [low, high] = circle.bounds;
     let reach = Vector2::new(band, band);
     // Distance from the rim along its outward normal, and that normal.
-    let mut events: Vec<(f64, Vector2<f64>, Polarity)> = Vec::new();
+    let mut events: Vec<(f64, Vector2<f64>, Polarity)> = Vec::with_capacity(USUAL_EVENTS);
     for (pixel, polarity) in frame.pixels.within(low - reach, high + reach) {
         let unit = inverse * (pixel - circle.middle);
         let gradient = inverse.transpose() * unit;

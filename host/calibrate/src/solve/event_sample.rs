@@ -108,6 +108,10 @@ impl Thinning {
                 }
             }
         }
+        // At the beginning all events wait, later only the sampled ones.
+        if self.waiting.len() < self.waiting.capacity() / 8 {
+            self.waiting.shrink_to(2 * self.waiting.len());
+        }
     }
 
     /// Returns the number of events of each pixel, row by row.

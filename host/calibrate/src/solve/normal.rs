@@ -6,7 +6,7 @@
 
 use evcal_core::camera::MAX_PARAMETERS;
 use multiversion::multiversion;
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Bias;
@@ -47,7 +47,7 @@ pub struct RangeEquations {
     /// For each control point its gradient Jᵀr.
     pub gradient: Vec<[f64; 6]>,
     /// Global part, lower triangle.
-    pub corner: Box<SMatrix<f64, GLOBAL_COUNT, GLOBAL_COUNT>>,
+    pub corner: DMatrix<f64>,
     /// Global gradient.
     pub corner_gradient: [f64; GLOBAL_COUNT],
     /// Loss of the observations.
@@ -63,7 +63,7 @@ impl RangeEquations {
             blocks: vec![Block::zeros(); count * order],
             border: vec![[[0.0; GLOBAL_COUNT]; 6]; count],
             gradient: vec![[0.0; 6]; count],
-            corner: Box::new(SMatrix::zeros()),
+            corner: DMatrix::zeros(GLOBAL_COUNT, GLOBAL_COUNT),
             corner_gradient: [0.0; GLOBAL_COUNT],
             loss: Loss::default(),
         }

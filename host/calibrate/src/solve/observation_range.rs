@@ -48,6 +48,8 @@ const RANGE_BINS: usize = 128;
 const RANGE_POINTS: usize = 512;
 /// Number of intervals whose results are in memory at one time.
 pub const RANGES_TOGETHER: usize = 64;
+/// The same for residuals, which need more memory: an interval has tens of thousands of them.
+const RESIDUALS_TOGETHER: usize = 16;
 
 /// Cuts all segments into intervals.
 pub fn observation_ranges(segments: &[SegmentObservations]) -> Vec<ObservationRange> {
@@ -261,7 +263,7 @@ pub fn residuals_and_scale(
     let mut found = Vec::with_capacity(problem.segments.iter().map(|segment| segment.events.len()).sum());
     let mut scales = 0.0;
     // A few intervals at a time, so that the residuals are not in memory twice.
-    for group in observation_ranges(&problem.segments).chunks(RANGES_TOGETHER) {
+    for group in observation_ranges(&problem.segments).chunks(RESIDUALS_TOGETHER) {
         for (residual, scale) in group.par_iter().map(of_range).collect::<Vec<_>>().into_iter().flatten() {
             scales += f64::from(scale);
             found.push(residual);

@@ -125,7 +125,8 @@ impl System {
             let Some(segment) = self.segments.get_mut(range.segment) else { continue };
             let order = equations.order;
             if segment.order != order && !equations.border.is_empty() {
-                *segment = SegmentSystem::new(segment.border.len(), order);
+                // The first interval: everything is still zero, and only the number of blocks depends on the order.
+                (segment.order, segment.blocks) = (order, vec![Block::zeros(); segment.border.len() * order]);
             }
             segment.add(equations, equations.first);
             for column in 0..GLOBAL_COUNT {

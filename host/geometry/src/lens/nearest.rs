@@ -4,7 +4,7 @@ use evcal_core::sensor::Sensor;
 
 use evcal_core::camera::refit::refit_where;
 use evcal_core::camera::{Camera, ModelKind};
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
 
 use super::covered_region::CoveredRegion;
@@ -119,23 +119,25 @@ pub fn nearest(
     if let Some(same) = models.iter().find_map(|&to| same_camera(camera, to)) {
         return Some(Nearest { camera: same, refit: None });
     }
+    let targets = targets(camera, sensor);
     let fitted = |&to: &ModelKind| {
         let near = refit_where(to, camera, sensor, |pixel| covered.contains(pixel))?;
-        let (covered, sensor) = distances(camera, &near, sensor, covered)?;
+        let (covered, sensor) = distances(&targets, &near, covered)?;
         Some((near, Replacement { from, to, covered, sensor }))
     };
-    let best = |substitutes: &[ModelKind]| {
-        let fitted: Vec<_> = substitutes.par_iter().filter_map(fitted).collect();
-        fitted.into_iter().min_by(|(_, a), (_, b)| {
-            let order = b.is_close_relative().cmp(&a.is_close_relative());
-            let order = order.then(a.covered.unseen.total_cmp(&b.covered.unseen));
-            order.then(a.covered.largest.total_cmp(&b.covered.largest))
-        })
-    };
+    let (related, others): (Vec<ModelKind>, Vec<ModelKind>) =
+        substitutes.iter().partition(|to| are_related(from, **to));
+    let mut cameras: Vec<_> = related.par_iter().filter_map(fitted).collect();
     // A close relative is chosen even if another model is nearer.
-    let related: Vec<ModelKind> = substitutes.iter().copied().filter(|to| are_related(from, *to)).collect();
-    let relative = best(&related).filter(|(_, refit)| refit.is_close_relative());
-    relative.or_else(|| best(substitutes)).map(|(camera, refit)| Nearest { camera, refit: Some(refit) })
+    if !cameras.iter().any(|(_, refit)| refit.is_close_relative()) {
+        cameras.par_extend(others.par_iter().filter_map(fitted));
+    }
+    let nearest = cameras.into_iter().min_by(|(_, a), (_, b)| {
+        let order = b.is_close_relative().cmp(&a.is_close_relative());
+        let order = order.then(a.covered.unseen.total_cmp(&b.covered.unseen));
+        order.then(a.covered.largest.total_cmp(&b.covered.largest))
+    });
+    nearest.map(|(camera, refit)| Nearest { camera, refit: Some(refit) })
 }
 
 /// Returns the same camera in another model: of OpenCV's family, or the unified model as the extended one.
@@ -155,32 +157,37 @@ fn same_camera(camera: &Camera<f64>, to: ModelKind) -> Option<Camera<f64>> {
     beyond.iter().all(|value| *value == 0.0).then(|| Camera::from_parameters(to, kept)).flatten()
 }
 
-/// Returns the distance of `other` from `reference`, in pixels of `reference`, within `covered` and on the whole
-/// sensor; `None` if no pixel is seen by both.
-fn distances(
-    reference: &Camera<f64>,
-    other: &Camera<f64>,
-    sensor: Sensor,
-    covered: &CoveredRegion,
-) -> Option<(Distance, Distance)> {
+/// Pixels of a row of the sensor at which cameras are compared, with their bearings.
+type TargetRow = Vec<(Vector2<f64>, Vector3<f64>)>;
+
+/// Returns the pixels at which cameras are compared with `reference`, with its bearings there.
+fn targets(reference: &Camera<f64>, sensor: Sensor) -> Vec<TargetRow> {
     let all = f64::from(sensor.width) * f64::from(sensor.height);
     let step = (all / SAMPLES).sqrt().ceil().max(1.0) as usize;
     let rows: Vec<u16> = (0..sensor.height).step_by(step).collect();
     let of_row = |&y: &u16| {
+        let pixels = (0..sensor.width).step_by(step).map(|x| Vector2::new(f64::from(x), f64::from(y)));
+        pixels.filter_map(|pixel| Some((pixel, reference.unproject(&pixel)?))).collect()
+    };
+    rows.par_iter().map(of_row).collect()
+}
+
+/// Returns the distance of `other` from the camera of `targets`, in its pixels, within `covered` and on the whole sensor; `None`
+/// if no pixel is seen by both.
+fn distances(targets: &[TargetRow], other: &Camera<f64>, covered: &CoveredRegion) -> Option<(Distance, Distance)> {
+    let of_row = |row: &TargetRow| {
         let (mut there, mut everywhere) = (Sum::default(), Sum::default());
-        for x in (0..sensor.width).step_by(step) {
-            let pixel = Vector2::new(f64::from(x), f64::from(y));
-            let Some(bearing) = reference.unproject(&pixel) else { continue };
-            let square = other.project(&bearing).map(|projected| (projected - pixel).norm_squared());
+        for (pixel, bearing) in row {
+            let square = other.project(bearing).map(|projected| (projected - pixel).norm_squared());
             everywhere.add(square);
-            if covered.contains(&pixel) {
+            if covered.contains(pixel) {
                 there.add(square);
             }
         }
         (there, everywhere)
     };
     let (mut there, mut everywhere) = (Sum::default(), Sum::default());
-    for (there_in_row, everywhere_in_row) in rows.par_iter().map(of_row).collect::<Vec<_>>() {
+    for (there_in_row, everywhere_in_row) in targets.par_iter().map(of_row).collect::<Vec<_>>() {
         there.add_all(&there_in_row);
         everywhere.add_all(&everywhere_in_row);
     }
@@ -274,7 +281,7 @@ mod tests {
         let sixth = camera(ModelKind::Radtan, &[-0.3, 0.1, 0.001, -0.0005, -0.05]);
         let refitted = nearest(&sixth, &[ModelKind::Radtan4], &[ModelKind::Radtan4], SENSOR, &region()).unwrap();
         assert_ne!(refitted.camera.parameters()[4..], sixth.parameters()[4..8]);
-        let (dropped, _) = distances(&sixth, &four, SENSOR, &region()).unwrap();
+        let (dropped, _) = distances(&targets(&sixth, SENSOR), &four, &region()).unwrap();
         assert!(refitted.refit.unwrap().covered.largest < 0.2 * dropped.largest);
     }
 

@@ -185,14 +185,11 @@ fn write_files(folder: &Path, calibrated: &Calibrated, task: &Task) -> Result<(W
              the same factor, which no other figure reveals"
         );
     }
-    let pictures = match &calibrated.evidence {
+    match &calibrated.evidence {
         Evidence::Pictures(pictures) if pictures.report.source == PictureSource::Frames => {
-            picture_examples(calibrated, task)
+            write_picture_examples(folder, calibrated, task)?;
         }
-        Evidence::Events(_) | Evidence::Pictures(_) => window_examples(calibrated, task.board),
-    };
-    for (name, picture) in pictures {
-        picture.write_png(&folder.join(name))?;
+        Evidence::Events(_) | Evidence::Pictures(_) => write_window_examples(folder, calibrated, task.board)?,
     }
     let camera = CalibratedCamera::new(calibrated, task.board);
     let exports = Path::new(EXPORTS);
@@ -256,17 +253,17 @@ fn nearest_and_farthest(known: Option<(f64, f64)>, distance: f64) -> Option<(f64
     Some((nearest.min(distance), farthest.max(distance)))
 }
 
-/// Draws the reference frames with the smallest and the largest error of the initial model.
-fn window_examples(calibrated: &Calibrated, board: &Board) -> Vec<(&'static str, Picture)> {
-    best_and_worst(calibrated.posed().filter(|(_, frame)| frame.is_shown()), |posed, frame| {
+/// Writes pictures of the reference frames with the smallest and the largest error of the initial model.
+fn write_window_examples(folder: &Path, calibrated: &Calibrated, board: &Board) -> Result<(), FileError> {
+    write_best_and_worst(folder, calibrated.posed().filter(|(_, frame)| frame.is_shown()), |posed, frame| {
         let pose = calibrated.best_pose(posed, frame);
         Some(reference_frame_picture(frame, calibrated.sensor, board, calibrated.camera(), &pose))
     })
 }
 
-/// Draws the camera's own pictures with the smallest and the largest error, if they can be read again.
-fn picture_examples(calibrated: &Calibrated, task: &Task) -> Vec<(&'static str, Picture)> {
-    best_and_worst(calibrated.posed(), |posed, frame| {
+/// Writes the camera's own pictures with the smallest and the largest error, if they can be read again.
+fn write_picture_examples(folder: &Path, calibrated: &Calibrated, task: &Task) -> Result<(), FileError> {
+    write_best_and_worst(folder, calibrated.posed(), |posed, frame| {
         let Some(Input::Events(recording)) = task.inputs.get(frame.recording) else { return None };
         let exposure = (calibrated.starts.get(frame.recording)? + frame.start) * 1e6;
         let picture = recording.image_at(exposure.round() as i64)?;
@@ -276,18 +273,20 @@ fn picture_examples(calibrated: &Calibrated, task: &Task) -> Vec<(&'static str, 
     })
 }
 
-/// Draws the frames with the smallest and the largest error.
-fn best_and_worst<'a>(
+/// Draws the frames with the smallest and the largest error, and writes them one after the other, because such pictures are large.
+fn write_best_and_worst<'a>(
+    folder: &Path,
     frames: impl Iterator<Item = (&'a PosedFrame, &'a ReferenceFrame)>,
     draw: impl Fn(&PosedFrame, &ReferenceFrame) -> Option<Picture>,
-) -> Vec<(&'static str, Picture)> {
+) -> Result<(), FileError> {
     let mut ranked: Vec<_> = frames.collect();
     ranked.sort_by(|a, b| a.0.rms.total_cmp(&b.0.rms));
-    let named = [("good-frame.png", ranked.first()), ("bad-frame.png", ranked.last())];
-    named
-        .into_iter()
-        .filter_map(|(name, frame)| frame.and_then(|(posed, frame)| Some((name, draw(posed, frame)?))))
-        .collect()
+    for (name, frame) in [("good-frame.png", ranked.first()), ("bad-frame.png", ranked.last())] {
+        if let Some(picture) = frame.and_then(|(posed, frame)| draw(posed, frame)) {
+            picture.write_png(&folder.join(name))?;
+        }
+    }
+    Ok(())
 }
 
 /// Returns all frames of one recording in the order of time.

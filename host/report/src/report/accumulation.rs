@@ -24,7 +24,7 @@ use evcal_geometry::board::Board;
 /// Columns of the picture of the board: its pixels are smaller than sensor pixels.
 const BOARD_COLUMNS: u16 = 800;
 /// Parts of a recording, which have a picture each. The number is independent of the number of threads.
-const PIECES: usize = 8;
+const PIECES: usize = 2;
 /// Time over which the motion of the camera is approximated as uniform (s).
 const BIN: f64 = 0.5e-3;
 
