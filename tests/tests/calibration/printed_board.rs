@@ -40,7 +40,7 @@ fn a_bent_board_printed_unevenly_is_estimated_with_the_camera() {
     let findings = result["verdict"]["findings"].as_array().unwrap();
     let finding = findings.iter().find(|finding| finding["cause"] == "board-not-as-stated").unwrap();
     assert!(
-        finding["reason"].as_str().is_some_and(|reason| reason.starts_with("your board is bent by 2.0")),
+        finding["reason"].as_str().is_some_and(|reason| reason.starts_with("the board is bent by 2.0")),
         "{finding}"
     );
     let evaluation = json(&["evaluate", text(&calibration), "--truth", text(&recording), "--json"]);

@@ -181,10 +181,15 @@ impl Detected {
         if let Some(exchanged) = exchanged_in(&windows) {
             return Err(CalibrateError::Exchanged { file: recording.path().display().to_string(), exchanged });
         }
-        let inverted = report.grids_refused.get(&NoBoard::Inverted).copied().unwrap_or(0);
-        if inverted > report.found {
+        let [inverted, mirrored] = [NoBoard::Inverted, NoBoard::MirroredPrint]
+            .map(|reason| report.grids_refused.get(&reason).copied().unwrap_or(0));
+        if inverted.max(mirrored) > report.found {
             let (file, windows) = (recording.path().display().to_string(), report.windows);
-            return Err(CalibrateError::Inverted { file, inverted, windows });
+            return Err(if inverted > mirrored {
+                CalibrateError::Inverted { file, inverted, windows }
+            } else {
+                CalibrateError::Mirrored { file, mirrored, windows }
+            });
         }
         self.unplaced.push(unplaced);
         self.health.push(Health {

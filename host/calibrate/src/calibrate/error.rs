@@ -83,6 +83,18 @@ pub enum CalibrateError {
         /// Number of windows that were searched.
         windows: u64,
     },
+    /// In most windows the tags are mirror images of those of the board.
+    #[error(
+        "{file}: the tags are mirrored in {mirrored} of {windows} windows: print the board again, not mirrored, or correct x or y if the file counts it from the other side"
+    )]
+    Mirrored {
+        /// The file name.
+        file: String,
+        /// Number of windows with mirror images of the tags.
+        mirrored: u64,
+        /// Number of windows that were searched.
+        windows: u64,
+    },
     /// The lens or the board cannot have the given values.
     #[error("the values of the fixed parameters are not possible for this lens or board")]
     ImpossibleValues,
@@ -190,7 +202,6 @@ impl CalibrateError {
             Self::NoPattern(_)
                 | Self::OtherRadius(_)
                 | Self::Exchanged { .. }
-                | Self::Inverted { .. }
                 | Self::LargerBoard(_)
                 | Self::Initial(_)
                 | Self::FirstTrajectories(_)

@@ -303,7 +303,7 @@ fn evaluation_finds_a_known_difference() {
     assert!(rms("best_time_shift", "as_is_m") < 1e-6, "{trajectory}");
     assert!(rms("own_clock", "as_is_m") > 1e-4, "{trajectory}");
     let report = succeed(&arguments);
-    assert!(report.contains("(+1.000 %)") && report.contains("times -2000.0 us"), "{report}");
+    assert!(report.contains("(+1.000 %)") && report.contains("times shifted by -2000.0 us"), "{report}");
 }
 
 #[test]

@@ -63,8 +63,11 @@ pub fn write_failure(
     if !error.is_of_what_was_seen() {
         return Ok(failure);
     }
-    let found = task.inputs.iter().find_map(|input| search_again(input, task, error));
-    if let Some((file, found, picture)) = found {
+    if let (CalibrateError::NoPattern(nowhere), None, Some(input)) = (error, task.board.circles(), task.inputs.first())
+    {
+        // Another search for a board of squares would take long and find nothing either.
+        failure.seen = Some(Seen { file: input.name(), windows: nowhere.report().clone(), most_circles: 0 });
+    } else if let Some((file, found, picture)) = task.inputs.iter().find_map(|input| search_again(input, task, error)) {
         let most_circles = found.best_window().map_or(0, |window| window.circles.len());
         let windows = match error {
             // The search for the board explains the failure; the second search was for single circles.
