@@ -113,8 +113,8 @@ fn parameters(comparison: &Comparison) -> Markup {
                 th scope="col" { "parameter" }
                 th.number scope="col" { "events" }
                 th.number scope="col" { "frames" }
-                th.number scope="col" { "± σ of frames" }
-                th.number scope="col" { "difference / its σ" }
+                th.number scope="col" { "σ of frames" }
+                th.number scope="col" { "difference / σ" }
             } }
             tbody {
                 @for parameter in &comparison.parameters {
