@@ -9,8 +9,8 @@
 //! below 10¹⁵ and the resulting event rate is possible. [`RecordingInformation::notes`] contains everything that was
 //! guessed.
 //!
-//! Polarity is 1 (ON) and 0 or −1 (OFF), or `true` and `false`, or two other numbers, of which the larger is ON. A line with two whole numbers before the first event is
-//! taken as width and height of the sensor.
+//! Polarity is 1 (ON) and 0 or −1 (OFF), or `true` and `false`, or two other numbers, of which the larger is ON. A line
+//! with two whole numbers before the first event is taken as width and height of the sensor.
 
 pub(crate) mod error;
 mod layout;
