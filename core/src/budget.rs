@@ -2,8 +2,8 @@
 //!
 //! The rate limiter is a token bucket (rate in events per second, and a burst size) with hysteresis: once the bucket is
 //! empty, all events are shed until it is full again. The admitted events therefore form uninterrupted intervals of at
-//! least one burst. Dots are complete in windows of such intervals. Keeping every n-th event instead would thin out all
-//! windows and leave holes in every dot. Every shed event is counted.
+//! least one burst. A window inside such an interval contains all events of its dots. Keeping every n-th event instead
+//! would thin out all windows and leave holes in every dot. Every shed event is counted.
 //!
 //! The clock is taken from the events, so the result does not depend on when the code runs.
 

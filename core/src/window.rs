@@ -8,8 +8,8 @@
 //! The rule is one state machine, [`WindowState`], with two front ends that yield the same windows for the same events:
 //!
 //! - [`WindowPlanner`] walks over a slice of time-sorted events and yields index ranges (host);
-//! - [`WindowBuffer`] takes one event after the other and keeps what the window needs in storage of
-//!   fixed capacity (microcontroller).
+//! - [`WindowBuffer`] takes one event after the other and stores the events of the window in a buffer of fixed capacity
+//!   (microcontroller).
 //!
 //! A window is the half-open interval `[start, end)`. No function here can panic.
 
@@ -32,7 +32,7 @@ crate::settings! {
         pub min_interval: u16 = 3, "steps", at_least(1.0).up_to("max_interval");
         /// Length of the longest window tried at a start. Raise it for slow motion.
         pub max_interval: u16 = 16, "steps", at_least(1.0);
-        /// Time between the end of a window that held the board and the next start.
+        /// Time between the end of a window with the board and the next start.
         pub gap: u16 = 10, "steps", at_least(0.0);
         /// A window with events at this many distinct pixels or more does not grow any further.
         pub most_events: u32 = 8000, "events", at_least(1.0);

@@ -1,8 +1,9 @@
 //! Brings a grown lattice and the points into agreement.
 //!
-//! A smooth map is fitted to the lattice. Then every point, placed or not, is compared with a map fitted without it. It
-//! takes the nearest site if it is close enough relative to the scatter of the lattice itself. Wrong points thus lose
-//! their site, better ones replace them, and points beyond a hole are reached. This is repeated until nothing changes.
+//! A smooth map is fitted to the lattice. Then every point, placed or not, is compared with a map fitted without it. The
+//! point is assigned to the nearest site if its distance from that site is small relative to the scatter of the lattice.
+//! Wrong points thus lose their site, better points replace them, and points beyond a hole are reached. This is repeated
+//! until the lattice no longer changes.
 
 use heapless::Vec;
 use nalgebra::{RealField, Vector2};
@@ -60,7 +61,7 @@ pub(super) struct Settled<T> {
     pub scatter: T,
 }
 
-/// Storage.
+/// Buffers that [`Settling::settle`] reuses: the claims of points on sites, and squared residuals.
 #[derive(Clone, Debug)]
 pub(super) struct Settling<T, const N: usize> {
     claims: Vec<Claim<T>, N>,
@@ -165,7 +166,7 @@ impl<T: RealField + Copy, const N: usize> Settling<T, N> {
         }
     }
 
-    /// Moves the last claim to its position among the sorted ones before it.
+    /// Moves the last claim to its position among the sorted claims before it.
     fn sink_last(&mut self) {
         let mut end = self.claims.len();
         while let Some([.., before, last]) = self.claims.get_mut(..end) {

@@ -35,14 +35,14 @@ pub enum Progress {
     Complete,
 }
 
-/// Number of events that were not part of any window, and of windows that were not searched.
+/// Counts of events that were dropped or reordered, and of windows that were skipped or ended early.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BufferCounts {
     /// Events dropped because a complete window had not been reported.
     pub overflow: u32,
     /// Events dropped because they came before the start of the window, in the gap after a success.
     pub before_start: u32,
-    /// Events older than the previous one; they are treated as simultaneous with it.
+    /// Events older than the previous event; they get its time.
     pub out_of_order: u32,
     /// Windows that were not searched because they had fewer events than `fewest_events`.
     pub too_few_events: u32,
@@ -54,8 +54,9 @@ pub struct BufferCounts {
 
 /// Collects the events of the current window.
 ///
-/// A window that fills the storage ends there: it is complete but shorter than the settings require, and its bounds are
-/// those of its events. If nothing is found in it, the start advances.
+/// If the storage is full, the window ends early: it counts as complete, although it is shorter than the settings require,
+/// and its end is the time of the first event that found no room. If the board is not found in it, the next window starts
+/// later instead of growing.
 ///
 /// ```
 /// use evcal_core::event::{Event, Polarity};
@@ -121,11 +122,11 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
             self.newest_us = event.t;
         }
         let event = Event { t: self.newest_us, ..event };
-        // For most events this check suffices.
         if event.t < self.start_us {
             self.counts.before_start = self.counts.before_start.saturating_add(1);
             return Progress::Collecting;
         }
+        // Most events end here.
         if event.t < self.end_us && self.events.push_back(PackedEvent::pack(event)).is_ok() {
             self.in_window += 1;
             return Progress::Collecting;
@@ -180,7 +181,7 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
         (self.start_us, self.end_us) = (self.state.start_us(), self.state.end_us());
     }
 
-    /// Returns the event for which the window had no room, if it is full.
+    /// Returns the event of the window for which the storage had no room, if there is one.
     const fn left_out(&self) -> Option<Event> {
         match self.pending {
             Some(event) if event.t < self.end_us => Some(event),
@@ -206,7 +207,7 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
                 let Some(next) = next else { return Progress::Collecting };
                 self.state.skip_to(next.t);
                 self.set_bounds();
-                self.trim();
+                self.count_in_window();
                 continue;
             }
             match self.state.outcome_without_trying(self.in_window) {
@@ -253,11 +254,11 @@ impl<'a, const N: usize> WindowBuffer<'a, N> {
         while self.events.front().is_some_and(|packed| packed.unpack(old_start_us).t < start_us) {
             self.events.pop_front();
         }
-        self.trim();
+        self.count_in_window();
     }
 
-    /// Counts the events of the window.
-    fn trim(&mut self) {
+    /// Sets `in_window` to the number of stored events before the end of the window.
+    fn count_in_window(&mut self) {
         let (start_us, end_us) = (self.start_us, self.end_us);
         let (front, back) = self.events.as_slices();
         let before_end = |packed: &PackedEvent| packed.unpack(start_us).t < end_us;

@@ -4,10 +4,11 @@
 //!
 //! The columns are determined by the first of these that is available: [`RecordingOptions::columns`], a header line
 //! (which may be the last comment), the values of the first lines. The unit of the times is determined by
-//! [`RecordingOptions::time_unit`], the name of the column (`t_us`, `time [s]`…), or the values. Values with decimals
-//! are seconds. Whole numbers are microseconds, or nanoseconds if they exceed 10¹⁷, or if all are multiples of 1000
-//! below 10¹⁵ and the resulting event rate is possible. [`RecordingInformation::notes`] contains everything that was
-//! guessed.
+//! [`RecordingOptions::time_unit`], the name of the column (`t_us`, `time [s]`…), or the values of the first lines.
+//! Values with decimals are seconds. Whole numbers are nanoseconds in two cases: if the largest is at least 10¹⁷, or if
+//! at least 20 of them differ, all are multiples of 1000 below 10¹⁵, and a camera can reach the event rate that
+//! nanoseconds imply (at most 10⁸ events per second). Otherwise they are microseconds.
+//! [`RecordingInformation::notes`] lists all guesses.
 //!
 //! Polarity is 1 (ON) and 0 or −1 (OFF), or `true` and `false`, or two other numbers, of which the larger is ON. A line
 //! with two whole numbers before the first event is taken as width and height of the sensor.
@@ -116,7 +117,8 @@ impl Decoder {
         Ok(Box::new(Self { path, file, layout, counter, information, line, number: 0, byte, length, last_field: 0 }))
     }
 
-    /// Reads the event of the next line if the line is plain and completely in the buffer.
+    /// Reads the next event with the fast parser ([`plain`]), if the line has the usual form and is completely in the
+    /// buffer.
     fn next_plain_line(&mut self) -> Option<Event> {
         if self.number < self.layout.first_line || self.layout.code != PolarityCode::USUAL {
             return None;
@@ -279,7 +281,8 @@ fn put(event: &mut Event, column: Column, field: &[u8], layout: &Layout) -> Resu
     Ok(())
 }
 
-/// Encoder of text: a header line and one line `t x y p` per event, times in microseconds.
+/// Encoder of text: a comment with the size of the sensor, the header `t_us,x,y,p`, and one line per event with these
+/// columns (time in microseconds; polarity 1 is ON, 0 is OFF).
 struct Encoder<W> {
     output: W,
     line: String,
@@ -361,7 +364,7 @@ mod tests {
         }
     }
 
-    /// Two numbers that are not 0 and 1 are polarities too; a single wrong one is not.
+    /// Two numbers other than 0 and 1 are taken for polarities. A single other number among 0 and 1 is an error.
     #[test]
     fn the_larger_of_two_numbers_is_on() {
         let lines = |off: &str, on: &str, odd: &str| {
@@ -404,7 +407,7 @@ mod tests {
         assert_eq!(information.notes, [""; 0]);
     }
 
-    /// Columns beyond the sixteenth must be kept.
+    /// Columns beyond the sixteenth must not be dropped.
     #[test]
     fn columns_far_to_the_right_are_read() {
         let others = |field: &str| [field; 16].join(",");

@@ -140,9 +140,9 @@ fn lens_is_to_blame(
     pattern.is_suspicious() && lens_explains_more(problem, state, shape, asked, certainty.intrinsics.inflation)
 }
 
-/// Returns the coefficients whose σ is as large as the variation between lenses and that do not differ significantly from their
-/// expected values, one after the other: with one of them fixed, the others are better determined, and some no longer need to be
-/// fixed.
+/// Returns the coefficients whose σ is more than [`UNDETERMINED`] times the variation between lenses and that do not differ
+/// significantly from their expected values, one after the other: with one of them fixed, the others are better determined, and
+/// some no longer need to be fixed.
 fn undetermined(task: &Task, refined: &Refined, certainty: &SolveUncertainty) -> Vec<usize> {
     let camera = &refined.state.camera;
     let prior = distortion_prior(camera, refined.problem.sensor);

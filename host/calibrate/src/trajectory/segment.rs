@@ -24,8 +24,8 @@ settings! {
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct SegmentSettings {
-        /// A longer gap between neighbouring reference frames starts a new segment, if it is also longer than 2.5 median
-        /// intervals of the frames, or than 0.5 s.
+        /// A gap between neighbouring reference frames starts a new segment if it is longer than this, and also longer than the
+        /// smaller of 0.5 s and 2.5 median intervals of the frames.
         pub longest_gap: f64 = 0.03, "s", above(0.0).at_most(10.0);
     }
 }
