@@ -54,9 +54,9 @@ pub struct BufferCounts {
 
 /// Collects the events of the current window.
 ///
-/// If the storage is full, the window ends early: it counts as complete, although it is shorter than the settings require,
-/// and its end is the time of the first event that found no room. If the board is not found in it, the next window starts
-/// later instead of growing.
+/// If the storage is full, the window ends early: it counts as complete, although it is shorter than the settings
+/// require, and its end is the time of the first event that found no room. If the board is not found in it, the next
+/// window starts later instead of growing.
 ///
 /// ```
 /// use evcal_core::event::{Event, Polarity};

@@ -10,7 +10,7 @@
 //! nanoseconds imply (at most 10⁸ events per second). Otherwise they are microseconds.
 //! [`RecordingInformation::notes`] lists all guesses.
 //!
-//! Polarity is 1 (ON) and 0 or −1 (OFF), or `true` and `false`, or two other numbers, of which the larger is ON. A line
+//! Polarity is 1 (ON) and 0 or −1 (OFF), or `true` and `false`, or two other numbers; the larger number is ON. A line
 //! with two whole numbers before the first event is taken as width and height of the sensor.
 
 pub(crate) mod error;

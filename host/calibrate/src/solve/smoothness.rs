@@ -1,6 +1,6 @@
 //! A prior on the acceleration of a trajectory where there are no events: a hand cannot accelerate without bounds.
 //!
-//! Where the board hardly moves there are hardly any events, and the ends of a segment would diverge. Each three neighbouring
+//! While the board hardly moves, there are hardly any events, and the ends of a segment would diverge. Each three neighbouring
 //! control points c therefore have an acceleration (of the centre, and of the rotation as the difference of the rotation vectors
 //! between neighbours), at their Greville abscissae g:
 //!

@@ -1,7 +1,7 @@
 //! Intervals of a trajectory that the events contradict.
 //!
-//! Where no curve follows the motion, the events spread wider about it than elsewhere, or most of those near the board are too
-//! far from any edge to be associated. Both are checked in short cells of time.
+//! If no curve follows the motion, the events scatter more about the curve than at other times, or most events near the board are
+//! too far from any edge to be associated. Both are checked in short cells of time.
 
 use rayon::prelude::*;
 
