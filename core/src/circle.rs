@@ -69,8 +69,8 @@ crate::settings! {
         pub min_radius_ratio: f32 = 0.75, "", at_least(0.0).up_to("max_radius_ratio");
         /// Largest distance of the fitted centre from the midpoint of the cluster centres (hard).
         pub max_center_offset: f32 = 0.5, "radii", above(0.0);
-        /// Largest mean distance of the pixels from the circle; 0.2 times the radius is added to it, because tilted dots
-        /// are ellipses (hard).
+        /// Largest mean distance of the pixels from the circle; 0.2 times the radius is added to it, because tilted
+        /// dots are ellipses (hard).
         pub max_error: f32 = 1.0, "px", at_least(0.0);
         /// Factor of the radius in the term that is added to `max_error`, because tilted dots are ellipses (hard).
         #[cfg_attr(feature = "serde", serde(skip))]

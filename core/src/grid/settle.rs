@@ -1,9 +1,9 @@
 //! Brings a grown lattice and the points into agreement.
 //!
-//! A smooth map is fitted to the lattice. Then every point, placed or not, is compared with a map fitted without it. The
-//! point is assigned to the nearest site if its distance from that site is small relative to the scatter of the lattice.
-//! Wrong points thus lose their site, better points replace them, and points beyond a hole are reached. This is repeated
-//! until the lattice no longer changes.
+//! A smooth map is fitted to the lattice. Then every point, placed or not, is compared with a map fitted without it.
+//! The point is assigned to the nearest site if its distance from that site is small relative to the scatter of the
+//! lattice. Wrong points thus lose their site, better points replace them, and points beyond a hole are reached. This
+//! is repeated until the lattice no longer changes.
 
 use heapless::Vec;
 use nalgebra::{RealField, Vector2};

@@ -14,8 +14,8 @@ settings! {
         pub coverage: f64 = 0.8, "", from_to(0.0, 1.0);
         /// Fewest windows with the board tilted to the left, to the right, upwards and downwards each.
         pub boards_per_tilt: u64 = 10, "windows", at_least(0.0);
-        /// Shortest time since the board was first seen. The first intermediate calibration is made after two thirds of it, at the
-        /// earliest after 1 s.
+        /// Shortest time since the board was first seen. The first intermediate calibration is made after two thirds of it, at
+        /// the earliest after 1 s.
         pub shortest: f64 = 15.0, "s", at_least(0.0);
         /// Largest error of the projection that a calibration of the recording so far may report: one standard deviation, root
         /// mean square over the sensor; the largest anywhere on the sensor may be three times this.

@@ -123,9 +123,9 @@ fn parts(text: &str) -> Result<Parts<'_>, LayoutError> {
     Ok(Parts { first_line, names, sensor, rows })
 }
 
-/// Returns `true` if these fields are an event and not a header. Fields of unused columns may be empty, except the first
-/// field: a line that begins with an empty field is a header whose first column has no name and contains row numbers, as
-/// pandas writes it.
+/// Returns `true` if these fields are an event and not a header. Fields of unused columns may be empty, except the
+/// first field: a line that begins with an empty field is a header whose first column has no name and contains row
+/// numbers, as pandas writes it.
 fn is_row(fields: &[&[u8]]) -> bool {
     let is_number = |field: &[u8]| number::is_number(field) || number::polarity(field, PolarityCode::USUAL).is_some();
     fields.first().is_none_or(|first| is_number(first))
