@@ -16,7 +16,8 @@ use crate::solve::event_bias::bias::Bias;
 use crate::trajectory::jerk::jerks;
 use evcal_geometry::board::shape::BoardShape;
 
-const FIRST_DAMPING: f64 = 1e-6;
+/// Damping of the first step of a solve that starts far from its minimum.
+pub const FIRST_DAMPING: f64 = 1e-6;
 const SMALLEST_DAMPING: f64 = 1e-10;
 const LARGEST_DAMPING: f64 = 1e8;
 /// Iterations end when the cost falls by less than this share.
@@ -28,6 +29,15 @@ pub const TRUSTED: f64 = 8.0 * TOLERANCE;
 /// observations does not make a step look good.
 const LOST: f64 = 10.0;
 
+/// Damping at the start of a solve, and the condition for its end.
+#[derive(Clone, Copy)]
+pub struct Limits {
+    /// Damping of the first step.
+    pub damping: f64,
+    /// A step that is predicted to lower the cost by less than this share is the last, and the cost after it is not evaluated.
+    pub trusted: f64,
+}
+
 /// A solved problem.
 pub struct Solved {
     /// The solution.
@@ -36,6 +46,8 @@ pub struct Solved {
     pub system: System,
     /// Statistics of the solve.
     pub report: SolveReport,
+    /// Damping of the last step.
+    pub damping: f64,
 }
 
 /// Minimises the cost of `problem`, starting at `state`.
@@ -43,19 +55,19 @@ pub struct Solved {
 /// # Errors
 /// [`SolveError`] if there are no observations, or if they do not determine the parameters.
 pub fn solve(problem: &Problem, state: State) -> Result<Solved, SolveError> {
-    solve_with_progress(problem, state, TRUSTED, &mut |_| ControlFlow::Continue(()))
+    let limits = Limits { damping: FIRST_DAMPING, trusted: TRUSTED };
+    solve_with_progress(problem, state, limits, &mut |_| ControlFlow::Continue(()))
 }
 
-/// Does the same as [`solve`], with a progress callback. A step that is predicted to lower the cost by less than the share
-/// `trusted` is the last, and the cost after it is not evaluated. After each iteration but the last, `on_progress` gets the progress
-/// from 0 to 1 and may end the solve; the result is then what the iterations so far reached.
+/// Does the same as [`solve`], with other limits and a progress callback. After each iteration but the last, `on_progress` gets the
+/// progress from 0 to 1 and may end the solve; the result is then what the iterations so far reached.
 ///
 /// # Errors
 /// As [`solve`].
 pub fn solve_with_progress(
     problem: &Problem,
     mut state: State,
-    trusted: f64,
+    limits: Limits,
     on_progress: &mut dyn FnMut(f64) -> ControlFlow<()>,
 ) -> Result<Solved, SolveError> {
     let ranges = observation_ranges(&problem.segments);
@@ -70,7 +82,7 @@ pub fn solve_with_progress(
         final_cost: system.cost,
         ..SolveReport::default()
     };
-    let mut damping = FIRST_DAMPING;
+    let mut damping = limits.damping;
     let mut done = 0.0_f64;
     let mut was_rejected = false;
     for _ in 0..problem.iterations {
@@ -94,7 +106,7 @@ pub fn solve_with_progress(
             damping *= 10.0;
             continue;
         };
-        if step.predicted < trusted * cost {
+        if step.predicted < limits.trusted * cost {
             if !was_rejected {
                 (state, report.final_cost) = (trial, cost - step.predicted);
             }
@@ -120,7 +132,7 @@ pub fn solve_with_progress(
         }
         done = done.max(settled(decrease, TOLERANCE));
     }
-    Ok(Solved { state, system, report })
+    Ok(Solved { state, system, report, damping })
 }
 
 /// Returns the progress of a solve, 0 to 1, when an iteration lowered the cost by the share `decrease`. The decreases get smaller
@@ -216,7 +228,8 @@ mod tests {
     fn a_solve_reports_its_progress_and_can_be_ended() {
         let (problem, state) = displaced();
         let mut told = Vec::new();
-        let whole = solve_with_progress(&problem, state.clone(), TRUSTED, &mut |done| {
+        let limits = Limits { damping: FIRST_DAMPING, trusted: TRUSTED };
+        let whole = solve_with_progress(&problem, state.clone(), limits, &mut |done| {
             told.push(done);
             ControlFlow::Continue(())
         });
@@ -224,7 +237,7 @@ mod tests {
         assert!(whole.final_cost < 0.9 * whole.initial_cost, "{whole:?}");
         assert_eq!(told.len() + 1, whole.iterations);
         assert!(told.len() > 1 && told.is_sorted() && told[0] > 0.0 && told[told.len() - 1] <= 1.0, "{told:?}");
-        let ended = solve_with_progress(&problem, state, TRUSTED, &mut |_| ControlFlow::Break(())).unwrap().report;
+        let ended = solve_with_progress(&problem, state, limits, &mut |_| ControlFlow::Break(())).unwrap().report;
         assert!(ended.iterations == 1 && ended.final_cost > whole.final_cost, "{ended:?}");
     }
 

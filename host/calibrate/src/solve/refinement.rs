@@ -21,7 +21,7 @@ use crate::solve::event_bias::{CLASS_COUNT, CLASSES_OF_LENGTH, EventBias, is_own
 use crate::solve::event_sample::RankedEvent;
 use crate::solve::knot_choice::{KnotReport, choose_knots};
 use crate::solve::left_out::{LeftOut, leave_out};
-use crate::solve::levenberg::{Solved, TRUSTED, solve_with_progress};
+use crate::solve::levenberg::{FIRST_DAMPING, Limits, Solved, TRUSTED, solve_with_progress};
 use crate::solve::observation::SegmentObservations;
 use crate::solve::observation_range::{EventResidual, residuals_and_scale, residuals_at};
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
@@ -54,27 +54,23 @@ settings! {
 /// Most rounds.
 const ROUNDS: usize = 6;
 
-/// When a round changes the projection by less than this (px, rms over the sensor), the next round is the last. A round before
-/// the last also moves the camera by its own noise, because it has few events.
+/// When a round changes the projection by less than this (px, rms over the sensor), the next round is the last. The value is above
+/// the noise of the earlier rounds, which have few events.
 const SETTLED: f64 = 0.2;
 
 /// Most events in the rounds before the last.
 const EARLY_EVENTS: usize = 250_000;
 
-/// The knots of the last round are chosen from every second event. With every fourth event, trajectories are smoother, and their
-/// error in 20 s of fast motion is 4 % larger.
+/// The knots of the last round are chosen from every second event. With every fourth event, trajectories would be smoother, and their
+/// error in 20 s of fast motion 4 % larger.
 const KNOTS: usize = 2;
 
-/// Stride of the events that are solved first in the last round, before all of them: most of the way to the solution is made with
-/// few.
+/// In the last round, a solve with every n-th event precedes the solve with all events, because it leads most of the way to the
+/// solution at a fraction of the cost. This is n.
 const COARSE: usize = 4;
 
-/// A step that is predicted to lower the cost by less than this share ends a solve if another one with more events follows.
+/// If another solve with more events follows, a solve ends at a step that is predicted to lower the cost by less than this share.
 const EARLY: f64 = 1e-3;
-
-/// The same for the solve that follows a finished one with fewer events: it starts so near the minimum that the prediction of its
-/// first step is reliable.
-const AFTER_COARSE: f64 = 0.03;
 
 /// Spread of the events as long as it is not known (px).
 pub const FIRST_SIGMA: f64 = 0.5;
@@ -82,7 +78,7 @@ pub const FIRST_SIGMA: f64 = 0.5;
 /// Fewest events for a class to have biases of its own.
 const FEWEST_OF_CLASS: usize = 500;
 
-/// Smallest spread of circle centres (px) in the joint solve: circles without noise would otherwise have an infinite weight.
+/// Smallest spread of circle centres (px) in the joint solve; without it, circles without noise would have an infinite weight.
 pub const SMALLEST_POINT_SIGMA: f64 = 0.02;
 
 /// Statistics of one round.
@@ -94,11 +90,13 @@ pub struct RoundReport {
     pub knots: Option<KnotReport>,
     /// Solve of this round.
     pub solve: SolveReport,
-    /// Root mean square change of the projection over the sensor (px); `None` if the two lenses share no pixel.
+    /// Root mean square change of the projection over the sensor (px) by this round; `None` if the cameras before and after the
+    /// round have no common pixel to compare.
     pub change: Option<f64>,
 }
 
-/// Passes the events of a share of 0 to 1 of one recording to a visitor, in batches in time order and with times from its start.
+/// Passes an even sample of the events of one recording to a visitor, in batches in time order. The arguments are the index of the
+/// recording and the share of its events in the sample (0 to 1). Times count from the start of the recording.
 pub type ReadRecording<'a, E> = dyn Fn(usize, f64, &mut dyn FnMut(&[RankedEvent])) -> Result<(), E> + Sync + 'a;
 
 /// The events of all recordings.
@@ -121,7 +119,7 @@ pub struct RefinementInput<'a, E> {
     pub points: Vec<Vec<PointObservation>>,
     /// Spread of a circle centre (px).
     pub point_sigma: f64,
-    /// Intervals that are excluded from the beginning.
+    /// Intervals that are already excluded when the refinement starts.
     pub left_out: &'a [LeftOut],
     /// Flags of the estimated parameters of the board; the others keep their start values.
     pub free_board: [bool; BOARD_PARAMETERS],
@@ -150,7 +148,7 @@ pub struct Refined {
     pub problem: Problem,
     /// Robust residual statistics of the last round.
     pub residuals: ResidualStatistics,
-    /// The residuals of the events there; cleared after the examination.
+    /// Residuals of the events at the final estimate; cleared after the examination.
     pub events: Vec<EventResidual>,
     /// Excluded intervals: from the input, and intervals that no curve explains.
     pub left_out: Vec<LeftOut>,
@@ -176,8 +174,9 @@ const READY: f64 = 0.35;
 const COARSELY_SOLVED: f64 = 0.75;
 const SOLVED: f64 = 0.95;
 
-/// Associates and solves in turn, starting at `state`. Returns the result and the normal equations there. `progress` gets the
-/// number of the round, from 0 on, and the progress of the round, 0 to 1; once it fails, the refinement ends as soon as it can.
+/// Alternates association and solve, starting at `state`. Returns the result and the normal equations at the solution. `progress`
+/// receives the number of the round, from 0 on, and its progress, 0 to 1; if it returns an error, the refinement ends as soon as
+/// possible.
 ///
 /// # Errors
 /// [`RefinementError::Read`] if a recording cannot be read, or with the error of `progress`; [`RefinementError::Solve`] if the
@@ -191,10 +190,10 @@ pub fn refine<E: Send>(
     let mut rounds: Vec<RoundReport> = Vec::new();
     let mut kept_share = 1.0;
     state.bias = unknown(FIRST_SIGMA);
-    // Circle centres stay as they are: without events to associate again, one round is enough.
+    // Circle centres are not associated again, so without events one round is enough.
     let total = if input.events.is_some() { ROUNDS } else { 1 };
     let count = input.events.as_ref().map_or(1, |events| events.counts.iter().sum::<u64>().max(1)) as f64;
-    // Circle centres determine the time, which events alone do not.
+    // Circle centres fix the clock of the trajectory. With events alone, a delay common to all classes equals a shift of the clock.
     let has_points = input.points.iter().any(|points| !points.is_empty());
     let mut last_early = false;
     loop {
@@ -202,12 +201,13 @@ pub fn refine<E: Send>(
         let mut on_progress = |done| progress(round, done);
         on_progress(0.0).map_err(RefinementError::Read)?;
         let first = rounds.is_empty();
-        // The last round uses all events that the settings allow; the ones before use only as many as are needed to get near.
+        // The last round uses all events that the settings allow. Earlier rounds only have to come near the solution, so they use
+        // fewer.
         let final_round = last_early || rounds.len() + 1 == total;
         let wanted = if final_round { settings.association.most_events } else { EARLY_EVENTS };
         let share = (wanted as f64 / (count * kept_share)).min(1.0);
         let bearings = BearingTable::new(&state.camera, input.sensor);
-        // A request to end is noticed immediately afterwards.
+        // An error of the callback is ignored here; the call after the association returns it.
         let mut associating = |done| _ = on_progress(ASSOCIATED * done);
         let Associated { segments, report: association, mut residuals, mut mean_scale } =
             associate_all(input, &state, &bearings, settings, !first, share, &mut associating)?;
@@ -228,7 +228,7 @@ pub fn refine<E: Send>(
         }
         let biases = &mut problem.free.biases;
         match problem.edges {
-            // The rims of circles have all directions: a bend of all events cannot be distinguished from a motion.
+            // Rims have all directions, so a bend common to all classes equals a change of the trajectory: class 0 has none.
             BoardEdges::Rims(_) => biases[0][Bias::Bend] = false,
             BoardEdges::Lines(_) => biases.iter_mut().for_each(|biases| biases[Bias::Memory] = false),
         }
@@ -245,19 +245,18 @@ pub fn refine<E: Send>(
         });
         let before = state.camera;
         on_progress(READY).map_err(RefinementError::Read)?;
-        let (mut ready, mut trusted) = (READY, if final_round { TRUSTED } else { EARLY });
+        let mut limits = Limits { damping: FIRST_DAMPING, trusted: if final_round { TRUSTED } else { EARLY } };
+        let mut ready = READY;
         if is_large {
             let coarse = problem.every(COARSE);
             let solving = &mut |done| flow(on_progress(READY + (COARSELY_SOLVED - READY) * done));
-            let Solved { state: solved, report, .. } = solve_with_progress(&coarse, state, EARLY, solving)?;
-            (state, ready) = (solved, COARSELY_SOLVED);
-            if report.iterations < coarse.iterations {
-                trusted = AFTER_COARSE;
-            }
+            let early = Limits { trusted: EARLY, ..limits };
+            let Solved { state: solved, damping, .. } = solve_with_progress(&coarse, state, early, solving)?;
+            (state, ready, limits.damping) = (solved, COARSELY_SOLVED, damping);
         }
         let solving = &mut |done| flow(on_progress(ready + (SOLVED - ready) * done));
-        let Solved { state: solved, mut system, report: solve_report } =
-            solve_with_progress(&problem, state, trusted, solving)?;
+        let Solved { state: solved, mut system, report: solve_report, .. } =
+            solve_with_progress(&problem, state, limits, solving)?;
         on_progress(SOLVED).map_err(RefinementError::Read)?;
         state = solved;
         let moved = difference(&before, &state.camera, input.sensor);
@@ -274,7 +273,7 @@ pub fn refine<E: Send>(
                 drop(events);
                 leave_out(&mut problem, &state, &unexplained);
                 let solving = &mut |done| flow(on_progress(SOLVED + (1.0 - SOLVED) * done));
-                Solved { state, system, .. } = solve_with_progress(&problem, state, TRUSTED, solving)?;
+                Solved { state, system, .. } = solve_with_progress(&problem, state, limits, solving)?;
                 on_progress(1.0).map_err(RefinementError::Read)?;
                 events = residuals_at(&problem, &state);
                 residuals = residual_statistics(&problem, &state, &events);
@@ -402,13 +401,14 @@ fn class_counts(problem: &Problem) -> [usize; CLASS_COUNT] {
     counts
 }
 
-/// Returns `true` if classes have latencies: the paper's residual has no biases.
+/// Returns `true` if latencies are estimated: the setting is on, and the residual is not the paper's, which has no biases.
 fn knows_latencies(settings: StageSettings) -> bool {
     settings.refinement.latencies && settings.solve.residual == ResidualMeasure::Pixel
 }
 
-/// Returns the class whose latency is fixed if only events determine the time, because a delay of all events cannot be
-/// distinguished from a shift of the clock. It is the largest class of first OFF events, which determines the time best.
+/// Returns the class whose latency is fixed during a solve without circle centres, because a delay common to all classes equals a
+/// shift of the clock. It is the largest class of first OFF events, which determines the time best. After the last round,
+/// [`shift_clock`] moves the zero to the mean of all first OFF events.
 fn latency_reference(counts: &[usize; CLASS_COUNT]) -> usize {
     let first_off = (0..CLASS_COUNT).step_by(CLASSES_OF_LENGTH);
     first_off.rev().max_by_key(|&class| counts[class]).unwrap_or(0)

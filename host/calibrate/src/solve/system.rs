@@ -170,8 +170,9 @@ impl System {
         }
     }
 
-    /// Computes the step of the estimated parameters, damped by `damping` (relative to the diagonal). A step with hardly any
-    /// damping is lengthened as the loss requires ([`Loss::lengthening`]).
+    /// Computes the step of the estimated parameters. `damping` is a share of the diagonal that the global parameters have after the
+    /// elimination of the control points. A step with hardly any damping is lengthened as the loss requires
+    /// ([`Loss::lengthening`]).
     pub fn step(&self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Step, NotPositiveDefinite> {
         let Reduced { free, segments: eliminated, schur, right } = self.reduced(damping, free)?;
         let factor = schur.cholesky().ok_or(NotPositiveDefinite)?;
@@ -206,7 +207,7 @@ impl System {
     /// remain.
     pub fn reduced(&self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Reduced, NotPositiveDefinite> {
         let free = places(free);
-        let segments = self.segments.par_iter().map(|segment| segment.eliminated(damping, &free));
+        let segments = self.segments.par_iter().map(|segment| segment.eliminated(OF_CONTROL_POINTS * damping, &free));
         let segments = segments.collect::<Result<_, NotPositiveDefinite>>()?;
         Ok(Reduced::new(free, segments, &self.corner, &self.corner_gradient, damping))
     }
@@ -214,7 +215,8 @@ impl System {
     /// Does the same and consumes the system: each segment is dropped as soon as it is eliminated.
     pub fn into_reduced(self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Reduced, NotPositiveDefinite> {
         let free = places(free);
-        let segments = self.segments.into_par_iter().map(|segment| segment.eliminated(damping, &free));
+        let segments =
+            self.segments.into_par_iter().map(|segment| segment.eliminated(OF_CONTROL_POINTS * damping, &free));
         let segments = segments.collect::<Result<_, NotPositiveDefinite>>()?;
         Ok(Reduced::new(free, segments, &self.corner, &self.corner_gradient, damping))
     }
@@ -254,15 +256,15 @@ impl Reduced {
         gradient: &DVector<f64>,
         damping: f64,
     ) -> Self {
-        let mut schur = DMatrix::from_fn(free.len(), free.len(), |row, column| {
-            let value = corner[(free[row], free[column])];
-            if row == column { value * (1.0 + damping) } else { value }
-        });
+        let mut schur = DMatrix::from_fn(free.len(), free.len(), |row, column| corner[(free[row], free[column])]);
         let mut right = DVector::from_fn(free.len(), |row, _| -gradient[free[row]]);
         for part in &segments {
             let (of_segment, right_of_segment) = part.schur();
             schur -= of_segment;
             right -= right_of_segment;
+        }
+        for place in 0..free.len() {
+            schur[(place, place)] *= 1.0 + damping;
         }
         Self { free, segments, schur, right }
     }
@@ -337,6 +339,11 @@ impl Follows {
         self.segments.iter().map(|segment| segment.control_covariance(places, globals)).collect()
     }
 }
+
+/// Damping of the control points, as a share of the damping of the global parameters. If the board is hardly tilted, the control
+/// points compensate nearly all of a change of the focal length; fully damped, they would stop the focal length far from its
+/// minimum.
+pub const OF_CONTROL_POINTS: f64 = 1e-3;
 
 /// Up to this damping a step counts as a Gauss-Newton step.
 const SMALL_DAMPING: f64 = 1e-5;
