@@ -10,7 +10,7 @@ use super::loss::Loss;
 use super::normal::RangeEquations;
 use super::observation_range::ObservationRange;
 use super::places;
-use super::system::{Holds, OF_CONTROL_POINTS, SegmentSystem};
+use super::system::{Holds, SegmentSystem};
 
 /// Damping, relative to the diagonal: it keeps a parameter that the half does not determine where it is.
 const DAMPING: f64 = 1e-6;
@@ -46,7 +46,7 @@ impl Half {
     /// Returns `None` if they do not determine the trajectory.
     pub fn add_slice(&mut self, slice: &[(ObservationRange, RangeEquations)], holds: &Holds) -> Option<()> {
         let Some(segment) = SegmentSystem::of_ranges(slice, holds) else { return Some(()) };
-        let (schur, right) = segment.eliminated(OF_CONTROL_POINTS * DAMPING, &self.free).ok()?.schur();
+        let (schur, right) = segment.eliminated(DAMPING, &self.free).ok()?.schur();
         self.information -= schur;
         self.right -= right;
         for (_, equations) in slice {

@@ -46,7 +46,7 @@ pub struct Solved {
     pub system: System,
     /// Statistics of the solve.
     pub report: SolveReport,
-    /// Damping of the last step.
+    /// Damping of a further step.
     pub damping: f64,
 }
 

@@ -203,11 +203,11 @@ impl System {
         -0.5 * sum
     }
 
-    /// Eliminates the control points from the system, damped by `damping`; of the global parameters only those that are `free`
-    /// remain.
+    /// Eliminates the control points from the system, whose global parameters are damped by `damping`; of these, only the parameters
+    /// that are `free` remain.
     pub fn reduced(&self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Reduced, NotPositiveDefinite> {
         let free = places(free);
-        let segments = self.segments.par_iter().map(|segment| segment.eliminated(OF_CONTROL_POINTS * damping, &free));
+        let segments = self.segments.par_iter().map(|segment| segment.eliminated(damping, &free));
         let segments = segments.collect::<Result<_, NotPositiveDefinite>>()?;
         Ok(Reduced::new(free, segments, &self.corner, &self.corner_gradient, damping))
     }
@@ -215,8 +215,7 @@ impl System {
     /// Does the same and consumes the system: each segment is dropped as soon as it is eliminated.
     pub fn into_reduced(self, damping: f64, free: &[bool; GLOBAL_COUNT]) -> Result<Reduced, NotPositiveDefinite> {
         let free = places(free);
-        let segments =
-            self.segments.into_par_iter().map(|segment| segment.eliminated(OF_CONTROL_POINTS * damping, &free));
+        let segments = self.segments.into_par_iter().map(|segment| segment.eliminated(damping, &free));
         let segments = segments.collect::<Result<_, NotPositiveDefinite>>()?;
         Ok(Reduced::new(free, segments, &self.corner, &self.corner_gradient, damping))
     }
@@ -343,7 +342,7 @@ impl Follows {
 /// Damping of the control points, as a share of the damping of the global parameters. If the board is hardly tilted, the control
 /// points compensate nearly all of a change of the focal length; fully damped, they would stop the focal length far from its
 /// minimum.
-pub const OF_CONTROL_POINTS: f64 = 1e-3;
+const OF_CONTROL_POINTS: f64 = 1e-3;
 
 /// Up to this damping a step counts as a Gauss-Newton step.
 const SMALL_DAMPING: f64 = 1e-5;
@@ -418,9 +417,9 @@ impl SegmentSystem {
         product
     }
 
-    /// Eliminates the control points, damped by `damping`, from the global parameters that are `free`.
+    /// Eliminates the control points from the global parameters that are `free` and damped by `damping`.
     pub fn eliminated(&self, damping: f64, free: &[usize]) -> Result<Eliminated, NotPositiveDefinite> {
-        let factor = factored(&self.blocks, self.order, damping, self.scale)?;
+        let factor = factored(&self.blocks, self.order, OF_CONTROL_POINTS * damping, self.scale)?;
         Ok(Eliminated::new(factor, self.order, &self.border, &self.gradient, free))
     }
 }
