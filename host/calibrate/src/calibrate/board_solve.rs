@@ -190,11 +190,11 @@ fn hold(
     }
     let camera = with_fixed(&state.camera, &values, input.sensor).ok_or(CalibrateError::ImpossibleValues)?;
     progress.report("joint solve with undetermined parameters fixed")?;
-    let (mut refined, system) = refined_from(task, &input, State { camera, ..state }, progress)?;
+    let mut refined = refined_from(task, &input, State { camera, ..state }, progress)?;
     progress.report("uncertainty")?;
     for &index in undetermined {
         refined.problem.free.intrinsics[index] = true;
     }
-    let certainty = certainty(&refined, system)?;
+    let certainty = certainty(&refined)?;
     Ok((refined, certainty))
 }

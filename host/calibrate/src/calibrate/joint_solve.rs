@@ -7,7 +7,6 @@ use crate::quality::uncertainty::{SolveUncertainty, uncertainty};
 use crate::settings::Settings;
 use crate::solve::State;
 use crate::solve::refinement::{Refined, RefinementInput, StageSettings, refine};
-use crate::solve::system::System;
 use crate::trajectory::first::FirstTrajectorySettings;
 
 /// Returns the settings of the joint solve.
@@ -25,21 +24,21 @@ pub(super) fn trajectory_settings(settings: &Settings) -> FirstTrajectorySetting
     FirstTrajectorySettings { segment: &settings.segment, spline: &settings.spline, knots: &settings.knots }
 }
 
-/// Runs the joint solve from `state` on, and returns the normal equations at its result.
+/// Runs the joint solve from `state` on.
 pub(super) fn refined(
     task: &Task,
     input: &RefinementInput<CalibrateError>,
     state: State,
     progress: &Progress,
-) -> Result<(Refined, System), CalibrateError> {
+) -> Result<Refined, CalibrateError> {
     let stage = stage_settings(task.settings);
     let on_progress = |round, done| progress.report_part(&format!("joint solve, round {}", round + 1), done);
     Ok(refine(input, state, stage, on_progress)?)
 }
 
-/// Returns the uncertainty of a joint solve whose normal equations are `system`.
-pub(super) fn certainty(refined: &Refined, system: System) -> Result<SolveUncertainty, CalibrateError> {
-    uncertainty(&refined.problem, &refined.state, system).map_err(CalibrateError::Solve)
+/// Returns the uncertainty of a joint solve.
+pub(super) fn certainty(refined: &Refined) -> Result<SolveUncertainty, CalibrateError> {
+    uncertainty(&refined.problem, &refined.state).map_err(CalibrateError::Solve)
 }
 
 /// Runs the joint solve from `state` on, and computes the uncertainty of its result.
@@ -49,8 +48,8 @@ pub(super) fn solve(
     state: State,
     progress: &Progress,
 ) -> Result<(Refined, SolveUncertainty), CalibrateError> {
-    let (refined, system) = refined(task, input, state, progress)?;
+    let refined = refined(task, input, state, progress)?;
     progress.report("uncertainty")?;
-    let certainty = certainty(&refined, system)?;
+    let certainty = certainty(&refined)?;
     Ok((refined, certainty))
 }

@@ -30,10 +30,10 @@ use crate::solve::bearing_table::BearingTable;
 use crate::solve::board_edge::BoardEdges;
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::{Bias, Biases};
-use crate::solve::levenberg::{intrinsics_of, linearised};
+use crate::solve::levenberg::{assemble, intrinsics_of, linearised};
 use crate::solve::observation_range::{RANGES_TOGETHER, observation_ranges};
 use crate::solve::pose_covariance::PoseCovariance;
-use crate::solve::system::{Contribution, PackedContribution, System};
+use crate::solve::system::{Contribution, PackedContribution};
 use crate::solve::{BOARD_INDEX, BOARD_PARAMETERS, GLOBAL_COUNT, Problem, SolveError, State, bias_index};
 use blocks::{Scatter, scatter, sum_by_block};
 use parts::CovarianceParts;
@@ -167,15 +167,17 @@ fn combined(formal: &DMatrix<f64>, scatters: impl Iterator<Item = Scatter>) -> (
     (shape * inflation, inflation, blocks)
 }
 
-/// Computes the uncertainty of `state`, the solution of `problem`; `system` are the normal equations there, or one small step
-/// before.
+/// Computes the uncertainty of `state`, the solution of `problem`.
 ///
 /// # Errors
 /// [`SolveError::Singular`] if the observations do not determine the estimated parameters.
-pub fn uncertainty(problem: &Problem, state: &State, system: System) -> Result<SolveUncertainty, SolveError> {
+pub fn uncertainty(problem: &Problem, state: &State) -> Result<SolveUncertainty, SolveError> {
     let ranges = observation_ranges(&problem.segments);
     let free = problem.free.mask();
     let singular = |_| SolveError::Singular;
+    // The solve does not evaluate its last step. Its last equations would not do: if coefficients are strongly correlated, that step
+    // turns the poorly determined direction, in which the contributions of the blocks would then appear far too large.
+    let system = assemble(problem, state, &ranges);
     let observations = system.loss.count;
     // The derivative of an event's distance by the offset of its class is 1, by the latency the edge's speed.
     let latency_shift = latency_shift(state.bias.iter().enumerate().map(|(class, bias)| {

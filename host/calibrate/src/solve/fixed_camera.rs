@@ -4,8 +4,8 @@ use super::association::AssociationReport;
 use super::bearing_table::BearingTable;
 use super::knot_choice::choose_knots;
 use super::left_out::{LeftOut, leave_out};
-use super::levenberg::{Solved, solve};
-use super::observation_range::residuals_at;
+use super::levenberg::{assemble, solve};
+use super::observation_range::{observation_ranges, residuals_at};
 use super::refinement::{Associated, RefinementError, RefinementInput, StageSettings, associate_all, problem};
 use super::system::System;
 use super::unexplained::unexplained;
@@ -48,11 +48,12 @@ pub fn follow<E: Send>(
     let (mut problem, association) = associated(&state)?;
     let choice = choose_knots(&problem, &state, settings.knots);
     (state.trajectories, problem.stiffness) = (choice.trajectories, choice.stiffness);
-    let Solved { state: mut followed, mut system, .. } = solve(&problem, state)?;
+    let mut followed = solve(&problem, state)?.state;
     let left_out = unexplained(&problem, &followed, &residuals_at(&problem, &followed));
     if !left_out.is_empty() {
         leave_out(&mut problem, &followed, &left_out);
-        Solved { state: followed, system, .. } = solve(&problem, followed)?;
+        followed = solve(&problem, followed)?.state;
     }
+    let system = assemble(&problem, &followed, &observation_ranges(&problem.segments));
     Ok(Followed { state: followed, system, left_out, association })
 }

@@ -42,8 +42,6 @@ pub struct Limits {
 pub struct Solved {
     /// The solution.
     pub state: State,
-    /// The normal equations there, or one step before.
-    pub system: System,
     /// Statistics of the solve.
     pub report: SolveReport,
     /// Damping of a further step.
@@ -132,7 +130,7 @@ pub fn solve_with_progress(
         }
         done = done.max(settled(decrease, TOLERANCE));
     }
-    Ok(Solved { state, system, report, damping })
+    Ok(Solved { state, report, damping })
 }
 
 /// Returns the progress of a solve, 0 to 1, when an iteration lowered the cost by the share `decrease`. The decreases get smaller

@@ -25,7 +25,6 @@ use crate::solve::levenberg::{FIRST_DAMPING, Limits, Solved, TRUSTED, solve_with
 use crate::solve::observation::SegmentObservations;
 use crate::solve::observation_range::{EventResidual, residuals_and_scale, residuals_at};
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
-use crate::solve::system::System;
 use crate::solve::unexplained::unexplained;
 use crate::solve::{
     BOARD_PARAMETERS, FreeParameters, HUBER, ITERATIONS, Problem, ResidualMeasure, SolveError, SolveReport,
@@ -174,8 +173,7 @@ const READY: f64 = 0.35;
 const COARSELY_SOLVED: f64 = 0.75;
 const SOLVED: f64 = 0.95;
 
-/// Alternates association and solve, starting at `state`. Returns the result and the normal equations at the solution. `progress`
-/// receives the number of the round, from 0 on, and its progress, 0 to 1; if it returns an error, the refinement ends as soon as
+/// Alternates association and solve, starting at `state`. `progress` receives the number of the round, from 0 on, and its progress, 0 to 1; if it returns an error, the refinement ends as soon as
 /// possible.
 ///
 /// # Errors
@@ -186,7 +184,7 @@ pub fn refine<E: Send>(
     mut state: State,
     settings: StageSettings,
     mut progress: impl FnMut(usize, f64) -> Result<(), E>,
-) -> Result<(Refined, System), RefinementError<E>> {
+) -> Result<Refined, RefinementError<E>> {
     let mut rounds: Vec<RoundReport> = Vec::new();
     let mut kept_share = 1.0;
     state.bias = unknown(FIRST_SIGMA);
@@ -255,8 +253,7 @@ pub fn refine<E: Send>(
             (state, ready, limits.damping) = (solved, COARSELY_SOLVED, damping);
         }
         let solving = &mut |done| flow(on_progress(ready + (SOLVED - ready) * done));
-        let Solved { state: solved, mut system, report: solve_report, .. } =
-            solve_with_progress(&problem, state, limits, solving)?;
+        let Solved { state: solved, report: solve_report, .. } = solve_with_progress(&problem, state, limits, solving)?;
         on_progress(SOLVED).map_err(RefinementError::Read)?;
         state = solved;
         let moved = difference(&before, &state.camera, input.sensor);
@@ -273,7 +270,7 @@ pub fn refine<E: Send>(
                 drop(events);
                 leave_out(&mut problem, &state, &unexplained);
                 let solving = &mut |done| flow(on_progress(SOLVED + (1.0 - SOLVED) * done));
-                Solved { state, system, .. } = solve_with_progress(&problem, state, limits, solving)?;
+                state = solve_with_progress(&problem, state, limits, solving)?.state;
                 on_progress(1.0).map_err(RefinementError::Read)?;
                 events = residuals_at(&problem, &state);
                 residuals = residual_statistics(&problem, &state, &events);
@@ -282,7 +279,7 @@ pub fn refine<E: Send>(
                 shift_clock(&mut state.bias, &mut state.trajectories, delay);
             }
             let left_out = input.left_out.iter().chain(&unexplained).copied().collect();
-            return Ok((Refined { state, problem, residuals, events, left_out, rounds }, system));
+            return Ok(Refined { state, problem, residuals, events, left_out, rounds });
         }
         last_early = change.is_some_and(|change| change < SETTLED);
     }
