@@ -25,6 +25,7 @@ pub mod half;
 pub mod knot_choice;
 pub mod knot_fit;
 pub mod left_out;
+pub mod lens_step;
 pub mod levenberg;
 pub mod loss;
 pub mod normal;

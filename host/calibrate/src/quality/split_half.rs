@@ -8,13 +8,13 @@
 //! The common result is so near the result of each half that one Newton step leads there, and everything else follows from the
 //! equations at the common result: the events are not processed again.
 
-use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::quality::uncertainty::parts::CovarianceParts;
 use crate::quality::uncertainty::projection::projection_uncertainty;
 use crate::solve::half::{Half, SolvedHalf};
+use crate::solve::lens_step::{observed_pixels, stepped};
 use crate::solve::levenberg::intrinsics_of;
 use crate::solve::normal::RangeEquations;
 use crate::solve::observation::SegmentObservations;
@@ -155,7 +155,8 @@ pub fn split_half(
     parts: &CovarianceParts,
 ) -> Option<SplitHalf> {
     let free = problem.free.mask();
-    let camera = |(half, _): &(SolvedHalf, f64)| moved(&state.camera, &half.globals);
+    let observed = observed_pixels(&problem.segments, problem.sensor);
+    let camera = |(half, _): &(SolvedHalf, f64)| stepped(&state.camera, &half.globals, &observed);
     let formal = |(half, _): &(SolvedHalf, f64)| intrinsics_of(&half.formal, &free, state.camera.parameters().len());
     let [first, second] = &halves.0;
     let cameras = [camera(first)?, camera(second)?];
@@ -184,13 +185,6 @@ pub fn split_half(
         bound: expected.rms_95,
         held_out,
     })
-}
-
-/// Returns the camera with its parameters moved by the first of `globals`; `None` if the model rejects them.
-fn moved(camera: &Camera<f64>, globals: &[f64; GLOBAL_COUNT]) -> Option<Camera<f64>> {
-    let mut parameters = camera.parameters();
-    parameters.iter_mut().zip(globals.iter().take(MAX_PARAMETERS)).for_each(|(parameter, step)| *parameter += step);
-    Camera::from_parameters(camera.kind(), &parameters)
 }
 
 /// Returns the squared `distance` of the intrinsics in units of their `covariance`; parameters that are not `free` do not count.

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 use super::bearing_table::BearingTable;
 use super::control_band::{Block, NotPositiveDefinite, banded_times, factored, mean_diagonal};
+use super::lens_step::observed_pixels;
 use super::levenberg::{linearised, moved};
 use super::normal::RangeEquations;
 use super::observation_range::{ObservationRange, RANGES_TOGETHER, observation_ranges};
@@ -176,7 +177,7 @@ pub fn moved_by(state: &State, problem: &Problem, step: &Step, offset: usize) ->
     for (place, value) in problem.free.places().into_iter().zip(step.globals.iter().skip(offset)) {
         globals[place] = *value;
     }
-    moved(state, &step.segments, &globals)
+    moved(state, &step.segments, &globals, &observed_pixels(&problem.segments, problem.sensor))
 }
 
 /// Minimises a cost by Levenberg-Marquardt, from an estimate and its equations. `system` extracts the [`System`] from the

@@ -6,6 +6,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::bearing_table::BearingTable;
+use super::lens_step::{ObservedPixel, observed_pixels, stepped};
 use super::normal::RangeEquations;
 use super::observation_range::{ObservationRange, RANGES_TOGETHER, linearise, observation_ranges};
 use super::smoothness::{Acceleration, accelerations};
@@ -70,6 +71,7 @@ pub fn solve_with_progress(
 ) -> Result<Solved, SolveError> {
     let ranges = observation_ranges(&problem.segments);
     let free = problem.free.mask();
+    let observed = observed_pixels(&problem.segments, problem.sensor);
     let mut system = assemble(problem, &state, &ranges);
     if system.loss.count == 0 {
         return Err(SolveError::NoObservations);
@@ -100,7 +102,7 @@ pub fn solve_with_progress(
             }
             Err(_) => return Err(SolveError::Singular),
         };
-        let Some(trial) = moved(&state, &step.segments, &step.globals) else {
+        let Some(trial) = moved(&state, &step.segments, &step.globals, &observed) else {
             damping *= 10.0;
             continue;
         };
@@ -181,11 +183,10 @@ pub fn linearised(
     ranges.par_iter().map(|range| (range.clone(), linearise(problem, state, bearings, range))).collect()
 }
 
-/// Returns `state` moved by a step; `None` if the camera model rejects the parameters.
-pub fn moved(state: &State, segments: &[Vec<f64>], globals: &[f64]) -> Option<State> {
-    let mut parameters = state.camera.parameters();
-    parameters.iter_mut().zip(globals).for_each(|(parameter, step)| *parameter += step);
-    let camera = evcal_core::camera::Camera::from_parameters(state.camera.kind(), &parameters)?;
+/// Returns `state` moved by a step; `observed` are the pixels whose bearings the step of the intrinsics changes linearly. Returns `None`
+/// if the camera model rejects the parameters.
+pub fn moved(state: &State, segments: &[Vec<f64>], globals: &[f64], observed: &[ObservedPixel]) -> Option<State> {
+    let camera = stepped(&state.camera, globals, observed)?;
     let mut board = state.board.parameters();
     board.iter_mut().zip(globals.get(BOARD_INDEX..)?).for_each(|(parameter, step)| *parameter += step);
     let board = BoardShape::from_parameters(board);

@@ -413,7 +413,7 @@ pub(crate) mod tests {
         let slope = |globals: &[f64], points: &[f64]| {
             let cost = |sign: f64| {
                 let scaled = |values: &[f64]| values.iter().map(|value| sign * value).collect::<Vec<_>>();
-                let state = moved(&state, &[scaled(points)], &scaled(globals)).unwrap();
+                let state = moved(&state, &[scaled(points)], &scaled(globals), &[]).unwrap();
                 cost_and_gradient(&problem, &state).0
             };
             0.5 * (cost(1.0) - cost(-1.0))

@@ -107,8 +107,8 @@ fn the_gradient_is_the_slope_of_the_cost() {
         free.iter().zip(&globals[COUNT..]).for_each(|(&global, value)| of_lens[global] = *value);
         let none = [0.0; crate::solve::GLOBAL_COUNT];
         let moved_estimate = Estimate {
-            first: moved(&estimate.first, &[step.to_vec()], &none).unwrap(),
-            second: moved(&estimate.second, &[], &of_lens).unwrap(),
+            first: moved(&estimate.first, &[step.to_vec()], &none, &[]).unwrap(),
+            second: moved(&estimate.second, &[], &of_lens, &[]).unwrap(),
             mount: estimate.mount.moved(globals),
         };
         parts(&problem, &moved_estimate, &free).iter().map(|one| one.part.cost).sum::<f64>()
@@ -185,7 +185,7 @@ fn the_gradient_is_the_slope_of_the_cost_of_circles_in_frames_too() {
         let mut of_lens = [0.0; crate::solve::GLOBAL_COUNT];
         free.iter().zip(&globals[MOST..]).for_each(|(&global, value)| of_lens[global] = *value);
         let moved_estimate = Estimate {
-            second: moved(&estimate.second, &[], &of_lens).unwrap(),
+            second: moved(&estimate.second, &[], &of_lens, &[]).unwrap(),
             mount: estimate.mount.moved(&globals),
             ..estimate.clone()
         };
