@@ -46,7 +46,7 @@ impl StageLine {
         Self { stage: stage.into(), taken, given, dropped: Vec::new(), notes: Vec::new() }
     }
 
-    /// Adds what was dropped, without zero counts.
+    /// Adds the dropped amounts, without zero counts.
     fn dropping(mut self, dropped: impl IntoIterator<Item = (u64, String)>) -> Self {
         let some = dropped.into_iter().filter(|(count, _)| *count > 0);
         self.dropped.extend(some.map(|(count, what)| Amount { count, what }));
