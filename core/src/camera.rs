@@ -100,7 +100,7 @@ pub struct Unprojection<T> {
     pub by_parameters: SMatrix<T, 3, MAX_PARAMETERS>,
 }
 
-/// A central camera model: each point has one pixel, independent of other points.
+/// A central camera model: all rays pass through one centre, so the pixel of a point depends only on its direction.
 pub trait CameraModel<T: RealField + Copy> {
     /// Name of the model, lower case with hyphens.
     const NAME: &'static str;

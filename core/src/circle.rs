@@ -12,10 +12,10 @@
 //! determine the direction in which it is curved.
 //!
 //! In both methods a pair counts only if each cluster is the other's best partner. The centre of a cluster is the mean
-//! of its pixels. The mean of an arc lies inside the circle, by an amount that follows from the arc's variance, and is
-//! moved outwards by that amount wherever distances are compared. (The paper's median lies between the mean and the
-//! arc, depending on the direction of the arc.) Every rejected pair is counted by its reason in [`CircleCounts`].
-//! Nothing here panics.
+//! of its pixels. The mean of an arc lies inside the circle, by an amount that follows from the arc's variance. Both
+//! means are moved outwards by that amount before the line between them is taken as a diameter or compared with a
+//! fitted circle. (The paper's median lies between the mean and the arc, depending on the direction of the arc.) Every
+//! rejected pair is counted by its reason in [`CircleCounts`]. Nothing here panics.
 
 mod extraction;
 mod fit;

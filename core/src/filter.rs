@@ -7,8 +7,8 @@
 //! - **Refractory.** An event (of either polarity) is dropped if it comes less than
 //!   [`refractory_us`](FilterSettings::refractory_us) after the last event of its pixel that was not dropped as
 //!   refractory.
-//! - **Background activity.** An event is dropped unless one of the 3×3 pixels around it, or of the cells that contain
-//!   those pixels, had an event less than [`background_us`](FilterSettings::background_us) before (after Delbruck,
+//! - **Background activity.** An event is dropped unless a cell that contains its pixel or one of the eight pixels
+//!   around it had an event less than [`background_us`](FilterSettings::background_us) before (after Delbruck,
 //!   *Frame-free dynamic digital vision*, 2008, on a coarser grid).
 //!
 //! One timestamp for every pixel would exceed the memory of a microcontroller, so the caller chooses the size of both
@@ -115,7 +115,7 @@ impl<const CELLS: usize, const SLOTS: usize> Default for FilterStorage<CELLS, SL
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum StorageTooSmall {
-    /// Even cells of 64×64 pixels number more than `CELLS`.
+    /// The sensor has more than `CELLS` cells, even with the largest cells of 64×64 pixels.
     Cells,
     /// More than 65 536 pixels share a slot.
     Slots,

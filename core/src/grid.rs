@@ -75,8 +75,9 @@ pub struct GridOptions {
     pub maximum_outside: usize,
     /// Largest scatter of the circles about a smooth lattice, as a fraction of the distance of neighbours.
     pub maximum_scatter: f64,
-    /// `true` if a missed circle says nothing about its neighbours, as in a picture of a board at rest. Then a row that is
-    /// missing within the image shows where the board ends. A row that moves along itself is missed as a whole.
+    /// `true` if circles are missed independently of each other, as in a picture of a board at rest. Then a whole row
+    /// that is missing within the image means that the board ends there. In events it does not, because the detector
+    /// misses a whole row if the row moves along itself.
     pub independent_misses: bool,
 }
 
@@ -286,8 +287,8 @@ pub struct LatticeSite {
     pub candidate: u16,
 }
 
-/// Finds the largest lattice of at least [`GridOptions::minimum_circles`] candidates. The caller determines its
-/// position on a board, because it may know more than positions.
+/// Finds the largest lattice of at least [`GridOptions::minimum_circles`] candidates. The caller determines the
+/// position of the lattice on a board, because it may know more about the candidates than their positions.
 ///
 /// # Errors
 /// Returns a [`GridError`] if there is no such lattice.

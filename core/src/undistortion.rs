@@ -1,9 +1,9 @@
 //! Fast removal of lens distortion from event coordinates by a look-up in a coarse table.
 //!
-//! The exact inverse of a lens model needs an iteration per event; the table needs four reads and a bilinear
-//! interpolation. Its nodes form a regular grid over the sensor, with the outermost nodes at the outermost pixels. Each
-//! node contains the exact pixel of an ideal camera. The error between nodes decreases with the square of their
-//! distance; [`UndistortionTable::accuracy`] measures it at every pixel.
+//! Many lens models have no inverse in closed form and need an iteration per event. The table needs four reads and a
+//! bilinear interpolation. Its nodes form a regular grid over the sensor, with the outermost nodes at the outermost
+//! pixels. Each node contains the exact pixel of an ideal camera. The error between nodes decreases with the square of
+//! their distance; [`UndistortionTable::accuracy`] measures it at every pixel.
 //!
 //! ```
 //! use evcal_core::camera::{Camera, ModelKind};

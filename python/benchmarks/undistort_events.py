@@ -1,4 +1,4 @@
-"""How many events a second Camera.undistort_events moves: python benchmarks/undistort_events.py"""
+"""Prints how many events per second Camera.undistort_events moves: python benchmarks/undistort_events.py"""
 
 import time
 

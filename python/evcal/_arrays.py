@@ -1,4 +1,4 @@
-"""Events in the forms in which other libraries have them, as structured arrays."""
+"""Converts events from the forms that other libraries use to structured arrays."""
 
 from collections import abc
 
@@ -13,7 +13,7 @@ MICROSECONDS = {"s": 1_000_000, "ms": 1000, "us": 1}
 
 
 def structured(events, columns=None, time_unit=None):
-    """Events as a structured array; one of whole numbers, times in microseconds, is handed back as it is."""
+    """Returns events as a structured array. One of whole numbers, with times in microseconds, is returned without a copy."""
     if not isinstance(events, np.ndarray) and not _is_table(events):
         events = _array(events)
     if _is_table(events):
@@ -41,7 +41,7 @@ def _is_table(events):
 
 def _array(values):
     if not hasattr(values, "__array__"):
-        # dv-processing, and tensors of libraries that know NumPy.
+        # Event stores of dv-processing and tensors have a method numpy.
         if hasattr(values, "numpy"):
             return np.asarray(values.numpy())
         if hasattr(values, "__dlpack__"):

@@ -26,7 +26,7 @@ __all__ = [
     "simulate",
 ]
 
-# A structured array; an array of N x 4 numbers; a mapping or data frame with the columns t, x, y and p; a tensor of one of these.
+# A structured array; an array or tensor of N x 4 numbers; a mapping or data frame with the columns t, x, y and p.
 _Events: TypeAlias = Any
 _Path: TypeAlias = str | PathLike[str]
 _Known: TypeAlias = Camera | Calibration | str | PathLike[str]

@@ -1,4 +1,5 @@
-//! Advice about errors, in terms of the Python package. The libraries describe the errors as data.
+//! Advice about errors, in terms of the Python package. The libraries' errors contain only facts, because their advice
+//! would depend on the program.
 
 use std::error::Error;
 use std::fmt::Display;
@@ -21,7 +22,7 @@ use event_recordings::given_sensor::{Exchanged, OtherSensor};
 use event_recordings::text::LineError;
 use event_recordings::{FormatOption, LayoutError, RecordingError, RecordingErrorKind, TimeUnit, UnsupportedFormat};
 
-/// Returns what to do about `error`: the advice for the first error in its chain of causes that is known here.
+/// Returns the advice for `error`, or for the first of its causes for which there is advice.
 pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
     let mut cause = Some(error);
     while let Some(error) = cause {
@@ -72,7 +73,7 @@ fn about_conversion(error: &ConvertError) -> Option<String> {
     }
 }
 
-/// Returns the advice for errors of the IMU, of other cameras and of parts of a recording.
+/// Returns the advice for errors about the IMU, other cameras and parts of a recording.
 fn about_beside(error: &(dyn Error + 'static)) -> Option<&'static str> {
     if let Some(RepeatError::TooFew { .. } | RepeatError::TooShort { .. }) = error.downcast_ref() {
         return Some("the length of the parts is seconds=");

@@ -57,14 +57,16 @@ struct Asked {
 impl Asked {
     fn task(&self) -> Task<'_> {
         let Self { inputs, board, model, sensor, settings, .. } = self;
-        // Pictures in a file of the first camera are those of another camera.
+        // If another camera's pictures are in a file of the first camera, the pictures in that file do not belong to
+        // the first.
         let taken =
             |other: &Input| matches!(other, Input::Images(_)) && inputs.iter().any(|input| input.is_of_file_of(other));
         let pictures = if self.others.iter().any(taken) { PictureUse::Ignore } else { self.pictures };
         Task { model: *model, sensor: *sensor, pictures, settings, wording: worded, ..Task::new(inputs, board) }
     }
 
-    /// Calibrates the camera, and the IMU and other cameras if requested; returns those that were not calibrated, with the reason.
+    /// Calibrates the camera, and the IMU and other cameras if requested. Also returns the names of the devices that
+    /// could not be calibrated, each with the reason.
     fn calibrate(
         &self,
         mut on_progress: impl FnMut(Step) -> ControlFlow<()> + Send,
@@ -165,10 +167,11 @@ impl Calibration {
         Array2::from_shape_fn(covariance.shape(), |place| covariance[place]).into_pyarray(py)
     }
 
-    /// Poses of the camera: a structured array with the fields recording (number, from 0), t (s, on the clock of the recording), position
-    /// (3, m, of the camera in the coordinates of the board), rotation (4, quaternion x, y, z, w from the camera to the board),
-    /// position_sigma (3, m) and rotation_sigma (3, rad, about the axes of the camera), NaN if unknown, and sure (True if the pose is
-    /// well determined, and therefore in trajectory.txt).
+    /// Poses of the camera relative to the board (T_world_camera): a structured array with the fields recording
+    /// (number, from 0), t (s, on the clock of the recording), position (3, m, centre of the camera in the coordinates
+    /// of the board), rotation (4, quaternion x, y, z, w, from camera coordinates to board coordinates), position_sigma
+    /// (3, m) and rotation_sigma (3, rad, about the axes of the camera), NaN if unknown, and sure (True if the pose is
+    /// well determined; trajectory.txt contains only these poses).
     #[getter]
     fn trajectory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let settings = &self.asked.settings.poses;
@@ -206,8 +209,8 @@ impl Calibration {
         to_python(py, serde_json::to_string(&worst_grade(&self.calibrated)))
     }
 
-    /// The verdict in words, with its reasons and what to do; then the verdicts on the IMU and on other cameras, or why they were not
-    /// calibrated.
+    /// The verdict in words, with its reasons and advice; then the verdicts on the IMU and on other cameras, or the
+    /// reasons why they were not calibrated.
     #[getter]
     fn verdict(&self) -> String {
         let beside = verdicts_beside(&self.calibrated).into_iter();
@@ -216,7 +219,7 @@ impl Calibration {
         std::iter::once(self.calibrated.verdict.worded(worded).to_string()).chain(beside).chain(failures).collect()
     }
 
-    /// Results that are missing although they were asked for: pairs of a name (the IMU, or the file of another camera) and the reason.
+    /// Requested results that are missing: pairs of a name (the IMU, or the file of another camera) and the reason.
     #[getter]
     fn not_calibrated(&self) -> Vec<(String, String)> {
         self.failures.clone()
@@ -318,8 +321,8 @@ fn inputs_and_board(
     if let BoardRequest::Given(board) = request {
         return Ok((inputs_of(given, options, board)?, *board));
     }
-    // Events are read in the same way for every board. Circles are put in the order of the board, which therefore cannot be
-    // recognised in them.
+    // No board is known yet, so the inputs are opened with an arbitrary one. Recordings of events do not depend on it.
+    // Files of circles do, but no board can be recognised in them anyway.
     let any =
         CircleBoard { pattern: Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 }, spacing: 1.0, radius: 0.3 }
             .into();
@@ -368,15 +371,18 @@ fn picture_use(name: &str) -> PyResult<PictureUse> {
 /// sensor: (width, height) in pixels; needed for arrays, and for files that do not contain it.
 /// columns, time_unit, stream: as for read.
 /// settings: a settings file (TOML).
-/// frames: use of the camera's own frames, if a file contains them: "cross-check" compares them with the events, "joint" solves for both, "only"
-/// uses the frames alone, "ignore" does not read them.
-/// imu: also calibrate the IMU: True for the samples in the recording, or the path of a CSV file of samples. gravity: its magnitude at the
-/// place of the recording (m/s²).
+/// frames: use of the camera's own frames, if a file contains them: "cross-check" compares them with the events,
+/// "joint" estimates the camera from frames and events together, "only" uses the frames alone, "ignore" does not read
+/// them.
+/// imu: also calibrate the IMU: True for the samples in the recording, or the path of a CSV file of samples. gravity:
+/// magnitude of gravity at the site of the recording, 9.7 to 9.9 m/s².
 /// with_: the recording of another camera on the same mount, or a list of them: a path (events, a folder of images, a bag) or events in
 /// memory. with_sensor, with_stream: sensor and stream of these cameras. rolling_shutter: rows of their images are exposed one after the other.
 /// progress: called with a line of text when a stage begins. An exception that it raises ends the calibration.
 ///
-/// If the IMU or another camera cannot be calibrated, a warning gives the reason, and not_calibrated of the result as well.
+/// Returns a Calibration. If the IMU or another camera cannot be calibrated, a warning and not_calibrated of the result
+/// contain the reason. Raises Error if the camera cannot be calibrated, and ValueError or TypeError for wrong
+/// arguments.
 #[pyfunction]
 #[pyo3(signature = (events, *, board, model="radtan", sensor=None, columns=None, time_unit=None, stream=None, settings=None, frames="cross-check", imu=None, gravity=None, with_=None, with_sensor=None, with_stream=None, rolling_shutter=false, progress=None))]
 #[expect(clippy::too_many_arguments, reason = "all but the first are named by the caller")]

@@ -20,7 +20,7 @@ use pyo3::types::PyDict;
 use crate::events::{EventArray, NewPlaces, filled, sensor as to_sensor, sub_pixel_dtype, viewed};
 use crate::failed;
 
-/// An axis of a map: a number for each pixel of an image, row by row.
+/// One coordinate of a map (x or y in px) for each pixel of an image: height x width.
 type Map<'py> = Bound<'py, PyArray2<f32>>;
 
 /// A camera: its lens model with parameters, and its size in pixels. Pixel (0, 0) is the centre of the top-left pixel.
@@ -131,7 +131,7 @@ impl Camera {
         Ok(Self::of(camera, sensor, sigma))
     }
 
-    /// Write model, parameters and size as JSON, which load and the program read.
+    /// Write model, parameters and sensor size, without sigma, as JSON. load and the program evcal read this file.
     fn save(&self, path: PathBuf) -> PyResult<()> {
         write_camera(&path, &self.camera, self.sensor).map_err(failed)
     }
@@ -176,8 +176,8 @@ impl Camera {
         PyArray1::from_iter(py, self.camera.parameters().iter().skip(4).copied())
     }
 
-    /// Pixels (N x 2, or 2 numbers) of points (N x 3, or a point of 3 numbers) in camera coordinates: x to the right, y down, z forward. NaN if
-    /// the lens model does not project the point.
+    /// Pixels (N x 2, or 2 numbers) of points (N x 3, or one point of 3 numbers, in any unit of length) in camera
+    /// coordinates: x to the right, y down, z forward. NaN if the lens model does not project the point.
     fn project<'py>(&self, py: Python<'py>, points: Rows<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let project = |point: &[f64; 3]| {
             <[f64; 2]>::from(self.camera.project(&Vector3::from(*point)).unwrap_or(Vector2::repeat(f64::NAN)))
@@ -185,7 +185,8 @@ impl Camera {
         mapped(py, &points, "points", project)
     }
 
-    /// Directions of view (N x 3, or 3 numbers, of length 1) of pixels (N x 2, or a pixel of 2 numbers). NaN if the lens model has none.
+    /// Bearings of pixels (N x 2, or one pixel of 2 numbers): vectors of length 1 in camera coordinates (N x 3, or 3
+    /// numbers). NaN if the lens model has no bearing for the pixel.
     fn unproject<'py>(&self, py: Python<'py>, pixels: Rows<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let unproject = |pixel: &[f64; 2]| {
             <[f64; 3]>::from(self.camera.unproject(&Vector2::from(*pixel)).unwrap_or(Vector3::repeat(f64::NAN)))
@@ -193,7 +194,7 @@ impl Camera {
         mapped(py, &pixels, "pixels", unproject)
     }
 
-    /// Return a camera without distortion that replaces this one.
+    /// Return a camera without distortion, of the same sensor size, that replaces this one.
     ///
     /// alpha: 0 keeps the largest rectangle without black corners, 1 everything that the lens sees; without it the camera
     /// matrix is unchanged. projection: "pinhole", or "equidistant" for wide lenses, whose outer parts a pinhole camera cannot show.
@@ -210,10 +211,12 @@ impl Camera {
         Ok(Self::of(camera, self.sensor, None))
     }
 
-    /// Move events to where a camera without distortion would have seen them, rounded to the nearest pixel; those
-    /// beyond its sensor are left out. Returns an array of the same type as events, or, if events is not a structured array, one like read.
+    /// Move events to the pixels at which a camera without distortion would have seen them. Positions are rounded to
+    /// the nearest pixel, and events outside its sensor are left out. Returns an array of the same type as events, or
+    /// of the type that read returns if events is not a structured array.
     ///
-    /// new_camera: that camera; without it undistorted(). subpixel: keep fractions of pixels; x and y are then float64. columns, time_unit: as
+    /// new_camera: the camera without distortion, of the same sensor size; by default undistorted(). subpixel: keep
+    /// fractions of pixels; the fields are then t (int64, µs), x, y (float64, px) and p (uint8). columns, time_unit: as
     /// for calibrate.
     #[pyo3(signature = (events, new_camera=None, *, subpixel=false, columns=None, time_unit=None))]
     fn undistort_events<'py>(
@@ -243,8 +246,8 @@ impl Camera {
         })
     }
 
-    /// Position of each pixel of the undistorted image in the distorted one: two arrays, height x width, float32, for
-    /// cv2.remap. -1 if the lens model does not see the pixel.
+    /// Position (px) in the distorted image of each pixel of the undistorted image, for cv2.remap: two arrays (x and
+    /// y), height x width, float32. -1 if the lens model does not see the pixel. new_camera: as for undistort_events.
     #[pyo3(signature = (new_camera=None))]
     fn undistort_map<'py>(&self, py: Python<'py>, new_camera: Option<&Self>) -> PyResult<(Map<'py>, Map<'py>)> {
         let target = self.target(new_camera)?;

@@ -19,8 +19,9 @@ const CIRCLE_BYTES: usize = 40;
 ///
 /// events: a file, or events in memory. The other options are as for calibrate.
 ///
-/// Returns a structured array of circles: frame (number of the window, from 0), t (int64, µs as in the file: the middle
-/// of the window), index (of the circle on the board, row by row), x, y (centre in px), radius (px).
+/// Returns a structured array of the circles or corners: t (int64, µs as in the file, the middle of the window), x, y
+/// (float64, centre in px), radius (float64, px; NaN for corners), frame (uint32, number of the window with the board,
+/// from 0) and index (uint32, number of the circle on the board, row by row from 0).
 #[pyfunction]
 #[pyo3(signature = (events, *, board, sensor=None, columns=None, time_unit=None, stream=None, settings=None))]
 #[expect(clippy::too_many_arguments, reason = "all but the first are named by the caller")]

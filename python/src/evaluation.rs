@@ -23,11 +23,13 @@ fn camera_of(value: &Bound<'_, PyAny>) -> PyResult<(evcal_core::camera::Camera<f
     evcal_geometry::lens::camera_file::read(&path).map_err(failed)
 }
 
-/// Compare a calibration with the truth or with another one: the difference of the projections of the same point, after the
-/// best rotation of one of the cameras.
+/// Compare a calibration with the truth or with another one: the differences between the projections of the same
+/// directions, over a grid of pixels, after the best rotation of one of the cameras.
 ///
-/// Both are a Camera, a Calibration, a file or a folder. Returns a dict: rms and max (px), max_at (the pixel), rotation
-/// (rotation vector, rad), uncovered (points of the grid that one of the lens models does not cover), grid.
+/// Both are a Camera, a Calibration, a file or a folder. Returns a dict: rms and max of the differences (px), max_at
+/// (the pixel of the largest), rotation (from bearings of the truth to bearings of the calibration, rotation vector,
+/// rad), columns and rows of the grid, grid (row by row, each pixel with its difference in px or None) and uncovered
+/// (number of grid pixels that one of the lens models does not cover). Raises Error if the sensors differ.
 #[pyfunction]
 pub fn evaluate<'py>(
     py: Python<'py>,

@@ -49,7 +49,8 @@ impl Field {
         i64::from_le_bytes(value)
     }
 
-    /// Returns the column or row in this field of a record; if it is not a valid one, a number that is outside every sensor.
+    /// Returns the column or row in this field of a record. A number that is not a valid column or row becomes one
+    /// outside every sensor.
     #[inline]
     fn pixel(&self, record: &[u8]) -> u16 {
         match self.integer.bytes {
@@ -168,7 +169,7 @@ pub struct Records<'a> {
 }
 
 impl Records<'_> {
-    /// All events.
+    /// Returns all events, with times in microseconds.
     pub fn to_events(self) -> Result<Vec<Event>, String> {
         let Fields { t, x, y, p } = self.fields;
         let code = self.polarity_code();
@@ -363,14 +364,16 @@ pub fn columns_of(
     Ok((columns.to_string(), None))
 }
 
-/// Determines the numbers for ON and OFF from the first ones of a column. `all_ones` is its largest number if it is unsigned.
+/// Determines the numbers for ON and OFF from the first numbers of a column. `all_ones` is the largest number of its
+/// type if the type is unsigned.
 fn polarity_code(first: impl Iterator<Item = f64>, all_ones: Option<f64>) -> PolarityCode {
     let is_polarity = |value: f64| PolarityCode::USUAL.polarity(value).is_some() || all_ones == Some(value);
     let cell = |value: f64| Cell { value: Some(value), is_polarity: is_polarity(value) };
     PolarityCode::from_values(first.map(cell), &mut Vec::new())
 }
 
-/// Determines the numbers for ON and OFF from the first ones of a column. all_ones: its largest number if it is unsigned.
+/// Determines the numbers for ON and OFF from the first numbers of a column. all_ones: the largest number of its type
+/// if the type is unsigned.
 #[pyfunction]
 #[pyo3(name = "_polarities")]
 pub fn polarities_of(first: PyReadonlyArray1<'_, f64>, all_ones: Option<f64>) -> (f64, [f64; 2]) {

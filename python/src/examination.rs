@@ -26,12 +26,13 @@ fn board_in(request: &BoardRequest, recording: &Recording, settings: &Settings) 
     choose_board(request, &[recording], &settings.detection).map_err(failed)
 }
 
-/// Examine samples of a recording, which takes seconds: is it good for a calibration, and what should be done next?
+/// Examine samples of a recording within seconds: report whether it is suitable for a calibration, and advise on the
+/// next step.
 ///
 /// board: as for calibrate; without it rows and columns are recognised. The other arguments are as for calibrate.
 ///
-/// Returns a dict: the content of info, seen (detections of the board), next (what to do, in words), ready (True if the recording can be
-/// calibrated).
+/// Returns a dict: the content of info, seen (detections of the board), next (advice, in words), ready (True if the
+/// recording can be calibrated, perhaps after the recognised board was measured).
 #[pyfunction]
 #[pyo3(signature = (events, *, board=None, sensor=None, columns=None, time_unit=None, stream=None, settings=None))]
 #[expect(clippy::too_many_arguments, reason = "all but the first are named by the caller")]
@@ -50,7 +51,7 @@ pub fn check<'py>(
     let request = board.map(board_request).transpose()?;
     let checked = interruptible(py, |_| {
         let board = match &request {
-            // The advice contains the lengths to measure.
+            // Without lengths the board is recognised in the check, and its advice names the lengths to measure.
             None | Some(BoardRequest::Recognise(PrintSize::Unknown)) => None,
             Some(request) => Some(board_in(request, &recording, &settings)?),
         };
@@ -64,9 +65,12 @@ pub fn check<'py>(
 
 /// Calibrate random parts of a recording separately, and compare the scatter of the results with their reported uncertainty.
 ///
-/// runs: number of parts. seconds: their length. seed: seed of their random positions. The other arguments are as for calibrate.
+/// runs: number of parts, at least 2. seconds: their length. seed: seed of their random positions. The other arguments
+/// are as for calibrate.
 ///
-/// Returns a dict: runs, parameters (name, mean, scatter, stated: the reported standard deviation), projection (px).
+/// Returns a dict: model, runs (one entry per part), parameters (name, mean, scatter: the standard deviation over the
+/// parts, stated: the reported standard deviation) and projection (px, root mean square difference from the mean
+/// camera).
 #[pyfunction]
 #[pyo3(signature = (events, *, board, runs=10, seconds=4.0, seed=1, model="radtan", sensor=None, columns=None, time_unit=None, stream=None, settings=None))]
 #[expect(clippy::too_many_arguments, reason = "all but the first are named by the caller")]
@@ -113,8 +117,9 @@ pub fn known(value: &Bound<'_, PyAny>) -> PyResult<CalibratedCamera> {
 
 /// Test whether two calibrations are of the same camera, given their uncertainties.
 ///
-/// Both are a Calibration, a file or a folder; a Camera has no covariance. Returns a dict: sameness ("same", "near", "different",
-/// "unknown"), sentence, difference_rms, difference_max (px), expected_rms (px), stated_rms.
+/// Both are a Calibration, a file or a folder; a Camera is accepted, but has no covariance. Returns a dict: sameness
+/// ("same", "near", "different", "unknown"), sentence, difference_rms, difference_max, expected_rms (px) and stated_rms
+/// (px, the reported uncertainty of each, None if unknown).
 #[pyfunction]
 pub fn compare<'py>(
     py: Python<'py>,

@@ -42,7 +42,7 @@ fn beside(value: &Bound<'_, PyAny>, camera: &CalibratedCamera) -> PyResult<Vec<(
 /// calibration: a Calibration, a Camera, a file or a folder. format: "opencv-yaml", "ros", "kalibr" …, or "all"; an unknown name
 /// raises an error with the list. output: the file, or for "all" the folder. force: replace existing files. camera_name: its name in the file.
 ///
-/// Returns the paths of the files; without output the text.
+/// Returns the list of the written paths, or without output the text of the file.
 #[pyfunction]
 #[pyo3(signature = (calibration, format, output=None, *, force=false, camera_name=None))]
 pub fn export<'py>(
@@ -66,7 +66,7 @@ pub fn export<'py>(
             for format in FORMATS {
                 match format.export(&known) {
                     Ok(exported) => files.push((format.file.to_owned(), exported.text)),
-                    // The other files are useful nevertheless.
+                    // The format supports no camera near this one. The other files are written nevertheless.
                     Err(error) => warn(py, &format!("not written: {error}"))?,
                 }
             }

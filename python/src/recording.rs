@@ -80,7 +80,8 @@ pub fn read<'py>(
         let mut reader = recording.open().map_err(failed)?;
         let (mut bytes, mut batch) = (Vec::new(), Vec::new());
         while !stop.load(Ordering::Relaxed) && reader.next_batch(&mut batch).map_err(failed)? {
-            // Before each copy to a larger place.
+            // The array has to grow. Check first that there is memory for the rest of the events, as estimated from
+            // those read so far.
             if bytes.capacity() - bytes.len() < batch.len() * EVENT_BYTES {
                 let read = bytes.len().max(batch.len() * EVENT_BYTES) as f64;
                 let rest = reader.done().map_or(read, |done| read * (1.0 / done.max(1e-3) - 1.0));

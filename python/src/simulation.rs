@@ -31,7 +31,7 @@ fn named<T: Copy>(all: &[T], name: impl Fn(T) -> &'static str, wanted: &str, wha
 /// "slow", "fast", "violent", "blur", "interrupted", "paused", "far", "head-on", "corner", or a degenerate motion: "slide",
 /// "one-axis", "even-turn", "little-turns", "to-and-fro". light: "default", "low" or "ideal". The same arguments give the same events.
 ///
-/// Returns the events, in the form of read, and the camera.
+/// Returns the events, as an array like the one from read, and the camera.
 #[pyfunction]
 #[pyo3(signature = (camera=None, *, board="acircles:9x4:55mm:r17.5mm", duration=6.0, motion="slow", light="default", seed=1))]
 pub fn simulate<'py>(

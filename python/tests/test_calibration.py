@@ -46,10 +46,10 @@ def test_an_array_gives_the_calibration_of_its_file_to_the_bit(calibration, even
     assert from_array.camera == calibration.camera
     assert from_array.sigma == calibration.sigma
     mine, theirs = from_array.to_dict(), calibration.to_dict()
-    # An array does not tell which camera it is from.
+    # An array does not contain the name of the camera.
     assert theirs.pop("camera_name") == "DAVIS346_evcalsim"
     for one in (mine, theirs):
-        # What the reader says of the camera's stream.
+        # The notes of the reader about the camera's stream differ.
         one["stages"].pop("recordings")
     assert mine == theirs
 
@@ -69,7 +69,7 @@ def test_progress_names_each_stage_once(calibration, stages):
 
 def test_the_folder_is_that_of_the_program(calibration, tmp_path):
     report = calibration.write(tmp_path / "calibration")
-    # Only the one in the folder has files beside it.
+    # Only the report in the folder lists the files next to it.
     files = re.compile("<h3>Files</h3>.*?</table></div>", re.DOTALL)
     written = Path(report).read_text()
     assert "camera.yaml" in files.search(written)[0]
@@ -110,11 +110,11 @@ def test_control_c_ends_a_calibration_and_others_run_meanwhile(events):
             time.sleep(0.02)
         _thread.interrupt_main()
 
-    # A shell's background job is started without it.
+    # A shell starts background jobs without Python's handler of Ctrl-C.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     thread = threading.Thread(target=interrupt)
     thread.start()
-    # The same recording twice would be refused.
+    # The copies differ, because duplicate recordings are rejected.
     recordings = [events.copy() for _ in range(20)]
     for index, recording in enumerate(recordings):
         recording["x"] = (recording["x"] + index) % 346
@@ -155,7 +155,7 @@ def simulated():
 
 
 def samples_of(trajectory, path, rate=200.0):
-    """Readings of an IMU at the camera, by differences of its poses."""
+    """Writes the readings of an IMU at the camera, computed from differences of the camera's poses."""
     t, position = trajectory["t"], trajectory["position"]
     x, y, z, w = trajectory["rotation"].T
     rotation = np.array([
@@ -168,7 +168,7 @@ def samples_of(trajectory, path, rate=200.0):
     acceleration = (position[keep + 1] - 2 * position[keep] + position[keep - 1]) / step**2
     turned = np.einsum("nji,njk->nik", rotation[keep - 1], rotation[keep + 1])
     rates = np.stack([turned[:, 2, 1] - turned[:, 1, 2], turned[:, 0, 2] - turned[:, 2, 0], turned[:, 1, 0] - turned[:, 0, 1]], 1) / (4 * step)
-    # The board stands upright, y points down: a unit at rest feels the push against gravity.
+    # The board is upright, so gravity points along +y. An IMU at rest measures the force against gravity.
     force = np.einsum("nji,nj->ni", rotation[keep], acceleration - [0.0, 9.80665, 0.0])
     rows = np.column_stack([t[keep] * 1e6, force, rates])
     np.savetxt(path, rows, delimiter=",", header="t_us,ax_m_s2,ay_m_s2,az_m_s2,gx_rad_s,gy_rad_s,gz_rad_s", comments="", fmt="%.9g")
@@ -188,7 +188,7 @@ def test_the_inertial_unit_is_calibrated_too(simulated, tmp_path):
 
 def test_without_a_usable_inertial_unit_the_camera_is_calibrated(simulated, tmp_path):
     events, truth, alone = simulated
-    # Three seconds of readings of a unit that lies on a table.
+    # Readings of an IMU that lies on a table.
     rows = "".join(f"{5000 * index},0,-9.8,0,0,0,0\n" for index in range(1000))
     (tmp_path / "imu.csv").write_text("t_us,ax_m_s2,ay_m_s2,az_m_s2,gx_rad_s,gy_rad_s,gz_rad_s\n" + rows)
     with pytest.warns(UserWarning, match="the IMU was not calibrated: "):
@@ -209,7 +209,7 @@ def test_mistakes_about_the_inertial_unit_are_named():
 
 def test_a_second_camera_is_found_where_it_is(simulated):
     events, truth, _ = simulated
-    # The same lens, in front of a sensor that is 9 px to the left.
+    # The second camera has the same lens, but its sensor is 9 px further to the left.
     second = events[events["x"] < 337].copy()
     second["x"] += 9
     calibration = evcal.calibrate(events, board=BOARD, sensor=truth.sensor, with_=[second])

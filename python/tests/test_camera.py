@@ -77,7 +77,7 @@ def test_undistort_map_is_that_of_opencv():
 
 @pytest.mark.parametrize("alpha", [0.0, 0.5, 1.0])
 def test_the_new_camera_is_that_of_opencv(alpha):
-    # A weak distortion: OpenCV inverts the lens in five iterations.
+    # The distortion is weak, because OpenCV inverts the lens in only five iterations.
     one = evcal.Camera("radtan", [*MATRIX, -0.05, 0.01, 0.0002, -0.0001, 0.0], SENSOR)
     expected, _ = cv2.getOptimalNewCameraMatrix(one.matrix, one.distortion, SENSOR, alpha)
     assert np.abs(one.undistorted(alpha).matrix - expected).max() < 1e-3
@@ -172,7 +172,7 @@ def test_a_camera_is_exported(tmp_path):
         evcal.export(one, "matlab")
     with pytest.raises(ValueError, match="output="):
         evcal.export(one, "all")
-    # Kalibr has no k3.
+    # Kalibr has no k3, so a radtan4 camera is fitted, with a warning.
     with pytest.warns(UserWarning, match="radtan4"):
         evcal.export(one, "kalibr")
 

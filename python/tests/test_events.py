@@ -1,4 +1,4 @@
-"""Arrays of events: whatever their fields are called."""
+"""Arrays of events with the field names and types of several libraries."""
 
 import subprocess
 import sys

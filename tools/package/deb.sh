@@ -27,9 +27,9 @@ Installed-Size: $(du -ks "$root/usr" | cut -f 1)
 Section: science
 Priority: optional
 Description: calibrates event cameras
- Calibrates an event camera from the events of a moving, printed circle grid:
- intrinsics with their uncertainty, a verdict, a report, and files for OpenCV,
- ROS, Kalibr and others.
+ Calibrates an event camera from the events of a moving or blinking board of
+ circles, squares or tags: intrinsics with their uncertainty, a verdict, a
+ report, and files for OpenCV, ROS, Kalibr and others.
 CONTROL
 # Applies the rule to cameras that are already plugged in. A container has no udev.
 for step in postinst postrm; do

@@ -206,7 +206,7 @@ impl<R: Read + Seek> Capture<R> {
     /// Returns the next transfer; `None` at the end.
     ///
     /// # Errors
-    /// [`CaptureError::Damaged`] after all transfers before the damage.
+    /// [`CaptureError::Damaged`] if the file is damaged. All transfers before the damage are returned first.
     pub fn next_transfer(&mut self) -> Result<Option<Transfer<'_>>, CaptureError> {
         match &mut self.source {
             Source::Dump(reader) => {

@@ -79,7 +79,7 @@ fn samples<T: RealField + Copy>(
     samples
 }
 
-/// Returns the c of `value ≈ argument (1 + Σ c_i argument^2i)`; `None` if there are too few samples.
+/// Returns the coefficients c of `value ≈ argument (1 + Σ c_i argument^2i)`; `None` if there are too few samples.
 fn fit<T: RealField + Copy, const N: usize>(samples: &heapless::Vec<Sample<T>, SAMPLES>) -> Option<[T; N]> {
     if samples.len() < 4 * N {
         return None;
@@ -110,7 +110,7 @@ fn fit<T: RealField + Copy, const N: usize>(samples: &heapless::Vec<Sample<T>, S
     Some(solution)
 }
 
-/// Returns the c that minimises |Σ c_i columns_i - right|; `None` if the columns are dependent.
+/// Returns the coefficients c that minimise |Σ c_i columns_i - right|; `None` if the columns are dependent.
 fn orthogonal_solution<T: RealField + Copy, const N: usize>(
     mut columns: [[T; SAMPLES]; N],
     mut right: [T; SAMPLES],
@@ -142,7 +142,8 @@ fn orthogonal_solution<T: RealField + Copy, const N: usize>(
         subtract(&mut right, *projected, column);
         remaining = later;
     }
-    // From the last unknown backwards; `solved` holds the unknowns in the same order as `row` its entries.
+    // Back substitution from the last unknown. `solved` contains the unknowns found so far, and `row` their factors, in
+    // the same order.
     let mut solved: heapless::Vec<T, N> = heapless::Vec::new();
     for (row, &projected) in triangle.iter().zip(&projected).rev() {
         let value = row.iter().zip(&solved).fold(projected, |sum, (&factor, &known)| sum - factor * known);

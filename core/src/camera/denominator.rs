@@ -6,17 +6,19 @@
 //! **Jacobian** with respect to the point: `I / q - (u, v)ᵀ (2 X q_s, 2 Y q_s, q_Z) / q`; with respect to a coefficient
 //! c: `-(u, v) q_c / q`.
 //!
-//! **Domain**: on the unit sphere, at the angle θ to the axis, the image radius is sin θ / q. By Euler's theorem q = 2
-//! s q_s + Z q_Z its slope with respect to θ is q_Z / q². The image is therefore one-to-one from the axis up to the
-//! angle at which q or q_Z reaches 0. Images farther than 100 from the axis, where q is nearly 0, are excluded.
+//! **Domain**: on the unit sphere, at the angle θ to the axis, the image radius is sin θ / q. The slope of this radius
+//! with respect to θ is q_Z / q², because q = 2 s q_s + Z q_Z by Euler's theorem. The image is therefore one-to-one
+//! from the axis up to the angle at which q or q_Z reaches 0. Images farther than 100 from the axis, where q is nearly
+//! 0, are excluded.
 //!
-//! **Jacobian of the bearing** b with respect to the image, from that slope along the radius and q across it:
+//! **Jacobian of the bearing** b with respect to the image. It follows from that slope in the direction of the radius,
+//! and from q across it:
 //! ```text
 //! ∂(b_x, b_y)/∂(u, v) = q I + q (2 q_s b_z / q_Z - 1) (b_x, b_y)ᵀ (b_x, b_y)
 //! ∂b_z/∂(u, v)        = -q² / q_Z (b_x, b_y)
 //! ∂b/∂c               = q_c / q_Z (b_x b_z, b_y b_z, -b_x² - b_y²)
 //! ```
-//! Both hold on the axis without a special case.
+//! These equations are valid on the axis, too.
 
 use nalgebra::{Matrix3x2, RealField, Vector2, Vector3};
 

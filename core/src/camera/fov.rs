@@ -92,7 +92,8 @@ impl<T: RealField + Copy> Fov<T> {
             return None;
         }
         let direction = direction(image, image_radius);
-        // r and Z up to a common factor, and the derivative of the angle to the axis times the sum of their squares.
+        // `radius` and `depth` are r and Z up to a common factor. `turn` is r² + Z² times the derivative of the angle
+        // to the axis with respect to the image radius.
         let (radius, depth, turn) = if self.w > T::zero() {
             let (sine, cosine) = angle.sin_cos();
             (sine, self.a * cosine, self.a * self.w)

@@ -27,7 +27,7 @@ pub struct CircleCounts {
     pub error_too_large: u32,
     /// Pairs that passed the tests but were dropped because the storage was full.
     pub pairs_over_capacity: u32,
-    /// Pairs that passed the tests but are not each other's best partner.
+    /// Pairs that passed the tests, but one of the clusters has a better partner.
     pub not_mutual: u32,
     /// Circles found.
     pub circles: u32,

@@ -241,8 +241,9 @@ fn join_rows(upper: RowRuns, lower: RowRuns, reach: usize, runs: &[PixelRun], la
         if two_x <= one_last + reach && one_x <= two_last + reach {
             union(labels, one.0, two.0);
         }
-        // The run that ends first can reach no further run of the other row that the other run does not reach within
-        // its own row.
+        // The run that ends first needs no comparison with further runs of the other row. If one of them is within its
+        // reach, that one is also within reach of the present run of the other row, and both are in one cluster
+        // already.
         if one_last < two_last {
             let Some(next) = uppers.next() else { return };
             one = next;

@@ -173,7 +173,7 @@ impl<const BITS: u32, const SHIFT: u32, const LEAP: u32> EvtClock<BITS, SHIFT, L
                     self.advance(high);
                     &mut self.counts.leaps
                 } else {
-                    // After all times that were returned before the reset.
+                    // The new times follow all times that were returned before the reset.
                     self.base_us = self.base_us.saturating_add(i64::from(self.behind_us) + (1 << SHIFT));
                     self.behind_us = 0;
                     &mut self.counts.clock_resets

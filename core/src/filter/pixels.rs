@@ -39,8 +39,9 @@ pub(super) struct PixelFilter<'a, const SLOTS: usize> {
     /// In units; 0 when off.
     refractory: u16,
     period_us: i64,
-    /// Number of the current period, and its end in microseconds.
+    /// Number of the current period.
     period: u16,
+    /// End of the current period in microseconds.
     period_end_us: i64,
 }
 

@@ -58,7 +58,8 @@ fn naive(events: &[Event], settings: &FilterSettings, cell: u16) -> Vec<EventFat
                 && along(event.y, other.y, SENSOR.height)
                 && units(event, 64) - units(other, 64) < i64::from(settings.background_us / 64)
         };
-        // Only the last event of a cell counts, which is the youngest.
+        // The filter stores only the last event of a cell. Comparing with all events is the same, because the last one
+        // is the youngest.
         let supported = settings.background_us == 0 || neighbours.iter().rev().any(|other| near(&other));
         neighbours.push(event);
         fates.push(if supported { EventFate::Keep } else { EventFate::Background });
@@ -106,7 +107,7 @@ fn events() -> impl Strategy<Value = Vec<Event>> {
 }
 
 proptest! {
-    /// 391 pixels have a slot each in 512; cells of one pixel, of two and of eight.
+    /// Each of the 391 pixels has a slot of its own. The cells are one, two and eight pixels wide.
     #[test]
     fn with_room_for_every_pixel_the_filter_equals_the_rules(events in events(), settings in settings()) {
         for (fates, counts, cell) in [
@@ -123,7 +124,7 @@ proptest! {
         }
     }
 
-    /// With one slot for many pixels, every dropped event has a reason in events of its own pixel.
+    /// If many pixels share a slot, an event is dropped only because of earlier events of its own pixel.
     #[test]
     fn with_few_slots_no_event_is_dropped_without_reason(events in events(), settings in settings()) {
         let settings = FilterSettings { background_us: 0, ..settings };

@@ -6,9 +6,10 @@
 //! of the detector; a circle beyond the border of the image is not. If the border might cut the board, a single point
 //! is therefore not decisive.
 //!
-//! In motion, missing circles count against a placement, never for another. Misses are not independent: a row that moves
-//! along itself, or lies on the axis of the motion, is missed as a whole, and the board would be placed one row off.
-//! In pictures of a board at rest they are ([`GridOptions::independent_misses`]).
+//! In motion, a placement loses odds for the circles that it misses, but wins none for the circles that a rival misses,
+//! because misses are not independent. The detector misses a whole row that moves along itself or lies on the axis of a
+//! rotation. If these misses counted against the right placement, the board would be placed one row off. In pictures of
+//! a board at rest, misses are independent and count for and against ([`GridOptions::independent_misses`]).
 
 use heapless::Vec;
 use nalgebra::RealField;
@@ -86,7 +87,7 @@ pub(super) fn decide<T: RealField + Copy, const N: usize>(
             best = *rival;
         }
     }
-    // Points outside the board count against it; a single one may be clutter.
+    // Points of the lattice outside the board count against the best placement, but a single one may be clutter.
     let outside = lattice.len().saturating_sub(best.placement.inside);
     let against = if outside > 1 { outside } else { 0 };
     let needed: T = nalgebra::convert::<f64, T>(options.minimum_odds.max(1.0)).ln();

@@ -40,7 +40,7 @@ impl Placement {
         let (x, y) = pattern.lattice_position(circle);
         let (x, y) = (x + self.origin.0, y + self.origin.1);
         let [[a, b], [c, d]] = self.axes;
-        // 1 on symmetric boards; 2 on asymmetric ones, whose positions are even or odd in both.
+        // The determinant is 1 on symmetric boards and 2 on asymmetric ones, where x and y are both even or both odd.
         let determinant = (a * d - b * c).max(1);
         ((d * x - b * y) / determinant, (a * y - c * x) / determinant)
     }

@@ -159,10 +159,10 @@ impl<T: RealField + Copy> LatticeImage<T> {
         Some(Self { warp: *warp, to_ray })
     }
 
-    /// Returns the deviation of the map from a square lattice in a plane, if `axes` maps lattice to board coordinates:
-    /// the ratio of the board's two scales, at the focal length where it is least. It is 1 for the right axes, because
-    /// the convergence of lines is explained by the slant, and at least 2.6 for others if all measurements are exact.
-    /// Returns `None` if the map is degenerate.
+    /// Returns the ratio of the board's scales along its two axes (at least 1), if `axes` maps lattice to board
+    /// coordinates. The focal length is not known, so several are tried and the smallest ratio is returned. With exact
+    /// measurements it is 1 for the right axes, because the slant of the board explains the perspective, and at least
+    /// 2.6 for all others. Returns `None` if the map is degenerate.
     pub fn shear(&self, axes: &Axes) -> Option<T> {
         let axes = Matrix2::from_fn(|row, column| nalgebra::convert::<f64, T>(f64::from(axes[row][column])));
         let rays = self.to_ray.fixed_columns::<2>(0) * axes.try_inverse()?;

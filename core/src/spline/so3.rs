@@ -69,11 +69,13 @@ pub fn evaluate<T: RealField + Copy>(basis: &Basis<T>, control: &[UnitQuaternion
 #[derive(Clone, Copy)]
 struct MovingStep<T: RealField> {
     step: Step<T>,
-    /// `λ_j'` and `λ_j''`.
+    /// `λ_j'`.
     slope: T,
+    /// `λ_j''`.
     curvature: T,
-    /// Angular velocity and acceleration of the previous steps, in the frame after this one.
+    /// Angular velocity of the previous steps, in the frame after this one.
     velocity: Vector3<T>,
+    /// Angular acceleration of the previous steps, in the frame after this one.
     acceleration: Vector3<T>,
 }
 
@@ -111,8 +113,9 @@ pub fn motion<T: RealField + Copy>(basis: &Basis<T>, control: &[UnitQuaternion<T
         velocity = carried + vector * slope;
     }
 
-    // A change ε of d_j rotates A_j by λ_j J_r(λ_j d_j) ε, and rotates the vectors that A_jᵀ transforms the other way.
-    // The later steps turn a change Δω into L Δω; they turn changes Δω and Δω' into a change of ω' by M Δω + L Δω'.
+    // A change ε of d_j rotates A_j by λ_j J_r(λ_j d_j) ε. The vectors that A_jᵀ transforms rotate by the same vector
+    // in the opposite direction. The later steps turn a change Δω into L Δω; they turn changes Δω and Δω' into a change
+    // of ω' by M Δω + L Δω'.
     let mut velocity_jacobians = [Matrix3::zeros(); MAX_ORDER];
     let mut acceleration_jacobians = [Matrix3::zeros(); MAX_ORDER];
     let (mut later, mut mixed) = (Matrix3::<T>::identity(), Matrix3::<T>::zeros());

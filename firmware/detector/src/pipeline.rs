@@ -104,7 +104,7 @@ impl core::error::Error for SetupError {}
 /// Finds the circles in a stream of events and sends them to the host.
 ///
 /// Push events; when a window is [`Progress::Complete`], call [`detect`](Self::detect) and then
-/// [`report`](Self::report), which moves on to the next window. The two are separate so that a device can measure the
+/// [`report`](Self::report), which moves on to the next window. These are two calls, so that a device can measure the
 /// time of a detection, or send with interrupts enabled.
 #[derive(Debug)]
 pub struct Pipeline<
@@ -213,8 +213,8 @@ impl<
         self.windows.report(outcome)
     }
 
-    /// Sends the description of this device, if this has not been done for a second of `time_us`, the clock of the
-    /// events. Call it at the start, and when no events arrive.
+    /// Sends the description of this device and its counts, if the last description was sent at least a second before
+    /// `time_us` (on the clock of the events). Call it at the start, and while no events arrive.
     pub fn announce(&mut self, time_us: i64, send: &mut impl FnMut(&[u8]) -> bool) {
         if self.announced_us.is_some_and(|before| time_us.saturating_sub(before) < ANNOUNCE_EVERY_US) {
             return;
@@ -232,7 +232,7 @@ impl<
         self.send(&Message::Statistics(statistics), send);
     }
 
-    /// Sets the number of words of the sensor's stream so far that produced no event.
+    /// Sets the number of words, since the start of the sensor's stream, that produced no event.
     pub const fn count_undecodable(&mut self, so_far: u32) {
         self.undecodable = so_far;
     }

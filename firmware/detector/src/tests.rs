@@ -84,7 +84,7 @@ fn the_dots_are_sent_with_their_positions() {
     assert!(statistics.windows_sent >= 2 && circles.len() >= 60, "{statistics:?}");
     for circle in &circles {
         let moved = 500e-6 * circle.time_us as f32;
-        // The window's events lie on both sides of its centre in time; the tolerance is half a pixel.
+        // The circle belongs to the middle of its window. The tolerance is 1 px along the motion and 0.5 px across it.
         let (column, row) = ((circle.x - 30.0 - moved) / 32.0, (circle.y - 40.0) / 50.0);
         assert!((column - column.round()).abs() * 32.0 < 1.0 && (row - row.round()).abs() * 50.0 < 0.5, "{circle:?}");
         assert!((circle.radius - 8.0).abs() < 1.0, "{circle:?}");
@@ -124,7 +124,7 @@ fn frames_lost_in_a_full_output_are_counted_by_both_sides() {
 #[test]
 fn losses_are_sent_with_the_windows() {
     let mut events = moving_dots(60_000);
-    // Half of the stream also contains events outside the sensor.
+    // The first part of the stream also contains events outside the sensor.
     for index in 0..50 {
         events.insert(index * 20, Event { x: 400, ..events[index * 20] });
     }

@@ -66,7 +66,7 @@ pub struct Hello {
     pub min_radius: f32,
     /// Circles: largest radius in pixels.
     pub max_radius: f32,
-    /// Filter: an event is dropped if it comes at most this many microseconds after another of its pixel; 0 when off.
+    /// Filter: an event is dropped if it comes less than this many microseconds after another of its pixel; 0 when off.
     pub refractory_us: u32,
     /// Filter: an event is dropped if it has no neighbour within this many microseconds; 0 when off.
     pub background_us: u32,
@@ -129,7 +129,7 @@ pub struct WindowEnd {
 /// Events that were not part of any window, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Losses {
-    /// Events outside the sensor, or bytes of the sensor's stream that produced no event.
+    /// Events outside the sensor, and words of the sensor's stream that produced no event.
     pub undecodable: u32,
     /// Events of hot pixels.
     pub hot: u32,

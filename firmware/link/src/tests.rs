@@ -183,8 +183,8 @@ proptest! {
         prop_assert!(decoder.counts().damaged_at_start <= 1);
     }
 
-    /// Whatever is changed, inserted or removed: every decoded message was sent, in the same order, and between an
-    /// intact beginning and an intact end each missing message is counted.
+    /// The bytes between the first and the last frame are changed, inserted or removed. Nevertheless, every decoded
+    /// message was sent, the order is the same, and each missing message is counted.
     #[test]
     fn damage_never_makes_a_wrong_message(
         messages in prop::collection::vec(message(), 3..12),
@@ -284,7 +284,8 @@ fn frames_that_were_not_sent_are_lost() {
     let mut encoder = Encoder::new();
     let mut decoder = Decoder::new();
     let message = Message::Circle(Circle::default());
-    // Beyond the wrap of the numbers; the last frame that is not sent cannot be missed.
+    // So many frames that the sequence numbers wrap. The receiver cannot miss the last frame that is not sent, because
+    // no frame follows it.
     let sent: Vec<Frame> = (0..200_000).map(|_| encoder.encode(&message)).collect();
     let bytes =
         sent.iter().enumerate().filter(|(number, _)| number % 3 != 1).flat_map(|(_, frame)| frame.iter().copied());
@@ -313,7 +314,7 @@ fn a_restarted_device_loses_nothing() {
     let hello = |first| Message::Hello(Hello { first, ..Hello::default() });
     let run = encode(&[hello(true), hello(false), hello(false)]);
     let mut decoder = Decoder::new();
-    // With its first message, and the third time without it.
+    // The second run arrives with its first message, the third without it.
     let bytes = run.iter().chain(&run).chain(&run[1..]).flatten().copied();
     assert_eq!(decode(&mut decoder, bytes).len(), 8);
     let counts = DecoderCounts { frames: 8, restarts: 2, ..DecoderCounts::default() };

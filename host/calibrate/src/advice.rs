@@ -1,7 +1,7 @@
-//! Advice as data. The program that shows it knows what its users can type.
+//! Advice as data, so that each program can put it into words with its own options.
 //!
-//! `Display` words it for all users of this library. A program with options, or with arguments of functions, provides a
-//! [`Wording`] of its own.
+//! `Display` is a wording that fits every program. A program that has options, or functions with arguments, provides
+//! its own [`Wording`].
 
 use std::fmt;
 use std::path::PathBuf;
@@ -33,11 +33,12 @@ pub enum Advice {
     Plain(String),
     /// Calibrate again with this camera model.
     TakeModel(ModelKind),
-    /// Calibrate again with the whole board, that contains the stated one.
+    /// Calibrate again with this board, of which the nominal board is a part.
     TakeWholeBoard(CircleBoard),
     /// Count rows and columns of the board.
     CountRows,
-    /// Check lens and board, if bend and print were estimated.
+    /// Check that the lens is clean and the board is not wavy; bend and print of the board are estimated already,
+    /// unless they are fixed.
     LookAtBoard,
     /// Cover more of the lens, or estimate these parameters anyway.
     Free(Vec<&'static str>),
@@ -64,7 +65,7 @@ pub enum Advice {
     NameBoard,
     /// Measure the board that was recognised.
     Measure(Recognised),
-    /// The reason why the board was not found.
+    /// Find the board: advice for the reason why it was not found.
     FindBoard(NoPattern),
     /// Correct radius or spacing of the board.
     CorrectRadius(OtherRadius),

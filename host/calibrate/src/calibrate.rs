@@ -83,8 +83,8 @@ pub struct Task<'a> {
     pub sensor: Option<Sensor>,
     /// Use of the camera's own pictures.
     pub pictures: PictureUse,
-    /// Parameters of lens and board that are fixed, or estimated in any case. Lens parameters apply to the joint solve from
-    /// events.
+    /// Parameters of lens and board that are fixed, or estimated in any case. Requests for lens parameters affect only
+    /// the joint solve from events.
     pub parameters: ParameterRequests,
     /// Settings of all stages.
     pub settings: &'a Settings,
@@ -118,9 +118,9 @@ impl<'a> Task<'a> {
     }
 }
 
-/// Calibrates a camera. `progress` gets a text for each step, and its progress: the same text many times while events are read.
-/// When `progress` breaks, the calibration ends as soon as it can: after a few ten thousand events, or between two iterations of
-/// a solve.
+/// Calibrates a camera. `progress` is called with the current step and its progress, and many times with the same step
+/// while events are read. If `progress` returns `Break`, the calibration ends as soon as it can: after some tens of
+/// thousands of events, or between two iterations of a solve.
 ///
 /// # Errors
 /// [`CalibrateError`] names the stage that failed and the remedy.
@@ -157,7 +157,8 @@ fn calibrate_moved_or_blinking(task: &Task, progress: &Progress) -> Result<Calib
     if !may_have_blinked {
         return moved;
     }
-    // The camera may have been carried about before it was put down, and from one place to the next.
+    // The recording may contain views of a blinking board although it does not begin with one, because the camera was
+    // carried before the first view and between views.
     let at_rest = match at_rest {
         Some(at_rest @ AtRest::WithoutBoard(_)) => Ok(at_rest),
         _ => still_views::calibrate(task, 0.0, progress),

@@ -1,4 +1,5 @@
-//! Check of a recording before a calibration: even parts of it are evaluated within seconds.
+//! Check of a recording before a calibration. Some parts, spread evenly over the recording, are evaluated within
+//! seconds.
 
 mod advice;
 pub mod units;
@@ -33,13 +34,14 @@ use event_recordings::given_sensor::counted_from_one;
 use event_recordings::pass::{read_recording, read_while};
 use event_recordings::{Recording, RecordingError, RecordingOptions};
 
-/// Approximate number of events in which the board is searched: all events of the recording, or even parts of it.
+/// Approximate number of events in which the board is searched. Of longer recordings, only parts spread evenly over the
+/// recording are searched.
 const MOST_EVENTS: u64 = 4_000_000;
 /// Number of these parts.
 const PARTS: i64 = 8;
 /// Largest number of events that are counted.
 const MOST_READ: u64 = 100_000_000;
-/// Largest number of views that are searched for the board: even ones of a recording.
+/// Largest number of views, spread evenly over a recording, that are searched for the board.
 const MOST_VIEWS: usize = 48;
 /// Fewest circles of a window without a known board.
 const FEWEST_CIRCLES: usize = 8;
@@ -138,7 +140,7 @@ impl Serialize for BoardFailure {
     }
 }
 
-/// Checks even parts of `recording` for `board`, or for any circles.
+/// Checks parts of `recording` that are spread evenly over it: searches for `board`, or for any circles.
 ///
 /// # Errors
 /// [`RecordingError`] if no event can be read.
@@ -177,7 +179,7 @@ pub fn check(
             (repeated, rounded) = (pixels.repeated, pixels.rounded);
             let looked_at = LookedAt { parts: &looked_at, beginning: &beginning };
             Some(match look_at_views(&read, sensor, board, settings, pictures)? {
-                // Between its views the camera may have been carried.
+                // Few views are enough, because the camera may have been carried between them.
                 Some(views) if views.at_rest >= LEAST_TIME || views.seen.found >= FEWEST_VIEWS as u64 => views.seen,
                 views => {
                     let seen = look(looked_at, sensor, slots, board, settings)?;
@@ -200,14 +202,15 @@ pub fn check(
 }
 
 impl Checked {
-    /// Returns `true` if the next step is a calibration from the recording, or, without a given board, to name the board in it.
+    /// Returns `true` if the next step is a calibration from the recording, or, without a given board, to measure the
+    /// board that was recognised.
     pub fn is_ready(&self) -> bool {
         matches!(self.next, Advice::Calibrate { .. } | Advice::Measure(_))
     }
 }
 
-/// Returns even parts of a recording that begins at `first` (µs), ends `end` µs after that and has `count` events: as many events
-/// as are searched.
+/// Returns parts spread evenly over a recording, with about [`MOST_EVENTS`] events in all. The recording begins at
+/// `first` (µs), ends `end` µs later and has `count` events.
 fn even_parts(
     recording: &Recording,
     first: i64,
@@ -230,7 +233,7 @@ fn even_parts(
 /// A recording that is searched for the board.
 #[derive(Clone, Copy)]
 struct LookedAt<'a> {
-    /// Even parts of it.
+    /// Parts that are spread evenly over it.
     parts: &'a Recording,
     /// Its beginning.
     beginning: &'a Recording,
@@ -361,7 +364,8 @@ fn look_at_views(
     Ok(Some(SeenViews { at_rest, seen }))
 }
 
-/// Serialises the name of a layout, such as `acircles:9x4`, or a board of squares in the size of an example.
+/// Serialises the layout of a board of circles, such as `acircles:9x4`, or the description of a board of squares with
+/// example lengths.
 fn in_words<S: Serializer>(found: &Option<Recognised>, serializer: S) -> Result<S::Ok, S::Error> {
     let name = |found: Recognised| match found {
         Recognised::Circles(layout) => layout_name(&layout.pattern),
@@ -446,7 +450,7 @@ impl fmt::Display for Checked {
 mod tests {
     use super::*;
 
-    /// A pause of a minute used to reduce the share of the time with the board to 5 %.
+    /// A pause of a minute must not reduce the share of the time with the board.
     #[test]
     fn a_time_without_events_has_no_slots() {
         let beginning = (0..10_000).map(|index| 100 * index);
@@ -458,7 +462,7 @@ mod tests {
         assert_eq!((pixels.repeated, slots), (None, 20));
     }
 
-    /// Only the first 0.3 s of a fast recording used to be evaluated.
+    /// The parts must not all come from the first 0.3 s of a recording with a high event rate.
     #[test]
     fn parts_are_even_over_the_whole_recording() {
         let event = |t: i64| Event { t: 500 + t, x: 1, y: 2, polarity: Polarity::On };

@@ -59,12 +59,12 @@ use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn, Un
 pub const LARGEST_SENSOR: Sensor = Sensor::new(1280, 800);
 /// Length of the parts of a recording that are searched independently, in parallel (µs).
 const CHUNK: i64 = 100_000;
-/// Longest time between a reference frame and a window whose circles fit several positions on the board, over which the frame
-/// determines the right one (s).
+/// If the circles of a window fit several positions on the board, a reference frame determines the right one. It may be
+/// at most this far away in time (s).
 const LONGEST_PREDICTION: f64 = 0.03;
-/// Most runs of pixels in a window.
+/// Largest number of runs of pixels in a window.
 const RUNS: usize = 16_384;
-/// Most clusters of one polarity in a window.
+/// Largest number of clusters of one polarity in a window.
 const CLUSTERS: usize = 512;
 
 /// The detector with capacity for the largest sensor; single precision, as on a microcontroller.
@@ -160,7 +160,7 @@ enum Seeker {
 struct Searched {
     findings: Vec<Found>,
     uncertain: Vec<Uncertain>,
-    /// Of the windows with more circles than the board and no position on it, the one with most circles.
+    /// The window with most circles, of those that have more circles than the board and no position on it.
     unplaced: Option<UnorderedFrame>,
     report: DetectionReport,
     /// Evidence on the form of the dots from all windows with a board, including those that were rejected because of it.
@@ -177,7 +177,7 @@ pub struct DetectionStage<'a> {
     events: Vec<Event>,
     /// Index of the current chunk.
     chunk_index: i64,
-    /// Index of each complete chunk, and its place in `events`.
+    /// Index of each complete chunk, and its range in `events`.
     waiting: Vec<(i64, Range<usize>)>,
     frames: Vec<CompactFrame>,
     circle_windows: Vec<CircleWindow>,
@@ -189,8 +189,8 @@ pub struct DetectionStage<'a> {
 
 /// Number of chunks that are searched together.
 const CHUNKS_TOGETHER: usize = 16;
-/// Number of waiting events at which the chunks are searched even if they are fewer than [`CHUNKS_TOGETHER`]: these events take 128 MiB,
-/// and those of one more chunk.
+/// The waiting chunks are searched once they contain this number of events, even if they are fewer than
+/// [`CHUNKS_TOGETHER`]. The waiting events therefore take 128 MiB and at most one more chunk.
 const EVENTS_TOGETHER: usize = 8 << 20;
 
 impl<'a> DetectionStage<'a> {
@@ -286,12 +286,13 @@ impl<'a> DetectionStage<'a> {
             Requirement::Circles(_) => self.circle_windows.extend(found.into_iter().filter_map(Found::into_circles)),
         }
         self.kept_pixels.limit(&mut self.frames);
-        // The memory stays for the next chunks.
+        // The vector is kept, so that the next chunks reuse its memory.
         events.drain(..searched);
         self.events = events;
     }
 
-    /// Adds the frames of the chunks `waiting`, and uncertain windows that neighbouring frames determine.
+    /// Adds the frames `found` in the chunks `waiting`, and the frames of those uncertain windows whose position on the
+    /// board follows from neighbouring frames.
     fn place_uncertain(
         &mut self,
         waiting: &[(i64, &[Event])],
@@ -521,7 +522,7 @@ fn unique_pixels(events: &[Event]) -> Vec<EventPixel> {
     let mut pixels: Vec<EventPixel> = events.iter().map(EventPixel::new).collect();
     pixels.sort_unstable();
     pixels.dedup();
-    // The frames of a whole recording keep theirs.
+    // All frames of a recording keep their pixels, so unused capacity would add up.
     pixels.shrink_to_fit();
     pixels
 }

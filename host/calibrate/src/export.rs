@@ -113,7 +113,8 @@ mod tests {
         }
     }
 
-    /// Exported files are read back, except for the table: the camera equals that in the file, to the last digit.
+    /// Exported files are read back, except for the table: the camera that is read equals the written one to the last
+    /// digit.
     #[test]
     fn exported_files_are_read_back() {
         let sensor = Sensor::new(346, 260);

@@ -54,9 +54,11 @@ const LEAST_KNOWN_ROTATION: f64 = 0.35;
 /// Fewest samples per second: with fewer, a hand rotates too much between two samples.
 const FEWEST_A_SECOND: f64 = 30.0;
 
-/// Smallest and largest knot spacing (s), and number of samples per knot.
+/// Smallest knot spacing (s).
 const NEAREST_KNOTS: f64 = 0.01;
+/// Largest knot spacing (s).
 const FARTHEST_KNOTS: f64 = 0.0225;
+/// Number of samples per knot.
 const SAMPLES_A_KNOT: f64 = 2.5;
 
 /// The samples of one recording.
@@ -185,7 +187,8 @@ fn finish(joint: &Joint, solved: Solved, apart: Apart, clock: Clock) -> Result<I
         uncertainty::stated(&solved.system, &solved.parts, total)?;
     let Solved { estimate, residuals, spectra, system, .. } = solved;
     uncertainty::add_systematic(&mut covariance, &estimate.parameters, mean_distance(&refined.state.trajectories));
-    // An error of the intrinsics that all events have in common moves the IMU, but blocks of time do not show it.
+    // An error of the intrinsics that all events have in common moves the estimated IMU, but does not cause scatter
+    // between blocks of time.
     let share = match fixed {
         Some(fixed) => {
             let opened = fixed.opened(joint.problem);
@@ -233,7 +236,7 @@ fn share_of_intrinsics(system: &System, covariance: DMatrix<f64>) -> Result<DMat
     Ok(share.view((0, 0), (COUNT, COUNT)).into_owned())
 }
 
-/// Selects the rows and columns of `covariance`, which is of all intrinsics, for those that `problem` estimates.
+/// Returns the part of `covariance`, the covariance of all intrinsics, for the intrinsics that `problem` estimates.
 fn of_free(covariance: &DMatrix<f64>, problem: &Problem) -> DMatrix<f64> {
     let free = free_intrinsics(problem, covariance.nrows());
     DMatrix::from_fn(free.len(), free.len(), |row, column| covariance[(free[row], free[column])])

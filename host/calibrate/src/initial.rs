@@ -2,8 +2,8 @@
 //!
 //! Frames pass the rotation gate. A camera is calibrated from a diverse subset (by OpenCV, or by a native start if OpenCV fails
 //! or is not built in; refined by a robust bundle adjustment). Every frame gets a pose by PnP in RANSAC. The velocity gate and
-//! the cross-validation of the circles against the events drop what does not fit, and camera and poses are refined again on the
-//! rest.
+//! the cross-validation of the circles against the events drop the frames and circles that do not fit, and camera and
+//! poses are refined again on the rest.
 //!
 //! Guarantees: no frame is trusted because it came first, everything that is dropped is in the report with its reason, and the
 //! result depends on frames and settings only, not on the number of threads.
@@ -154,7 +154,7 @@ pub fn initial_model(
 }
 
 impl InitialModel {
-    /// Returns frames with the poses of a camera that is better known than from these frames.
+    /// Creates a model from frames with poses and a `camera` that was determined from more data than these frames.
     pub fn of_frames(camera: Camera<f64>, frames: Vec<PosedFrame>) -> Self {
         Self { camera, sigma: Vec::new(), frames, report: InitialReport::default() }
     }

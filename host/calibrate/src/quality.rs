@@ -89,8 +89,8 @@ pub struct ObservedRadius {
     pub radius: f64,
 }
 
-/// Usual mean distance of events from the edge (px). It is negative (inside the dot) because events happen where the logarithm of
-/// the blurred edge changes, which is on its dark side.
+/// Usual mean distance of events from the edge (px). It is negative (inside the dot): events happen where the logarithm
+/// of the brightness changes, and at a blurred edge this is on its dark side.
 const USUAL_OFFSET: f64 = -0.41;
 
 /// Returns a lens model that follows the lens of `refined` better than its own model, if there is one.
@@ -104,7 +104,7 @@ fn misfit_of(problem: &Problem, state: &State, residuals: &ResidualMap, inflatio
     residuals.pattern.is_suspicious().then(|| misfit(problem, state, &residuals.pattern, inflation))
 }
 
-/// Uncertainty of a joint solve and other facts about it, apart from its result.
+/// Uncertainty of a joint solve, the board in it, and the coefficients that it does not determine.
 pub struct SolveCertainty {
     /// Uncertainty of its estimates.
     pub uncertainty: SolveUncertainty,
@@ -114,7 +114,7 @@ pub struct SolveCertainty {
     pub undetermined: Vec<usize>,
 }
 
-/// Examines `refined`. `saturated` are the intervals with a saturated readout that are in the solve.
+/// Computes the quality of `refined`. `saturated` are the intervals with a saturated readout that are in the solve.
 ///
 /// # Errors
 /// [`SolveError::Singular`] if the observations do not determine the camera.

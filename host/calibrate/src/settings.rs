@@ -145,7 +145,7 @@ mod tests {
     use super::*;
     use crate::trajectory::RotationSpline;
 
-    /// Each one more is one more that nobody can choose with a reason.
+    /// The number of settings is limited, because users cannot choose many of them with a reason.
     #[test]
     fn a_file_has_no_more_settings_than_people_can_choose() {
         let count = Settings::default().to_toml().matches(" = ").count();

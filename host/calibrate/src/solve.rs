@@ -89,8 +89,8 @@ pub struct FreeParameters {
     pub intrinsics: [bool; MAX_PARAMETERS],
     /// `true` for each estimated parameter of the board.
     pub board: [bool; BOARD_PARAMETERS],
-    /// `true` for each estimated bias of each event class. A shared bias is estimated if it is in any of the classes that share
-    /// it.
+    /// `true` for each estimated bias of each event class. A shared bias is estimated if it is estimated in any of the
+    /// classes that share it.
     pub biases: [Biases<bool>; CLASS_COUNT],
 }
 
@@ -136,7 +136,7 @@ settings! {
 
 /// Residual from which an event counts linearly instead of squared, in units of its class's spread (σ).
 pub const HUBER: f64 = 1.5;
-/// Most Levenberg-Marquardt iterations in one solve.
+/// Largest number of Levenberg-Marquardt iterations in one solve.
 pub const ITERATIONS: usize = 12;
 
 /// Input of the joint solve, constant while it runs.
@@ -149,7 +149,7 @@ pub struct Problem {
     pub edges: BoardEdges,
     /// The area that the circles cover.
     pub area: CircleArea,
-    /// Metres on the board for each pixel, on average: the unit of the plane residual.
+    /// Metres on the board per pixel, on average: the unit of the plane residual.
     pub mean_scale: f64,
     /// Spread of a circle centre in pixels, for observations that are centres.
     pub point_sigma: f64,
@@ -165,7 +165,7 @@ pub struct Problem {
     pub residual: ResidualMeasure,
     /// Residual from which an event counts linearly instead of squared (σ of its class); [`HUBER`] except in tests.
     pub huber: f64,
-    /// Most iterations; [`ITERATIONS`] for solves that lead to a result.
+    /// Largest number of iterations; [`ITERATIONS`] for solves that lead to a result.
     pub iterations: usize,
 }
 
@@ -217,9 +217,9 @@ pub struct SolveReport {
     pub iterations: usize,
     /// Number of steps that raised the cost and were undone.
     pub rejected: usize,
-    /// Sum of ρ before the solve.
+    /// Sum of ρ and of the costs of the trajectory priors before the solve.
     pub initial_cost: f64,
-    /// Sum of ρ after the solve.
+    /// Sum of ρ and of the costs of the trajectory priors after the solve.
     pub final_cost: f64,
 }
 

@@ -141,7 +141,7 @@ pub struct Trajectory {
     pub degree: usize,
     /// Control points of the camera centre in world coordinates, metres.
     pub translation: Vec<Vector3<f64>>,
-    /// Control points of R_world_camera, one for each of the translation.
+    /// Control points of R_world_camera, as many as of the translation.
     pub rotation: RotationControl,
 }
 

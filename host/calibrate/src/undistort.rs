@@ -43,7 +43,8 @@ impl PixelMap {
         (inside && place[0].is_finite()).then_some(*place)
     }
 
-    /// Does the same for positions on the sensor: from −0.5 to width or height − 0.5.
+    /// Returns the position like [`get`](Self::get), but `None` also if it is outside the sensor (from −0.5 to width or
+    /// height − 0.5).
     pub fn get_on_sensor(&self, x: u16, y: u16) -> Option<[f64; 2]> {
         let on = |at: f64, size: u16| at >= -0.5 && at < f64::from(size) - 0.5;
         self.get(x, y).filter(|[u, v]| on(*u, self.sensor.width) && on(*v, self.sensor.height))

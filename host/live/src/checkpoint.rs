@@ -1,4 +1,4 @@
-//! Checkpoints: full calibrations of what was recorded so far, while the recording continues.
+//! Checkpoints: full calibrations of the recording so far, while it continues.
 //!
 //! A thread of low priority computes them, with its own workers, so that neither the recording nor the display waits
 //! for them. A checkpoint reports the same as a calibration of the same part of the recording. Between two checkpoints
@@ -12,7 +12,7 @@ use std::thread;
 
 use super::background::{give_way, workers};
 
-/// Largest error anywhere on the sensor, as a multiple of the target.
+/// Largest acceptable error anywhere on the sensor, as a multiple of the target.
 const LARGEST: f64 = 3.0;
 /// Smallest and largest growth of the recording's length from one checkpoint to the next.
 const GROWTH: [f64; 2] = [1.3, 2.0];
@@ -33,7 +33,7 @@ pub struct Stated {
 /// A calibration of the beginning of a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Checkpoint {
-    /// End of the calibrated beginning (s since the first event).
+    /// Length of the part that was calibrated, from the first event (s).
     pub t: f64,
     /// The reported accuracy, or the reason why the calibration failed.
     pub stated: Result<Stated, String>,
@@ -78,12 +78,12 @@ impl Checkpoint {
 pub enum ReportTime {
     /// Immediately.
     WhenReady,
-    /// When the recording is this many times as long, after waiting for the result if necessary: independent of the
-    /// speed of a replay.
+    /// When the recording has grown by this factor since the checkpoint started, after waiting for the result if
+    /// necessary. Reports are then independent of the speed of a replay.
     AtLength(f64),
 }
 
-/// A step of a calibration, for those who wait for it.
+/// A step of a calibration, to be shown while the recording waits for the result.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CalibrationStep {
     /// Name of the step.
@@ -139,9 +139,9 @@ pub struct Checkpoints {
 }
 
 impl Checkpoints {
-    /// Starts the thread. `calibrate` receives the length of the beginning to calibrate (s), reports its steps, and should
-    /// end early once it is stopped. The first checkpoint starts `first` seconds after the board was first seen; the
-    /// interval between later ones depends on the remaining distance to `target` (px).
+    /// Starts the thread. `calibrate` receives the length of the part to calibrate, from the first event (s), reports
+    /// its steps, and should end early once it is stopped. The first checkpoint starts `first` seconds after the board
+    /// was first seen; the interval between later ones depends on the remaining distance to `target` (px).
     ///
     /// # Errors
     /// If the system cannot create threads.
@@ -173,7 +173,7 @@ impl Checkpoints {
         self.latest.as_ref()
     }
 
-    /// Returns the end of the beginning that is being calibrated (s since the first event).
+    /// Returns the length of the part that is being calibrated, from the first event (s).
     pub fn under_way(&self) -> Option<f64> {
         self.begun
     }
@@ -222,7 +222,7 @@ impl Checkpoints {
 
 impl Drop for Checkpoints {
     fn drop(&mut self) {
-        // The thread is not joined, because the calibration that follows has priority.
+        // The thread is not joined, because that would delay the final calibration.
         self.underway.stop.store(true, Ordering::Relaxed);
     }
 }

@@ -19,8 +19,8 @@ const CIRCLES_PER_CELL: u64 = 5;
 /// Smallest angle between board and sensor that counts as a tilt (°).
 const TILT: f64 = 15.0;
 
-/// Largest number of views whose tilts are computed again: the estimate of the focal length improves, but hardly
-/// changes after this number.
+/// Largest number of views whose tilts are computed again when the estimate of the focal length improves. After this
+/// number the estimate hardly changes.
 const MOST_VIEWS: usize = 2048;
 
 /// The side of the board that is nearest to the camera.
@@ -98,10 +98,10 @@ pub struct LiveCoverage {
     board: Board,
     sensor: Sensor,
     cells: Vec<u64>,
-    /// Homographies from the board (in periods of its print) to pixels relative to the middle of the sensor, divided by
-    /// its width, for the latest views.
+    /// One homography per view, for the latest views. It maps the board (in periods of its print) to the image
+    /// (relative to the middle of the sensor, in widths of the sensor).
     views: Vec<Matrix3<f64>>,
-    /// Tilts of the earlier views.
+    /// Numbers of earlier views with the board tilted to each side.
     settled: [u64; 4],
     boards: u64,
     distances: [u64; 3],
@@ -208,7 +208,7 @@ impl LiveCoverage {
         covered as f64 / self.cells.len() as f64
     }
 
-    /// Returns the number of tilts to each side, in the order of [`Tilt::ALL`].
+    /// Returns the number of windows with the board tilted to each side, in the order of [`Tilt::ALL`].
     pub fn tilts(&self) -> [u64; 4] {
         let focal_length = self.focal_length.unwrap_or_else(|| focal_length(&self.views));
         let mut counts = self.settled;
@@ -265,9 +265,9 @@ impl LiveCoverage {
     }
 }
 
-/// Estimates the focal length in widths of the sensor. The axes of the board are perpendicular and equally long, so each
-/// view gives two linear equations for 1/f², which are solved by least squares. Returns one width, a field of view of 53°,
-/// if the views do not determine it.
+/// Estimates the focal length in widths of the sensor. The axes of the board are perpendicular and equally long, so
+/// each view provides two linear equations for 1/f², which are solved by least squares. Returns one width, a field of
+/// view of 53°, if the views do not determine it.
 fn focal_length(views: &[Matrix3<f64>]) -> f64 {
     let (mut square, mut product) = (0.0, 0.0);
     for view in views {
@@ -357,7 +357,8 @@ mod tests {
             for turn in [[0.0, 0.4], [0.0, -0.4], [0.4, 0.0], [-0.4, 0.0]] {
                 let turn = Vector3::new(turn[0], turn[1], 0.0);
                 let frame = view(turn, ahead(), focal);
-                // Direction in the image in which circles are nearer than the board's middle, 1 m away.
+                // Direction in the image towards the circles that are nearer than the board's middle, which is 1 m
+                // away.
                 let pose = Isometry3::new(ahead(), turn);
                 let mut nearer = Vector2::zeros();
                 for circle in &frame.circles {

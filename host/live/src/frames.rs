@@ -8,7 +8,7 @@ use std::time::Duration;
 use event_recordings::pictures::GreyImage;
 use event_recordings::{Recording, RecordingError};
 
-/// Interval at which a frame that is not due yet is checked again.
+/// Interval at which the reader checks whether the next frame is due.
 const PATIENCE: Duration = Duration::from_millis(10);
 
 /// State shared by the reader and the display.
@@ -20,12 +20,12 @@ struct Shared {
     ended: AtomicBool,
 }
 
-/// Reads frames of a recording on its own thread, each at the time when the events of the same time are shown.
+/// Reads the frames of a recording on its own thread, and keeps each back until the display shows events of its time.
 pub struct FrameFeed(Arc<Shared>);
 
 impl FrameFeed {
-    /// Starts to read `recording`. A recording that cannot be read has no frames here; the reader of its events reports
-    /// the error.
+    /// Starts to read `recording`. If it cannot be read, there are no frames; the reader of its events reports the
+    /// error.
     pub fn start(recording: Recording) -> Self {
         let shared = Arc::new(Shared::default());
         let of_thread = Arc::clone(&shared);
@@ -44,7 +44,7 @@ impl FrameFeed {
         Self(shared)
     }
 
-    /// Returns the latest frame read up to `t` (s since the first event).
+    /// Sets the time of the display to `t` (s since the first event), and returns the latest frame read up to then.
     pub fn at(&self, t: f64) -> Option<Arc<GreyImage>> {
         self.0.now.store((t * 1e6) as i64, Ordering::Relaxed);
         self.0.newest.lock().unwrap_or_else(PoisonError::into_inner).clone()

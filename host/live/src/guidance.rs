@@ -1,13 +1,14 @@
 //! Guidance for the board: the pose that would reduce the uncertainty of the camera most.
 //!
 //! Every window with the board adds its information about the intrinsics ([`evcal_calibrate::initial::information`]).
-//! The value of a pose is the reduction of the projection's mean variance over the sensor by one second at this pose,
-//! averaged over the typical errors of a person's hands (`place`). The best pose becomes the *ghost*, which stays until
-//! most of its value has been gained. Time is the sensor's, so the same recording produces the same hints.
+//! The value of a pose is the amount by which one second at this pose reduces the projection's mean variance over the
+//! sensor. The information at a pose is averaged over the typical errors of a person's hands (`board_pose`). The best
+//! pose becomes the *ghost*. It stays until most of its value has been gained, until the board does not come nearer any
+//! more, or until another pose is worth much more. Time is the sensor's, so the same recording produces the same hints.
 //!
 //! The camera used here is provisional: an ordinary lens (`radtan`) estimated from the windows so far, and again
 //! whenever their number has doubled. Its uncertainty ([`Guidance::sigma`]) is based on windows alone and therefore
-//! larger than that of a calibration of the same recording.
+//! larger than the uncertainty of a calibration of the same recording.
 
 mod board_pose;
 mod hint;
@@ -29,7 +30,7 @@ use evcal_geometry::board::Board;
 pub use self::board_pose::BoardPose;
 pub use self::hint::{Hint, Swing};
 
-/// Windows within this time (s) count once.
+/// Interval between windows that count fully (s); after a shorter interval a window counts in proportion to it.
 const WINDOW: f64 = 0.1;
 /// Number of windows that one second at a pose is worth.
 const WINDOWS_OF_A_STAY: f64 = 10.0;
@@ -37,7 +38,7 @@ const WINDOWS_OF_A_STAY: f64 = 10.0;
 const MOST_VIEWS: usize = 1024;
 /// Number of views from which the first camera is estimated.
 const FIRST_VIEWS: u64 = 24;
-/// Number of views from which those for a camera are chosen.
+/// Largest number of views among which the views for a camera are chosen.
 const CAMERA_VIEWS: usize = 128;
 /// Interval at which the ghost is reconsidered (s).
 const THINK: f64 = 0.5;
@@ -86,7 +87,7 @@ struct Ghost {
 pub struct GhostOutline {
     /// Outline of the board (px), clockwise on the print from the corner next to the first circle.
     pub outline: Vec<Vector2<f64>>,
-    /// The four corners that the lens sees, in the same order.
+    /// The corners of this outline that the lens sees, in the same order.
     pub corners: Vec<Vector2<f64>>,
     /// Fraction of its value gained, 0 to 1.
     pub gained: f64,
@@ -161,8 +162,8 @@ impl Guidance {
         self.measure.as_ref()?.sigma(&self.information)
     }
 
-    /// Returns the same for each cell of a division of the sensor into columns and rows, row by row; `None` for cells
-    /// that the lens does not see.
+    /// Returns the root mean square of the standard deviation (px) in each cell, row by row, if the sensor is divided
+    /// into columns and rows; `None` for cells that the lens does not see.
     pub fn sigma_in_cells(&self, columns: u16, rows: u16) -> Option<Vec<Option<f64>>> {
         sigma_in_cells(self.camera()?, self.sensor, columns, rows, &self.information)
     }

@@ -1,5 +1,4 @@
-//! State of the camera, from its events independent of the board. One module per figure, each over a few recent
-//! seconds.
+//! State of the camera as its events show it. Each module measures one figure, over a few recent seconds.
 
 pub mod flicker;
 pub mod focus;
@@ -27,7 +26,7 @@ pub struct Health {
     pub noise: Option<f64>,
     /// Number of hot pixels.
     pub hot_pixels: Option<u32>,
-    /// Flicker of the light; the outer `None` until it is known.
+    /// Flicker of the light; `None` until it is known, `Some(None)` if the light does not flicker.
     pub flicker: Option<Option<Flicker>>,
     /// Sharpness of the circles.
     pub focus: Option<Focus>,

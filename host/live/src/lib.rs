@@ -1,5 +1,5 @@
 #![doc = include_str!("../README.md")]
-// No input causes a panic; only the program prints.
+// These lints hold because no input may cause a panic, and because only the program prints, never a library.
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
@@ -38,7 +38,6 @@ pub use self::watcher::Watcher;
 ///
 /// # Errors
 /// [`RecordingError`] if nothing can be recorded.
-/// [`RecordingError`] when nothing can be recorded.
 pub fn record_board(
     camera: &mut Camera,
     path: &Path,

@@ -23,7 +23,7 @@ use evcal_geometry::board::homography::homography;
 
 /// Number of chunks that are searched at once: a fifth of a second with the default settings.
 const CHUNKS_TOGETHER: usize = 2;
-/// Interval at which the coverage is summarised, which processes every view (s of the sensor).
+/// Interval between summaries of the coverage (s of the sensor's clock); each summary processes all views.
 const SUMMARY: f64 = 0.5;
 /// Time over which the board's motion is assumed linear (s): long enough to average the noise of its outline.
 const STRAIGHT: f64 = 0.1;
@@ -64,7 +64,7 @@ pub struct Seen {
     pub sigma: Option<f64>,
     /// The latest calibration of the recording so far.
     pub checkpoint: Option<Checkpoint>,
-    /// End of the beginning that is being calibrated (s since the first event).
+    /// Time up to which the recording is being calibrated (s since the first event).
     pub checkpoint_under_way: Option<f64>,
     /// Steps of that calibration, current whenever they are read.
     pub underway: Option<Arc<Underway>>,
@@ -92,7 +92,7 @@ pub struct Seen {
 }
 
 impl Seen {
-    /// Returns `true` if enough was seen for a calibration: a checkpoint is good enough, and the board was everywhere.
+    /// Returns `true` if enough was seen for a calibration, so that no requirement remains.
     pub fn is_enough(&self) -> bool {
         self.missing().is_empty()
     }
@@ -242,7 +242,7 @@ impl<'a> Observer<'a> {
         told.is_some()
     }
 
-    /// Reports that no event arrived for a time (s), which the sensor's clock does not show.
+    /// Records that no event arrived for `seconds`, because the sensor's clock does not advance without events.
     pub fn silence(&mut self, seconds: f64) {
         self.explainer.silence();
         if let Some(guidance) = &mut self.guidance {

@@ -17,24 +17,24 @@ use evcal_calibrate::detection::{CircleWindow, DetectionReport, DetectionStage, 
 use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::numerics::statistics::median;
 
-/// Time without the board after which its absence is explained (s), also the interval between explanations.
+/// Time without the board after which its absence is explained, and the interval between explanations (s).
 const PATIENCE: f64 = 1.0;
 /// Length of the analysed moment (s), and its largest number of events.
 const MOMENT: f64 = 0.3;
 const MOST_EVENTS: usize = 1_000_000;
 /// Event rate below which there are hardly any events, in events per second.
 const FEWEST_EVENTS: f64 = 1000.0;
-/// Smallest number of circles in a window that counts.
+/// Smallest number of circles in a window that is used.
 const FEWEST_CIRCLES: usize = 4;
-/// Smallest number of windows that count.
+/// Smallest number of windows with circles from which a reason is concluded.
 const FEWEST_WINDOWS: usize = 3;
 /// Fraction of noise events above which the scene is considered at rest.
 const MOSTLY: f64 = 0.5;
 /// Radius below which circles are far away (px); with even smaller dots, the edges of two dots together look like a
 /// circle of this size.
 const FAR: f64 = 5.0;
-/// Number of pairs of clusters rejected for their size, per circle, above which the dots are too small; a tenth is
-/// usual.
+/// Rejected pairs of clusters per circle found above which the dots are too small. Only pairs rejected for their size
+/// count; a tenth is usual.
 const MANY_REFUSED: f64 = 1.0 / 3.0;
 /// Distance of a circle's centre from the edge of the sensor, in radii, below which it is at the edge.
 const AT_EDGE: f64 = 3.0;
@@ -45,7 +45,7 @@ const AT_EDGE: f64 = 3.0;
 pub enum Obstacle {
     /// There are hardly any events.
     NoEvents,
-    /// Most of them are noise.
+    /// Most events are noise.
     TooSlow,
     /// Nothing looks like a circle.
     NoCircles,
@@ -53,7 +53,7 @@ pub enum Obstacle {
     NoSquares,
     /// Circles are too small.
     TooFar,
-    /// There are circles up to the edge of the sensor, fewer than make a board.
+    /// Circles are found up to the edge of the sensor, but fewer than half of the board's.
     CutOff,
     /// The circles belong to another board.
     OtherBoard(OtherReading),
@@ -81,12 +81,12 @@ impl fmt::Display for Obstacle {
     }
 }
 
-/// Explanation of what was seen instead of the board.
+/// Reason why the board was not found, with the circles that were found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Explanation {
     /// The reason.
     pub obstacle: Obstacle,
-    /// Circles that are not on the board, as centre and radius (px), of the window with the most circles.
+    /// The circles in the window with the most circles, as centre and radius (px).
     pub circles: Vec<(Vector2<f64>, f64)>,
 }
 
@@ -130,7 +130,7 @@ fn of_whole(windows: &[CircleWindow], report: &DetectionReport, board: &CircleBo
     }
 }
 
-/// Interprets windows with fewer circles.
+/// Interprets windows with fewer than half of the board's circles.
 fn of_parts(windows: &[CircleWindow], report: &DetectionReport, sensor: Sensor) -> Obstacle {
     let at_edge = windows.iter().filter(|window| stands_at_edge(window, sensor)).count();
     match at_edge * 2 > windows.len() {
@@ -180,7 +180,7 @@ fn shows(views: &[StillView], board: &Board, settings: &DetectionSettings) -> bo
 #[derive(Debug, Default)]
 pub struct Explainer {
     moment: Vec<Event>,
-    /// Since the last explanation.
+    /// Views since the last explanation.
     views: Option<StillViews>,
     /// Time at which the board was last seen, or its absence last explained (s).
     settled: f64,

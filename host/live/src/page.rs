@@ -45,11 +45,13 @@ struct State {
 struct Shared {
     gate: Gate,
     newest: watch::Sender<State>,
-    /// Path of the report, which cannot be guessed, and the report.
+    /// The report, once it is finished.
     report: Mutex<Option<Bytes>>,
+    /// Path of the report on the server; it cannot be guessed.
     report_path: String,
-    /// Path prefix of the result files, which cannot be guessed, and the files.
+    /// Path prefix of the result files; it cannot be guessed.
     files_path: String,
+    /// The result files.
     files: Mutex<Vec<ServedFile>>,
     /// `true` if the page shows frames.
     frames: AtomicBool,
@@ -181,7 +183,7 @@ impl Page {
         self.shared.next.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
-    /// Starts a recording, and resets earlier requests.
+    /// Forgets the user's earlier requests, at the start of a recording.
     pub fn begin(&self) {
         self.shared.finish.store(false, Ordering::Relaxed);
         self.take_next();
@@ -235,7 +237,8 @@ impl Publisher {
     }
 }
 
-/// Returns the address of this computer that others see, from which it would send to other networks. Nothing is sent.
+/// Returns the address from which this computer would send to other networks, under which others can reach it. Nothing
+/// is sent.
 fn outward(unspecified: IpAddr) -> Option<IpAddr> {
     let socket = UdpSocket::bind((unspecified, 0)).ok()?;
     // Addresses for documentation (RFC 5737, RFC 3849), which are not routed.
@@ -244,7 +247,7 @@ fn outward(unspecified: IpAddr) -> Option<IpAddr> {
     Some(socket.local_addr().ok()?.ip())
 }
 
-/// Listens on the first free port.
+/// Listens on `port`, or on the first free one of the default ports.
 fn listen(address: IpAddr, port: Option<u16>) -> Result<TcpListener, PageError> {
     let (first, last) = port.map_or((PORT, PORT + MORE_PORTS), |port| (port, port));
     let mut failure = None;

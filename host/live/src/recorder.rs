@@ -205,7 +205,7 @@ fn close(mut dump: DumpWriter<File>, path: &Path, counters: Vec<(Register, u32)>
     })
 }
 
-/// Records transfers until the end, including those in progress then.
+/// Records transfers until the end; transfers in progress at the end are recorded too.
 fn run(
     stream: &mut Stream<'_>,
     dump: &mut DumpWriter<File>,

@@ -15,7 +15,7 @@ use event_recordings::{Recording, RecordingError};
 
 /// Length of the pieces in which events are passed on (µs of the sensor).
 const PIECE: i64 = 10_000;
-/// Number of pieces that wait for the detector.
+/// Largest number of pieces that wait for the detector.
 const PIECES_AHEAD: usize = 32;
 /// Time between two attempts to pass a piece to a busy detector.
 const FULL: Duration = Duration::from_millis(2);
@@ -91,7 +91,8 @@ pub fn replay(
                 while let Some(piece) = waiting.take() {
                     match sender.try_send(piece) {
                         Ok(()) => {}
-                        // The detector waits for a calibration, or is slower than the recording; whoever watches sees that it goes on.
+                        // The detector waits for a calibration, or is slower than the recording. Pictures are shown
+                        // meanwhile.
                         Err(TrySendError::Full(piece)) => {
                             waiting = Some(piece);
                             thread::sleep(due.saturating_duration_since(Instant::now()).min(FULL));

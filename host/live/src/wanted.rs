@@ -8,7 +8,7 @@ use super::Tilt;
 pub enum Requirement {
     /// This many more windows with the board.
     Views(u64),
-    /// The board in this part of the image: to the right and downwards from the middle (each −1, 0 or 1).
+    /// The board in this part of the image, as (column, row): −1 is left or top, 0 the middle, 1 right or bottom.
     Part(i8, i8),
     /// The board tilted so that this side is nearer, by this angle in degrees.
     Nearer(Tilt, f64),

@@ -116,8 +116,8 @@ impl Watcher {
         self.latest.clone()
     }
 
-    /// Waits until all accepted transfers have been processed, up to
-    /// [`LiveSettings::longest_wait`](evcal_calibrate::settings::LiveSettings::longest_wait) of them. Returns the
+    /// Waits until all accepted transfers have been processed. They are at most the latest
+    /// [`LiveSettings::longest_wait`](evcal_calibrate::settings::LiveSettings::longest_wait) seconds. Returns the
     /// state, and the knowledge for later recordings.
     pub fn finish(mut self) -> (Seen, Option<Memory>) {
         let memory = self.end();

@@ -38,7 +38,7 @@ use evcal_calibrate::result::calibration_file::InputFile;
 
 use crate::output::input_files::input_files;
 
-/// Sections that are made in parallel.
+/// Number of sections that are made in parallel.
 const TOGETHER: usize = 6;
 
 /// A file in the folder of the report.
@@ -49,8 +49,8 @@ pub struct ResultFile {
     pub length: u64,
 }
 
-/// Returns the report of `calibrated`, the result of `task`, as HTML that lists `files`. It calls `progress` with the share that is done,
-/// 0 to 1.
+/// Returns the report of `calibrated`, the result of `task`, as HTML that lists `files`. It calls `progress` with the
+/// share that is done, 0 to 1.
 pub fn report(calibrated: &Calibrated, task: &Task, files: &[ResultFile], progress: &mut dyn FnMut(f64)) -> String {
     let sections = sections(calibrated, task, progress);
     sections.finish(&input_files(task), files)

@@ -1,9 +1,8 @@
 //! Position of a tag with a known pattern, by least squares between the picture and the pattern.
 //!
 //! All edges of the tag are used, inner ones as well, so that a hardly visible side (in a picture made of events, a
-//! side parallel to the motion) does not spoil two corners. The steps are those of Lucas and Kanade (1981) with gain
-//! and offset, for a homography. The slopes are taken from the picture, so an edge that is not visible there has no
-//! weight.
+//! side parallel to the motion) does not spoil two corners. The method is by Lucas and Kanade (1981), with gain and
+//! offset, for a homography. The slopes are taken from the picture, so an edge that is not visible there has no weight.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
@@ -16,7 +15,7 @@ const BLUR: f64 = 3.2;
 const MOST_BLUR: f64 = 1.4;
 /// Positions of samples around each border between modules, as a fraction of the box's width.
 const SAMPLES: [f64; 3] = [-0.3, 0.0, 0.3];
-/// With modules smaller than this many pixels there are two samples per module, which reach half a module beyond the tag.
+/// If a module has fewer pixels than this, there are two samples per module, and one more beyond each side of the tag.
 const SMALL_MODULE: f64 = 3.2;
 /// Largest number of steps, and the step in pixels below which the position has converged.
 const STEPS: usize = 12;
@@ -25,7 +24,7 @@ const REACHED: f64 = 0.01;
 const FARTHEST: f64 = 1.5;
 const FARTHEST_IN_MODULES: f64 = 0.5;
 
-/// Number of parameters of a homography, and with gain and offset.
+/// Number of parameters of a homography, and number of all unknowns: these, gain and offset.
 const MAP: usize = 8;
 const UNKNOWNS: usize = MAP + 2;
 /// Relative increase of the diagonal of the normal equations, for parameters that the pattern hardly determines.
@@ -190,7 +189,7 @@ pub(crate) fn align(slopes: &Slopes, pattern: &Pattern, start: &Quad) -> Option<
             normal[(unknown, unknown)] *= 1.0 + DAMPING;
         }
         let step = normal.cholesky()?.solve(&right);
-        // A negative gain means a tag in negative.
+        // A negative gain means that dark and light are exchanged.
         if step[MAP].is_nan() || step[MAP] <= 0.0 {
             return None;
         }

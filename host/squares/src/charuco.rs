@@ -7,11 +7,12 @@ use crate::picture::Picture;
 use crate::saddles::{SaddleTest, refine_saddle};
 use crate::tags::{FoundTag, TagFinder};
 
-/// Half the window for refining a corner as a fraction of its distance to the nearest tag along x or y, and its limits
-/// in pixels. The window must exclude the tags in the light quadrants.
+/// Half the side of the window in which a corner is refined, as a fraction of the corner's distance to the nearest tag
+/// along x or y; and its limits in pixels. The window must exclude the tags in the light quadrants.
 const WINDOW: f32 = 0.9;
 const WINDOWS: [f32; 2] = [2.0, 6.0];
-/// Largest distance of a corner from its prediction as a fraction of the same distance, but at least one pixel.
+/// Largest distance of a corner from its prediction, as a fraction of the same distance to the nearest tag, but at
+/// least one pixel.
 const FARTHEST: f32 = 0.6;
 
 /// Finds the corners between the squares of a ChArUco board whose tags were found in the picture, by increasing index.

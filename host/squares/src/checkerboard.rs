@@ -24,8 +24,8 @@ use placement::{LatticeCorner, Placement, place_by_ends};
 const CAPACITY: usize = 512;
 /// Smallest fraction of the corners whose shades must match the board.
 const LEAST_ALTERNATING: f64 = 0.85;
-/// Half the window for refining a corner as a fraction of the distance to its neighbours, and its limits in pixels at
-/// the scale at which the corner was found.
+/// Half the side of the window in which a corner is refined, as a fraction of the distance to its neighbours; and its
+/// limits in pixels at the scale at which the corner was found.
 const WINDOW: f32 = 0.45;
 const WINDOWS: [f32; 2] = [2.0, 6.0];
 
@@ -113,11 +113,11 @@ impl From<GridError> for NoCheckerboard {
 /// Finds the inner corners of a checkerboard with `rows` × `columns` of them, by increasing index; indices count row by
 /// row. Some corners may be invisible.
 ///
-/// The order is that of OpenCV's `findChessboardCorners`. If one of the counts is odd and the other even, the order is
-/// unique: the square outside the first corner is dark. Otherwise the board looks the same after a rotation by 180° (a
-/// square board with even counts also after 90°); then the order is the one nearest to `expected`, the positions of the
-/// corners in a neighbouring picture by index, and without `expected` the one whose first corner is nearest to the top
-/// left.
+/// The order is the same as in OpenCV's `findChessboardCorners`. If one of the counts is odd and the other even, the
+/// order is unique: the square outside the first corner is dark. Otherwise the board looks the same after a rotation by
+/// 180° (a square board with even counts also after 90°), and several orders are possible. Then the order is the one
+/// nearest to `expected`, which contains the positions of the corners in a neighbouring picture by index. Without
+/// `expected`, it is the order whose first corner is nearest to the top left.
 ///
 /// `expected` also determines which corners are visible if the border of the picture cuts the board.
 ///
@@ -242,7 +242,7 @@ fn ordered(
 }
 
 /// Finds a checkerboard in several pictures of one moment: takes the corners of the picture with most corners, and adds
-/// missing ones from the others. Parameters and order are those of [`find_checkerboard`].
+/// missing ones from the others. Parameters and order are as for [`find_checkerboard`].
 ///
 /// # Errors
 /// Returns [`NoCheckerboard`] if no picture has a board, with the reason of the picture that looks most like the board.
@@ -348,7 +348,7 @@ fn oriented(
     }
     let any_dark = turns.iter().any(|(shades, _)| *shades > 0.0);
     let right = turns.into_iter().filter(|(shades, _)| *shades > 0.0 || !any_dark).map(|(_, corners)| corners);
-    // The first order is the one without an expectation; another order must be better.
+    // Of equally good orders the first one is chosen.
     let cost = |corners: &[(usize, Saddle)]| {
         let Some(expected) = expected else { return top_left(corners, pattern) };
         let off = corners.iter().filter_map(|&(index, saddle)| {

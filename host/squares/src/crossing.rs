@@ -63,7 +63,7 @@ fn double(pixel: [f32; 2]) -> Vector2<f64> {
     Vector2::from(pixel).cast()
 }
 
-/// Returns the corner near `start`, with the steps to its neighbours.
+/// Fits the corner near `start`; `along` and `across` are the steps to its neighbours.
 fn fit(picture: &Picture, start: Vector2<f64>, along: Vector2<f64>, across: Vector2<f64>) -> Option<Vector2<f64>> {
     let reach = (REACH * along.norm().min(across.norm())).max(LEAST_REACH);
     let shades = shades(picture, start, reach);
@@ -128,7 +128,7 @@ fn residual(shade: &Shade, at: &Parameters) -> Residual {
         (distance, SVector::<f64, 3>::new(sine, -cosine, -offset.x * cosine - offset.y * sine))
     };
     let ((first, by_first), (second, by_second)) = (line(along), line(across));
-    // Depth of a position inside an edge, 0 to 1, and its derivative.
+    // The bright fraction at a signed distance from an edge, 0 to 1, and its derivative.
     let inside = |distance: f64| {
         let tanh = libm::tanh(STEEPNESS * distance);
         (0.5 * (1.0 + tanh), 0.5 * STEEPNESS * (1.0 - tanh * tanh))
@@ -181,7 +181,7 @@ mod tests {
         (a[0] - b[0]).hypot(a[1] - b[1])
     }
 
-    /// A pixel of a bright square has all of its events as soon as a fifth of the pixel is bright, so bright squares
+    /// A pixel of a bright square has all of its events as soon as a quarter of the pixel is bright, so bright squares
     /// are enlarged.
     #[test]
     fn corners_of_enlarged_squares_are_accurate() {

@@ -42,8 +42,8 @@ impl Picture {
         inside(pixel[0], self.width) && inside(pixel[1], self.height)
     }
 
-    /// Returns the difference between bright and dark: the range of the pixels without the brightest and the darkest 5
-    /// %.
+    /// Returns the difference between bright and dark: the range of the pixels without the brightest 5 % and the
+    /// darkest 5 %.
     pub fn contrast(&self) -> f32 {
         // A subset of the pixels is enough; 7 does not divide any usual width.
         let step = if self.values.len() > 10_000 { 7 } else { 1 };
@@ -197,8 +197,8 @@ impl Picture {
     }
 }
 
-/// For the enlarged pixel number `phase` of a pixel, returns the second of the four source pixels, relative to this
-/// one, and the weights of the four.
+/// Returns the weights of the four source pixels for part `phase` of the `factor` parts of a pixel, and the position of
+/// the second source pixel relative to this pixel.
 fn cubic(phase: usize, factor: usize) -> (isize, [f32; 4]) {
     let position = (phase as f32 + 0.5) / factor as f32 - 0.5;
     let first = position.floor();

@@ -10,7 +10,8 @@ use crate::picture::Picture;
 const ENLARGEMENT: usize = 2;
 /// Standard deviation in pixels of the smoothing before the search.
 const SMOOTHING: f32 = 0.7;
-/// For large quadrilaterals the search is repeated in the picture at half the scale, down to this width or height in pixels.
+/// For large quadrilaterals the search is repeated in the picture at half the scale, down to this width or height in
+/// pixels.
 const LEAST_PICTURE: usize = 100;
 /// Half the side of the surroundings in enlarged pixels.
 const SURROUNDINGS: [usize; 4] = [7, 13, 22, 36];
@@ -20,7 +21,8 @@ const DARKER: f32 = 0.03;
 const LEAST_SIDE: f32 = 8.0;
 /// Smallest fraction of the quadrilateral that the hull of the region fills.
 const LEAST_FILLED: f32 = 0.8;
-/// Width removed from the regions plus half a pixel, in enlarged pixels.
+/// Distance in enlarged pixels by which the sides are moved outwards, because the outermost pixels of a region were
+/// removed.
 const TAKEN_OFF: f32 = 1.2;
 
 /// The corners of a quadrilateral, clockwise in the picture (x to the right, y down).
@@ -78,7 +80,7 @@ fn sums(picture: &Picture) -> Vec<f64> {
 fn dark_pixels(picture: &Picture, sums: &[f64], half: usize, darker: f32) -> Vec<u8> {
     let (width, height) = (picture.width(), picture.height());
     let mut dark = vec![0; width * height];
-    // The padding with zeros and with the last value makes the steps between columns uniform.
+    // Zeros on the left and the last value on the right, so that the columns near the border need no special case.
     let mut column_sums = vec![0.0; width + 1 + 2 * half];
     for (y, (row, out)) in picture.values().chunks_exact(width).zip(dark.chunks_exact_mut(width)).enumerate() {
         let (top, bottom) = (y.saturating_sub(half), (y + half + 1).min(height));

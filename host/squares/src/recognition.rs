@@ -1,10 +1,10 @@
-//! Recognises a board of squares of which nothing is known: its kind, rows and columns, tags and ratios.
+//! Recognises an unknown board of squares: its kind, rows and columns, tags and ratios.
 //!
 //! 1. The corners of a checkerboard form lattices. If its light squares contain markers, it is a ChArUco board; the markers need
 //!    not be readable one by one.
 //! 2. Otherwise it is a checkerboard, if its ends are in view.
-//! 3. Without such a lattice the tags of all families, with a border of one or two modules, are searched one by one. The positions
-//!    of neighbouring tags relative to each other, and their ids, are those of a grid of tags or of a ChArUco board.
+//! 3. Without such a lattice the tags of all families, with a border of one or two modules, are searched one by one.
+//!    The ids and relative positions of neighbouring tags determine a grid of tags or a ChArUco board.
 //!
 //! A *moment* is a time at which one or several pictures were made. Pictures do not show lengths, so a recognised board gets an
 //! arbitrary size, [`EXAMPLE_LENGTH`].
@@ -31,7 +31,7 @@ use crate::tags::{FoundTag, Smooth, TagFinder, is_same_place};
 pub const EXAMPLE_LENGTH: f64 = 0.03;
 /// Fewest moments that must show the board.
 const FEWEST_MOMENTS: usize = 3;
-/// Markers are read only in lattices of a size that at least this number of moments shows.
+/// Markers are read only in lattices whose size occurs at this number of moments or more.
 const FEWEST_OF_SIZE: usize = 2;
 /// Largest number of sizes of lattices in which markers are read.
 const MOST_SIZES: usize = 4;
@@ -77,7 +77,7 @@ pub struct RecognisedBoard {
 struct SeenTag {
     id: u16,
     found: FoundTag,
-    /// Shade beside its corners: 0 as light as the gap beside its sides, 1 as dark as its border.
+    /// Darkness next to its corners: 0 as light as the gap next to its sides, 1 as dark as its border.
     darkness: f32,
 }
 
@@ -88,7 +88,7 @@ struct SeenLattice<'a> {
     lattice: CornerLattice,
 }
 
-/// Recognises the board in the pictures of some moments; `None` if there is none, or if it is not clear.
+/// Recognises the board in the pictures of some moments; `None` if no board is found, or if it is ambiguous.
 pub fn recognise(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
     let in_picture =
         |picture| corner_lattices(picture).into_iter().map(move |lattice| SeenLattice { picture, lattice });
@@ -132,7 +132,8 @@ fn recognise_tags(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
     let prepare = |pictures: &Vec<Picture>| -> Vec<Prepared> {
         pictures.iter().map(|picture| Prepared { smooth: Smooth::new(picture), quads: find_quads(picture) }).collect()
     };
-    // A board is shown by at least this number of successive moments, so one in each such number is enough to find it.
+    // A board must be visible at FEWEST_MOMENTS moments. If they follow each other, every FEWEST_MOMENTS-th moment is
+    // enough to find it.
     let sample: Vec<Vec<Prepared>> = moments.par_iter().step_by(FEWEST_MOMENTS).map(prepare).collect();
     let all: OnceCell<Vec<Vec<Prepared>>> = OnceCell::new();
     FAMILIES.into_iter().find_map(|(family, count)| {
@@ -173,7 +174,7 @@ fn tags_in(finder: &TagFinder, pictures: &[Prepared]) -> Vec<SeenTag> {
     for Prepared { smooth, quads } in pictures {
         let mut in_picture: Vec<FoundTag> = Vec::new();
         for quad in quads {
-            // Most quadrilaterals are found with several surroundings.
+            // Most quadrilaterals are found several times, with surroundings of different sizes.
             let is_known = in_picture.iter().any(|known| is_same_place(&known.corners, quad));
             if !is_known && finder.has_border(smooth, quad) {
                 in_picture.extend(finder.recognised(smooth, quad));
@@ -238,8 +239,8 @@ mod tests {
     use super::*;
     use crate::rendering::{View, is_dark, noisy, tag};
 
-    /// Returns what is recognised in pictures of a board of this brightness in four orientations. The lens sees `distance` times the
-    /// longer side of the board.
+    /// Returns the board that is recognised in pictures of a board of this brightness in four orientations. The lens
+    /// sees `distance` times the longer side of the board.
     fn recognised(bounds: Rectangle, distance: f64, brightness: impl Fn(f64, f64) -> f32) -> Option<RecognisedBoard> {
         let middle = [0, 1].map(|axis| (bounds.low[axis] + bounds.high[axis]) / 2.0);
         let longer = (bounds.high[0] - bounds.low[0]).max(bounds.high[1] - bounds.low[1]);
@@ -271,7 +272,7 @@ mod tests {
         ] {
             let board: SquareBoard = text.parse().unwrap();
             let found = recognised_print(&board, distance).unwrap_or_else(|| panic!("{text} is not recognised"));
-            // The size of markers is only measured.
+            // The size of markers is measured, so it is not exact.
             let measured = match (found.board, board) {
                 (SquareBoard::Charuco(found), SquareBoard::Charuco(board)) => {
                     assert!((found.marker - board.marker).abs() < 0.002, "{text}: {}", found.marker);

@@ -331,7 +331,7 @@ mod tests {
 
     #[test]
     fn pixels_are_as_bright_after_the_bar_as_before_it() {
-        // Twice as many OFF as ON events of equal contrast.
+        // The same contrast causes twice as many OFF as ON events.
         let options =
             ReconstructionOptions { limit: 20.0, time_constants: vec![0.3], ..ReconstructionOptions::new(SENSOR) };
         let moments = moments(&options, &bar(150.0, 0.6, 3), 1000);

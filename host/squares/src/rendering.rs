@@ -40,7 +40,7 @@ impl View {
         self.render_in_parts(8, brightness)
     }
 
-    /// Does the same with `parts` × `parts` samples of a pixel.
+    /// Renders a board as [`View::render`] does, with `parts` × `parts` samples per pixel.
     pub fn render_in_parts(&self, parts: usize, brightness: impl Fn(f64, f64) -> f32) -> Picture {
         let to_board = self.to_image.try_inverse().unwrap();
         let pixel = |index: usize| {

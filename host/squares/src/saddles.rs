@@ -43,7 +43,7 @@ pub fn find_saddles(picture: &Picture) -> Vec<Saddle> {
     let (width, height) = (picture.width(), picture.height());
     let test = SaddleTest::new(picture);
     let response = saddle_response(&test.smooth);
-    // The response of a saddle between sharp quadrants of this contrast.
+    // Square root of the response to sharp quadrants, per unit of their contrast.
     let scale = 1.0 / (PI * SMOOTHING * SMOOTHING);
     let least = (test.least_contrast * scale).powi(2);
     let border = RING_RADIUS.ceil() as usize + 1;
@@ -177,9 +177,9 @@ pub struct SaddlePosition {
     pub sigma: f32,
 }
 
-/// Refines the position of the saddle near `start`: the point to which all edges in the window of `half` pixels to each
-/// side point (Förstner and Gülch 1987; with the weights of OpenCV's `cornerSubPix`). Returns `None` if there is no
-/// such point nearby.
+/// Refines the position of the saddle near `start`. All edges within `half` pixels to each side point towards the
+/// saddle (Förstner and Gülch 1987; with the weights of OpenCV's `cornerSubPix`). Returns `None` if there is no such
+/// point nearby.
 pub fn refine_saddle(picture: &Picture, start: [f32; 2], half: usize) -> Option<SaddlePosition> {
     let half = half.clamp(1, 20) as isize;
     let farthest = FARTHEST.max(FARTHEST_IN_WINDOW * half as f32);

@@ -27,8 +27,8 @@ const LEAST: f32 = 0.6;
 const LEAST_MARGIN: f32 = 0.12;
 /// Smallest correlation at the predicted position of a tag.
 const LEAST_PREDICTED: f32 = 0.55;
-/// Smallest correlation of the modules of a candidate with a dark border around a light inside. (For a tag it is at least 0.3 times
-/// the correlation with the tag's own modules.)
+/// Smallest correlation of the modules of a candidate with a dark border around a light inside. (For a tag it is at
+/// least 0.3 times the correlation with the tag's own modules.)
 const LEAST_BORDER: f32 = 0.12;
 /// Smallest difference in brightness between the board around a tag and the tag's border, as a fraction of the tag's
 /// contrast.
@@ -44,10 +44,10 @@ const WINDOWS: [f64; 2] = [2.0, 5.0];
 const BORDER: f32 = 1.0;
 /// Two quadrilaterals are the same if their middles are closer than this fraction of the side.
 const SAME: f64 = 0.1;
-/// Two tags agree if one predicts the other's middle to within this fraction of its side per side of distance.
+/// Two tags agree if each predicts the other's middle with an error of at most this fraction of their distance.
 const AGREEMENT: f64 = 0.25;
-/// Number of tags used for a prediction, and largest distance of the nearest of them, in distances of neighbouring
-/// tags.
+/// Number of tags used for a prediction; and largest distance of the predicted tag from the nearest of them, in
+/// distances of neighbouring tags.
 const PREDICTING: usize = 3;
 const NEIGHBOURHOOD: f64 = 1.6;
 /// Largest number of missing tags next to the tags found, per tag found.
@@ -181,7 +181,7 @@ struct Place {
     side: f64,
 }
 
-/// A tag, the number of rotations that bring a candidate upright, and its correlation.
+/// A tag, the number of quarter turns that bring a candidate upright, and its correlation.
 #[derive(Clone, Copy)]
 struct Match {
     tag: usize,
@@ -245,7 +245,7 @@ impl TagFinder {
         if found.iter().flatten().count() < ENOUGH.min(self.tags.len()) {
             quads = find_quads(picture);
             for quad in &quads {
-                // Most quadrilaterals are found with several surroundings.
+                // Most quadrilaterals are found several times, with surroundings of different sizes.
                 if !found.iter().flatten().any(|tag| is_same_place(&tag.corners, quad)) {
                     keep_better(&mut found, self.recognised(&smooth, quad));
                 }
@@ -254,7 +254,7 @@ impl TagFinder {
         }
         let missing = self.grow(&smooth, &mut found);
         let tags: Vec<FoundTag> = found.into_iter().flatten().collect();
-        // Most of its tags are elsewhere on a board with other rows and columns.
+        // On a board with other numbers of rows and columns, most tags are elsewhere.
         let is_elsewhere = disagreeing >= ENOUGH && disagreeing > tags.len();
         if !is_board(&tags, missing) || is_elsewhere {
             return Err(match (self.mirrored(picture, &quads), tags.len(), quads.len()) {
@@ -368,7 +368,7 @@ impl TagFinder {
         values
     }
 
-    /// Returns `true` unless a candidate has hardly a border that is darker than its inside.
+    /// Returns `true` if a candidate has a border that is at least slightly darker than its inside.
     pub(crate) fn has_border(&self, smooth: &Smooth, quad: &Quad) -> bool {
         let is_inner = |place: usize| (self.border..self.side - self.border).contains(&place);
         let mut inside: Vec<f32> = (0..self.side * self.side)
@@ -524,7 +524,8 @@ impl TagFinder {
         Some(BoardMap(homography(&plane, &image)?))
     }
 
-    /// Searches for the tags next to those found, until no more are found. Returns the number of missing ones.
+    /// Searches for the tags next to those found, until no more are found. Returns the number of tags that are not at
+    /// their predicted positions.
     fn grow(&self, smooth: &Smooth, found: &mut [Option<FoundTag>]) -> usize {
         let mut news = true;
         let mut missing = vec![false; found.len()];
@@ -568,13 +569,14 @@ impl TagFinder {
         self.count(&picture.mirrored(), candidates.into_iter().map(|[a, b, c, d]| [*a, *d, *c, *b].map(mirror)))
     }
 
-    /// Returns the number of tags that are negatives of the board's; a single one does not count.
+    /// Returns the number of tags that are negatives of the board's; a single one counts only if the board has one tag.
     fn inverted(&self, picture: &Picture) -> usize {
         let negative = picture.map(|value| -value);
         self.count(&negative, find_quads(&negative).into_iter())
     }
 
-    /// Returns the number of tags in these quadrilaterals if they are those of the board, and more than one.
+    /// Returns the number of tags in these quadrilaterals. It is 0 if they do not form the board, or if only one of
+    /// several tags is found.
     fn count(&self, picture: &Picture, quads: impl Iterator<Item = Quad>) -> usize {
         let smooth = Smooth::new(picture);
         let mut found = vec![None; self.tags.len()];
@@ -763,7 +765,7 @@ mod tests {
         assert!(matches!(refused(&SHEET, &TagGrid { border: 2, ..SHEET }), NoTags::OtherBorder { border: 2 }));
         // The same tags in another arrangement.
         assert!(matches!(refused(&SHEET, &TagGrid { gap: 0.8, ..SHEET }), NoTags::OtherBoard { .. }));
-        // The tags of each row are at their places relative to each other, but not to those of other rows.
+        // The tags within a row are at the right positions relative to each other, but not relative to other rows.
         let exchanged = TagGrid { rows: SHEET.columns, columns: SHEET.rows, ..SHEET };
         assert!(matches!(refused(&exchanged, &SHEET), NoTags::OtherBoard { found: 1..=4, missing: 8.. }));
         let brightness = SHEET.brightness();

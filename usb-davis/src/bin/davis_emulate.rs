@@ -11,7 +11,7 @@
 //! | `serial=TEXT` | sets another serial number, so that several cameras can be emulated at the same time |
 //! | `device=BUS.DEVICE` | chooses a device in a pcap or pcapng capture with several cameras |
 //! | `unplug-at=BYTES` | unplugs the camera after this many bytes were sent |
-//! | `plug-in-after=SECONDS` | plugs the camera in again this long after that, with its initial registers |
+//! | `plug-in-after=SECONDS` | plugs the camera in again this time after it was unplugged, with its initial registers |
 //! | `stall-at=BYTES` | halts the data endpoint until the program clears the halt |
 //! | `cuts=LENGTH,…` | uses transfers of these lengths, repeatedly, odd lengths included |
 //! | `bad-word-every=WORDS` | replaces every WORDS-th word by a word that no camera sends |

@@ -50,8 +50,9 @@ pub(super) struct PacketReader<R> {
     file: PacketFile,
     big_endian: bool,
     data: Vec<u8>,
-    /// Offset of the current packet or block, and of the next byte to be read.
+    /// Offset of the current packet or block.
     begin: u64,
+    /// Offset of the next byte to be read.
     position: u64,
     /// `true` if the file ends within a packet.
     ends_within: bool,

@@ -1,8 +1,8 @@
 //! Corrects the time after bytes were lost.
 //!
 //! Times in the stream consist of 15 bits and of wrap words that count their overflows, every 32.8 ms. If wrap words
-//! are lost, all later times are too small by a multiple of 2^15 µs. The host clock determines the multiple: a transfer
-//! arrives about as long after its last word as the transfers before the gap did after theirs.
+//! are lost, all later times are too small by a multiple of 2^15 µs. The host clock determines the multiple, because
+//! the time from the last word of a transfer to its arrival is about the same before and after the gap.
 //!
 //! A delayed transfer looks like one more wrap. The following transfers then seem to arrive before they were sent,
 //! which disproves the wrap. It is taken back at the next gap that is long enough for the time not to run back.
@@ -49,9 +49,11 @@ pub struct Repair {
 /// larger difference.
 #[derive(Clone, Copy, Debug, Default)]
 struct Offset {
-    /// Start of the period of `recent`, in µs of the host clock.
+    /// Start of the current period, in µs of the host clock.
     since: i64,
+    /// Smallest difference in the current period.
     recent: Option<i64>,
+    /// Smallest difference in the period before.
     before: Option<i64>,
 }
 
@@ -72,8 +74,9 @@ impl Offset {
 /// Correction of the latest gap, while later transfers may disprove it.
 #[derive(Clone, Copy, Debug)]
 struct Doubt {
-    /// Difference of the clocks before the gap, and smallest difference since.
+    /// Difference of the clocks before the gap.
     before: i64,
+    /// Smallest difference of the clocks since the gap.
     since: i64,
     /// End of the period in which transfers count, in µs of the host clock.
     until: i64,

@@ -13,8 +13,9 @@ use crate::{PRODUCT_ID, VENDOR_ID};
 
 /// Largest number of devices examined: eight full buses.
 const DEVICES_MOST: usize = 1024;
-/// Largest number of registers and texts kept per device; the camera has a few hundred registers and three texts.
+/// Largest number of registers kept per device; the camera has a few hundred.
 const REGISTERS_MOST: usize = 1024;
+/// Largest number of texts kept per device; the camera has three.
 const STRINGS_MOST: usize = 16;
 /// Most UTF-16 units of a text: the length of its descriptor is one byte.
 const STRING_MOST: usize = 126;

@@ -66,8 +66,9 @@ pub(super) struct Backlog {
     /// Memory of the waiting transfers and of the transfer that the reader uses.
     held: usize,
     queue: Queue,
-    /// `true` if a transfer failed since the last good one, and the number of consecutive failures.
+    /// `true` if a transfer failed since the last good one.
     gap: bool,
+    /// Number of consecutive failures.
     failures: usize,
     pub(super) statistics: StreamStatistics,
 }

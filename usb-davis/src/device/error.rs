@@ -28,7 +28,7 @@ pub enum Unsupported {
         /// Patch level found.
         found: u32,
     },
-    /// The sensor chip is not that of a DAVIS346.
+    /// The camera has another sensor chip than a DAVIS346.
     #[error("the sensor chip is number {found}, not a DAVIS346 (4, 5 or 9)")]
     Chip {
         /// Number found.

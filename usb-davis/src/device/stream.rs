@@ -12,14 +12,16 @@ use crate::configuration::Streams;
 use crate::dump::{DumpHeader, Transfer};
 use crate::registers::{DROP_COUNTERS, Dropped, Register, mux, usb};
 
-/// Pauses after switching, as in libcaer.
+/// Pause after the camera was stopped, as in libcaer.
 const SETTLE_QUIET: Duration = Duration::from_millis(10);
+/// Pause after the chip was switched on, as in libcaer.
 const SETTLE_CHIP: Duration = Duration::from_millis(200);
+/// Pause before the streams are switched on, as in libcaer.
 const SETTLE_STREAM: Duration = Duration::from_millis(50);
 
-/// Limits for reading data that an earlier run left in the camera: time after which a read finds nothing, and number of
-/// reads.
+/// Time without data after which the camera contains no more data of an earlier run.
 const STALE_TIMEOUT: Duration = Duration::from_millis(20);
+/// Largest number of reads of data that an earlier run left in the camera.
 const STALE_MOST: usize = 256;
 
 impl Camera {

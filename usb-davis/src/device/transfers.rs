@@ -36,8 +36,9 @@ use crate::dump::{Transfer, TransferStatus};
 const TRANSFER_TIMEOUT_MS: c_uint = 1000;
 /// Interval at which the event thread checks for its end.
 const EVENT_TIMEOUT: Duration = Duration::from_millis(100);
-/// Pause after an error of libusb's event handling, and number of consecutive attempts.
+/// Pause after an error of libusb's event handling.
 const EVENT_PAUSE: Duration = Duration::from_millis(10);
+/// Number of consecutive errors of libusb's event handling after which the thread ends.
 const EVENT_TRIALS: u32 = 100;
 /// Longest wait for cancelled transfers.
 const STOP_TIMEOUT: Duration = Duration::from_secs(3);

@@ -8,12 +8,12 @@ use crate::registers::Register;
 
 /// Bytes read at once when searching for a record: a few at first, because a good record may follow closely.
 const SEARCH: [usize; 2] = [1 << 10, 1 << 16];
-/// Limit for the total bytes of records that turn out to be damaged after they were read: a constant, plus this factor
-/// times the position in the file. Without it, a file full of heads that each claim the longest record would take
-/// forever to read.
+/// Limit for the bytes that are read for damaged records: this constant, plus [`IN_VAIN_FACTOR`] times the position in
+/// the file. Without a limit, a file full of heads that each claim the longest record would take forever to read.
 const IN_VAIN: u64 = 4 * LENGTH_MOST as u64;
+/// See [`IN_VAIN`].
 const IN_VAIN_FACTOR: u64 = 4;
-/// Smallest cost of reading a record, for the seek.
+/// Number of bytes as which a shorter damaged record counts, because each attempt also costs a seek.
 const LEAST_IN_VAIN: u32 = 4096;
 
 /// A record of a dump.
@@ -49,9 +49,11 @@ pub struct DumpReader<R> {
     /// Current position of `input`; an unnecessary seek would discard its buffer.
     position: u64,
     header: DumpHeader,
-    /// Offsets of the first record, of the next record and of the end of the file.
+    /// Offset of the first record.
     start: u64,
+    /// Offset of the next record.
     offset: u64,
+    /// Offset of the end of the file.
     length: u64,
     stored: Vec<u8>,
     contents: Vec<u8>,
@@ -292,7 +294,7 @@ impl<R: Read + Seek> DumpReader<R> {
         Ok(good.then_some(head))
     }
 
-    /// Returns `true` if the record of this head fits into the file and is within the limit for reading in vain.
+    /// Returns `true` if the record of this head fits into the file and its bytes are within the limit of [`IN_VAIN`].
     fn may_be_at(&self, offset: u64, head: &Head) -> bool {
         let most = offset.saturating_mul(IN_VAIN_FACTOR).saturating_add(IN_VAIN);
         offset + HEAD as u64 + u64::from(head.stored) <= self.length && self.in_vain + in_vain(head) <= most
@@ -339,7 +341,7 @@ impl<R: Read + Seek> DumpReader<R> {
     }
 }
 
-/// Returns the cost of finding out that the record of this head is not good.
+/// Returns the number of bytes that count for the limit of [`IN_VAIN`] if the record of this head is damaged.
 fn in_vain(head: &Head) -> u64 {
     head.stored.max(head.length).max(LEAST_IN_VAIN).into()
 }

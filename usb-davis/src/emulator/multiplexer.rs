@@ -19,9 +19,9 @@ pub(super) struct Gate {
     pub(super) streams: Streams,
     /// Bytes for which there is room.
     pub(super) room: usize,
-    /// `true` to drop events, or signals, for which there is no room (registers 0.5 and 0.4). Everything else waits for
-    /// room.
+    /// `true` to drop events for which there is no room (register 0.5). Everything else waits for room.
     pub(super) drop_events: bool,
+    /// `true` to drop signals for which there is no room (register 0.4).
     pub(super) drop_signals: bool,
 }
 
@@ -83,8 +83,9 @@ pub(super) fn needs_more(bytes: &[u8], streams: Streams) -> bool {
 /// Time and row at a position of a stream.
 #[derive(Clone, Copy, Debug, Default)]
 struct Position {
-    /// Time at the latest wrap or restart in µs, and the low 15 bits of the time.
+    /// Time at the latest wrap or restart in µs.
     wrap: u64,
+    /// Low 15 bits of the time.
     low: u16,
     row: Option<u16>,
 }
@@ -106,8 +107,9 @@ pub(super) struct Multiplexer {
     sent: Position,
     /// Time of the source at which the host's time is zero (µs).
     zero: u64,
-    /// `true` if the current frame, or IMU sample, is sent.
+    /// `true` if the current frame is sent.
     frame: bool,
+    /// `true` if the current IMU sample is sent.
     sample: bool,
 }
 

@@ -20,12 +20,14 @@ pub enum Pace {
     Real,
 }
 
-/// Interval at which the camera checks for data to send, running and at rest.
+/// Interval at which a running camera checks for data to send.
 const TURN: Duration = Duration::from_millis(1);
+/// The same interval while the camera does not run.
 const TURN_AT_REST: Duration = Duration::from_millis(20);
 /// Largest interval between two turns that counts as camera time.
 const TURN_MOST: Duration = Duration::from_millis(5);
-/// Programs switch the camera's modules on one by one: during this time the data of a module wait for it.
+/// Programs switch the modules on one by one. After each switching, data of modules that are still off wait this long
+/// for their module.
 const SWITCHING: Duration = Duration::from_millis(100);
 /// Size of the camera's output FIFO.
 const FIFO_BYTES: usize = 64 * 1024;
@@ -53,8 +55,9 @@ pub(super) struct Output {
     next: Option<Piece>,
     multiplexer: Multiplexer,
     fifo: VecDeque<u8>,
-    /// Number of stale bytes sent, and `true` if a run has ended since.
+    /// Number of stale bytes sent.
     stale: usize,
+    /// `true` if a run has ended since the stale bytes were sent.
     ended: bool,
     pub(super) pace: Pace,
     pub(super) delay: Duration,
@@ -63,8 +66,9 @@ pub(super) struct Output {
     streams: Option<Streams>,
     switched: Option<Instant>,
     started: Option<Instant>,
-    /// Time of the last turn, and total time without turns.
+    /// Time of the last turn.
     turned: Option<Instant>,
+    /// Total time without turns.
     asleep: Duration,
     sent_last: Option<Instant>,
     sent: u64,

@@ -24,9 +24,11 @@ pub struct CapturePieces<R: Read + Seek> {
     capture: Capture<R>,
     decoder: Decoder<Vec<u16>>,
     payload: Vec<u8>,
-    /// Number of payload bytes already returned, and start and end of the transfer's arrival, in µs.
+    /// Number of payload bytes already returned.
     taken: usize,
+    /// Start of the transfer's arrival, in µs.
     began: u64,
+    /// End of the transfer's arrival, in µs.
     arrived: u64,
 }
 

@@ -92,7 +92,7 @@ impl Bus {
         }
         let ready = self.nodes.iter().any(|(_, node)| node.is_ready());
         if ready == self.fifo_full {
-            // One byte in or out; the FIFO is ours and never blocks.
+            // A byte is read or written. The FIFO belongs to the emulator and never blocks.
             let moved = match ready {
                 true => rustix::io::read(&self.fifo, &mut [0; 16]).is_ok(),
                 false => rustix::io::write(&self.fifo, &[0]).is_ok(),

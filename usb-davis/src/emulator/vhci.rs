@@ -23,8 +23,9 @@ use super::stall::Stall;
 use super::transfers::QueuedTransfers;
 use super::usbip::{Command, Submission, read_command, read_done, unlink_done, write_done};
 
-/// Interval and time limit of waiting until the kernel has freed the port of an unplugged camera.
+/// Interval at which the port of an unplugged camera is checked until the kernel has freed it.
 const DETACH_POLL: Duration = Duration::from_millis(5);
+/// Longest wait until the kernel has freed the port of an unplugged camera.
 const DETACH_TIMEOUT: Duration = Duration::from_secs(5);
 const EPIPE: i32 = 32;
 const ECONNRESET: i32 = 104;
@@ -129,8 +130,9 @@ pub struct VirtualCamera {
     commands: Commands,
     ended: Arc<AtomicBool>,
     worker: Option<JoinHandle<()>>,
-    /// Number of times that it was plugged in, and the latest port.
+    /// Number of times that it was plugged in.
     links: u64,
+    /// Its latest port.
     port: u32,
 }
 

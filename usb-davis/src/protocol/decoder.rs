@@ -60,8 +60,9 @@ pub struct DecoderCounts {
 #[derive(Clone, Debug)]
 pub struct Decoder<S = [u16; 0]> {
     layout: Layout,
-    /// Time at the latest wrap or reset, a multiple of 2^15, and the latest time, in µs.
+    /// Time at the latest wrap or reset, a multiple of 2^15, in µs.
     wrap: u64,
+    /// Latest time in µs.
     time: u64,
     row: u16,
     /// `true` after a gap: the time of an event is unknown until the next word that carries time.

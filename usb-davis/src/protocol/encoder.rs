@@ -117,8 +117,9 @@ pub fn frame_steps(layout: &Layout, frame: &Frame<'_>) -> impl Iterator<Item = (
 #[derive(Clone, Debug)]
 pub struct Encoder {
     layout: Layout,
-    /// Time in µs: latest, and at the latest wrap.
+    /// Latest time in µs.
     time: u64,
+    /// Time at the latest wrap in µs.
     wrap: u64,
     /// Low 15 bits of the decoder's time.
     low: u16,

@@ -82,8 +82,9 @@ impl Geometry {
 #[derive(Clone, Copy, Debug)]
 struct Column {
     level: Level,
-    /// Index of the next sample's pixel, and step to the following one.
+    /// Index of the next sample's pixel.
     position: usize,
+    /// Step to the pixel of the following sample.
     step: isize,
     samples: u16,
     overfull: bool,

@@ -49,7 +49,8 @@ struct Sender {
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    // Each can be taken once, and this is the first time; clocks and pins below are constants that are valid.
+    // Peripherals can be taken only once, and this is the first time. The clocks and pins below are constants, and they
+    // are valid.
     let (Some(core), Some(device)) = (cortex_m::Peripherals::take(), pac::Peripherals::take()) else { halt() };
     let mut core = core;
     core.SCB.enable_icache();
@@ -100,7 +101,7 @@ fn main() -> ! {
     pipeline.announce(0, &mut send);
     let mut spare = spare;
     loop {
-        // Fails until a buffer is full.
+        // This fails until a buffer is full.
         let received = transfer.next_transfer_with(|full, _, _| (core::mem::replace(&mut spare, full), ()));
         if received.is_err() {
             continue;
@@ -136,7 +137,7 @@ fn USART3() {
     });
 }
 
-/// Stops the program, which does not fit this board.
+/// Stops, because the program does not fit this board.
 fn halt() -> ! {
     loop {
         cortex_m::asm::wfi();

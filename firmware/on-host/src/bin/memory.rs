@@ -1,4 +1,4 @@
-//! Prints the RAM that the detector takes for some sensors and windows, as a table in Markdown.
+//! Prints a Markdown table of the RAM that the detector takes, for some sensors and window sizes.
 //!
 //! Sizes are for this machine's pointers; on a microcontroller they are up to 64 bytes smaller.
 

@@ -74,7 +74,7 @@ pub fn recognise_board(
     first_found(recordings, |recording, sensor| find_board(recording, sensor, settings))
 }
 
-/// Returns what `find` finds in the first of the recordings in which it finds something.
+/// Returns the result of `find` for the first of the recordings for which it is not `None`.
 fn first_found<T>(
     recordings: &[&Recording],
     find: impl Fn(&Recording, Sensor) -> Result<Option<T>, RecordingError>,
@@ -90,12 +90,13 @@ fn first_found<T>(
     Err(error)
 }
 
-/// The printed board, if `board` is only a part of it; such a part is found in several positions of the whole.
+/// The printed board, if the nominal board is only a part of it. The nominal board then fits several positions on the
+/// printed one.
 #[derive(Clone, Debug)]
 pub struct LargerBoard {
     /// Its layout.
     pub found: RecognisedLayout,
-    /// The larger board with the stated spacing and radius.
+    /// The larger board with the nominal spacing and radius.
     pub board: CircleBoard,
 }
 

@@ -18,7 +18,7 @@ use evcal_geometry::board::shape::{BoardShape, PARAMETERS};
 use evcal_geometry::lens::distortion_prior::distortion_prior;
 use evcal_geometry::lens::fixed::with_fixed;
 
-/// Most solves in which parameters of the board are added or removed.
+/// Largest number of solves in which parameters of the board are added or removed.
 const MOST_CHANGES: usize = 3;
 
 /// A radial distortion coefficient is fixed at its expected value if it agrees with that value and its σ is more than this share

@@ -63,7 +63,7 @@ pub struct OwnPictures {
     pub report: JointReport,
 }
 
-/// Most events of [`EventCalibration::sample`].
+/// Largest number of events of [`EventCalibration::sample`].
 pub const SAMPLE: usize = 500_000;
 
 /// A calibration along trajectories.
@@ -111,7 +111,7 @@ impl Calibrated {
         self.recordings.iter().all(|recording| recording.camera_name.as_deref() == Some(first)).then_some(first)
     }
 
-    /// Returns when the first recording was made, if it contains that.
+    /// Returns the date and time of the first recording, if the recording contains them.
     pub fn recorded(&self) -> Option<&str> {
         self.recordings.first()?.began.as_deref()
     }

@@ -51,11 +51,12 @@ pub(super) struct Detected {
     pub(super) health: Vec<Health>,
 }
 
-/// Share of common events from which two recordings are of the same time.
+/// Two recordings contain the same events if more than this share of the events of the smaller one is in both.
 const SAME: f64 = 0.02;
 
-/// Ratio of the sampled events to the most events of the joint solve. About half of the events are on an edge of the board. If
-/// the board is seldom in view, the sample is not enough and the recordings are read again.
+/// Ratio of the number of sampled events to the largest number of events of the joint solve. About half of the events
+/// are on an edge of the board. If the board is seldom in view, the sample is not enough and the recordings are read
+/// again.
 const SAMPLE_TIMES: usize = 3;
 
 /// Fingerprints of the recordings of a calibration, to detect duplicates.
@@ -128,7 +129,7 @@ fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateErr
         None => {
             check_units(task, &all.recordings)?;
             let other = other_board(task, all.sensor, progress)?;
-            // A board that is recognised in spite of coarse times is not missed because of them.
+            // If another board is recognised, coarse times are not the reason why the nominal board was not found.
             if other.is_none() {
                 check_times(task, &all.health)?;
             }
@@ -139,8 +140,9 @@ fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateErr
 }
 
 impl Detected {
-    /// Searches for the board in recording `index`, and collects what else is needed of its events. Returns its fingerprint,
-    /// which is empty without another recording to compare it with, and the error at which it ends, if it is damaged.
+    /// Searches for the board in recording `index`, and collects the sample of events and the findings on light and
+    /// pixels. Returns the fingerprint of the recording (empty if there is no other recording to compare it with), and
+    /// the error at which a damaged recording ends.
     fn look_through(
         &mut self,
         task: &Task,
@@ -237,7 +239,8 @@ impl Detected {
     }
 }
 
-/// Returns whether ON and OFF are exchanged, from even parts of the windows.
+/// Returns the evidence that ON and OFF are exchanged, from windows spread evenly over the recording; `None` if they
+/// are not.
 fn exchanged_in(windows: &[CompactFrame]) -> Option<Exchanged> {
     let pairs = windows.windows(2).step_by(windows.len().div_ceil(PAIRS).max(1));
     let pairs = pairs.map(|pair| pair.iter().cloned().map(ReferenceFrame::from).collect::<Vec<_>>());
@@ -245,7 +248,7 @@ fn exchanged_in(windows: &[CompactFrame]) -> Option<Exchanged> {
     exchanged(pairs.iter().filter_map(|pair| Some((pair.first()?, pair.last()?))))
 }
 
-/// Returns the windows in which the width of edges is measured, evenly chosen.
+/// Returns the windows in which the width of edges is measured, spread evenly over the recording.
 fn looked_at(windows: &[CompactFrame]) -> Vec<ReferenceFrame> {
     windows.iter().step_by(windows.len().div_ceil(WINDOWS).max(1)).cloned().map(ReferenceFrame::from).collect()
 }
@@ -263,7 +266,8 @@ pub(super) fn common_sensor(task: &Task) -> Result<Sensor, CalibrateError> {
     common.ok_or(CalibrateError::NoInput)
 }
 
-/// Returns the sensor of an input, or the `given` one if the input does not contain it.
+/// Returns the sensor of an input. The `given` sensor is used if a recording of events does not contain its own; for
+/// circles, it overrides the reported one.
 fn sensor_of(input: &Input, given: Option<Sensor>) -> Result<Sensor, CalibrateError> {
     let sensor = match input {
         // The search in frames does not depend on the sensor size.
@@ -310,7 +314,7 @@ fn check_times(task: &Task, health: &[Health]) -> Result<(), CalibrateError> {
     coarse.map_or(Ok(()), |(file, times)| Err(CalibrateError::CoarseTimes { file, times }))
 }
 
-/// Checks whether the recordings show another board than the stated one.
+/// Returns the other board that the recordings show instead of the nominal one, if there is one.
 fn other_board(task: &Task, sensor: Sensor, progress: &Progress) -> Result<Option<OtherReading>, CalibrateError> {
     for input in task.inputs {
         if let Input::Events(recording) = input {

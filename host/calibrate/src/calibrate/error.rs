@@ -70,7 +70,7 @@ pub enum CalibrateError {
         /// The evidence.
         exchanged: Exchanged,
     },
-    /// In most windows the tags are negatives of those of the board.
+    /// In most windows the tags are negatives of the board's tags.
     #[error(
         "{file}: dark and light are exchanged in {inverted} of {windows} windows: ON and OFF are exchanged in the file, or the board is light on dark; {}",
         Exchanged::ADVICE
@@ -83,7 +83,7 @@ pub enum CalibrateError {
         /// Number of windows that were searched.
         windows: u64,
     },
-    /// In most windows the tags are mirror images of those of the board.
+    /// In most windows the tags are mirror images of the board's tags.
     #[error(
         "{file}: the tags are mirrored in {mirrored} of {windows} windows: print the board again, not mirrored, or correct x or y if the file counts it from the other side"
     )]
@@ -178,7 +178,7 @@ pub enum CalibrateError {
     /// The views of a board that blinks do not yield a calibration.
     #[error("no calibration from a board that blinks: {0}")]
     Views(NoPictureCalibration),
-    /// The board blinks, and frames were requested beside the events.
+    /// The board blinks, and frames were requested in addition to the events.
     #[error(
         "the board blinks in front of a camera at rest ({views} views show it): frames are solved only together with events of a board that moves"
     )]
@@ -186,7 +186,7 @@ pub enum CalibrateError {
         /// Number of views with the board.
         views: usize,
     },
-    /// Pictures and events of the same moment do not show the same.
+    /// Pictures and events of the same moment show the board at different positions.
     #[error("frames and events cannot be solved together: {}; {}", .0, .0.advice())]
     PicturesMisaligned(Misalignment),
     /// Pictures and events cannot be solved together.

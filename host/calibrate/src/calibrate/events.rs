@@ -105,8 +105,8 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     })
 }
 
-/// Returns the observations of the joint solve: `events`, or the centres of circles without events. Only the board is fixed so
-/// far.
+/// Returns the observations of the first joint solve: `events`, or the centres of circles without events. The board is
+/// fixed, and all intrinsics are estimated.
 fn first_input<'a>(
     task: &Task<'a>,
     initial: &InitialModel,

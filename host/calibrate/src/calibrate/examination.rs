@@ -63,8 +63,8 @@ pub(super) fn examine_calibration(
     Ok(Examined { refined, quality, event_quality, cross_check, verdict })
 }
 
-/// Returns the findings on the recordings at the solution `state`, and the result of the cross-check with pictures, now that the
-/// board's size is known.
+/// Returns the findings on the recordings at the solution `state`, and the cross-check with pictures. If the board
+/// turned out to be larger than the nominal one, the reason of a failed cross-check mentions it.
 fn findings(
     task: &Task,
     seen: &Seen,

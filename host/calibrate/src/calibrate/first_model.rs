@@ -11,7 +11,7 @@ use crate::detection::radius::other_radius;
 use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, choose_model};
 use crate::initial::{InitialModel, initial_model};
 
-/// The first camera, and the poses of the frames before it.
+/// The first camera, with the poses of the frames.
 pub(super) struct FirstModel {
     pub(super) initial: InitialModel,
     /// Statistics of the choice of its model, if it was automatic.
@@ -21,7 +21,8 @@ pub(super) struct FirstModel {
 /// Computes the first camera, of the requested model or of the one that suits the recording best.
 ///
 /// # Errors
-/// [`CalibrateError`] names the cause if the frames show one, or that the caller cancelled.
+/// [`CalibrateError`] with a more specific cause if the frames show one; [`CalibrateError::Stopped`] if the caller
+/// cancelled.
 pub(super) fn first_model(
     task: &Task,
     frames: &[ReferenceFrame],
@@ -45,7 +46,7 @@ fn of_model(
             Ok(FirstModel { initial, choice: None })
         }
         ModelRequest::Auto => {
-            // It cannot be cancelled there; the request takes effect afterwards.
+            // The choice of the model cannot be cancelled. A request to cancel takes effect after it.
             let on_progress = |model| {
                 let _ = progress.report(format!("initial model {model} from {} reference frames", frames.len()));
             };

@@ -23,9 +23,10 @@ pub(super) struct Health {
     pub(super) edges: Option<EdgeWidth>,
 }
 
-/// Share of the events in alternating bursts of ON and OFF from which flicker saturates the readout in even areas.
+/// Flicker with a larger share of events in alternating bursts of ON and OFF is a warning, because areas without edges
+/// then send so many events that the readout saturates.
 const STRONG_FLICKER: f64 = 0.75;
-/// Share of the events from hot pixels from which they are reported.
+/// Hot pixels are reported if they send more than this share of the events.
 const MANY_HOT: f64 = 0.02;
 /// Number of columns that are named.
 const NAMED: usize = 8;

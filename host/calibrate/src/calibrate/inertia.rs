@@ -36,11 +36,11 @@ pub fn calibrate_inertial(
     calibrate_unit(recorded, &events.refined, &calibrated.quality.uncertainty, fixed, &request.settings)
 }
 
-/// Checks before the calibration of the camera that the IMU samples of `inputs` are long enough. It reads only as many samples as
-/// needed; other problems are detected later.
+/// Checks, before the camera is calibrated, that the IMU samples of `inputs` span enough time. Only as many samples are
+/// read as needed; other problems are detected later.
 ///
 /// # Errors
-/// [`InertialError::ShortRecording`] if they are too short.
+/// [`InertialError::ShortRecording`] if they do not.
 pub fn check_length(inputs: &[Input], request: &InertialRequest) -> Result<(), InertialError> {
     let seconds = match &request.file {
         Some(file) => csv::read(file)

@@ -106,9 +106,9 @@ impl Input {
         file(self) == file(other)
     }
 
-    /// Opens the recording of another camera on the mount: images whose timestamps mean what `stamps` says (see
-    /// [`Images::open`]), or any input of [`Input::open`]. `stream` is its stream or topic; without it, the options determine the
-    /// stream of events.
+    /// Opens the recording of another camera on the mount: images (`stamps` is the meaning of their timestamps, see
+    /// [`Images::open`]), or any input of [`Input::open`]. `stream` is its stream or topic; without it, the options
+    /// determine the stream of events.
     ///
     /// # Errors
     /// [`InputError`] if it is neither, or cannot be read.
@@ -122,7 +122,7 @@ impl Input {
         if let Some(images) = Images::open(path, stream, options.damage, stamps)? {
             return Ok(Self::Images(images));
         }
-        // Options that were not given for this recording may not apply to it.
+        // The options were given for the first camera's recording, so some of them may not apply to this one.
         let options = options_for(path, options);
         let stream = stream.map(str::to_owned).or_else(|| options.stream.clone());
         Self::open(path, &RecordingOptions { stream, ..options }, board)

@@ -1,10 +1,10 @@
 //! Choice of the seconds of long recordings for the joint solve.
 //!
-//! The joint solve is limited to a number of seconds with the board. A longer recording is divided into as many parts, and from
-//! each part the joint solve takes the second that contributes most information about the camera, given all others taken. So the
-//! choice is by information, and yet spread over the whole recording, so that slow drifts still show. The information of a second
-//! follows from its windows with a provisional camera: position of the board on the sensor, distance and tilt; a board that
-//! hardly moves is found in few windows.
+//! The joint solve is limited to a number of seconds with the board. A longer recording is divided into that number of
+//! parts. In each part the second is chosen that adds most information about the camera to the seconds chosen in the
+//! other parts. The seconds are therefore spread over the whole recording, so that slow drifts are detected. The
+//! information of a second is computed from its windows with a provisional camera. It depends on the board's position
+//! on the sensor, distance and tilt, and on the number of windows, which is small if the board hardly moves.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -23,7 +23,7 @@ use crate::initial::model_choice::ModelRequest;
 use crate::initial::provisional::{provisional_camera, provisional_pose};
 use evcal_geometry::board::Board;
 
-/// Most windows from which the provisional camera is computed.
+/// Largest number of windows from which the provisional camera is computed.
 const VIEWS: usize = 400;
 /// Number of windows per second that are evaluated.
 const WINDOWS_OF_SECOND: usize = 8;
@@ -39,7 +39,8 @@ pub struct ChosenSecond {
     pub recording: usize,
     /// Its start in seconds since the start of the recording.
     pub start: f64,
-    /// Relative increase of the projection's variance without it, as estimated from windows; `None` if it is not known.
+    /// Relative increase of the projection's variance without this second, as estimated from windows; `None` if it is
+    /// not known.
     pub gain: Option<f64>,
 }
 
@@ -197,7 +198,7 @@ fn information(camera: &Camera<f64>, frame: &CompactFrame, board: &Board) -> Opt
 mod tests {
     use super::*;
 
-    /// Seconds with information about one of two parameters each.
+    /// Returns seconds with these amounts of information about fx and cx.
     fn information_of_seconds(amounts: &[[f64; 2]]) -> SecondInformation {
         let camera = Camera::from_parameters(ModelKind::Radtan4, &[330.0, 330.0, 173.0, 130.0, -0.3, 0.1, 0.0, 0.0]);
         let camera = camera.unwrap();

@@ -10,10 +10,10 @@ use super::progress::Progress;
 use crate::solve::event_sample::{EventSample, RankedEvent, Thinning};
 use crate::solve::refinement::{EventInput, ReadRecording};
 
-/// Ratio of the kept events to the most events of the joint solve.
+/// Ratio of the number of kept events to the largest number of events of the joint solve.
 const SAMPLE_TIMES: usize = 2;
 
-/// The events from which the rounds of association take theirs.
+/// The events that the rounds of association can use.
 pub(super) struct KeptEvents {
     /// An even sample of the events, as many as fit into memory.
     pub(super) sample: EventSample,
@@ -22,8 +22,8 @@ pub(super) struct KeptEvents {
 }
 
 impl KeptEvents {
-    /// Returns the events of the chosen seconds alone, because a sample of a long recording has too few events in each second for
-    /// the camera.
+    /// Returns the events of the chosen seconds alone. A sample of all events of a long recording would have too few in
+    /// each second.
     ///
     /// # Errors
     /// [`CalibrateError`] if a recording cannot be read, or the caller cancels.
@@ -35,7 +35,7 @@ impl KeptEvents {
         progress: &Progress,
     ) -> Result<Self, CalibrateError> {
         let Some(choice) = choice else { return Ok(self) };
-        // Memory is enough for one sample only.
+        // The memory is sufficient for one sample only.
         drop(self);
         let (sample, counts) = events_of(task, &ChosenSeconds::new(choice), sensor, progress)?;
         Ok(Self { sample, counts: Some(counts) })

@@ -21,8 +21,9 @@ pub struct SecondCamera {
     pub sigma: CameraDescription,
     /// Region of its sensor in which the board was seen.
     pub covered: CoveredRegion,
-    /// Grade of the separate calibration of its lens. `None` if it does not matter: for the first camera's own frames, with fixed
-    /// intrinsics, and with a rolling shutter, whose frames no lens explains before the shutter is known.
+    /// Grade of the separate calibration of its lens. `None` if it does not matter: for the first camera's own frames,
+    /// with fixed intrinsics, and with a rolling shutter, because no lens model explains its frames before the delay of
+    /// the rows is known.
     pub lens_grade: Option<Grade>,
     /// Verdict of the calibration of its lens.
     pub lens_verdict: String,

@@ -10,14 +10,15 @@ use crate::quality::verdict::{Cause, Finding, Severity};
 
 /// Recordings with fewer reference frames are not checked.
 const FEWEST: usize = 20;
-/// Share of its reference frames that fit below which a recording does not fit the camera.
+/// A recording does not fit the camera if less than this share of its reference frames fits.
 const FITS: f64 = 0.2;
-/// Share of its reference frames that fit above which a recording is of the camera.
+/// A recording is of the camera if more than this share of its reference frames fits.
 const OWN: f64 = 0.5;
 /// Shortest part of a recording that is checked, in whole seconds.
 const SHORTEST: usize = 2;
 
-/// Number of reference frames of a recording, and of those that fit the first camera.
+/// Counts of the reference frames of a recording (`found`) and of those among them that fit the first camera
+/// (`fitting`).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Count {
     found: usize,
@@ -38,8 +39,8 @@ struct Part {
     count: Count,
 }
 
-/// Returns a failure for each recording, and for each part of a recording, of which hardly a frame fits the first camera, if the other
-/// frames do.
+/// Returns a failure for each recording or part of a recording in which hardly any frame fits the first camera, while
+/// frames of another recording, or of the rest of this one, do.
 pub(super) fn findings_on(inputs: &[Input], frames: &[ReferenceFrame], initial: &InitialModel) -> Vec<Finding> {
     // The counts of each second of each recording.
     let mut seconds: Vec<BTreeMap<usize, Count>> = vec![BTreeMap::new(); inputs.len()];
@@ -117,7 +118,8 @@ mod tests {
         };
         assert_eq!(places(&[(400, 390), (300, 5)]), [1]);
         assert_eq!(places(&[(300, 0), (400, 300), (19, 0)]), [0]);
-        // All are difficult, or one is short: no other camera is detected.
+        // No other camera is detected if all recordings fit poorly, if there is only one, or if a recording fits
+        // partly.
         for counts in [&[(400, 60), (300, 5)][..], &[(400, 390)], &[(400, 390), (300, 100)]] {
             assert!(places(counts).is_empty(), "{counts:?}");
         }
@@ -131,7 +133,8 @@ mod tests {
         };
         assert_eq!(part(&[(100, 2), (90, 0), (100, 95), (100, 99)]), Some((0, 2)));
         assert_eq!(part(&[(100, 95), (90, 0), (100, 3), (100, 99)]), Some((1, 3)));
-        // A second of difficult motion, hardly any frames, or difficult everywhere.
+        // No other camera is detected if only one second does not fit, if these seconds have few frames, or if the rest
+        // fits poorly.
         assert_eq!(part(&[(100, 95), (90, 0), (100, 99)]), None);
         assert_eq!(part(&[(100, 95), (10, 0), (10, 0), (100, 99)]), None);
         assert_eq!(part(&[(100, 30), (90, 0), (100, 3), (100, 35)]), None);

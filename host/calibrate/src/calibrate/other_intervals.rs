@@ -1,4 +1,5 @@
-//! The trajectory along intervals outside the joint solve, interval by interval with its camera fixed.
+//! The trajectory along intervals outside the joint solve. Each interval is solved with the camera of the joint solve
+//! fixed.
 
 use std::convert::Infallible;
 use std::ops::Range;
@@ -43,7 +44,8 @@ pub struct FollowedInterval {
 }
 
 /// Reads the recordings again, and solves the trajectory along `frames`, which are in order of recording and time, with the
-/// camera of `solve` fixed. Intervals that no curve explains are added to those that `solve` excludes.
+/// camera of `solve` fixed. Intervals whose events do not fit any curve are added to the intervals that `solve`
+/// excludes.
 ///
 /// # Errors
 /// [`CalibrateError`] if a recording cannot be read, or the caller cancels.
@@ -118,7 +120,8 @@ fn follow_interval(
     let first = first_trajectories(&initial, frames, trajectory_settings(settings)).ok()?;
     let start = first.trajectories.iter().map(|one| one.start()).fold(f64::INFINITY, f64::min);
     let end = first.trajectories.iter().map(|one| one.end()).fold(f64::NEG_INFINITY, f64::max);
-    // Events are later than their edges, by the latency of their class.
+    // Events up to 0.1 s before and after the trajectory are included, because events are later than their edges, by
+    // the latency of their class.
     let place = |t: f64| events.partition_point(|event| event.t < (t * 1e6) as i64);
     let events = events.get(place(start - 0.1)..place(end + 0.1)).unwrap_or_default();
     let counts: Vec<u64> = (0..=recording).map(|one| if one == recording { events.len() as u64 } else { 0 }).collect();
@@ -139,13 +142,14 @@ fn follow_interval(
         fixed: [true; MAX_PARAMETERS],
     };
     let state = State { trajectories: first.trajectories, ..solution.clone() };
-    // It fails with too few events, for example.
+    // The solve fails, for example, if there are too few events.
     let followed = follow(&input, state, problem, stage_settings(settings)).ok()?;
     let Followed { state, system, left_out: unexplained, .. } = followed;
     let reduced = system.into_reduced(0.0, &problem.free.mask()).ok()?;
     let places: Vec<usize> = reduced.places(&problem.free.mask());
     let controls = reduced.into_follows().control_covariances(&places, &certainty.formal)?;
-    // There are fewer events than in the joint solve, so the usual σ comes from the interval's own poses.
+    // The usual σ (median) is computed from this interval's own poses, because there are fewer events than in the joint
+    // solve.
     let covariance =
         PoseCovariance::new(controls, certainty.intrinsics.inflation, &state.trajectories, POSE_MODEL_ERROR);
     let all_left_out: Vec<LeftOut> = refined.left_out.iter().chain(&unexplained).copied().collect();

@@ -50,7 +50,8 @@ pub(super) struct Files<'a> {
 const CHECKED: f64 = 90.0;
 /// Number of pictures with the board below which all pictures are searched.
 const FEWEST_CHECKED: usize = 45;
-/// Longest time between pictures in the cross-check (s). It compares their clock with that of the events within a few seconds.
+/// Longest time between pictures in the cross-check (s). The check of the alignment of pictures and events compares
+/// their clocks over only a few seconds.
 const LONGEST_BETWEEN: f64 = 0.25;
 
 /// The calibration from pictures, or the reason why it failed.
@@ -68,8 +69,8 @@ pub(super) struct PicturesBeside {
 /// or if they are useless.
 ///
 /// # Errors
-/// [`CalibrateError`] if the task requires the pictures and there is no calibration from them, or if they do not show what
-/// `windows` of the events show.
+/// [`CalibrateError`] if the task requires the pictures and there is no calibration from them, or if pictures and
+/// `windows` of events show the board at different positions.
 pub(super) fn calibrate_beside(
     task: &Task,
     files: Files,
@@ -95,7 +96,7 @@ pub(super) fn calibrate_beside(
     Ok(calibrated.map(|calibrated| PicturesBeside { calibrated, misalignment }))
 }
 
-/// Searches for the board in as many pictures as a cross-check needs, evenly chosen.
+/// Searches for the board in as many pictures as a cross-check needs, spread evenly over the recordings.
 fn see_enough(task: &Task, files: Files, progress: &Progress) -> Result<SeenPictures, CalibrateError> {
     let interval = (1e6 * (files.duration / CHECKED).min(LONGEST_BETWEEN)).round() as i64;
     let seen = see_pictures(task, files, interval, progress)?;
@@ -144,7 +145,7 @@ fn picture_calibration(
     if seen.report.frames == 0 {
         return None;
     }
-    // It cannot be cancelled there; the request takes effect afterwards.
+    // The calibration from pictures cannot be cancelled. A request to cancel takes effect after it.
     let _ = progress.report(format!("calibration from {} {source}", seen.frames.len()));
     Some(calibrate_pictures(seen.frames, seen.report, source, task.board, sensor, model, &task.settings.initial))
 }
@@ -233,7 +234,7 @@ pub(super) fn calibrate_seen(
         ModelRequest::Given(model) => (model, None),
         ModelRequest::Auto => {
             let stage = &task.settings.initial;
-            // It cannot be cancelled there; the request takes effect afterwards.
+            // The choice of the model cannot be cancelled. A request to cancel takes effect after it.
             let on_progress = |model| {
                 let _ = progress.report(format!("initial model {model} from {} {source}", seen.frames.len()));
             };

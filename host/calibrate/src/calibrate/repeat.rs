@@ -79,7 +79,7 @@ pub struct Repetition {
     pub projection: f64,
 }
 
-/// Reasons why a recording cannot be divided.
+/// Reasons why the parts of a recording cannot be compared.
 #[derive(Debug, thiserror::Error)]
 pub enum RepeatError {
     /// It cannot be read.
@@ -88,7 +88,7 @@ pub enum RepeatError {
     /// The requested sensor differs from the sensor of the recording.
     #[error("{0}")]
     OtherSensor(#[from] OtherSensor),
-    /// Fewer than two parts were calibrated.
+    /// Fewer than two parts could be calibrated.
     #[error(
         "{calibrated} of {runs} parts could be calibrated, and two are needed to compare{}: try longer parts",
         first.as_ref().map_or_else(String::new, |first| format!(" (the first that failed: {first})"))

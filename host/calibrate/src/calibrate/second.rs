@@ -23,8 +23,9 @@ use evcal_geometry::board::symmetry::symmetries;
 use evcal_geometry::lens::camera_file::CameraDescription;
 use event_recordings::images::Images;
 
-/// Calibrates the lens of another camera on the mount from its own recording, separately from the first camera. The rows of its
-/// frames may be exposed one after the other, which only both cameras together can show; `progress` is as in [`calibrate`].
+/// Calibrates the lens of another camera on the mount from its own recording, separately from the first camera. Larger
+/// errors of frames are accepted than in [`calibrate`], because the rows of frames may be exposed one after the other.
+/// The delay of the rows can only be estimated from both cameras. `progress` is as in [`calibrate`].
 ///
 /// # Errors
 /// As for [`calibrate`].
@@ -39,7 +40,8 @@ pub fn calibrate_lens_apart(
     calibrate(&Task { settings: &settings, ..*task }, progress)
 }
 
-/// Returns the use of the pictures in `input`, the recording of another camera: pictures in a file of the `first` camera belong to it.
+/// Returns the use of the pictures in `input`, the recording of another camera. If its events come from a file of the
+/// `first` camera, the pictures in that file belong to the first camera and are ignored.
 pub fn pictures_beside(first: &[Input], input: &Input) -> PictureUse {
     match input {
         Input::Images(_) => PictureUse::Only,

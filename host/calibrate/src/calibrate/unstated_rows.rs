@@ -14,8 +14,8 @@ use crate::quality::verdict::{Cause, Finding, Severity};
 use crate::trajectory::Trajectory;
 use evcal_geometry::board::CircleBoard;
 
-/// Distance of an origin from a circle, relative to the distance to the circle's neighbour in the image, below which the origin
-/// is on the circle.
+/// An origin is on a circle if its distance from the circle in the image is less than this share of the distance to the
+/// circle's nearest neighbour.
 const ON_CIRCLE: f64 = 0.3;
 
 /// Reports that the board in view is `larger`, and the stated `board` is a part of it. Camera and trajectories come from the
@@ -149,7 +149,7 @@ mod tests {
         for (stated, larger, origins, consequence) in [
             ("acircles:9x3", "acircles:9x4", &[(0, 0), (2, 0)][..], "origin jumps"),
             ("acircles:7x4", "acircles:9x4", &[(0, 2), (0, 2)], "origin is not on its first"),
-            // Half a spacing away from a circle is on no circle, and neither is a point outside the board.
+            // The first origin is between circles, the second outside the board.
             ("acircles:9x3", "acircles:9x4", &[(1, 0), (12, 3)], "may be on another"),
             ("acircles:9x3", "acircles:9x4", &[], "may be on another"),
             // One segment at the first circle does not determine the others.

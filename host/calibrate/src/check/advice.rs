@@ -186,7 +186,7 @@ mod tests {
         (0..count).map(event).collect()
     }
 
-    /// The advice used to be to focus the lens.
+    /// The advice is about the polarity, not to focus the lens.
     #[test]
     fn one_polarity_is_reported() {
         let on = |event: Event| Event { polarity: Polarity::On, ..event };
@@ -196,7 +196,7 @@ mod tests {
         assert!(!next_of(events(20_000), DAVIS).to_string().contains("all events"));
     }
 
-    /// The advice used to be a larger sensor, or to calibrate.
+    /// The advice is to count from 0, not to state a larger sensor or to calibrate.
     #[test]
     fn pixels_counted_from_one_are_reported() {
         let one = |event: Event| Event { x: event.x + 1, y: event.y + 1, ..event };
@@ -222,7 +222,7 @@ mod tests {
         );
     }
 
-    /// The advice used to be to move faster.
+    /// The advice is to record more, not to move faster.
     #[test]
     fn a_few_events_are_too_short_a_recording() {
         assert_eq!(
@@ -235,7 +235,7 @@ mod tests {
         );
     }
 
-    /// The advice used to be to take off the lens cap.
+    /// The advice is about the columns, not to take off the lens cap.
     #[test]
     fn columns_in_another_order_are_reported() {
         let directory = tempfile::tempdir().unwrap();

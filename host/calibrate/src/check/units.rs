@@ -120,7 +120,8 @@ mod tests {
 
     use super::*;
 
-    /// Result for 30 000 events `step` apart, with `pause` before the last thousand, in µs unless another unit is given.
+    /// Returns the more likely unit for 30 000 events `step` µs apart, with a pause of `pause` µs before the last
+    /// thousand.
     fn told(step: i64, pause: i64) -> Option<Option<TimeUnit>> {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("events.csv");
@@ -137,13 +138,13 @@ mod tests {
     #[test]
     fn a_pause_does_not_make_the_unit_wrong() {
         assert_eq!(told(1, 0), None);
-        // The advice used to be the unit in use: a year without events in a recording in µs.
+        // A year without events in a recording in µs: the unit is not reported as wrong.
         assert_eq!(told(1, 31_557_600_000_000), None);
         // Multiples of 1000 are recognised as nanoseconds at once.
         assert_eq!(told(1001, 0), Some(Some(TimeUnit::Nanoseconds)));
     }
 
-    /// 650 million events per second, after a slow beginning; nothing was reported.
+    /// A rate of 650 million events per second is reported, although the recording begins slowly.
     #[test]
     fn too_many_events_are_suspected_whatever_the_beginning() {
         let event = |index: i64| {
@@ -156,7 +157,7 @@ mod tests {
         assert_eq!(unusual_unit(&recording, 4e8).map(|other| other.unit), Some(None));
     }
 
-    /// The advice used to be nanoseconds, because 26 million per second are nearer to the typical rate.
+    /// Nanoseconds are excluded, although 26 million events per second would be nearer to the typical rate.
     #[test]
     fn timestamps_with_decimals_are_not_nanoseconds() {
         let directory = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! Reference frames of a detector in a fifth of their memory, because there are some hundred per second.
+//! Reference frames that take a fifth of the memory of [`ReferenceFrame`], because a detector finds some hundred per
+//! second.
 
 use nalgebra::Vector2;
 

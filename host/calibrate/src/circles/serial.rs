@@ -14,7 +14,7 @@ use crate::circles::stream::{CircleStream, Receiver};
 const PREFIX: &str = "serial:";
 const DEFAULT_BAUD: u32 = 921_600;
 const DEFAULT_SECONDS: f64 = 10.0;
-/// Bytes without a circle after which none is expected: no more are saved.
+/// If this number of bytes contains no circle, none is expected any more, and the reception ends.
 const MOST_WITHOUT_CIRCLE: u64 = 4 << 20;
 /// Longest wait of a read before the time is checked.
 const POLL: Duration = Duration::from_millis(50);

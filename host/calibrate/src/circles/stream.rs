@@ -82,8 +82,9 @@ pub struct Receiver {
     incomplete: u64,
     over_capacity: u64,
     losses: [u64; 7],
-    /// The first sensor, and the latest one that differs.
+    /// The first sensor that the device reported.
     sensor: Option<Sensor>,
+    /// The latest sensor that differs from the first.
     other_sensor: Option<Sensor>,
 }
 
@@ -392,7 +393,7 @@ mod tests {
         assert!(stream.track.notes.iter().any(|note| note.starts_with("2 times the device restarted")));
     }
 
-    /// The difference of times that restarts had moved to both ends did not fit into 64 bits.
+    /// The restarts move times towards both ends of the range of 64 bits. Their difference must not overflow.
     #[test]
     fn restarts_at_impossible_times_are_read() {
         let hello_at = |time_us| Message::Hello(Hello { first: true, time_us, ..Hello::default() });

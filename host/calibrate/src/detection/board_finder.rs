@@ -6,7 +6,7 @@ use nalgebra::{RealField, Vector2};
 
 use super::no_board::NoBoard;
 
-/// Most circles that the grid finder accepts.
+/// Largest number of circles that the grid finder accepts.
 const CANDIDATES: usize = 256;
 
 /// A circle with its index on the board.
@@ -45,7 +45,8 @@ impl<T: RealField + Copy> BoardFinder<T> {
         Ok(placed(&found))
     }
 
-    /// Does the same near the `expected` pixel of each circle of the board.
+    /// Returns the circles of the board like [`find`](Self::find), at the position nearest to the `expected` pixels of
+    /// the board's circles.
     ///
     /// # Errors
     /// [`NoBoard`] if there is no certain board.

@@ -66,7 +66,7 @@ impl<'a> BoardStage<'a> {
         }
     }
 
-    /// Searches what waits, and returns the frames found since the last call in order of time.
+    /// Searches the waiting events, and returns the frames found since the last call in order of time.
     pub fn take_frames(&mut self) -> Vec<ReferenceFrame> {
         match self {
             Self::Circles(stage) => stage.take_frames(),

@@ -4,11 +4,12 @@
 //! map from the board to the image near each dot, so that the events of all dots can be overlaid on the print, without
 //! perspective and lens. With (ρ, θ) the position of an event relative to its dot's centre in radii:
 //!
-//! - The rim of a disc is ρ = 1 in all directions. A rim with four corners is ρ = 1 + a cos 4θ + b sin 4θ and more: squares, tags
-//!   and window panes have √(a² + b²) = 0.11, keys with rounded corners half of that. Centre, radius and deviations from the map
-//!   (one and two periods in θ) are estimated in the same least squares, window by window.
+//! - The rim of a disc is ρ = 1 in all directions. A rim with four corners is ρ = 1 + a cos 4θ + b sin 4θ, and smaller
+//!   terms of higher order. Squares, tags and window panes have √(a² + b²) = 0.11, keys with rounded corners half of
+//!   that. Centre, radius and deviations from the map (one and two periods in θ) are estimated in the same least
+//!   squares, window by window.
 //! - A disc has no events inside and around it. The other rim of a ring or a nut, either the hole's or the outer one, has events
-//!   of the opposite polarity on the same side of the dot. Noise has as many of either.
+//!   of the opposite polarity on the same side of the dot. Noise has as many events of one polarity as of the other.
 //!
 //! The evidence of windows is added up.
 
@@ -31,7 +32,8 @@ pub struct DotShape {
     rim: f64,
     /// Number of events on the rims' flanks, where the edge does not nearly slide along itself.
     flank: f64,
-    /// Number of events inside a dot or around it next to the flanks: those of the opposite polarity minus those of the same.
+    /// Number of events of the opposite polarity minus number of events of the same polarity, inside a dot or around it
+    /// next to the flanks.
     opposite: f64,
 }
 
@@ -50,12 +52,13 @@ pub struct Dot {
 const FAR: f64 = 2.3;
 /// Distances within which events belong to the rim, whatever the dot's form (radii).
 const RIM_BAND: std::ops::Range<f64> = 0.55..1.45;
-/// Cosine of the angle to the dot's motion below which the edge nearly slides along itself: for events on the rim, and for events
-/// next to it.
+/// Cosine of the angle to the dot's motion below which the edge nearly slides along itself, for events on the rim.
 const SLIDING: f64 = 0.25;
+/// The same limit for events next to the rim.
 const SLIDING_BESIDE: f64 = 0.5;
-/// Distance from the rim within which events belong to it (in radii, and in pixels).
+/// Distance from the rim within which events belong to it, in radii.
 const RIM: f64 = 0.2;
+/// The same distance in pixels.
 const RIM_PIXELS: f64 = 1.3;
 /// Fewest events per dot.
 const FEWEST: usize = 8;
@@ -200,7 +203,8 @@ fn heading(around: &[(Vector2<f64>, Polarity)]) -> Vector2<f64> {
     (off - on).try_normalize(1e-9).unwrap_or_default()
 }
 
-/// Returns a test whether a position, in radii of `unit` spacings, is nearer to its dot than to the next.
+/// Returns a function that returns `true` if a position, in radii of `unit` spacings, is nearer to its dot than to the
+/// next.
 fn cell_of(layout: Layout, unit: f64) -> impl Fn(&Vector2<f64>) -> bool {
     // Slightly less than half, to exclude the neighbour's own rim.
     let half = 0.48 / unit;

@@ -16,8 +16,9 @@ const SLOWEST: f64 = 30.0;
 const REACH: f64 = 1.3;
 /// Fewest pixels of each polarity.
 const FEWEST_PIXELS: f64 = 4.0;
-/// Fewest circles for a decision, and the share of them with ON events in front from which polarities are exchanged.
+/// Fewest circles for a decision.
 const FEWEST_CIRCLES: usize = 200;
+/// Polarities are exchanged if more than this share of the circles has ON events in front.
 const MOST: f64 = 0.8;
 
 /// ON events are on the side towards which dots move: polarities are exchanged, or the dots are lighter than the paper.

@@ -3,13 +3,13 @@
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::SeenIn;
 
-/// Most pixels that are kept, four bytes each. Half a minute of a DAVIS346 is below it.
+/// Largest number of pixels that are kept, four bytes each. Half a minute of a DAVIS346 is below it.
 const MOST: usize = 12_000_000;
 
 /// Number of windows above which far fewer pixels are kept, enough to show the events of some windows. Only a part of such a long
 /// recording is in the joint solve, and its first camera does not need these pixels.
 const MANY_WINDOWS: usize = 12_000;
-/// Most pixels that are kept of such a recording.
+/// Largest number of pixels that are kept of such a recording.
 const MOST_OF_MANY: usize = 1_000_000;
 
 /// State of the limit.
@@ -68,7 +68,7 @@ fn pass(frame: &mut CompactFrame) {
 fn count(frame: &CompactFrame) -> usize {
     match &frame.seen_in {
         SeenIn::Events(pixels) => pixels.len(),
-        // In units of four bytes, too.
+        // The size of a picture is counted in units of four bytes, too.
         SeenIn::Reconstruction(picture) => picture.pixels.len() / 4,
         SeenIn::PassedEvents | SeenIn::Circles | SeenIn::Picture => 0,
     }

@@ -20,7 +20,7 @@ const FIRST_SAMPLE: usize = 6;
 const SAMPLE: usize = 40;
 /// Fewest windows with a larger board for a decision.
 const FEWEST: usize = 5;
-/// Most additional rows and columns that are tried.
+/// Largest number of additional rows and columns that are tried.
 const MOST_MORE: u8 = 3;
 /// Largest number of circles of a board, relative to the fullest windows.
 const NEARLY_WHOLE: f64 = 1.1;
@@ -56,7 +56,7 @@ pub fn larger_pattern(recordings: &[UnplacedWindows], stated: Pattern, sensor: S
         let whole = found.into_iter().filter(|frame| is_whole(frame, pattern));
         frames.extend(whole.map(|frame| ReferenceFrame { recording: *recording, ..frame }));
     }
-    // Whether most of all chunks show it, extrapolated from the examined ones.
+    // `true` if most of all chunks show the board, extrapolated from the examined ones.
     let most = 2 * frames.len() * chunks > examined * all;
     (frames.len() >= FEWEST && most).then_some(LargerPattern { pattern, frames })
 }
@@ -147,7 +147,7 @@ mod tests {
     #[test]
     fn clutter_next_to_the_stated_board_is_not_a_larger_one() {
         for (stated, beside) in [
-            // One circle or two at positions of a tenth row or a fifth column.
+            // One or two circles of clutter at the positions that one more row or column would have.
             ("acircles:9x4", &[(1, 9)][..]),
             ("acircles:9x4", &[(8, 4)]),
             ("circles:7x6", &[(1, 7), (4, 7)]),

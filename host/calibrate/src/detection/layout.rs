@@ -26,14 +26,16 @@ const LONGEST: i64 = 4_000_000;
 pub(super) const FEWEST_CIRCLES: usize = 8;
 /// Number of windows on which every layout is tried.
 const SAMPLE: usize = 40;
-/// Smallest share and number of the windows that the layout must fit.
+/// Smallest share of the windows that the layout must fit.
 const FEWEST_FITS: f64 = 0.2;
+/// Smallest number of windows that the layout must fit.
 const FEWEST_WINDOWS: usize = 5;
 /// Range of the number of circles of the layouts, relative to a full window. Clutter adds circles; a board that is never
 /// completely in view has fewer.
 const COUNTS: std::ops::Range<f64> = 0.4..1.3;
-/// Ranges of rows and columns of the layouts.
+/// Range of rows of the layouts.
 const ROWS: std::ops::RangeInclusive<u8> = 3..=20;
+/// Range of columns of the layouts.
 const COLUMNS: std::ops::RangeInclusive<u8> = 2..=14;
 
 /// The layout that fits most windows.
@@ -143,7 +145,7 @@ pub(super) fn most_fitting(
         let (found, _) = order_frames(frames, pattern, Some(sensor));
         found.iter().map(|frame| (2 * frame.circles.len()).saturating_sub(whole)).sum::<usize>()
     };
-    // The first of equals.
+    // `max_by_key` returns the last of equal elements, which is the first layout because of `rev`.
     let scored = patterns.map(|pattern| (score(&pattern), pattern)).rev();
     scored.max_by_key(|(score, _)| *score).filter(|best| best.0 > 0).map(|(_, pattern)| pattern)
 }
@@ -165,7 +167,7 @@ pub fn radius_ratios(frame: &ReferenceFrame, board: &CircleBoard) -> Vec<f64> {
     circles.iter().enumerate().filter_map(ratio).collect()
 }
 
-/// Returns some of the half of the windows with most circles, spread over time.
+/// Selects the half of the windows that have most circles, and returns up to [`SAMPLE`] of them, spread over time.
 fn fullest(frames: &[UnorderedFrame]) -> Vec<UnorderedFrame> {
     let mut counts: Vec<usize> = frames.iter().map(|frame| frame.circles.len()).collect();
     counts.sort_unstable();

@@ -9,7 +9,8 @@ use event_recordings::pictures::NoImage;
 
 use super::exchanged::Exchanged;
 
-/// Reason why no board was found in a window, a picture or a frame of circles. Sorted by their words, in the order of reports.
+/// Reason why no board was found in a window, a picture or a frame of circles. The order of the variants is the order
+/// in `calibration.json`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum NoBoard {
     /// OpenCV's grid finder raised an error.

@@ -1,4 +1,4 @@
-//! Ordering of circles from a detector elsewhere by their positions on the board.
+//! Ordering of circles from an external detector by their positions on the board.
 
 use evcal_core::grid::{GridCandidate, GridOptions};
 use evcal_core::pattern::Pattern;
@@ -10,8 +10,8 @@ use super::board_finder::BoardFinder;
 use super::no_board::NoBoard;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn, UnorderedFrame};
 
-/// Orders the circles of frames from a detector elsewhere. Frames without a board are dropped, and the report contains the
-/// reasons. Without a sensor size, the extent of the circles is used.
+/// Orders the circles of frames from an external detector. Frames without a board are dropped, and the report contains
+/// the reasons. Without a sensor size, the extent of the circles is used.
 pub fn order_frames(
     frames: &[UnorderedFrame],
     pattern: &Pattern,

@@ -18,7 +18,8 @@ use evcal_geometry::board::{Board, CircleBoard, SquareBoard};
 use evcal_squares::recognition::RecognisedBoard;
 use event_recordings::{Recording, RecordingError};
 
-/// Smallest share of the windows with at least half as many circles as the board that another board must fit.
+/// Another board must fit at least this share of the windows that have at least half as many circles as the nominal
+/// board.
 const FEWEST_FITS: f64 = 0.2;
 
 /// A board that fits better than the stated one.
@@ -59,7 +60,8 @@ impl fmt::Display for OtherReading {
     }
 }
 
-/// Returns the board in the first seconds of `recording`, in which `board` was not found; `None` if none is recognised.
+/// Returns the board in the first seconds of `recording`, if it is another one than `board`, which was not found there;
+/// `None` if none is recognised.
 ///
 /// # Errors
 /// [`RecordingError`] if the recording cannot be read.
@@ -85,7 +87,7 @@ pub fn find_other_board(
     }
 }
 
-/// Returns how a recognised board of squares differs from the stated one; `None` if it does not.
+/// Returns the recognised board of squares if it differs from the stated one; `None` if it does not.
 fn other_squares(found: RecognisedBoard, stated: &SquareBoard) -> Option<OtherReading> {
     let Some(board) = in_lengths_of(&found.board, stated) else {
         return Some(OtherReading::Kind(Recognised::Squares(found)));
@@ -146,7 +148,7 @@ mod tests {
             other("checkerboard:6x9:30mm", "charuco:7x10:25mm:18mm:DICT_4X4_50"),
             known("checkerboard:6x9:25mm")
         );
-        // The ratio of both lengths was only measured.
+        // The stated ratio of both lengths is kept, because the recognised one is only measured.
         assert_eq!(
             other("charuco:5x7:30mm:22.2mm:DICT_5X5_50", "charuco:5x7:40mm:30mm:DICT_4X4_100"),
             known("charuco:5x7:40mm:30mm:DICT_5X5_50")
@@ -157,7 +159,7 @@ mod tests {
             known("charuco:5x7:40mm:30mm:DICT_5X5_100")
         );
         assert_eq!(other("apriltags:3x4:30mm:0.25", "apriltags:4x3:30mm:0.26"), known("apriltags:3x4:30mm:0.26"));
-        // A tag is not a square.
+        // The stated lengths do not determine the lengths of a board of another kind.
         let unknown = |board: &str| Some((board.to_owned(), false));
         let charuco = "charuco:5x7:30mm:22mm:DICT_5X5_50";
         assert_eq!(other(charuco, "aprilgrid:6x6:88mm:0.3"), unknown(charuco));

@@ -24,7 +24,8 @@ pub struct OtherRadius {
     pub seen: f64,
     /// The radius stated (m).
     pub stated: f64,
-    /// The intended board, if the radius is a diameter or the spacing the distance of neighbours in a row.
+    /// The boards that may be intended, each with the question that decides it: the radius may be a diameter, or the
+    /// spacing the distance of neighbours in a row.
     pub meant: Vec<(&'static str, CircleBoard)>,
 }
 

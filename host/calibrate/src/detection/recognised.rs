@@ -14,8 +14,9 @@ use event_recordings::{Recording, RecordingError};
 use super::layout::{RecognisedLayout, find_layout, read_beginning};
 use super::settings::DetectionSettings;
 
-/// Time between the pictures in which boards of squares are recognised (µs), and their number.
+/// Time between the pictures in which boards of squares are recognised (µs).
 const INTERVAL: u32 = 100_000;
+/// Largest number of moments whose pictures are searched.
 const MOST_MOMENTS: usize = 10;
 /// Largest error of the measured ratio of a tag to its gap or square.
 const MEASURED: f64 = 0.03;

@@ -12,7 +12,7 @@ use super::no_board::{NoBoard, only_one_polarity};
 use super::other_board::OtherReading;
 use crate::detection::counted::counted;
 
-/// Reason why a pair of clusters is not a circle. Sorted by their words, in the order of reports.
+/// Reason why a pair of clusters is not a circle. The order of the variants is the order in `calibration.json`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum NoCircle {
     /// The visible part of the circle is too short.
@@ -45,7 +45,7 @@ impl fmt::Display for NoCircle {
     }
 }
 
-/// Fewest events of a recording for any other statement about it.
+/// A recording with fewer events is reported as too short, and nothing else is reported about it.
 pub const FEWEST_EVENTS: u64 = 1000;
 
 /// Statistics of the detection.
@@ -62,7 +62,7 @@ pub struct DetectionReport {
     pub windows: u64,
     /// Windows in which the board was found.
     pub found: u64,
-    /// Number of them in which only neighbouring frames determined the position of the board.
+    /// Number of those windows in which only neighbouring frames determined the position of the board.
     pub found_by_neighbours: u64,
     /// Circles found in all windows.
     pub circles: u64,
@@ -96,8 +96,8 @@ impl DetectionReport {
         }
     }
 
-    /// Returns the reason why no window contained the board: the one of most windows. `max_interval` is the setting of the
-    /// windows, `other` the board that the circles fit instead.
+    /// Returns the reason why no window contained the board, which is the most frequent one. `max_interval` is the
+    /// setting of the windows, `other` the board that the circles fit instead.
     pub fn no_pattern(&self, max_interval: u16, other: Option<OtherReading>) -> NoPattern {
         NoPattern { report: Box::new(self.clone()), max_interval, other, views: None }
     }
@@ -251,7 +251,7 @@ mod tests {
         assert_eq!(DetectionReport::default().no_pattern(1, None).to_string(), "no pattern found in 0 windows");
     }
 
-    /// Recordings without OFF events used to be reported as out of focus, and recordings of ten events as too slow.
+    /// Recordings without OFF events must not be reported as out of focus, nor recordings of ten events as too slow.
     #[test]
     fn one_polarity_or_too_few_events_come_before_other_reasons() {
         let event = |polarity: Polarity| Event { t: 0, x: 1, y: 1, polarity };

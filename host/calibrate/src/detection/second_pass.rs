@@ -37,8 +37,8 @@ pub(super) struct Spacing {
     pub longest: f64,
 }
 
-/// Predicts the positions of the circles of the board (by index, `circles` of them) in the middle of a window, from the frame
-/// nearest in time and the one beyond it; `None` if that frame is too far away in time.
+/// Predicts the positions of the circles of the board (by index, `circles` of them) in the middle of a window, from the
+/// frame nearest in time (`near`) and the one beyond it (`far`); `None` if `near` is too far away in time.
 fn expected(
     circles: usize,
     window: &Uncertain,
@@ -69,9 +69,9 @@ fn expected(
     Some(pixels)
 }
 
-/// Adds to `found` the frames that `place` makes of `uncertain` windows and the expected pixels of the board's circles. All are
-/// in the order of time; `before` are the last two frames of the previous search, the later one first. Returns all frames in the
-/// order of time, and the number of added ones.
+/// Adds to `found` the frames of `uncertain` windows. `place` makes a frame of a window and the expected pixels of the
+/// board's circles, or returns `None`. All are in the order of time; `before` are the last two frames of the previous
+/// search, the later one first. Returns all frames in the order of time, and the number of added ones.
 pub(super) fn second_pass(
     circles: usize,
     before: [Option<&ReferenceFrame>; 2],

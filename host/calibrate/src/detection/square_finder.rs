@@ -54,10 +54,11 @@ impl SquareFinder {
         Self { kind, pattern: board.lattice() }
     }
 
-    /// Combines what `pictures` of one moment show of the board; `near` is the result of the previous moment.
+    /// Finds the board in the `pictures` of one moment, and combines the points from all of them. `near` is the result
+    /// of the previous moment.
     ///
     /// # Errors
-    /// Reason why it is in none of them.
+    /// [`NoBoard`], the reason why the board is in none of them.
     pub fn find(&self, pictures: &[Picture], near: Option<&FoundBoard>) -> Result<FoundBoard, NoBoard> {
         match &self.kind {
             Kind::Checkerboard(board) => {

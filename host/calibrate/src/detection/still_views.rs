@@ -41,7 +41,7 @@ const SLOW: i64 = 100_000;
 const CHANGING: f64 = 3.0;
 /// Shortest time (µs) for which the rate of a moment is computed.
 const SHORTEST_MOMENT: f64 = 1000.0;
-/// Most views that are kept; a calibration needs a tenth of them.
+/// Largest number of views that are kept; a calibration needs a tenth of them.
 const MOST_VIEWS: usize = 400;
 /// Number of events of a white pixel in a picture, as a multiple of the median of the blinking pixels.
 const WHITE: f64 = 1.2;
@@ -166,7 +166,7 @@ impl StillViews {
         }
     }
 
-    /// The views, in order of time: exposed from their first to their last event (µs).
+    /// Returns the views, in order of time. The exposure of their pictures lasts from the first to the last event (µs).
     pub fn finish(mut self) -> Vec<StillView> {
         if let Some(view) = &mut self.view {
             view.sum.append(&view.last);
@@ -289,14 +289,15 @@ impl Block {
         squares / sum - mean < MOST_RANDOM
     }
 
-    /// The numbers of events in small squares, less noise; their roots, so that they vary alike everywhere.
+    /// Returns the square roots of the numbers of events in small squares, less noise. The roots have the same variance
+    /// everywhere.
     fn compared(&self, sensor: Sensor) -> Vec<f64> {
         let sums = self.sums(sensor);
         let noise = NOISE * usual_count(&sums).unwrap_or(0.0);
         sums.iter().map(|&sum| (f64::from(sum) - noise).max(0.0).sqrt()).collect()
     }
 
-    /// The numbers of events in small squares.
+    /// Returns the numbers of events in small squares.
     fn sums(&self, sensor: Sensor) -> Vec<u32> {
         let columns = usize::from(sensor.width).div_ceil(COMPARED);
         let rows = usize::from(sensor.height).div_ceil(COMPARED);
@@ -327,8 +328,8 @@ impl Block {
     }
 }
 
-/// Number of events of a usual pixel (or square of pixels) that blinks: the median of those with at least half the mean, in which each
-/// pixel has its number of events as weight.
+/// Returns the number of events of a usual pixel (or square of pixels) that blinks: the median of all numbers that are
+/// at least half of their mean, after the hot pixels were removed. In this mean, each number has itself as weight.
 fn usual_count(counts: &[u32]) -> Option<f64> {
     let mut sorted: Vec<u32> = counts.iter().copied().filter(|count| *count > 0).collect();
     sorted.sort_unstable();
@@ -364,8 +365,8 @@ mod tests {
     const SENSOR: Sensor = Sensor::new(120, 90);
     const SQUARE: f64 = 12.0;
 
-    /// Events of `seconds` of squares, every other of which blinks with `frequency`, at a place that depends on the time; and `noise`
-    /// events per second.
+    /// Returns events of `seconds`: a pattern of squares, every other of which blinks with `frequency`, at the position
+    /// `place` of the time, and `noise` events per second.
     fn noisy_squares(seconds: f64, frequency: f64, noise: f64, place: impl Fn(f64) -> f64) -> Vec<Event> {
         let mut random = ChaCha8Rng::seed_from_u64(5);
         let mut events = Vec::new();
@@ -446,7 +447,7 @@ mod tests {
         assert!(duration(view) > 2.0, "{}", duration(view));
     }
 
-    /// Ten events of every pixel per second are usual in dim light. They used to end every view.
+    /// Ten noise events of every pixel per second are usual in dim light. They must not end a view.
     #[test]
     fn noise_does_not_end_a_view() {
         let pixels = f64::from(SENSOR.width) * f64::from(SENSOR.height);

@@ -7,7 +7,7 @@ use evcal_core::pattern::Pattern;
 
 use crate::circles::reference_frame::{ReferenceFrame, UnorderedFrame};
 
-/// Most windows of a recording that are kept.
+/// Largest number of windows of a recording that are kept.
 const MOST: usize = 256;
 
 /// The windows of one recording.
@@ -19,7 +19,7 @@ pub struct UnplacedWindows {
     pub(super) chunks: usize,
     /// Number of chunks without one, but with one that shows all of the stated board.
     pub(super) as_stated: usize,
-    /// Of this number of chunks, one window is kept.
+    /// Number of chunks of which one window is kept.
     every: usize,
     pub(super) kept: Vec<UnorderedFrame>,
 }
@@ -30,7 +30,8 @@ impl UnplacedWindows {
         Self { recording, chunks: 0, as_stated: 0, every: 1, kept: Vec::new() }
     }
 
-    /// Adds the fullest unplaced window of the next chunk, and whether the chunk shows all of the stated board.
+    /// Adds the fullest unplaced window of the next chunk. `as_stated` is `true` if the chunk shows all of the stated
+    /// board.
     pub(super) fn take(&mut self, fullest: Option<UnorderedFrame>, as_stated: bool) {
         let Some(window) = fullest else {
             self.as_stated += usize::from(as_stated);

@@ -9,9 +9,9 @@ use serde::Serialize;
 use super::rounded::Rounded;
 use super::silent_lines::SilentLines;
 
-/// Ratio to the number of events of the median active pixel from which a pixel is hot.
+/// A pixel is hot if it has more than this many times the events of the median active pixel.
 pub(super) const HOT_FACTOR: u64 = 10;
-/// Largest number of events of a pixel that is never hot.
+/// A pixel with at most this number of events is never hot.
 const FEWEST_OF_HOT: u64 = 50;
 /// Share of all events from which repeated events are reported. With timestamps rounded to 1 ms, 0.02 % are repeated, with 10 ms
 /// 44 %.
@@ -151,7 +151,7 @@ mod tests {
         assert!((found.hot_share - 0.5).abs() < 0.01, "{found:?}");
     }
 
-    /// A recording with each event twice used to be graded as good, with a standard deviation that was too small.
+    /// A recording that contains each event twice must be reported, because its standard deviations are too small.
     #[test]
     fn events_that_repeat_others_are_counted() {
         let repeated = |events: &[Event]| {

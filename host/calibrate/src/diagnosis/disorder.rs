@@ -6,7 +6,7 @@ use event_recordings::ReadReport;
 
 /// Share of all events from which they are reported.
 const MANY: f64 = 0.05;
-/// Backward steps of less (µs) shift no edge by as much as a pixel.
+/// Backward steps shorter than this (µs) shift no edge by as much as a pixel.
 const LONG: i64 = 1000;
 
 /// Events that are earlier than a previous one. A reader gives them the time of the previous one.

@@ -7,7 +7,7 @@ use evcal_core::event::{Event, Polarity};
 /// Number of successive events of a run. Shorter runs can be equal by chance: on a small sensor, different recordings of one scene
 /// contain the same pairs of neighbours 0 or 1 µs apart. No two real recordings of a blinking board had a run of 4 events in common.
 const RUN: usize = 6;
-/// Most runs that are kept. Of a longer recording, a sample of them is kept.
+/// Largest number of runs that are kept. Of longer recordings, a sample is kept.
 const MOST: usize = 1 << 16;
 /// Fewest equal runs that are not a coincidence.
 const FEWEST: usize = 4;
@@ -96,7 +96,7 @@ fn mixed(value: u64) -> u64 {
 mod tests {
     use super::*;
 
-    /// Events whose pixels look random, from number `first` on, a microsecond or two apart.
+    /// Returns the events of the numbers `range`, 1 to 3 µs apart, whose pixels look random.
     fn events(seed: u64, range: std::ops::Range<u64>, clock: i64) -> Vec<Event> {
         range
             .map(|index| {
@@ -131,7 +131,7 @@ mod tests {
         assert_eq!(share, 0.0);
     }
     /// In two recordings of a board on a sensor of 128 × 128 pixels, one event in 2 was followed by its neighbour within a
-    /// microsecond. They were reported as the same, and the calibration stopped.
+    /// microsecond. They must not be reported as the same.
     #[test]
     fn neighbours_that_follow_each_other_do_not_make_recordings_the_same() {
         let scene = |seed: u64| -> Vec<Event> {

@@ -1,8 +1,8 @@
 //! Detection of flickering light. Lamps on mains flicker at twice its frequency, and every pixel sees it.
 //!
-//! While the light grows, edges send more ON events and fewer OFF events, and while it falls the opposite, long before even areas
-//! send any. So the number of ON events minus the number of OFF events has a line at the lamps' frequency; with strong flicker
-//! the number of all events has one too.
+//! While the light grows, edges send more ON events and fewer OFF events, and while it falls the opposite, long before
+//! areas without edges send any. So the number of ON events minus the number of OFF events has a line at the lamps'
+//! frequency; with strong flicker the number of all events has one too.
 
 use evcal_core::event::{Event, Polarity};
 use nalgebra::Complex;
@@ -49,10 +49,11 @@ pub struct RateBins {
     /// Powers of two signals, the sum of both polarities and their difference. For each frequency of [`LAMPS`]: the power of its
     /// line and the mean power of the neighbouring lines, each summed over the intervals.
     powers: [[(f64, f64); LAMPS.len()]; 2],
-    /// Number of evaluated bins, and of events in them.
+    /// Number of evaluated bins.
     bins: usize,
+    /// Number of events in the evaluated bins.
     events: u64,
-    /// Most events in a [`LONG_BIN`] of bins.
+    /// Largest number of events in a [`LONG_BIN`] of bins.
     fullest: u64,
     /// The bin that is being filled.
     current: i64,

@@ -5,8 +5,8 @@ use std::fmt;
 
 use serde::Serialize;
 
-/// Median number of events of a pixel's neighbours from which the pixel is among busy ones: by chance, fewer than one in 2000 of
-/// such pixels has no event.
+/// A pixel is among busy ones if the median number of events of its neighbours is at least this. By chance, fewer than
+/// one in 2000 of such pixels has no event.
 const BUSY: u32 = 8;
 /// Fewest pixels among busy ones for a decision.
 const FEWEST: u64 = 1000;

@@ -10,11 +10,11 @@ use super::time_bins::time_bins;
 
 /// Length of the bins that are compared (µs).
 const BIN: i64 = 1000;
-/// Bins within this share of the largest are near it.
+/// A bin is near the largest if its number of events is at least this share of the largest.
 const NEAR: f64 = 0.9;
 /// Fewest successive bins of an interval.
 const FEWEST_BINS: usize = 10;
-/// Bins within this share of the largest are at the top.
+/// A bin is at the top if its number of events is at least this share of the largest.
 const TOP: f64 = 0.97;
 /// Share of an interval's bins that must be at the top; the rate of an unsaturated readout, which rises and falls, is there for half
 /// of the time.

@@ -3,11 +3,11 @@
 use evcal_core::sensor::Sensor;
 use event_recordings::likely_sensor::likely_sensor;
 
-/// Number of events of the median active column from which a column without events is silent.
+/// A column without events is silent if the median active column has at least this number of events.
 const FEWEST_OF_COLUMN: u64 = 1000;
 /// If this share of both the columns and the rows between active ones is silent, the coordinates were scaled.
 const MANY_SILENT: f64 = 0.15;
-/// Most silent columns or rows side by side if coordinates were scaled.
+/// Largest number of adjacent silent columns or rows if coordinates were scaled.
 const LARGEST_STEP: usize = 8;
 
 /// Meaning of columns and rows without events.
@@ -75,7 +75,8 @@ fn without_events(lines: &[u64]) -> Vec<u16> {
     (0..).zip(lines).filter(|(_, events)| **events == 0).map(|(line, _)| line).collect()
 }
 
-/// Returns the number of silent lines between active ones if many are silent, nowhere many side by side.
+/// Returns the number of silent lines between active ones if many are silent, but nowhere more than [`LARGEST_STEP`]
+/// adjacent ones.
 fn scaled(lines: &[u64]) -> Option<usize> {
     let is_active = |count: &u64| *count > 0;
     let (first, last) = (lines.iter().position(is_active)?, lines.iter().rposition(is_active)?);

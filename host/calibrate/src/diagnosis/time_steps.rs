@@ -65,9 +65,11 @@ pub struct TimeSteps {
     events: u64,
     /// Number of different timestamps.
     times: u64,
-    /// Number of steps that are not pauses, number of those that are not coarse, and sum of all (µs).
+    /// Number of steps that are not pauses.
     steps: u64,
+    /// Number of those steps that are shorter than coarse ones.
     short: u64,
+    /// Sum of the steps that are not pauses (µs).
     sum: i64,
 }
 
@@ -147,14 +149,14 @@ mod tests {
         assert_eq!(coarse((0..500_000).map(|index| index / 1000 * 20)), None);
     }
 
-    /// The calibration used to report that the board was not in view.
+    /// Equal timestamps must be reported, not a board that is not in view.
     #[test]
     fn equal_times_are_named_with_their_cause() {
         let seconds = |t: f64| f64::from((1.6e9 + t) as f32);
         let unix = |unit: f64| coarse((0..400_000).map(|index| (seconds(f64::from(index) * 2e-6) * unit) as i64));
         assert_eq!(unix(1.0), Some(CoarseTimes::UnixSecondsOf32Bits));
         assert_eq!(unix(1e6), Some(CoarseTimes::UnixSecondsOf32Bits));
-        // With the step to the next number in between.
+        // These times contain a step to the next 32-bit number.
         let long = coarse((0..400_000).map(|index| seconds(f64::from(index) * 1e-3) as i64));
         assert_eq!(long, Some(CoarseTimes::UnixSecondsOf32Bits));
         assert_eq!(coarse((0..2000).map(|_| 7)), Some(CoarseTimes::Equal));

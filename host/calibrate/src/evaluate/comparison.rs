@@ -40,7 +40,7 @@ pub struct Comparison {
     pub calibration: PathBuf,
     /// The truth's file.
     pub truth: PathBuf,
-    /// Parameter by parameter; the truth is the first.
+    /// Comparison of the parameters; the truth is the first calibration.
     pub intrinsics: IntrinsicsComparison,
     /// Difference of the projections.
     pub projection: ProjectionDifference,

@@ -11,8 +11,9 @@ use evcal_geometry::board::Board;
 
 /// Fewest circles that determine a pose.
 const FEWEST: usize = 4;
-/// Step of a point (m), and of a parameter relative to its size and to 1.
+/// Step of a point (m).
 const POINT_STEP: f64 = 1e-6;
+/// Step of a parameter, relative to its size and to 1.
 const STEP: f64 = 1e-6;
 
 /// The camera of a trajectory, with its uncertainty.

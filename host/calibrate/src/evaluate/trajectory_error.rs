@@ -117,7 +117,7 @@ pub fn trajectory_error(
     })
 }
 
-/// Returns the root mean square distance of the first points from their mean.
+/// Returns the root mean square distance of the first points of the pairs from their mean.
 fn extent(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> f64 {
     let count = pairs.len().max(1) as f64;
     let mean = pairs.iter().map(|(real, _)| real).sum::<Vector3<f64>>() / count;

@@ -28,8 +28,9 @@ use crate::result::inertial_result::{InertialResult, SensorResult};
 use crate::result::second_camera_result::SecondCameraResult;
 use evcal_geometry::numerics::rigid::pose_of_rows;
 
-/// Random walks of typical chips, because they are not measured: rad/s²/√Hz and m/s³/√Hz.
+/// Random walk of the gyroscope's bias for typical chips, because it is not measured (rad/s²/√Hz).
 const GYROSCOPE_WALK: f64 = 2e-5;
+/// The same for the accelerometer (m/s³/√Hz).
 const ACCELEROMETER_WALK: f64 = 1e-3;
 const TOPIC: &str = "/dvs/imu";
 

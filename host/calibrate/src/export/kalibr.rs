@@ -1,7 +1,8 @@
 //! Kalibr's camchain, as `kalibr_common/ConfigReader.py` reads it.
 //!
-//! It requires exactly four coefficients of radtan (k1 k2 p1 p2) and of equidistant (k1 k2 k3 k4), one of fov (w), and real
-//! numbers for intrinsics: omni has xi, eucm alpha and beta, ds xi and alpha before them.
+//! It requires exactly four coefficients of radtan (k1 k2 p1 p2) and of equidistant (k1 k2 k3 k4), one of fov (w), and
+//! real numbers for intrinsics. The intrinsics begin with the shape parameters of the projection: xi for omni, alpha
+//! and beta for eucm, xi and alpha for ds.
 
 use std::fmt::Write as _;
 

@@ -1,7 +1,8 @@
 //! OpenCV's `FileStorage`: `camera_matrix` and `distortion_coefficients`, as its calibration sample writes them.
 //!
-//! Coefficients are in OpenCV's order: that of `cv::fisheye` for a Kannala-Brandt camera and of `cv::omnidir` for an
-//! omnidirectional one, with `xi` as a separate entry. `distortion_model` is `radtan`, `fisheye` or `omnidir`.
+//! Coefficients are in OpenCV's order: the order of `cv::fisheye` for a Kannala-Brandt camera, and the order of
+//! `cv::omnidir` for an omnidirectional one, with `xi` as a separate entry. `distortion_model` is `radtan`, `fisheye`
+//! or `omnidir`.
 
 use evcal_core::camera::ModelKind;
 

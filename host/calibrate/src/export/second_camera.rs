@@ -6,8 +6,8 @@
 //! | `stereo.yaml` | OpenCV, as from `stereoCalibrate` | x₂ = `R` x₁ + `T`: from the first camera to the second |
 //! | `static_transforms.yaml` | ROS | frame of the second camera in the frame of the first: from the second to the first |
 //!
-//! Cameras come from the solve of all events, which match the transform. Only ROS and Kalibr support more than two cameras: each
-//! further one has a `stereo-2.yaml` and so on.
+//! The parameters of the cameras come from the joint solve of both, because these match the transform. Only ROS and
+//! Kalibr support more than two cameras: each further one has a `stereo-2.yaml` and so on.
 
 mod kalibr;
 mod opencv;

@@ -160,7 +160,7 @@ fn gravity_in_words(size: f64, stated: f64, motion: f64) -> String {
 mod tests {
     use super::*;
 
-    /// Regression test: the message blamed an IMU without faults.
+    /// If the motion is violent, the message names the motion, not a fault of the IMU.
     #[test]
     fn a_violent_motion_is_named_before_the_imu() {
         let told = |motion| InertialError::GravitySize { size: 7.1, stated: 9.81, motion }.to_string();

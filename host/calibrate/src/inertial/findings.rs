@@ -12,27 +12,31 @@ use super::parameters::{
 use super::sample::Sample;
 use super::stream::StreamReport;
 
-/// σ from which a quantity counts as not measured: position (m), rotation (rad).
+/// σ from which a position counts as not measured (m).
 const POSITION_LIMIT: f64 = 0.01;
+/// σ from which a rotation counts as not measured (rad).
 const ROTATION_LIMIT: f64 = std::f64::consts::PI / 180.0;
 /// σ from which a delay counts as not measured (s).
 pub const DELAY_LIMIT: f64 = 1e-3;
 /// Tilt below which gravity and the accelerometer's bias can hardly be separated (rad).
 const LEAST_TILT: f64 = 15.0 * std::f64::consts::PI / 180.0;
-/// Drift of the clock that is reported, and its smallest value in σ.
+/// Smallest drift of the clock that is reported.
 const DRIFT: f64 = 50e-6;
+/// Smallest drift that is reported, in σ.
 const CERTAIN: f64 = 5.0;
 /// Relative nonlinearity of an accelerometer, which limits the accuracy of the board's spacing.
 pub const LINEARITY: f64 = 0.003;
-/// Shares of missing and saturated samples that are reported.
+/// Smallest share of missing samples that is reported.
 const MISSING: f64 = 0.01;
+/// Smallest share of saturated samples that is reported.
 const SATURATED: f64 = 0.001;
 /// Ratio of the scatter of blocks to the formal one from which the IMU seems loose. In simulated recordings it is 0.5 to 0.8 for
 /// a fixed IMU, and 19 for one that slips by a degree.
 const LOOSE: f64 = 12.0;
-/// Reported difference between an intrinsic parameter and its value in the calibration of the camera alone, in σ of the
-/// difference: for estimated intrinsics, and for fixed ones.
+/// Smallest difference between an intrinsic parameter and its value in the calibration of the camera alone that is
+/// reported, in σ of the difference; for estimated intrinsics.
 const MOVED: f64 = 2.0;
+/// The same for fixed intrinsics.
 const OTHER: f64 = 5.0;
 /// Ratio of the residuals to the signal above which the model does not fit.
 const UNEXPLAINED: f64 = 0.3;

@@ -76,7 +76,7 @@ pub struct Residual {
 pub struct Joint<'a> {
     /// The events.
     pub problem: &'a Problem,
-    /// Inflation of the events: the factor by which their errors are correlated.
+    /// Inflation of the events: the factor by which correlated errors enlarge the variance.
     pub inflation: f64,
     /// For each recording its samples, on the clock of its events.
     pub samples: &'a [Vec<Sample>],

@@ -120,7 +120,8 @@ mod tests {
             }
             let rate = 8000.0 / f64::from(step);
             let found = density(&spectrum(&residuals, rate), rate, 0.01).unwrap();
-            // Without a filter, noise beyond half of the rate is aliased: the density there is not that before sampling.
+            // Without a filter, noise beyond half of the rate is aliased, so the density there differs from the density
+            // before sampling.
             let expected = if corner > 1e6 { 0.01 * f64::from(step).sqrt() } else { 0.01 };
             assert!((found / expected - 1.0).abs() < 0.15, "{corner} {rate}: {found}");
         }

@@ -10,8 +10,9 @@
 //! gyroscope's: the model that Kalibr calls `scale-misalignment`. s is the true divided by the stated spacing of the board.
 //!
 //! Each sensor has a low-pass filter. In addition to the delay, it lowers amplitudes by c (2π f)² to first order, which adds c
-//! times the second derivative to the signal. If a loss of 0.5 % of a gyroscope at a tremor of 8 Hz were ignored, the trajectory
-//! would rotate too little and move instead, and at the board's distance that is a lever arm millimetres too long.
+//! times the second derivative to the signal. For example, a gyroscope may lose 0.5 % at a tremor of 8 Hz. If this were
+//! ignored, the trajectory would rotate too little and translate instead, which at the board's distance makes the lever
+//! arm millimetres too long.
 
 use evcal_core::spline::rotation::exp;
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};

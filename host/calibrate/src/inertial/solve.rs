@@ -31,8 +31,9 @@ const RELINEARISED: usize = 5;
 /// it. In five simulated recordings (seeds 201, 202, 312 to 314) the error along z was 0.27 mm with 10 and 0.37 mm with 1, the
 /// error of gravity 0.009° and 0.013° (root mean square); with 100 the position along x was 0.20 mm off on two seeds.
 const CAUTION: f64 = 10.0;
-/// Noise densities of data sheets: °/s/√Hz and g/√Hz, doubled.
+/// Noise density of a gyroscope before its estimation (rad/s/√Hz): twice the value of data sheets.
 const FIRST_GYROSCOPE: f64 = 0.02 * std::f64::consts::PI / 180.0;
+/// The same for an accelerometer (m/s²/√Hz).
 const FIRST_ACCELEROMETER: f64 = 600e-6 * STANDARD_GRAVITY;
 
 /// The solution with its equations.

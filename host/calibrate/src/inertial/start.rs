@@ -41,8 +41,8 @@ pub struct Start {
     pub correlation: f64,
 }
 
-/// Computes a start from the trajectories of one recording, whose rotations are sums of quaternions, and its samples; `gravity`
-/// is its magnitude in m/s².
+/// Computes a start from the trajectories of one recording, whose rotations are sums of quaternions, and its samples;
+/// `gravity` is the magnitude of gravity in m/s².
 ///
 /// # Errors
 /// [`InertialError`] names the quantity that was not found, and the reason.

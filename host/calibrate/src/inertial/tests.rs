@@ -26,12 +26,15 @@ use evcal_geometry::numerics::random::{normal, uniform_in};
 use evcal_geometry::timed_pose::TimedPose;
 
 const SECONDS: f64 = 12.0;
-/// Circle frames and samples per second.
+/// Circle frames per second.
 const FRAMES: f64 = 100.0;
+/// Samples per second.
 const SAMPLES: f64 = 250.0;
-/// Scatter of a circle's centre (px), of gyroscope (rad/s) and accelerometer (m/s²).
+/// Scatter of a circle's centre (px).
 const PIXEL: f64 = 0.1;
+/// Scatter of the gyroscope (rad/s).
 const GYROSCOPE: f64 = 3e-3;
+/// Scatter of the accelerometer (m/s²).
 const ACCELEROMETER: f64 = 0.05;
 
 /// A smooth function that does not repeat, approximately between −1 and 1.
@@ -250,8 +253,8 @@ fn a_degenerate_motion_is_refused_or_flagged() {
     refused(&|_, t| Vector3::y() * (0.3 * t - 1.8) * 0.2, "rotated by 3.4 °/s all the time");
 }
 
-/// At 20 samples per second, the readings miss the motion between the samples: the position had an error of 9 mm, and the message
-/// asked for rotation about two axes.
+/// At 20 samples per second, the readings miss the motion between the samples, so the recording is rejected because of
+/// its rate.
 #[test]
 fn samples_that_come_too_slowly_are_refused_by_their_rate() {
     let mut bench = Bench::new(1, motion(1, turned([0.45, 0.5, 0.45])));

@@ -43,8 +43,9 @@ pub enum PoseError {
     LargeError,
 }
 
-/// Estimates the pose of one frame: PnP (IPPE) in RANSAC, refined by least squares with Huber's loss. Both solutions of IPPE are
-/// refined, and the better one is returned.
+/// Estimates the pose of one frame: PnP (IPPE) in RANSAC, refined by least squares with Huber's loss. The second
+/// solution of IPPE is refined too if its cost is at most `RIVAL_COST` times as high as the first one's. The better
+/// refined one is returned.
 pub fn robust_pose(
     camera: &Camera<f64>,
     points: &[BoardPoint],
@@ -55,7 +56,7 @@ pub fn robust_pose(
     let planar = start_of(settings).plane_pose(&plane, settings.max_circle_error / focal, RANSAC_SAMPLES);
     let planar = planar.ok_or(PoseError::NotFound)?;
     let agreeing: Vec<BoardPoint> = planar.inliers.iter().filter_map(|&inlier| before.get(inlier).copied()).collect();
-    // The second solution of IPPE counts only if it explains the image points almost as well.
+    // A solution of IPPE is refined only if its cost is at most `RIVAL_COST` times the smallest cost.
     let costs: Vec<f64> = planar.solutions.iter().map(|start| cost(camera, start, &agreeing, HUBER)).collect();
     let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
     let refined = planar

@@ -2,7 +2,8 @@
 //!
 //! The frames are cut into blocks of neighbours, and the blocks are distributed over folds. For each fold the camera is refined
 //! on the frames of the other folds; then the pose of every frame of the fold is estimated with that camera fixed, and the cost
-//! of its circles is summed. Neighbouring frames see the same pixels, so blocks are independent, but frames are not.
+//! of its circles is summed. Neighbouring frames show the board at nearly the same pixels, so single frames are not
+//! independent, but blocks of frames are.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;

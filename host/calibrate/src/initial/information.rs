@@ -17,8 +17,9 @@ pub type Information = SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>;
 /// Standard deviation of a circle's centre in a window, in px and in each direction; larger than its scatter, because
 /// neighbouring windows have errors in common.
 const CENTER_SIGMA: f64 = 0.24;
-/// Prior standard deviations of focal lengths and principal point, in px.
+/// Prior standard deviation of the focal lengths (px).
 const FOCAL_SIGMA: f64 = 100.0;
+/// Prior standard deviation of the principal point (px).
 const MIDDLE_SIGMA: f64 = 40.0;
 /// Prior standard deviation of a distortion coefficient.
 const COEFFICIENT_SIGMA: f64 = 0.5;

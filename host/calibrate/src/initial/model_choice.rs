@@ -1,13 +1,14 @@
 //! Choice of the camera model: the simplest one that predicts unseen data as well as any other ([`ModelRequest::Auto`]).
 //!
-//! Every candidate goes through the initial stage. The candidate whose model explains the most circles provides the circles on
-//! which all are compared, frame by frame held out of the calibration ([`crate::initial::held_out`]). The best candidate has the
-//! smallest mean cost. A candidate is as good as the best if its cost exceeds the best one's by at most one standard error of the
-//! difference. Of these, the one with the fewest parameters is chosen, if possible one that OpenCV and ROS support: the
-//! one-standard-error rule (Breiman et al. 1984; Hastie, Tibshirani and Friedman, *The Elements of Statistical Learning*, section
-//! 7.10). The standard error is computed from the difference block by block, because a difficult block is difficult for all
-//! models. If OpenCV and ROS support none of these, their models count too if their excess is too small to matter. A candidate
-//! that folds over inside the image counts only if all do.
+//! Every candidate goes through the initial stage. The candidate whose model explains the most circles provides the
+//! circles on which all candidates are compared. Each frame is held out of the calibration that predicts it
+//! ([`crate::initial::held_out`]). The best candidate has the smallest mean cost. A candidate is as good as the best if
+//! its cost exceeds the best one's by at most one standard error of the difference. Of these, the one with the fewest
+//! parameters is chosen, if possible one that OpenCV and ROS support: the one-standard-error rule (Breiman et al. 1984;
+//! Hastie, Tibshirani and Friedman, *The Elements of Statistical Learning*, section 7.10). The standard error is
+//! computed from the difference block by block, because a difficult block is difficult for all models. If OpenCV and
+//! ROS support none of these, the models that they do support count too, if their excess is too small to matter. A
+//! candidate that folds over inside the image counts only if all do.
 
 use evcal_core::sensor::Sensor;
 use std::fmt;
@@ -22,7 +23,7 @@ use crate::initial::{InitialError, InitialModel, InitialSettings, initial_model}
 use evcal_geometry::board::Board;
 use evcal_geometry::lens::folds::folds;
 
-/// Models that `auto` tries: those that other programs read.
+/// Models that `auto` tries: the models that other programs can read.
 pub const CANDIDATES: [ModelKind; 9] = [
     ModelKind::Radtan4,
     ModelKind::Radtan,

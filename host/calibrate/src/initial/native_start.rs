@@ -10,8 +10,8 @@ use super::pose::homography_pose;
 use super::settings::{HUBER, InitialSettings};
 use super::sighting::BoardPoint;
 
-/// Returns the parameters that are estimated in each pass of the native start: the focal lengths and the first distortion
-/// coefficient, then everything.
+/// Returns the parameters that are estimated in each pass of the native start: first the focal lengths and the first
+/// distortion coefficient, then also the principal point and the second coefficient, then everything.
 fn passes(parameters: usize) -> [Vec<bool>; 3] {
     let first = |free: &[usize]| (0..parameters).map(|index| free.contains(&index)).collect();
     [first(&[0, 1, 4]), first(&[0, 1, 2, 3, 4, 5]), vec![true; parameters]]

@@ -35,10 +35,10 @@ impl Tally {
     }
 }
 
-/// Returns, for each of `voters` in the order of recording and time, whether it is kept.
+/// Returns `true` for each of `voters`, in the order of recording and time, that is kept.
 ///
-/// `agree(i, j)` returns whether frames `i` and `j` can both be right, `None` if that is not known; it is called for the
-/// [`REACH`] nearest frames on each side.
+/// `agree(i, j)` returns `Some(true)` if frames `i` and `j` can both be right, `None` if that is not known; it is
+/// called for the [`REACH`] nearest frames on each side.
 pub fn vote(voters: &[Voter], agree: impl Fn(usize, usize) -> Option<bool>) -> Vec<bool> {
     let mut alive: Vec<usize> = (0..voters.len()).collect();
     let tally = |alive: &[usize], position: usize| {

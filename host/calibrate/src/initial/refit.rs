@@ -207,7 +207,7 @@ pub fn refit_circle(
         let unit = inverse * (pixel - circle.middle);
         let gradient = inverse.transpose() * unit;
         let slope = gradient.norm();
-        // First order in the distance: |u|² − 1 over the length of its gradient, as the mean of its two expressions.
+        // The distance to first order: the deviation of |u| from 1, divided by the length of the gradient of |u|.
         let distance = (unit.norm() - 1.0) * unit.norm() / slope;
         if distance.abs() <= band {
             events.push((distance, gradient / slope, polarity));

@@ -30,7 +30,7 @@ pub enum DropReason {
 }
 
 impl DropReason {
-    /// Returns the step that drops for this reason.
+    /// Returns the step that drops frames for this reason.
     pub fn step(self) -> Step {
         match self {
             Self::TooFewCircles => Step::Circles,

@@ -86,7 +86,7 @@ fn wrap(angle: f64, period: f64) -> f64 {
     if wrapped > period / 2.0 { wrapped - period } else { wrapped }
 }
 
-/// Returns the median over the common rows of both frames of the rotation from `a` to `b`, up to `period`.
+/// Returns the rotation from `a` to `b`, modulo `period`: the median over the rows that both frames have.
 fn turn_between(a: &[Option<f64>], b: &[Option<f64>], period: f64) -> Option<f64> {
     let differences: Vec<f64> = a.iter().zip(b).filter_map(|(a, b)| Some((*b)? - (*a)?)).collect();
     // The rows of a board that is rotated by half a turn differ by almost π either way: wrap around the first row's difference,
@@ -128,7 +128,8 @@ pub fn rotation_gate(sightings: &mut [Sighting], board: &Board, settings: &Initi
         let elapsed = voters.get(b)?.t - voters.get(a)?.t;
         let bound = ROW_ANGLE_FLOOR + settings.max_row_rate * elapsed.abs();
         let unturned = |index: usize| angles.get(*upright.get(index)?)?.first();
-        // Rows of a rotated frame can only be compared with the rows that they become.
+        // The circles of `b` may be numbered from another corner. Each rotation of the board renumbers its rows; the
+        // numbering with the smallest angle counts.
         let turn = angles
             .get(*upright.get(b)?)?
             .iter()
@@ -147,7 +148,7 @@ pub fn rotation_gate(sightings: &mut [Sighting], board: &Board, settings: &Initi
 }
 
 /// Renumbers the circles of the kept sightings so that rows rotate by less than half a period from one to the next; in each
-/// recording as many as possible keep their numbers. Returns how many were renumbered.
+/// recording as many as possible keep their numbers. Returns the number of renumbered sightings.
 fn chain(
     sightings: &mut [Sighting],
     verdicts: &[Option<DropReason>],

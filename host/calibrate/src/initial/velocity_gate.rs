@@ -58,7 +58,7 @@ fn motion(a: &Isometry3<f64>, b: &Isometry3<f64>) -> (f64, f64) {
     (camera.min(board), a.rotation.angle_to(&b.rotation))
 }
 
-/// Returns, for each of `waypoints` in the order of recording and time, whether it is kept.
+/// Returns `true` for each of `waypoints`, in the order of recording and time, that is kept.
 pub fn velocity_gate(waypoints: &[Waypoint], board: &Board, settings: &InitialSettings) -> Vec<bool> {
     let middle = Translation3::new(board.middle().x, board.middle().y, 0.0);
     let centered: Vec<Centered> = waypoints

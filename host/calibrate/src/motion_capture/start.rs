@@ -31,8 +31,9 @@ const OVERLAP: Overlap = Overlap { share: 0.4, seconds: 2.0 };
 const ONE_AXIS: f64 = 0.02;
 /// Largest unexplained share of the squared angular velocities.
 const LEFT: f64 = 0.2;
-/// Largest relative difference of lengths, and of lengths in another unit.
+/// Largest relative difference of lengths.
 const SAME_LENGTH: f64 = 0.03;
+/// Largest relative difference of lengths in another unit.
 const OTHER_UNIT: f64 = 0.1;
 
 /// Result of the start.

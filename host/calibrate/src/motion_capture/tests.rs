@@ -12,7 +12,7 @@ const SECONDS: f64 = 24.0;
 const OFFSET_TRUE: f64 = 3.217_45;
 const DRIFT_TRUE: f64 = 40e-6;
 
-/// `T_world_camera`, which never repeats; `turn` selects the part of the rotation.
+/// `T_world_camera`, which never repeats; `turn` scales the rotation about each axis.
 fn camera(t: f64, turn: Vector3<f64>) -> Isometry3<f64> {
     let turns = Vector3::new(
         0.4 * (2.1 * t).sin() + 0.2 * (5.3 * t + 0.4).sin() + 0.1 * (0.23 * t * t).cos(),

@@ -1,7 +1,7 @@
 //! σ of the relation of camera and capture.
 //!
-//! Errors of a trajectory last longer than the time between captured poses, so residuals are not independent. Blocks of time that
-//! are long enough are: the jackknife over them, to first order.
+//! Errors of a trajectory last longer than the time between captured poses, so residuals are not independent. Blocks of
+//! time that are long enough are independent. The σ are computed from them by the jackknife, to first order.
 
 use super::error::MotionCaptureError;
 use super::fit::{COUNT, Equations, Fitted, Gradient, Normal};

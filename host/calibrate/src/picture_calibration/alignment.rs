@@ -29,20 +29,23 @@ const FITS: f64 = 0.05;
 const BETTER: f64 = 3.0;
 /// Difference in scale that is reported.
 const OTHER_SCALE: f64 = 0.02;
-/// Shift that is reported (px), if it is also this multiple of the typical remaining distance.
+/// Smallest shift that is reported (px).
 const SHIFT: f64 = 1.5;
+/// Smallest shift that is reported, as a multiple of the typical remaining distance.
 const CLEAR_SHIFT: f64 = 3.0;
 /// Typical offset between the clocks of frames and events (s), which separates the effect of motion from a shift.
 const USUAL_OFFSET: f64 = 0.01;
 /// Number of rounds in which the shift, or the clock, is estimated.
 const ROUNDS: usize = 8;
-/// Steps of the search for another clock: of its rate (ratio) and of its offset (s).
+/// Step of the search for the rate of another clock (ratio).
 const RATE_STEP: f64 = 0.002;
+/// Step of the search for the offset of another clock (s).
 const OFFSET_STEP: f64 = 0.01;
 /// Largest difference of the rate from the ratio of the time spans of both streams.
 const RATE_RANGE: f64 = 0.05;
-/// Most frames in the search for another clock, and the longest time that they span (s).
+/// Largest number of frames in the search for another clock.
 const MOST_SEARCHED: usize = 40;
+/// Longest time that these frames span (s).
 const LONGEST_SEARCHED: f64 = 16.0;
 /// Smallest share of the frames that must fit with another clock.
 const MOST_FIT: f64 = 0.8;
@@ -110,10 +113,11 @@ pub enum Misalignment {
         orientation: Orientation,
         /// Ratio of the size of the board in the frames to that in the events.
         scale: f64,
-        /// Added to the position in the events, after that, to get the position in the frames (px).
+        /// Added to the position in the events, after rotation and scale, to get the position in the frames (px).
         shift: [f64; 2],
     },
-    /// They agree with another clock: events have the time `offset + rate · t` of frames at `t` (s from the first event).
+    /// They agree if the clocks differ: a frame at time `t` (s from the first event) shows the events of time
+    /// `offset + rate · t`.
     Clock {
         /// Seconds of the events per second of the frames.
         rate: f64,
@@ -204,8 +208,9 @@ struct Pair {
     velocity: Vector2<f64>,
 }
 
-/// Compares the `frames` with the `events` that the same `sensor` has of the `board`; times of both are relative to the
-/// recording's first event. Returns `None` if they agree, or too few are of the same time for a decision.
+/// Compares the `frames` with the windows of `events` of the same `sensor` that show the `board`; times of both are
+/// relative to the recording's first event. Returns `None` if they agree, or too few are of the same time for a
+/// decision.
 pub fn misalignment(
     events: &[ReferenceFrame],
     frames: &[ReferenceFrame],
@@ -255,7 +260,8 @@ fn image_of(fits: &[Option<ImageFit>; 8], size: f64, sensor: Sensor) -> Option<O
     }
     let orientation = *Orientation::ALL.get(place)?;
     let is_scaled = (fit.scale - 1.0).abs() > OTHER_SCALE;
-    // A slightly longer lens shifts nothing in the middle.
+    // If the difference in scale is too small to be reported, the shift is measured in the middle of the image, where a
+    // slightly longer lens causes none.
     let middle = orientation.turned(0.5 * Vector2::new(f64::from(sensor.width), f64::from(sensor.height)), sensor);
     let shift = if is_scaled { fit.shift } else { fit.shift + (fit.scale - 1.0) * middle };
     let is_shifted = shift.norm() > SHIFT.max(CLEAR_SHIFT * fit.cost);
@@ -320,7 +326,7 @@ struct Alike {
     /// Middle of the common points in the frame and in the events (px).
     frame: Vector2<f64>,
     events: Vector2<f64>,
-    /// Ratio of the size in the frame to that in the events.
+    /// Ratio of the size in the frame to the size in the events.
     scale: f64,
     /// Remaining distance (px, rms).
     spread: f64,
@@ -390,7 +396,7 @@ fn fitting(
         let Some(pair) = pair_at(track, frame, offset + rate * frame.t) else { continue };
         compared += 1;
         fitting += usize::from(distance(&pair, turns) < bound);
-        // Most clocks are wrong.
+        // The loop stops early, because most clocks that are tried are wrong.
         if compared - fitting > 2 && (fitting as f64) < MOST_FIT * compared as f64 {
             return None;
         }

@@ -71,7 +71,7 @@ const OFFSET_KNOWN: f64 = 0.1;
 /// Share of the distance of neighbouring dots within which a dot agrees with the trajectory.
 const NEAR: f64 = 0.25;
 
-/// Smallest ratio of the spread from which a centre's weight follows to its measured spread.
+/// The weight of a centre is computed from a spread of at least this share of the measured spread.
 const SMALLEST_SHARE: f64 = 0.2;
 
 /// One dot on a trajectory.

@@ -1,9 +1,10 @@
 //! Evidence in the observations that the board differs from its nominal shape, in print ratio, bend and radius.
 //!
-//! After the solve, one Newton step with these four parameters estimated, in addition to all others, shows where they would go.
-//! Their uncertainty follows from the scatter of blocks of time, as for the intrinsics, with each block evaluated at the end of
-//! the step: if two halves of a recording require opposite bends, σ becomes large. A parameter is selected if its step is far
-//! beyond its σ and large enough to matter. Then the solve is repeated with the selected parameters estimated.
+//! After the solve, one Newton step in which these four parameters are estimated too returns their values. Their
+//! uncertainty follows from the scatter of blocks of time, as for the intrinsics, with each block evaluated at the end
+//! of the step. For example, if two halves of a recording require opposite bends, σ becomes large. A parameter is
+//! selected if its step is far beyond its σ and large enough to matter. Then the solve is repeated with the selected
+//! parameters estimated.
 
 use evcal_core::camera::Camera;
 use evcal_core::settings;
@@ -50,8 +51,9 @@ pub struct BoardEvidence {
     pub sigma: [f64; PARAMETERS],
 }
 
-/// Returns the parameters of the board that the observations of `problem` can determine. Circle centres do not determine the
-/// radius, nor do events without estimated offsets, which the radius cannot be distinguished from.
+/// Returns the parameters of the board that the observations of `problem` can determine. Circle centres do not
+/// determine the radius. Events determine it only if their offsets are estimated, because an error of a fixed offset
+/// looks like an error of the radius.
 pub fn testable(problem: &Problem) -> [bool; PARAMETERS] {
     let offsets = problem.free.biases.iter().any(|biases| biases[Bias::Offset]);
     let points = problem.segments.iter().any(|segment| !segment.points.is_empty());
@@ -65,7 +67,7 @@ pub fn with_board(problem: &Problem) -> FreeParameters {
     FreeParameters { board: std::array::from_fn(|index| problem.free.board[index] || testable[index]), ..problem.free }
 }
 
-/// Returns a `contribution` after the `step` of the global parameters; all of `free` may change.
+/// Returns a `contribution` as it is after the `step` of the global parameters; `free` marks those that change.
 pub fn after(step: &[f64], contribution: Contribution, free: &[bool]) -> Contribution {
     let moved = nalgebra::DVector::from_iterator(
         free.iter().filter(|&&free| free).count(),
@@ -122,7 +124,7 @@ impl BoardEvidence {
         Self { values, sigma }
     }
 
-    /// Returns the parameters that differ significantly from the `stated` shape of `board`.
+    /// Returns the parameters that differ significantly from the `stated` shape of `board`, its nominal one.
     pub fn asks_for(&self, stated: &BoardShape, board: &Board) -> [bool; PARAMETERS] {
         let stated = stated.parameters();
         let bend = SMALLEST_BEND * board.longer_side();

@@ -52,7 +52,7 @@ pub struct Coverage {
     pub distance: Spread,
     /// Angle between the line of sight and the board's normal in degrees.
     pub tilt: Spread,
-    /// Larger side of the board's circles in the image over the shorter side of the sensor.
+    /// Larger side of the area that the board's circles cover in the image, divided by the shorter side of the sensor.
     pub fill: Spread,
     /// Length of all trajectory segments together in seconds; `None` for views of a camera at rest.
     pub duration: Option<f64>,
@@ -96,8 +96,8 @@ pub fn coverage(problem: &Problem, state: &State, board: &Board) -> Coverage {
     coverage_of(&state.camera, problem.sensor, board, pixels, poses, Some(duration))
 }
 
-/// Computes the coverage of observations at these `pixels`, made from these `poses` (`T_world_camera`) in `duration` seconds, of
-/// `board`.
+/// Computes the coverage of observations of `board` at these `pixels`, made from these `poses` (`T_world_camera`) in
+/// `duration` seconds.
 pub fn coverage_of(
     camera: &Camera<f64>,
     sensor: Sensor,

@@ -96,7 +96,7 @@ pub struct Comparison {
     pub spread: f64,
     /// Variance of the camera's parameters over the variance with independent residuals.
     pub inflation: f64,
-    /// Counts of the pictures that were used, and of those that were not, by reason.
+    /// Number of pictures that were used, and of the rejected ones by reason.
     pub report: PictureReport,
 }
 
@@ -105,7 +105,7 @@ pub struct Comparison {
 pub enum CrossCheckOutcome {
     /// They were calibrated and compared.
     Compared(Box<PictureCrossCheck>),
-    /// They yielded no camera, or none that can be compared.
+    /// The pictures yielded no camera, or a camera that cannot be compared.
     Failed(FailedCrossCheck),
 }
 
@@ -117,7 +117,7 @@ pub struct FailedCrossCheck {
     pub reason: NoCrossCheck,
     /// Misalignment of frames and events of the same moment, if there is any.
     pub misalignment: Option<Misalignment>,
-    /// Counts of the pictures that were used, and of those that were not, by reason.
+    /// Number of pictures that were used, and of the rejected ones by reason.
     pub report: Box<PictureReport>,
 }
 
@@ -144,7 +144,7 @@ impl CrossCheckOutcome {
         }
     }
 
-    /// Adds that the events show a larger board than stated.
+    /// Adds to the reason of a failure that the events show a larger board than the nominal one.
     pub fn with_larger_board(self) -> Self {
         match self {
             Self::Failed(FailedCrossCheck { reason: NoCrossCheck::NoCalibration(reason), misalignment, report }) => {
@@ -155,7 +155,7 @@ impl CrossCheckOutcome {
         }
     }
 
-    /// Returns the finding for the verdict: that pictures and events disagree.
+    /// Returns the finding for the verdict if pictures and events disagree or are misaligned.
     pub fn finding(&self) -> Option<Finding> {
         let misalignment = match self {
             Self::Compared(cross_check) => cross_check.comparison.misalignment,
@@ -187,8 +187,8 @@ impl CrossCheckOutcome {
     }
 }
 
-/// Compares the calibration from pictures with the `camera` from events, whose parameters have `covariance`. They disagree,
-/// however similar they are, if frames and events of the same moment do not show the same.
+/// Compares the calibration from pictures with the `camera` from events, whose parameters have `covariance`. If frames
+/// and events are misaligned, the result is [`Agreement::Disagrees`], however similar the cameras are.
 ///
 /// # Errors
 /// [`NoCrossCheck`] if both have no part of the sensor in common.

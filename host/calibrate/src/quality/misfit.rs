@@ -30,14 +30,15 @@ const CANDIDATES: [ModelKind; 6] = [
 /// Approximate number of events with which a model is tried.
 const EVENTS: usize = 80_000;
 
-/// Most iterations for each model.
+/// Largest number of iterations for each model.
 const ITERATIONS: usize = 6;
 
-/// Most iterations when the board's shape changes, which takes longer than a change of the model.
+/// Largest number of iterations if the board's shape is estimated, which converges more slowly than a change of the
+/// model.
 const SHAPE_ITERATIONS: usize = 10;
 
-/// Decrease of the cost, relative to the decrease by chance, from which a model explains the events better; in units of the
-/// variance of the estimate over the variance with independent events.
+/// A model explains the events better if it decreases the cost by more than this number times the inflation (the
+/// variance of the estimate divided by the variance with independent events), because chance decreases the cost too.
 const CERTAIN: f64 = 8.0;
 
 /// A lens model that follows the lens better.
@@ -49,12 +50,13 @@ pub struct BetterModel {
     pub difference: ProjectionDifference,
 }
 
-/// Difference of two models (px) that is so large that the wrong model must have had no events in that part of the image, and only
-/// extrapolates there.
+/// If two models differ by more than this at a position (px), the wrong model had no events in that part of the image
+/// and only extrapolates there.
 const LOST: f64 = 1.0;
 
-/// Weight of such parts, as a multiple of the largest difference elsewhere: the other model had no events there either. Chosen on
-/// seed 11 of wrong models, some of which are tens of pixels off there.
+/// Size of the difference at such positions, as a multiple of the largest difference. It is more than 1, because the
+/// other model had no events there either. Chosen on seed 11 of wrong models, some of which are tens of pixels off
+/// there.
 const GUESS: f64 = 2.0;
 
 /// Difference between a lens model and the lens.
@@ -74,8 +76,8 @@ pub fn misfit(problem: &Problem, state: &State, pattern: &ResidualPattern, infla
     Misfit { rms, better }
 }
 
-/// Returns the root mean square of a difference over the sensor. Positions with more than [`LOST`] count as [`GUESS`] times the
-/// worst of the others.
+/// Returns the root mean square of a difference over the sensor. Positions with more than [`LOST`] count as [`GUESS`]
+/// times the largest difference.
 fn cautious_rms(difference: &ProjectionDifference) -> f64 {
     let squares = difference.grid.iter().filter_map(|place| {
         let [x, y] = place.difference?;
@@ -86,8 +88,8 @@ fn cautious_rms(difference: &ProjectionDifference) -> f64 {
     (sum / count.max(1) as f64).sqrt()
 }
 
-/// Returns `true` if another lens model, with the present board, explains more than a board of another `shape` with the `asked`
-/// parameters estimated.
+/// Returns `true` if another lens model with the present board explains the events better than this lens model with a
+/// board of another `shape`, whose `asked` parameters are estimated.
 pub fn lens_explains_more(
     problem: &Problem,
     state: &State,

@@ -25,12 +25,12 @@ const COLUMNS: usize = 16;
 const BLOCK: f64 = 0.05;
 /// Fewest blocks with observations in a cell from which a displacement is estimated.
 const FEWEST_BLOCKS: usize = 12;
-/// Displacements that stay in the same parts of the image, beyond what noise explains, from which other lens models are tried:
-/// size (px, rms), and ratio to the size that noise causes. The ratio was 0.98 to 1.21 for right models in 70 simulated
+/// Systematic displacements above which other lens models are tried: size without the part that noise explains (px,
+/// rms), and ratio to the size that noise causes. The ratio was 0.98 to 1.21 for right models in 70 simulated
 /// recordings, and 1.38 to 1.48 for `radtan4` on lenses of `radtan8` (seeds 11 to 14).
 const SUSPICIOUS: [f64; 2] = [0.002, 1.2];
-/// Displacements above which the calibration is doubtful although no other model is better: size (px, rms), and ratio to the size
-/// that noise causes.
+/// Displacements above which the calibration is doubtful although no other model is better: size without the part that
+/// noise explains (px, rms), and ratio to the size that noise causes.
 const CONDEMNING: [f64; 2] = [0.008, 1.5];
 
 /// One scalar residual: r = row · (d, m).
@@ -176,8 +176,9 @@ struct CellSums {
     estimate: Option<(Matrix3<f64>, Vector3<f64>)>,
     block: Option<i64>,
     blocks: usize,
-    /// Score of the current block, and the sum of the outer products of the scores before.
+    /// Score of the current block.
     score: Vector3<f64>,
+    /// Sum of the outer products of the scores of the blocks before.
     scatter: Matrix3<f64>,
 }
 

@@ -1,14 +1,15 @@
 //! Uncertainty of the intrinsics.
 //!
-//! The inverse of the normal equations would be their covariance if all events were independent. They are not: events of one
-//! passage of an edge share the errors of the pixel, the spline and the bias terms, so that the formal σ is several times too
-//! small. The factor is estimated from the recording itself. The observations are cut into blocks of time, each so long that its
-//! errors hardly reach into the next. The scatter of the estimate when each block in turn is left out (the jackknife, to first
-//! order, with the trajectories adapting) yields another covariance. The necessary length is not known, so several lengths are
-//! tried: the one with the largest scatter determines the size of the covariance, the mean of all its shape. With a few to some
-//! tens of blocks that shape is noisy. The formal covariance is not noisy, but contains no correlated errors. The reported
-//! covariance is three parts of the former and one of the latter, scaled to the same size by one number,
-//! [`Uncertainty::inflation`].
+//! The inverse of the normal equations would be their covariance if all events were independent. They are not: events
+//! of one passage of an edge share the errors of the pixel, the spline and the bias terms, so that the formal σ is
+//! several times too small. The factor is estimated from the recording itself. The observations are cut into blocks of
+//! time, each so long that its errors hardly reach into the next. The scatter of the estimate when each block in turn
+//! is left out (the jackknife, to first order, with the trajectories adapting) yields another covariance. The necessary
+//! length is not known, so several lengths are tried. The length with the largest scatter determines the size of the
+//! covariance, and the mean over all lengths determines its shape. That shape is noisy, because there are only a few to
+//! some tens of blocks. The formal covariance is not noisy, but contains no correlated errors. The shape of the
+//! reported covariance is therefore a mean of both, with weights of 75 % (scatter) and 25 % (formal). Its size relative
+//! to the formal covariance is one number, [`Uncertainty::inflation`].
 //!
 //! Drifts over the whole recording (focus, temperature, the board's position) show only between long parts, up to its halves.
 //! There are few of these, so their scatter is partly chance: it is reduced by one standard deviation before it counts.
@@ -49,8 +50,9 @@ const SYSTEMATIC_SCALE: f64 = 5e-5;
 /// The same for boards of squares: root mean square error of 36 simulated recordings of 2.5 to 4 s, of five boards and two simulators
 /// (seeds 1, 11, 21 to 23). Its cause is unknown.
 const SYSTEMATIC_SCALE_OF_SQUARES: f64 = 2e-4;
-/// The same limit if the latencies displace the events by half the sensor's diagonal (root mean square); for smaller displacements
-/// it is smaller in proportion. Chosen on 70 simulated recordings (seeds 9101 to 9196), like [`MODEL_ERROR`] and [`POSE_MODEL_ERROR`].
+/// Lower limit of the σ of the focal lengths, as a share of them, if the latencies displace the events by half the
+/// sensor's diagonal (root mean square). The limit is proportional to the displacement. Chosen on 70 simulated
+/// recordings (seeds 9101 to 9196), like [`MODEL_ERROR`] and [`POSE_MODEL_ERROR`].
 const LATENCY_SCALE: f64 = 0.108;
 /// Error of the projection from imperfections of the event model (σ, rms over the sensor), as a share of the displacement of the
 /// events by their latencies (root mean square), for each unit of leverage. Leverage is the variance of the projection from a single
@@ -143,8 +145,8 @@ const SCATTER_PART: f64 = 0.75;
 /// Lengths of the parts of the recordings that are compared to detect drifts, as shares of the whole.
 const LONG_PARTS: [f64; 3] = [0.125, 0.25, 0.5];
 
-/// Returns the lower end of the inflation's uncertainty when it was estimated from few blocks: their scatter in each of
-/// `directions` is χ² distributed.
+/// Returns the inflation from few blocks, reduced by one standard deviation of its estimate: the scatter of the blocks
+/// in each of `directions` is χ² distributed.
 fn lower_end(scatter: &Scatter, directions: usize) -> f64 {
     let freedom = (scatter.blocks.max(2) - 1) * directions.max(1);
     scatter.inflation / (1.0 + (2.0 / freedom as f64).sqrt())
@@ -175,8 +177,9 @@ pub fn uncertainty(problem: &Problem, state: &State) -> Result<SolveUncertainty,
     let ranges = observation_ranges(&problem.segments);
     let free = problem.free.mask();
     let singular = |_| SolveError::Singular;
-    // The solve does not evaluate its last step. Its last equations would not do: if coefficients are strongly correlated, that step
-    // turns the poorly determined direction, in which the contributions of the blocks would then appear far too large.
+    // The solve does not evaluate the equations after its last step, so this is done here. The equations before that
+    // step cannot be used: if coefficients are strongly correlated, the step rotates the poorly determined direction,
+    // and along it the contributions of the blocks would appear far too large.
     let system = assemble(problem, state, &ranges);
     let observations = system.loss.count;
     // The derivative of an event's distance by the offset of its class is 1, by the latency the edge's speed.
@@ -184,7 +187,8 @@ pub fn uncertainty(problem: &Problem, state: &State) -> Result<SolveUncertainty,
         let sums = [Bias::Offset, Bias::Latency].map(|bias| system.information_of(bias_index(class, bias)));
         (bias.biases[Bias::Latency], sums)
     }));
-    // Long trajectories have large systems, so only one of each kind is in memory at a time.
+    // Long trajectories have large systems. Each form of the system replaces the one before, so that only one is in
+    // memory.
     let reduced = system.into_reduced(0.0, &with_board(problem).mask()).map_err(singular)?;
     let places = reduced.places(&free);
     let formal = reduced.covariance(&places).map_err(singular)?;
@@ -294,7 +298,7 @@ pub fn stated(
     let formal_first = formal.view((0, 0), (first, first)).into_owned();
     let lengths = BLOCK_LENGTHS.map(|factor| (factor * BLOCK).min(longest));
     let of_length = |length: f64| {
-        // One at a time, because all of them together would be as large as the contributions.
+        // The blocks are summed one at a time, because all sums together would be as large as the contributions.
         scatter(formal, sum_by_block(time.starts, contributions, length).map(part), first)
     };
     let (stated, inflation, blocks) = combined(&formal_first, lengths.into_iter().filter_map(of_length));
@@ -303,8 +307,8 @@ pub fn stated(
     (stated * (drift / inflation), drift, blocks)
 }
 
-/// Computes the evidence about the board from the `formal` covariance and the step of all parameters when the board may change
-/// too.
+/// Computes the evidence about the board from the `formal` covariance and the step of all parameters, both with the
+/// parameters of the board estimated too.
 fn board_evidence(
     problem: &Problem,
     state: &State,

@@ -76,9 +76,9 @@ pub enum Cause {
     HeadOn,
     /// Parts of the sensor never saw the board.
     Uncovered,
-    /// The circles are larger or smaller than stated, relative to the spacing.
+    /// The circles are larger or smaller than nominal, relative to the spacing.
     RadiusDisagrees,
-    /// The board is bent, or its print differs from the stated one; both were estimated.
+    /// The board is bent, or its print differs from the nominal one; both were estimated.
     BoardNotAsStated,
     /// fx and fy differ.
     PixelsNotSquare,
@@ -100,7 +100,7 @@ pub enum Cause {
     HotPixels,
     /// Columns of the sensor send nothing.
     DeadColumns,
-    /// Events repeat others.
+    /// The recording contains events more than once.
     RepeatedEvents,
     /// The lens is out of focus, or dirty.
     Defocused,
@@ -116,7 +116,7 @@ pub enum Cause {
     Undistorted,
     /// Rows or columns of the board were never found.
     PartOfBoard,
-    /// The board has more rows or columns than stated.
+    /// The board has more rows or columns than described.
     LargerBoard,
     /// A recording, or a part of one, is of another camera than the rest.
     OtherCamera,
@@ -200,8 +200,8 @@ pub fn verdict(
     Verdict { grade, sentence: sentence(grade, camera, quality, &findings), findings }
 }
 
-/// Sorts findings by severity. Causes of an uncertain projection come before the uncertainty itself, because removing them
-/// removes it.
+/// Sorts findings by severity. Causes of an uncertain projection come before the uncertainty itself, because without
+/// the causes the projection would be less uncertain.
 fn sort(findings: &mut [Finding]) {
     findings.sort_by_key(|finding| (std::cmp::Reverse(finding.severity), finding.cause == Cause::Uncertain));
 }

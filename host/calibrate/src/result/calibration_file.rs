@@ -137,7 +137,7 @@ pub struct InputFile {
 pub enum FramesResult {
     /// They were calibrated and compared with the events.
     CrossCheck(Box<Comparison>),
-    /// They yielded no camera, or none that can be compared.
+    /// The pictures yielded no camera, or a camera that cannot be compared.
     #[serde(alias = "silent")]
     Failed(FailedFrames),
     /// The calibration is from pictures alone.
@@ -149,12 +149,12 @@ pub enum FramesResult {
 pub struct FailedFrames {
     /// The reason, with a remedy.
     pub reason: String,
-    /// Counts of the pictures that were used, and of those that were not, by reason.
+    /// Number of pictures that were used, and of the rejected ones by reason.
     pub report: Box<PictureReport>,
 }
 
-/// Reports of all stages: what they got, kept and dropped. Stages that a calibration from pictures alone does not have are
-/// absent.
+/// Reports of all stages, with the numbers of inputs that they got, kept and dropped. Stages that a calibration from
+/// pictures alone does not have are absent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StageReports {
     /// Contents of each recording.

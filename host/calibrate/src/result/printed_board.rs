@@ -8,7 +8,7 @@ use evcal_geometry::lens::camera_file::CameraDescription;
 /// The printed board: differences from its nominal shape, and evidence for them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PrintedBoard {
-    /// Scale of the print along x over that along y.
+    /// Scale of the print along x divided by the scale along y.
     pub print_ratio: BoardParameter,
     /// Distance of the middle from the plane through the edges, away from the camera, along x (m).
     pub bend_x: BoardParameter,

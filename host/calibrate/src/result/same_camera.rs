@@ -84,16 +84,17 @@ pub enum CompareError {
 /// Compares the calibrations at two paths, files or folders.
 ///
 /// # Errors
-/// [`CompareError`] if one cannot be read, or they are for sensors of different size.
+/// [`CompareError`] if one cannot be read, if they are for sensors of different size, or if they have no common field
+/// of view.
 pub fn compare_calibrations(first: &Path, second: &Path) -> Result<ComparedCalibrations, CompareError> {
     let files = [first.to_owned(), second.to_owned()];
     compare_cameras(files, [&CalibratedCamera::read(first)?, &CalibratedCamera::read(second)?])
 }
 
-/// The same for two that are at hand, which `files` are the names of.
+/// Compares two calibrations that were read already. `files` are their names for the result.
 ///
 /// # Errors
-/// As there.
+/// [`CompareError`] if they are for sensors of different size, or have no common field of view.
 pub fn compare_cameras(
     files: [PathBuf; 2],
     [first, second]: [&CalibratedCamera; 2],
@@ -216,7 +217,8 @@ mod tests {
         let compare = |second: &Path| compare_calibrations(&sure, second).unwrap();
         let same = compare(&write(folder, "same", 170.0, -0.351, Some(0.001)));
         assert_eq!(same.sameness, Sameness::Same);
-        // One parameter alone: the difference in its standard deviations.
+        // Only k1 differs and has a standard deviation, so the ratio is the difference of k1 in its standard
+        // deviations.
         let near = compare(&write(folder, "near", 170.0, -0.358, Some(0.001)));
         let expected = near.expected_rms.unwrap();
         assert!((near.difference_rms / expected - 8.0 / 2f64.sqrt()).abs() < 0.1, "{near:?}");

@@ -95,7 +95,8 @@ pub struct SecondCameraResult {
     /// Corners (px) of the convex region of its sensor in which the board was seen.
     pub covered_region: Vec<[f64; 2]>,
     /// Grade of the separate calibration of its lens. `None` if it does not matter: for the first camera's own frames, with fixed
-    /// intrinsics, and with a rolling shutter, whose frames no lens explains before the shutter is known.
+    /// intrinsics, and with a rolling shutter, because no lens model explains its frames before the delay of the rows
+    /// is known.
     #[serde(default)]
     pub lens_grade: Option<Grade>,
     /// The verdict on the lens in words.

@@ -46,7 +46,7 @@ impl StageLine {
         Self { stage: stage.into(), taken, given, dropped: Vec::new(), notes: Vec::new() }
     }
 
-    /// Adds what was dropped, without zero counts.
+    /// Adds the dropped amounts, without zero counts.
     fn dropping(mut self, dropped: impl IntoIterator<Item = (u64, String)>) -> Self {
         let some = dropped.into_iter().filter(|(count, _)| *count > 0);
         self.dropped.extend(some.map(|(count, what)| Amount { count, what }));
@@ -171,7 +171,7 @@ fn solve_line(round: usize, report: &RoundReport) -> StageLine {
     StageLine::new(
         format!("Joint solve, round {round}"),
         Amount::new(solve.observations as u64, "observations"),
-        Amount::new(solve.iterations as u64, "iterations"),
+        Amount::new(solve.iterations as u64, if solve.iterations == 1 { "iteration" } else { "iterations" }),
     )
     .noting([format!("cost {:.1} to {:.1}", solve.initial_cost, solve.final_cost)])
     .noting(report.change.map(|change| format!("projection changed by {change:.4} px")))

@@ -4,12 +4,15 @@ use super::calibration::SecondCalibration;
 use super::finding::Finding;
 use super::mount::{LINE_DELAY, OFFSET, RATE, ROTATION, TRANSLATION};
 
-/// σ from which a quantity counts as not measured: position (m), rotation (rad), offset (s).
+/// σ from which a position counts as not measured (m).
 const PLACE_LIMIT: f64 = 5e-3;
+/// σ from which a rotation counts as not measured (rad).
 const ROTATION_LIMIT: f64 = 0.5 * std::f64::consts::PI / 180.0;
+/// σ from which an offset counts as not measured (s).
 const OFFSET_LIMIT: f64 = 1e-3;
-/// Difference of the clocks' rates that is reported, and its smallest value in σ.
+/// Smallest difference of the clocks' rates that is reported.
 const DRIFT: f64 = 50e-6;
+/// Smallest difference of the clocks' rates that is reported, in σ.
 const CERTAIN: f64 = 5.0;
 /// Ratio of the residuals on the other camera's trajectory to those on its own from which the mount seems loose.
 const LOOSE: f64 = 1.3;

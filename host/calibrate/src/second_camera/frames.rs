@@ -37,13 +37,14 @@ const SAME_SPREAD: f64 = 1.2;
 const LOOSE: [f64; 2] = [3.0 * start::LOOSE[0], 3.0 * start::LOOSE[1]];
 /// Spread of centres about the first camera's trajectory, with the times of their rows, above which the mount is loose (rad).
 const LOOSE_CENTRES: f64 = 4e-3;
-/// Most solves for the spread of centres.
+/// Largest number of solves for the spread of centres.
 const MOST_SOLVES: usize = 4;
 
 /// A frame with the board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SeenFrame {
-    /// Middle of its exposure, or the meaning of its timestamp, since the first frame of the recording (s).
+    /// Middle of its exposure; without exposure times, the moment at which it was stamped. Since the first frame of the
+    /// recording (s).
     pub t: f64,
     /// `T_world_camera`.
     pub pose: Isometry3<f64>,

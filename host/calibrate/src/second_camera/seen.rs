@@ -6,8 +6,9 @@ use crate::trajectory::alignment::Rates;
 use crate::trajectory::{PoseSample, Trajectory};
 use evcal_geometry::numerics::statistics::median;
 
-/// Step of the grid on which rotation rates are compared (s), and number of steps between poses of a trajectory.
+/// Step of the grid on which rotation rates are compared (s).
 const STEP: f64 = 0.005;
+/// Number of these steps between poses of a trajectory.
 const POSE_STEPS: usize = 4;
 /// Time at the ends of a trajectory that is excluded (s).
 const MARGIN: f64 = 0.03;
@@ -80,7 +81,7 @@ pub fn sample_at(trajectories: &[Trajectory], t: f64) -> Option<(usize, PoseSamp
     trajectories.iter().enumerate().find_map(|(index, one)| Some((index, one.sample(t)?)))
 }
 
-/// Does the same without the ends of trajectories.
+/// Returns the same as [`sample_at`], but `None` at the ends of trajectories.
 pub fn inner_sample(trajectories: &[Trajectory], t: f64) -> Option<(usize, PoseSample)> {
     sample_at(trajectories, t).filter(|(index, _)| {
         trajectories.get(*index).is_some_and(|one| t > one.start() + MARGIN && t < one.end() - MARGIN)

@@ -25,9 +25,9 @@ use evcal_geometry::timed_pose::TimedPose;
 pub const FEWEST_SECONDS: f64 = 2.0;
 /// Smallest overlap: as a share of the shorter recording, and in seconds.
 const OVERLAP: Overlap = Overlap { share: 0.25, seconds: FEWEST_SECONDS };
-/// Most offsets of the clocks that are tried.
+/// Largest number of offsets of the clocks that are tried.
 const MOST_OFFSETS: usize = 8;
-/// Smallest ratio of the scatter with another orientation, or another offset, to that with the best.
+/// Smallest ratio of the scatter with another orientation, or another offset, to the scatter with the best one.
 const CLEARLY: f64 = 3.0;
 /// Length (m) that has the same weight as one radian.
 const LENGTH: f64 = 0.7;
@@ -82,7 +82,8 @@ pub fn start(
     of_first.check()?;
     let offsets = offsets(&of_first, &second.rates, OVERLAP, MOST_OFFSETS)?;
     let step = of_first.step;
-    // If the rotation rates agree at several offsets, the right one is that with a constant transform between the cameras.
+    // If the rotation rates agree at several offsets, the transform between the cameras is constant only at the right
+    // one.
     let at = |offset: &Offset| start_at(first, second, *offset, symmetries, loose).map(|found| (*offset, found));
     let mut found: Vec<(Offset, Found)> = offsets.iter().filter_map(|offset| at(offset).ok()).collect();
     found.sort_by(|a, b| a.1.scatter.total_cmp(&b.1.scatter));

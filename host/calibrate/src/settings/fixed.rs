@@ -8,7 +8,7 @@ use toml::{Table, Value};
 /// Their names and built-in values.
 const FIXED: &str = include_str!("fixed.toml");
 
-/// Replacements of some of them: beginnings of names, and what to do instead.
+/// Replacements of some of them: the beginning of a name, and a sentence about the replacement.
 const INSTEAD: [(&str, &str); 6] = [
     ("association.", "association.band is the largest distance of events from an edge"),
     ("board.", "board.estimate = false uses the nominal board"),
@@ -35,7 +35,7 @@ pub struct FixedSetting {
 /// Removes settings with their built-in values from `settings`. Returns `true` if there were any.
 ///
 /// # Errors
-/// [`FixedSetting`] for another value.
+/// [`FixedSetting`] if such a setting has another value.
 pub fn take_fixed(settings: &mut Table) -> Result<bool, FixedSetting> {
     take_below("", &FIXED.parse().unwrap_or_default(), settings)
 }

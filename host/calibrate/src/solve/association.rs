@@ -60,7 +60,7 @@ const OBLIQUE_STEP: u64 = 8;
 /// Length of a time bin whose events share their basis weights (s).
 pub const BIN: f64 = 0.5e-3;
 
-/// Counts of the events that were kept, and of those that were not, by reason.
+/// Counts of the events: the kept ones, and the dropped ones by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AssociationReport {
     /// Number of input events.

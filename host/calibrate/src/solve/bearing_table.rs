@@ -20,8 +20,8 @@ struct Cell {
     slopes: BearingSlopes,
 }
 
-/// Derivative of the pixel of a fixed bearing by each coefficient of the camera model, to second order about the centre of a large cell:
-/// the derivative there, its slopes along pixel x and y, and its second derivatives xx, xy and yy.
+/// Derivative of the pixel of a fixed bearing by each coefficient of the camera model, to second order about the centre
+/// of a large cell: the derivative there, its slopes along pixel x and y, and its second derivatives xx, xy and yy.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C, align(64))]
 pub struct CoefficientCell([ByCoefficient; 6]);
@@ -321,7 +321,7 @@ impl Cell {
                 ((after.by_pixel[column][axis] - before.by_pixel[column][axis]) / (2.0 * distance)) as f32
             })
         };
-        // The slope that approximates the bearing best all over the cell, including what is beyond second order.
+        // The slope that approximates the bearing best all over the cell, including the terms beyond second order.
         let slope = |column: usize, along: [&Slopes; 2], across: [&Slopes; 2]| -> [f32; 3] {
             std::array::from_fn(|axis| {
                 let at = |slopes: &Slopes| slopes.by_pixel[column][axis];
@@ -446,7 +446,7 @@ mod tests {
                     let found = linear.chain(coefficients.map(f64::from)).enumerate().take(parameters.len());
                     for (parameter, value) in found {
                         let exact = projected.by_parameters[(row, parameter)];
-                        // Second order in the distance from the cell's centre: f (2 px / f)².
+                        // The remainder of the expansion about the centre of the large cell.
                         assert!(
                             (value - exact).abs() < 0.06 + 1e-2 * exact.abs(),
                             "{kind} {parameter}: {value} {exact}"

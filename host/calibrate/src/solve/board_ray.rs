@@ -88,8 +88,8 @@ impl<S: BoardSurface> BoardRay<S> {
         self.depth
     }
 
-    /// Returns the length in metres on the board that a pixel covers along its longer side, where the bearing has the derivative
-    /// `by_pixel`. It grows with the tilt of the board.
+    /// Returns the length in metres on the board that a pixel covers along its longer side. It grows with the tilt of
+    /// the board. `by_pixel` is the derivative of the bearing by pixel x and y.
     #[inline(always)]
     pub fn widest_pixel(&self, by_pixel: &[[f64; 3]; 2]) -> f64 {
         let square = dot(&by_pixel[0], &by_pixel[0]).max(dot(&by_pixel[1], &by_pixel[1]));

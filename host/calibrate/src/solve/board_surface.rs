@@ -18,16 +18,16 @@ pub trait BoardSurface: Copy + Send + Sync {
     /// Returns the component of `vector` along (−slope, 1), which is normal to the surface.
     fn across(slope: Self::Slope, vector: &[f64; 3]) -> f64;
 
-    /// Returns the derivative by the camera centre of a function of the print. `gradient` is its derivative by the point, and
-    /// `along` its change per metre of depth, in units of [`RayMeeting::inverse`].
+    /// Returns the derivative by the camera centre of a function of the print. `gradient` is its derivative by the
+    /// point, and `along` its change along the ray per metre across the surface.
     fn by_camera(slope: Self::Slope, gradient: [f64; 2], along: f64) -> [f64; 3];
 
     /// Converts a derivative by a position on the print to one by a point on the board, and a velocity on the board to one on the
     /// print.
     fn scaled(&self, vector: [f64; 2]) -> [f64; 2];
 
-    /// Returns the derivatives by print ratio and bends of the distance from a circle, at `point` of the print. `normal` is the
-    /// gradient of the distance on the print, `by_height` its derivative by the height of the camera.
+    /// Returns the derivatives by print ratio and bends of the distance from an edge, at `point` of the print. `normal`
+    /// is the gradient of the distance on the print, `by_height` its derivative by the height of the camera.
     fn by_shape(&self, point: [f64; 2], normal: [f64; 2], by_height: f64) -> [f64; BOARD_PARAMETERS - 1];
 }
 

@@ -25,7 +25,7 @@ use crate::trajectory::jerk::jerks;
 
 /// Number of parameters of a control point.
 const POINT: usize = 6;
-/// Most iterations.
+/// Largest number of iterations.
 const ITERATIONS: usize = 15;
 /// Iterations end when the cost falls by less than this.
 const SETTLED: f64 = 0.02;
@@ -390,8 +390,8 @@ impl System {
         scaled_inverse(&self.normal()?)
     }
 
-    /// Computes the contribution of each block of `length` seconds to the equations of the border parameters, after elimination
-    /// of the control points, and the start of each block.
+    /// Computes the contribution of each block of `length` seconds to the equations of the border parameters, after
+    /// elimination of the control points, and the middle of each block.
     ///
     /// # Errors
     /// [`NotPositiveDefinite`] if the observations do not determine the control points.

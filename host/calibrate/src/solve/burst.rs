@@ -5,10 +5,10 @@
 //! the geometric edge is nearly the same for all pixels, while it differs by up to two pixels between ranks. An event with a
 //! known rank is therefore several times as precise.
 //!
-//! A pixel compares the light with its level at its last event, so the position on the edge at which a burst begins depends on
-//! where the previous burst ended. The number of events of the whole burst explains most of this: a burst that begins late on the
-//! edge has room for fewer events. How many bursts are short depends on speed, distance and position on the sensor, so that
-//! without the lengths the mean of a rank would change with these.
+//! A pixel compares the light with its level at its last event, so the position on the edge at which a burst begins
+//! depends on where the previous burst ended. The number of events of the whole burst explains most of this: a burst
+//! that begins late on the edge has room for fewer events. The share of short bursts depends on speed, distance and
+//! position on the sensor, so that without the lengths the mean of a rank would change with these.
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
@@ -162,8 +162,9 @@ impl BurstTracker {
         self.pixel(x, y).and_then(|pixel| self.pixels.get(pixel)).map_or(0, |state| state.length)
     }
 
-    /// Returns rank and burst length of an earlier event of pixel (`x`, `y`), once its burst has continued or ended. A burst with
-    /// more than 16 later bursts is no longer stored and counts as long.
+    /// Returns rank and burst length of an earlier event of pixel (`x`, `y`). Call it after the burst is over; before,
+    /// the length is the number of events so far. A burst with more than 16 later bursts is no longer stored and counts
+    /// as long.
     pub fn place(&self, x: u16, y: u16, beginning: BurstBeginning) -> BurstPosition {
         let BurstBeginning { rank, burst } = beginning;
         let state = self.pixel(x, y).and_then(|pixel| self.pixels.get(pixel));

@@ -49,8 +49,8 @@ pub fn banded_times(blocks: &[Block], order: usize, columns: &DMatrix<f64>) -> D
     product
 }
 
-/// Factors the same matrix. Its diagonal is enlarged by the share `damping` and by a floor in proportion to `scale`, the mean
-/// diagonal entry from the observations.
+/// Factors the matrix of control points that is given by `blocks` as in [`banded_times`]. Its diagonal is enlarged by
+/// the share `damping` and by a floor in proportion to `scale`, the mean diagonal entry from the observations.
 ///
 /// # Errors
 /// [`NotPositiveDefinite`] if the matrix is not positive definite.

@@ -16,7 +16,7 @@ use super::{BOARD_PARAMETERS, Problem};
 use crate::solve::event_bias::EdgePassage;
 use evcal_geometry::board::shape::BoardShape;
 
-/// Most events in a batch: with all intermediate values they fit into the first-level cache.
+/// Largest number of events in a batch: with all intermediate values they fit into the first-level cache.
 pub const LANES: usize = 32;
 /// Lanes are processed in groups of this size, so that vectors are full.
 pub const GROUP: usize = 8;
@@ -128,7 +128,7 @@ impl Edges {
         sliding: NOTHING,
     };
 
-    /// Returns how the edge of an event passes its pixel.
+    /// Returns the motion of the edge of an event as it passes the event's pixel.
     #[inline(always)]
     pub fn passage(&self, lane: usize) -> EdgePassage {
         EdgePassage {
@@ -202,7 +202,8 @@ impl<'a> EdgeBatch<'a> {
         self.find_in::<true>(&scene, bearings, pose, events);
     }
 
-    /// Does the same in a `scene`. Derivatives by the coefficients of the camera model are fetched only with `COEFFICIENTS`.
+    /// Finds the edges as [`EdgeBatch::find`] does, in a `scene`. Derivatives by the coefficients of the camera model
+    /// are fetched only with `COEFFICIENTS`.
     #[inline(always)]
     pub fn find_in<const COEFFICIENTS: bool>(
         &mut self,

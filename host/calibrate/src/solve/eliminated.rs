@@ -86,7 +86,7 @@ impl Eliminated {
         step
     }
 
-    /// Returns how the control points follow the estimated global parameters.
+    /// Returns the dependence of the control points on the estimated global parameters.
     pub fn into_following(mut self) -> Following {
         let factor = &self.factor;
         self.panels.par_iter_mut().for_each(|panel| factor.backward(panel));

@@ -1,17 +1,16 @@
 //! Distances at which events happen relative to the geometric edge of a dot.
 //!
-//! Events do not happen on the edge. Contrast thresholds act on log intensity (the dot looks smaller), each further event of a
-//! burst lies deeper in the blurred edge, and blur shifts a curved edge more than a straight one. The pixel's latency shifts
-//! edges along the motion; at high speed the shift grows less than in proportion, and it grows towards the corners, where lenses
-//! transmit less light. Each event class (polarity × rank in the burst × length of the burst) therefore has its own biases and
-//! spread, estimated together with the camera. An event of class c, on an edge that moves with normal speed v, of a dot whose
-//! radius is ρ pixels, lies
+//! Events do not happen on the edge. Contrast thresholds act on log intensity (the dot looks smaller), each further
+//! event of a burst lies deeper in the blurred edge, and blur shifts a curved edge more than a straight one. The
+//! pixel's latency shifts edges along the motion. The shift grows less than in proportion to the speed, and it is
+//! larger towards the corners of the image, where lenses transmit less light. Each event class (polarity × rank in the
+//! burst × length of the burst) therefore has its own biases and spread, estimated together with the camera. An event
+//! of class c, on an edge that moves with normal speed v, of a dot whose radius is ρ pixels, lies
 //! `offset + curvature / ρ + bend v² + corner_latency v s² + curvature_latency v / ρ + memory a`
-//! from the edge, `latency` after its passage. s is the distance from the middle of the sensor, 1 at its corners, and a the
-//! acceleration of the edge of a round dot that does not pass the pixel centrally. At the straight edge of a square, ρ is the width
-//! of the dark strip and a is zero. The spread
-//! depends on the speed: at slow edges noise has time to shift events; at fast ones the different latencies of
-//! pixels become distances.
+//! from the edge, `latency` after its passage. s is the distance from the middle of the sensor, 1 at its corners. a is
+//! the acceleration of the edge, which is not zero if the middle of a round dot does not pass over the pixel. At the
+//! straight edge of a square, ρ is the width of the dark strip and a is zero. The spread depends on the speed: at slow
+//! edges noise has time to shift events; at fast ones the different latencies of pixels become distances.
 
 pub mod bias;
 pub mod first_events;
@@ -98,7 +97,7 @@ pub fn speed_range(normal_speed: f64) -> usize {
 /// Motion of an edge as it passes a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgePassage {
-    /// Normal speed in px/s, positive where the pixel becomes brighter.
+    /// Normal speed in px/s, positive if the pixel becomes brighter.
     pub normal_speed: f64,
     /// One over the dot's radius in pixels; at a straight edge one over the width of its dark strip.
     pub narrowness: f64,

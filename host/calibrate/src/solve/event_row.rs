@@ -3,13 +3,14 @@
 //! The residual is the distance in pixels from the event's pixel m to the projected edge, minus the distance at which its class
 //! is expected. One Newton step from m leads to a point m' on the edge. The board distance f ([`board_ray`](super::board_ray)),
 //! its gradient and all derivatives are taken there: r = n'·(m − m') + f(m') / s(m') − expected distance, with n' the unit
-//! normal. Derivatives taken at m would omit how the scale itself depends on the parameters; this is of the same order as the
-//! weakest combinations of parameters. For the paper's plane residual, r is f(m) divided by a constant scale.
+//! normal. Derivatives taken at m would omit the dependence of the scale itself on the parameters, which is as large as
+//! the derivatives by the least determined combinations of parameters. For the paper's plane residual, r is f(m)
+//! divided by a constant scale.
 //!
-//! ∂r/∂k = −n' · ∂m'/∂k, ∂r/∂radius = −1/s, ∂r/∂offset = −1, ∂r/∂latency = −v, ∂r/∂bend = −v², ∂r/∂curvature = −1/ρ, ∂r/∂(corner
-//! latency) = −v s², ∂r/∂(curvature latency) = −v/ρ, ∂r/∂memory = −a. v = dr/dt is the normal speed, ρ the radius of the dot or
-//! the width of the strip in pixels, s the distance from the middle of the sensor and a the edge's acceleration (see
-//! [`crate::solve::event_bias`]).
+//! ∂r/∂k = −n' · ∂m'/∂k, ∂r/∂radius = −1/s, ∂r/∂offset = −1, ∂r/∂latency = −v, ∂r/∂bend = −v², ∂r/∂curvature = −1/ρ,
+//! ∂r/∂(corner latency) = −v q², ∂r/∂(curvature latency) = −v/ρ, ∂r/∂memory = −a. v = dr/dt is the normal speed, ρ the
+//! radius of the dot or the width of the strip in pixels, q the distance from the middle of the sensor (1 at its
+//! corners) and a the edge's acceleration (see [`crate::solve::event_bias`]).
 
 use evcal_core::camera::MAX_PARAMETERS;
 
@@ -21,8 +22,8 @@ use super::board_edge::BoardEdge;
 use super::board_ray::EdgeDistance;
 use super::pose_bin::PoseBin;
 
-/// Length of a row: pose (rotation 3, translation 3), residual, intrinsics, board and biases of the class; each part begins at a
-/// multiple of four. Single precision is enough because rows are summed over many events.
+/// Length of a row: pose (rotation 3, translation 3) and residual, intrinsics, board and biases of the class; each of
+/// these four parts begins at a multiple of four. Single precision is enough because rows are summed over many events.
 pub const ROW: usize = 32;
 /// Index of the residual in a row.
 pub const ROW_RESIDUAL: usize = 6;
@@ -50,8 +51,8 @@ impl EdgeDistance {
 }
 
 impl EdgePassage {
-    /// Returns how the `edge` at `distance` passes a pixel whose squared distance from the middle of the sensor is
-    /// `corner_share`.
+    /// Returns the motion of the `edge` at `distance` as it passes a pixel whose squared distance from the middle of
+    /// the sensor is `corner_share`.
     #[inline(always)]
     pub fn new(pose: &PoseBin, distance: &EdgeDistance, corner_share: f64, edge: impl BoardEdge) -> Self {
         Self {
@@ -89,7 +90,7 @@ mod tests {
     use evcal_geometry::board::shape::{BoardShape, CircleArea, Surface};
     use nalgebra::{Rotation3, Vector3};
 
-    /// An event and its ray: the data that a batch computes for many events, for one.
+    /// An event and its ray. A batch computes these data for many events at once.
     pub struct EventRay<S: BoardSurface> {
         /// Column and row.
         pub pixel: [f64; 2],
@@ -264,12 +265,12 @@ mod tests {
             let step = 1e3 * STEP;
             assert_close(row[ROW_INTRINSICS + parameter], (at(step) - at(-step)) / (2.0 * step), "intrinsics");
         }
-        // A later latency means an earlier pose.
+        // A greater latency means an earlier pose.
         let at = |dt: f64| residual(&reference, &bin, dt, pixel, &shape).0;
         assert_close(row[row_bias(Bias::Latency)], difference(at(-STEP), at(STEP)), "latency");
         assert_close(row[row_bias(Bias::Offset)], -1.0, "offset");
         assert_close(row[ROW_RESIDUAL], residual(&reference, &bin, 0.0, pixel, &shape).0, "residual");
-        // The ratio in tenths: where its derivative is small, the remainder of second order is not.
+        // The ratio moves by tenths of the step: if its derivative is small, the remainder of second order is not.
         let units = [0.1, 1.0, 1.0, 1.0];
         let changes: [fn(&mut BoardShape, f64); BOARD_PARAMETERS] = [
             |shape, step| shape.print_ratio += 0.1 * step,

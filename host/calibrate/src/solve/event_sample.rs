@@ -153,7 +153,7 @@ const STAYS: f64 = 0.75;
 /// Number of events in one batch.
 const BATCH: usize = 32_768;
 
-/// Most events of a run.
+/// Largest number of events in a run.
 const RUN: usize = 32_768;
 
 /// Consecutive events, in 13 bytes each.

@@ -23,8 +23,8 @@ pub struct Followed {
     pub association: AssociationReport,
 }
 
-/// Solves the trajectories of `state` from the events of `input` with everything else in `state` fixed. The unit of plane
-/// residuals comes from `solved`, like the camera.
+/// Solves the trajectories of `state` from the events of `input` with everything else in `state` fixed. The unit of
+/// plane residuals comes from `solved`, the problem in which the camera was estimated.
 ///
 /// # Errors
 /// As [`refine`](super::refinement::refine).

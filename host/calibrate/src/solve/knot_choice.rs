@@ -1,13 +1,14 @@
 //! Selection of the knots that the events support.
 //!
-//! The normal equations on the finest knots determine the cost of every coarser curve without processing the events again: a
-//! coarser curve is one on the finest knots whose control points lie in a subspace. With A the matrix of the control points (the
-//! global parameters fixed), c the best control points on the finest knots and d the control points of the best curve on coarser
-//! knots, Q = (d − c)ᵀ A (d − c). Noise alone increases Q by six for each removed control point, times λ, the factor by which
-//! correlated events overstate the information. λ is estimated from the two finest levels, where real motion contributes almost
-//! nothing. Removing a control point halves the variance of the curve there; if the bend that it followed is larger than the
-//! scatter, Q grows by more than twice as much. So the knots minimise Q / λ + 2 · 6 · (number of control points), cell by cell of
-//! a grid of halved cells: Mallows' C_p, or Akaike's criterion with inflated noise.
+//! The normal equations on the finest knots determine the cost of every coarser curve without processing the events
+//! again: a coarser curve is one on the finest knots whose control points lie in a subspace. With A the matrix of the
+//! control points (the global parameters fixed), c the best control points on the finest knots and d the control points
+//! of the best curve on coarser knots, Q = (d − c)ᵀ A (d − c). Noise alone increases Q by six for each removed control
+//! point, times λ, the factor by which correlated events overstate the information. λ is estimated from the two finest
+//! levels, where real motion contributes almost nothing. Removing a control point reduces the scatter of the curve, but
+//! the curve then lacks the bend that the control point followed. The bend is larger than the scatter if Q grows by
+//! more than twice as much as from noise alone. So the knots minimise Q / λ + 2 · 6 · (number of control points), cell
+//! by cell of a grid of halved cells: Mallows' C_p, or Akaike's criterion with inflated noise.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -51,20 +52,20 @@ impl KnotReport {
 
 /// Trajectories on the selected knots.
 pub struct KnotChoice {
-    /// One for each segment.
+    /// One trajectory per segment.
     pub trajectories: Vec<Trajectory>,
-    /// Weights of the jerks of each trajectory; empty where it was not changed.
+    /// Weights of the jerks of each trajectory; empty if it was not changed.
     pub stiffness: Vec<Stiffness>,
     /// Statistics of the selected knots.
     pub report: KnotReport,
 }
 
-/// Number of knot spans over which costs are averaged, in spans of the level whose cost it is.
+/// Number of knot spans over which costs are averaged; a span has the length of the level whose costs are averaged.
 const NEIGHBOURHOOD: usize = 3;
 /// Number of finest spans that form one sample of the scatter.
 const SAMPLE: usize = 6;
-/// Factor by which each additional number of a curve must improve the cost, relative to the improvement by noise alone. At 2, the
-/// errors of a curve that is too stiff and of one that is too loose are equal.
+/// Factor by which each additional parameter of a curve must improve the cost, relative to the improvement by noise
+/// alone. At 2, the errors of a curve that is too stiff and of one that is too loose are equal.
 const GAIN: f64 = 2.0;
 /// Factor by which the information of the events about the trajectory is reduced because their errors are correlated.
 const NOISE: f64 = 5.0;

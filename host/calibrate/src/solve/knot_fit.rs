@@ -105,7 +105,7 @@ impl KnotFit {
         Some((trajectory, cost))
     }
 
-    /// Returns that curve after a `step` of its control points, with this trajectory's kind of rotations.
+    /// Returns the curve `nearest` after a `step` of its control points, with this trajectory's kind of rotations.
     pub fn moved(&self, mut nearest: Trajectory, step: &[f64]) -> Option<Trajectory> {
         nearest.update(step);
         match self.trajectory.rotation {

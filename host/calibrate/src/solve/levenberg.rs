@@ -58,8 +58,8 @@ pub fn solve(problem: &Problem, state: State) -> Result<Solved, SolveError> {
     solve_with_progress(problem, state, limits, &mut |_| ControlFlow::Continue(()))
 }
 
-/// Does the same as [`solve`], with other limits and a progress callback. After each iteration but the last, `on_progress` gets the
-/// progress from 0 to 1 and may end the solve; the result is then what the iterations so far reached.
+/// Does the same as [`solve`], with other limits and a progress callback. After each iteration but the last,
+/// `on_progress` gets the progress from 0 to 1 and may end the solve; the result is then the state reached so far.
 ///
 /// # Errors
 /// As [`solve`].
@@ -173,7 +173,7 @@ pub fn assemble(problem: &Problem, state: &State, ranges: &[ObservationRange]) -
     system
 }
 
-/// Returns the normal equations of each of `ranges` at `state`; `bearings` are those of the state's camera.
+/// Returns the normal equations of each of `ranges` at `state`; `bearings` belong to the state's camera.
 pub fn linearised(
     problem: &Problem,
     state: &State,

@@ -74,7 +74,7 @@ impl RangeEquations {
         self.border.len()
     }
 
-    /// Expands the pose part of `products` to the control points of `pose`, and clears it there.
+    /// Expands the pose part of `products` to the control points of `pose`, and clears that part.
     pub fn add_bin(&mut self, pose: &PoseBin, products: &mut RowProducts) {
         if !products.is_touched {
             return;

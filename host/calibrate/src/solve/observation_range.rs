@@ -198,7 +198,7 @@ pub struct EventResidual {
     pub class: u8,
     /// Range of the edge's normal speed.
     pub speed_range: u8,
-    /// The edge's normal speed (px/s), positive where the pixel leaves the dot.
+    /// The edge's normal speed (px/s), positive if the pixel leaves the dot.
     pub normal_speed: f32,
     /// Distance from the edge (px), positive outside the dot.
     pub distance: f32,

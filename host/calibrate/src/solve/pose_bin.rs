@@ -20,7 +20,7 @@ pub struct PoseBin {
     pub first: usize,
     /// Number of control points that the pose depends on.
     pub order: usize,
-    /// Rotation perturbation (camera frame) by the rotation of each control point.
+    /// Derivative of the rotation (camera frame) by the rotation of each control point.
     pub rotation_jacobians: [Matrix3<f64>; MAX_ORDER],
     /// Weight of each control point's translation.
     pub weights: [f64; MAX_ORDER],

@@ -2,12 +2,12 @@
 //!
 //! Given the global parameters, the control points c of a segment have the covariance A⁻¹. Only the part near the diagonal is
 //! needed, because a pose depends on neighbouring control points. The global parameters g have the covariance C_g, and the
-//! control points follow them by A⁻¹B. So the control points have the covariance C = A⁻¹ + A⁻¹B C_g (A⁻¹B)ᵀ, and a pose whose
-//! derivatives by its control points are J has J C Jᵀ, times the inflation of the intrinsics.
+//! control points follow them by A⁻¹B. So the control points have the covariance C = A⁻¹ + A⁻¹B C_g (A⁻¹B)ᵀ. A pose
+//! whose derivatives by its control points are J has the covariance J C Jᵀ, times the inflation of the intrinsics.
 //!
-//! The events around a moment also share the errors that the event biases do not describe. The error of the pose that results
-//! grows with its variance, not with its σ. The inflation includes what is usual in a recording; the σ of a pose that is several
-//! times less certain than usual is enlarged further ([`PoseCovariance::new`]).
+//! The events around a moment also share the errors that the event biases do not describe. The resulting error of the
+//! pose grows with its variance, not with its σ. The inflation includes the usual size of this error in a recording;
+//! the σ of a pose that is several times less certain than usual is enlarged further ([`PoseCovariance::new`]).
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 

@@ -50,14 +50,14 @@ settings! {
     }
 }
 
-/// Most rounds.
+/// Largest number of rounds.
 const ROUNDS: usize = 6;
 
 /// When a round changes the projection by less than this (px, rms over the sensor), the next round is the last. The value is above
 /// the noise of the earlier rounds, which have few events.
 const SETTLED: f64 = 0.2;
 
-/// Most events in the rounds before the last.
+/// Largest number of events in the rounds before the last.
 const EARLY_EVENTS: usize = 250_000;
 
 /// The knots of the last round are chosen from every second event. With every fourth event, trajectories would be smoother, and their
@@ -71,7 +71,7 @@ const COARSE: usize = 4;
 /// If another solve with more events follows, a solve ends at a step that is predicted to lower the cost by less than this share.
 const EARLY: f64 = 1e-3;
 
-/// Spread of the events as long as it is not known (px).
+/// Assumed spread of the events until it is known (px).
 pub const FIRST_SIGMA: f64 = 0.5;
 
 /// Fewest events for a class to have biases of its own.
@@ -166,15 +166,15 @@ pub enum RefinementError<E> {
     Solve(#[from] SolveError),
 }
 
-/// Progress of a round, 0 to 1, when its events are associated, when its solve begins, when the solve with few events is done,
-/// and when the round ends.
+/// Progress of a round, 0 to 1, when its events are associated, when its solve begins, when the solve with few events
+/// is done, and when its solve is done.
 const ASSOCIATED: f64 = 0.3;
 const READY: f64 = 0.35;
 const COARSELY_SOLVED: f64 = 0.75;
 const SOLVED: f64 = 0.95;
 
-/// Alternates association and solve, starting at `state`. `progress` receives the number of the round, from 0 on, and its progress, 0 to 1; if it returns an error, the refinement ends as soon as
-/// possible.
+/// Alternates association and solve, starting at `state`. `progress` receives the number of the round, from 0 on, and
+/// its progress, 0 to 1; if it returns an error, the refinement ends as soon as possible.
 ///
 /// # Errors
 /// [`RefinementError::Read`] if a recording cannot be read, or with the error of `progress`; [`RefinementError::Solve`] if the
@@ -226,7 +226,8 @@ pub fn refine<E: Send>(
         }
         let biases = &mut problem.free.biases;
         match problem.edges {
-            // Rims have all directions, so a bend common to all classes equals a change of the trajectory: class 0 has none.
+            // Rims have all directions, so a bend common to all classes cannot be distinguished from a change of the
+            // trajectory. Therefore class 0 has no bend.
             BoardEdges::Rims(_) => biases[0][Bias::Bend] = false,
             BoardEdges::Lines(_) => biases.iter_mut().for_each(|biases| biases[Bias::Memory] = false),
         }
@@ -285,7 +286,7 @@ pub fn refine<E: Send>(
     }
 }
 
-/// Returns whether to continue after this answer.
+/// Converts the answer of the progress callback: an error ends the solve.
 fn flow<E>(answer: Result<(), E>) -> ControlFlow<()> {
     if answer.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
 }

@@ -8,7 +8,7 @@ use super::observation_range::{EventResidual, point_residuals};
 use super::{Problem, State};
 use evcal_geometry::numerics::statistics::median;
 
-/// Statistics of the distances of events from their predicted positions.
+/// Statistics of the distances of observations from their predicted positions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ResidualStatistics {
     /// Number of residuals.

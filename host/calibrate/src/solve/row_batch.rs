@@ -13,7 +13,8 @@ use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::event_bias::{ClassBias, expected_distance};
 use evcal_geometry::numerics::huber::huber;
 
-/// Count of the numbers of a row that are computed for all events at once: all but the coefficients of the camera model.
+/// Number of the values of a row that are computed for all events at once: all but the coefficients of the camera
+/// model.
 const PARTS: usize = 6 + 1 + 4 + BOARD_PARAMETERS + Bias::COUNT;
 /// Index of the first bias among them.
 const BIAS_PARTS: usize = PARTS - Bias::COUNT;

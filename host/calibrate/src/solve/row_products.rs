@@ -13,7 +13,7 @@ use crate::solve::event_bias::bias::Bias;
 
 /// Number of columns of the pose, at the beginning of a row.
 const POSE_COLUMNS: usize = 6;
-/// Number of lines that are summed for all classes alike: pose, residual, intrinsics.
+/// Number of lines that are summed for all classes alike: pose, residual, intrinsics and board.
 const COMMON: usize = ROW_BIASES;
 /// Number of lines and columns whose sums stay in registers while rows are added.
 const TILE_LINES: usize = 4;
@@ -32,7 +32,7 @@ pub fn single(value: f64) -> f64 {
 
 /// Sums of outer products. Only the lower triangle with the diagonal is valid.
 pub struct RowProducts {
-    /// Lines of pose, residual and intrinsics.
+    /// Lines of pose, residual, intrinsics and board.
     pub common: [[f64; COMMON]; COMMON],
     /// Lines of the biases of each class.
     pub classes: [[[f64; ROW]; Bias::COUNT]; CLASS_COUNT],

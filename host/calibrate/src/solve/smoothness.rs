@@ -1,4 +1,4 @@
-//! A prior on the acceleration of a trajectory where there are no events: a hand cannot accelerate without bounds.
+//! A prior on the acceleration of a trajectory for times without events: a hand cannot accelerate without bounds.
 //!
 //! While the board hardly moves, there are hardly any events, and the ends of a segment would diverge. Each three neighbouring
 //! control points c therefore have an acceleration (of the centre, and of the rotation as the difference of the rotation vectors
@@ -13,7 +13,7 @@ use crate::trajectory::Trajectory;
 use crate::trajectory::jerk::turns;
 use crate::trajectory::knots::greville;
 
-/// Typical acceleration of the camera (m/s², σ of a weak prior); it matters only where there are no events.
+/// Typical acceleration of the camera (m/s², σ of a weak prior); it matters only at times without events.
 const ACCELERATION: f64 = 100.0;
 /// The same for the angular acceleration (rad/s²).
 const ANGULAR_ACCELERATION: f64 = 300.0;

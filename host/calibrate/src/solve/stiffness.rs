@@ -19,14 +19,14 @@ use evcal_geometry::numerics::banded::{BandedCholesky, SymmetricBand};
 /// Weights of the squared jerks of a trajectory, rotation and centre, in their order.
 pub type Stiffness = Vec<[f64; 2]>;
 
-/// Rounds of the estimate of S.
+/// Number of rounds of the estimate of S.
 const ROUNDS: usize = 12;
 /// Half the length of the neighbourhood in which S is taken as constant (s).
 const NEIGHBOURHOOD: f64 = 0.06;
 /// Smallest number of jerks that a thread processes at once.
 const PIECE: usize = 256;
-/// Weight of the whole recording in every neighbourhood, in jerks. Without it, a segment of a tenth of a second can become so stiff that
-/// its poses cannot move (seed 801 with vignetting: projection 0.046 px off, 0.020 px reported).
+/// Weight of the whole recording in every neighbourhood, in jerks. Without it, a segment of a tenth of a second can
+/// become so stiff that its poses cannot move (seed 801 with vignetting: projection 0.046 px off, 0.020 px reported).
 const WHOLE: f64 = 0.05;
 /// Smallest S of rotation (rad²/s⁵) and centre (m²/s⁵), for motion calmer than any hand. With it the curve can still bend by 7 µm
 /// and 7 µrad in a tenth of a second.
@@ -271,8 +271,8 @@ mod tests {
         found.map(|(weights, _)| weights.iter().map(|[_, centre]| *centre).fold(0.0, f64::max)).collect()
     }
 
-    /// A tenth of a second without a jerk does not determine how the camera moves. Alone, its jerks would get unbounded weights,
-    /// which would fix its poses, and the camera with them.
+    /// A tenth of a second without a jerk does not determine the motion of the camera. Alone, its jerks would get
+    /// unbounded weights, which would fix its poses, and the camera with them.
     #[test]
     fn a_short_trajectory_is_as_stiff_as_the_motion_around_it() {
         let shaken = || curve(300, |t| 0.05 * (20.0 * t).sin());

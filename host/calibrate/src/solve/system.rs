@@ -288,14 +288,14 @@ impl Reduced {
         Ok(globals)
     }
 
-    /// Returns how the control points follow its global parameters.
+    /// Returns the dependence of the control points on its global parameters.
     pub fn into_follows(self) -> Follows {
         let segments = self.segments.into_iter().map(Eliminated::into_following).collect();
         Follows { segments, free: self.free }
     }
 }
 
-/// How the control points of each segment follow the estimated global parameters.
+/// Dependence of the control points of each segment on the estimated global parameters.
 pub struct Follows {
     segments: Vec<Following>,
     free: Vec<usize>,
@@ -372,8 +372,8 @@ impl SegmentSystem {
         }
     }
 
-    /// Sums the equations of intervals of one segment and the priors `holds` of its trajectory between their control points;
-    /// `None` without any.
+    /// Sums the equations of intervals of one segment, and adds those priors in `holds` of its trajectory that concern
+    /// only the control points of these intervals. `None` without observations.
     pub fn of_ranges(ranges: &[(ObservationRange, RangeEquations)], holds: &Holds) -> Option<Self> {
         let concerned = || ranges.iter().map(|(_, equations)| equations).filter(|one| !one.border.is_empty());
         let first = concerned().map(|one| one.first).min()?;

@@ -25,7 +25,7 @@ const FEWEST: usize = 30;
 const FEWEST_CELLS: usize = 2;
 /// Median size of a standard normal deviate.
 const NORMAL_MEDIAN: f64 = 0.6745;
-/// Ratio to the usual number of events far from every edge from which it counts as unusual.
+/// A cell has unusually many events far from every edge if it has more than this multiple of their median.
 const UNUSUAL: f64 = 4.0;
 
 /// Finds the unexplained intervals of the trajectories of `state`, in order of segment and time; `residuals` belong to its

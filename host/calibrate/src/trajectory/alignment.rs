@@ -17,14 +17,14 @@ const SECOND_PEAK: f64 = 0.9;
 const PEAK_DISTANCE: f64 = 0.4;
 /// Root mean square of the angular velocity below which a camera hardly rotated (rad/s).
 pub const LEAST_RATE: f64 = 0.08;
-/// Wrong rates of a second device's clock that occur by mistake (a counter that is added twice, another divider), in seconds of
-/// the first clock per second of the second.
+/// Rates at which a second device's clock may run by mistake (a counter that is added twice, another divider), and the
+/// right rate 1; in seconds of the first clock per second of the second.
 pub const MISTAKEN_RATES: [f64; 9] = [0.25, 1.0 / 3.0, 0.5, 2.0 / 3.0, 1.0, 1.5, 2.0, 3.0, 4.0];
 /// Length of the beginning of both series that is compared at other rates (s); the time of the comparison grows with its square.
 const LONGEST_OF_OTHER_RATE: f64 = 30.0;
 /// Step of that comparison (s); a hand rotates more slowly.
 const COARSE_STEP: f64 = 0.02;
-/// Longest series (s); longer ones have other units.
+/// Longest series (s); the times of a longer one are in another unit.
 const LONGEST: f64 = 86_400.0;
 
 /// Reasons why the motion does not determine the alignment of two devices, with remedies.
@@ -81,7 +81,7 @@ pub enum AlignmentError {
     },
 }
 
-/// Values at even times; `None` where they are not known.
+/// Values at equally spaced times; `None` if there is no value at a time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series<T> {
     /// Time of the first value (s).
@@ -246,11 +246,10 @@ fn in_another_clock(first: &Rates, second: &Rates, overlap: Overlap) -> Option<A
     rate.map(|rate| AlignmentError::OtherRate { rate: 1.0 / rate })
 }
 
-/// Checks that the camera rotated about more than one axis. `turns` is the sum of the products of angular velocities with those
-/// of the camera; its second singular value must be more than `share` of the first.
+/// Checks that the camera rotated about more than one axis. `turns` is the sum of the outer products of another
+/// device's angular velocities with the camera's; its second singular value must be more than `share` of the first.
 ///
 /// # Errors
-/// [`AlignmentError::OneAxis`] names the axis.
 /// [`AlignmentError::OneAxis`] names the axis.
 pub fn check_axes(turns: &Matrix3<f64>, share: f64) -> Result<(), AlignmentError> {
     let svd = turns.svd(false, true);
@@ -267,11 +266,11 @@ pub fn check_axes(turns: &Matrix3<f64>, share: f64) -> Result<(), AlignmentError
 
 /// Angular velocities of two devices, compared at the same times.
 pub struct ComparedTurns {
-    /// Sum of the products of the second's angular velocities with the first's.
+    /// Sum of the outer products of the second device's angular velocities with the first device's (rad²/s²).
     pub products: Matrix3<f64>,
-    /// Sum of the squares of the first device's.
+    /// Sum of the squares of the first device's angular velocities (rad²/s²).
     pub of_first: f64,
-    /// Sum of the squares of the second device's.
+    /// Sum of the squares of the second device's angular velocities (rad²/s²).
     pub of_second: f64,
 }
 
@@ -279,9 +278,9 @@ pub struct ComparedTurns {
 pub struct BestRotation {
     /// `R_second_first`.
     pub rotation: UnitQuaternion<f64>,
-    /// The explained part of the products; the rest of the squares is unexplained.
+    /// Sum of the scalar products of the second device's angular velocities with the first device's, rotated.
     pub explained: f64,
-    /// The same for the best mirrored rotation.
+    /// The same sum for the best mirrored rotation.
     pub explained_mirrored: f64,
 }
 

@@ -17,7 +17,7 @@ const FIRST_SPACING: f64 = 0.00875;
 
 /// Start of the joint solve, in addition to the camera.
 pub struct FirstTrajectories {
-    /// One for each segment that has one.
+    /// One trajectory per segment whose spline could be fitted.
     pub trajectories: Vec<Trajectory>,
     /// Circle centres of each trajectory, if there are no events.
     pub points: Vec<Vec<PointObservation>>,
@@ -88,7 +88,7 @@ pub fn first_trajectories(
     let FirstTrajectorySettings { segment: segment_settings, spline, knots } = settings;
     let posed = || initial.frames.iter().filter_map(|posed| frames.get(posed.frame));
     let from_circles = || posed().filter(|frame| !frame.is_from_events());
-    // A segment covers all of its frames.
+    // The segment of a frame covers all its circles and its window, so a long frame would make a long segment.
     if let Some(frame) = from_circles().find(|frame| reach(frame) > LONGEST_FRAME) {
         return Err(FirstTrajectoryError::LongFrame { t: frame.t(), reach: reach(frame) });
     }
@@ -165,7 +165,8 @@ fn fit_segment(
     if from_circles {
         return Ok((trajectory, points));
     }
-    // With events, the curve may move freely also between sparse frames.
+    // With events, the knots are even at FIRST_SPACING, because the events determine the curve between sparse frames
+    // too.
     let grid = spacings.grid(&trajectory);
     let knots = grid.even(grid.level_of(FIRST_SPACING), shape.degree);
     Ok((on_knots(&trajectory, knots, shape.rotation)?, points))

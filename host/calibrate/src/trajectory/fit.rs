@@ -1,10 +1,11 @@
 //! The first control points of a trajectory: a least-squares fit to the poses of reference frames.
 //!
-//! The camera centre and, for quaternion splines, the four numbers of the quaternion are fitted by global least squares (*The
-//! NURBS Book*, 9.4.1). If the trajectory starts and ends with its poses, its ends are fixed, so that it passes through the first
-//! and the last pose. If it reaches beyond them (to the ends of the outer windows), the ends are fitted like the rest, and a
-//! slight pull towards constant velocity determines what the poses do not. SO(3) splines start from the quaternion fit, then
-//! Gauss-Newton steps on the group minimise the squared rotation angles.
+//! The camera centre and, for quaternion splines, the four numbers of the quaternion are fitted by global least squares
+//! (*The NURBS Book*, 9.4.1). If the trajectory starts and ends with its poses, its ends are fixed, so that it passes
+//! through the first and the last pose. If it reaches beyond them (to the ends of the outer windows), the ends are
+//! fitted like the rest, and a slight pull towards constant velocity determines the control points that the poses do
+//! not determine. SO(3) splines start from the quaternion fit, then Gauss-Newton steps on the group minimise the
+//! squared rotation angles.
 
 mod so3;
 
@@ -123,7 +124,7 @@ pub fn fit_on_knots(
     Ok(Trajectory { recording, knots, degree, translation, rotation })
 }
 
-/// A pull that equalises the velocity from one control point to the next and from that to the one after.
+/// A pull that makes the velocities between three neighbouring control points equal.
 struct EvenPull {
     /// Index of the first of the three.
     first: usize,
@@ -337,8 +338,8 @@ mod tests {
         }
     }
 
-    /// Order `degree + 1` for the camera centre and for quaternions. Rotations of an SO(3) spline do not
-    /// commute, which costs the product of the square of a step and its change: order 3 at most.
+    /// Order `degree + 1` for the camera centre and for quaternions. Rotations of an SO(3) spline do not commute, so
+    /// its error contains the square of a step times the change of the step: order 3 at most.
     #[test]
     fn errors_fall_with_the_order_of_the_spline() {
         let times: Vec<f64> = (0..=400).map(|index| f64::from(index) * 0.0025).collect();
@@ -419,7 +420,7 @@ mod tests {
             assert!(distance < 1e-4 && angle < 1e-4, "{rotation}: {distance} m, {angle} rad");
             let found = fit(0, &noisy, start, end, &shape(rotation)).unwrap();
             let (distance, angle) = largest_error(&found, hand_held);
-            // Three sides of a cube of noise, and as much again beyond the samples.
+            // Half the diagonal of the cube of noise, and as much again beyond the samples.
             assert!(distance < 3.5e-3 && angle < 7e-3, "{rotation}: {distance} m, {angle} rad");
         }
     }

@@ -56,8 +56,8 @@ pub fn jerks(trajectory: &Trajectory) -> Vec<Jerk> {
         .collect()
 }
 
-/// Returns the weights of three neighbouring first differences of control points in the third derivative; `knots` are those from
-/// the first control point's first knot on. `None` if knots coincide.
+/// Returns the weights of three neighbouring first differences of control points in the third derivative. `knots`
+/// begins with the first knot of the first of these control points. `None` if knots coincide.
 fn third_derivative(knots: &[f64], degree: usize) -> Option<[f64; 3]> {
     let slope = |first: usize, order: usize| {
         let length = knots.get(first + degree + 1)? - knots.get(first + order)?;

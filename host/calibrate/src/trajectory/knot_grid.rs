@@ -48,7 +48,7 @@ impl KnotGrid {
         Self { start, end, cells, levels }
     }
 
-    /// Returns how often a cell may be halved.
+    /// Returns the largest number of halvings of a cell.
     pub fn levels(&self) -> usize {
         self.levels
     }
@@ -134,7 +134,7 @@ mod tests {
 
     #[test]
     fn cells_are_halved_where_it_pays_and_neighbours_follow() {
-        // Four cells of eight spans; in the third, only the finest spans follow.
+        // Four cells of eight spans; in the third, only the finest spans follow the curve.
         let costs: Vec<Vec<f64>> = (0..4)
             .map(|level| (0..32).map(|span| if span / 8 == 2 { f64::from(level) * 10.0 } else { 0.0 }).collect())
             .collect();

@@ -102,7 +102,8 @@ fn undistort_picture(path: &Path, back: &PixelMap) -> Result<ImageFile, PictureE
     Ok(ImageFile { size, channels, samples })
 }
 
-/// Undistorts a frame of a recording in place. A frame of a part of the sensor remains one of that part.
+/// Undistorts a frame of a recording in place. If the frame covers only a part of the sensor, the undistorted frame
+/// covers the same part.
 pub fn undistort_frame(frame: &mut Frame, back: &PixelMap) {
     frame.pixels = remap(&frame.pixels, frame.channels, frame.size.into(), frame.position, back);
 }

@@ -68,8 +68,8 @@ pub fn write_camera(path: &Path, camera: &Camera<f64>, sensor: Sensor) -> Result
     evcal_files::write(path, text.as_bytes())
 }
 
-/// Returns `true` if the file at `path` equals the output of [`write_camera`]: the same recording in another format has the same
-/// camera.
+/// Returns `true` if the file at `path` already equals the output of [`write_camera`], for example because the
+/// recording was undistorted to another format before.
 pub fn holds_camera(path: &Path, camera: &Camera<f64>, sensor: Sensor) -> bool {
     match (fs::read(path), camera_text(camera, sensor)) {
         (Ok(there), Ok(text)) => there == text.as_bytes(),
@@ -130,7 +130,7 @@ fn check_sensor(recording: &Recording, reader: &EventReader, maps: &Maps) -> Res
 }
 
 /// Writes the undistorted `recording` to a file at `path`, which is overwritten: events at their nearest pixels, frames
-/// interpolated. `progress` gets the progress.
+/// interpolated. `progress` is called with the progress of the conversion.
 ///
 /// # Errors
 /// [`UndistortError`] if it cannot begin or the output cannot be written. If the recording is damaged, everything before the

@@ -34,14 +34,14 @@ const TILTS: [[f64; 2]; 13] = [
 ];
 /// Rotations about the camera's axis.
 const ROLLS: [f64; 2] = [0.0, FRAC_PI_2];
-/// If there are more than twice as many candidates, every third or fifth is kept.
+/// From twice this number of candidates on, only every third (fifth, …) is kept.
 const MOST_CANDIDATES: usize = 180;
 /// Standard deviations of a person's hands from the target pose, in radians and metres.
 const HAND_TURN: f64 = 0.12;
 const HAND_SHIFT: f64 = 0.025;
 /// Number of poses over which a candidate is averaged.
 const JITTERS: usize = 8;
-/// Smallest radius of a circle, across the board's tilt, that the detector finds (px).
+/// Smallest semi-minor axis of a circle's image that the detector finds (px).
 const SMALLEST_RADIUS: f64 = 1.6;
 /// Smallest fraction of the board's circles in the image.
 const SHARE_IN_IMAGE: f64 = 2.0 / 3.0;
@@ -170,7 +170,7 @@ pub fn candidates(camera: &Camera<f64>, board: &Board, sensor: Sensor) -> Vec<Ca
             }
         }
     }
-    // An odd step includes both rotations of each tilt.
+    // With an odd step, both rotations occur among the candidates.
     let step = (places.len() / MOST_CANDIDATES) | 1;
     places
         .into_iter()

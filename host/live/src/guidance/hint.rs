@@ -44,7 +44,7 @@ pub enum Hint {
     Show,
     /// The board was seen before, but is not seen now.
     Lost,
-    /// Move it in the image: to the right, downwards (each −1, 0 or 1).
+    /// Move it in the image by (x, y): x is −1 (left), 0 or 1 (right), y is −1 (up), 0 or 1 (down).
     Shift(i8, i8),
     /// Bring it closer.
     Closer,

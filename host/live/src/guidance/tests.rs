@@ -291,7 +291,7 @@ fn by_coverage(coverage: &LiveCoverage, step: u64, random: &mut ChaCha8Rng) -> B
     place([0.08 * normal(random), 0.06 * normal(random), z], tilt, 0.0)
 }
 
-/// Returns a window: once the board was seen, it may lose an end and still be tracked.
+/// Returns a window with the board. If the previous window had the board too, the image may cut off an end of it.
 fn frame(
     camera: &Camera<f64>,
     board: &Board,

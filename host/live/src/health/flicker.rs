@@ -4,10 +4,10 @@ use evcal_core::event::Event;
 
 use evcal_calibrate::diagnosis::flicker::{Flicker, RateBins};
 
-/// Period of time that is analysed at once (µs).
+/// Length of the periods, each of which is analysed as a whole (µs).
 const PERIOD: i64 = 3_000_000;
 
-/// [`RateBins`] of the last complete 3 s.
+/// Measures the flicker in the latest complete period of 3 s.
 #[derive(Clone, Debug, Default)]
 pub struct RecentFlicker {
     bins: RateBins,
@@ -29,7 +29,7 @@ impl RecentFlicker {
         }
     }
 
-    /// Returns the flicker; the outer `None` before the first 3 s.
+    /// Returns the flicker; `None` before the first 3 s are over, `Some(None)` if the light does not flicker.
     pub fn flicker(&self) -> Option<Option<Flicker>> {
         self.latest
     }

@@ -1,6 +1,6 @@
 //! Sharpness of the circles: the width of the band of events about their rims.
 //!
-//! Motion widens the band too, so the sharpest windows of the last seconds count.
+//! Motion widens the band too, so the smallest width of the last seconds is kept as well.
 
 use std::collections::VecDeque;
 
@@ -9,7 +9,7 @@ use evcal_calibrate::detection::focus::band_width;
 
 /// Time between two measured windows (s).
 const INTERVAL: f64 = 0.1;
-/// Time over which the sharpest window counts (s).
+/// Time over which the smallest width is kept (s).
 const HELD: f64 = 5.0;
 
 /// Sharpness of circles.

@@ -98,7 +98,7 @@ mod tests {
     fn the_last_second_is_counted_with_its_busiest_part() {
         let mut meter = RateMeter::new(Sensor::new(346, 260));
         assert_eq!(meter.rates(), None);
-        // An event every 10 µs for two seconds, then every µs for 10 ms.
+        // An event every 10 µs for two seconds, then every µs for 20 ms; the last 10 ms are the current slot.
         meter.push(&events(0, 2_000_000, 10));
         meter.push(&events(2_000_000, 2_020_000, 1));
         let rates = meter.rates().unwrap();

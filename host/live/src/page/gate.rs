@@ -11,7 +11,7 @@ use super::PageError;
 
 /// The request header with the token.
 pub const TOKEN: HeaderName = HeaderName::from_static("x-evcal-token");
-/// Header in which a browser states the origin of a request.
+/// Header in which a browser reports whether a request comes from a page of another site.
 const FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
 
 /// 128 random bits.
@@ -57,9 +57,9 @@ impl Gate {
         Self { address, token: token.to_string() }
     }
 
-    /// Returns `true` if a host is this server: its address in numbers, or `localhost` if that is its address. Other
-    /// names are rejected to prevent DNS rebinding; a server that listens to all addresses of this computer accepts
-    /// each of them.
+    /// Returns `true` if `host` is this server: its numeric address, or `localhost` if it listens on the loopback
+    /// address. A server that listens on all addresses accepts `localhost` and every numeric address with its port.
+    /// Other names are rejected to prevent DNS rebinding.
     fn is_own(&self, host: &str) -> bool {
         let (own, port) = (self.address.ip(), self.address.port());
         match in_numbers(host) {
@@ -80,8 +80,8 @@ impl Gate {
     /// Checks whether a request is allowed.
     ///
     /// # Errors
-    /// 421 for another host; 403 without the token, for a request from another site, and for a command that was not
-    /// sent by a page of this server.
+    /// 421 for another host. 403 for a request without the token or from a page of another origin, unless it only gets
+    /// something that needs the host alone.
     pub fn check(&self, method: &Method, uri: &Uri, headers: &HeaderMap, need: Need) -> Result<(), StatusCode> {
         let is_own = |host: &str| self.is_own(host);
         let mut hosts = headers.get_all(HOST).iter();

@@ -39,8 +39,8 @@ const LONGEST_HEAD: usize = 16 * 1024;
 const HEAD_PATIENCE: Duration = Duration::from_secs(5);
 /// Time that a request waits for a new state before the page must ask again.
 const STATE_PATIENCE: Duration = Duration::from_secs(1);
-/// Time after which a connection is closed, so that connections that are not read do not accumulate; browsers open new
-/// ones.
+/// Time after which a connection is closed. Otherwise connections whose clients do not read would accumulate; a browser
+/// opens a new connection.
 const CONNECTION_AGE: Duration = Duration::from_secs(60);
 /// Longest time for closing a connection.
 const CLOSING: Duration = Duration::from_secs(5);
@@ -82,7 +82,7 @@ async fn accept(listener: TcpListener, shared: Arc<Shared>) {
         {
             oldest.abort();
         }
-        // The connection's permit among those with the token, once it has sent the token.
+        // The permit that this connection acquires when it sends the token.
         let known: Arc<OnceLock<OwnedSemaphorePermit>> = Arc::default();
         let (shared, places, own) = (Arc::clone(&shared), Arc::clone(&places), Arc::clone(&known));
         let task = tokio::spawn(async move {
@@ -190,7 +190,7 @@ fn report(shared: &Shared) -> Answer {
     }
 }
 
-/// Returns the newest state after the one that the page has; 204 if nothing changes for a while.
+/// Returns the newest state as soon as it is newer than the page's; 204 if nothing changes for a while.
 async fn state(shared: &Shared, query: Option<&str>) -> Answer {
     *shared.asked.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
     let after = query.and_then(|query| query.strip_prefix("after=")).and_then(|after| after.parse::<u32>().ok());

@@ -183,7 +183,7 @@ fn frames_are_sent_on_request() {
     assert!(ask(&page, "GET /live?after=0", &good).1.ends_with(b"1\x07\x08\x09"));
 }
 
-/// If the page listens to others, this computer answers requests for its numeric addresses, but not for names.
+/// A page for other computers answers requests for numeric addresses and `localhost`, but not for other names.
 #[test]
 fn a_page_for_others_answers_to_addresses_only() {
     let page = Page::start(Ipv4Addr::UNSPECIFIED.into(), Some(0)).unwrap();
@@ -278,7 +278,7 @@ fn slow_pages_hold_up_nobody() {
     assert!(answer.unwrap().ends_with(&newest.body), "only the newest is sent");
 }
 
-/// Sixty incomplete heads must not block other clients.
+/// Many incomplete heads must not block other clients.
 #[test]
 fn half_sent_heads_lock_nobody_out() {
     let page = page();

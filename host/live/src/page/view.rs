@@ -42,8 +42,8 @@ pub struct Outcome {
     pub distortion: Vec<f64>,
     /// Reported error of the projection, root mean square over the sensor (px).
     pub sigma: Option<f64>,
-    /// `true` if that error is below the target, the calibration is good enough, and the board was seen in the whole image and tilted to
-    /// all sides.
+    /// `true` if that error is below the target, the calibration is good enough, and the board was seen in the whole
+    /// image and tilted to all sides.
     pub is_target_met: bool,
     /// Folder of the results.
     pub folder: String,
@@ -178,7 +178,7 @@ impl Health {
 #[derive(Serialize)]
 struct Nothing {
     reason: String,
-    /// Circles that are not on the board, as centre and radius (px).
+    /// The circles in the window with the most circles, as centre and radius (px).
     circles: Vec<[f64; 3]>,
 }
 
@@ -235,10 +235,11 @@ pub struct View<'a> {
     missing: Words<Vec<String>>,
     /// `true` if the page is mirrored at first.
     mirrored: bool,
-    /// `true` if there may be frames, `true` if they are shown, and the size of the frame after the picture of the
-    /// events.
+    /// `true` if there may be frames.
     has_frames: bool,
+    /// `true` if frames are shown.
     shows_frames: bool,
+    /// Size of the frame whose pixels follow the picture of the events.
     frame: Option<[usize; 2]>,
     /// Number of earlier recordings that are calibrated together with this one.
     before: usize,
@@ -255,13 +256,13 @@ pub struct View<'a> {
     about: Option<f64>,
     /// The latest checkpoint.
     checkpoint: Option<CheckpointView<'a>>,
-    /// End of the beginning that is being calibrated (s).
+    /// Length of the part that is being calibrated, from the first event (s).
     checkpoint_under_way: Option<f64>,
-    /// The step of the calibration that everything waits for; meanwhile there are no instructions.
+    /// Current step of a calibration that the page waits for; meanwhile there are no instructions.
     step: Option<StepView>,
     /// Target of the error (px).
     target: f64,
-    /// Focal lengths and principal point of the first estimate (px).
+    /// Focal lengths and principal point of the provisional camera (px).
     camera: Option<[f64; 4]>,
     outcome: Option<&'a Outcome>,
 }

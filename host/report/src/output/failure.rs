@@ -1,4 +1,5 @@
-//! The files that a failed calibration writes: the error, the stages that it reached, what was found in the recording, and a picture.
+//! The files that a failed calibration writes: the error, the stages that it reached, what was found in the recording,
+//! and a picture.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -42,13 +43,13 @@ pub struct Seen {
     pub most_circles: usize,
 }
 
-/// Returns whether [`write_failure`] writes a file with this path inside its folder.
+/// Returns `true` if [`write_failure`] writes a file with this path inside its folder.
 pub fn is_failure(file: &Path) -> bool {
     [TEXT, PICTURE].iter().any(|name| Path::new(name) == file)
 }
 
-/// Describes a failed calibration, and writes the description into `folder` if the error depends on what the recordings show. `why` is the
-/// error in the words of the program.
+/// Describes a failed calibration, and writes the description into `folder` if the error depends on what the recordings
+/// show. `why` is the error in the words of the program.
 ///
 /// # Errors
 /// [`FileError`] names the file that could not be written.

@@ -57,7 +57,7 @@ pub struct Written {
     pub stage_report: String,
 }
 
-/// Returns whether [`write_folder`] writes a file with this path inside its folder.
+/// Returns `true` if [`write_folder`] writes a file with this path inside its folder.
 pub fn is_result(file: &Path) -> bool {
     let numbered = |name: &str, extension: &str| {
         let rest = file.to_str().and_then(|file| file.strip_prefix(name)?.strip_suffix(extension)?.strip_suffix('.'));
@@ -98,10 +98,10 @@ pub fn write_new_folder(folder: impl AsRef<Path>, calibrated: &Calibrated, task:
 }
 
 /// Writes `calibration.json`, `camera.yaml`, `exports` (ROS and Kalibr), `trajectory.txt`, `trajectory.csv`,
-/// `settings.toml`, `circles.csv`, `stages.txt`, `report.html` and pictures of a good and a bad reference frame into `folder`, and removes
-/// the files of earlier results and failures from it. Each recording has its own clock: from the second on, a recording has its own
-/// `trajectory-2.txt`, `circles-2.csv` and so on.
-/// `progress` receives the progress of the report, which takes most of the time.
+/// `settings.toml`, `circles.csv`, `stages.txt`, `report.html` and pictures of a good and a bad reference frame into
+/// `folder`, and removes the files of earlier results and failures from it. Each recording has its own clock: from the
+/// second on, a recording has its own `trajectory-2.txt`, `circles-2.csv` and so on. `progress` receives the progress
+/// of the report, which takes most of the time.
 ///
 /// # Errors
 /// [`FileError`] names the file that could not be written.
@@ -310,7 +310,7 @@ pub fn poses(calibrated: &Calibrated, recording: usize, start: f64, settings: &P
             let followed = events.followed.iter().filter(|interval| interval.recording == recording);
             poses.extend(followed.flat_map(|interval| &interval.poses).copied());
             poses.sort_by(|a, b| a.pose.t.total_cmp(&b.pose.t));
-            // Adjacent intervals share the window at their border; the pose of the joint solve precedes the other.
+            // Adjacent intervals share the window at their border. The pose of the joint solve comes first and is kept.
             poses.dedup_by(|later, earlier| later.pose.t == earlier.pose.t);
             poses
         }

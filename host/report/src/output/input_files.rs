@@ -36,7 +36,7 @@ fn input_file(path: &Path) -> io::Result<InputFile> {
 mod tests {
     use super::*;
 
-    /// The sum of "abc" in FIPS 180-4, appendix B.
+    /// The checksum of "abc" in FIPS 180-2, appendix B.
     #[test]
     fn checksums_are_those_of_sha256sum() {
         let directory = tempfile::tempdir().unwrap();

@@ -103,7 +103,7 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
         }
         (sensor, board, used)
     };
-    // The pictures of a piece are larger than its events.
+    // There are few pieces, because the pictures of a piece need more memory than its events.
     let pieces: Vec<(usize, &[Run])> = (0..task.inputs.len())
         .flat_map(|recording| {
             let runs = events.sample.runs(recording);
@@ -153,7 +153,8 @@ pub struct BoardFrame {
 }
 
 impl BoardFrame {
-    /// Fits a picture around all points of `board` with a margin: `columns` wide, or less if it would be more than twice as high as wide.
+    /// Fits a picture around all points of `board` with a margin: `columns` wide, or less if it would be more than
+    /// twice as high as wide.
     pub fn new(board: &Board, columns: u16) -> Self {
         let (low, high) = board.extent();
         let margin = Vector2::repeat(0.6 * board.print_period());

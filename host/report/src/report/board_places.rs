@@ -24,7 +24,7 @@ struct Place {
     lean: [f64; 2],
 }
 
-/// Returns the observations on the sensor, distances and tilts.
+/// Returns the section with the observations on the sensor, the distances and the tilts.
 pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     let places: Vec<Place> = poses(calibrated).map(|pose| place(board, &pose)).collect();
     let Coverage { distance, tilt, fill, .. } = &calibrated.quality.coverage;

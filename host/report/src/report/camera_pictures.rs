@@ -1,4 +1,4 @@
-//! The camera's own pictures: their calibration compared with that from events, and examples.
+//! The camera's own pictures: their calibration compared with the calibration from events, and examples.
 
 use maud::{Markup, html};
 

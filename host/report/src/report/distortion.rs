@@ -53,7 +53,8 @@ fn curve(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> Chart<'stati
     let corner = Vector2::new(side(center.x, width), side(center.y, height));
     let farthest = camera.unproject(&(center + corner));
     let largest = farthest.map_or(0.0, |ray| ray.angle(&Vector3::z())).max(1e-3);
-    // The rays are in one plane through the axis; the tangential distortion of a decentred lens bends it slightly.
+    // The rays are in one plane through the axis; the tangential distortion of a decentred lens bends its image
+    // slightly.
     let plane = farthest.map_or(Vector2::x(), |ray| ray.xy()).try_normalize(0.0).unwrap_or(Vector2::x());
     let angles = || (0..=POINTS).map(|index| largest * index as f64 / POINTS as f64);
     let seen = angles().filter_map(|angle| {

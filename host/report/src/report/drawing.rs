@@ -118,8 +118,9 @@ impl Picture {
         }
     }
 
-    /// Draws the edges of `board` in green, with `project` from points of the board (m) to pixels, and the detected circles of `frame` in
-    /// black, joined along the rows, with `place` from sensor pixels to pixels of the picture.
+    /// Draws the edges of `board` in green, and the detected circles of `frame` in black, joined along the rows.
+    /// `project` maps points of the board (m) to pixels of the picture. `place` maps pixels of the sensor to pixels of
+    /// the picture, which may be rectified.
     pub fn board(
         &mut self,
         frame: &ReferenceFrame,
@@ -142,7 +143,7 @@ impl Picture {
         }
     }
 
-    /// Draws the edges of `board` in green, with `project` from points of the board (m) to pixels.
+    /// Draws the edges of `board` in green; `project` maps points of the board (m) to pixels.
     pub fn edges(&mut self, board: &Board, project: impl Fn(&Point3<f64>) -> Option<Vector2<f64>>) {
         for outline in board.outlines() {
             let images: Vec<_> = outline.iter().map(|point| project(&Point3::new(point.x, point.y, 0.0))).collect();
@@ -183,8 +184,9 @@ impl Picture {
     }
 }
 
-/// Draws a reference frame: ON events in blue and OFF events in orange, or the image reconstructed from events; detected circles or corners in
-/// black, joined along the rows of the board; and in green the edges of the board, projected by `camera` at `pose` (`T_world_camera`).
+/// Draws a reference frame: ON events in blue and OFF events in orange, or the image reconstructed from events;
+/// detected circles or corners in black, joined along the rows of the board; and in green the edges of the board,
+/// projected by `camera` at `pose` (`T_world_camera`).
 pub fn reference_frame_picture(
     frame: &ReferenceFrame,
     sensor: Sensor,
@@ -201,7 +203,8 @@ pub fn reference_frame_picture(
     picture
 }
 
-/// Draws the same over a picture of the camera, whose top left pixel is at `position` of the sensor.
+/// Draws the detected circles and the edges of the board over a picture of the camera, as [`reference_frame_picture`]
+/// does. The picture's top left pixel is at `position` of the sensor.
 pub fn grey_frame_picture(
     image: &GreyImage,
     position: (u16, u16),

@@ -16,7 +16,7 @@ const SEPARATION: f64 = 170.0;
 const NEAR: f64 = 0.005;
 /// Direction of the camera's line of sight in the drawing: to the upper right, half as long as x and y.
 const FORWARD: Vector2<f64> = Vector2::new(0.42, -0.3);
-/// Height of a name above its origin, or below if the names would overlap.
+/// Height of a name above its origin, or below if the names of both origins would overlap.
 const ABOVE: f64 = -12.0;
 const BELOW: f64 = 28.0;
 /// Distance of the origins in the drawing below which the names would overlap.

@@ -1,6 +1,7 @@
 //! Formats of numbers.
 
-/// Formats a value and its standard deviation, both with the decimals of the latter's two leading digits; a σ of 0 is "fixed".
+/// Formats a value and its standard deviation σ, both with as many decimals as the two leading digits of σ need; a σ of
+/// 0 is "fixed".
 pub fn with_sigma(value: f64, sigma: f64) -> (String, String) {
     if !(sigma > 0.0 && sigma.is_finite()) {
         return (signed(value, 5), "fixed".to_owned());

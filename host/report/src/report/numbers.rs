@@ -74,7 +74,7 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     Some(Section { id: "numbers", title: "Lens parameters", folded: false, content })
 }
 
-/// Returns the shape of the board: as it was used, and as the observations estimate it with all parameters free.
+/// Returns the shape of the board that was used, next to the shape if all its parameters are estimated.
 fn printed_board(estimate: &BoardEstimate) -> Markup {
     const ROWS: [(&str, &str, f64); PARAMETERS] = [
         ("ratio of the print's scales along x and y", "", 1.0),

@@ -3,7 +3,7 @@
 /// A scale of colours that stay distinguishable in print and with a colour vision deficiency.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Palette {
-    /// From low (dark blue) to high (yellow).
+    /// From low (dark violet) to high (yellow).
     Amount,
     /// From good (yellow) to bad (dark).
     Error,

@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector2, Vector3};
 /// Largest angle from the optical axis in a rectified picture (rad).
 const WIDEST: f64 = 1.2;
 
-/// Returns an ideal camera with the pixels of the sensor whose image contains the midpoints of the sensor's sides.
+/// Returns an ideal camera with as many pixels as the sensor. Its image contains the midpoints of the sensor's sides.
 pub fn ideal_camera(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> IdealCamera<f64> {
     let (right, bottom) = (f64::from(width) - 1.0, f64::from(height) - 1.0);
     let (cx, cy) = (0.5 * right, 0.5 * bottom);

@@ -61,8 +61,8 @@ fn parts(parts: &ProjectionParts) -> Markup {
     }
 }
 
-/// Returns the sizes of the differences on the sensor as cells of a map, without those where no observations support the calibration, and
-/// the largest of them (px).
+/// Returns a map of the sizes of the differences on the sensor as cells, and the largest of them (px). Cells have no
+/// value if no observations support the calibration there.
 pub fn difference_cells(calibrated: &Calibrated, difference: &ProjectionDifference) -> (Vec<Cell>, f64) {
     let coverage = &calibrated.quality.coverage;
     let size = |pixel, difference: Option<[f64; 2]>| {

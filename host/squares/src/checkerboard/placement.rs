@@ -1,15 +1,16 @@
 //! Position of a lattice of corners on a checkerboard that is cut by the border of the picture.
 //!
-//! At an end of the board, each outer square has a corner on the next line of the lattice, where one quadrant differs
-//! from the other three. Such a line is an end of the board. With one end along each direction, or all corners between
-//! two ends, the position is certain.
+//! At an end of the board, the outer squares have corners on the line of the lattice that follows the last inner
+//! corners. One quadrant of such a corner differs from the other three, which shows that the line is an end of the
+//! board. If one end is visible along each direction, or both ends with the right number of corners between them, the
+//! position is certain.
 
 use evcal_geometry::board::homography::homography;
 use nalgebra::Vector2;
 
 use crate::saddles::{Saddle, SaddleTest};
 
-/// Largest distance in steps of corners that predict the position of another one, and smallest number of such corners.
+/// The position of a lattice point is predicted from corners at most this many steps away, if there are enough of them.
 const NEIGHBOURHOOD: i32 = 3;
 const LEAST_NEIGHBOURS: usize = 6;
 /// A line is an end of the board if at least this number, and this fraction, of its visible lattice points are corners

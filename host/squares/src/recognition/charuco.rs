@@ -1,9 +1,10 @@
 //! ChArUco boards, recognised by all their markers together.
 //!
-//! Markers of a few pixels per module can hardly be read one by one. The corners of the checkerboard determine the place of
-//! each, and a ChArUco board has the first markers of a dictionary in the order of its squares. So the markers of every such
-//! board are compared with all squares in all moments, and the board must correlate clearly better than any other. Squares
-//! without markers are all alike, so the differences between squares are compared.
+//! Markers of a few pixels per module can hardly be read one by one. But the corners of the checkerboard determine the
+//! position of each marker, and the markers of a ChArUco board are the first ones of its dictionary, in the order of
+//! the squares. Therefore each possible board is compared as a whole: all its markers with all squares in all moments.
+//! It is accepted if it correlates clearly better than any other board. Squares without markers all look the same and
+//! would correlate too, so the differences between squares are compared.
 
 use evcal_geometry::board::squares::family::{Dictionary, TagFamily};
 use evcal_geometry::board::squares::{Charuco, CharucoLayout, SquareBoard};
@@ -30,16 +31,16 @@ const SIDES: [usize; 4] = [4, 5, 6, 7];
 /// Sides of a marker that are tried, in percent of the side of a square.
 const MARKERS: std::ops::RangeInclusive<u8> = 50..=95;
 const MARKER_STEP: usize = 3;
-/// Smallest correlation of a board, its smallest difference to that of any other board, and its smallest ratio to it.
+/// Smallest correlation of the best board; and smallest difference and ratio to the correlation of the next best.
 const LEAST: f32 = 0.2;
 const LEAST_MARGIN: f32 = 0.1;
 const LEAST_RATIO: f32 = 1.6;
-/// Smallest correlation in standard deviations of the correlation of as many random modules.
+/// Smallest correlation, in standard deviations of the correlation with as many random modules.
 const LEAST_SIGNIFICANCE: f32 = 6.0;
 /// Samples along the side of a square, and the share of the side that they cover, for a comparison without known markers.
 const SAMPLES: usize = 8;
 const SHARE: f64 = 0.7;
-/// Smallest mean correlation of two moments from which the squares of one shade differ from each other.
+/// If the mean correlation of pairs of moments is greater than this, the squares of one shade differ from each other.
 const LEAST_DIFFERENT: f32 = 0.2;
 
 /// Rows and columns of corners.
@@ -50,7 +51,7 @@ pub(super) struct Size {
 }
 
 impl Size {
-    /// Returns the index of a square between corners at this place on a board that is rotated by `turn` quarters.
+    /// Returns the index in the lattice of the square at (`row`, `column`) of a board rotated by `turn` quarter turns.
     fn cell(self, turn: usize, row: usize, column: usize) -> Option<usize> {
         let (rows, columns) = (self.rows - 1, self.columns - 1);
         let (row, column) = match turn {
@@ -63,8 +64,8 @@ impl Size {
     }
 }
 
-/// The squares between the corners of a picture row by row, each as samples with mean 0 and norm 1; `None` without all four
-/// corners.
+/// The squares between the corners of a picture row by row, each as samples with mean 0 and norm 1; `None` without all
+/// four corners.
 type Squares = Vec<Option<Vec<f32>>>;
 
 /// The markers of a board in one orientation, each with the index of its square.
@@ -198,7 +199,7 @@ fn candidates(size: Size) -> Vec<Candidate> {
     candidates
 }
 
-/// Returns the number of modules of markers that are compared in all moments, each with one of its pictures.
+/// Returns the number of compared modules: the sum over the moments, each with the picture that has most.
 fn modules_compared(moments: &[Vec<SeenLattice>], size: Size, candidate: &Candidate) -> usize {
     let side = candidate.board.dictionary.family.inner_side();
     let turns = candidate.markers(size, 0);
@@ -265,7 +266,7 @@ fn mean_of_best(moments: &[Vec<Squares>], turns: &[Markers], correlation: fn(&Ma
     moments.iter().map(best).sum::<f32>() / moments.len().max(1) as f32
 }
 
-/// Returns the markers whose squares are known, with these.
+/// Returns the markers whose squares are visible, each with its square.
 fn pairs<'a>(markers: &'a Markers, squares: &'a Squares) -> Vec<(&'a [f32], &'a [f32])> {
     let pair = |(cell, marker): &'a (usize, Vec<f32>)| Some((marker.as_slice(), squares.get(*cell)?.as_deref()?));
     markers.iter().filter_map(pair).collect()

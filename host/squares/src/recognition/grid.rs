@@ -1,4 +1,4 @@
-//! The grid or ChArUco board whose tags have these ids and positions relative to each other.
+//! Determines a grid of tags or a ChArUco board from the ids of its tags and their positions relative to each other.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,11 +12,11 @@ use nalgebra::{Matrix3, Vector2};
 use super::{EXAMPLE_LENGTH, SeenTag};
 use crate::tags::middle;
 
-/// Distances of neighbouring tags of a grid, in tags; the next tags of a row of a ChArUco board are farther apart.
+/// Distances of neighbouring tags of a grid, in sides of a tag. Tags in a row of a ChArUco board are farther apart.
 const NEIGHBOURS: std::ops::Range<f64> = 1.0..2.05;
-/// Distances of diagonal neighbours of a ChArUco board along one axis, in tags.
+/// Distances of diagonal neighbours of a ChArUco board along one axis, in sides of a tag.
 const DIAGONAL: std::ops::Range<f64> = 1.0..1.9;
-/// Largest error of a distance along one axis, in tags.
+/// Largest error of a distance along one axis, in sides of a tag.
 const TOLERANCE: f64 = 0.25;
 /// Fewest pairs of neighbouring tags, and their share that must agree.
 const FEWEST_PAIRS: usize = 4;
@@ -25,13 +25,14 @@ const AGREEING: f64 = 0.8;
 const FEWEST_SIGHTINGS: usize = 2;
 /// Largest error of a measured spacing; usual spacings are multiples of 0.05.
 const MEASURED: f64 = 0.02;
-/// Darkness beside the corners of tags from which there are dark squares.
+/// If the darkness next to the corners of tags is greater than this, the board has dark squares there.
 const DARK: f32 = 0.5;
 
 /// Two tags of one picture.
 struct Pair {
     ids: [u16; 2],
-    /// Position of the second tag relative to the first in the first one's orientation, in tags: x to the right, y downwards.
+    /// Position of the second tag relative to the first, in the first one's orientation and in sides of a tag: x to the
+    /// right, y downwards.
     offset: [f64; 2],
 }
 
@@ -43,7 +44,7 @@ impl Pair {
     }
 }
 
-/// Returns the board with these tags; `None` if their ids and positions are not those of a grid or of a ChArUco board.
+/// Returns the board with these tags; `None` if their ids and positions fit neither a grid nor a ChArUco board.
 pub(super) fn board_of(sightings: &[Vec<SeenTag>], family: TagFamily, border: u8) -> Option<SquareBoard> {
     let pairs: Vec<Pair> = sightings.iter().flat_map(|tags| pairs_of(tags)).collect();
     let mut counts: BTreeMap<u16, usize> = BTreeMap::new();
@@ -156,7 +157,7 @@ fn grid(pairs: &[Pair], ids: &[u16], family: TagFamily, border: u8, corner_squar
     })
 }
 
-/// Returns the usual spacing near a measured one, if there is one.
+/// Returns the usual spacing near a measured one, or else the measured one rounded to 0.01.
 fn likely_spacing(measured: f64) -> f64 {
     let rounded = |steps: f64| (measured * steps).round() / steps;
     let usual = rounded(20.0);
@@ -192,7 +193,7 @@ fn charuco(pairs: &[Pair], ids: &[u16], family: TagFamily) -> Option<Charuco> {
     boards.find(|board| fits(board, &places))
 }
 
-/// Returns the positions of the tags in squares, relative to the first, along steps to neighbours.
+/// Returns the positions of the tags relative to the first one, as sums of `steps` between neighbours.
 fn places(steps: &BTreeMap<[u16; 2], [i32; 2]>, ids: &[u16]) -> BTreeMap<u16, [i32; 2]> {
     let mut places: BTreeMap<u16, [i32; 2]> = ids.first().map(|id| (*id, [0, 0])).into_iter().collect();
     let mut open: Vec<u16> = places.keys().copied().collect();
@@ -223,7 +224,7 @@ mod tests {
     use super::*;
     use crate::tags::FoundTag;
 
-    /// A tag of another family that looks like this one in two pictures used to add rows to the board.
+    /// An id that was misread in two pictures must not add rows to the board.
     #[test]
     fn a_single_mistaken_id_does_not_change_the_board() {
         let board: SquareBoard = "aprilgrid:3x4:30mm:0.3".parse().unwrap();

@@ -11,9 +11,9 @@ use std::path::Path;
 const PREFIX: &[u8; 8] = b"libudev\0";
 const MAGIC: u32 = 0xFEED_CAFE;
 const HEADER_BYTES: u32 = 40;
-/// MurmurHash2, seed 0, of the subsystem `usb` and the device type `usb_device`: listeners let the kernel filter by
-/// these.
+/// MurmurHash2, seed 0, of the subsystem `usb`: listeners let the kernel filter by it and by [`TYPE_HASH`].
 const SUBSYSTEM_HASH: u32 = 0x0577_C5E5;
+/// MurmurHash2, seed 0, of the device type `usb_device`.
 const TYPE_HASH: u32 = 0x27F8_F50C;
 
 /// Change of the device.

@@ -18,19 +18,22 @@ use crate::picture_calibration::calibration::PictureFailure;
 const SENSOR: Sensor = Sensor::new(240, 180);
 /// Number of parts of a pixel along each side.
 const PARTS: usize = 4;
-/// Distance of the board (m): all of it is in view, or a part.
+/// Distance at which all of the board is in view (m).
 const FAR: f64 = 0.33;
+/// Distance at which a part of the board is in view (m).
 const NEAR: f64 = 0.24;
-/// Duration of a view, of the way to the next one, and between two changes of the light (µs).
+/// Duration of a view (µs).
 const VIEW: i64 = 500_000;
+/// Duration of the motion to the next view (µs).
 const WAY: i64 = 150_000;
+/// Time between two changes of the light (µs).
 const CHANGE: i64 = 40_000;
 
 fn truth() -> Camera<f64> {
     Camera::from_parameters(ModelKind::Radtan4, &[190.0, 190.5, 118.0, 91.0, -0.3, 0.1, 0.001, -0.0005]).unwrap()
 }
 
-/// Places before the camera, `T_camera_world`.
+/// Poses of the board in front of the camera, `T_camera_world`.
 fn poses(board: &Board, count: usize, distance: f64, random: &mut ChaCha8Rng) -> Vec<Isometry3<f64>> {
     let middle = board.middle();
     let mut any = |range: f64| range * (2.0 * random.random::<f64>() - 1.0);
@@ -130,7 +133,7 @@ fn a_board_that_blinks_calibrates_as_well_as_stated() {
     }
 }
 
-/// Dots that the border of the image cuts, or that are near it, used to hide the board.
+/// Dots that the border of the image cuts, or that are near it, do not prevent the detection of the board.
 #[test]
 fn a_board_cut_by_the_border_calibrates_as_well_as_stated() {
     let board: Board = "acircles:9x4:20mm:r6mm".parse().unwrap();
@@ -166,7 +169,7 @@ fn too_few_views_and_another_board_are_named() {
     );
 }
 
-/// The error used to be that a board blinks, but is in none of 0 views.
+/// Without a view, the error must not be that a board blinks but is in none of 0 views.
 #[test]
 fn events_of_one_moment_are_not_a_view() {
     let event = |index: u16| Event { t: 7, x: index % 240, y: index / 240, polarity: Polarity::On };

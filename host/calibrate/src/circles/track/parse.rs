@@ -164,7 +164,8 @@ impl Columns {
         Ok(Self { count: names.len(), places, origin: 0.0 })
     }
 
-    /// Returns `true` if a line cut off in its last field can look complete, unless that field is ignored.
+    /// Returns `true` if the last field of a line is used. If the end of the file cuts such a field, the line looks
+    /// complete, but its last number may lack digits.
     fn may_have_lost_digits(&self) -> bool {
         self.places.values().any(|(index, _)| index + 1 == self.count)
     }

@@ -1,4 +1,5 @@
-//! The dot shape of pixels that become darker or brighter when a shape moves, by its definition.
+//! The dot shape of simulated windows. Their events are the pixels that become darker or brighter when dots of some
+//! form move.
 
 use evcal_core::event::Event;
 use nalgebra::{Matrix3, Vector3};

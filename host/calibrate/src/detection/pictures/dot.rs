@@ -1,9 +1,9 @@
 //! The centre of a dark dot, to a small fraction of a pixel.
 //!
-//! Around a spot a plane is fitted to the light of the paper. The missing light of a pixel, as a share w, sums up to the dot's
-//! area and its centre of area. Blur by the lens does not change them. Neither does motion while the shutter is open: the centre
-//! belongs to the middle of the exposure, as far as the motion is straight. The position of the steepest edge has neither
-//! property.
+//! Around a spot a plane is fitted to the light of the paper. The light that is missing in each pixel, as a share of
+//! the paper's light, is summed: this determines the area of the dot and its centre of area. Blur by the lens does not
+//! change them. Neither does motion while the shutter is open: the centre belongs to the middle of the exposure, as far
+//! as the motion is straight. Both would change the position of the steepest edge.
 
 use std::fmt;
 
@@ -25,7 +25,7 @@ pub struct Dot {
     pub blur: f64,
 }
 
-/// Reason why a spot cannot be measured as a dot. Sorted by their words, in the order of reports.
+/// Reason why a spot cannot be measured as a dot. The order of the variants is the order in `calibration.json`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum NoDot {
     /// The border of the image cuts the dot or its surroundings.
@@ -62,7 +62,8 @@ pub struct Surroundings {
     pub inner: f64,
     /// Outer end, in radii.
     pub outer: f64,
-    /// Smallest median deviation of the paper's grey levels from a plane: smaller ones are not known.
+    /// Lower limit of the median deviation of the paper's grey levels from a plane, because smaller deviations cannot
+    /// be measured.
     pub least_scatter: f64,
 }
 

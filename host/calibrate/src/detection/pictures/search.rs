@@ -26,15 +26,15 @@ const REACH: [f64; 2] = [1.2, 3.0];
 /// Largest blur of the dots' edges (median of a picture), as the standard deviation of a Gaussian (px).
 const MOST_BLURRED: f64 = 2.5;
 
-/// In pictures made of events: grey levels by which the paper scatters at least. White is about 200 of 255 levels, for a
-/// few ten events.
+/// Smallest scatter of the paper's grey levels in pictures made of events. White is about 200 of 255 levels, which
+/// corresponds to some tens of events.
 const LEAST_SCATTER: f64 = 8.0;
-/// In pictures made of events: width of a dot's edge (px). Where the border of the image cuts the paper around a dot, it
-/// is summed up to there.
+/// Width of a dot's edge in pictures made of events (px). If the border of the image cuts the paper around a dot, the
+/// dot is summed only up to this distance from its rim.
 const EDGE: f64 = 1.5;
 
-/// In pictures made of events: odds of the board's place on the lattice. Two dots that are missing within the image are
-/// enough; the camera does not depend on the place.
+/// Odds that the position of the board on the lattice must have in pictures made of events. Two dots that are missing
+/// within the image are enough, because the camera does not depend on this position.
 const ODDS_AT_REST: f64 = 500.0;
 
 /// Origin of pictures.
@@ -100,7 +100,7 @@ struct SeenPoint {
 /// Searches the pictures of recordings for the board.
 pub struct PictureSearch<'a> {
     target: Target<'a>,
-    /// Of the pictures in each interval of this length (µs), only the first is searched; 0 to search all.
+    /// Length of the intervals in each of which only the first picture is searched (µs); 0 to search all pictures.
     interval: i64,
     frames: Vec<ReferenceFrame>,
     blurs: Vec<f64>,
@@ -140,8 +140,8 @@ impl<'a> PictureSearch<'a> {
     }
 
     /// Searches the pictures of recording number `number`, which `hand_on` passes in order of time. Their times are relative to
-    /// `start` (µs on the recording's clock), or to the exposure of the first picture. `hand_on` returns in a sentence what could
-    /// not be read.
+    /// `start` (µs on the recording's clock), or to the exposure of the first picture. `hand_on` returns a sentence
+    /// about a part that could not be read.
     ///
     /// Returns the start of the times.
     ///
@@ -240,7 +240,7 @@ impl CircleTarget<'_> {
         }
     }
 
-    /// Finds the board. At rest also dots that cannot be measured show where it is.
+    /// Finds the board. In pictures made of events, dots that cannot be measured also help to find its position.
     fn find_board(
         &self,
         image: &GreyImage,

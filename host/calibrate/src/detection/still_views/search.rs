@@ -33,14 +33,18 @@ pub struct FoundInViews {
 const SMOOTHING: f32 = 0.8;
 /// Pictures of dots with a side below this (px) are enlarged, so that small dots have enough pixels.
 const SMALL: usize = 200;
+/// Factor of this enlargement.
 const ENLARGED: usize = 2;
-/// If the board is in this share of the views, it is not looked for in other pictures of them.
+/// If the board is found in at least this share of the views, the remaining kinds of pictures are not searched.
 const MOST: f64 = 0.9;
 
 /// Searches `views`, a list for each recording, for `board`.
 ///
-/// The paper or the print may blink, so the negatives are searched too, or both in turn, so the changes are searched. Where a little
-/// light is enough for all events of a pixel, squares that blink have grown so far that those between them do not touch any more; then they are made smaller.
+/// Four kinds of pictures are searched one after the other. Either the paper or the print may blink, so the numbers of
+/// events and their negatives are searched. Both may blink in turn, so the changes and their negatives are searched,
+/// too. If little light is enough for a pixel to send all its events, the blinking squares appear larger and the
+/// squares between them no longer touch. Therefore, if a board of squares is not found, the bright squares are made
+/// smaller.
 pub fn search_views(
     board: &Board,
     settings: &DetectionSettings,
@@ -124,7 +128,7 @@ fn negative(picture: &Picture) -> Picture {
     picture.map(|grey| WHITE - grey)
 }
 
-/// The picture of a view after `variant`.
+/// Returns the picture of a view after `variant` was applied.
 fn changed(view: &TimedImage, variant: impl Fn(&Picture) -> Picture) -> TimedImage {
     let image = view.image.as_ref().map_err(|reason| *reason).and_then(|image| {
         let picture = Picture::from_bytes(image.width(), image.height(), &image.pixels).ok_or(NoImage::NotGrey)?;

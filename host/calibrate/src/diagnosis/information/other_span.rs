@@ -9,8 +9,9 @@ use event_recordings::StreamSummary;
 
 /// Fewest elements of a continuous stream, such as frames or IMU samples.
 const FEWEST: u64 = 20;
-/// Smallest difference of the beginning or the end that is reported: in seconds, and as a share of the events' span.
+/// Smallest difference of the beginning or the end that is reported (s).
 const LEAST: f64 = 0.5;
+/// The same difference as a share of the events' span.
 const SHARE: f64 = 0.1;
 
 /// A stream whose time span differs from the events' time span.

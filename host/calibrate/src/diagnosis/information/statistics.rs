@@ -27,8 +27,9 @@ pub(super) struct Statistics {
     pub(super) latest: i64,
     /// The largest column and row of an event.
     pub(super) largest: (u16, u16),
-    /// Start and number of events of the current bin and of the fullest one so far.
+    /// Start and number of events of the current bin.
     bin: (i64, u64),
+    /// Start and number of events of the fullest bin so far.
     fullest_bin: (i64, u64),
     pub(super) gap_count: u64,
     /// Duration and start of the longest gaps.

@@ -12,8 +12,9 @@ use crate::export::number::decimal;
 use crate::result::inertial_result::SensorResult;
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 
-/// Ranges to which DV sets a DAVIS346: °/s and g.
+/// Range of the gyroscope to which DV sets a DAVIS346 (°/s).
 const LARGEST_TURN: f64 = 500.0;
+/// Range of the accelerometer to which DV sets a DAVIS346 (g).
 const LARGEST_ACCELERATION: f64 = 4.0;
 
 /// Writes `dv-processing-imu.json` from the text of `dv-processing.json`, with its camera.

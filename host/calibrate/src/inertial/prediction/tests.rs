@@ -53,7 +53,7 @@ fn derivatives_by_parameters_agree_with_differences() {
         for index in 0..COUNT {
             let mut parameters = parameters();
             if [ACCELEROMETER_DELAY, CLOCK_DRIFT].contains(&index) {
-                // The change of the filter's own part with time is neglected.
+                // The derivative neglects that the filter's term changes with time, so the filter is switched off.
                 parameters.accelerometer_filter = 0.0;
             }
             let at = |size: f64| {

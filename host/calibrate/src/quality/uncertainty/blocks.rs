@@ -37,7 +37,7 @@ fn observed_times(starts: &[(usize, f64)]) -> (Vec<f64>, f64) {
         }
     }
     let spanned: f64 = spans.values().map(|(first, last)| last - first).sum();
-    // If each interval is alone in its segment, they have equal lengths.
+    // If each interval is alone in its segment, its length is unknown; any length will do, because all are equal.
     let length = if steps > 0 { spanned / f64::from(steps) } else { 1.0 };
     let mut shifts = BTreeMap::new();
     let mut total = 0.0;

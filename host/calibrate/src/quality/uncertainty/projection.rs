@@ -96,8 +96,8 @@ impl ProjectionUncertainty {
     }
 }
 
-/// Returns the ratio of the 97.5 % quantile of Student's t with `freedom` degrees of freedom to that of the normal distribution (Abramowitz and
-/// Stegun 26.7.5).
+/// Returns the ratio of two 97.5 % quantiles: Student's t with `freedom` degrees of freedom to the normal distribution
+/// (Abramowitz and Stegun 26.7.5).
 fn student_ratio(freedom: f64) -> f64 {
     const NORMAL: f64 = 1.959_963_984_540_054;
     let square = NORMAL * NORMAL;
@@ -105,8 +105,8 @@ fn student_ratio(freedom: f64) -> f64 {
     1.0 + (square + 1.0) / (4.0 * freedom) + (5.0 * square * square + 16.0 * square + 3.0) / (96.0 * freedom * freedom)
 }
 
-/// Returns the 95 % quantile of a sum of squares of normal variables with this mean and variance: a scaled χ² with the same two
-/// (Satterthwaite 1946), its quantile by Wilson and Hilferty (1931).
+/// Returns the 95 % quantile of a sum of squares of normal variables with this mean and variance. It is the quantile
+/// (Wilson and Hilferty 1931) of a scaled χ² with the same mean and variance (Satterthwaite 1946).
 fn quantile_95(mean: f64, variance: f64) -> f64 {
     const NORMAL_95: f64 = 1.644_853_626_951_472_2;
     if variance <= 0.0 {
@@ -138,7 +138,6 @@ mod tests {
         Camera::from_parameters(ModelKind::Radtan, parameters).unwrap()
     }
 
-    /// Quantiles of χ² with 1, 2 and 10 degrees of freedom, from tables; the approximation of Wilson and Hilferty is within 3 %.
     #[test]
     fn few_views_widen_the_bound_as_in_tables_of_student() {
         for (freedom, quantile) in [(5.0, 2.571), (7.0, 2.365), (13.0, 2.160), (30.0, 2.042), (120.0, 1.980)] {
@@ -147,6 +146,8 @@ mod tests {
         }
     }
 
+    /// Quantiles of χ² with 1, 2 and 10 degrees of freedom, from tables; the approximation of Wilson and Hilferty is
+    /// within 3 %.
     #[test]
     fn quantiles_agree_with_chi_square() {
         for (freedom, quantile) in [(1.0, 3.841), (2.0, 5.991), (10.0, 18.307)] {

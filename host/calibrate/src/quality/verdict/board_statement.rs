@@ -6,8 +6,8 @@ use super::{Cause, Finding, Severity};
 use crate::quality::board_evidence::BoardEstimate;
 use evcal_geometry::board::Board;
 
-/// Returns a finding with the differences from the stated `board` and their effect on the focal length of `camera`; `None`
-/// without differences.
+/// Returns a finding with the differences from the nominal `board` and their effect on the focal length of `camera`;
+/// `None` without differences.
 pub(super) fn board_finding(estimate: &BoardEstimate, board: &Board, camera: &Camera<f64>) -> Option<Finding> {
     let statements = statements(estimate, board);
     let effect = estimate.camera_as_stated.as_ref().and_then(|stated| effect(stated, camera));

@@ -184,8 +184,8 @@ const DISTINGUISHED: f64 = 2.0;
 /// Variation of the mean offset when dots are small and pixels are slow (px): less than exchanged polarities or light dots cause.
 const MOST_DIFFERENT_OFFSETS: f64 = 0.5;
 
-/// Checks the stated radius against the mean offset of the events. If the `evidence` distinguishes the stated radius from the
-/// observed one, it decides, because a small dot in little light changes the offset too.
+/// Checks the nominal radius against the mean offset of the events. If the `evidence` confirms the nominal radius and
+/// contradicts the observed one, a larger offset is accepted, because a small dot in little light changes it too.
 fn radius(observed: &ObservedRadius, evidence: Option<&BoardEvidence>, board: &CircleBoard) -> Option<Finding> {
     let ratio = observed.radius / board.radius;
     let pixels = (observed.radius - board.radius) / observed.scale;
@@ -343,8 +343,8 @@ fn halves(halves: &SplitHalf) -> Option<Finding> {
 mod tests {
     use super::*;
 
-    /// In little light, dots of 3 px had an offset of their own (11 circles of 8 mm, 2.7 mm/px), and the radius was reported as
-    /// wrong.
+    /// In little light, dots of 3 px have an offset of their own (11 circles of 8 mm, 2.7 mm/px), which must not be
+    /// reported as a wrong radius.
     #[test]
     fn a_radius_that_the_evidence_confirms_is_not_reported() {
         let board: CircleBoard = "acircles:11x5:30mm:r8mm".parse().unwrap();

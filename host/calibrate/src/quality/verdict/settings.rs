@@ -13,7 +13,8 @@ pub(super) const SIGNIFICANT: f64 = 2.0;
 /// Share of the focal length above which its σ suggests that it is only determined together with another parameter.
 pub(super) const OPEN_FOCAL_LENGTH: f64 = 0.02;
 
-/// They are determined together if the uncertainty of the projection is below this share of the focal length's uncertainty.
+/// The focal length and the other parameter are determined together if the uncertainty of the projection is below this
+/// share of the focal length's uncertainty.
 pub(super) const KNOWN_TOGETHER: f64 = 0.1;
 
 /// Multiple of [`VerdictSettings::good`] from which the error of the projection is not good enough.
@@ -31,10 +32,11 @@ pub(super) const SMALLEST_TILT: f64 = 20.0;
 /// Smallest share of the sensor's 12 × 9 cells with observations.
 pub const SMALLEST_COVERAGE: f64 = 0.7;
 
-/// Largest difference between the circles' radius from the events and the stated one, as a share of it.
+/// Largest difference between the circles' radius from the events and the nominal one, as a share of it.
 pub(super) const LARGEST_RADIUS_DIFFERENCE: f64 = 0.06;
 
-/// Largest difference to a better model over the sensor (px, rms); a model with more is not good enough.
+/// Largest difference of the projection from a better model (px, rms over the sensor); above it, the model is not good
+/// enough.
 pub(super) const LARGEST_MISFIT: f64 = 0.03;
 
 /// Largest difference of fx and fy, as a share, if it is also significant.

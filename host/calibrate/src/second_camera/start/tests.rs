@@ -16,7 +16,7 @@ const SECONDS: f64 = 24.0;
 const OFFSET_TRUE: f64 = -1.237_45;
 const RATE_TRUE: f64 = 60e-6;
 
-/// `T_world_camera`, which never repeats; `turn` selects the part of the rotation.
+/// `T_world_camera`, which never repeats; `turn` scales the rotation.
 fn first_pose(t: f64, turn: f64) -> Isometry3<f64> {
     let turns = Vector3::new(
         0.4 * (2.1 * t).sin() + 0.2 * (5.3 * t + 0.4).sin() + 0.1 * (0.23 * t * t).cos(),

@@ -1,9 +1,10 @@
 //! The mean delay of the first OFF events of all bursts, which is the zero of all latencies.
 //!
-//! A delay of all events looks like a shift of the clock, so one latency has to be fixed. A single class is not a good zero:
-//! which bursts are long changes with the speed of the edge, and with it the position on the edge where bursts of one length
-//! begin, which looks like a delay. The delay extrapolated to the middle of the sensor and to infinitely large dots is not a good
-//! zero either, because no events are observed there. So the zero is the mean of all first OFF events.
+//! A delay of all events looks like a shift of the clock, so one latency has to be fixed. A single class is not a good
+//! zero: the speed of the edge influences which bursts are long, and thereby the position on the edge at which bursts
+//! of one length begin. A position that changes with the speed looks like a delay. The delay extrapolated to the middle
+//! of the sensor and to infinitely large dots is not a good zero either, because no events are observed there. So the
+//! zero is the mean of all first OFF events.
 
 use evcal_core::event::Polarity;
 
@@ -13,7 +14,7 @@ use crate::solve::observation_range::EventResidual;
 use crate::trajectory::Trajectory;
 use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
 
-/// Events farther from the line than this many times their spread do not count.
+/// Events farther from the fitted line than this many times their spread do not count.
 const OUTLIER: f64 = 3.0;
 /// Number of passes that remove outliers.
 const PASSES: usize = 3;
@@ -35,7 +36,8 @@ fn is_first_off(class: usize) -> bool {
     polarity == Polarity::Off && place.rank == 0
 }
 
-/// Shifts all events of all classes earlier by `delay` (s), and the trajectories later: events alone do not distinguish the two.
+/// Reduces the latencies of all classes by `delay` (s), and shifts the trajectories later by it: events alone do not
+/// distinguish the two.
 pub fn shift_clock(bias: &mut EventBias, trajectories: &mut [Trajectory], delay: f64) {
     bias.iter_mut().for_each(|class| class.biases[Bias::Latency] -= delay);
     trajectories.iter_mut().flat_map(|trajectory| &mut trajectory.knots).for_each(|knot| *knot += delay);

@@ -11,7 +11,7 @@ use super::super::TrajectoryError;
 use super::{Design, EvenPull};
 use evcal_geometry::numerics::banded::BandedCholesky;
 
-/// Most Gauss-Newton steps for an SO(3) spline; from the quaternion fit three or four suffice.
+/// Largest number of Gauss-Newton steps for an SO(3) spline; from the quaternion fit three or four suffice.
 const GAUSS_NEWTON_STEPS: usize = 10;
 
 /// Gauss-Newton ends when no control point rotates by more than this, in radians.
