@@ -1,5 +1,5 @@
 //! The `evcal` program. Each subcommand is a module of `cli`; the algorithms are in the libraries.
-// No input causes a panic.
+// These lints hold because no input may cause a panic.
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable)]
 
 mod cli;

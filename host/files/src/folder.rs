@@ -106,8 +106,8 @@ impl OutputFolder {
         Ok(folder)
     }
 
-    /// Opens a folder like [`OutputFolder::open`], which must not contain results yet. `is_result` decides by a
-    /// file's path in the folder.
+    /// Opens a folder as [`OutputFolder::open`] does, but fails if it already contains results. `is_result` receives
+    /// the path of a file in the folder.
     ///
     /// # Errors
     /// [`FolderError`].
@@ -123,8 +123,9 @@ impl OutputFolder {
         &self.path
     }
 
-    /// Checks before the work that results can have their names: no folder has the name of a result (according to
-    /// `is_result`, which gets paths in the folder), and each name in `folders` is a folder or unused.
+    /// Checks, before the work begins, that the names of the results are free: no folder has the name of a result
+    /// (according to `is_result`, which receives paths in the folder), and each name in `folders` is a folder or
+    /// unused.
     ///
     /// # Errors
     /// [`FolderError::Blocked`].
@@ -149,8 +150,8 @@ impl OutputFolder {
         Ok(())
     }
 
-    /// Replaces old files (according to `is_old`) by those that `fill` writes into a temporary folder. The old files
-    /// are removed once all new ones are complete and in place.
+    /// Replaces old files (according to `is_old`) by the files that `fill` writes into a temporary folder. The old
+    /// files are removed once all new ones are complete and in place.
     ///
     /// # Errors
     /// The error of `fill`, or of a file that cannot be moved. It names the file by its final path, and the old
@@ -189,7 +190,7 @@ impl OutputFolder {
         replaced
     }
 
-    /// Stores the open folder, which keeps its lock.
+    /// Stores the handle of the open folder, so that the folder stays locked.
     fn keep(&self, open: File) {
         *self.held.lock().unwrap_or_else(PoisonError::into_inner) = Some(open);
     }
@@ -201,7 +202,7 @@ impl OutputFolder {
         }
     }
 
-    /// Removes all results; `is_result` decides by a file's path in the folder.
+    /// Removes all results. `is_result` receives the path of a file in the folder.
     ///
     /// # Errors
     /// [`FileError`] names the file that cannot be removed.

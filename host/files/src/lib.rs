@@ -1,5 +1,5 @@
 #![doc = include_str!("../README.md")]
-// Untrusted input must not cause a panic, and only the program prints.
+// These lints hold because no input may cause a panic, and because only the program prints, never a library.
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
@@ -128,7 +128,7 @@ impl NewFile {
         Ok(Self { path: target, content, is_new: there.is_err(), _listed: listed })
     }
 
-    /// Path of the bytes until the file is finished, for writers that open the file themselves.
+    /// Path of the file while it is unfinished, for writers that open the file themselves.
     pub fn unfinished_path(&self) -> &Path {
         match &self.content {
             Content::Temporary(file) => file.get_ref().path(),

@@ -13,11 +13,11 @@ const MOST_OTHERS: usize = 10_000;
 
 /// Replaces `folder` by the folder `new` inside it. Files of `folder` that are not in `old` (by their relative paths)
 /// are carried over. Returns the new folder, open and locked. Returns `None`, with everything unchanged, if the system
-/// or the disk does not support it, or a process works in the folder.
+/// or the disk does not support the exchange, or if the working directory of this process is in the folder.
 pub(super) fn swap(folder: &Path, old: &[PathBuf], new: &Path) -> Option<File> {
     let folder = fs::canonicalize(folder).ok()?;
     let new = fs::canonicalize(new).ok()?;
-    // The process would stay in the old folder.
+    // The working directory would still be the old folder after the exchange.
     if env::current_dir().is_ok_and(|current| current.starts_with(&folder)) {
         return None;
     }
@@ -174,7 +174,7 @@ mod tests {
         assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 1);
     }
 
-    /// A folder in which a process works is not replaced.
+    /// The folder that is the working directory of this process is not replaced.
     #[test]
     fn if_a_swap_is_impossible_nothing_changes() {
         let parent = env::current_dir().unwrap();

@@ -37,7 +37,7 @@ pub fn load(text: &str, longest: usize) -> Result<Vec<Yaml>, LoadError> {
     YamlLoader::load_from_str(text).map_err(|error| LoadError::Syntax(error.to_string()))
 }
 
-/// Parses `text` event by event, which needs neither recursion nor memory, and checks its structure.
+/// Parses `text` event by event, which needs no recursion and little memory, and checks its structure.
 fn check(text: &str) -> Result<(), LoadError> {
     let mut parser = Parser::new_from_str(text);
     let mut depth = 0_usize;

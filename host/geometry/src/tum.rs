@@ -95,7 +95,7 @@ fn parse(content: &str) -> Result<TimedPose, PoseLineError> {
     Ok(TimedPose { t, pose })
 }
 
-/// Writes a trajectory, to microseconds and nanometres, with a first line that names the fields and the pose:
+/// Writes a trajectory, to microseconds and nanometres. Its first line names the fields and the `pose`, for example
 /// `T_world_camera`.
 pub fn write(mut writer: impl Write, pose: &str, poses: &[TimedPose]) -> io::Result<()> {
     writeln!(writer, "# t tx ty tz qx qy qz qw: seconds, {pose} in metres")?;

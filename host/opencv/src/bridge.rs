@@ -183,8 +183,8 @@ fn calibrate(
     }
 }
 
-/// Calls `calibrateCamera` with 4, 5 or 8 `coefficients`, of which p1 and p2 stay zero unless it is `tangential`. With
-/// a `guess` it starts from the given camera and coefficients.
+/// Calls `calibrateCamera` with 4, 5 or 8 `coefficients`; p1 and p2 stay zero unless `tangential` is set. With a
+/// `guess` it starts from the given camera and coefficients.
 pub fn calibrate_pinhole(
     views: &[&View],
     limits: &Limits,

@@ -1,5 +1,5 @@
 #![doc = include_str!("../README.md")]
-// No input causes a panic; only the program prints.
+// These lints hold because no input may cause a panic, and because only the program prints, never a library.
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 

@@ -28,12 +28,12 @@ enum OpencvModel {
     Fisheye,
 }
 
-/// Returns the calibrations of OpenCV that can start a camera of model `kind`; of several, the one with the smallest
-/// error is used.
+/// Returns the calibrations of OpenCV that can start a camera of model `kind`. If there are several, [`opencv_start`]
+/// uses the one with the smallest error.
 ///
 /// The rational model starts from the plain one with five coefficients, because its eight coefficients are strongly
 /// correlated. A model that OpenCV does not support starts from a similar one: the inverse radial model from a radial
-/// one, the wide models from a fisheye or, for narrow lenses, from a pinhole camera.
+/// one, the wide models from a fisheye camera (which fits wide lenses) or a pinhole camera (which fits narrow ones).
 fn opencv_models(kind: ModelKind) -> &'static [OpencvModel] {
     use OpencvModel::{Fisheye, Pinhole};
     match kind {
@@ -91,7 +91,8 @@ fn covered_radius(views: &[View], center: [f64; 2]) -> f64 {
     points.map(|[x, y]| (x - center[0]).hypot(y - center[1])).fold(0.0, f64::max)
 }
 
-/// Returns `false` for implausible focal lengths: fields of view below 6° and far above 180°.
+/// Returns `false` for an implausible camera: a field of view below 6° or far above 180°, very different focal lengths
+/// along x and y, or a principal point outside the sensor.
 fn plausible(camera: &Camera<f64>, sensor: Sensor) -> bool {
     let (width, height) = (f64::from(sensor.width), f64::from(sensor.height));
     let diagonal = width.hypot(height);

@@ -68,7 +68,7 @@ const CAMERA: u32 = 0xf;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Layout {
     Davis(Sensor),
-    /// Several cameras with such a sensor each, of which the one with this number is read.
+    /// Several cameras with a sensor of this size each; the camera with this number is read.
     SeveralDavis(Sensor, u32),
     Dvs128,
 }

@@ -157,8 +157,7 @@ fn event(bytes: &[u8; 16]) -> Event {
     }
 }
 
-/// Flips the row of an event that counts from below, if it is inside the sensor. `from_below` is the height of the
-/// sensor if rows do.
+/// Flips the row of an event inside the sensor if rows count from below; `from_below` is then the height of the sensor.
 fn flipped(event: Event, from_below: Option<u16>) -> Event {
     match from_below {
         // An event outside the sensor stays outside.

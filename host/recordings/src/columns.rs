@@ -47,10 +47,11 @@ const LARGEST_MICROSECONDS: f64 = 1e17;
 const SINCE_1970: f64 = 1e15;
 /// Fraction of times that may be less than the one before, if no other column can be the time.
 const MOST_BACK: f64 = 0.1;
-/// Number of different times, all multiples of 1000, from which they are taken for nanoseconds.
+/// Times that are all multiples of 1000 are taken for nanoseconds if they change at least this often.
 const ENOUGH_TIMES: usize = 20;
 
-/// Number of rows from which two unusual numbers are taken for polarities, and the smallest fraction of each.
+/// Two numbers that are unusual for polarities are taken for polarities if there are at least this many rows and each
+/// number is in at least this fraction of them.
 const ENOUGH_POLARITIES: usize = 20;
 const LEAST_OF_A_POLARITY: f64 = 0.05;
 
@@ -241,7 +242,7 @@ mod tests {
         assert_eq!(order((0..2000).map(scan)), "x,y,t,p");
         let scan = |index: u32| [index % 320 / 4, index * 7 % 100 + 2, index / 3 % 2, 5000 + index / 320];
         assert_eq!(order((0..2000).map(scan)), "x,y,p,t");
-        // In every twentieth pair of events the second comes first.
+        // Every twentieth event has a time that is 13 too early.
         let exchanged = |index: u32| {
             let early = if index % 20 == 9 { 13 } else { 0 };
             [20 + index - early, index * 7 % 100 + 2, 50 - index % 37, 1]

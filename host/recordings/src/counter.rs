@@ -16,7 +16,8 @@ struct Range {
     /// A jump is a wrap if it begins within this many counts of the end of the range and ends within as many of its
     /// beginning.
     near: i128,
-    /// `true` if other recordings often have such times too: only their beginning, or a pause in them.
+    /// `true` if the range is so short that other recordings may look like this counter: the first times of a recording
+    /// lie in the range, and a pause may jump across it.
     is_short: bool,
 }
 
@@ -176,7 +177,7 @@ mod tests {
         assert_eq!(times(TimeUnit::Microseconds, [(end - 1) * 1000, 1000]).0, [(end - 1) * 1000, 1000]);
     }
 
-    /// Times in ms, every 3 ms and with one late event in seven, for the longest range.
+    /// Times in µs and in ms, in steps of 301 or 5003 counts and with one late event in seven.
     #[test]
     fn short_counters_are_unwrapped() {
         for (bits, lowest, step) in [(24, 0, 5003), (16, 0, 301), (16, -(1 << 15), 301), (15, 0, 301)] {

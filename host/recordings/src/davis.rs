@@ -243,7 +243,7 @@ mod tests {
     fn corrected_times_are_listed() {
         let mut encoder = Encoder::new(Layout::DAVIS346);
         let mut dump = DumpWriter::new(Vec::new(), &DumpHeader::default(), Compression::None).expect("a vector");
-        // Transfers of 1 ms after a restart of the clock; those of 0.1 s are lost.
+        // After a restart of the clock there is one transfer every millisecond; the transfers of 0.1 s are lost.
         let mut reset = Vec::new();
         encoder
             .event(&PolarityEvent { time: 5, x: 1, y: 2, polarity: WirePolarity::On }, &mut reset)

@@ -81,7 +81,7 @@ pub struct Description<'a> {
     pub zero: i64,
 }
 
-/// Creates the file and writes everything that precedes the first event. The file is requested last, so that none
+/// Creates the file and writes everything that precedes the first event. The file is requested last, so that no file
 /// remains if the format does not support the recording.
 pub type CreateFile = fn(&mut dyn FnMut() -> io::Result<File>, &Description) -> Result<Box<dyn Encode>, WriteError>;
 

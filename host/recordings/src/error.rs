@@ -236,7 +236,7 @@ pub enum RecordingErrorKind {
 /// Usable part of a damaged file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Usable {
-    /// Nothing, because the damaged part describes all other parts, or says where they are.
+    /// Nothing, because the damaged part describes all other parts or contains their positions.
     Nothing,
     /// The part before the damage.
     Before,

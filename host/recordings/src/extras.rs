@@ -114,10 +114,10 @@ pub trait ReadExtras {
     fn first_time(&mut self) -> Option<i64>;
 
     /// Returns the next element that begins at `end` (µs) or earlier. Elements of a live camera are returned once they
-    /// are complete. What cannot be read is left out, and described in `lost`.
+    /// are complete. Elements that cannot be read are left out and described in `lost`.
     fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra>;
 
-    /// `true` if this reader returns the packets of `stream`, which a pass through the events passes over.
+    /// `true` if this reader returns the packets of `stream`, which the reader of the events only counts.
     fn reads(&self, stream: &str) -> bool;
 
     /// Names the streams that are returned, in sentences, if the recording has several.
@@ -130,7 +130,7 @@ pub trait ReadExtras {
         None
     }
 
-    /// Describes in a sentence what is lost from the returned elements, for example bits per pixel.
+    /// Describes in a sentence the information that the returned elements lack, for example bits per pixel.
     fn lessened(&self) -> Option<&'static str> {
         None
     }
@@ -148,7 +148,7 @@ pub fn read_or_report<T>(read: Result<Option<T>, RecordingError>, what: &str, lo
     })
 }
 
-/// Treatment of damaged frames and IMU samples, with the number of those skipped.
+/// Treatment of damaged frames and IMU samples, with the number of skipped ones.
 #[derive(Debug)]
 pub struct Skipped {
     damage: Damage,
@@ -215,8 +215,8 @@ impl UnreadFrames {
     }
 }
 
-/// Returns `next` if it begins at `end` (µs) or earlier, and replaces it by the result of `read`. What cannot be read
-/// is described in `lost`.
+/// Returns `next` if it begins at `end` (µs) or earlier, and replaces it by the result of `read`. Elements that cannot
+/// be read are described in `lost`.
 pub fn take_until(
     next: &mut Option<Extra>,
     end: i64,
@@ -249,7 +249,7 @@ impl ReadExtras for NoExtras {
     }
 }
 
-/// Describes what a recording contains but `extras` does not return, in sentences.
+/// Describes the content of a recording that `extras` does not return, in sentences.
 pub fn left_out(extras: &dyn ReadExtras, report: &ReadReport) -> Vec<String> {
     let mut left_out = Vec::new();
     for (name, count) in &report.other_packets {

@@ -20,8 +20,8 @@ const HEAD_LENGTH: u64 = 65_536;
 /// Result of opening a file: a decoder at its beginning.
 pub type Opened = Result<Box<dyn Decode>, RecordingError>;
 
-/// Passes the frames of a file to a visitor, in file order. An inner error ended them early; an outer one prevented the
-/// start.
+/// Passes the frames of a file to a visitor, in file order. The outer result is an error if the frames cannot be read
+/// at all, the inner result if they ended early.
 pub type VisitFrames =
     fn(&Path, &RecordingOptions, &mut dyn FnMut(TimedImage)) -> Result<Result<(), RecordingError>, RecordingError>;
 
@@ -47,7 +47,7 @@ pub struct FileFormat {
     pub frames: Option<VisitFrames>,
     /// Opens frames and IMU samples for conversion, if the format can contain any.
     pub extras: Option<OpenExtras>,
-    /// Opens the USB transfers, if the format stores those of a camera.
+    /// Opens the USB transfers of a camera, if the format stores them.
     pub transfers: Option<OpenTransfers>,
     /// Writer of the format, if there is one.
     pub output: Option<&'static OutputFormat>,
@@ -82,7 +82,7 @@ impl Uses {
         .find_map(|(option, is_used, is_given)| (is_given && !is_used).then_some(option))
     }
 
-    /// Returns `options` without those that do not apply.
+    /// Returns `options` without the options that do not apply.
     pub fn of(self, options: &RecordingOptions) -> RecordingOptions {
         RecordingOptions {
             stream: options.stream.clone().filter(|_| self.stream),

@@ -68,8 +68,8 @@ pub fn format_of(path: &Path) -> Result<&'static FileFormat, RecordingError> {
     find_format(path, &head)
 }
 
-/// Adapts `options` that were given for another recording to the one at `path`: removes those that do not apply to its
-/// format.
+/// Adapts `options` that were given for another recording to the one at `path`: removes the options that do not apply
+/// to its format.
 pub fn options_for(path: &Path, options: &RecordingOptions) -> RecordingOptions {
     format_of(path).map_or_else(|_| options.clone(), |format| format.uses.of(options))
 }

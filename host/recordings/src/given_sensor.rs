@@ -216,7 +216,7 @@ pub fn counted_from_one(recording: &Recording) -> Option<Sensor> {
     known.map_or_else(|| is_usual(sensor), |known| known == sensor).then_some(sensor)
 }
 
-/// `true` if `sensor` is the smallest usual sensor that contains its own last pixel.
+/// `true` if `sensor` has a common size: an event in its last pixel suggests exactly this sensor.
 fn is_usual(sensor: Sensor) -> bool {
     let (Some(x), Some(y)) = (sensor.width.checked_sub(1), sensor.height.checked_sub(1)) else { return false };
     let last = Event { t: 0, x, y, polarity: Polarity::On };

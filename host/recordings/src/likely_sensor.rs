@@ -35,8 +35,8 @@ pub fn likely_words(likely: Option<Sensor>) -> String {
     likely.map_or_else(String::new, |sensor| format!("; its events suggest {sensor}"))
 }
 
-/// Returns the common sensor whose last column and row these are, perhaps with x and y exchanged, or else the smallest common
-/// sensor that has them.
+/// Returns the common sensor whose last row is `column` and whose last column is `row`, because x and y are then
+/// probably exchanged. Otherwise returns the smallest common sensor that contains both.
 pub fn likely_sensor(column: u16, row: u16) -> Option<Sensor> {
     let largest = |sensor: &Sensor| (sensor.width - 1, sensor.height - 1);
     let exchanged = SENSORS.into_iter().find(|sensor| largest(sensor) == (row, column));

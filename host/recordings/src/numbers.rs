@@ -106,7 +106,7 @@ impl Number {
         }
     }
 
-    /// Returns a number of all ones as the integer that it is, if i64 contains it.
+    /// Converts a number of all ones to the integer with these bits, if i64 contains it.
     fn as_whole(self) -> Self {
         match self {
             Self::AllOnes(value) => i64::try_from(value).map_or(self, Self::Whole),

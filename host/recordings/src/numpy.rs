@@ -159,7 +159,7 @@ fn layout(
     });
     let unit_of_name = named.as_ref().and_then(|((_, unit), _)| *unit);
     let columns = match (&options.columns, named) {
-        // Named arrays have no order that could be given.
+        // Arrays that have names have no order of columns, so an option cannot state one.
         (Some(_), Some(_)) if table.parts.len() > 1 => return Err(columns::LayoutError::Named),
         (Some(columns), _) if columns.as_slice().len() == table.width() => columns.clone(),
         (Some(_), _) => return Err(columns::LayoutError::FieldCount(table.width())),

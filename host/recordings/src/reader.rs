@@ -217,8 +217,8 @@ impl EventReader {
         self.report.events -= (before - events.len()) as u64;
     }
 
-    /// Appends the valid events of `batch` to `events`, with non-decreasing times. After an error, `events` has
-    /// those before it.
+    /// Appends the valid events of `batch` to `events`, with non-decreasing times. After an error, `events` contains
+    /// the events before it.
     fn check(&mut self, batch: &[Event], events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         let Sensor { width, height } = self.information.sensor.unwrap_or(Sensor::new(MAX_SENSOR_SIZE, MAX_SENSOR_SIZE));
         let (mut exchanged, mut is_upright) = (0, self.is_upright);

@@ -68,7 +68,7 @@ pub fn read_file(path: &Path, options: RecordingOptions) -> Outcome {
 pub const KEPT: [fn(i64) -> i64; 3] =
     [|count| (count as u32).into(), |count| (count as i32).into(), |count| count & 0x7fff_ffff];
 
-/// Returns events around this time, 150 µs apart; some are up to 3 ms earlier than those before them.
+/// Returns events around this time, 150 µs apart; some are up to 3 ms earlier than the events before them.
 pub fn events_around(time: i64) -> Vec<Event> {
     let event = |index: i64| Event {
         t: time - 1 + 150 * (index - 500) - if index % 13 == 0 { 3000 } else { 0 },

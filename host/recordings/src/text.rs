@@ -154,7 +154,8 @@ impl Decoder {
         }
         let last_field = line.iter().rev().take_while(|byte| !is_separator(byte)).count();
         let event = event(line, &self.layout);
-        // A line without its end may have lost digits of its last field, unless that is a polarity, which has only one.
+        // A line without its end may have lost digits of its last field, unless this field is a polarity, which has
+        // only one digit.
         let ends_in_polarity = self.layout.columns.as_slice().last() == Some(&Column::P);
         let shorter = !ends_in_polarity && last_field < self.last_field;
         self.last_field = last_field;

@@ -48,7 +48,7 @@ pub struct DavisSlice<'a> {
 pub struct DavisDescription {
     /// Settings.
     pub settings: DavisSettings,
-    /// The lens of the frames, if it differs from that of the events.
+    /// The lens of the frames, if it differs from the lens of the events.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame_camera: Option<CameraDescription>,
     /// Constant errors of the IMU, if enabled.

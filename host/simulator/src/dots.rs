@@ -52,7 +52,7 @@ impl Dots {
     }
 
     /// Returns the signed distance of `offset` (from the centre) to the shape's edge, positive inside, and the outward
-    /// direction there. Not for circles.
+    /// direction there. The scene renders circles without it.
     pub(super) fn depth(self, offset: &Vector2<f64>, radius: f64) -> (f64, Vector2<f64>) {
         let corner = match self {
             Self::Circles | Self::Rings => radius,
@@ -68,7 +68,8 @@ impl Dots {
     }
 }
 
-/// Returns the same for a square of side 2 `half` with corners of radius `corner`.
+/// Returns the distance and the direction of [`Dots::depth`] for a square of side 2 `half` with corners of radius
+/// `corner`.
 fn rounded_square(offset: &Vector2<f64>, half: f64, corner: f64) -> (f64, Vector2<f64>) {
     let signs = offset.map(|value| if value < 0.0 { -1.0 } else { 1.0 });
     let beyond = offset.abs().add_scalar(corner - half);
@@ -87,7 +88,7 @@ fn rounded_square(offset: &Vector2<f64>, half: f64, corner: f64) -> (f64, Vector
 mod tests {
     use super::*;
 
-    /// The direction is that of decreasing distance, except in the middle of the shape's width.
+    /// The signed distance decreases fastest in the returned direction, except in the middle of the shape's width.
     #[test]
     fn the_normal_is_the_gradient_of_the_distance() {
         for dots in [Dots::Squares, Dots::Rings, Dots::Keys] {

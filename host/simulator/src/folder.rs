@@ -113,11 +113,16 @@ pub fn is_result(file: &Path) -> bool {
         || others.iter().any(|name| Path::new(name) == file)
 }
 
-/// Simulates, and writes `events.aedat4` (or `.dvraw`, `.csv`, `.bin`, `.raw`), `truth.json` and `trajectory.txt` (TUM, 1000
-/// poses per second); with frames `frames.csv`; with IMU samples `imu.csv`; with motion capture `motion_capture.txt`
-/// (TUM, `T_mocap_body`); with a second camera `second.aedat4` (or `.csv`, `.bin`), or the folder `second` for a second
-/// camera with frames. Files of an earlier simulation are removed once all files of this one are written. `progress` is
-/// called with the number of finished slices, of [`SimulatedRecording::slice_count`] in total.
+/// Simulates, and writes the results into `folder`:
+///
+/// - `events.aedat4` (or `.dvraw`, `.csv`, `.bin`, `.raw`), `truth.json` and `trajectory.txt` (TUM, 1000 poses per
+///   second);
+/// - with frames `frames.csv`, with IMU samples `imu.csv`, with motion capture `motion_capture.txt` (TUM,
+///   `T_mocap_body`);
+/// - with a second camera `second.aedat4` (or `.csv`, `.bin`, `.raw`), or the folder `second` if it takes frames.
+///
+/// Files of an earlier simulation are removed once all files of this one are written. `progress` is called with the
+/// number of finished slices, of [`SimulatedRecording::slice_count`] in total.
 ///
 /// # Errors
 /// [`SimulatedFolderError`] names the file that could not be written.

@@ -7,7 +7,6 @@
 //!
 //! Rates, times and noise are close to recordings of real DAVIS346 cameras: 25 Hz, 9.2 ms to read all pixels, noise of
 //! 2 to 7 steps of 1023 from frame to frame.
-//! read all pixels, 2 to 7 steps of 1023 of noise from frame to frame.
 
 use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;

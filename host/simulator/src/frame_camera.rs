@@ -61,7 +61,7 @@ impl FrameCameraSettings {
         }
     }
 
-    /// Returns the time of a frame's timestamp (µs).
+    /// Returns the moment of the exposure that a frame's timestamp refers to (µs).
     fn stamped(&self, times: FrameTimes) -> f64 {
         let (start, end) = (times.exposure_start as f64, times.exposure_end as f64);
         match self.stamps {
@@ -72,9 +72,9 @@ impl FrameCameraSettings {
     }
 }
 
-/// Writes the frames of `simulation` from `begin` (µs) on into the folder at `path`, with timestamps in ns of a clock
-/// that shows `own_time` at a time in µs. Returns the names of the files in the folder. `progress` is called with the
-/// number of finished slices.
+/// Writes the frames of `simulation` from `begin` (µs) on into the folder at `path`. `own_time` converts a time in µs
+/// to a timestamp of the camera's clock in ns. Returns the names of the files in the folder. `progress` is called with
+/// the number of finished slices.
 pub(super) fn write(
     simulation: &Simulation,
     settings: &FrameCameraSettings,

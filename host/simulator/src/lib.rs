@@ -3,7 +3,7 @@
 //! Time is divided into slices of 25 ms, which limit the memory, and slices into ticks of 50 µs, at which poses are
 //! computed; each pixel is evaluated at the ticks that it needs.
 
-// No input causes a panic; only the program prints.
+// These lints hold because no input may cause a panic, and because only the program prints, never a library.
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
@@ -77,7 +77,7 @@ pub struct EventCounts {
 #[derive(Clone, Debug)]
 pub struct Simulation {
     stage: Stage,
-    /// The scene and lens of the frames, if they differ from those of the events.
+    /// The scene and lens of the frames, if they differ from the scene and lens of the events.
     frame_stage: Option<Stage>,
     motion: Motion,
     settings: SimulationSettings,

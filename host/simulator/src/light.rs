@@ -63,7 +63,8 @@ mod tests {
     fn the_spot_is_where_a_mirror_has_it() {
         let glare = Glare { strength: 1.0, spread: 0.01, lamp: [0.3, 0.0, 1.5] };
         let (camera, middle) = (Vector3::new(-0.2, 0.1, -0.5), Vector2::new(0.2, 0.1));
-        // From x = -0.2 to the lamp at x = 0.5, a quarter of the way according to the heights.
+        // The spot is on the line from the camera at x = -0.2 to the lamp at x = 0.5, a quarter of the way, because the
+        // camera is 0.5 m and the lamp 1.5 m above the board.
         let spot = Vector2::new(-0.2 + 0.7 * 0.25, 0.1);
         assert!((glare.radiance(&camera, &middle, &spot) - 1.0).abs() < 1e-12);
         assert!(glare.radiance(&camera, &middle, &(spot + Vector2::new(0.01, 0.0))) < 0.61);

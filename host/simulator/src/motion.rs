@@ -3,8 +3,9 @@
 //! The motion is defined in terms of the image: the position of the board's middle, its distance, its tilt and its
 //! rotation. Each of these six is a sum of two sinusoids with frequencies and phases from the seed, bounded so that the
 //! print stays in view while it reaches every edge of the sensor. A tremor of the hand is added. The frequency of the
-//! sinusoids is chosen such that the board's mean speed in the image has the required value. Degenerate motions, such
-//! as those without rotation, have the same positions of the board in the image but their own [`Turning`].
+//! sinusoids is chosen such that the board's mean speed in the image has the required value. A degenerate motion, for
+//! example one without rotation, has the same positions of the board in the image, but its rotation is determined by a
+//! [`Turning`].
 
 mod settings;
 mod turning;
@@ -116,8 +117,8 @@ impl Motion {
             absences: Ramps::new(&settings.absences, ABSENCE_RAMP),
             mount: None,
         };
-        // Without the tremor, the speed is proportional to the pace, and in a short recording the part of the path
-        // depends on the pace: a few iterations converge.
+        // The speed is not exactly proportional to the pace, because of the tremor, and because the pace of a short
+        // recording determines how much of the path the camera covers. A few iterations converge.
         for _ in 0..8 {
             let speed = motion.mean_speed(board, rays, duration);
             if speed <= 0.0 {
@@ -220,9 +221,9 @@ fn to_and_fro(t: f64, period: f64) -> f64 {
     libm::sin(omega * t) / omega
 }
 
-/// Returns the image speed of the board plane at time `t`, in pixels per second, with the point of the plane, in the
-/// middle of each cell of [`SPEED_GRID`], row by row; `pose` returns `T_world_camera`. `None` for a pixel that does not
-/// see the plane.
+/// For the pixel in the middle of each cell of [`SPEED_GRID`], row by row, returns the point of the board plane that
+/// the pixel sees at time `t` and the image speed of the plane there, in pixels per second. `pose` returns
+/// `T_world_camera`. `None` for a pixel that does not see the plane.
 pub fn image_speeds(pose: impl Fn(f64) -> Isometry3<f64>, rays: &Rays, t: f64) -> Vec<Option<(Vector2<f64>, f64)>> {
     const STEP: f64 = 1e-4;
     let before = View::new(&pose(t - STEP));

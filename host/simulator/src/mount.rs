@@ -1,9 +1,10 @@
 //! Properties of a real IMU compared with a perfect one: position, rotation, filters, scale errors, misalignment,
 //! noise, random walks and lost samples.
 //!
-//! The axes of the accelerometer are those of the IMU, as in Kalibr's model with scale and misalignment: it reads
-//! M_a f + b_a, the gyroscope M_g C ω + b_g, with lower triangular M and a rotation C from the IMU's axes to the
-//! gyroscope's. Both readings, and their noise, pass a low-pass filter with two equal poles.
+//! The axes of the IMU are the axes of the accelerometer, as in Kalibr's model with scale and misalignment. From the
+//! specific force f and the angular velocity ω, the accelerometer reads M_a f + b_a and the gyroscope M_g C ω + b_g,
+//! with lower triangular matrices M and a rotation C from the IMU's axes to the gyroscope's. Both readings, and their
+//! noise, pass a low-pass filter with two equal poles.
 
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
@@ -127,8 +128,8 @@ impl LowPass {
         Self { kept, state: None }
     }
 
-    /// Filters the next input. `input` is the mean over the step that ends now, by the trapezium rule, so that the
-    /// delay is that of the poles of the filter without an additional half step.
+    /// Filters the next input. `input` is the mean over the step that ends now, by the trapezium rule. With this mean
+    /// the filter has the delay of its two poles, without an additional half step.
     fn push(&mut self, input: Vector3<f64>) -> Vector3<f64> {
         let [first, second] = self.state.unwrap_or([input; 2]);
         let next_first = input + (first - input) * self.kept;

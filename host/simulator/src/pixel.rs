@@ -294,7 +294,8 @@ mod tests {
         assert!((times[0] - 400).abs() <= 1 && (times[1] - 900).abs() <= 1, "{times:?}");
     }
 
-    /// The response to a step of light equals that of a first-order low-pass, for one long look or many short ones.
+    /// The response to a step of light equals the response of a first-order low-pass, for one long look or many short
+    /// ones.
     #[test]
     fn the_photoreceptor_is_a_first_order_low_pass() {
         let photoreceptor = Some(Photoreceptor { bandwidth: 500.0, offset: 1e9 });

@@ -22,7 +22,7 @@ use event_recordings::{aedat4, event_calib, prophesee, text};
 
 /// Size of the sensor of a DAVIS346.
 pub const DAVIS346_SENSOR: Sensor = Sensor::new(346, 260);
-/// Writer in the header of a dump; existing simulated recordings contain the same.
+/// Name of the program in the header of a dump, the same as in existing simulated recordings.
 const WRITER: &str = "evcal simulate";
 /// Name of the camera in file formats that contain one.
 const CAMERA_NAME: &str = "evcal simulator";

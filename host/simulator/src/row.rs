@@ -34,7 +34,8 @@ const SKIP_SAFETY: f64 = 0.75;
 pub struct Stepping {
     /// Distance in pixels that an edge moves between two samples of a pixel that sees it.
     pub step: f64,
-    /// Fraction of the distance to the middle of the edge's profile that a sample farther out may skip.
+    /// Distance that an edge moves between two samples of a pixel in the outer half of the edge's reach, as a fraction
+    /// of the pixel's distance to the inner half.
     pub far_step: f64,
     /// Longest time between two samples of a pixel that sees an edge, in ticks.
     pub longest_step: usize,
@@ -167,7 +168,8 @@ struct Site {
 }
 
 impl Site {
-    /// Changes the light of the pixel to `radiance` in constant light, multiplied by the light of the `scene`.
+    /// Changes the light of the pixel to `radiance`, its radiance in constant light, times the light of the scene's
+    /// lamp if there is one.
     #[inline]
     fn see(&mut self, stage: &Stage, start: f64, end: f64, radiance: f64, out: &mut RowOutput<'_>) {
         let radiance = scattered(radiance, self.scatter);

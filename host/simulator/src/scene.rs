@@ -85,8 +85,8 @@ impl Default for SceneSettings {
 pub struct Sample {
     /// Radiance, blurred by the point-spread function.
     pub radiance: f64,
-    /// Signed distance to the nearest edge in pixels, positive on the inner side; positive on both sides of a square's
-    /// edge. If `|edge|` is large, it is a lower bound of the distance, in the pixel's linear map.
+    /// Signed distance to the nearest edge in pixels, positive on the inner side; for the edge of a square, positive on
+    /// both sides. Far from every edge it is a lower bound of the distance, from the pixel's linear map.
     pub edge: f64,
 }
 

@@ -3,8 +3,8 @@
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// A distant room with dark and bright patches of random shape, which drifts as it would for a board held in a hand,
-/// and rotates with the camera.
+/// A distant room with dark and bright patches of random shape. It drifts sideways, as behind a board that is held in a
+/// hand, and moves in the image when the camera rotates.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Texture {
@@ -88,7 +88,7 @@ impl Hand {
     /// and the direction away from the hand. `middle` is the middle of the board, `half` its half height.
     pub(super) fn depth(&self, point: &Vector2<f64>, middle: &Vector2<f64>, half: f64, t: f64) -> (f64, Vector2<f64>) {
         let angle = std::f64::consts::TAU * self.frequency * t;
-        // From the lower right, with the fingers up.
+        // The hand comes from the lower right, with the fingers up.
         let sway = Vector2::new(libm::sin(angle), 0.5 * libm::sin(0.77 * angle));
         let palm = middle + (Vector2::new(0.45, 1.0) + sway * self.reach) * half;
         let mut best = away(point, &palm, &Vector2::zeros(), PALM * half);

@@ -138,8 +138,8 @@ struct RimEvent {
     inwards: bool,
 }
 
-/// Returns the events at rims of every `step`-th pixel that sees plain light at the start; `depth` returns the depth in
-/// the dark of a point of the board.
+/// Returns the rim events of every `step`-th pixel with events, if the pixel sees plain light at the start. `depth`
+/// returns the distance of a point of the board from the edge, positive in the dark.
 fn rim_events(
     simulation: &Simulation,
     events: &[Event],
@@ -236,7 +236,7 @@ fn slow_pixels_fire_behind_the_edge() {
     // A pixel that moves into a circle is further inside if it fires late.
     let (lag_off, lag_on) = (late_off - off, on - late_on);
     println!("lag: OFF {lag_off:.3} px, ON {lag_on:.3} px at 350 px/s");
-    // 80 µs at white and 490 µs at black; OFF events occur in darker light.
+    // The time constant is 80 µs at white and 490 µs at black; OFF events occur in darker light.
     assert!(lag_off > lag_on && lag_off < 0.17, "{lag_off}");
     assert!(lag_on > 0.01, "{lag_on}");
 }

@@ -36,7 +36,7 @@ pub fn board(text: &str) -> Result<Board, BoardArgumentError> {
     }
 }
 
-/// Parses the same, or a request to recognise the board.
+/// Parses a description, the name of a target file or, unlike [`board`], a request to recognise the board.
 ///
 /// # Errors
 /// [`BoardArgumentError`].

@@ -103,7 +103,8 @@ struct SecondCameraArguments {
 }
 
 impl SecondCameraArguments {
-    /// Refuses options in the order of `--with` that are more numerous than `--with`.
+    /// Rejects an option that is given more often than `--with`. These options belong to the recordings of `--with` in
+    /// order.
     fn one_for_each_other(&self) -> Result<(), UsageError> {
         let counts = [
             ("--with-stream", self.with_stream.len()),
@@ -302,7 +303,8 @@ fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
     arguments.second.one_for_each_other()?;
     arguments.calibration.parameters()?;
     let settings = arguments.calibration.method.settings()?;
-    // The samples are read again after the camera, because the file may still grow during a live session.
+    // A file of IMU samples is read here only to report mistakes. It is read again after the calibration of the camera,
+    // because it may still grow during a live recording.
     if let Some(Some(samples)) = &arguments.calibration.imu {
         inertial::csv::read(samples)?;
     }
@@ -332,11 +334,11 @@ pub struct CameraRecordings<'a> {
 #[derive(Clone, Copy, Default)]
 pub struct OtherCameras<'a> {
     pub recordings: &'a [PathBuf],
-    /// Streams to read, for the first recordings.
+    /// Streams to read, in the order of `recordings`; may be fewer.
     pub streams: &'a [String],
-    /// Sensor sizes, for the first recordings.
+    /// Sensor sizes, in the order of `recordings`; may be fewer.
     pub sensors: &'a [Sensor],
-    /// Camera models, for the first recordings.
+    /// Camera models, in the order of `recordings`; may be fewer.
     pub models: &'a [ModelRequest],
     /// Meaning of the timestamps of images.
     pub stamps: Stamps,

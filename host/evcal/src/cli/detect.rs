@@ -101,7 +101,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     print_report(arguments, &found, tried, Some(idle))
 }
 
-/// Returns what to search for. Of the board, only the layout matters.
+/// Returns the object of the search. Only the layout of the board matters, not its size.
 fn wanted(
     arguments: &Arguments,
     recordings: &[&Recording],

@@ -122,7 +122,8 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     Ok(())
 }
 
-/// Returns the files that the export will write, including `others`; none in a folder that does not exist yet.
+/// Returns the files that the export will write, including `others`. Files in a folder that does not exist yet are
+/// omitted.
 fn outputs(arguments: &Arguments, others: &[(String, String)]) -> Vec<PathBuf> {
     let tables = arguments.table.rust_table.iter().chain(&arguments.table.c_header).cloned();
     let formats = match (&arguments.output, arguments.format.as_deref().and_then(export::from_name)) {

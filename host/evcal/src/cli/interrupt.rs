@@ -10,7 +10,8 @@ use signal_hook::iterator::Signals;
 /// Exit code of an interrupted program, by the convention of shells.
 const INTERRUPTED: i32 = 130;
 
-/// Returns the signals that end the program, without those that its parent set to be ignored, as `nohup` does with SIGHUP.
+/// Returns the signals that end the program, except signals that the parent process set to be ignored, as `nohup` does
+/// with SIGHUP.
 fn ending() -> Vec<i32> {
     let ignored = ignored();
     let optional = [SIGHUP, SIGXFSZ].into_iter().filter(|signal| ignored & (1 << (signal - 1)) == 0);

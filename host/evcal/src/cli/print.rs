@@ -22,7 +22,8 @@ pub fn json(value: &impl Serialize) -> super::Outcome {
     line(serde_json::to_string(value)?)
 }
 
-/// Prints `text` without another line end; unchanged, unless standard output is a terminal. A closed pipe is not an error.
+/// Prints `text` without adding a line end. Control characters are escaped only if standard output is a terminal. A
+/// closed pipe is not an error.
 pub fn text(text: &str) -> super::Outcome {
     let mut output = io::stdout().lock();
     written(match output.is_terminal() {

@@ -9,8 +9,8 @@
 //!
 //! where x̄ and ȳ range from −1 to 1 over the area of the circle centres (as in mrcal). A camera in front of the board
 //! is at z < 0, so a board with positive k is concave as seen from the camera: its edges are nearer than its middle.
-//! Lengths along the bent surface differ from lengths on the print, by 2k²/3 in half the width: 0.05 mm for a bend of 4
-//! mm in 0.2 m.
+//! The bent surface is longer than the print, by about 2k²/(3a) over half the width a: 0.05 mm for k = 4 mm and a = 0.2
+//! m. This difference is neglected.
 
 use serde::{Deserialize, Serialize};
 
@@ -129,8 +129,8 @@ impl Surface {
 
     /// Returns the intersection of the surface with the ray from `camera` along `direction`.
     ///
-    /// It is the root of a t² + b t + c = 0 that stays finite for a plane, t = −2c / (b ± √(b² − 4ac)); the square root
-    /// is also the component of the direction along the surface's normal.
+    /// It is the root of a t² + b t + c = 0 that stays finite for a plane, t = −2c / (b ± √(b² − 4ac)). The square root
+    /// with its sign is also the component of the direction along (−slope, 1).
     #[inline(always)]
     pub fn meet(&self, camera: &[f64; 3], direction: &[f64; 3]) -> Meeting {
         let [x, y] = [camera[0] - self.middle[0], camera[1] - self.middle[1]];

@@ -30,7 +30,7 @@ const TICK_DISTANCE: f64 = 10.0;
 /// Longest ruler, within the range of a caliper.
 const LONGEST_RULER: f64 = 100.0;
 const THIN: f64 = 0.1;
-/// Text is set in Courier, whose letters are all 0.6 of their size wide.
+/// Size of the letters. The font is Courier, whose letters are all 0.6 times as wide as their size.
 const LETTER_SIZE: f64 = 2.6;
 const LETTER_WIDTH: f64 = 0.6 * LETTER_SIZE;
 const LINE_HEIGHT: f64 = 3.6;
@@ -96,7 +96,7 @@ pub struct Line {
 pub struct Words {
     /// Left end of the base line (mm).
     pub at: [f64; 2],
-    /// Size of the letters (mm); each is 0.6 of it wide.
+    /// Size of the letters (mm); a letter is 0.6 times as wide.
     pub size: f64,
     /// The text, in ASCII.
     pub text: String,
@@ -206,7 +206,7 @@ fn needed(board: &impl Printable, page: &Page) -> [f64; 2] {
         .map(|side| side + 2.0 * page.margin)
 }
 
-/// Returns the first line below the board: the text to type.
+/// Returns the first line below the board: the description that the user types.
 fn name(board: &impl Printable, page: &Page) -> String {
     format!("{}{board}", page.typed)
 }
@@ -250,7 +250,7 @@ fn draw(board: &impl Printable, size: [f64; 2], page: &Page) -> Option<(BoardShe
     let [width, height] = board.size();
     let across = size[0] - 2.0 * margin;
     let inner = [across - LEFT, size[1] - 2.0 * margin - TOP];
-    // A shorter ruler needs no more lines of text.
+    // A shorter ruler does not need more lines of text, so the longest one is assumed here.
     let below = bottom(writing(board, page, LONGEST_RULER, across).len());
     let longest = inner[0].min(inner[1] - below).min(LONGEST_RULER);
     let ruler = (longest / TICK_DISTANCE).floor() * TICK_DISTANCE;
@@ -281,7 +281,8 @@ fn draw(board: &impl Printable, size: [f64; 2], page: &Page) -> Option<(BoardShe
     Some((BoardSheet { size, board: board.to_string(), ruler, dots, rectangles, lines, words }, room))
 }
 
-/// Returns the lines of a ruler of `length` from `start` along `direction`, with its ticks to the right of that.
+/// Returns the lines of a ruler of `length` from `start` along `direction`, the x or y axis, with ticks below it or to
+/// the right of it.
 fn ruler_lines(start: [f64; 2], direction: [f64; 2], length: f64) -> Vec<Line> {
     let at = |along: f64, across: f64| {
         [
@@ -300,7 +301,8 @@ fn ruler_lines(start: [f64; 2], direction: [f64; 2], length: f64) -> Vec<Line> {
 }
 
 /// Returns numerals with the length from the start (mm) at each tick of a ruler except the first and the last, whose
-/// ticks are longer. `place` returns the start of a text for a length along the ruler and half the width of the text.
+/// ticks are longer. `place` returns the left end of a numeral from the length along the ruler and half the width of
+/// the numeral.
 fn numerals(length: f64, place: impl Fn(f64, f64) -> [f64; 2]) -> impl Iterator<Item = Words> {
     let ticks = (length / TICK_DISTANCE).round() as u32;
     (1..ticks).map(move |tick| {

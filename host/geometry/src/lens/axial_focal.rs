@@ -1,8 +1,9 @@
-//! Dependence of the focal lengths on the optical axis on a camera's parameters.
+//! Derivatives of the focal lengths at the optical axis with respect to a camera's parameters.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 
-/// Returns the derivatives of the focal lengths on the axis with respect to the camera's parameters.
+/// Returns the derivatives of the focal lengths at the optical axis (fx, fy) with respect to each of the camera's
+/// parameters.
 pub fn axial_focal_gradients(camera: &Camera<f64>) -> Option<[[f64; MAX_PARAMETERS]; 2]> {
     const STEP: f64 = 1e-6;
     let parameters = camera.parameters();

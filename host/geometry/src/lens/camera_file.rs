@@ -229,7 +229,8 @@ pub fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
 fn parse_any<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
     let file = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|error| CameraFileError::Read { file: file.clone(), error })?;
-    // Always parse from text, because each source of input would add another copy of the code to the program.
+    // A converted camera becomes text again too, because each other kind of input would add a copy of the parser to the
+    // program.
     let json = match of_other_program(&text) {
         None => Ok(text),
         Some(camera) => {
@@ -272,7 +273,7 @@ fn of_other_program(text: &str) -> Option<Result<CameraFile, yaml::YamlError>> {
         Some('<') => Some(yaml::parse_xml(text)),
         Some('{') => match serde_json::from_str::<Own>(text) {
             Ok(Own { camera: Some(_) }) => None,
-            // An unknown form is reported as an error of evcal's own form.
+            // JSON of an unknown form is parsed as evcal's own, so that the error describes that form.
             Ok(_) => Some(yaml::parse_json(text)).filter(|camera| *camera != Err(yaml::YamlError::NoCamera)),
             // mrcal's dictionaries are not JSON.
             Err(_) => Some(yaml::parse(text)).filter(Result::is_ok),

@@ -1,4 +1,4 @@
-//! Weak prior on the distortion: no term is expected to bend the image more than in real lenses.
+//! Weak prior on the distortion: a distortion term is expected to be no larger than in real lenses.
 
 use evcal_core::camera::expectation::CoefficientEffect;
 use evcal_core::camera::{Camera, MAX_PARAMETERS};

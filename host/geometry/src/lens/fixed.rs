@@ -11,9 +11,9 @@ const STEPS: usize = 20;
 /// The fit ends when no parameter changes by more than this fraction.
 const SETTLED: f64 = 1e-10;
 
-/// Returns `camera` with the parameters that have a value in `fixed` fixed at that value, and the others fitted so that
-/// bearings on `sensor` are seen as close as possible to their previous pixels. Returns `None` if the model rejects the
-/// values.
+/// Sets the parameters of `camera` that have a value in `fixed` to that value, and fits the others. The fit brings the
+/// pixels of bearings on `sensor` as close as possible to their pixels in `camera`. Returns `None` if the model rejects
+/// the values.
 pub fn with_fixed(camera: &Camera<f64>, fixed: &[Option<f64>; MAX_PARAMETERS], sensor: Sensor) -> Option<Camera<f64>> {
     let mut parameters = camera.parameters();
     let free: Vec<usize> = (0..parameters.len()).filter(|&index| fixed[index].is_none()).collect();

@@ -23,7 +23,7 @@ pub fn folded_share(camera: &Camera<f64>, Sensor { width, height }: Sensor) -> f
 /// Number of directions from the optical axis, and step between angles to the axis (rad).
 const DIRECTIONS: usize = 48;
 const ANGLE_STEP: f64 = 0.005;
-/// Number of steps, from the axis to a little more than 90°.
+/// Number of steps, from the axis to 114°.
 const STEPS: usize = 400;
 /// A step in the image that is this many times as long as the previous one is a jump.
 const JUMP: f64 = 4.0;
@@ -72,8 +72,8 @@ mod tests {
         };
         let sensor = Sensor::new(200, 200);
         assert_eq!(folded_share(&camera(300.0), sensor), 0.0);
-        // Of 141 px from the middle to a corner, 120 px are visible: the share of a square of 200 px outside a circle
-        // of 120 px radius.
+        // The corners are 141 px from the middle, but only pixels within 120 px have a bearing. The folded share is the
+        // part of a square of 200 px that lies outside a circle of 120 px radius.
         let half = 99.5_f64;
         let radius = 0.651 * 120.0 / 0.651;
         let angle = (half / radius).acos();
@@ -83,8 +83,8 @@ mod tests {
         assert!((found - outside).abs() < 0.01, "{found} {outside}");
     }
 
-    /// r (1 − r² / zero²) / (1 − r² / pole²) is nearly r except at the pole, before which all farther points are seen
-    /// as well.
+    /// r (1 − r² / zero²) / (1 − r² / pole²) is nearly r except close to the pole. Just before the pole it grows
+    /// without limit, so every pixel farther out has a bearing there.
     #[test]
     fn a_jump_at_a_pole_is_a_fold() {
         let camera = |zero: f64, pole: f64| {
@@ -92,7 +92,7 @@ mod tests {
             let parameters = [100.0, 100.0, 159.5, 159.5, k1, 0.0, 0.0, 0.0, 0.0, k4, 0.0, 0.0];
             Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap()
         };
-        // 199 px from the middle; the corners are 226 px away.
+        // The pole is 199 px and the corners are 226 px from the middle of the image.
         let sensor = Sensor::new(320, 320);
         assert_eq!(folded_share(&camera(1.9901, 1.99), sensor), 0.0);
         assert!(folds(&camera(1.9901, 1.99), sensor));

@@ -77,7 +77,7 @@ impl Replacement {
         )
     }
 
-    /// Returns the coefficients of a camera of OpenCV's family that no model of the family among `models` has.
+    /// Returns the coefficients of this model of OpenCV's family that no model of the family among `models` has.
     fn missing(&self, models: &[ModelKind]) -> Vec<&'static str> {
         let is_relative = |model: &&ModelKind| are_related(self.from, **model);
         let relatives = models.iter().filter(is_relative);
@@ -87,7 +87,8 @@ impl Replacement {
         self.from.parameter_names().iter().copied().filter(|name| !held.contains(name)).collect()
     }
 
-    /// Returns `true` if the replacement has known coefficients and is close enough to the calibrated model.
+    /// Returns `true` if both models are of OpenCV's family and the replacement is close enough to the calibrated
+    /// camera.
     fn is_close_relative(&self) -> bool {
         are_related(self.from, self.to) && self.covered.unseen == 0.0 && self.covered.largest <= SAME_FAMILY
     }
@@ -100,11 +101,11 @@ fn at_most(pixels: f64) -> String {
 
 /// Returns the camera of one of `models` that represents `camera`.
 ///
-/// This is `camera` itself if its model is among them, or the same camera under another name: if all coefficients that
-/// a model lacks or has in addition are zero, and for the unified model as the extended one with beta = 1. Otherwise
-/// every model of `substitutes` is fitted to `camera` within `covered`, with all parameters, and the nearest one is
-/// chosen; within OpenCV's family, another model of the family is preferred if it is near enough. Returns `None` if no
-/// model sees the region.
+/// This is `camera` itself if `models` contains its model. Otherwise it is the same camera in another model, if there
+/// is one: within OpenCV's family if all coefficients that one of the models lacks are zero, or the unified model as
+/// the extended one with beta = 1. Otherwise every model of `substitutes` is fitted to `camera` within `covered`, with
+/// all parameters, and the nearest camera is chosen. A model of OpenCV's family is preferred to other models if
+/// `camera` is of that family too and the fit is near enough. Returns `None` if no model sees the region.
 pub fn nearest(
     camera: &Camera<f64>,
     models: &[ModelKind],
@@ -160,7 +161,7 @@ fn same_camera(camera: &Camera<f64>, to: ModelKind) -> Option<Camera<f64>> {
 /// Pixels of a row of the sensor at which cameras are compared, with their bearings.
 type TargetRow = Vec<(Vector2<f64>, Vector3<f64>)>;
 
-/// Returns the pixels at which cameras are compared with `reference`, with its bearings there.
+/// Returns the pixels at which cameras are compared with `reference`, and the bearings of `reference` at these pixels.
 fn targets(reference: &Camera<f64>, sensor: Sensor) -> Vec<TargetRow> {
     let all = f64::from(sensor.width) * f64::from(sensor.height);
     let step = (all / SAMPLES).sqrt().ceil().max(1.0) as usize;
@@ -172,8 +173,8 @@ fn targets(reference: &Camera<f64>, sensor: Sensor) -> Vec<TargetRow> {
     rows.par_iter().map(of_row).collect()
 }
 
-/// Returns the distance of `other` from the camera of `targets`, in its pixels, within `covered` and on the whole sensor; `None`
-/// if no pixel is seen by both.
+/// Returns the distance of `other` from the camera of `targets`, within `covered` and on the whole sensor; `None` if
+/// the cameras share no pixel in one of these areas.
 fn distances(targets: &[TargetRow], other: &Camera<f64>, covered: &CoveredRegion) -> Option<(Distance, Distance)> {
     let of_row = |row: &TargetRow| {
         let (mut there, mut everywhere) = (Sum::default(), Sum::default());

@@ -27,7 +27,8 @@ const CONVERGED: f64 = 1e-12;
 pub struct GridDifference {
     /// The pixel in the first calibration.
     pub pixel: [f64; 2],
-    /// Its pixel in the second calibration minus itself; `None` outside the domain of one of the lens models.
+    /// The pixel in the second calibration minus the pixel in the first; `None` outside the domain of one of the lens
+    /// models.
     pub difference: Option<[f64; 2]>,
 }
 

@@ -219,8 +219,8 @@ mod tests {
     use super::*;
     use crate::numerics::panel::{PANEL, panel_product};
 
-    /// Returns a random positive definite banded matrix: `B Bᵀ` with a banded, lower triangular `B`, and a diagonal
-    /// large enough for a condition number near 1e4.
+    /// Returns a random positive definite banded matrix: `B Bᵀ` with a banded, lower triangular `B`, plus a diagonal
+    /// that limits the condition number to about 1000.
     fn random(dimension: usize, bandwidth: usize, seed: u64) -> DMatrix<f64> {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         let factor = DMatrix::from_fn(dimension, dimension, |row, column| {

@@ -106,7 +106,8 @@ fn best(first: &[Option<f64>], second: &[Option<f64>], rules: &Rules) -> Result<
 /// Returns all plausible lags, at most `most`, the best first; other knowledge must decide between them.
 ///
 /// # Errors
-/// [`NoLag::Unlike`] if no shift fits, [`NoLag::Steady`] if the first series is nearly constant.
+/// [`NoLag::Unlike`] if no shift fits. [`NoLag::Steady`] if the first series is nearly constant and not exactly one
+/// shift fits.
 pub fn lags(first: &[Option<f64>], second: &[Option<f64>], rules: &Rules, most: usize) -> Result<Vec<Lag>, NoLag> {
     let found = peaks(first, second, rules, most);
     match (&found, steady(first)) {
@@ -203,7 +204,7 @@ mod tests {
         let steady = |seed: f64| series(move |t| 3.0 + 0.1 * (seed * t * t).sin(), 0.0, 1000);
         let found = lag(&steady(0.017), &steady(0.041), &RULES);
         assert!(matches!(found, Err(NoLag::Steady { mean }) if (mean - 3.0).abs() < 0.05), "{found:?}");
-        // A small change is sufficient if it is visible.
+        // Small changes of a nearly constant series are sufficient if both series have them.
         let changes = |later: f64| series(|t| 30.0 + wavy(t), later, 1000);
         let found = lag(&changes(0.0), &changes(40.0), &RULES).unwrap();
         assert!((found.steps + 40.0).abs() < 0.05, "{found:?}");

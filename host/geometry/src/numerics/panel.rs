@@ -7,7 +7,7 @@ use multiversion::multiversion;
 /// Number of vectors in a panel.
 pub const PANEL: usize = 16;
 
-/// One line per row of a matrix, with that row of [`PANEL`] vectors.
+/// Vectors as the [`PANEL`] columns of a matrix; each line is a row of the matrix.
 pub type Panel = Vec<[f64; PANEL]>;
 
 /// Replaces each vector b of `panel` by the solution of `L y = b`. For each row of the lower triangle L, `rows`
@@ -58,8 +58,8 @@ pub fn backward(rows: &[f64], bandwidth: usize, panel: &mut [[f64; PANEL]]) {
     }
 }
 
-/// Returns the products of all vectors of panel `a` with all vectors of panel `b`, which has the same number of lines:
-/// aᵀb. Each is summed in the order of the lines, on every machine.
+/// Returns the products aᵀb of all vectors of panel `a` with all vectors of panel `b`, which has the same number of
+/// lines. Each product is summed in the order of the lines, on every machine.
 pub fn panel_product(a: &[[f64; PANEL]], b: &[[f64; PANEL]]) -> [[f64; PANEL]; PANEL] {
     let mut sums = [[0.0; PANEL]; PANEL];
     add_products(a, b, &mut sums);

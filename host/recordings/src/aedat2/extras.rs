@@ -21,7 +21,7 @@ use crate::options::RecordingOptions;
 use crate::pictures::{NoImage, TimedImage};
 use crate::read_report::ReadReport;
 
-/// Names of the words that a pass through the events passes over.
+/// Names under which the reader of the events counts these words.
 pub const LEVELS: &str = "words of frames";
 pub const SAMPLES: &str = "words of IMU samples";
 /// Number of bytes that are read at a time; a multiple of [`RECORD`].
@@ -72,7 +72,7 @@ impl Levels {
     }
 }
 
-/// A frame of which levels are still being read.
+/// A frame whose levels are still being read.
 struct Growing {
     sensor: Sensor,
     reset: Levels,
@@ -84,8 +84,8 @@ impl Growing {
         Self { sensor, reset: Levels::new(sensor), exposed: Levels::new(sensor) }
     }
 
-    /// Adds a level. Returns up to two frames: the previous one, if this level begins another, and this one, if the
-    /// level completes it.
+    /// Adds a level. Returns up to two frames: the previous frame if this level begins another one, and the current
+    /// frame if this level completes it.
     fn push(&mut self, word: u32, t: i64) -> [Option<Frame>; 2] {
         let (width, height) = (usize::from(self.sensor.width), usize::from(self.sensor.height));
         let (column, row) = ((word >> 12 & 0x3ff) as usize, (word >> 22 & 0x1ff) as usize);
@@ -147,7 +147,7 @@ impl Growing {
     }
 }
 
-/// An IMU sample of which parts are still being read, in their order.
+/// An IMU sample whose parts are still being read, in their order.
 #[derive(Default)]
 struct Sample {
     ranges: Ranges,
@@ -272,7 +272,7 @@ impl ReadExtras for WordExtras {
     }
 }
 
-/// Passes the frames of the file at `path` to `visit`. An inner error ended them early.
+/// Passes the frames of the file at `path` to `visit`. The inner result is an error if the frames ended early.
 pub fn visit_frames(
     path: &Path,
     options: &RecordingOptions,

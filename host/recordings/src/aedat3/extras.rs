@@ -121,7 +121,7 @@ fn frame(head: &PacketHead, event: &[u8]) -> Option<Frame> {
     Some(Frame { t, exposure: Some(exposure), readout: Some((start, end)), size, position, channels, pixels })
 }
 
-/// Flips a frame whose rows count from below. `from_below` is the height of the sensor if they do.
+/// Flips a frame if rows count from below; `from_below` is then the height of the sensor.
 fn upright(mut frame: Frame, from_below: Option<u16>) -> Frame {
     let Some(height) = from_below else { return frame };
     let row = usize::from(frame.size.0) * frame.channels;
@@ -195,7 +195,7 @@ impl ReadExtras for PacketExtras {
     }
 }
 
-/// Passes the frames of the file at `path` to `visit`. An inner error ended them early.
+/// Passes the frames of the file at `path` to `visit`. The inner result is an error if the frames ended early.
 pub fn visit_frames(
     path: &Path,
     options: &RecordingOptions,

@@ -46,7 +46,7 @@ pub struct Header {
 
 impl Header {
     /// Returns the camera with the `wanted` number or name, or the first one if `wanted` is `None`; `None` if there is
-    /// none.
+    /// no such camera.
     pub fn source(&self, wanted: Option<&str>) -> Option<&(i16, String)> {
         match wanted {
             Some(wanted) => self.sources.iter().find(|(number, name)| number.to_string() == wanted || name == wanted),

@@ -45,7 +45,7 @@ impl StreamPackets {
         Ok(Self { packets, stream, skipped: Skipped::new(options.damage) })
     }
 
-    /// Parses the next complete packet; `None` at the end. Damaged packets are skipped if the options say so, and if
+    /// Parses the next complete packet; `None` at the end. Damaged packets are skipped if the options request it and
     /// the position of the next packet is known.
     fn next<T>(&mut self, parse: impl Fn(&[u8]) -> Result<T, Malformed>) -> Result<Option<T>, RecordingError> {
         let Some(stream) = &self.stream else { return Ok(None) };
@@ -176,7 +176,7 @@ impl InertialReader {
     }
 }
 
-/// Passes the frames of the file at `path` to `visit`. An inner error ended them early.
+/// Passes the frames of the file at `path` to `visit`. The inner result is an error if the frames ended early.
 pub(super) fn visit_frames(
     path: &Path,
     options: &RecordingOptions,

@@ -1,8 +1,8 @@
 //! Reader of the packets of an AEDAT4 file, in file order.
 //!
 //! Packets follow the header. Each has an i32 stream number, an i32 size, and `size` bytes: a whole LZ4 or Zstandard
-//! frame (or plain bytes) of a FlatBuffer with a u32 size prefix. The table at the end of the file is not needed for
-//! reading; only its position is, which marks the end of the packets.
+//! frame (or plain bytes) of a FlatBuffer with a u32 size prefix. Of the table at the end of the file, only the
+//! position is needed for reading, because the packets end there.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek};
@@ -161,8 +161,8 @@ impl PacketReader {
         Ok(Some(PacketHead { stream, byte, length, cut_off: false }))
     }
 
-    /// Records that the file ends within a packet. Returns an error if the closing table follows, so that the end is
-    /// damage.
+    /// Records that the file ends within a packet. If the closing table follows, the file is not cut off but damaged,
+    /// and an error is returned.
     fn cut_off(&mut self, byte: u64, rest: String) -> Result<(), RecordingError> {
         if self.header.table_position == Some(self.end) {
             let what = format!("{rest} are left before the closing table: the sizes of packets do not add up");

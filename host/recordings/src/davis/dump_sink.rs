@@ -88,7 +88,7 @@ impl DumpSink {
         u64::try_from(t.saturating_sub(self.origin)).unwrap_or(0)
     }
 
-    /// Converts the times in an error of the encoder back to those of the recording.
+    /// Converts the times in an error of the encoder back to times of the recording.
     fn recorded(&self, error: WriteError) -> WriteError {
         match error {
             WriteError::Jump { before, time } => {

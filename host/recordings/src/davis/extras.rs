@@ -99,7 +99,7 @@ fn inertial_sample(sample: &ImuSample, t: i64) -> InertialSample {
     }
 }
 
-/// Passes the frames of the recording at `path` to `visit`. An inner error ended them early.
+/// Passes the frames of the recording at `path` to `visit`. The inner result is an error if the frames ended early.
 pub fn visit_frames(
     path: &Path,
     options: &RecordingOptions,

@@ -188,7 +188,7 @@ impl ReadExtras for Hdf5Extras {
     }
 }
 
-/// Passes the frames of the file at `path` to `visit`. An inner error ended them early.
+/// Passes the frames of the file at `path` to `visit`. The inner result is an error if the frames ended early.
 pub fn visit_frames(
     path: &Path,
     options: &RecordingOptions,

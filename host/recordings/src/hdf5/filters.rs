@@ -10,7 +10,7 @@ use hdf5_reader::{FilterRegistry, Hdf5File, OpenOptions, Storage};
 use super::blosc::{self, BloscError};
 use super::ecf;
 
-/// Numbers of the filters, as registered with the HDF Group; Prophesee chose that of ECF.
+/// Numbers of the filters, as registered with the HDF Group; the number of ECF was chosen by Prophesee.
 const LZF: u16 = 32000;
 const BLOSC: u16 = 32001;
 const LZ4: u16 = 32004;

@@ -20,7 +20,7 @@ const MOST_ROWS_OF_A_MATRIX: u64 = 4;
 
 /// Content of a file.
 pub struct Contents {
-    /// Streams of events in file order, those of a group before those of its subgroups.
+    /// Streams of events in file order; the streams of a group precede the streams of its subgroups.
     pub streams: Vec<Found>,
     /// Name of an array that would be a column of a stream if its elements were supported, with a description of the
     /// elements.

@@ -34,7 +34,7 @@ pub enum Number {
 }
 
 impl Number {
-    /// Bytes of each.
+    /// Returns the size of a number in bytes.
     pub fn size(self) -> u8 {
         match self {
             Self::Integer { size, .. } => size,

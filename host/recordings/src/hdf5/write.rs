@@ -68,7 +68,7 @@ impl Column {
 }
 
 impl Encoder {
-    /// Places on the sensor are written as `pixel`.
+    /// Begins `file`; x and y are written as numbers of type `pixel`.
     fn new(file: File, sensor: Sensor, pixel: Number) -> io::Result<Self> {
         let whole = |size| Number::Integer { size, is_signed: false };
         let [t, x, y, p, index] =
@@ -78,13 +78,14 @@ impl Encoder {
         Ok(Self { file, sensor, columns, count: 0, first: None, latest: 0, milliseconds: 0 })
     }
 
-    /// Extends the index up to the millisecond of `t` (µs): those milliseconds begin with the next event.
+    /// Extends the index up to the millisecond of `t` (µs), the time of the next event. Each added millisecond refers
+    /// to this event.
     fn index(&mut self, t: u64) -> io::Result<()> {
         let wanted = t / 1000 + 1;
         if wanted > LONGEST_INDEX {
             self.milliseconds = u64::MAX;
         }
-        // The index of a millisecond is that of the first event at its beginning or later.
+        // A millisecond refers to the first event that is not before its beginning.
         while self.milliseconds < wanted {
             self.columns[INDEX].file.write_all(&self.count.to_le_bytes())?;
             self.milliseconds += 1;
@@ -115,7 +116,7 @@ impl Encoder {
 }
 
 impl Encoder {
-    /// Writes `event` with the bytes of its place on the sensor.
+    /// Writes `event`; `column` and `row` are the bytes of its x and y.
     fn put(&mut self, event: &Event, [column, row]: [&[u8]; 2]) -> io::Result<()> {
         let first = *self.first.get_or_insert(event.t);
         let t = event.t.saturating_sub(first).max(0).cast_unsigned();
@@ -131,7 +132,7 @@ impl Encoder {
     }
 }
 
-/// Events between pixels: as the others, but x and y are floating-point numbers.
+/// Encoder of events with fractions of pixels: x and y are floating-point numbers.
 pub struct SubPixelEncoder(Encoder);
 
 impl SubPixelEncoder {

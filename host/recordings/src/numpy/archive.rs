@@ -55,7 +55,7 @@ impl Location {
         Ok(Self { file: None, start: 0, length: metadata.len(), packed: None })
     }
 
-    /// Returns the location of the whole file at `path`, which is next to that of the recording.
+    /// Returns the location of the whole file at `path`, which is next to the recording's own file.
     pub fn sibling(path: PathBuf) -> Result<Self, RecordingError> {
         let whole = Self::whole(&path)?;
         Ok(Self { file: Some(path), ..whole })

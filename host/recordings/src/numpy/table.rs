@@ -93,7 +93,8 @@ fn table(header: &Header, location: &Location) -> Option<Table> {
     }
 }
 
-/// Returns the events of the array at `path`; also of the arrays in files next to it, if it is only one column.
+/// Returns the events of the array at `path`. If the array is only one column, the other columns are read from the
+/// files next to it.
 pub fn of_array(path: &Path) -> Result<Table, RecordingError> {
     let (name, location) = (path.file_stem().unwrap_or_default().to_string_lossy(), Location::whole(path)?);
     let header = header(path, &name, &location)?;

@@ -1,5 +1,6 @@
-//! Writer of RAW in EVT 3.0. Each time, row and event that differs from the previous one has its own word, without
-//! vectors of events. There is a time high every 4096 µs, as from a camera.
+//! Writer of RAW in EVT 3.0. Each event has a word with its column and polarity. Words for time and row precede it if
+//! they differ from the previous event's. Vectors of events are not used. There is a time high every 4096 µs, as from a
+//! camera.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};

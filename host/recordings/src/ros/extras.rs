@@ -1,10 +1,11 @@
 //! Images and IMU samples of the camera whose events are read.
 //!
-//! A bag may contain several cameras and IMUs. The topics that belong to the events are those whose names share the
-//! most leading parts with that of the events: `/davis/left/image_raw` and `/davis/left/imu` belong to
-//! `/davis/left/events`. Images are from another camera if they are larger than the sensor, if they are smaller and
-//! their topic shares no part with that of the events, or if their coordinate frame or topic names another side of a rig
-//! (left, right, 0, 1) than those of the events. Possible depth images are not read, but named if there are no others.
+//! A bag may contain several cameras and IMUs. The topics that belong to the events are the topics whose names share
+//! the most leading parts with the name of the event topic: `/davis/left/image_raw` and `/davis/left/imu` belong to
+//! `/davis/left/events`. Images are taken to be from another camera in three cases: if they are larger than the sensor,
+//! if they are smaller and their topic shares no part with the event topic, or if their coordinate frame or topic names
+//! another side of a rig (left, right, 0, 1) than the coordinate frame or topic of the events. Images that may be depth
+//! images are not read; they are reported if there are no other images.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
@@ -179,7 +180,7 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
                 });
             }
             Kind::Image if !pictures.contains_key(&head.topic) => {
-                // A damaged image says nothing about its topic.
+                // A damaged image does not determine the properties of its topic.
                 let Ok(frame) = picture::frame(topic.kind, topic.wire, message) else { continue };
                 let described = picture::description(topic.kind, topic.wire, message).ok();
                 let of_topic = described.and_then(|described| {
@@ -199,7 +200,7 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
     let topics = container.topics();
     let name = |index: usize| topics.get(index).map_or("", |topic| topic.name.as_str());
     let of_events = events.as_ref().map_or("", |events| name(events.topic));
-    // Measures how well a topic matches that of the events.
+    // Measures how well the name of a topic matches the name of the event topic.
     let fit = |index: usize| (shared(of_events, name(index)), name(index).contains("image_raw"));
     let sensor = events.as_ref().and_then(|events| events.sensor);
     let sides = sensor.map(|sensor| (u32::from(sensor.width), u32::from(sensor.height)));
@@ -338,7 +339,7 @@ impl ReadExtras for MessageExtras {
     }
 }
 
-/// Passes the images of the file at `path` to `visit`. An inner error ended them early.
+/// Passes the images of the file at `path` to `visit`. The inner result is an error if the images ended early.
 pub fn visit_frames(
     open: OpenContainer,
     path: &Path,

@@ -25,7 +25,8 @@ pub struct ImageTopic {
 
 impl ImageTopic {
     /// Opens the images of the topic `wanted` of the file at `path`, or of the only image topic if the file has no
-    /// events. `None` if the file does not contain messages, or if its events are meant.
+    /// events. `None` if the file does not contain messages, if `wanted` is a topic of events, or if no topic is wanted
+    /// and the file has events or no images.
     ///
     /// # Errors
     /// When the file cannot be read, does not have the topic, has several image topics, or its first image cannot be

@@ -146,7 +146,7 @@ fn plain(wire: Wire, message: &[u8]) -> Result<Option<Frame>, MessageError> {
     Ok(Some(Frame { t, exposure: None, readout: None, size: (columns, rows), position: (0, 0), channels, pixels }))
 }
 
-/// Converts samples in rows of `columns` pixels to those of a frame. Returns the number of channels with them.
+/// Converts samples in rows of `columns` pixels to the samples of a frame. Returns them with the number of channels.
 fn arranged<T: bayer::Sample>(samples: Vec<T>, layout: Layout, columns: usize) -> (usize, Vec<T>) {
     match layout {
         Layout::Grey => (1, samples),

@@ -222,7 +222,7 @@ impl Pages {
         Ok(Begun { id, length, overflow: overflow.ok_or("a row is longer than its page")? })
     }
 
-    /// Returns the number of bytes in its page, for a row of this length.
+    /// Returns the number of bytes of a row of this `length` that are stored in its own page.
     fn local(&self, length: usize) -> usize {
         let most = self.usable - 35;
         let least = (self.usable - 12) * 32 / 255 - 23;

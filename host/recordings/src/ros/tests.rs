@@ -245,8 +245,8 @@ fn a_damaged_message_is_named_or_skipped() {
     }
 }
 
-/// A bag contains cameras and IMUs of several makers. Those related to the events by name are read, whichever comes
-/// first.
+/// A bag contains cameras and IMUs of several makers. The topics that are related to the events by name are read,
+/// whichever topic comes first.
 #[test]
 fn frames_and_samples_are_from_the_camera_whose_events_are_read() {
     let of_rig = |wire: Wire| -> Messages {
@@ -327,7 +327,7 @@ fn frames_of_the_other_side_of_a_rig_are_not_read() {
     }
 }
 
-/// A program that enlarges frames makes them look like those of another camera.
+/// If a program enlarges frames, they look like frames of another camera.
 #[test]
 fn frames_larger_than_the_sensor_are_named() {
     let enlarged = |wire: Wire| -> Messages {
@@ -427,8 +427,8 @@ fn individually_compressed_messages_are_read() {
     }
 }
 
-/// Starting drivers send messages without events and without the size of the sensor. If no camera is connected, they
-/// send only those.
+/// Drivers that are starting send messages without events and without the size of the sensor. If no camera is
+/// connected, they send no other messages.
 #[test]
 fn messages_without_events_do_not_determine_the_sensor() {
     let of = |wire: Wire| -> Messages {

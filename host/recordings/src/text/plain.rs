@@ -1,5 +1,5 @@
 //! Fast parser of the usual lines: digits, at most one point in the time, and one separator between fields. Other lines
-//! return `None` and go to the general parser. Where this parser returns an event, the general one returns the same.
+//! return `None` and go to the general parser. If this parser returns an event, the general one returns the same.
 
 use evcal_core::event::{Event, Polarity};
 

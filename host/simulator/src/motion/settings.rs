@@ -102,7 +102,7 @@ impl MotionSettings {
         Self { pauses: vec![Interval { start: middle - 1.0, end: middle + 1.0 }], ..Self::fast() }
     }
 
-    /// Quick sweeps at two and a half times the distance: the board fills a third of the image.
+    /// Quick sweeps at 2.6 times the distance: the board fills about a third of the image.
     pub fn far() -> Self {
         Self { distance_scale: 2.6, ..Self::fast() }
     }

@@ -8,11 +8,13 @@ use crate::sensor::{Arbiter, Photoreceptor, SensorModel};
 /// An event camera.
 ///
 /// Size, smallest contrast, latency and throughput are taken from table 1 of Gallego et al., "Event-based Vision: A
-/// Survey" (TPAMI 2020, [arXiv:1904.08405](https://arxiv.org/abs/1904.08405)): IMX636 from its Gen4 CD, Gen3.1 from its
-/// Gen3 CD, DVXplorer from its DVS-Gen3, but with iniVation's throughput and scan time. Pixel data of GenX320 are not
-/// public; the values of IMX636 are used. Values that the table does not contain (mismatch, noise, leak, refractory
-/// time, blur) are those of the DAVIS346, and so are thresholds in units of the smallest contrast, because cameras are
-/// not operated at their smallest contrast.
+/// Survey" (TPAMI 2020, [arXiv:1904.08405](https://arxiv.org/abs/1904.08405)). The table contains IMX636 as Gen4 CD,
+/// Gen3.1 as Gen3 CD and DVXplorer as DVS-Gen3. Throughput and scan time of DVXplorer are from iniVation instead. Pixel
+/// data of GenX320 are not public; the values of IMX636 are used.
+///
+/// The table does not contain mismatch, noise, leak, refractory time and blur; these are the same as for the DAVIS346.
+/// Cameras are not operated at their smallest contrast, so the ratio of a sensor's thresholds to its smallest contrast
+/// is also taken from the DAVIS346.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SensorPreset {
@@ -47,6 +49,7 @@ struct Figures {
     scan: Option<f64>,
 }
 
+/// In the table, the smallest contrast is 14.3 to 22.5 %; the value here is the middle of this range.
 const DAVIS346: Figures = Figures {
     size: Sensor::new(346, 260),
     contrast: 0.184,
@@ -55,8 +58,8 @@ const DAVIS346: Figures = Figures {
     row_time: 65e-9,
     scan: None,
 };
-/// Its smallest contrast is 14.3 to 22.5 %; the pixels of the three oldest sensors belong to one family and are equally
-/// fast in the same light.
+/// The pixels of the three oldest sensors, DVS128, DAVIS240 and DAVIS346, belong to one family and are equally fast in
+/// the same light.
 const DVS128: Figures =
     Figures { size: Sensor::new(128, 128), contrast: 0.17, event_time: 1e-6, row_time: 0.0, ..DAVIS346 };
 const DAVIS240: Figures = Figures { size: Sensor::new(240, 180), contrast: 0.11, ..DAVIS346 };
@@ -147,8 +150,8 @@ impl SensorPreset {
         }
     }
 
-    /// Returns the same motion of the hand: image speeds are proportional to the number of columns, because the focal
-    /// length of the usual lens is.
+    /// Returns the same motion of the hand. Image speeds are proportional to the number of columns, because the focal
+    /// length of the usual lens is too.
     pub fn motion(self, davis346: MotionSettings) -> MotionSettings {
         let columns = |sensor: Sensor| f64::from(sensor.width);
         MotionSettings { mean_speed: davis346.mean_speed * columns(self.size()) / columns(DAVIS346.size), ..davis346 }

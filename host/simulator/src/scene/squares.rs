@@ -1,9 +1,9 @@
 //! The fraction of a pixel's light that dark rectangles cover, for boards of squares.
 //!
-//! The point-spread function on the board is a Gaussian. Its covariance follows from that in the image by the
-//! derivative of the board's point with respect to the pixel, so under tilt its axes are not those of the board. A
-//! raster of cells is a sum of steps at its lines and of quadrants at its corners. The fraction is therefore a sum of
-//! normal distribution functions, of one variable for each line near the pixel and of two correlated variables for each
+//! The point-spread function on the board is a Gaussian. Its covariance is the covariance in the image, mapped by the
+//! derivative of the board's point with respect to the pixel, so under tilt its axes are not the board's axes. A raster
+//! of cells is a sum of steps at its lines and of quadrants at its corners. The fraction is therefore a sum of normal
+//! distribution functions, of one variable for each line near the pixel and of two correlated variables for each
 //! corner.
 
 use evcal_geometry::board::squares::edges::{Lines, Side};
@@ -14,7 +14,7 @@ use super::EdgeProfile;
 /// The dark and light cells of a board, with a search for the distance to the next edge.
 #[derive(Clone, Debug)]
 pub(super) struct Squares {
-    /// The lines across x and those across y.
+    /// The lines across x, and the lines across y.
     lines: [Lines; 2],
     /// 1 for dark and 0 for light cells, row by row; the first and last column and row are outside the board.
     dark: Vec<f64>,

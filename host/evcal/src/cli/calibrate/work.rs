@@ -227,7 +227,8 @@ struct NotCalibrated {
     error: OtherError,
 }
 
-/// Everything next to the first camera that was not calibrated: after a failure, the others are calibrated nevertheless.
+/// The IMU and the other cameras that were not calibrated. A failure of one does not prevent the calibration of the
+/// others.
 #[derive(Debug)]
 struct AllNotCalibrated(Vec<NotCalibrated>);
 
@@ -236,7 +237,8 @@ impl std::error::Error for AllNotCalibrated {}
 impl fmt::Display for AllNotCalibrated {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0.as_slice() {
-            // Only the calibration of another camera alone needs its name: the other errors contain it.
+            // A single error is printed without a name in front, because it contains the name. Only `Alone` does not
+            // contain it.
             [NotCalibrated { what, error: error @ OtherError::Alone(_) }] => {
                 write!(f, "{what}: {}", with_advice(error))
             }
@@ -272,7 +274,7 @@ impl Work<'_> {
         self.fixed.first.as_ref().map(|fixed| fixed.of(first.sensor)).transpose()
     }
 
-    /// Calibrates the other cameras, and adds them to the first; returns those that failed.
+    /// Calibrates the other cameras, and adds them to the first; returns the cameras that failed.
     fn add_others(&self, first: &mut Calibrated, task: &Task, waiting: &mut Waiting) -> Vec<NotCalibrated> {
         let mut failed = Vec::new();
         if task.pictures == PictureUse::SecondCamera

@@ -143,7 +143,7 @@ fn error_as_text(seen: &Seen) -> String {
     text
 }
 
-/// Returns the same as a JSON object.
+/// Returns the content of the line of [`as_text`] as a JSON object.
 fn as_json(seen: &Seen, status: Option<&RecordingStatus>, mirrored: bool) -> Value {
     let coverage = &seen.coverage;
     let named = |names: &[&str], counts: &[u64]| {

@@ -20,7 +20,8 @@ use super::super::progress::Waiting;
 use super::lines::Lines;
 use super::{Arguments, checkpoint, open_window};
 
-/// Factor between the length of a checkpoint and the time in the recording at which its result is shown: about the time that it takes.
+/// A replay shows the result of a checkpoint when its time in the recording is this factor times the length of the
+/// checkpoint. At about this time the result would be known during a live recording.
 const SHOWN_AT_LENGTH: f64 = 1.5;
 
 /// Plays a recording until it is good enough, then calibrates from all of it.

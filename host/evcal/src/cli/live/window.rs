@@ -1,4 +1,4 @@
-//! The page of `evcal live`, and what the program shows on it.
+//! The page of `evcal live`, and the content that the program shows on it.
 
 use std::env;
 use std::error::Error;
@@ -77,7 +77,7 @@ impl Window {
         Screen { publisher: self.page.publisher(), context: Arc::clone(&self.context), recording, frames: None }
     }
 
-    /// Returns a function that returns whether the page shows frames, for another thread.
+    /// Returns a function for another thread; it returns `true` if the page shows frames.
     pub fn frames_wanted(&self) -> impl Fn() -> bool + Send + 'static {
         let publisher = self.page.publisher();
         move || publisher.are_frames_wanted()
@@ -175,7 +175,7 @@ impl Window {
         let camera = calibration.camera.camera()?;
         let parameters = camera.parameters();
         let parameter = |index: usize| parameters.get(index).copied().unwrap_or(f64::NAN);
-        // Without tilts a small stated error says little.
+        // Without tilts, even a small reported error is not reliable.
         let is_target_met = seen.coverage.missing.is_empty()
             && calibration.verdict.grade != Grade::NotGood
             && calibration.uncertainty.projection_rms <= seen.target;

@@ -55,7 +55,8 @@ fn everything_keeps_off_the_margin_and_marks_keep_off_the_dots() {
     }
 }
 
-/// The first number on the sheet belongs to the text to type, so that nobody types the distance of neighbours.
+/// The first length on the sheet is in the description that the user types, so that nobody types the distance of
+/// neighbours as the spacing.
 #[test]
 fn the_first_line_of_the_sheet_is_the_text_to_type_and_rulers_have_numerals() {
     let sheet = board_sheet(&board("acircles:9x4:20mm:r6mm"), &page(paper("a4"))).unwrap();

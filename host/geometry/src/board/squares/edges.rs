@@ -183,8 +183,8 @@ impl Lines {
         let bin = (((place - self.start) * self.bins_per_metre) as usize).min(self.below.len().saturating_sub(1));
         let first = self.below.get(bin).map_or(0, |below| *below as usize);
         let is_below = |index: usize| self.lines.get(index).is_some_and(|line| *line <= place);
-        // A bin and its margin contain at most two lines, unless there are too many bins. A branch would be
-        // mispredicted.
+        // A bin and its margin contain at most two lines, unless `MOST_BINS` made the bins wider. Both lines are added
+        // without branches, which would be mispredicted.
         let mut count = first + usize::from(is_below(first)) + usize::from(is_below(first + 1));
         while is_below(count) {
             count += 1;
@@ -233,16 +233,22 @@ impl SquareEdges {
         found
     }
 
-    /// Returns the edges: first those across x line by line, then those across y.
+    /// Returns the edges: first the edges across x, line by line, then the edges across y.
     pub fn edges(&self) -> &[Edge] {
         &self.edges
     }
 
-    /// Returns the index of the nearest of the edges around `point` (metres on the board) whose light side is `light` along x
-    /// or along y: of the two edges around a point along an axis, one has its light on each side. Returns `None` in four
-    /// cases: such an edge of the other direction is less than `clearance` (m) farther away; the foot of the point is less
-    /// than `ends` (m, for edges across x and across y) from the end of the straight line; a corner is nearer than every
-    /// edge; or the point is farther from the edge than its narrower side is wide, as points off the board are.
+    /// Returns the index of the edge nearest to `point` (metres on the board) whose light side is `light` (one side for
+    /// edges across x, one for edges across y). Of the two edges that enclose a point along an axis, one is light on
+    /// its low side and the other on its high side.
+    ///
+    /// Returns `None` in four cases:
+    ///
+    /// - the edge with the required light side along the other axis is less than `clearance` (m) farther away;
+    /// - the foot of the perpendicular is less than `ends` (m, for edges across x and across y) from the end of the
+    ///   straight line;
+    /// - a corner is nearer than every edge;
+    /// - the point is farther from the edge than the edge's narrower side is wide, for example off the board.
     #[inline]
     pub fn nearest(&self, point: [f64; 2], light: [Side; 2], clearance: f64, ends: [f64; 2]) -> Option<usize> {
         let [x, y] = point;

@@ -5,8 +5,9 @@ use std::str::FromStr;
 
 use super::codes;
 
-/// A family of tags whose inner modules form a square. AprilTag's families are upright as printed by their authors and
-/// Kalibr, which is rotated by 180° from OpenCV's drawing; the others are upright as drawn by OpenCV.
+/// A family of tags whose inner modules form a square. The tags of AprilTag's families are upright as their authors and
+/// Kalibr print them, and OpenCV draws them rotated by 180°. The tags of the other families are upright as drawn by
+/// OpenCV.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum TagFamily {
     /// AprilTag 16h5.

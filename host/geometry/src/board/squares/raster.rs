@@ -66,8 +66,8 @@ impl Raster {
             all.dedup_by(|next, line| *next - *line < SAME_LINE);
             all
         };
-        // Range of the cells that are within that distance of the middle of each new cell; index one higher to include
-        // the outside.
+        // For each new cell, the range of the old cells within `further` of its middle. These indices are one higher
+        // than the raster's, because index 0 is the outside below the first line.
         let near = |moved: &[f64], lines: &[f64]| -> Vec<std::ops::RangeInclusive<usize>> {
             let cell = |place: f64| lines.partition_point(|line| *line <= place);
             let middle = |ends: &[f64]| 0.5 * (ends[0] + ends[1]);

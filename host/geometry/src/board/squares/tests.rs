@@ -132,7 +132,7 @@ fn charuco_markers_are_numbered_as_in_opencv() {
     let legacy = places("charuco:6x4:1m:0.75m:DICT_5X5_100:legacy");
     let odd = [[0.125, 0.125], [2.125, 0.125], [1.125, 1.125], [3.125, 1.125], [0.125, 2.125]];
     assert_eq!((legacy.len(), &legacy[..5]), (12, &odd[..]));
-    // (5, 6) and (5, 7).
+    // OpenCV's boards of (5, 6) and (5, 7) squares, with the columns first.
     assert_eq!(places("charuco:6x5:1m:0.75m:DICT_5X5_100:legacy").len(), 15);
     let seven = places("charuco:7x5:1m:0.75m:DICT_5X5_100");
     assert_eq!((seven.len(), seven[16]), (17, [3.125, 6.125]));

@@ -171,7 +171,7 @@ fn checkerboard(mut parts: Parts<'_>) -> Result<SquareBoard, SquareBoardProblem>
     Ok(SquareBoard::Checkerboard(board))
 }
 
-/// Returns the border of such grids in modules, unless one is given.
+/// Returns the usual border of tags in modules, for a grid with or without corner squares.
 const fn usual_border(corner_squares: bool) -> u8 {
     if corner_squares { 2 } else { 1 }
 }

@@ -17,8 +17,8 @@ fn arrays(wire: Wire, count: i64, each: i64) -> Messages {
 }
 
 /// Checks a file with `all` events that is damaged at `byte`. Without skipping, the events before the `lost` ones are
-/// read; with skipping, those after them too. The damage counts as `packets` damaged packets; if that is 0, the rest of
-/// the file is reported missing instead.
+/// read; with skipping, also the events after them. The damage counts as `packets` damaged packets. If that is 0, the
+/// rest of the file is reported missing instead.
 fn check(content: &[u8], byte: usize, lost: Range<i64>, all: i64, packets: u64) {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("recording");

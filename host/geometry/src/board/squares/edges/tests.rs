@@ -17,7 +17,7 @@ fn raster(text: &str) -> Raster {
     text.parse::<SquareBoard>().unwrap().raster()
 }
 
-/// A side of a cell between dark and light, according to the shades on both its sides.
+/// A side of a cell that separates dark from light, found from the shades on both of its sides.
 struct Side1 {
     across: usize,
     position: f64,
@@ -52,7 +52,7 @@ fn cell_sides(raster: &Raster) -> Vec<Side1> {
     sides
 }
 
-/// The nearest edge as found without the table.
+/// The nearest edge, found without the table of [`SquareEdges`].
 #[derive(Debug, PartialEq)]
 struct Found {
     across: usize,
@@ -71,7 +71,7 @@ fn search(sides: &[Side1], point: [f64; 2], light: [Side; 2], clearance: f64, en
     };
     let faces = |side: &&Side1| side.span[0] <= point[1 - side.across] && point[1 - side.across] <= side.span[1];
     sides.iter().min_by(|a, b| off(a).total_cmp(&off(b))).filter(faces)?;
-    // The edges on both sides of the point, and of these the one with its light where it is wanted.
+    // Of the two edges that enclose the point along an axis, the one whose light side is `light`.
     let lit = |across: usize| {
         let facing = |above: bool| {
             let is_there = move |side: &&Side1| side.across == across && (side.position > point[across]) == above;
@@ -85,7 +85,7 @@ fn search(sides: &[Side1], point: [f64; 2], light: [Side; 2], clearance: f64, en
     let along = point[1 - across];
     let distance = off(nearest);
     let other = lit(1 - across).map_or(f64::INFINITY, off);
-    // The straight line: sides of the same line and shade, end to end.
+    // The straight line consists of sides on the same line and of the same shade, end to end.
     let mut line = nearest.span;
     loop {
         let grown = sides
