@@ -59,7 +59,8 @@ crate::settings! {
         pub min_radius: f32 = 2.0, "px", at_least(0.0).up_to("max_radius");
         /// Largest radius; clusters wider or higher than twice this are not arcs of a dot.
         pub max_radius: f32 = 32.0, "px", above(0.0);
-        /// Fewest pixels of each cluster: an arc of one radian has about one pixel per radius.
+        /// Smallest ratio of the number of pixels of each cluster to the radius in pixels; it is about 1 for an arc of
+        /// one radian.
         #[cfg_attr(feature = "serde", serde(skip))]
         pub min_arc: f32 = 0.75, "radii", at_least(0.0);
         /// Largest ratio of the fitted radius to half the distance of the cluster centres (hard).

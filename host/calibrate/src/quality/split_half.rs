@@ -33,7 +33,7 @@ const FEWEST_SLICES: f64 = 4.0;
 /// Residuals of events for a camera that was not calibrated from them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HeldOutResidual {
-    /// Observations in both halves.
+    /// Number of observations of both halves together.
     pub count: usize,
     /// Root mean square residual with the camera of the other half (px).
     pub rms: f64,
@@ -50,7 +50,7 @@ pub struct SplitHalf {
     pub difference: ProjectionDifference,
     /// The root mean square difference that their reported uncertainties predict (px).
     pub expected_rms: f64,
-    /// 95 % bound of the difference if those are right (px).
+    /// 95 % bound of the difference if the reported uncertainties are right (px).
     pub bound: f64,
     /// Residuals of each half with the camera of the other.
     pub held_out: HeldOutResidual,
@@ -145,8 +145,8 @@ impl<'a> Halves<'a> {
 /// The solutions of both halves, each with the cost of its observations at the common result.
 pub struct SolvedHalves([(SolvedHalf, f64); 2]);
 
-/// Compares the `halves` of `problem`, whose solution is `state` with these residuals of the events; `parts` are the parts of the
-/// covariance of the whole. Returns `None` if they cannot be compared.
+/// Compares the `halves` of `problem`. `state` is the solution of the whole problem, `events` are the residuals of the events at
+/// this solution, and `parts` are the parts of its covariance. Returns `None` if the halves cannot be compared.
 pub fn split_half(
     problem: &Problem,
     state: &State,
