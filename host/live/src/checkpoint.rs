@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn each_criterion_counts_by_itself() {
+    fn each_unmet_criterion_is_reported() {
         assert_eq!(missing(GOOD), None);
         assert!(missing(Stated { rms: 0.051, ..GOOD }).unwrap().contains("±0.051 px, wanted 0.05"));
         assert!(missing(Stated { max: 0.151, ..GOOD }).unwrap().contains("where the error is largest"));
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn the_next_one_comes_when_the_target_may_be_reached() {
+    fn the_next_checkpoint_is_when_the_target_may_be_reached() {
         let next = |stated| Checkpoint { t: 10.0, stated }.next(0.05);
         assert!((next(Ok(Stated { rms: 0.06, ..GOOD })) - 14.4).abs() < 1e-9);
         assert!((next(Ok(Stated { max: 0.18, ..GOOD })) - 14.4).abs() < 1e-9);
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn in_a_replay_they_are_told_at_definite_times() {
+    fn checkpoints_of_a_replay_are_reported_at_definite_times() {
         let first = told(ReportTime::AtLength(1.5));
         assert_eq!(first, told(ReportTime::AtLength(1.5)));
         assert_eq!(first.first(), Some(&(6.0, 9.0)));
@@ -312,7 +312,7 @@ mod tests {
 
     /// Whatever a calibration does, the caller continues at once.
     #[test]
-    fn a_calibration_under_way_is_not_waited_for_and_told_to_end() {
+    fn a_running_calibration_does_not_block_and_is_cancelled_on_drop() {
         let (ended, end) = channel();
         let work = move |_: f64, underway: &Underway| {
             while !underway.is_stopped() {

@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn the_width_is_that_of_the_band_and_the_sharpest_is_held() {
+    fn the_width_of_a_band_is_measured_and_the_sharpest_is_kept() {
         let mut meter = FocusMeter::default();
         assert_eq!(meter.focus(), None);
         meter.see(&frame(0.0, 1.5));
