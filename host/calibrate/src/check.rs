@@ -460,7 +460,7 @@ mod tests {
 
     /// Only the first 0.3 s of a fast recording used to be evaluated.
     #[test]
-    fn parts_are_even_over_the_whole_recording() {
+    fn parts_are_spread_evenly_over_the_whole_recording() {
         let event = |t: i64| Event { t: 500 + t, x: 1, y: 2, polarity: Polarity::On };
         let events = (0..6_000_000).map(|index| event(5 * index)).collect();
         let recording = Recording::from_events("events", events, RecordingOptions::default());

@@ -84,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_and_files_differ_and_substitutes_can_be_written() {
+    fn names_and_files_of_formats_are_unique_and_substitutes_are_supported() {
         for (index, format) in FORMATS.iter().enumerate() {
             assert!(FORMATS[..index].iter().all(|other| other.name != format.name && other.file != format.file));
             assert!(format.substitutes.iter().all(|model| format.models.contains(model)), "{}", format.name);

@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn a_calibration_can_be_ended() {
+    fn a_calibration_can_be_cancelled() {
         let (inputs, board) = (input(), "acircles:9x4:55mm:r17.5mm".parse().unwrap());
         let mut told = Vec::new();
         let ended = calibrate(&Task::new(&inputs, &board), |step| {

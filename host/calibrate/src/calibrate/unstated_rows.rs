@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_at_the_first_circle_is_noted() {
+    fn missing_rows_with_the_origin_at_the_first_circle_are_a_note() {
         let told = told("acircles:8x4", "acircles:9x4", &[(0, 0), (0, 0)]);
         assert_eq!((told.cause, told.severity), (Cause::LargerBoard, Severity::Note));
         assert_eq!(told.reason, "only 8x4 of the board's 9x4 rows and columns are stated");
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn an_origin_elsewhere_or_in_several_places_is_a_warning() {
+    fn an_origin_that_is_not_at_the_first_circle_is_a_warning() {
         for (stated, larger, origins, consequence) in [
             ("acircles:9x3", "acircles:9x4", &[(0, 0), (2, 0)][..], "origin jumps"),
             ("acircles:7x4", "acircles:9x4", &[(0, 2), (0, 2)], "origin is not on its first"),

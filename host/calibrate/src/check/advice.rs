@@ -224,7 +224,7 @@ mod tests {
 
     /// The advice used to be to move faster.
     #[test]
-    fn a_few_events_are_too_short_a_recording() {
+    fn a_recording_of_few_events_is_reported_as_too_short() {
         assert_eq!(
             next_of(events(1), DAVIS).to_string(),
             "the recording is too short, with only 1 event: record 10 seconds"

@@ -162,7 +162,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reasons_are_in_the_order_of_their_words() {
+    fn reasons_are_sorted_by_their_text() {
         use NoBoard::*;
         let all = [
             OpencvFailed,

@@ -404,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn a_view_shows_what_blinks() {
+    fn a_view_shows_the_blinking_squares() {
         for frequency in [2.0, 10.0, 50.0] {
             let mut events = squares(2.0, frequency, |_| 0.0);
             // A hot pixel.
@@ -419,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pattern_that_alternates_with_its_negative_shows_in_the_changes() {
+    fn a_pattern_that_alternates_with_its_negative_appears_in_the_picture_of_changes() {
         let mut events = Vec::new();
         for (flip, (x, y)) in
             (0..20).flat_map(|flip| (20..100).flat_map(move |x| (20..70).map(move |y| (flip, (x, y)))))
@@ -458,7 +458,7 @@ mod tests {
     }
 
     #[test]
-    fn a_view_ends_with_the_motion() {
+    fn a_view_ends_when_the_board_moves() {
         // Two views, and a motion between them at 40 px/s.
         let place = |t: f64| ((t - 1.0) * 40.0).clamp(0.0, 30.0);
         let views = views(&squares(3.0, 30.0, place));
@@ -469,7 +469,7 @@ mod tests {
     }
 
     #[test]
-    fn whether_it_begins_at_rest_is_known_after_some_tenths_of_a_second() {
+    fn rest_or_motion_at_the_beginning_is_known_within_0_4_s() {
         let known = |events: &[Event]| {
             let mut views = StillViews::new(SENSOR);
             events.chunks(500).find_map(|events| {

@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn boards_as_stated_are_not_compared() {
+    fn nominal_boards_are_not_compared() {
         assert_eq!(files("", ""), None);
     }
 }

@@ -291,7 +291,7 @@ fn a_camera_that_was_hardly_tilted_is_reported() {
 
 /// A focal length that is fixed slightly too long moves the IMU away; σ includes this if the σ of the focal length is known.
 #[test]
-fn the_uncertainty_of_held_intrinsics_is_part_of_sigma() {
+fn the_uncertainty_of_fixed_intrinsics_is_part_of_sigma() {
     let mut bench = Bench::new(7, motion(7, turned([0.45, 0.5, 0.45])));
     let off = 2e-3;
     let (true_camera, mut parameters) = (camera(), camera().parameters());
@@ -328,7 +328,7 @@ fn the_uncertainty_of_held_intrinsics_is_part_of_sigma() {
 }
 
 #[test]
-fn a_board_of_another_size_than_stated_is_reported() {
+fn a_board_of_another_size_than_nominal_is_reported() {
     let found = Bench::with_stated_size(1.01, 8, motion(8, turned([0.45, 0.5, 0.45]))).calibrated(None).unwrap();
     let [Finding::BoardSpacing { scale, sigma }] = found.findings.as_slice() else { panic!("{:?}", found.findings) };
     assert!((scale - 1.0 / 1.01).abs() < 3e-3 && *sigma < 3.5e-3, "{scale} ± {sigma}");

@@ -366,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn the_simplest_of_those_as_good_as_the_best_is_chosen() {
+    fn the_simplest_model_as_good_as_the_best_is_chosen() {
         let candidates = [
             candidate(12, &[1.00, 2.00, 3.00, 4.00]),
             candidate(8, &[1.01, 1.99, 3.02, 4.00]),
@@ -383,7 +383,7 @@ mod tests {
 
     /// Blocks differ much more than the models do; the difference between the models is still detected.
     #[test]
-    fn blocks_that_are_difficult_for_all_do_not_hide_a_difference() {
+    fn blocks_that_are_difficult_for_all_models_do_not_hide_a_difference() {
         let hard = [0.1, 5.0, 0.3, 9.0, 1.0];
         let worse = hard.map(|cost| cost + 0.01);
         let (chosen, standings) = choose(&[candidate(4, &worse), candidate(9, &hard)]).unwrap();
@@ -424,7 +424,7 @@ mod tests {
     }
 
     #[test]
-    fn a_model_that_folds_counts_only_if_all_do() {
+    fn a_folding_model_is_chosen_only_if_all_models_fold() {
         let folding = |model: &Candidate| Candidate { folds: true, ..model.clone() };
         let (better, worse) = (candidate(12, &[1.0, 1.2, 0.9]), candidate(8, &[1.1, 1.3, 1.02]));
         let (chosen, standings) = choose(&[folding(&better), worse.clone()]).unwrap();

@@ -562,7 +562,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_the_same_image_fit() {
+    fn frames_of_the_same_image_are_aligned() {
         for board in ["acircles:9x4:55mm:r17.5mm", "acircles:10x4:55mm:r17.5mm", "circles:5x5:50mm:r15mm"] {
             let board: Board = board.parse().unwrap();
             assert_eq!(found(&board, |place| place, |t| t), None, "{board}");
@@ -573,7 +573,7 @@ mod tests {
     }
 
     #[test]
-    fn each_orientation_is_named_also_of_boards_that_look_the_same_flipped() {
+    fn each_orientation_is_reported_even_of_boards_with_mirror_symmetry() {
         for board in ["acircles:9x4:55mm:r17.5mm", "acircles:10x4:55mm:r17.5mm", "circles:5x5:50mm:r15mm"] {
             let board: Board = board.parse().unwrap();
             for orientation in Orientation::ALL.into_iter().skip(1) {
@@ -610,7 +610,7 @@ mod tests {
     }
 
     #[test]
-    fn another_clock_is_named() {
+    fn rate_and_offset_of_another_clock_are_measured() {
         let board: Board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
         for (rate, offset) in [(0.5, 0.0), (0.5, -20.0), (2.0, 0.3), (1.0, -1.5), (1.25, 0.0), (1.0, 0.4)] {
             let clock = |t: f64| (t - offset) / rate;
@@ -623,7 +623,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_another_camera_are_unlike() {
+    fn frames_of_another_camera_are_detected() {
         let board: Board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
         // A camera next to the first, rotated and tilted: near points move more.
         let beside = |place: Vector2<f64>| {

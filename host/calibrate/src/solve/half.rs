@@ -87,7 +87,7 @@ mod tests {
 
     /// A half with all observations equals the whole, however they are cut into intervals.
     #[test]
-    fn all_observations_have_the_step_and_the_covariance_of_the_whole() {
+    fn a_half_with_all_observations_has_step_and_covariance_of_the_whole() {
         let (mut problem, state) = example();
         problem.free.intrinsics = std::array::from_fn(|index| index < 2);
         problem.free.board = [false; BOARD_PARAMETERS];

@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn a_solve_reports_its_progress_and_can_be_ended() {
+    fn a_solve_reports_its_progress_and_can_be_cancelled() {
         let (problem, state) = displaced();
         let mut told = Vec::new();
         let limits = Limits { damping: FIRST_DAMPING, trusted: TRUSTED };
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_share_as_small_as_the_tolerance_is_the_end() {
+    fn progress_is_complete_once_the_decrease_reaches_the_tolerance() {
         assert_eq!(settled(1e-5, 1e-5), 1.0);
         assert!((settled(1e-2, 1e-4) - 0.5).abs() < 1e-12);
         assert!(settled(0.5, 1e-5) < 0.1);

@@ -96,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_stream_gets_the_next_name_that_is_free() {
+    fn a_stream_gets_the_next_free_name() {
         let folder = tempfile::tempdir().unwrap();
         let save = SaveTo::NextIn { folder: folder.path().to_owned(), name: "ttyACM0".to_owned() };
         fs::write(folder.path().join("ttyACM0.circles"), "first").unwrap();
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_named_must_be_new() {
+    fn a_named_file_is_never_overwritten() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("stream");
         let save = SaveTo::File(path.clone());
