@@ -271,7 +271,7 @@ fn a_silent_camera_is_reported() {
 
 /// The uncertainties of the cells agree with that of the sensor, and remembered observations count from the start.
 #[test]
-fn the_map_of_the_uncertainty_agrees_with_its_mean_and_is_remembered() {
+fn the_map_of_the_uncertainty_agrees_with_its_mean_and_is_kept_in_memory() {
     let (settings, board) = (Settings::default(), board());
     let new = || Observer::new(&settings.detection, &settings.initial, &settings.live, &board.into(), SENSOR);
     let mut observer = new();
@@ -296,7 +296,7 @@ fn the_map_of_the_uncertainty_agrees_with_its_mean_and_is_remembered() {
 
 /// Frames of a recording are shown with the events of the same time, not earlier.
 #[test]
-fn frames_of_a_recording_come_in_time() {
+fn frames_of_a_recording_are_shown_at_their_time() {
     let folder = TempDir::new().unwrap();
     let out = folder.path().join("simulated");
     let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));

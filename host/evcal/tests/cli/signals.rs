@@ -124,7 +124,7 @@ fn simulation(directory: &TempDir) -> PathBuf {
 }
 
 #[test]
-fn a_simulation() {
+fn an_interrupted_simulation_leaves_old_or_new_results() {
     let directory = tempfile::tempdir().unwrap();
     let folder = directory.path().join("outer");
     let output = folder.join("simulation");
@@ -134,7 +134,7 @@ fn a_simulation() {
 }
 
 #[test]
-fn a_calibration() {
+fn an_interrupted_calibration_leaves_old_or_new_results() {
     let directory = tempfile::tempdir().unwrap();
     let circles = directory.path().join("circles.csv");
     let events = simulation(&directory).join("events.aedat4");
@@ -148,7 +148,7 @@ fn a_calibration() {
 }
 
 #[test]
-fn a_conversion_and_an_undistortion() {
+fn interrupted_conversions_and_undistortions_leave_old_or_new_results() {
     let directory = tempfile::tempdir().unwrap();
     let source = simulation(&directory);
     let events = source.join("events.aedat4");
@@ -167,7 +167,7 @@ fn a_conversion_and_an_undistortion() {
 }
 
 #[test]
-fn exports_and_a_board() {
+fn interrupted_exports_and_boards_leave_old_or_new_results() {
     let directory = tempfile::tempdir().unwrap();
     let source = simulation(&directory);
     let folder = directory.path().join("exports");
@@ -185,7 +185,7 @@ fn exports_and_a_board() {
 
 /// A recording has everything that the camera sent before the signal; only a signal that ends the program at once may cut the last transfer.
 #[test]
-fn a_recording_of_a_camera() {
+fn an_interrupted_recording_loses_at_most_its_last_transfer() {
     let sent: Vec<u8> = events(9_000_000).flat_map(|piece| piece.bytes).collect();
     // At full speed the camera drops nothing.
     let bus = EmulatedBus::start(camera(9_000_000)).unwrap();
