@@ -203,7 +203,7 @@ mod tests {
     use nalgebra::UnitQuaternion;
 
     #[test]
-    fn at_rest_it_feels_one_g_upwards() {
+    fn at_rest_the_imu_measures_one_g_upwards() {
         for angle in [0.0, 90.0f64] {
             let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, angle.to_radians());
             let truth = InertialTruth::new(|_| Isometry3::from_parts(Vector3::new(0.1, 0.2, -0.7).into(), turn), 1000);

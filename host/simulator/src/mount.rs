@@ -254,7 +254,7 @@ mod tests {
 
     /// f = R_ic (f_camera + (ω' × r + ω × (ω × r)) / g), with the derivative of ω by differences.
     #[test]
-    fn it_feels_its_own_place() {
+    fn the_imu_measures_the_acceleration_at_its_own_position() {
         let settings = quiet();
         let mount = Mount::new(settings, 1);
         let time = 700_000;
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn filters_delay_by_what_is_stated() {
+    fn filters_have_the_specified_delay() {
         let mut mount = Mount::new(quiet(), 1);
         for time in (1000..1_500_000).step_by(1000) {
             let [_, turning_rate] = mount.output(turning, time).unwrap();
@@ -289,7 +289,7 @@ mod tests {
     /// White noise has the specified density: over 50 ms, long compared with the filters, the mean has the variance
     /// density² / T.
     #[test]
-    fn noise_has_the_stated_density() {
+    fn noise_has_the_specified_density() {
         let settings = MountSettings { accelerometer_noise_density: 0.001, gyroscope_noise_density: 0.01, ..quiet() };
         let still = |_| Isometry3::identity();
         let mut mount = Mount::new(settings, 7);
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_get_lost() {
+    fn the_specified_share_of_samples_is_lost() {
         let mut mount = Mount::new(MountSettings { lost: 0.05, ..quiet() }, 3);
         let lost = (1..=2000).filter(|index| mount.output(turning, 1000 * index).is_none()).count();
         assert!((60..140).contains(&lost), "{lost}");

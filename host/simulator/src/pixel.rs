@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn reset_forgets_what_happens_meanwhile() {
+    fn changes_during_the_reset_are_ignored() {
         let sensor = SensorModel { refractory: 300e-6, ..SensorModel::ideal() };
         let (mut pixel, mut rng) = pixel(&sensor, 1.0);
         let mut events = Vec::new();
@@ -282,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reset_that_ends_with_a_step_is_left() {
+    fn a_reset_that_ends_with_a_step_is_over() {
         let sensor = SensorModel { refractory: 100e-6, threshold_off: 0.4, ..SensorModel::ideal() };
         let (mut pixel, mut rng) = pixel(&sensor, 1.0);
         let mut events = Vec::new();

@@ -286,7 +286,7 @@ mod tests {
     /// At the pose of the first camera, with its lens and seed, it sees the same, on its own clock and from the start
     /// of its recording.
     #[test]
-    fn its_events_are_stamped_by_its_own_clock() {
+    fn events_of_the_second_camera_have_times_of_its_own_clock() {
         let settings = SecondCameraSettings {
             position: [0.0; 3],
             rotation: [0.0; 3],
@@ -319,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_are_taken_by_its_own_clock_and_stand_in_their_table() {
+    fn frames_of_the_second_camera_have_times_of_its_own_clock() {
         let frames = FrameCameraSettings { sensor: Sensor::new(64, 48), stamps: Stamps::Start, ..Default::default() };
         let settings = SecondCameraSettings { begins_later: 0.05, frames: Some(frames), ..Default::default() };
         let SecondCameraSettings { clock_offset, clock_drift, .. } = settings;

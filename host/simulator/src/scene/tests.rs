@@ -159,7 +159,7 @@ fn radiance_is_the_integral_of_the_point_spread() {
 }
 
 #[test]
-fn a_board_that_is_not_as_stated_is_rendered_as_it_is() {
+fn a_board_that_differs_from_nominal_is_rendered_as_printed() {
     let stated = BoardShape::stated(&board());
     for (printed, distance, tilt) in [
         (BoardShape { bend: [0.012, -0.006], ..stated }, 0.7, 35.0),
@@ -190,7 +190,7 @@ fn radiance_of_squares_is_the_integral_of_the_point_spread() {
 }
 
 #[test]
-fn squares_that_are_not_as_stated_are_rendered_as_they_are() {
+fn squares_that_differ_from_nominal_are_rendered_as_printed() {
     let board: Board = "aprilgrid:6x6:88mm:0.3".parse().unwrap();
     let stated = BoardShape::stated(&board);
     for printed in [
@@ -230,7 +230,7 @@ fn the_jacobian_is_the_derivative_of_the_point() {
 }
 
 #[test]
-fn a_pixel_that_looks_away_sees_the_background() {
+fn a_pixel_that_faces_away_from_the_board_sees_the_background() {
     let scene = Scene::new(board(), SceneSettings::default(), POINT_SPREAD);
     let rays = Rays::new(&radtan(), Sensor::new(346, 260));
     let away = pose(&board(), 0.7, 0.0, 0.0) * nalgebra::UnitQuaternion::from_euler_angles(0.0, 3.0, 0.0);
