@@ -385,7 +385,7 @@ mod tests {
     }
     /// A second run into the same folder would replace the results of the first.
     #[test]
-    fn a_folder_is_open_once() {
+    fn a_folder_cannot_be_opened_by_two_runs() {
         let folder = tempfile::tempdir().unwrap();
         let open = OutputFolder::open(folder.path()).unwrap();
         let error = OutputFolder::open(folder.path()).unwrap_err().to_string();

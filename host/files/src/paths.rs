@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_claimed_once_and_remains_are_removed() {
+    fn a_file_is_claimed_once_and_leftovers_are_replaced() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(".a.part");
         let mut new = File::options();

@@ -464,7 +464,7 @@ mod tests {
     }
 
     #[test]
-    fn no_changed_byte_panics() {
+    fn files_with_a_changed_byte_do_not_panic() {
         let events = events(5);
         for output in OUTPUTS {
             let (_directory, path) = file(b"");
@@ -516,7 +516,7 @@ mod tests {
         }
 
         #[test]
-        fn no_bytes_panic(start in 0usize..4, bytes in prop::collection::vec(any::<u8>(), 0..400), text in "[0-9.,;eE \t\n#%a-y-]{0,300}") {
+        fn arbitrary_bytes_do_not_panic(start in 0usize..4, bytes in prop::collection::vec(any::<u8>(), 0..400), text in "[0-9.,;eE \t\n#%a-y-]{0,300}") {
             let starts = [b"".as_slice(), b"#!AER-DAT4.0\r\n", b"#!AER-DAT4.0\r\n\x40\0\0\0\x10\0\0\0IOHE", b"t,x,y,p\n"];
             for rest in [&bytes, text.as_bytes()] {
                 let (_directory, path) = file(&[starts[start], rest].concat());

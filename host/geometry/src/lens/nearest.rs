@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_relative_is_chosen_if_it_is_near() {
+    fn a_model_of_the_same_family_is_chosen_if_it_is_near() {
         let substitutes = [ModelKind::KannalaBrandt, ModelKind::Radtan4, ModelKind::Eucm];
         let to = |k3: f64| {
             let five = camera(ModelKind::Radtan, &[-0.3, 0.1, 0.001, -0.0005, k3]);

@@ -413,7 +413,7 @@ mod tests {
 
     /// The cost of a frame must depend on its own pixels, not on the size of the sensor.
     #[test]
-    fn frames_of_one_pixel_are_cheap() {
+    fn the_cost_of_a_frame_depends_on_its_own_pixels_only() {
         let mut frame = Growing::new(SENSOR);
         let memory = (frame.reset.levels.as_ptr(), frame.exposed.levels.as_ptr());
         let pair = |index: u32| [level(10, 7, RESET, 40 + 4 * (index % 200)), level(10, 7, EXPOSED, 40)];

@@ -18,7 +18,7 @@ fn paper(text: &str) -> Paper {
 }
 
 #[test]
-fn everything_keeps_off_the_margin_and_marks_keep_off_the_dots() {
+fn nothing_overlaps_the_margin_and_marks_do_not_overlap_dots() {
     for (text, paper_name) in [
         ("acircles:9x4:20mm:r6mm", "a4"),
         ("acircles:4x9:13mm:r4mm", "letter"),
