@@ -123,7 +123,8 @@ fn typical_residual(measured: Measured) -> &'static str {
 /// Returns the pixel with the largest σ of the projection among those with observations, and that σ (px).
 fn largest_uncertainty(calibrated: &Calibrated) -> Option<([f64; 2], f64)> {
     let grid = calibrated.quality.projection.grid.iter();
-    let supported = grid.filter(|point| calibrated.quality.coverage.backs(point.pixel, calibrated.sensor));
+    let supported =
+        grid.filter(|point| calibrated.quality.coverage.has_observations_near(point.pixel, calibrated.sensor));
     supported.filter_map(|point| Some((point.pixel, point.sigma?))).max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
