@@ -187,7 +187,7 @@ impl LiveCoverage {
             cells: self.cells.iter().map(|circles| share(*circles, CIRCLES_PER_CELL).min(1.0)).collect(),
             tilts,
             distances: self.distances,
-            missing: self.missing_beside(covered, tilts),
+            missing: self.remaining_requirements(covered, tilts),
             fulfilled: fulfilled.map(|share| share.clamp(0.0, 1.0)),
         }
     }
@@ -223,10 +223,10 @@ impl LiveCoverage {
 
     /// Returns the remaining requirements; empty if enough was seen.
     pub fn missing(&self) -> Vec<Requirement> {
-        self.missing_beside(self.covered(), self.tilts())
+        self.remaining_requirements(self.covered(), self.tilts())
     }
 
-    fn missing_beside(&self, covered: f64, tilts: [u64; 4]) -> Vec<Requirement> {
+    fn remaining_requirements(&self, covered: f64, tilts: [u64; 4]) -> Vec<Requirement> {
         let mut missing = Vec::new();
         if self.boards() < BOARDS {
             missing.push(Requirement::Views(BOARDS - self.boards()));
