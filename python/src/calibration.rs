@@ -9,14 +9,14 @@ use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
 use evcal_calibrate::calibrate::inertia::{InertialRequest, calibrate_inertial, check_length};
 use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::calibrate::mounted::SecondCamera;
-use evcal_calibrate::calibrate::second::{calibrate_beside, calibrate_lens_apart, pictures_beside};
+use evcal_calibrate::calibrate::second::{calibrate_against_first, calibrate_lens_separately, picture_use_of_second};
 use evcal_calibrate::calibrate::step::Step;
 use evcal_calibrate::calibrate::{PictureUse, Task};
 use evcal_calibrate::inertial::settings::InertialSettings;
 use evcal_calibrate::initial::model_choice::ModelRequest;
-use evcal_calibrate::result::beside::{VerdictBeside, verdicts_beside, worst_grade};
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::result::calibration_file::CalibrationFile;
+use evcal_calibrate::result::device_verdicts::{DeviceVerdict, device_verdicts, worst_grade};
 use evcal_calibrate::settings::Settings;
 use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
@@ -105,11 +105,11 @@ impl Asked {
         task: &Task,
         on_progress: &mut (impl FnMut(Step) -> ControlFlow<()> + Send),
     ) -> Result<SecondCamera, String> {
-        let pictures = pictures_beside(&self.inputs, other);
-        let apart = Task { inputs: std::slice::from_ref(other), pictures, ..*task };
-        let second = calibrate_lens_apart(&apart, &mut *on_progress).map_err(|error| in_words(&error))?;
+        let pictures = picture_use_of_second(&self.inputs, other);
+        let separate = Task { inputs: std::slice::from_ref(other), pictures, ..*task };
+        let second = calibrate_lens_separately(&separate, &mut *on_progress).map_err(|error| in_words(&error))?;
         let _ = on_progress(Step { text: "both cameras", done: None });
-        calibrate_beside(first, &second, other, self.rolling_shutter, &self.board, [None, None])
+        calibrate_against_first(first, &second, other, self.rolling_shutter, &self.board, [None, None])
             .map_err(|error| in_words(&error))
     }
 }
@@ -210,10 +210,10 @@ impl Calibration {
     /// calibrated.
     #[getter]
     fn verdict(&self) -> String {
-        let beside = verdicts_beside(&self.calibrated).into_iter();
-        let beside = beside.map(|VerdictBeside { about, sentence, .. }| format!("\n{about}: {sentence}"));
+        let others = device_verdicts(&self.calibrated).into_iter();
+        let others = others.map(|DeviceVerdict { about, sentence, .. }| format!("\n{about}: {sentence}"));
         let failures = self.failures.iter().map(|(what, reason)| format!("\n{what} was not calibrated: {reason}"));
-        std::iter::once(self.calibrated.verdict.worded(worded).to_string()).chain(beside).chain(failures).collect()
+        std::iter::once(self.calibrated.verdict.worded(worded).to_string()).chain(others).chain(failures).collect()
     }
 
     /// Results that are missing although they were asked for: pairs of a name (the IMU, or the file of another camera) and the reason.

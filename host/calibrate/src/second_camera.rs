@@ -45,7 +45,7 @@ const LEAST_KNOWN_ROTATION: f64 = 0.35;
 
 /// A camera that was calibrated separately, from one recording.
 #[derive(Clone, Copy)]
-pub struct Apart<'a> {
+pub struct SeparateCalibration<'a> {
     /// Camera, trajectories and events.
     pub refined: &'a Refined,
     /// Uncertainty of its intrinsics.
@@ -58,8 +58,8 @@ pub struct Apart<'a> {
 /// # Errors
 /// [`SecondCameraError`] names the problem with the recordings or the motion, and the remedy.
 pub fn calibrate_second(
-    first: Apart,
-    second: Apart,
+    first: SeparateCalibration,
+    second: SeparateCalibration,
     symmetries: &[Symmetry],
     lenses: Lenses,
 ) -> Result<SecondCalibration, SecondCameraError> {
@@ -83,10 +83,10 @@ pub fn calibrate_second(
         seconds: start.seconds,
         left_out,
         own_rms: Some(own_rms(&second.refined.problem, &second.refined.state)),
-        sensors: [first, second].map(|apart| apart.refined.problem.sensor),
+        sensors: [first, second].map(|camera| camera.refined.problem.sensor),
         lenses,
     };
-    let sigma = [first, second].map(|apart| apart.uncertainty.sigma());
+    let sigma = [first, second].map(|camera| camera.uncertainty.sigma());
     let before = [(&first.refined.state.camera, sigma[0].as_slice()), (&second.refined.state.camera, &sigma[1])];
     determined(finish(solved, &known, before))
 }
@@ -110,7 +110,7 @@ pub struct Pictures<'a> {
 /// # Errors
 /// [`SecondCameraError`] names the problem with the recording or the motion, and the remedy.
 pub fn calibrate_pictures_against(
-    first: Apart,
+    first: SeparateCalibration,
     pictures: Pictures,
     fixed: Option<&FixedIntrinsics>,
 ) -> Result<SecondCalibration, SecondCameraError> {
@@ -145,7 +145,7 @@ pub fn calibrate_pictures_against(
 
 /// Adds an error to `solved` that blocks of time do not show: the error of the focal length of the `first` camera's events, which
 /// pictures do not share.
-fn add_scale_error(solved: &mut Solved, first: &Apart) {
+fn add_scale_error(solved: &mut Solved, first: &SeparateCalibration) {
     let place = TRANSLATION + 2;
     let distance = mean_distance(&first.refined.state.trajectories);
     solved.covariance[(place, place)] += (first.uncertainty.systematic_scale * distance).powi(2);

@@ -157,7 +157,7 @@ impl EmulatedBus {
     }
 
     /// Plugs another camera into the bus of this one, at the next address. It disappears together with this one.
-    pub fn start_beside(&self, model: Model) -> io::Result<Self> {
+    pub fn plug_in_another(&self, model: Model) -> io::Result<Self> {
         Self::plug_into(self.directory.clone(), Port(self.port.0 + 1), model)
     }
 

@@ -57,7 +57,7 @@ const LONGEST_BETWEEN: f64 = 0.25;
 pub(super) type CalibratedPictures = Result<PictureCalibration, NoPictureCalibration>;
 
 /// The camera's own pictures, in addition to its events.
-pub(super) struct PicturesBeside {
+pub(super) struct PicturesWithEvents {
     /// The calibration from them alone.
     pub(super) calibrated: CalibratedPictures,
     /// Misalignment of pictures and events of the same moment.
@@ -70,14 +70,14 @@ pub(super) struct PicturesBeside {
 /// # Errors
 /// [`CalibrateError`] if the task requires the pictures and there is no calibration from them, or if they do not show what
 /// `windows` of the events show.
-pub(super) fn calibrate_beside(
+pub(super) fn calibrate_pictures_with_events(
     task: &Task,
     files: Files,
     windows: &[ReferenceFrame],
     sensor: Sensor,
     model: ModelKind,
     progress: &Progress,
-) -> Result<Option<PicturesBeside>, CalibrateError> {
+) -> Result<Option<PicturesWithEvents>, CalibrateError> {
     let is_needed = match task.pictures {
         PictureUse::Ignore | PictureUse::Only => return Ok(None),
         PictureUse::CrossCheck => false,
@@ -92,7 +92,7 @@ pub(super) fn calibrate_beside(
     if is_needed {
         require(task, calibrated.as_ref())?;
     }
-    Ok(calibrated.map(|calibrated| PicturesBeside { calibrated, misalignment }))
+    Ok(calibrated.map(|calibrated| PicturesWithEvents { calibrated, misalignment }))
 }
 
 /// Searches for the board in as many pictures as a cross-check needs, evenly chosen.
@@ -150,7 +150,7 @@ fn picture_calibration(
 }
 
 /// Compares the result from events with the one from pictures.
-pub(super) fn cross_check(solve: &BoardSolve, sensor: Sensor, pictures: &PicturesBeside) -> CrossCheckOutcome {
+pub(super) fn cross_check(solve: &BoardSolve, sensor: Sensor, pictures: &PicturesWithEvents) -> CrossCheckOutcome {
     // The pictures are calibrated with the nominal board, so they are compared with the result for that board.
     let (camera, certainty) = match &solve.as_stated {
         Some((camera, certainty)) => (camera, certainty),

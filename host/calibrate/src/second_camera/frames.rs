@@ -15,7 +15,7 @@ use super::joint::{Joint, Lenses, Solved, share_of_lenses, solve};
 use super::mount::{LINE_DELAY, Mount};
 use super::seen::Seen;
 use super::{
-    Apart, Known, add_scale_error, determined, finish, holding, problem_of_points, seen_by_both, start,
+    Known, SeparateCalibration, add_scale_error, determined, finish, holding, problem_of_points, seen_by_both, start,
     with_board_fixed,
 };
 use crate::circles::reference_frame::PointObservation;
@@ -74,7 +74,7 @@ pub struct FrameCamera<'a> {
 /// # Errors
 /// [`SecondCameraError`] names the problem with the recordings or the motion, and the remedy.
 pub fn calibrate_frames(
-    first: Apart,
+    first: SeparateCalibration,
     second: FrameCamera,
     symmetries: &[Symmetry],
     lenses: Lenses,

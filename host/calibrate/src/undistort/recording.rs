@@ -55,7 +55,7 @@ pub fn open_recording(path: &Path, options: RecordingOptions, sensor: Sensor) ->
 }
 
 /// Returns the file name of the camera of an output: `events.csv` has `events.camera.json`.
-pub fn camera_path_beside(output: &Path) -> PathBuf {
+pub fn undistorted_camera_path(output: &Path) -> PathBuf {
     output.with_extension("camera.json")
 }
 

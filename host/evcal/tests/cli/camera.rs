@@ -106,7 +106,7 @@ fn commands_without_a_camera_fail_with_advice() {
 #[test]
 fn a_camera_is_chosen_by_its_serial_number() {
     let bus = EmulatedBus::start(camera(3000)).unwrap();
-    let _second = bus.start_beside(Model::new("00000043", || events(6000))).unwrap();
+    let _second = bus.plug_in_another(Model::new("00000043", || events(6000))).unwrap();
     let directory = tempfile::tempdir().unwrap();
     let listing = json(&run(&bus, &["devices", "--json"]).1);
     let mut serials: Vec<&str> =

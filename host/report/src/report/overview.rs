@@ -9,7 +9,7 @@ use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::quality::verdict::{Finding, Grade, SMALLEST_COVERAGE, Severity, VerdictSettings};
-use evcal_calibrate::result::beside::{VerdictBeside, verdicts_beside};
+use evcal_calibrate::result::device_verdicts::{DeviceVerdict, device_verdicts};
 use evcal_calibrate::solve::residual_statistics::Measured;
 use evcal_core::sensor::Sensor;
 
@@ -24,7 +24,7 @@ pub fn title(calibrated: &Calibrated) -> String {
 pub fn head(calibrated: &Calibrated, task: &Task) -> Markup {
     let Sensor { width, height } = calibrated.sensor;
     let verdict = &calibrated.verdict;
-    let others = verdicts_beside(calibrated);
+    let others = device_verdicts(calibrated);
     html! {
         h1 { "Calibration of " (calibrated.camera_name().unwrap_or("a camera")) }
         p.faint {
@@ -40,7 +40,7 @@ pub fn head(calibrated: &Calibrated, task: &Task) -> Markup {
             }
             @if !verdict.findings.is_empty() { (findings(&verdict.findings, task.wording)) }
         }
-        @for VerdictBeside { about, grade, sentence } in &others {
+        @for DeviceVerdict { about, grade, sentence } in &others {
             div.verdict.(class(*grade)) { p.sentence { (about) ": " (sentence) } }
         }
         (figures(calibrated, &task.settings.verdict))
