@@ -38,7 +38,7 @@ pub enum Advice {
     /// Count rows and columns of the board.
     CountRows,
     /// Check lens and board, if bend and print were estimated.
-    LookAtBoard,
+    CheckLensAndBoard,
     /// Cover more of the lens, or estimate these parameters anyway.
     Free(Vec<&'static str>),
     /// State the size of the sensor, probably this one.
@@ -113,7 +113,7 @@ impl fmt::Display for Advice {
             Self::CountRows => {
                 write!(f, "count them on the board: more are stated than it has, or a part of it was never in view")
             }
-            Self::LookAtBoard => write!(
+            Self::CheckLensAndBoard => write!(
                 f,
                 "is the board wavy, or the lens dirty? A smooth bend and an uneven print are estimated already, unless they are fixed"
             ),

@@ -101,16 +101,16 @@ pub fn explain(events: &[Event], board: &Board, sensor: Sensor, settings: &Detec
         let obstacle = if is_slow { Obstacle::TooSlow } else { Obstacle::NoSquares };
         return Explanation { obstacle, circles: Vec::new() };
     };
-    let look = |fewest: usize| {
+    let search = |fewest: usize| {
         let mut stage = DetectionStage::for_circles(settings, sensor, fewest);
         stage.push(events);
         stage.into_circles()
     };
-    let (whole, report) = look(board.circle_count().div_ceil(2));
+    let (whole, report) = search(board.circle_count().div_ceil(2));
     if whole.len() >= FEWEST_WINDOWS {
         return Explanation { obstacle: of_whole(&whole, &report, board, sensor), circles: fullest(whole) };
     }
-    let (parts, report) = look(FEWEST_CIRCLES);
+    let (parts, report) = search(FEWEST_CIRCLES);
     let obstacle = match parts.len() >= FEWEST_WINDOWS {
         true => of_parts(&parts, &report, sensor),
         false if share_at_rest(events, duration, sensor) > MOSTLY => Obstacle::TooSlow,

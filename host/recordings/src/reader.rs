@@ -511,7 +511,7 @@ mod tests {
             while reader.next_batch(&mut batch).unwrap() {}
             let report = reader.report();
             assert_eq!(
-                (report.exchanged, report.no_pixel, report.looks_exchanged()),
+                (report.exchanged, report.no_pixel, report.are_coordinates_exchanged()),
                 (exchanged, no_pixel, exchanged > 0)
             );
         }

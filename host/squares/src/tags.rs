@@ -558,11 +558,11 @@ impl TagFinder {
     /// count.
     fn mirrored(&self, picture: &Picture, quads: &[Quad]) -> usize {
         let mirror = |[x, y]: [f32; 2]| [(picture.width() - 1) as f32 - x, y];
-        let looks_mirrored = |quad: &&Quad| {
+        let is_mirrored = |quad: &&Quad| {
             let [a, b, c, d] = **quad;
             self.best_match(self.modules(picture, &[a, d, c, b])).score >= LEAST_AT_FIRST
         };
-        let candidates: Vec<&Quad> = quads.iter().filter(looks_mirrored).collect();
+        let candidates: Vec<&Quad> = quads.iter().filter(is_mirrored).collect();
         if candidates.len() < 2 {
             return 0;
         }

@@ -229,9 +229,9 @@ impl EmulatedBus {
         set_mode(&self.directory.join(self.port.node()), mode)
     }
 
-    /// Calls `look` with the model of the camera.
-    pub fn model<T>(&self, look: impl FnOnce(&mut Model) -> T) -> T {
-        look(&mut lock(&self.bus).model)
+    /// Calls `visit` with the model of the camera.
+    pub fn model<T>(&self, visit: impl FnOnce(&mut Model) -> T) -> T {
+        visit(&mut lock(&self.bus).model)
     }
 }
 

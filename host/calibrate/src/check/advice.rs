@@ -75,7 +75,7 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
 /// Returns advice on many events outside the sensor.
 fn advice_on_outside(information: &Information, has_columns: bool) -> Advice {
     let report = &information.report;
-    if report.looks_exchanged() {
+    if report.are_coordinates_exchanged() {
         return Advice::ExchangeAxes;
     }
     let count = report.out_of_range;

@@ -281,7 +281,7 @@ fn rounded(value: f64) -> f64 {
 }
 
 /// Returns the state while the board is observed, with a frame if there is one.
-pub fn looking<'a>(picture: &EventPicture, frame: Option<&GreyImage>, seen: &'a Seen, context: Context) -> View<'a> {
+pub fn observing<'a>(picture: &EventPicture, frame: Option<&GreyImage>, seen: &'a Seen, context: Context) -> View<'a> {
     let phase = if seen.board.is_none() { Phase::Waiting } else { Phase::Recording };
     let sensor = picture.sensor();
     let frame = frame.map(|frame| [frame.width(), frame.height()]);

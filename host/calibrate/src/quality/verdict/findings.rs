@@ -313,7 +313,7 @@ fn too_poor(camera: &Camera<f64>, events: &EventQuality) -> Option<Finding> {
                 "systematic residuals of {:.3} px remain over the image, and no other model explains them better",
                 pattern.shift
             ),
-            advice: Advice::LookAtBoard,
+            advice: Advice::CheckLensAndBoard,
         });
     };
     Some(Finding {
