@@ -53,7 +53,7 @@ const WORTH_CHANGE: f64 = 1.5;
 /// Shortest time for which the ghost stays (s).
 const SHORTEST_STAY: f64 = 2.0;
 /// A board that was not seen for this time is lost (s).
-const LOST: f64 = 1.0;
+const LOST_AFTER: f64 = 1.0;
 /// Largest error of a board that is near the ghost, in units of the tolerance of the hints.
 const NEAR: f64 = 1.5;
 /// Number of points of the outline on each side of the board.
@@ -255,7 +255,7 @@ impl Guidance {
         }
         self.hint = match (self.latest, self.seen) {
             (_, 0) | (None, _) => Hint::Show,
-            (Some((t, _)), _) if now - t > LOST => Hint::Lost,
+            (Some((t, _)), _) if now - t > LOST_AFTER => Hint::Lost,
             (Some((_, pose)), _) => {
                 let width = f64::from(self.sensor.width);
                 let errors = self.ghost.as_ref().and_then(|ghost| {
@@ -336,7 +336,7 @@ impl Guidance {
 
     /// Keeps the ghost or chooses another.
     fn think(&mut self, now: f64) {
-        if let Some((_, pose)) = self.latest.filter(|(t, _)| now - t <= LOST)
+        if let Some((_, pose)) = self.latest.filter(|(t, _)| now - t <= LOST_AFTER)
             && let Some(error) = self.error_of_ghost(&pose)
             && let Some(ghost) = &mut self.ghost
         {

@@ -234,12 +234,13 @@ impl<'a> Observer<'a> {
 
     /// Updates the checkpoints, also while no events arrive. Returns `true` if a result was reported.
     pub fn check(&mut self) -> bool {
-        let told = self.checkpoints.as_mut().and_then(|checkpoints| checkpoints.advance(self.latest, self.first_seen));
-        let told = told.map(|checkpoint| checkpoint.t);
-        if let (Some(t), Some(guidance)) = (told, &mut self.guidance) {
+        let reported =
+            self.checkpoints.as_mut().and_then(|checkpoints| checkpoints.advance(self.latest, self.first_seen));
+        let reported = reported.map(|checkpoint| checkpoint.t);
+        if let (Some(t), Some(guidance)) = (reported, &mut self.guidance) {
             guidance.mark(t);
         }
-        told.is_some()
+        reported.is_some()
     }
 
     /// Records that no event arrived for `seconds`, because the sensor's clock does not advance without events.

@@ -162,7 +162,7 @@ fn record_file(
         let _ = fs::remove_file(path);
         failed(error)
     })?;
-    let mut dump = dump.told_to(plan.growth.clone());
+    let mut dump = dump.with_growth(plan.growth.clone());
     let mut counter = Decoder::new(stream.header().registers.layout());
     let mut progress = Progress::default();
     let ending = run(&mut stream, &mut dump, &mut counter, &mut progress, plan, &mut watch);
@@ -262,26 +262,26 @@ struct Progress {
     bytes: u64,
     began: Instant,
     /// Time of the latest status, and number of events at that time.
-    told: Instant,
-    told_events: u64,
+    last_status: Instant,
+    last_events: u64,
 }
 
 impl Default for Progress {
     fn default() -> Self {
         let now = Instant::now();
-        Self { transfers: 0, bytes: 0, began: now, told: now, told_events: 0 }
+        Self { transfers: 0, bytes: 0, began: now, last_status: now, last_events: 0 }
     }
 }
 
 impl Progress {
     fn is_due(&self) -> bool {
-        self.told.elapsed() >= STATUS_INTERVAL
+        self.last_status.elapsed() >= STATUS_INTERVAL
     }
 
     fn status(&mut self, events: u64) -> RecordingStatus {
-        let span = self.told.elapsed().as_secs_f64();
-        let event_rate = if span > 0.0 { (events - self.told_events) as f64 / span } else { 0.0 };
-        (self.told, self.told_events) = (Instant::now(), events);
+        let span = self.last_status.elapsed().as_secs_f64();
+        let event_rate = if span > 0.0 { (events - self.last_events) as f64 / span } else { 0.0 };
+        (self.last_status, self.last_events) = (Instant::now(), events);
         let (seconds, bytes) = (self.began.elapsed().as_secs_f64(), self.bytes);
         RecordingStatus { seconds, bytes, events, event_rate, dropped: 0 }
     }

@@ -294,21 +294,21 @@ mod tests {
         assert!((times[0] - 400).abs() <= 1 && (times[1] - 900).abs() <= 1, "{times:?}");
     }
 
-    /// The response to a step of light equals that of a first-order low-pass, for one long look or many short ones.
+    /// The response to a step of light equals that of a first-order low-pass, for one long interval or many short ones.
     #[test]
     fn the_photoreceptor_is_a_first_order_low_pass() {
         let photoreceptor = Some(Photoreceptor { bandwidth: 500.0, offset: 1e9 });
         let sensor = SensorModel { photoreceptor, threshold_on: 0.3, ..SensorModel::ideal() };
         // With this offset the bandwidth does not depend on the light.
         let time_constant = 1e6 / (std::f64::consts::TAU * 500.0);
-        for looks in [1u32, 7, 100] {
+        for intervals in [1u32, 7, 100] {
             let (mut pixel, mut rng) = pixel(&sensor, 0.2);
             let mut events = Vec::new();
             let mut out = RowOutput { rng: &mut rng, events: &mut events };
             pixel.see(&sensor, 0.0, 1.0, 1.0, &mut out);
-            for look in 0..looks {
-                let time = |look: u32| 1.0 + 5000.0 * f64::from(look) / f64::from(looks);
-                pixel.see(&sensor, time(look), time(look + 1), 1.0, &mut out);
+            for interval in 0..intervals {
+                let time = |interval: u32| 1.0 + 5000.0 * f64::from(interval) / f64::from(intervals);
+                pixel.see(&sensor, time(interval), time(interval + 1), 1.0, &mut out);
             }
             let rise = libm::log(5.0);
             assert_eq!(events.len(), 5);

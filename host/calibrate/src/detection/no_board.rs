@@ -26,7 +26,7 @@ pub enum NoBoard {
     NotAsExpected,
     /// The corners of squares belong to a larger or smaller checkerboard.
     #[serde(rename = "corners beside the board")]
-    CornersBesideBoard,
+    OtherCheckerboardSize,
     /// The corners of squares do not form a checkerboard.
     #[serde(rename = "corners form no checkerboard")]
     NoCheckerboard,
@@ -108,7 +108,7 @@ impl NoBoard {
             Self::LargerThanBoard | Self::TooFewOfBoard | Self::PlaceUncertain => {
                 "is the board described right: rows and columns, acircles or circles? Of rows with 5, 4, 5, 4 circles only 4 each are used: state 4 columns".to_owned()
             }
-            Self::CornersBesideBoard => {
+            Self::OtherCheckerboardSize => {
                 "count the inner corners, where four squares meet: one row and one column fewer than squares".to_owned()
             }
             Self::TooFewCorners | Self::NoCheckerboard => {

@@ -118,8 +118,8 @@ impl BoardEvidence {
         let mut values = state.board.parameters();
         values.iter_mut().zip(steps).for_each(|(value, step)| *value += step);
         let mut sigma = [f64::INFINITY; PARAMETERS];
-        let told = sigma.iter_mut().zip(testable).filter(|(_, told)| *told);
-        told.zip(variances).for_each(|((sigma, _), variance)| *sigma = variance.max(0.0).sqrt());
+        let tested = sigma.iter_mut().zip(testable).filter(|(_, testable)| *testable);
+        tested.zip(variances).for_each(|((sigma, _), variance)| *sigma = variance.max(0.0).sqrt());
         sigma[RADIUS] = libm::hypot(sigma[RADIUS], radius_error);
         Self { values, sigma }
     }
