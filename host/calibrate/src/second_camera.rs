@@ -77,7 +77,7 @@ pub fn calibrate_second(
         second: State { board: first.refined.state.board, trajectories: Vec::new(), ..second.refined.state.clone() },
         mount: start.mount,
     };
-    let solved = solve_holding(joint, estimate, lenses)?;
+    let solved = solve_with_fixed_lenses(joint, estimate, lenses)?;
     let known = Known {
         correlation: Some(start.correlation),
         seconds: start.seconds,
@@ -134,7 +134,7 @@ pub fn calibrate_pictures_against(
         mount: Mount { second_first: Isometry3::identity(), offset: 0.0, rate: 0.0, middle, line_delay: None },
     };
     let lenses = [fixed, None];
-    let mut solved = solve_holding(joint, estimate, lenses)?;
+    let mut solved = solve_with_fixed_lenses(joint, estimate, lenses)?;
     add_scale_error(&mut solved, &first);
     let sensor = first.refined.problem.sensor;
     let known = Known { correlation: None, seconds, left_out: 0.0, own_rms: None, sensors: [sensor; 2], lenses };
@@ -172,8 +172,8 @@ struct Known<'a> {
 }
 
 /// Solves with `lenses` fixed; the covariance includes the effect of their uncertainty.
-fn solve_holding(joint: Joint, estimate: Estimate, lenses: Lenses) -> Result<Solved, SecondCameraError> {
-    let (joint, estimate) = holding(joint, estimate, lenses);
+fn solve_with_fixed_lenses(joint: Joint, estimate: Estimate, lenses: Lenses) -> Result<Solved, SecondCameraError> {
+    let (joint, estimate) = with_fixed_lenses(joint, estimate, lenses);
     let mut solved = solve(&joint, estimate)?;
     if let Some(share) = share_of_lenses(&joint, &solved.estimate, lenses)? {
         solved.covariance += share;
@@ -182,7 +182,7 @@ fn solve_holding(joint: Joint, estimate: Estimate, lenses: Lenses) -> Result<Sol
 }
 
 /// Returns the input with `lenses` fixed.
-fn holding(mut joint: Joint, mut estimate: Estimate, lenses: Lenses) -> (Joint, Estimate) {
+fn with_fixed_lenses(mut joint: Joint, mut estimate: Estimate, lenses: Lenses) -> (Joint, Estimate) {
     let [first, second] = lenses;
     if let Some(lens) = first {
         joint.first = fixed_intrinsics::with_fixed(&joint.first);

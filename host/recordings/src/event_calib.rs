@@ -26,8 +26,8 @@ pub const OUTPUT: OutputFormat = OutputFormat {
     name: "bin",
     title: Some("EventCalib"),
     extensions: &["bin"],
-    holds_sensor: false,
-    holds_extras: false,
+    contains_sensor: false,
+    contains_extras: false,
     create: |file, _| Ok(Box::new(Encoder(BufWriter::with_capacity(1 << 18, file()?)))),
     copy_transfers: None,
 };

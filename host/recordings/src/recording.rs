@@ -111,7 +111,7 @@ impl Recording {
     }
 
     /// `true` if the format can contain frames.
-    pub fn may_hold_frames(&self) -> bool {
+    pub fn may_contain_frames(&self) -> bool {
         self.format().frames.is_some()
     }
 
@@ -340,7 +340,7 @@ mod tests {
             assert!(error.is_none(), "{}: {error:?}", format.name);
             assert!(read == events, "{}: {} events", format.name, read.len());
             assert_eq!((report.events, report.out_of_range, report.strays), (3000, 0, 0), "{}", format.name);
-            assert!(!output.holds_sensor || recording.own_sensor() == Some(SENSOR), "{}", format.name);
+            assert!(!output.contains_sensor || recording.own_sensor() == Some(SENSOR), "{}", format.name);
         }
     }
 

@@ -50,8 +50,8 @@ pub const OUTPUT: OutputFormat = OutputFormat {
     name: "csv",
     title: None,
     extensions: &["csv", "txt"],
-    holds_sensor: true,
-    holds_extras: false,
+    contains_sensor: true,
+    contains_extras: false,
     create: |file, description| {
         let file = BufWriter::with_capacity(1 << 18, file()?);
         Ok(Box::new(Encoder::new(file, description.sensor)?))

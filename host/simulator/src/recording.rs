@@ -85,7 +85,7 @@ impl RecordingFormat {
     }
 
     /// Returns `true` if the format contains frames and IMU samples.
-    pub const fn holds_more_than_events(self) -> bool {
+    pub const fn contains_more_than_events(self) -> bool {
         matches!(self, Self::Aedat4 | Self::Davis346)
     }
 }

@@ -181,7 +181,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 #[test]
-fn events_of_an_ideal_sensor_sit_where_log_thresholds_put_them() {
+fn events_of_an_ideal_sensor_are_at_crossings_of_log_thresholds() {
     let simulation = simulation(SensorModel::ideal(), MotionSettings::fast(), 0.3);
     let (events, _) = run(&simulation);
     let rim = rim_events(&simulation, &events, 41, circle_depth);

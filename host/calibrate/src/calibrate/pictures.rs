@@ -115,7 +115,7 @@ fn see_pictures(task: &Task, files: Files, interval: i64, progress: &Progress) -
     for (number, input) in task.inputs.iter().enumerate() {
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);
         let origin = match input {
-            Input::Events(recording) if recording.may_hold_frames() && without.get(number) != Some(&true) => {
+            Input::Events(recording) if recording.may_contain_frames() && without.get(number) != Some(&true) => {
                 progress.report(format!("looking for the board in the frames of {}", input.short_name()))?;
                 detection.search(number, start, |visit| recording.visit_frames(visit))?
             }

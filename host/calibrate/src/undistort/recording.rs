@@ -70,7 +70,7 @@ pub fn write_camera(path: &Path, camera: &Camera<f64>, sensor: Sensor) -> Result
 
 /// Returns `true` if the file at `path` equals the output of [`write_camera`]: the same recording in another format has the same
 /// camera.
-pub fn holds_camera(path: &Path, camera: &Camera<f64>, sensor: Sensor) -> bool {
+pub fn contains_camera(path: &Path, camera: &Camera<f64>, sensor: Sensor) -> bool {
     match (fs::read(path), camera_text(camera, sensor)) {
         (Ok(there), Ok(text)) => there == text.as_bytes(),
         _ => false,

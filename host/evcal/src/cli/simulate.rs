@@ -275,7 +275,7 @@ fn davis_settings(arguments: &Arguments) -> Result<DavisSettings, Box<dyn Error>
         frames: arguments.frames.map(|rate| arguments.light.frames(rate)),
         imu: arguments.imu.as_deref().map(|unit| inertial_unit(unit, arguments.light)).transpose()?,
     };
-    if settings != DavisSettings::default() && !arguments.format.holds_more_than_events() {
+    if settings != DavisSettings::default() && !arguments.format.contains_more_than_events() {
         return Err(UsageError("frames and IMU samples need --format aedat4 or dvraw".to_owned()).into());
     }
     settings.check()?;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use evcal_calibrate::undistort::picture::{is_picture, is_single, picture_outputs, undistort_pictures};
 use evcal_calibrate::undistort::recording::{
-    FRAMES_CAMERA, Maps, UndistortionReport, WrittenFrames, holds_camera, is_frame_file, open_recording,
+    FRAMES_CAMERA, Maps, UndistortionReport, WrittenFrames, contains_camera, is_frame_file, open_recording,
     undistort_frames, undistort_recording, undistort_sub_pixel, undistorted_camera_path, write_camera,
 };
 use evcal_calibrate::undistort::sub_pixel::SubPixelFormat;
@@ -173,7 +173,7 @@ fn check_outputs<'a>(
     camera: &Camera<f64>,
     sensor: Sensor,
 ) -> super::Outcome {
-    let other = (!holds_camera(camera_file, camera, sensor)).then_some(camera_file);
+    let other = (!contains_camera(camera_file, camera, sensor)).then_some(camera_file);
     let calibration = camera_file::camera_path(&arguments.calibration);
     let inputs: Vec<&Path> = arguments.inputs.iter().chain([&calibration]).map(PathBuf::as_path).collect();
     Ok(arguments.results.check(outputs.into_iter().chain(other), &inputs)?)

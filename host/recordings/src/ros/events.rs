@@ -74,7 +74,7 @@ fn first_of(
             Err(error) if is_skipped(&error, damage) => continue,
             Err(error) => return Err(error),
         };
-        let fits = |topic: &&Topic| topic.kind.holds_events() && wanted.is_none_or(|wanted| wanted == topic.name);
+        let fits = |topic: &&Topic| topic.kind.contains_events() && wanted.is_none_or(|wanted| wanted == topic.name);
         let Some(topic) = container.topics().get(head.topic).filter(fits) else { continue };
         let description = match message::description(topic.kind, topic.wire, container.message()) {
             Ok(description) => description,
@@ -96,7 +96,7 @@ fn first_of(
 }
 
 fn no_topic(topics: &[Topic], wanted: Option<&str>) -> RecordingErrorKind {
-    let of_events = topics.iter().filter(|topic| topic.kind.holds_events());
+    let of_events = topics.iter().filter(|topic| topic.kind.contains_events());
     match wanted {
         Some(wanted) => RecordingErrorKind::NoSuchStream {
             wanted: wanted.to_owned(),
@@ -118,7 +118,7 @@ impl Decoder {
     fn next_message(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let Some(head) = self.container.next()? else { return Ok(false) };
         let Some(topic) = self.container.topics().get(head.topic) else { return Ok(true) };
-        if topic.name != self.topic || !topic.kind.holds_events() {
+        if topic.name != self.topic || !topic.kind.contains_events() {
             *report.other_packets.entry(topic.description()).or_default() += 1;
             return Ok(true);
         }
