@@ -178,9 +178,9 @@ def test_the_inertial_unit_is_calibrated_too(simulated, tmp_path):
     events, truth, alone = simulated
     samples_of(alone.trajectory, tmp_path / "imu.csv")
     calibration = evcal.calibrate(events, board=BOARD, sensor=truth.sensor, imu=tmp_path / "imu.csv")
-    told = calibration.to_dict()["inertial"]
-    turn = np.array(told["T_imu_camera"])[:3, :3]
-    assert np.abs(turn - np.eye(3)).max() < 0.05 and told["used"] > 500
+    result = calibration.to_dict()["inertial"]
+    turn = np.array(result["T_imu_camera"])[:3, :3]
+    assert np.abs(turn - np.eye(3)).max() < 0.05 and result["used"] > 500
     assert "\nIMU: " in calibration.verdict
     written = [path.name for path in evcal.export(calibration, "all", tmp_path / "all")]
     assert len(written) > len(evcal.export(alone, "all", tmp_path / "alone"))
@@ -223,9 +223,9 @@ def test_a_second_camera_is_found_where_it_is(simulated):
 
 
 def test_a_recording_is_checked(events):
-    told = evcal.check(events, board=BOARD, sensor=(346, 260))
-    assert told["ready"] and told["next"] == f'call calibrate with board="{BOARD}"'
-    assert told["events"] == len(events) and told["seen"]["found"] > 0
+    result = evcal.check(events, board=BOARD, sensor=(346, 260))
+    assert result["ready"] and result["next"] == f'call calibrate with board="{BOARD}"'
+    assert result["events"] == len(events) and result["seen"]["found"] > 0
     unknown = evcal.check(events, board=BOARD)
     assert not unknown["ready"] and "sensor=(346, 260)" in unknown["next"]
     recognised = evcal.check(RECORDING)
@@ -233,8 +233,8 @@ def test_a_recording_is_checked(events):
 
 
 def test_parts_of_a_recording_are_compared(events):
-    told = evcal.repeat(events, board=BOARD, sensor=(346, 260), runs=2, seconds=2.0)
-    assert len(told["runs"]) == 2 and told["parameters"][0]["name"] == "fx" and told["projection"] > 0
+    result = evcal.repeat(events, board=BOARD, sensor=(346, 260), runs=2, seconds=2.0)
+    assert len(result["runs"]) == 2 and result["parameters"][0]["name"] == "fx" and result["projection"] > 0
     with pytest.raises(evcal.Error, match="seconds="):
         evcal.repeat(events, board=BOARD, sensor=(346, 260), seconds=1000.0)
     with pytest.raises(ValueError, match="runs"):

@@ -181,8 +181,8 @@ def test_cameras_are_compared():
     one = camera("radtan")
     moved = evcal.Camera("radtan", {**one.parameters, "fx": 350.0}, SENSOR)
     assert evcal.compare(one, one)["sameness"] == "same"
-    told = evcal.compare(one, moved)
-    assert told["sameness"] == "unknown" and told["difference_rms"] > 1.0 and told["sentence"]
+    result = evcal.compare(one, moved)
+    assert result["sameness"] == "unknown" and result["difference_rms"] > 1.0 and result["sentence"]
 
 
 def test_mistakes_are_named():

@@ -177,8 +177,8 @@ def test_fractions_of_pixels_are_kept():
 
 def test_events_are_converted(tmp_path):
     events = make(500)
-    told = evcal.convert(table(events), tmp_path / "events.h5", sensor=(346, 260))
-    assert told["events"] == 500 and told["lost"] == []
+    result = evcal.convert(table(events), tmp_path / "events.h5", sensor=(346, 260))
+    assert result["events"] == 500 and result["lost"] == []
     assert (evcal.read(tmp_path / "events.h5") == events).all()
     with pytest.raises(evcal.Error, match="force=True"):
         evcal.convert(events, tmp_path / "events.h5", sensor=(346, 260))

@@ -121,7 +121,7 @@ mod tests {
     use super::*;
 
     /// Result for 30 000 events `step` apart, with `pause` before the last thousand, in µs unless another unit is given.
-    fn told(step: i64, pause: i64) -> Option<Option<TimeUnit>> {
+    fn suspected_unit(step: i64, pause: i64) -> Option<Option<TimeUnit>> {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("events.csv");
         let line = |index: i64| {
@@ -136,11 +136,11 @@ mod tests {
 
     #[test]
     fn a_pause_does_not_make_the_unit_wrong() {
-        assert_eq!(told(1, 0), None);
+        assert_eq!(suspected_unit(1, 0), None);
         // The advice used to be the unit in use: a year without events in a recording in µs.
-        assert_eq!(told(1, 31_557_600_000_000), None);
+        assert_eq!(suspected_unit(1, 31_557_600_000_000), None);
         // Multiples of 1000 are recognised as nanoseconds at once.
-        assert_eq!(told(1001, 0), Some(Some(TimeUnit::Nanoseconds)));
+        assert_eq!(suspected_unit(1001, 0), Some(Some(TimeUnit::Nanoseconds)));
     }
 
     /// 650 million events per second, after a slow beginning; nothing was reported.

@@ -163,8 +163,8 @@ mod tests {
     /// Regression test: the message blamed an IMU without faults.
     #[test]
     fn a_wrong_size_of_gravity_is_attributed_to_a_violent_motion_first() {
-        let told = |motion| InertialError::GravitySize { size: 7.1, stated: 9.81, motion }.to_string();
-        assert!(told(9.0).contains("accelerated the camera by 9.0 m/s²") && told(9.0).contains("more gently"));
-        assert!(!told(1.0).contains("gently") && told(1.0).contains("unit of the accelerations"));
+        let message = |motion| InertialError::GravitySize { size: 7.1, stated: 9.81, motion }.to_string();
+        assert!(message(9.0).contains("accelerated the camera by 9.0 m/s²") && message(9.0).contains("more gently"));
+        assert!(!message(1.0).contains("gently") && message(1.0).contains("unit of the accelerations"));
     }
 }

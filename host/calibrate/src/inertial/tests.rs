@@ -232,8 +232,8 @@ fn lost_samples_are_reported() {
     let found = bench.calibrated_without(None, vec![what.clone()]).unwrap();
     assert_eq!(found.findings, [Finding::Damaged { what }]);
     assert_eq!(grade(&found), Grade::Good);
-    let told = found.findings[0].to_string();
-    assert!(told.contains("damaged") && told.contains("a.aedat4, byte 12"), "{told}");
+    let finding = found.findings[0].to_string();
+    assert!(finding.contains("damaged") && finding.contains("a.aedat4, byte 12"), "{finding}");
 }
 
 #[test]

@@ -47,11 +47,11 @@ impl Maps {
 /// # Errors
 /// [`EventsError`] if it contains circles or cannot be read.
 pub fn open_recording(path: &Path, options: RecordingOptions, sensor: Sensor) -> Result<Recording, EventsError> {
-    let told = match options.sensor {
+    let known = match options.sensor {
         Some(sensor) => Some(sensor),
         None => open_events(path, options.clone())?.open()?.information().sensor,
     };
-    open_events(path, RecordingOptions { sensor: told.or(Some(sensor)), ..options })
+    open_events(path, RecordingOptions { sensor: known.or(Some(sensor)), ..options })
 }
 
 /// Returns the file name of the camera of an output: `events.csv` has `events.camera.json`.
