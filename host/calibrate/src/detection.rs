@@ -275,8 +275,8 @@ impl<'a> DetectionStage<'a> {
             self.report.add(&part.report);
             self.shape.add(&part.shape);
             if let Requirement::Board(pattern) = self.wanted {
-                let as_stated = part.findings.iter().any(|found| found.shows_all(pattern));
-                self.unplaced.take(part.unplaced, as_stated);
+                let shows_whole_board = part.findings.iter().any(|found| found.shows_all(pattern));
+                self.unplaced.take(part.unplaced, shows_whole_board);
             }
             found.extend(part.findings);
             uncertain.extend(part.uncertain);

@@ -34,7 +34,7 @@ use sample::Sample;
 use settings::InertialSettings;
 use solve::Solved;
 use stream::StreamReport;
-use uncertainty::Stated;
+use uncertainty::InertialUncertainty;
 
 use crate::quality::uncertainty::Uncertainty;
 use crate::solve::Problem;
@@ -186,8 +186,8 @@ fn finish(
 ) -> Result<InertialCalibration, InertialError> {
     let SeparateCalibration { refined, camera, fixed } = separate;
     let total = joint.used.iter().map(ExactSizeIterator::len).sum::<usize>() as f64 / joint.rate;
-    let Stated { mut covariance, sigma_of_others, block_scatter } =
-        uncertainty::stated(&solved.system, &solved.parts, total)?;
+    let InertialUncertainty { mut covariance, sigma_of_others, block_scatter } =
+        uncertainty::inertial_uncertainty(&solved.system, &solved.parts, total)?;
     let Solved { estimate, residuals, spectra, system, .. } = solved;
     uncertainty::add_systematic(&mut covariance, &estimate.parameters, mean_distance(&refined.state.trajectories));
     // An error of the intrinsics that all events have in common moves the IMU, but blocks of time do not show it.

@@ -129,5 +129,5 @@ fn first_input<'a>(
 
 /// Returns the start of the joint solve: the nominal board, and unknown biases of the events.
 fn first_state(task: &Task, camera: Camera<f64>, trajectories: Vec<Trajectory>) -> State {
-    State { camera, board: BoardShape::stated(task.board), bias: unknown(FIRST_SIGMA), trajectories }
+    State { camera, board: BoardShape::nominal(task.board), bias: unknown(FIRST_SIGMA), trajectories }
 }

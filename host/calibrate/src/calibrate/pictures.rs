@@ -152,7 +152,7 @@ fn picture_calibration(
 /// Compares the result from events with the one from pictures.
 pub(super) fn cross_check(solve: &BoardSolve, sensor: Sensor, pictures: &PicturesWithEvents) -> CrossCheckOutcome {
     // The pictures are calibrated with the nominal board, so they are compared with the result for that board.
-    let (camera, certainty) = match &solve.as_stated {
+    let (camera, certainty) = match &solve.with_nominal_board {
         Some((camera, certainty)) => (camera, certainty),
         None => (&solve.refined.state.camera, &solve.certainty),
     };

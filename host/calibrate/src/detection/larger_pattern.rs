@@ -37,7 +37,7 @@ pub struct LargerPattern {
 /// Returns the board that contains `stated`, if most chunks that show all of the stated board show all of the larger one.
 pub fn larger_pattern(recordings: &[UnplacedWindows], stated: Pattern, sensor: Sensor) -> Option<LargerPattern> {
     let chunks: usize = recordings.iter().map(|windows| windows.chunks).sum();
-    let all = chunks + recordings.iter().map(|windows| windows.as_stated).sum::<usize>();
+    let all = chunks + recordings.iter().map(|windows| windows.with_whole_board).sum::<usize>();
     // Usually it ends here: nothing is tried if the board is as stated.
     if chunks < FEWEST || 2 * chunks <= all {
         return None;
@@ -110,11 +110,11 @@ mod tests {
         window(view, (0..pattern.circle_count()).map(|index| pattern.lattice_position(index)))
     }
 
-    /// Returns the result for a recording with `larger` windows of this board and `as_stated` chunks of the stated one.
-    fn found_pattern(stated: &str, board: &str, larger: u32, as_stated: u32) -> Option<(Pattern, usize)> {
+    /// Returns the result for a recording with `larger` windows of this board and `with_whole_board` chunks of the stated one.
+    fn found_pattern(stated: &str, board: &str, larger: u32, with_whole_board: u32) -> Option<(Pattern, usize)> {
         let mut windows = UnplacedWindows::new(3);
         (0..larger).for_each(|view| windows.take(Some(whole(view % 40, pattern(board))), true));
-        (0..as_stated).for_each(|_| windows.take(None, true));
+        (0..with_whole_board).for_each(|_| windows.take(None, true));
         let found = larger_pattern(&[UnplacedWindows::new(0), windows], pattern(stated), SENSOR)?;
         assert!(found.frames.iter().all(|frame| frame.recording == 3));
         Some((found.pattern, found.frames.len()))

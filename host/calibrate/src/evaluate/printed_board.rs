@@ -68,7 +68,7 @@ pub fn compare_boards(calibration: &Path, truth: &Path) -> Option<BoardCompariso
     let CalibrationPart { printed_board: board } = read(calibration)?;
     let TruthPart { board: stated, settings } = read(truth)?;
     let stated: Board = stated.parse().ok()?;
-    let truth = settings.scene.printed.unwrap_or(BoardShape::stated(&stated)).parameters();
+    let truth = settings.scene.printed.unwrap_or(BoardShape::nominal(&stated)).parameters();
     let names = ["print_ratio", "bend_x", "bend_y", "radius"];
     let found = [board.print_ratio, board.bend_x, board.bend_y, board.radius];
     let differs_from_nominal =

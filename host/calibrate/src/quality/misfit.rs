@@ -89,17 +89,17 @@ fn cautious_rms(difference: &ProjectionDifference) -> f64 {
 }
 
 /// Returns `true` if another lens model with the present board explains the events better than this lens model with a
-/// board of another `shape`, whose `asked` parameters are estimated.
+/// board of another `shape`, whose `estimated` parameters are part of the solve.
 pub fn lens_explains_more(
     problem: &Problem,
     state: &State,
     shape: BoardShape,
-    asked: [bool; BOARD_PARAMETERS],
+    estimated: [bool; BOARD_PARAMETERS],
     inflation: f64,
 ) -> bool {
     let step = thinning(problem);
     let own = state.camera.kind();
-    let free = FreeParameters { board: asked, ..problem.free };
+    let free = FreeParameters { board: estimated, ..problem.free };
     let shaped = State { board: shape, ..state.clone() };
     let Ok(with_shape) = solve(&thinned(problem, step, free, SHAPE_ITERATIONS), shaped) else { return false };
     let chance = CERTAIN * (inflation / step as f64).max(1.0);

@@ -11,7 +11,7 @@ use super::error::SecondCameraError;
 use super::estimate::Estimate;
 use super::mount::{RATE, RATE_SIGMA};
 use super::rows::{SecondPart, second_parts};
-use crate::quality::uncertainty::{BLOCK, Time, stated};
+use crate::quality::uncertainty::{BLOCK, Time, reported_covariance};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::bordered::{Part, Step, System, event_parts, minimise, moved_by};
 use crate::solve::fixed_intrinsics::{FixedIntrinsics, share_of_fixed};
@@ -88,7 +88,7 @@ pub fn solve(joint: &Joint, estimate: Estimate) -> Result<Solved, SecondCameraEr
     let total = estimate.first.trajectories.iter().map(|one| one.end() - one.start()).sum();
     let time = Time { starts: &blocks.times, total };
     let count = estimate.mount.count();
-    let (covariance, inflation, blocks) = stated(&formal, &blocks.contributions, &|all| all, time, count);
+    let (covariance, inflation, blocks) = reported_covariance(&formal, &blocks.contributions, &|all| all, time, count);
     Ok(Solved { estimate, covariance, inflation, blocks, used: now.counts[1], misfit: now.misfit, rms: now.rms })
 }
 

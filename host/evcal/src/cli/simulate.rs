@@ -240,7 +240,7 @@ fn print_summary(arguments: &Arguments, written: &WrittenFolder) -> super::Outco
 
 /// Returns the shape of the printed board; `None` if it is the nominal shape.
 fn printed(arguments: &Arguments) -> Result<Option<BoardShape>, UsageError> {
-    let nominal = BoardShape::stated(&arguments.board);
+    let nominal = BoardShape::nominal(&arguments.board);
     let shape = BoardShape {
         print_ratio: arguments.print_ratio.unwrap_or(nominal.print_ratio),
         bend: arguments.bend.unwrap_or(nominal.bend),

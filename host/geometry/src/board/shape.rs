@@ -33,7 +33,7 @@ pub struct BoardShape {
 
 impl BoardShape {
     /// Returns the nominal shape of a board.
-    pub fn stated(board: &Board) -> Self {
+    pub fn nominal(board: &Board) -> Self {
         Self { print_ratio: 1.0, bend: [0.0; 2], radius: board.print_radius() }
     }
 
@@ -177,7 +177,7 @@ mod tests {
     fn the_middle_of_a_bent_board_is_behind_its_edges_by_the_bend() {
         let (board, bend) = (board(), [0.003, -0.001]);
         let area = CircleArea::new(&board);
-        let surface = Surface::new(&area, &BoardShape { bend, ..BoardShape::stated(&board) });
+        let surface = Surface::new(&area, &BoardShape { bend, ..BoardShape::nominal(&board) });
         let height =
             |x: f64, y: f64| surface.place([area.middle[0] + x * area.half[0], area.middle[1] + y * area.half[1]])[2];
         assert!((height(0.0, 0.0) - height(1.0, 0.0) - bend[0]).abs() < 1e-12);
@@ -189,7 +189,7 @@ mod tests {
     fn a_ray_to_a_point_of_the_surface_meets_it_there() {
         let board = board();
         let area = CircleArea::new(&board);
-        let shape = BoardShape { print_ratio: 1.01, bend: [0.004, -0.02], ..BoardShape::stated(&board) };
+        let shape = BoardShape { print_ratio: 1.01, bend: [0.004, -0.02], ..BoardShape::nominal(&board) };
         let surface = Surface::new(&area, &shape);
         for index in 0..200 {
             let place = [0.003 * f64::from(index % 17) - 0.01, 0.031 * f64::from(index / 17) - 0.02];
