@@ -411,8 +411,8 @@ impl Scene {
             dark
         } else {
             let bend = std::array::from_fn(|axis| {
-                let beside = ray.beside(&(gradients[axis] / slope[axis]));
-                let ahead = self.gaze(view, &beside).map(|beside| beside.point[axis] - gaze.point[axis]);
+                let shifted = ray.shifted(&(gradients[axis] / slope[axis]));
+                let ahead = self.gaze(view, &shifted).map(|shifted| shifted.point[axis] - gaze.point[axis]);
                 ahead.map_or(0.0, |ahead| 2.0 * (ahead - slope[axis]))
             });
             let footprint = Footprint {
@@ -473,7 +473,7 @@ impl Scene {
         // Newton's step to the rim in the pixel's linear map, then the tangent of the rim at that point.
         let gradient = jacobian.tr_mul(offset) / distance;
         let step = gradient * ((radius - distance) / gradient.norm_squared());
-        let at_rim = ray.beside(&step);
+        let at_rim = ray.shifted(&step);
         let Some(gaze) = self.gaze(view, &at_rim) else {
             return (self.blurred((radius - distance) / gradient.norm()), (radius - distance) / gradient.norm());
         };

@@ -99,7 +99,7 @@ impl SecondCamera {
         let sensor = settings.frames.map_or(sensor, |frames| frames.sensor);
         let camera = match &settings.camera {
             Some(description) => description.camera().ok(),
-            None => beside(first, of_first, sensor),
+            None => similar_lens(first, of_first, sensor),
         };
         let camera = camera.ok_or(SimulationError::SecondLens)?;
         let seed = seed.wrapping_add(settings.seed_above);
@@ -182,7 +182,7 @@ pub(super) fn recording_name(format: RecordingFormat) -> String {
 }
 
 /// Returns a lens with a slightly longer focal length than `first`, converted from the sensor `of_first` to `sensor`.
-fn beside(first: &Camera<f64>, of_first: Sensor, sensor: Sensor) -> Option<Camera<f64>> {
+fn similar_lens(first: &Camera<f64>, of_first: Sensor, sensor: Sensor) -> Option<Camera<f64>> {
     let mut parameters = first.parameters();
     let wider = f64::from(sensor.width) / f64::from(of_first.width.max(1));
     let higher = f64::from(sensor.height) / f64::from(of_first.height.max(1));

@@ -433,8 +433,8 @@ mod tests {
         let [view] = &views[..] else { panic!("{} views", views.len()) };
         let at = |picture: &TimedImage, x: usize, y: usize| picture.image.as_ref().unwrap().get(x, y).unwrap();
         assert!(at(&view.counts, 30, 30) == at(&view.counts, 42, 30) && at(&view.counts, 5, 80) == 0);
-        let [here, beside, below] = [(30, 30), (42, 30), (30, 42)].map(|(x, y)| at(&view.changes, x, y));
-        assert!(here.abs_diff(beside) > 150 && beside == below && at(&view.changes, 5, 80).abs_diff(127) <= 1);
+        let [here, right, below] = [(30, 30), (42, 30), (30, 42)].map(|(x, y)| at(&view.changes, x, y));
+        assert!(here.abs_diff(right) > 150 && right == below && at(&view.changes, 5, 80).abs_diff(127) <= 1);
     }
 
     /// Between two changes of the light there is only noise.

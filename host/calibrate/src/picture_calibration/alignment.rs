@@ -626,9 +626,9 @@ mod tests {
     fn frames_of_another_camera_are_detected() {
         let board: Board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
         // A camera next to the first, rotated and tilted: near points move more.
-        let beside = |place: Vector2<f64>| {
+        let next_to_first = |place: Vector2<f64>| {
             Vector2::new(0.8 * place.x + 0.3 * place.y + 0.001 * place.x * place.x, 1.1 * place.y)
         };
-        assert_eq!(found(&board, beside, |t| t), Some(Misalignment::Unlike));
+        assert_eq!(found(&board, next_to_first, |t| t), Some(Misalignment::Unlike));
     }
 }

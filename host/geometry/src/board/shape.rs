@@ -159,9 +159,9 @@ impl Surface {
 
     /// Returns the position in space of a `place` on the print.
     pub fn place(&self, place: [f64; 2]) -> [f64; 3] {
-        let beside: [f64; 2] = std::array::from_fn(|axis| (place[axis] - self.middle[axis]) * self.scale[axis]);
-        let fall = self.curvature[0] * beside[0] * beside[0] + self.curvature[1] * beside[1] * beside[1];
-        [beside[0] + self.middle[0], beside[1] + self.middle[1], self.height - fall]
+        let offset: [f64; 2] = std::array::from_fn(|axis| (place[axis] - self.middle[axis]) * self.scale[axis]);
+        let fall = self.curvature[0] * offset[0] * offset[0] + self.curvature[1] * offset[1] * offset[1];
+        [offset[0] + self.middle[0], offset[1] + self.middle[1], self.height - fall]
     }
 }
 
@@ -202,9 +202,9 @@ mod tests {
             assert!((found[0] - place[0]).abs() < 1e-12 && (found[1] - place[1]).abs() < 1e-12);
             let step = 1e-6;
             for axis in 0..2 {
-                let mut beside = met.point;
-                beside[axis] += step;
-                let rise = surface.place(surface.to_print(beside))[2] - point[2];
+                let mut moved = met.point;
+                moved[axis] += step;
+                let rise = surface.place(surface.to_print(moved))[2] - point[2];
                 assert!((rise / step - met.slope[axis]).abs() < 1e-5, "{axis} {rise}");
             }
             let along = direction[2] - met.slope[0] * direction[0] - met.slope[1] * direction[1];
