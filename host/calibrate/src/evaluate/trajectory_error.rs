@@ -298,8 +298,8 @@ mod tests {
         let nearest = Association::Nearest { max_difference: 0.006 };
         let error = trajectory_error(&truth, &estimate, nearest, 0.0).unwrap();
         assert_eq!((error.direct.count, error.unmatched), (51, 50));
-        let apart = trajectory_error(&truth, &path(100.0, 1.0, 5.0), nearest, 0.0).unwrap_err();
-        assert_eq!(apart, TooFewMatches { matched: 0, estimated: 101 });
+        let without_overlap = trajectory_error(&truth, &path(100.0, 1.0, 5.0), nearest, 0.0).unwrap_err();
+        assert_eq!(without_overlap, TooFewMatches { matched: 0, estimated: 101 });
     }
 
     #[test]
