@@ -41,7 +41,7 @@ use crate::recording::{ReadOptions, as_path, of_array};
 use crate::{failed, in_words, to_python, warn};
 
 /// The inputs and settings of a calibration, kept for the files of its result.
-struct Asked {
+struct CalibrationJob {
     inputs: Vec<Input>,
     /// The recordings of other cameras on the mount.
     others: Vec<Input>,
@@ -54,7 +54,7 @@ struct Asked {
     settings: Settings,
 }
 
-impl Asked {
+impl CalibrationJob {
     fn task(&self) -> Task<'_> {
         let Self { inputs, board, model, sensor, settings, .. } = self;
         // Pictures in a file of the first camera are those of another camera.
@@ -117,7 +117,7 @@ impl Asked {
 /// A calibrated camera with its uncertainty and verdict.
 #[pyclass(frozen, module = "evcal")]
 pub struct Calibration {
-    asked: Asked,
+    job: CalibrationJob,
     calibrated: Calibrated,
     /// Results that are missing, with the reason.
     failures: Vec<(String, String)>,
@@ -129,12 +129,12 @@ impl Calibration {
     }
 
     pub fn file(&self) -> CalibrationFile {
-        CalibrationFile::new(&self.calibrated, &self.asked.board, worded)
+        CalibrationFile::new(&self.calibrated, &self.job.board, worded)
     }
 
     /// Returns the camera as `compare` and `export` need it.
     pub fn known(&self) -> CalibratedCamera {
-        CalibratedCamera::new(&self.calibrated, &self.asked.board)
+        CalibratedCamera::new(&self.calibrated, &self.job.board)
     }
 }
 
@@ -171,7 +171,7 @@ impl Calibration {
     /// well determined, and therefore in trajectory.txt).
     #[getter]
     fn trajectory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let settings = &self.asked.settings.poses;
+        let settings = &self.job.settings.poses;
         let mut bytes = Vec::new();
         for (recording, start) in self.calibrated.starts.iter().enumerate() {
             for pose in poses(&self.calibrated, recording, *start, settings) {
@@ -225,7 +225,7 @@ impl Calibration {
     /// The report as an HTML page.
     #[getter]
     fn report(&self, py: Python<'_>) -> String {
-        py.detach(|| evcal_report::report::report(&self.calibrated, &self.asked.task(), &[], &mut |_| {}))
+        py.detach(|| evcal_report::report::report(&self.calibrated, &self.job.task(), &[], &mut |_| {}))
     }
 
     /// The content of calibration.json as a dict.
@@ -243,8 +243,7 @@ impl Calibration {
                 true => OutputFolder::open(&folder),
                 false => OutputFolder::open_new(&folder, is_result),
             };
-            write_folder(&opened.map_err(failed)?, &self.calibrated, &self.asked.task(), &mut |_| {})
-                .map_err(failed)?;
+            write_folder(&opened.map_err(failed)?, &self.calibrated, &self.job.task(), &mut |_| {}).map_err(failed)?;
             Ok(folder.join("report.html"))
         })
     }
@@ -408,7 +407,7 @@ pub fn calibrate(
         || Ok(Vec::new()),
         |given| several(given).iter().map(|one| other_input(one, &options_of_others, &board)).collect(),
     )?;
-    let asked = Asked {
+    let job = CalibrationJob {
         inputs: Input::join(inputs),
         others,
         rolling_shutter,
@@ -422,7 +421,7 @@ pub fn calibrate(
     let mut raised = None;
     let calibrated = interruptible(py, |stop| {
         let mut last = String::new();
-        asked.calibrate(|Step { text, .. }| {
+        job.calibrate(|Step { text, .. }| {
             if stop.load(Ordering::Relaxed) {
                 return ControlFlow::Break(());
             }
@@ -444,5 +443,5 @@ pub fn calibrate(
     for (what, reason) in &failures {
         warn(py, &format!("{what} was not calibrated: {reason}"))?;
     }
-    Ok(Calibration { asked, calibrated, failures })
+    Ok(Calibration { job, calibrated, failures })
 }

@@ -31,7 +31,7 @@ pub(super) fn swap(folder: &Path, old: &[PathBuf], new: &Path) -> Option<File> {
     let mut carried = Vec::new();
     match carry(&folder, &others, &temporary, &mut carried).and_then(|()| exchange(&folder, &temporary)) {
         Ok(held) => {
-            bring_late_files(&temporary, old, &folder);
+            move_late_files(&temporary, old, &folder);
             let _ = fs::remove_dir_all(&temporary);
             Some(held)
         }
@@ -104,7 +104,7 @@ fn exchange(folder: &Path, temporary: &Path) -> io::Result<File> {
 
 /// Moves files that were created in the old folder in the meantime from `temporary`, where it is now, to the new
 /// folder.
-fn bring_late_files(temporary: &Path, old: &[PathBuf], folder: &Path) {
+fn move_late_files(temporary: &Path, old: &[PathBuf], folder: &Path) {
     let mut others = Vec::new();
     let _ = list(temporary, Path::new(""), &|path| old.iter().any(|old| old == path), &mut others);
     for Entry { path, .. } in others {

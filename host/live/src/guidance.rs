@@ -259,7 +259,7 @@ impl Guidance {
             (Some((_, pose)), _) => {
                 let width = f64::from(self.sensor.width);
                 let errors = self.ghost.as_ref().and_then(|ghost| {
-                    Some(errors(&self.where_is(&pose)?, &self.where_is(&ghost.place.pose(&self.board))?, width))
+                    Some(errors(&self.seen_at(&pose)?, &self.seen_at(&ghost.place.pose(&self.board))?, width))
                 });
                 match (errors.map_or(Hint::Stay, |errors| choose(&errors, self.hint)), &self.ghost) {
                     (Hint::Stay, Some(ghost)) => Hint::Swing(Swing::of(&ghost.place)),
@@ -269,7 +269,7 @@ impl Guidance {
         };
     }
 
-    fn where_is(&self, pose: &Isometry3<f64>) -> Option<hint::Seen> {
+    fn seen_at(&self, pose: &Isometry3<f64>) -> Option<hint::Seen> {
         let middle = self.board.middle();
         let middle = (pose * Point3::new(middle.x, middle.y, 0.0)).coords;
         Some(hint::Seen { pose: *pose, middle, pixel: self.camera.project(&middle)? })
@@ -391,7 +391,7 @@ impl Guidance {
     /// Returns the distance of a board from the ghost, in units of the tolerance.
     fn error_of_ghost(&self, pose: &Isometry3<f64>) -> Option<f64> {
         let goal = self.ghost.as_ref()?.place.pose(&self.board);
-        let errors = errors(&self.where_is(pose)?, &self.where_is(&goal)?, f64::from(self.sensor.width));
+        let errors = errors(&self.seen_at(pose)?, &self.seen_at(&goal)?, f64::from(self.sensor.width));
         Some(errors.iter().map(|(_, error)| *error).fold(0.0, f64::max))
     }
 }

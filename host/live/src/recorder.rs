@@ -66,7 +66,7 @@ pub enum Moment<'a> {
 pub enum Ending {
     /// The watcher ended it.
     #[error("stopped")]
-    Asked,
+    Requested,
     /// The duration was reached.
     #[error("the time is over")]
     Duration,
@@ -81,7 +81,7 @@ pub enum Ending {
 impl Ending {
     /// Returns `true` if the recording ended as planned.
     pub fn is_good(&self) -> bool {
-        matches!(self, Self::Asked | Self::Duration)
+        matches!(self, Self::Requested | Self::Duration)
     }
 }
 
@@ -230,19 +230,19 @@ fn run(
                 watch(Moment::Transfer(&transfer))
             }
             Ok(None) => watch(Moment::Silence),
-            Err(StreamError::Stopped) => return wanted.unwrap_or(Ending::Asked),
+            Err(StreamError::Stopped) => return wanted.unwrap_or(Ending::Requested),
             Err(error) => return Ending::Camera(error),
         };
         if wanted.is_some() {
             continue;
         }
-        let mut end = go_on.is_break().then_some(Ending::Asked);
+        let mut end = go_on.is_break().then_some(Ending::Requested);
         if progress.is_due() {
             // If the camera is gone, the next transfer reports it.
             let dropped = stream.read_dropped().unwrap_or_else(|_| stream.dropped()).events;
             let status = progress.status(counter.counts().events);
             if watch(Moment::Status(&RecordingStatus { dropped, ..status })).is_break() {
-                end = end.or(Some(Ending::Asked));
+                end = end.or(Some(Ending::Requested));
             }
         }
         if plan.duration.is_some_and(|duration| progress.began.elapsed() >= duration) {

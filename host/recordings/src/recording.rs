@@ -148,7 +148,7 @@ impl Recording {
     /// # Errors
     /// When the file cannot be opened or its header is invalid.
     pub fn open(&self) -> Result<EventReader, RecordingError> {
-        Ok(EventReader::new(&self.path, self.decoder()?, &self.options)?.within(self.span.clone()))
+        Ok(EventReader::new(&self.path, self.decoder()?, &self.options)?.limited_to(self.span.clone()))
     }
 
     fn decoder(&self) -> Result<Box<dyn Decode>, RecordingError> {

@@ -150,12 +150,12 @@ impl InertialUnit {
     /// readings; `None` if the sample is lost. Times must increase.
     pub fn sample(&mut self, pose: impl Fn(f64) -> Isometry3<f64>, time: u64) -> Option<(InertialTruth, ImuSample)> {
         let Some(mount) = &mut self.mount else {
-            let felt = InertialTruth::new(pose, time);
-            return Some((felt, self.read(&felt)));
+            let ideal_reading = InertialTruth::new(pose, time);
+            return Some((ideal_reading, self.read(&ideal_reading)));
         };
-        let felt = mount.felt(&pose, time);
+        let ideal_reading = mount.ideal_reading(&pose, time);
         let [acceleration, angular_velocity] = mount.output(&pose, time)?;
-        Some((felt, self.read(&InertialTruth { time, acceleration, angular_velocity })))
+        Some((ideal_reading, self.read(&InertialTruth { time, acceleration, angular_velocity })))
     }
 
     /// Returns the actual readings for the ideal readings `truth`. Each call adds new noise.

@@ -97,7 +97,7 @@ pub enum NoBoard {
 
 impl NoBoard {
     /// Returns the advice if this is the reason in most windows; `max_interval` is the setting of the windows.
-    pub fn what_helps(self, max_interval: u16) -> String {
+    pub fn remedy(self, max_interval: u16) -> String {
         match self {
             Self::TooFewEvents => {
                 format!("move faster, or set a larger detection.window.max_interval (now {max_interval})")

@@ -221,7 +221,7 @@ impl fmt::Display for NoPattern {
             NoPatternCause::TooShort => write!(f, ": {}: record 10 seconds", too_short(self.report.events)),
             NoPatternCause::OnePolarity(polarity) => write!(f, ": {}", only_one_polarity(polarity)),
             NoPatternCause::Windows(reason, count) => {
-                write!(f, ": {count} had {reason}: {}", reason.what_helps(self.max_interval))
+                write!(f, ": {count} had {reason}: {}", reason.remedy(self.max_interval))
             }
             NoPatternCause::AtRest(_) | NoPatternCause::Nothing => Ok(()),
         }

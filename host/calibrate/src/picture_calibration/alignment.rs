@@ -277,19 +277,22 @@ fn fit(pairs: &[Pair], orientation: Orientation, sensor: Sensor, turns: &[Vec<us
     let turned = |places: &Places| -> Places {
         places.iter().map(|place| place.map(|place| orientation.turned(place, sensor))).collect()
     };
-    let alike: Vec<(Alike, Vector2<f64>)> = pairs
+    let similarities: Vec<(Similarity, Vector2<f64>)> = pairs
         .iter()
         .filter_map(|pair| {
             let events = turned(&pair.events);
-            let alike = turns.iter().filter_map(|turn| compare(&events, &pair.frame, turn));
-            let best = alike.min_by(|a, b| a.spread.total_cmp(&b.spread))?;
+            let similarities = turns.iter().filter_map(|turn| compare(&events, &pair.frame, turn));
+            let best = similarities.min_by(|a, b| a.spread.total_cmp(&b.spread))?;
             let origin = orientation.turned(Vector2::zeros(), sensor);
             Some((best, orientation.turned(pair.velocity, sensor) - origin))
         })
         .collect();
-    let scale = median(&mut alike.iter().map(|(alike, _)| alike.scale).collect::<Vec<_>>(), f64::total_cmp)?;
-    let offsets: Vec<(Vector2<f64>, Vector2<f64>, f64)> =
-        alike.iter().map(|(alike, velocity)| (alike.frame - scale * alike.events, *velocity, alike.spread)).collect();
+    let scale =
+        median(&mut similarities.iter().map(|(similarity, _)| similarity.scale).collect::<Vec<_>>(), f64::total_cmp)?;
+    let offsets: Vec<(Vector2<f64>, Vector2<f64>, f64)> = similarities
+        .iter()
+        .map(|(similarity, velocity)| (similarity.frame - scale * similarity.events, *velocity, similarity.spread))
+        .collect();
     // shift + late · velocity = offset
     let mut solution = Vector3::zeros();
     let mut distances: Vec<f64> = Vec::new();
@@ -316,7 +319,7 @@ fn fit(pairs: &[Pair], orientation: Orientation, sensor: Sensor, turns: &[Vec<us
 }
 
 /// Relation of the points of a frame and of events.
-struct Alike {
+struct Similarity {
     /// Middle of the common points in the frame and in the events (px).
     frame: Vector2<f64>,
     events: Vector2<f64>,
@@ -327,7 +330,7 @@ struct Alike {
 }
 
 /// Compares points by index; `turn` permutes the points of the frame.
-fn compare(events: &Places, frame: &Places, turn: &[usize]) -> Option<Alike> {
+fn compare(events: &Places, frame: &Places, turn: &[usize]) -> Option<Similarity> {
     let shared: Vec<(Vector2<f64>, Vector2<f64>)> = turn
         .iter()
         .enumerate()
@@ -343,7 +346,7 @@ fn compare(events: &Places, frame: &Places, turn: &[usize]) -> Option<Alike> {
     let products: f64 = centred().map(|(event, frame)| event.dot(&frame)).sum();
     let scale = products / centred().map(|(event, _)| event.norm_squared()).sum::<f64>();
     let left: f64 = centred().map(|(event, frame)| (frame - scale * event).norm_squared()).sum();
-    (scale > 0.0).then(|| Alike {
+    (scale > 0.0).then(|| Similarity {
         frame: middle_of_frame,
         events: middle_of_events,
         scale,
@@ -400,8 +403,10 @@ fn fitting(
 
 /// Returns the distance between the points of a frame and of the events (px, rms), for the best rotation of the board.
 fn distance(pair: &Pair, turns: &[Vec<usize>]) -> f64 {
-    let alike = turns.iter().filter_map(|turn| compare(&pair.events, &pair.frame, turn));
-    alike.map(|alike| (alike.frame - alike.events).norm().hypot(alike.spread)).fold(f64::INFINITY, f64::min)
+    let similarities = turns.iter().filter_map(|turn| compare(&pair.events, &pair.frame, turn));
+    similarities
+        .map(|similarity| (similarity.frame - similarity.events).norm().hypot(similarity.spread))
+        .fold(f64::INFINITY, f64::min)
 }
 
 /// Refines the clock so that the middles of the boards are nearest.
@@ -411,9 +416,9 @@ fn refined(track: &EventTrack, frames: &[&Seen], turns: &[Vec<usize>], clock: [f
         let mut rows: Vec<(f64, Vector2<f64>, Vector2<f64>)> = Vec::new();
         for frame in frames {
             let Some(pair) = pair_at(track, frame, offset + rate * frame.t) else { continue };
-            let alike = turns.iter().filter_map(|turn| compare(&pair.events, &pair.frame, turn));
-            let best = alike.min_by(|a, b| a.spread.total_cmp(&b.spread));
-            rows.extend(best.map(|alike| (frame.t, alike.frame - alike.events, pair.velocity)));
+            let similarities = turns.iter().filter_map(|turn| compare(&pair.events, &pair.frame, turn));
+            let best = similarities.min_by(|a, b| a.spread.total_cmp(&b.spread));
+            rows.extend(best.map(|similarity| (frame.t, similarity.frame - similarity.events, pair.velocity)));
         }
         let mut distances: Vec<f64> = rows.iter().map(|(_, distance, _)| distance.norm()).collect();
         let Some(bound) = median(&mut distances, f64::total_cmp) else { break };

@@ -45,7 +45,7 @@ pub struct SegmentObservations {
 
 impl SegmentObservations {
     /// Returns the bins and circle centres whose time is `wanted`, without the times in [`far`](Self::far).
-    pub fn within(&self, wanted: impl Fn(f64) -> bool) -> Self {
+    pub fn at_times(&self, wanted: impl Fn(f64) -> bool) -> Self {
         let mut part = Self::default();
         for bin in self.bins.iter().filter(|bin| wanted(bin.t)) {
             let first = part.events.len();

@@ -10,7 +10,7 @@ use super::packet::ENCODINGS;
 use super::packet::PacketDecoder;
 use super::picture;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::format::{Opened, StreamSummary};
+use crate::format::{OpenResult, StreamSummary};
 use crate::options::{Damage, RecordingOptions};
 use crate::prophesee::{TRIGGERS, store_counts};
 use crate::read_report::{ReadReport, Truncation};
@@ -28,7 +28,7 @@ struct Decoder {
 }
 
 /// Opens the events of the requested topic, or of the first topic that has any.
-pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &RecordingOptions) -> Opened {
+pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &RecordingOptions) -> OpenResult {
     let mut container = open(path)?;
     let wanted = options.stream.as_deref();
     let Some(First { topic, description }) = first_of(path, &mut *container, wanted, options.damage)? else {

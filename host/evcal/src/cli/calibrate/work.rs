@@ -213,7 +213,7 @@ enum OtherError {
     #[error("{0}")]
     Inertial(#[from] InertialError),
     #[error("{0}")]
-    Held(#[from] OtherSensor),
+    Sensor(#[from] OtherSensor),
     #[error("{0}")]
     Alone(#[source] CalibrateError),
     #[error("{0}")]
