@@ -428,8 +428,8 @@ mod tests {
     fn the_sample_returns_the_same_events_as_the_recording() {
         let recordings = [events(20_000), events(30_000)];
         let sample = sampled(&recordings, 10_000);
-        let held: usize = sample.recordings.iter().map(Kept::len).sum();
-        assert!((7_000..=10_000).contains(&held), "{held}");
+        let kept: usize = sample.recordings.iter().map(Kept::len).sum();
+        assert!((7_000..=10_000).contains(&kept), "{kept}");
         for (index, events) in recordings.iter().enumerate() {
             for share in [0.0, 0.01, 0.1, sample.share] {
                 let mut read = Vec::new();

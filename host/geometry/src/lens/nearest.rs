@@ -81,10 +81,10 @@ impl Replacement {
     fn missing(&self, models: &[ModelKind]) -> Vec<&'static str> {
         let is_relative = |model: &&ModelKind| are_related(self.from, **model);
         let relatives = models.iter().filter(is_relative);
-        let Some(held) = relatives.map(|model| model.parameter_names()).max_by_key(|names| names.len()) else {
+        let Some(largest) = relatives.map(|model| model.parameter_names()).max_by_key(|names| names.len()) else {
             return Vec::new();
         };
-        self.from.parameter_names().iter().copied().filter(|name| !held.contains(name)).collect()
+        self.from.parameter_names().iter().copied().filter(|name| !largest.contains(name)).collect()
     }
 
     /// Returns `true` if the replacement has known coefficients and is close enough to the calibrated model.
