@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn gaps_of_an_asymmetric_board_hold_no_circle() {
+    fn gaps_of_an_asymmetric_board_contain_no_circle() {
         let pattern = Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 };
         assert_eq!(pattern.index_at(1, 0), None);
         assert_eq!(pattern.index_at(0, 1), None);

@@ -103,7 +103,7 @@ impl Bounds {
     }
 
     /// Returns `true` if a number, rounded to single precision, is within the bounds; ignores [`up_to`](Self::up_to).
-    pub fn holds(&self, value: f64) -> bool {
+    pub fn contains(&self, value: f64) -> bool {
         let value = value as f32;
         value <= self.most && if self.above { value > self.least } else { value >= self.least }
     }
@@ -236,8 +236,11 @@ mod tests {
             (above(0.0).at_most(10.0), 10.0, 10.1, "above 0 and at most 10"),
         ] {
             assert_eq!(bounds.to_string(), text);
-            assert!(bounds.holds(inside) && !bounds.holds(outside), "{text}");
-            assert!([f64::NAN, f64::INFINITY, f64::NEG_INFINITY].iter().all(|value| !bounds.holds(*value)), "{text}");
+            assert!(bounds.contains(inside) && !bounds.contains(outside), "{text}");
+            assert!(
+                [f64::NAN, f64::INFINITY, f64::NEG_INFINITY].iter().all(|value| !bounds.contains(*value)),
+                "{text}"
+            );
         }
     }
 }

@@ -144,7 +144,7 @@ fn lines_missed_as_a_whole_do_not_shift_the_board() {
 
 /// The first row is above the image. One row farther down, the board would have a row that is missing within the image.
 #[test]
-fn a_row_missing_at_rest_shows_where_the_board_ends() {
+fn a_row_missing_at_rest_determines_the_end_of_the_board() {
     let pattern = symmetric(7, 6);
     let image_size = (200.0, 200.0);
     let pixel = |circle: usize| {
@@ -273,7 +273,7 @@ fn a_mirrored_chiral_board_is_rejected() {
 /// A board that equals its own mirror image cannot be rejected, because its picture in a mirror is also a valid picture
 /// from another viewpoint. The order returned must be the one of that picture.
 #[test]
-fn orders_keep_the_sense_of_rotation() {
+fn the_order_of_the_circles_is_never_mirrored() {
     for pattern in [BOARD, symmetric(6, 3), symmetric(5, 5)] {
         let mut random = Random::new(4);
         let mut found_boards = 0;

@@ -61,7 +61,7 @@ fn of_one(error: &(dyn Error + 'static)) -> Option<String> {
     if let Some(error) = error.downcast_ref() {
         return about_conversion(error);
     }
-    about_calibration(error).or_else(|| about_beside(error).map(str::to_owned))
+    about_calibration(error).or_else(|| about_other_devices(error).map(str::to_owned))
 }
 
 fn about_conversion(error: &ConvertError) -> Option<String> {
@@ -74,7 +74,7 @@ fn about_conversion(error: &ConvertError) -> Option<String> {
 }
 
 /// Returns the advice for errors about the IMU, other cameras and parts of a recording.
-fn about_beside(error: &(dyn Error + 'static)) -> Option<&'static str> {
+fn about_other_devices(error: &(dyn Error + 'static)) -> Option<&'static str> {
     if let Some(RepeatError::TooFew { .. } | RepeatError::TooShort { .. }) = error.downcast_ref() {
         return Some("the length of the parts is seconds=");
     }

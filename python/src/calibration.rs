@@ -9,14 +9,14 @@ use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
 use evcal_calibrate::calibrate::inertia::{InertialRequest, calibrate_inertial, check_length};
 use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::calibrate::mounted::SecondCamera;
-use evcal_calibrate::calibrate::second::{calibrate_beside, calibrate_lens_apart, pictures_beside};
+use evcal_calibrate::calibrate::second::{calibrate_against_first, calibrate_lens_separately, picture_use_of_second};
 use evcal_calibrate::calibrate::step::Step;
 use evcal_calibrate::calibrate::{PictureUse, Task};
 use evcal_calibrate::inertial::settings::InertialSettings;
 use evcal_calibrate::initial::model_choice::ModelRequest;
-use evcal_calibrate::result::beside::{VerdictBeside, verdicts_beside, worst_grade};
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::result::calibration_file::CalibrationFile;
+use evcal_calibrate::result::device_verdicts::{DeviceVerdict, device_verdicts, worst_grade};
 use evcal_calibrate::settings::Settings;
 use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
@@ -41,7 +41,7 @@ use crate::recording::{ReadOptions, as_path, of_array};
 use crate::{failed, in_words, to_python, warn};
 
 /// The inputs and settings of a calibration, kept for the files of its result.
-struct Asked {
+struct CalibrationJob {
     inputs: Vec<Input>,
     /// The recordings of other cameras on the mount.
     others: Vec<Input>,
@@ -54,7 +54,7 @@ struct Asked {
     settings: Settings,
 }
 
-impl Asked {
+impl CalibrationJob {
     fn task(&self) -> Task<'_> {
         let Self { inputs, board, model, sensor, settings, .. } = self;
         // If another camera's pictures are in a file of the first camera, the pictures in that file do not belong to
@@ -107,11 +107,11 @@ impl Asked {
         task: &Task,
         on_progress: &mut (impl FnMut(Step) -> ControlFlow<()> + Send),
     ) -> Result<SecondCamera, String> {
-        let pictures = pictures_beside(&self.inputs, other);
-        let apart = Task { inputs: std::slice::from_ref(other), pictures, ..*task };
-        let second = calibrate_lens_apart(&apart, &mut *on_progress).map_err(|error| in_words(&error))?;
+        let pictures = picture_use_of_second(&self.inputs, other);
+        let separate = Task { inputs: std::slice::from_ref(other), pictures, ..*task };
+        let second = calibrate_lens_separately(&separate, &mut *on_progress).map_err(|error| in_words(&error))?;
         let _ = on_progress(Step { text: "both cameras", done: None });
-        calibrate_beside(first, &second, other, self.rolling_shutter, &self.board, [None, None])
+        calibrate_against_first(first, &second, other, self.rolling_shutter, &self.board, [None, None])
             .map_err(|error| in_words(&error))
     }
 }
@@ -119,7 +119,7 @@ impl Asked {
 /// A calibrated camera with its uncertainty and verdict.
 #[pyclass(frozen, module = "evcal")]
 pub struct Calibration {
-    asked: Asked,
+    job: CalibrationJob,
     calibrated: Calibrated,
     /// Results that are missing, with the reason.
     failures: Vec<(String, String)>,
@@ -131,12 +131,12 @@ impl Calibration {
     }
 
     pub fn file(&self) -> CalibrationFile {
-        CalibrationFile::new(&self.calibrated, &self.asked.board, worded)
+        CalibrationFile::new(&self.calibrated, &self.job.board, worded)
     }
 
     /// Returns the camera as `compare` and `export` need it.
     pub fn known(&self) -> CalibratedCamera {
-        CalibratedCamera::new(&self.calibrated, &self.asked.board)
+        CalibratedCamera::new(&self.calibrated, &self.job.board)
     }
 }
 
@@ -174,7 +174,7 @@ impl Calibration {
     /// well determined; trajectory.txt contains only these poses).
     #[getter]
     fn trajectory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let settings = &self.asked.settings.poses;
+        let settings = &self.job.settings.poses;
         let mut bytes = Vec::new();
         for (recording, start) in self.calibrated.starts.iter().enumerate() {
             for pose in poses(&self.calibrated, recording, *start, settings) {
@@ -213,10 +213,10 @@ impl Calibration {
     /// reasons why they were not calibrated.
     #[getter]
     fn verdict(&self) -> String {
-        let beside = verdicts_beside(&self.calibrated).into_iter();
-        let beside = beside.map(|VerdictBeside { about, sentence, .. }| format!("\n{about}: {sentence}"));
+        let others = device_verdicts(&self.calibrated).into_iter();
+        let others = others.map(|DeviceVerdict { about, sentence, .. }| format!("\n{about}: {sentence}"));
         let failures = self.failures.iter().map(|(what, reason)| format!("\n{what} was not calibrated: {reason}"));
-        std::iter::once(self.calibrated.verdict.worded(worded).to_string()).chain(beside).chain(failures).collect()
+        std::iter::once(self.calibrated.verdict.worded(worded).to_string()).chain(others).chain(failures).collect()
     }
 
     /// Requested results that are missing: pairs of a name (the IMU, or the file of another camera) and the reason.
@@ -228,7 +228,7 @@ impl Calibration {
     /// The report as an HTML page.
     #[getter]
     fn report(&self, py: Python<'_>) -> String {
-        py.detach(|| evcal_report::report::report(&self.calibrated, &self.asked.task(), &[], &mut |_| {}))
+        py.detach(|| evcal_report::report::report(&self.calibrated, &self.job.task(), &[], &mut |_| {}))
     }
 
     /// The content of calibration.json as a dict.
@@ -246,8 +246,7 @@ impl Calibration {
                 true => OutputFolder::open(&folder),
                 false => OutputFolder::open_new(&folder, is_result),
             };
-            write_folder(&opened.map_err(failed)?, &self.calibrated, &self.asked.task(), &mut |_| {})
-                .map_err(failed)?;
+            write_folder(&opened.map_err(failed)?, &self.calibrated, &self.job.task(), &mut |_| {}).map_err(failed)?;
             Ok(folder.join("report.html"))
         })
     }
@@ -414,7 +413,7 @@ pub fn calibrate(
         || Ok(Vec::new()),
         |given| several(given).iter().map(|one| other_input(one, &options_of_others, &board)).collect(),
     )?;
-    let asked = Asked {
+    let job = CalibrationJob {
         inputs: Input::join(inputs),
         others,
         rolling_shutter,
@@ -428,7 +427,7 @@ pub fn calibrate(
     let mut raised = None;
     let calibrated = interruptible(py, |stop| {
         let mut last = String::new();
-        asked.calibrate(|Step { text, .. }| {
+        job.calibrate(|Step { text, .. }| {
             if stop.load(Ordering::Relaxed) {
                 return ControlFlow::Break(());
             }
@@ -450,5 +449,5 @@ pub fn calibrate(
     for (what, reason) in &failures {
         warn(py, &format!("{what} was not calibrated: {reason}"))?;
     }
-    Ok(Calibration { asked, calibrated, failures })
+    Ok(Calibration { job, calibrated, failures })
 }

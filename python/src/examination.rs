@@ -57,10 +57,10 @@ pub fn check<'py>(
         };
         evcal_calibrate::check::check(&recording, board.as_ref(), &settings.detection, &settings.frames).map_err(failed)
     })??;
-    let told = to_python(py, serde_json::to_string(&checked))?;
-    told.set_item("next", worded(&checked.next))?;
-    told.set_item("ready", checked.is_ready())?;
-    Ok(told)
+    let result = to_python(py, serde_json::to_string(&checked))?;
+    result.set_item("next", worded(&checked.next))?;
+    result.set_item("ready", checked.is_ready())?;
+    Ok(result)
 }
 
 /// Calibrate random parts of a recording separately, and compare the scatter of the results with their reported uncertainty.
@@ -130,7 +130,7 @@ pub fn compare<'py>(
     let name = |value, name: &str| as_path(value).unwrap_or_else(|| name.into());
     let names = [name(first, "the first"), name(second, "the second")];
     let compared = py.detach(|| compare_cameras(names, [&cameras.0, &cameras.1])).map_err(failed)?;
-    let told = to_python(py, serde_json::to_string(&compared))?;
-    told.set_item("sentence", compared.to_string())?;
-    Ok(told)
+    let result = to_python(py, serde_json::to_string(&compared))?;
+    result.set_item("sentence", compared.to_string())?;
+    Ok(result)
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use evcal_calibrate::export::content::ExportFormat;
-use evcal_calibrate::export::{FORMATS, files_beside, from_name, read_files_beside};
+use evcal_calibrate::export::{FORMATS, from_name, read_rig_files, rig_files};
 use evcal_calibrate::result::calibrated_camera::{CalibratedCamera, plain};
 use evcal_files::folder::OutputFolder;
 use evcal_files::output::{Existing, check_outputs};
@@ -30,11 +30,11 @@ fn may_write<'a>(paths: impl IntoIterator<Item = &'a Path>, inputs: &[&Path], fo
 }
 
 /// Returns the files of a camera together with the IMU or other cameras of its calibration; empty for a camera alone.
-fn beside(value: &Bound<'_, PyAny>, camera: &CalibratedCamera) -> PyResult<Vec<(String, String)>> {
+fn rig_files_of(value: &Bound<'_, PyAny>, camera: &CalibratedCamera) -> PyResult<Vec<(String, String)>> {
     if let Ok(calibration) = value.cast::<Calibration>() {
-        return files_beside(camera, &calibration.get().file()).map_err(failed);
+        return rig_files(camera, &calibration.get().file()).map_err(failed);
     }
-    as_path(value).map_or(Ok(Vec::new()), |path| read_files_beside(camera, &path).map_err(failed))
+    as_path(value).map_or(Ok(Vec::new()), |path| read_rig_files(camera, &path).map_err(failed))
 }
 
 /// Write a camera for other programs.
@@ -70,7 +70,7 @@ pub fn export<'py>(
                     Err(error) => warn(py, &format!("not written: {error}"))?,
                 }
             }
-            files.extend(beside(calibration, &known)?);
+            files.extend(rig_files_of(calibration, &known)?);
             files.into_iter().map(|(name, text)| (folder.path().join(name), text)).collect()
         }
         (None, None) if format == ALL => {

@@ -32,7 +32,7 @@ def calibration(stages):
     return evcal.calibrate(RECORDING, board=BOARD, frames="ignore", progress=stages.append)
 
 
-def test_reads_what_info_counts(events):
+def test_read_returns_the_events_that_info_counts(events):
     information = evcal.info(RECORDING)
     assert len(events) == information["events"]
     assert information["sensor"] == {"width": 346, "height": 260}
@@ -54,7 +54,7 @@ def test_an_array_gives_the_calibration_of_its_file_to_the_bit(calibration, even
     assert mine == theirs
 
 
-def test_the_camera_is_the_true_one(calibration):
+def test_the_camera_is_near_the_truth(calibration):
     difference = evcal.evaluate(calibration, FIXTURE)
     assert difference["rms"] < 0.05
     assert evcal.evaluate(calibration.camera, evcal.Camera.load(FIXTURE)) == difference
@@ -67,7 +67,7 @@ def test_progress_names_each_stage_once(calibration, stages):
     assert all(before != after for before, after in zip(stages, stages[1:], strict=False))
 
 
-def test_the_folder_is_that_of_the_program(calibration, tmp_path):
+def test_the_folder_equals_the_folder_of_the_program(calibration, tmp_path):
     report = calibration.write(tmp_path / "calibration")
     # Only the report in the folder lists the files next to it.
     files = re.compile("<h3>Files</h3>.*?</table></div>", re.DOTALL)
@@ -82,12 +82,12 @@ def test_the_folder_is_that_of_the_program(calibration, tmp_path):
     calibration.write(tmp_path / "calibration", force=True)
 
 
-def test_words(calibration):
+def test_grade_and_verdict_are_shown(calibration):
     assert calibration.grade in ("good", "usable", "not-good")
     assert calibration.verdict.splitlines()[0] in repr(calibration)
 
 
-def test_what_progress_raises_comes_out(events):
+def test_exceptions_of_progress_are_raised(events):
     class Enough(Exception):
         pass
 
@@ -98,7 +98,7 @@ def test_what_progress_raises_comes_out(events):
         evcal.calibrate(events, board=BOARD, sensor=(346, 260), progress=progress)
 
 
-def test_control_c_ends_a_calibration_and_others_run_meanwhile(events):
+def test_control_c_ends_a_calibration_and_other_threads_run(events):
     begun = threading.Event()
     turns = []
 
@@ -174,19 +174,19 @@ def samples_of(trajectory, path, rate=200.0):
     np.savetxt(path, rows, delimiter=",", header="t_us,ax_m_s2,ay_m_s2,az_m_s2,gx_rad_s,gy_rad_s,gz_rad_s", comments="", fmt="%.9g")
 
 
-def test_the_inertial_unit_is_calibrated_too(simulated, tmp_path):
+def test_the_imu_is_calibrated(simulated, tmp_path):
     events, truth, alone = simulated
     samples_of(alone.trajectory, tmp_path / "imu.csv")
     calibration = evcal.calibrate(events, board=BOARD, sensor=truth.sensor, imu=tmp_path / "imu.csv")
-    told = calibration.to_dict()["inertial"]
-    turn = np.array(told["T_imu_camera"])[:3, :3]
-    assert np.abs(turn - np.eye(3)).max() < 0.05 and told["used"] > 500
+    result = calibration.to_dict()["inertial"]
+    turn = np.array(result["T_imu_camera"])[:3, :3]
+    assert np.abs(turn - np.eye(3)).max() < 0.05 and result["used"] > 500
     assert "\nIMU: " in calibration.verdict
     written = [path.name for path in evcal.export(calibration, "all", tmp_path / "all")]
     assert len(written) > len(evcal.export(alone, "all", tmp_path / "alone"))
 
 
-def test_without_a_usable_inertial_unit_the_camera_is_calibrated(simulated, tmp_path):
+def test_the_camera_is_calibrated_without_a_usable_imu(simulated, tmp_path):
     events, truth, alone = simulated
     # Readings of an IMU that lies on a table.
     rows = "".join(f"{5000 * index},0,-9.8,0,0,0,0\n" for index in range(1000))
@@ -198,7 +198,7 @@ def test_without_a_usable_inertial_unit_the_camera_is_calibrated(simulated, tmp_
     assert what == "the IMU" and reason in calibration.verdict and alone.not_calibrated == []
 
 
-def test_mistakes_about_the_inertial_unit_are_named():
+def test_mistakes_about_the_imu_are_named():
     with pytest.raises(evcal.Error, match="3 s are needed"):
         evcal.calibrate(RECORDING, board=BOARD, imu=True)
     with pytest.raises(TypeError, match="imu is True"):
@@ -207,7 +207,7 @@ def test_mistakes_about_the_inertial_unit_are_named():
         evcal.calibrate(RECORDING, board=BOARD, imu=True, gravity=1.0)
 
 
-def test_a_second_camera_is_found_where_it_is(simulated):
+def test_the_pose_of_a_second_camera_is_estimated(simulated):
     events, truth, _ = simulated
     # The second camera has the same lens, but its sensor is 9 px further to the left.
     second = events[events["x"] < 337].copy()
@@ -223,9 +223,9 @@ def test_a_second_camera_is_found_where_it_is(simulated):
 
 
 def test_a_recording_is_checked(events):
-    told = evcal.check(events, board=BOARD, sensor=(346, 260))
-    assert told["ready"] and told["next"] == f'call calibrate with board="{BOARD}"'
-    assert told["events"] == len(events) and told["seen"]["found"] > 0
+    result = evcal.check(events, board=BOARD, sensor=(346, 260))
+    assert result["ready"] and result["next"] == f'call calibrate with board="{BOARD}"'
+    assert result["events"] == len(events) and result["seen"]["found"] > 0
     unknown = evcal.check(events, board=BOARD)
     assert not unknown["ready"] and "sensor=(346, 260)" in unknown["next"]
     recognised = evcal.check(RECORDING)
@@ -233,8 +233,8 @@ def test_a_recording_is_checked(events):
 
 
 def test_parts_of_a_recording_are_compared(events):
-    told = evcal.repeat(events, board=BOARD, sensor=(346, 260), runs=2, seconds=2.0)
-    assert len(told["runs"]) == 2 and told["parameters"][0]["name"] == "fx" and told["projection"] > 0
+    result = evcal.repeat(events, board=BOARD, sensor=(346, 260), runs=2, seconds=2.0)
+    assert len(result["runs"]) == 2 and result["parameters"][0]["name"] == "fx" and result["projection"] > 0
     with pytest.raises(evcal.Error, match="seconds="):
         evcal.repeat(events, board=BOARD, sensor=(346, 260), seconds=1000.0)
     with pytest.raises(ValueError, match="runs"):
@@ -248,7 +248,7 @@ def test_calibrations_are_compared(calibration):
     assert evcal.compare(calibration, moved)["sameness"] == "different"
 
 
-def test_no_word_is_of_the_command_line(calibration):
+def test_messages_name_no_option_of_the_command_line(calibration):
     assert "--" not in calibration.verdict
     with pytest.raises(evcal.Error) as refused:
         evcal.calibrate(RECORDING, board="acircles:7x6:55mm:r17.5mm")

@@ -54,19 +54,19 @@ def test_unproject_undoes_project(model):
     assert np.abs(bearings - expected).max() < 1e-9
 
 
-def test_matrix_and_distortion_are_those_that_opencv_takes():
+def test_matrix_and_distortion_are_in_the_form_of_opencv():
     one = camera("radtan")
     pixels, _ = cv2.projectPoints(points(), np.zeros(3), np.zeros(3), one.matrix, one.distortion)
     assert np.abs(one.project(points()) - pixels.reshape(-1, 2)).max() < 1e-9
 
 
-def test_what_a_lens_does_not_see_is_nan():
+def test_points_that_a_lens_does_not_see_are_nan():
     pixels = camera("radtan").project([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
     assert np.isnan(pixels[0]).all()
     assert pixels[1].tolist() == [MATRIX[2], MATRIX[3]]
 
 
-def test_undistort_map_is_that_of_opencv():
+def test_undistort_map_equals_opencv():
     one = camera("radtan")
     matrix = one.matrix
     expected = cv2.initUndistortRectifyMap(matrix, one.distortion, None, matrix, SENSOR, cv2.CV_32FC1)
@@ -76,14 +76,14 @@ def test_undistort_map_is_that_of_opencv():
 
 
 @pytest.mark.parametrize("alpha", [0.0, 0.5, 1.0])
-def test_the_new_camera_is_that_of_opencv(alpha):
+def test_the_new_camera_equals_opencv(alpha):
     # The distortion is weak, because OpenCV inverts the lens in only five iterations.
     one = evcal.Camera("radtan", [*MATRIX, -0.05, 0.01, 0.0002, -0.0001, 0.0], SENSOR)
     expected, _ = cv2.getOptimalNewCameraMatrix(one.matrix, one.distortion, SENSOR, alpha)
     assert np.abs(one.undistorted(alpha).matrix - expected).max() < 1e-3
 
 
-def test_a_camera_is_kept_in_a_file(tmp_path):
+def test_a_camera_survives_a_file(tmp_path):
     one = camera("kannala-brandt")
     one.save(tmp_path / "one.camera.json")
     again = evcal.Camera.load(tmp_path / "one.camera.json")
@@ -138,7 +138,7 @@ def test_files_of_basalt_dv_and_mrcal_are_cameras(tmp_path):
     assert mrcal == camera("radtan4")
 
 
-def test_one_point_is_projected_as_many_are():
+def test_one_point_and_many_points_have_the_same_projection():
     one = camera("radtan")
     point = [0.1, -0.2, 1.0]
     assert one.project(point).shape == (2,)
@@ -181,8 +181,8 @@ def test_cameras_are_compared():
     one = camera("radtan")
     moved = evcal.Camera("radtan", {**one.parameters, "fx": 350.0}, SENSOR)
     assert evcal.compare(one, one)["sameness"] == "same"
-    told = evcal.compare(one, moved)
-    assert told["sameness"] == "unknown" and told["difference_rms"] > 1.0 and told["sentence"]
+    result = evcal.compare(one, moved)
+    assert result["sameness"] == "unknown" and result["difference_rms"] > 1.0 and result["sentence"]
 
 
 def test_mistakes_are_named():

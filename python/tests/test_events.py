@@ -64,13 +64,13 @@ def test_events_of_every_library_are_undistorted_in_their_own_type(layout):
     assert (events == before).all()
 
 
-def test_views_with_gaps_are_taken_too():
+def test_array_views_with_gaps_are_accepted():
     events = make(1000)
     every_third = camera().undistort_events(events[::3])
     assert (every_third == camera().undistort_events(events[::3].copy())).all()
 
 
-def test_real_events_of_dv_processing_are_taken():
+def test_real_events_of_dv_processing_are_accepted():
     dv = pytest.importorskip("dv_processing")
     store = dv.EventStore()
     events = make(500)
@@ -146,7 +146,7 @@ def table(events):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_events_are_taken_in_every_form(form):
+def test_events_are_accepted_in_every_form(form):
     events = make(5000)
     events["t"] -= events["t"][0]
     undistorted = camera().undistort_events(FORMS[form](events))
@@ -155,7 +155,7 @@ def test_events_are_taken_in_every_form(form):
         assert (undistorted[name] == expected[name]).all(), name
 
 
-def test_an_order_and_a_unit_that_are_said_count():
+def test_given_columns_and_unit_take_precedence():
     events = make(500)
     milliseconds = np.column_stack([events["y"], events["x"], events["p"], events["t"] // 1000])
     undistorted = camera().undistort_events(milliseconds, columns="y,x,p,t", time_unit="ms")
@@ -177,8 +177,8 @@ def test_fractions_of_pixels_are_kept():
 
 def test_events_are_converted(tmp_path):
     events = make(500)
-    told = evcal.convert(table(events), tmp_path / "events.h5", sensor=(346, 260))
-    assert told["events"] == 500 and told["lost"] == []
+    result = evcal.convert(table(events), tmp_path / "events.h5", sensor=(346, 260))
+    assert result["events"] == 500 and result["lost"] == []
     assert (evcal.read(tmp_path / "events.h5") == events).all()
     with pytest.raises(evcal.Error, match="force=True"):
         evcal.convert(events, tmp_path / "events.h5", sensor=(346, 260))
@@ -220,7 +220,7 @@ def test_mistakes_are_named():
         evcal.detect(make(5), board="acircles:9x4:55mm:r17.5mm")
 
 
-def test_no_events_are_no_error():
+def test_an_empty_array_is_not_an_error():
     assert len(camera().undistort_events(make(0))) == 0
 
 

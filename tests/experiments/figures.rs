@@ -291,8 +291,8 @@ impl Run {
         };
         let wall = start.elapsed().as_secs_f64();
         if !status.success() {
-            let said = std::fs::read_to_string(errors.path()).expect("errors are text");
-            return Err(said.lines().find(|line| !line.ends_with(" ...")).unwrap_or_default().to_owned());
+            let messages = std::fs::read_to_string(errors.path()).expect("errors are text");
+            return Err(messages.lines().find(|line| !line.ends_with(" ...")).unwrap_or_default().to_owned());
         }
         let processor = before.zip(seconds_of_children()).map_or(f64::NAN, |(before, after)| after - before);
         Ok(Self { processor, wall, memory })

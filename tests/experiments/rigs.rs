@@ -143,7 +143,7 @@ fn inertial(folder: &Path, options: &[&str]) -> Vec<Figure> {
     let found = if file.exists() { read_json(&file)["inertial"].clone() } else { Value::Null };
     found["findings"].as_array().into_iter().flatten().for_each(|finding| println!("  finding: {finding}"));
     if found.is_null() {
-        println!("  {}", finished.said().join("\n  "));
+        println!("  {}", finished.messages().join("\n  "));
         return Vec::new();
     }
     let truth = &read_json(&recording.join("truth.json"))["davis"]["imu_bias"];

@@ -87,7 +87,7 @@ pub fn evcal(arguments: &[&str]) -> Finished {
 
 impl Finished {
     /// Lines on standard error, except the names of stages in progress.
-    pub fn said(&self) -> Vec<&str> {
+    pub fn messages(&self) -> Vec<&str> {
         self.stderr.lines().filter(|line| !line.ends_with(" ...")).collect()
     }
 }
@@ -97,7 +97,7 @@ impl Finished {
 pub fn succeed(arguments: &[&str]) -> String {
     let finished = evcal(arguments);
     assert_eq!(finished.code, Some(0), "{arguments:?}: {}", finished.stderr);
-    assert_eq!(finished.said(), [""; 0], "{arguments:?}");
+    assert_eq!(finished.messages(), [""; 0], "{arguments:?}");
     finished.stdout
 }
 

@@ -82,7 +82,7 @@ def about(evcal, folder, seeds):
         recording = simulated(evcal, folder, seed, "slow") / "events.dvraw"
         options = ["--settings", str(settings), "--speed", "max", "--no-page", "--json"]
         process = subprocess.Popen(live(evcal, recording, folder / "about-live", *options), stdout=subprocess.PIPE, text=True)
-        text, said, told = "", [], None
+        text, estimates, reported_at = "", [], None
         for line in process.stdout:
             text += line
             try:
@@ -93,15 +93,15 @@ def about(evcal, folder, seeds):
                 # The recording is over, and this is the calibration.
                 break
             text, point = "", hint["checkpoint"]
-            if point and point["t"] != told:
-                told = point["t"]
-                before = [about for t, about in said if t <= told and about]
+            if point and point["t"] != reported_at:
+                reported_at = point["t"]
+                before = [about for t, about in estimates if t <= reported_at and about]
                 if before:
                     row = f"{before[-1]:.4f} px | {point['stated']:.4f} px | {before[-1] / point['stated']:.2f}"
-                    print(f"| slow, seed {seed} | {told:.1f} s | {row} |", flush=True)
-                if told > 15:
+                    print(f"| slow, seed {seed} | {reported_at:.1f} s | {row} |", flush=True)
+                if reported_at > 15:
                     break
-            said.append((hint["t"], hint["about"]))
+            estimates.append((hint["t"], hint["about"]))
         process.kill()
         process.wait()
 

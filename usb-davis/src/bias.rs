@@ -184,7 +184,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn fields_of_known_values() {
+    fn coarse_and_fine_fields_are_parsed_and_emitted() {
         let diff = CoarseFine::parse(Biases::default().get(Bias::DiffBn));
         assert_eq!((diff.coarse, diff.fine, diff.enabled, diff.sex_n), (4, 39, true, true));
         assert!((diff.current() - 48.437e-9 * 39.0 / 255.0).abs() < 1e-15);

@@ -283,8 +283,8 @@ mod tests {
             camera(ModelKind::Omni, &[1.4, -0.2, 0.05, 0.001, -0.0005]),
         ] {
             let found = refit(reference.kind(), &reference, SENSOR).unwrap();
-            let apart = difference(&reference, &found, SENSOR);
-            assert!(apart.largest < 1e-9, "{apart:?}");
+            let between = difference(&reference, &found, SENSOR);
+            assert!(between.largest < 1e-9, "{between:?}");
             for (found, expected) in found.parameters().iter().zip(&reference.parameters()) {
                 assert!((found - expected).abs() < 1e-6 * (1.0 + expected.abs()), "{found} {expected}");
             }
@@ -305,14 +305,14 @@ mod tests {
         for &kind in ModelKind::ALL {
             let found = refit(kind, &reference, SENSOR).unwrap();
             assert_eq!(found.kind(), kind);
-            let apart = difference(&reference, &found, SENSOR);
+            let between = difference(&reference, &found, SENSOR);
             // Models with one or two coefficients have little freedom in the shape of the distortion.
             let near = match kind {
                 ModelKind::Ucm | ModelKind::Fov | ModelKind::DoubleSphere => 0.5,
                 ModelKind::Eucm => 0.05,
                 _ => 0.01,
             };
-            assert!(apart.outside == 0 && apart.largest < near, "{kind}: {apart:?}");
+            assert!(between.outside == 0 && between.largest < near, "{kind}: {between:?}");
         }
     }
 
@@ -345,8 +345,8 @@ mod tests {
         parameters[2] += 3.0;
         parameters[3] -= 4.0;
         let moved = Camera::from_parameters(ModelKind::Radtan4, &parameters).unwrap();
-        let apart = difference(&reference, &moved, SENSOR);
-        assert!((apart.root_mean_square - 5.0).abs() < 1e-12 && (apart.largest - 5.0).abs() < 1e-12);
-        assert_eq!((apart.compared, apart.outside), (33 * 33, 0));
+        let between = difference(&reference, &moved, SENSOR);
+        assert!((between.root_mean_square - 5.0).abs() < 1e-12 && (between.largest - 5.0).abs() < 1e-12);
+        assert_eq!((between.compared, between.outside), (33 * 33, 0));
     }
 }

@@ -430,7 +430,7 @@ proptest! {
     }
 
     #[test]
-    fn any_pixel_gives_its_own_bearing_or_none(camera in any_camera(), x in -1000.0..1346.0_f64, y in -1000.0..1260.0_f64) {
+    fn unprojected_pixels_project_to_themselves(camera in any_camera(), x in -1000.0..1346.0_f64, y in -1000.0..1260.0_f64) {
         let pixel = Vector2::new(x, y);
         if let Some(bearing) = camera.unproject(&pixel) {
             let again = camera.project_with_jacobians(&bearing).unwrap();

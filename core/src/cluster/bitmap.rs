@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn reads_at_any_bit_and_sees_nothing_outside() {
+    fn bits_are_read_at_any_position_and_are_zero_outside() {
         let mut bitmap = Small::new();
         let width = usize::from(Small::CAPACITY.width);
         for x in 0..width {

@@ -142,7 +142,7 @@ proptest! {
     }
 
     #[test]
-    fn too_little_room_is_counted(events in any_events()) {
+    fn pixels_and_clusters_over_capacity_are_counted(events in any_events()) {
         type Tiny = Clusterer<f64, { row_bytes(70) }, { row_count(24) }, 12, 2>;
         let settings = ClusterSettings { min_pixels: 1, ..ClusterSettings::default() };
         let mut tiny = Box::new(Tiny::new());
@@ -197,7 +197,7 @@ fn pixels_of_both_polarities_are_dropped() {
 }
 
 #[test]
-fn a_pixel_counts_once_however_many_events_it_gave() {
+fn a_pixel_counts_once_whatever_its_number_of_events() {
     let settings = ClusterSettings { epsilon: 2.0, min_points: 3, min_pixels: 1 };
     let mut clusterer = Box::new(Small::new());
     let counts = clusterer.cluster(SENSOR, on(&[(3, 3); 50]), &settings).unwrap();

@@ -316,7 +316,7 @@ proptest! {
     /// For any input, times of EVT 3.0 step back by less than eleven time highs, the largest step that is followed plus
     /// one.
     #[test]
-    fn no_input_makes_evt3_time_run_back(words in prop::collection::vec(any::<u16>(), 0..400)) {
+    fn backward_steps_of_evt3_time_are_bounded_for_any_input(words in prop::collection::vec(any::<u16>(), 0..400)) {
         let mut latest = i64::MIN;
         for t in times(&decode_evt3(&mut Evt3Decoder::new(), &words)) {
             prop_assert!(t > latest.saturating_sub(11 * 4096));
@@ -327,7 +327,7 @@ proptest! {
     /// For any input, times step back by less than one time high plus the largest step that is followed, and every word
     /// is counted.
     #[test]
-    fn no_input_makes_evt2_time_run_back(words in prop::collection::vec(any::<u32>(), 0..300)) {
+    fn backward_steps_of_evt2_time_are_bounded_for_any_input(words in prop::collection::vec(any::<u32>(), 0..300)) {
         let mut decoder = Evt2Decoder::new();
         let records = decode_evt2(&mut decoder, &words);
         let mut latest = i64::MIN;

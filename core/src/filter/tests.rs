@@ -150,7 +150,7 @@ proptest! {
     }
 
     #[test]
-    fn no_times_panic(times in prop::collection::vec(any::<i64>(), 0..100), settings in settings()) {
+    fn arbitrary_times_do_not_panic(times in prop::collection::vec(any::<i64>(), 0..100), settings in settings()) {
         let events: Vec<Event> = times.iter().map(|&t| event(t, (t & 7) as u16, (t >> 3 & 7) as u16)).collect();
         prop_assert_eq!(judge::<32, 8>(&events, settings).0.len(), events.len());
     }

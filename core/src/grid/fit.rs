@@ -351,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn the_map_of_its_own_form_is_found() {
+    fn a_map_of_the_fitted_form_is_recovered() {
         let sites = (-3..=3).flat_map(|v| (-3..=3).map(move |u| (u, v)));
         let (points, lattice) = lattice_of(sites);
         let mut warp = Warp::affine(&lattice, &points, (346.0, 260.0)).unwrap();

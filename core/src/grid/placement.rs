@@ -177,15 +177,15 @@ fn windows(values: impl Iterator<Item = i32> + Clone, length: i32, least: usize)
         *histogram.get_mut(usize::try_from(value - low).ok()?)? += 1;
     }
     let mut starts = Vec::new();
-    let mut held = 0_usize;
+    let mut count = 0_usize;
     for start in low - length..=high {
         let entering = usize::try_from(start + length - low).ok().and_then(|index| histogram.get(index));
-        held += usize::from(entering.copied().unwrap_or(0));
-        if held >= least {
+        count += usize::from(entering.copied().unwrap_or(0));
+        if count >= least {
             starts.push(start).ok()?;
         }
         let leaving = usize::try_from(start - low).ok().and_then(|index| histogram.get(index));
-        held = held.saturating_sub(usize::from(leaving.copied().unwrap_or(0)));
+        count = count.saturating_sub(usize::from(leaving.copied().unwrap_or(0)));
     }
     Some(starts)
 }

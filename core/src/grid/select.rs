@@ -61,7 +61,7 @@ mod tests {
     }
 
     #[test]
-    fn values_without_order_end_the_search() {
+    fn nan_values_end_the_search() {
         assert_eq!(select(&mut [f64::NAN, 1.0, f64::NAN], 1).filter(|value| value.is_nan()), None);
         assert_eq!(select::<f64>(&mut [], 0), None);
     }

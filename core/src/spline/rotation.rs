@@ -210,7 +210,7 @@ mod tests {
         }
 
         #[test]
-        fn single_precision_is_as_good_as_it_can_be(phi in rotation_vector()) {
+        fn errors_in_single_precision_are_a_few_roundings(phi in rotation_vector()) {
             prop_assume!(phi.norm() < 3.1);
             let single = phi.map(|x| x as f32);
             let phi = single.map(f64::from);

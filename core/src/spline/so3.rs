@@ -217,7 +217,7 @@ mod tests {
         }
 
         #[test]
-        fn turning_all_control_points_from_the_left_turns_the_curve(
+        fn rotating_all_control_points_from_the_left_rotates_the_curve(
             (knots, degree, u) in knots_and_parameter(),
             control in rotation_walk(48),
         ) {

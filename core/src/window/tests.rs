@@ -96,7 +96,7 @@ fn a_window_at_the_cap_does_not_grow() {
 }
 
 #[test]
-fn degenerate_settings_still_move_on() {
+fn degenerate_settings_still_advance_the_window() {
     let zero = WindowSettings { step: 0, min_interval: 0, max_interval: 0, gap: 0, most_events: 0, fewest_events: 0 };
     let events: Vec<Event> = (0..40).map(event).collect();
     let tried = planned(zero, &events, 39, |_, _| NOTHING);

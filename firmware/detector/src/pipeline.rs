@@ -126,7 +126,7 @@ pub struct Pipeline<
     encoder: Encoder,
     statistics: Statistics,
     /// [`Statistics::losses`] at the time when the last window was sent.
-    told: Losses,
+    reported_losses: Losses,
     undecodable: u32,
     announced_us: Option<i64>,
 }
@@ -161,7 +161,7 @@ impl<
             detection: None,
             encoder: Encoder::new(),
             statistics: Statistics::default(),
-            told: Losses::default(),
+            reported_losses: Losses::default(),
             undecodable: 0,
             announced_us: None,
         })
@@ -276,10 +276,10 @@ impl<
             unsent += u32::from(!send(&frame));
         }
         let losses = self.statistics().losses;
-        let since = losses_since(&self.told, &losses);
+        let since = losses_since(&self.reported_losses, &losses);
         let frame = self.encoder.encode(&Message::WindowEnd(window_end(number, &window, detection, since)));
         unsent += u32::from(!send(&frame));
-        self.told = losses;
+        self.reported_losses = losses;
         self.statistics.windows_sent = number.saturating_add(1);
         self.statistics.frames_unsent = self.statistics.frames_unsent.saturating_add(unsent);
     }

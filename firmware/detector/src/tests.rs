@@ -92,9 +92,9 @@ fn the_dots_are_sent_with_their_positions() {
     // Each window ends with its count of circles.
     for message in &messages {
         if let Message::WindowEnd(end) = message {
-            let told = circles.iter().filter(|circle| circle.window == end.window).count();
-            assert_eq!(told, usize::from(end.circles));
-            assert!(told >= 30);
+            let sent = circles.iter().filter(|circle| circle.window == end.window).count();
+            assert_eq!(sent, usize::from(end.circles));
+            assert!(sent >= 30);
         }
     }
 }
@@ -129,7 +129,7 @@ fn losses_are_sent_with_the_windows() {
         events.insert(index * 20, Event { x: 400, ..events[index * 20] });
     }
     let (messages, statistics) = run(settings(36), &events, || true);
-    let told = messages.iter().fold(Losses::default(), |sum, message| match message {
+    let sent = messages.iter().fold(Losses::default(), |sum, message| match message {
         Message::WindowEnd(end) => Losses {
             undecodable: sum.undecodable + end.losses.undecodable,
             in_gap: sum.in_gap + end.losses.in_gap,
@@ -137,8 +137,8 @@ fn losses_are_sent_with_the_windows() {
         },
         _ => sum,
     });
-    assert_eq!(told.undecodable, 50);
-    assert!(told.in_gap > 0 && told.in_gap <= statistics.losses.in_gap);
+    assert_eq!(sent.undecodable, 50);
+    assert!(sent.in_gap > 0 && sent.in_gap <= statistics.losses.in_gap);
 }
 
 #[test]

@@ -39,7 +39,7 @@ pub enum Advice {
     CountRows,
     /// Check that the lens is clean and the board is not wavy; bend and print of the board are estimated already,
     /// unless they are fixed.
-    LookAtBoard,
+    CheckLensAndBoard,
     /// Cover more of the lens, or estimate these parameters anyway.
     Free(Vec<&'static str>),
     /// State the size of the sensor, probably this one.
@@ -114,7 +114,7 @@ impl fmt::Display for Advice {
             Self::CountRows => {
                 write!(f, "count them on the board: more are stated than it has, or a part of it was never in view")
             }
-            Self::LookAtBoard => write!(
+            Self::CheckLensAndBoard => write!(
                 f,
                 "is the board wavy, or the lens dirty? A smooth bend and an uneven print are estimated already, unless they are fixed"
             ),

@@ -152,7 +152,7 @@ fn calibrate_moved_or_blinking(task: &Task, progress: &Progress) -> Result<Calib
     let moved = events::calibrate(task, progress);
     let may_have_blinked = match &moved {
         Ok(calibrated) => calibrated.verdict.grade == Grade::NotGood,
-        Err(error) => error.is_of_what_was_seen(),
+        Err(error) => error.is_explained_by_content(),
     };
     if !may_have_blinked {
         return moved;

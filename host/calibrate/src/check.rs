@@ -165,7 +165,7 @@ pub fn check(
     let beginning = until(end_of_beginning.unwrap_or(end));
     let information = gather_events(&read)?;
     let parts = (count > MOST_EVENTS).then(|| even_parts(&read, pass.first, [end, count as i64], &information));
-    let looked_at = parts.transpose()?.unwrap_or_else(|| beginning.clone());
+    let searched = parts.transpose()?.unwrap_or_else(|| beginning.clone());
     let mut other = unusual_unit(recording, information.mean_rate);
     let outside = information.report.out_of_range;
     let counted_from_one =
@@ -175,14 +175,14 @@ pub fn check(
         // With timestamps in another unit nothing can be found.
         _ if other.is_some() => None,
         Some(sensor) if sensor.width <= LARGEST_SENSOR.width && sensor.height <= LARGEST_SENSOR.height => {
-            let (pixels, slots) = count_events(&looked_at, sensor)?;
+            let (pixels, slots) = count_events(&searched, sensor)?;
             (repeated, rounded) = (pixels.repeated, pixels.rounded);
-            let looked_at = LookedAt { parts: &looked_at, beginning: &beginning };
-            Some(match look_at_views(&read, sensor, board, settings, pictures)? {
+            let searched = SearchedRecording { parts: &searched, beginning: &beginning };
+            Some(match search_still_views(&read, sensor, board, settings, pictures)? {
                 // Few views are enough, because the camera may have been carried between them.
                 Some(views) if views.at_rest >= LEAST_TIME || views.seen.found >= FEWEST_VIEWS as u64 => views.seen,
                 views => {
-                    let seen = look(looked_at, sensor, slots, board, settings)?;
+                    let seen = search_for_board(searched, sensor, slots, board, settings)?;
                     views.map(|views| views.seen).filter(|views| seen.found == 0 && views.found > 0).unwrap_or(seen)
                 }
             })
@@ -232,7 +232,7 @@ fn even_parts(
 
 /// A recording that is searched for the board.
 #[derive(Clone, Copy)]
-struct LookedAt<'a> {
+struct SearchedRecording<'a> {
     /// Parts that are spread evenly over it.
     parts: &'a Recording,
     /// Its beginning.
@@ -256,8 +256,8 @@ fn slot(event: &Event) -> i64 {
 }
 
 /// Searches for the board, or for circles.
-fn look(
-    LookedAt { parts, beginning }: LookedAt,
+fn search_for_board(
+    SearchedRecording { parts, beginning }: SearchedRecording,
     sensor: Sensor,
     slots_with_events: usize,
     board: Option<&Board>,
@@ -321,7 +321,7 @@ struct SeenViews {
 }
 
 /// Searches the views of a camera at rest; `None` if it never was.
-fn look_at_views(
+fn search_still_views(
     recording: &Recording,
     sensor: Sensor,
     board: Option<&Board>,
@@ -464,7 +464,7 @@ mod tests {
 
     /// The parts must not all come from the first 0.3 s of a recording with a high event rate.
     #[test]
-    fn parts_are_even_over_the_whole_recording() {
+    fn parts_are_spread_evenly_over_the_whole_recording() {
         let event = |t: i64| Event { t: 500 + t, x: 1, y: 2, polarity: Polarity::On };
         let events = (0..6_000_000).map(|index| event(5 * index)).collect();
         let recording = Recording::from_events("events", events, RecordingOptions::default());

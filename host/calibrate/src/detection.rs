@@ -275,8 +275,8 @@ impl<'a> DetectionStage<'a> {
             self.report.add(&part.report);
             self.shape.add(&part.shape);
             if let Requirement::Board(pattern) = self.wanted {
-                let as_stated = part.findings.iter().any(|found| found.shows_all(pattern));
-                self.unplaced.take(part.unplaced, as_stated);
+                let shows_whole_board = part.findings.iter().any(|found| found.shows_all(pattern));
+                self.unplaced.take(part.unplaced, shows_whole_board);
             }
             found.extend(part.findings);
             uncertain.extend(part.uncertain);
@@ -451,11 +451,11 @@ impl<'a> DetectionStage<'a> {
     fn finish(&mut self) {
         self.close_chunk();
         self.search();
-        self.drop_what_is_not_round();
+        self.drop_if_not_round();
     }
 
     /// Drops all detections if all windows together show that the dots are not round, although no single one did.
-    fn drop_what_is_not_round(&mut self) {
+    fn drop_if_not_round(&mut self) {
         if self.frames.is_empty() || self.shape.may_be_discs() {
             return;
         }
@@ -477,7 +477,7 @@ impl<'a> DetectionStage<'a> {
     /// cannot wait for the end.
     pub fn take_frames(&mut self) -> Vec<ReferenceFrame> {
         self.search();
-        self.drop_what_is_not_round();
+        self.drop_if_not_round();
         std::mem::take(&mut self.frames).into_iter().map(ReferenceFrame::from).collect()
     }
 

@@ -49,7 +49,7 @@ pub const FORMATS: &[ExportFormat] = &[
 ///
 /// # Errors
 /// [`DescriptionError`] if evcal does not know the model of one of the other cameras.
-pub fn files_beside(
+pub fn rig_files(
     camera: &CalibratedCamera,
     calibration: &CalibrationFile,
 ) -> Result<Vec<(String, String)>, DescriptionError> {
@@ -59,14 +59,14 @@ pub fn files_beside(
     Ok(with_unit.chain(second_camera::files(camera, others)?).collect())
 }
 
-/// Returns the files as [`files_beside`] does, from a calibration or its folder; none for another camera file.
+/// Returns the files as [`rig_files`] does, from a calibration or its folder; none for another camera file.
 ///
 /// # Errors
 /// [`CameraFileError`] if the file cannot be read or is not a camera file.
-pub fn read_files_beside(camera: &CalibratedCamera, path: &Path) -> Result<Vec<(String, String)>, CameraFileError> {
+pub fn read_rig_files(camera: &CalibratedCamera, path: &Path) -> Result<Vec<(String, String)>, CameraFileError> {
     let path = &camera_file::camera_path(path);
     match camera_file::version(path)? {
-        Some(_) => files_beside(camera, &camera_file::parse(path)?).map_err(|error| camera_file::wrong(path, error)),
+        Some(_) => rig_files(camera, &camera_file::parse(path)?).map_err(|error| camera_file::wrong(path, error)),
         None => Ok(Vec::new()),
     }
 }
@@ -84,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_and_files_differ_and_substitutes_can_be_written() {
+    fn names_and_files_of_formats_are_unique_and_substitutes_are_supported() {
         for (index, format) in FORMATS.iter().enumerate() {
             assert!(FORMATS[..index].iter().all(|other| other.name != format.name && other.file != format.file));
             assert!(format.substitutes.iter().all(|model| format.models.contains(model)), "{}", format.name);

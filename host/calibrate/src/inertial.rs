@@ -34,7 +34,7 @@ use sample::Sample;
 use settings::InertialSettings;
 use solve::Solved;
 use stream::StreamReport;
-use uncertainty::Stated;
+use uncertainty::InertialUncertainty;
 
 use crate::quality::uncertainty::Uncertainty;
 use crate::solve::Problem;
@@ -149,9 +149,9 @@ pub fn calibrate_unit(
     let estimate = Estimate { state, parameters: start.parameters, noise: solve::first_noise() };
     let solved = solve::solve(&joint, estimate)?;
     let delays_at = solved.estimate.parameters.middle + starts.get(first).unwrap_or(&0.0) + clock_origin;
-    let apart = Apart { refined, camera, fixed };
+    let separate = SeparateCalibration { refined, camera, fixed };
     let clock = Clock { correlation: start.correlation, streams, clock_origin, delays_at };
-    let calibration = finish(&joint, solved, apart, clock)?;
+    let calibration = finish(&joint, solved, separate, clock)?;
     findings::explained(&calibration, joint.samples)?;
     // With a larger σ the equations are no longer linear, and all results are invalid.
     if !(ROTATION..ROTATION + 3).all(|axis| calibration.sigma(axis) < LEAST_KNOWN_ROTATION) {
@@ -162,7 +162,7 @@ pub fn calibrate_unit(
 }
 
 /// The calibration of the camera without the IMU.
-struct Apart<'a> {
+struct SeparateCalibration<'a> {
     refined: &'a Refined,
     camera: &'a Uncertainty,
     /// Its intrinsics, if they are fixed.
@@ -180,19 +180,27 @@ struct Clock {
     delays_at: f64,
 }
 
-fn finish(joint: &Joint, solved: Solved, apart: Apart, clock: Clock) -> Result<InertialCalibration, InertialError> {
-    let Apart { refined, camera, fixed } = apart;
+fn finish(
+    joint: &Joint,
+    solved: Solved,
+    separate: SeparateCalibration,
+    clock: Clock,
+) -> Result<InertialCalibration, InertialError> {
+    let SeparateCalibration { refined, camera, fixed } = separate;
     let total = joint.used.iter().map(ExactSizeIterator::len).sum::<usize>() as f64 / joint.rate;
-    let Stated { mut covariance, sigma_of_others, block_scatter } =
-        uncertainty::stated(&solved.system, &solved.parts, total)?;
+    let InertialUncertainty { mut covariance, sigma_of_others, block_scatter } =
+        uncertainty::inertial_uncertainty(&solved.system, &solved.parts, total)?;
     let Solved { estimate, residuals, spectra, system, .. } = solved;
     uncertainty::add_systematic(&mut covariance, &estimate.parameters, mean_distance(&refined.state.trajectories));
     // An error of the intrinsics that all events have in common moves the estimated IMU, but does not cause scatter
     // between blocks of time.
     let share = match fixed {
         Some(fixed) => {
-            let opened = fixed.opened(joint.problem);
-            share_of_intrinsics(&solve::system_at(&joint.of_problem(&opened), &estimate), fixed.of_opened())?
+            let with_uncertain = fixed.with_uncertain_estimated(joint.problem);
+            share_of_intrinsics(
+                &solve::system_at(&joint.of_problem(&with_uncertain), &estimate),
+                fixed.uncertain_covariance(),
+            )?
         }
         None => share_of_intrinsics(&system, of_free(&camera.systematic, joint.problem))?,
     };

@@ -1,9 +1,9 @@
 //! Results of a calibration: the calibration file, the camera for other programs, and the reports of all stages.
 
-pub mod beside;
 pub mod calibrated_camera;
 pub mod calibration_file;
 mod correlated;
+pub mod device_verdicts;
 pub mod inertial_result;
 pub mod printed_board;
 pub mod same_camera;

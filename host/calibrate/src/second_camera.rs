@@ -45,7 +45,7 @@ const LEAST_KNOWN_ROTATION: f64 = 0.35;
 
 /// A camera that was calibrated separately, from one recording.
 #[derive(Clone, Copy)]
-pub struct Apart<'a> {
+pub struct SeparateCalibration<'a> {
     /// Camera, trajectories and events.
     pub refined: &'a Refined,
     /// Uncertainty of its intrinsics.
@@ -58,8 +58,8 @@ pub struct Apart<'a> {
 /// # Errors
 /// [`SecondCameraError`] names the problem with the recordings or the motion, and the remedy.
 pub fn calibrate_second(
-    first: Apart,
-    second: Apart,
+    first: SeparateCalibration,
+    second: SeparateCalibration,
     symmetries: &[Symmetry],
     lenses: Lenses,
 ) -> Result<SecondCalibration, SecondCameraError> {
@@ -77,16 +77,16 @@ pub fn calibrate_second(
         second: State { board: first.refined.state.board, trajectories: Vec::new(), ..second.refined.state.clone() },
         mount: start.mount,
     };
-    let solved = solve_holding(joint, estimate, lenses)?;
+    let solved = solve_with_fixed_lenses(joint, estimate, lenses)?;
     let known = Known {
         correlation: Some(start.correlation),
         seconds: start.seconds,
         left_out,
         own_rms: Some(own_rms(&second.refined.problem, &second.refined.state)),
-        sensors: [first, second].map(|apart| apart.refined.problem.sensor),
+        sensors: [first, second].map(|camera| camera.refined.problem.sensor),
         lenses,
     };
-    let sigma = [first, second].map(|apart| apart.uncertainty.sigma());
+    let sigma = [first, second].map(|camera| camera.uncertainty.sigma());
     let before = [(&first.refined.state.camera, sigma[0].as_slice()), (&second.refined.state.camera, &sigma[1])];
     determined(finish(solved, &known, before))
 }
@@ -110,7 +110,7 @@ pub struct Pictures<'a> {
 /// # Errors
 /// [`SecondCameraError`] names the problem with the recording or the motion, and the remedy.
 pub fn calibrate_pictures_against(
-    first: Apart,
+    first: SeparateCalibration,
     pictures: Pictures,
     fixed: Option<&FixedIntrinsics>,
 ) -> Result<SecondCalibration, SecondCameraError> {
@@ -134,7 +134,7 @@ pub fn calibrate_pictures_against(
         mount: Mount { second_first: Isometry3::identity(), offset: 0.0, rate: 0.0, middle, line_delay: None },
     };
     let lenses = [fixed, None];
-    let mut solved = solve_holding(joint, estimate, lenses)?;
+    let mut solved = solve_with_fixed_lenses(joint, estimate, lenses)?;
     add_scale_error(&mut solved, &first);
     let sensor = first.refined.problem.sensor;
     let known = Known { correlation: None, seconds, left_out: 0.0, own_rms: None, sensors: [sensor; 2], lenses };
@@ -145,7 +145,7 @@ pub fn calibrate_pictures_against(
 
 /// Adds an error to `solved` that blocks of time do not show: the error of the focal length of the `first` camera's events, which
 /// pictures do not share.
-fn add_scale_error(solved: &mut Solved, first: &Apart) {
+fn add_scale_error(solved: &mut Solved, first: &SeparateCalibration) {
     let place = TRANSLATION + 2;
     let distance = mean_distance(&first.refined.state.trajectories);
     solved.covariance[(place, place)] += (first.uncertainty.systematic_scale * distance).powi(2);
@@ -172,8 +172,8 @@ struct Known<'a> {
 }
 
 /// Solves with `lenses` fixed; the covariance includes the effect of their uncertainty.
-fn solve_holding(joint: Joint, estimate: Estimate, lenses: Lenses) -> Result<Solved, SecondCameraError> {
-    let (joint, estimate) = holding(joint, estimate, lenses);
+fn solve_with_fixed_lenses(joint: Joint, estimate: Estimate, lenses: Lenses) -> Result<Solved, SecondCameraError> {
+    let (joint, estimate) = with_fixed_lenses(joint, estimate, lenses);
     let mut solved = solve(&joint, estimate)?;
     if let Some(share) = share_of_lenses(&joint, &solved.estimate, lenses)? {
         solved.covariance += share;
@@ -182,7 +182,7 @@ fn solve_holding(joint: Joint, estimate: Estimate, lenses: Lenses) -> Result<Sol
 }
 
 /// Returns the input with `lenses` fixed.
-fn holding(mut joint: Joint, mut estimate: Estimate, lenses: Lenses) -> (Joint, Estimate) {
+fn with_fixed_lenses(mut joint: Joint, mut estimate: Estimate, lenses: Lenses) -> (Joint, Estimate) {
     let [first, second] = lenses;
     if let Some(lens) = first {
         joint.first = fixed_intrinsics::with_fixed(&joint.first);

@@ -147,7 +147,7 @@ mod tests {
 
     /// The number of settings is limited, because users cannot choose many of them with a reason.
     #[test]
-    fn a_file_has_no_more_settings_than_people_can_choose() {
+    fn the_number_of_settings_is_limited() {
         let count = Settings::default().to_toml().matches(" = ").count();
         assert!(count <= 45, "{count}");
     }
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_is_enough_and_a_typo_is_refused() {
+    fn an_incomplete_file_is_accepted_and_a_typo_is_refused() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("settings.toml");
         std::fs::write(&path, "[spline]\nrotation = \"so3\"\n").unwrap();

@@ -47,16 +47,16 @@ fn run(bencher: divan::Bencher<'_, '_>, motion: MotionSettings, threads: usize) 
 }
 
 #[divan::bench(sample_count = 5, sample_size = 1, args = [1, 0])]
-fn slow_for_a_tenth_of_a_second(bencher: divan::Bencher<'_, '_>, threads: usize) {
+fn slow_100_ms(bencher: divan::Bencher<'_, '_>, threads: usize) {
     run(bencher, MotionSettings::slow(), threads);
 }
 
 #[divan::bench(sample_count = 5, sample_size = 1, args = [1, 0])]
-fn fast_for_a_tenth_of_a_second(bencher: divan::Bencher<'_, '_>, threads: usize) {
+fn fast_100_ms(bencher: divan::Bencher<'_, '_>, threads: usize) {
     run(bencher, MotionSettings::fast(), threads);
 }
 
 #[divan::bench(sample_count = 5, sample_size = 1, args = [1, 0])]
-fn blur_for_a_tenth_of_a_second(bencher: divan::Bencher<'_, '_>, threads: usize) {
+fn blur_100_ms(bencher: divan::Bencher<'_, '_>, threads: usize) {
     run(bencher, MotionSettings::blur(), threads);
 }

@@ -55,7 +55,7 @@ fn main() {
             huber: HUBER,
             iterations: 4,
         };
-        let shape = BoardShape::stated(&board);
+        let shape = BoardShape::nominal(&board);
         let state = State { camera, board: shape, bias: unknown(0.3), trajectories: vec![trajectory] };
         let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(1).build() else { return };
         let mut best = f64::INFINITY;

@@ -71,7 +71,7 @@ pub struct OutputFolder {
     /// Folders that were created, outermost first.
     made: Vec<PathBuf>,
     /// The open folder, locked against other runs; `None` if the system cannot open folders.
-    held: Mutex<Option<File>>,
+    locked: Mutex<Option<File>>,
 }
 
 impl OutputFolder {
@@ -91,13 +91,13 @@ impl OutputFolder {
             .map(Path::to_owned)
             .collect();
         made.reverse();
-        let folder = Self { path: path.to_owned(), made, held: Mutex::default() };
+        let folder = Self { path: path.to_owned(), made, locked: Mutex::default() };
         for made in &folder.made {
             unfinished::begin(Begun::UsersFolder, || Ok::<_, io::Error>(((), made.clone()))).map_err(failed)?;
         }
         fs::create_dir_all(path).map_err(failed)?;
         if let Ok(open) = File::open(path) {
-            if !paths::hold(&open).map_err(failed)? {
+            if !paths::try_lock(&open).map_err(failed)? {
                 return Err(FolderError::Busy(path.to_owned()));
             }
             folder.keep(open);
@@ -177,26 +177,26 @@ impl OutputFolder {
             let files = files(new.path());
             self.check_files(&files).map_err(Blocked::into_file_error)?;
             #[cfg(target_os = "linux")]
-            if let Some(held) = swap(&self.path, &old, new.path()) {
-                self.keep(held);
+            if let Some(locked) = swap(&self.path, &old, new.path()) {
+                self.keep(locked);
                 return Ok(filled);
             }
             exchange(&self.path, &old, new.path(), &files)?;
             Ok(filled)
         });
         if replaced.is_ok() {
-            self.hold();
+            self.keep_made_folders();
         }
         replaced
     }
 
     /// Stores the handle of the open folder, so that the folder stays locked.
     fn keep(&self, open: File) {
-        *self.held.lock().unwrap_or_else(PoisonError::into_inner) = Some(open);
+        *self.locked.lock().unwrap_or_else(PoisonError::into_inner) = Some(open);
     }
 
     /// Keeps the created folders when a signal ends the program.
-    fn hold(&self) {
+    fn keep_made_folders(&self) {
         for folder in &self.made {
             unfinished::end(folder, || ());
         }
@@ -234,7 +234,7 @@ fn check_is_folder(path: &Path) -> Result<(), Blocked> {
 
 impl Drop for OutputFolder {
     fn drop(&mut self) {
-        self.hold();
+        self.keep_made_folders();
         for folder in self.made.iter().rev() {
             // A folder with content stays.
             if fs::remove_dir(folder).is_err() {
@@ -386,7 +386,7 @@ mod tests {
     }
     /// A second run into the same folder would replace the results of the first.
     #[test]
-    fn a_folder_is_open_once() {
+    fn a_folder_cannot_be_opened_by_two_runs() {
         let folder = tempfile::tempdir().unwrap();
         let open = OutputFolder::open(folder.path()).unwrap();
         let error = OutputFolder::open(folder.path()).unwrap_err().to_string();

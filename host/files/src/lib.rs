@@ -378,7 +378,7 @@ mod tests {
     /// and more are possible.
     #[cfg(unix)]
     #[test]
-    fn pipes_links_and_long_names_are_written() {
+    fn pipes_links_and_files_with_long_names_can_be_written() {
         use std::io::Read as _;
         use std::os::unix::fs::symlink;
         let folder = tempfile::tempdir().unwrap();

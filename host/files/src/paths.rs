@@ -99,9 +99,9 @@ pub(crate) fn claim(path: &Path, new: &fs::OpenOptions) -> io::Result<File> {
     for _ in 0..TRIES {
         match new.open(path) {
             Ok(file) => {
-                let held = hold(&file)?;
+                let is_locked = try_lock(&file)?;
                 // Another program may have removed it, taking it for the file of a killed one.
-                if held && is_same(&file, path) {
+                if is_locked && is_same(&file, path) {
                     return Ok(file);
                 }
             }
@@ -111,7 +111,7 @@ pub(crate) fn claim(path: &Path, new: &fs::OpenOptions) -> io::Result<File> {
                     Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
                     Err(error) => return Err(error),
                 };
-                if !hold(&left)? {
+                if !try_lock(&left)? {
                     return Err(io::Error::new(
                         io::ErrorKind::ResourceBusy,
                         "another run of this program is writing it",
@@ -143,7 +143,7 @@ fn existing() -> fs::OpenOptions {
 
 /// Locks a file or folder while it is open. Returns `false` if another program has locked it, `true` also if the file
 /// system has no locks.
-pub(crate) fn hold(file: &File) -> io::Result<bool> {
+pub(crate) fn try_lock(file: &File) -> io::Result<bool> {
     match file.try_lock() {
         Ok(()) => Ok(true),
         Err(fs::TryLockError::WouldBlock) => Ok(false),
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_claimed_once_and_remains_are_removed() {
+    fn a_file_is_claimed_once_and_leftovers_are_replaced() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(".a.part");
         let mut new = File::options();

@@ -30,10 +30,10 @@ pub(super) fn swap(folder: &Path, old: &[PathBuf], new: &Path) -> Option<File> {
     fs::rename(&new, &temporary).ok()?;
     let mut carried = Vec::new();
     match carry(&folder, &others, &temporary, &mut carried).and_then(|()| exchange(&folder, &temporary)) {
-        Ok(held) => {
-            bring_late_files(&temporary, old, &folder);
+        Ok(locked) => {
+            move_late_files(&temporary, old, &folder);
             let _ = fs::remove_dir_all(&temporary);
-            Some(held)
+            Some(locked)
         }
         Err(_) => {
             for path in carried.iter().rev() {
@@ -93,18 +93,18 @@ fn carry(folder: &Path, others: &[Entry], temporary: &Path, carried: &mut Vec<Pa
 /// Flushes `temporary` to the disk and exchanges it with `folder`. Returns the folder that is then at `folder`, open
 /// and locked.
 fn exchange(folder: &Path, temporary: &Path) -> io::Result<File> {
-    let held = File::open(temporary)?;
-    paths::hold(&held)?;
-    held.sync_all()?;
+    let locked = File::open(temporary)?;
+    paths::try_lock(&locked)?;
+    locked.sync_all()?;
     rustix::fs::renameat_with(rustix::fs::CWD, temporary, rustix::fs::CWD, folder, rustix::fs::RenameFlags::EXCHANGE)?;
     // Flushes the exchange itself, if the file system supports it.
     let _ = File::open(paths::folder(folder)).and_then(|parent| parent.sync_all());
-    Ok(held)
+    Ok(locked)
 }
 
 /// Moves files that were created in the old folder in the meantime from `temporary`, where it is now, to the new
 /// folder.
-fn bring_late_files(temporary: &Path, old: &[PathBuf], folder: &Path) {
+fn move_late_files(temporary: &Path, old: &[PathBuf], folder: &Path) {
     let mut others = Vec::new();
     let _ = list(temporary, Path::new(""), &|path| old.iter().any(|old| old == path), &mut others);
     for Entry { path, .. } in others {

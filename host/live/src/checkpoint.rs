@@ -21,7 +21,7 @@ const GROWTH_AFTER_FAILURE: f64 = 1.5;
 
 /// Accuracy that a calibration reports.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stated {
+pub struct ReportedAccuracy {
     /// Expected error of the projection, root mean square over the sensor (px).
     pub rms: f64,
     /// Largest standard deviation of the projection anywhere on the sensor (px).
@@ -36,23 +36,23 @@ pub struct Checkpoint {
     /// Length of the part that was calibrated, from the first event (s).
     pub t: f64,
     /// The reported accuracy, or the reason why the calibration failed.
-    pub stated: Result<Stated, String>,
+    pub accuracy: Result<ReportedAccuracy, String>,
 }
 
 impl Checkpoint {
     /// Describes why the calibration is not good enough; `None` if it is.
     pub fn missing(&self, target: f64) -> Option<String> {
-        match &self.stated {
+        match &self.accuracy {
             Err(reason) => Some(format!("a calibration; that of the first {:.0} s failed: {reason}", self.t)),
-            Ok(stated) if stated.rms > target => {
-                Some(format!("more views (stated ±{:.3} px, wanted {target})", stated.rms))
+            Ok(accuracy) if accuracy.rms > target => {
+                Some(format!("more views (stated ±{:.3} px, wanted {target})", accuracy.rms))
             }
-            Ok(stated) if stated.max > LARGEST * target => Some(format!(
+            Ok(accuracy) if accuracy.max > LARGEST * target => Some(format!(
                 "more views where the error is largest (stated ±{:.3} px there, at most {:.3} wanted)",
-                stated.max,
+                accuracy.max,
                 LARGEST * target
             )),
-            Ok(stated) if !stated.halves_agree => {
+            Ok(accuracy) if !accuracy.halves_agree => {
                 Some("more views: two halves of the recording differ by more than stated".to_owned())
             }
             Ok(_) => None,
@@ -61,11 +61,11 @@ impl Checkpoint {
 
     /// Returns the time of the next checkpoint (s since the first event); errors decrease with the square root of time.
     fn next(&self, target: f64) -> f64 {
-        let growth = match &self.stated {
+        let growth = match &self.accuracy {
             Err(_) => GROWTH_AFTER_FAILURE,
             Ok(_) if self.missing(target).is_none() => GROWTH[1],
-            Ok(stated) => {
-                let excess = (stated.rms / target).max(stated.max / (LARGEST * target));
+            Ok(accuracy) => {
+                let excess = (accuracy.rms / target).max(accuracy.max / (LARGEST * target));
                 (excess * excess).clamp(GROWTH[0], GROWTH[1])
             }
         };
@@ -94,14 +94,14 @@ pub struct CalibrationStep {
 
 /// The calibration of a checkpoint in progress, shared with other threads.
 #[derive(Debug, Default)]
-pub struct Underway {
+pub struct RunningCalibration {
     stop: AtomicBool,
     /// `true` while the recording waits for the result.
     is_awaited: AtomicBool,
     step: Mutex<CalibrationStep>,
 }
 
-impl Underway {
+impl RunningCalibration {
     /// Returns `true` if the calibration should end early.
     pub fn is_stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
@@ -135,7 +135,7 @@ pub struct Checkpoints {
     /// Start of the next checkpoint; `None` before the board was seen.
     next: Option<f64>,
     latest: Option<Checkpoint>,
-    underway: Arc<Underway>,
+    running: Arc<RunningCalibration>,
 }
 
 impl Checkpoints {
@@ -149,23 +149,23 @@ impl Checkpoints {
         report_time: ReportTime,
         target: f64,
         first: f64,
-        mut calibrate: impl FnMut(f64, &Underway) -> Result<Stated, String> + Send + 'static,
+        mut calibrate: impl FnMut(f64, &RunningCalibration) -> Result<ReportedAccuracy, String> + Send + 'static,
     ) -> io::Result<Self> {
         let pool = workers("checkpoint")?;
         let (requests, wanted) = channel::<f64>();
         let (sender, results) = channel();
-        let underway = Arc::new(Underway::default());
-        let of_thread = Arc::clone(&underway);
+        let running = Arc::new(RunningCalibration::default());
+        let running_of_thread = Arc::clone(&running);
         thread::Builder::new().name("checkpoints".to_owned()).spawn(move || {
             give_way();
             for t in wanted {
-                let stated = pool.install(|| calibrate(t, &of_thread));
-                if sender.send(Checkpoint { t, stated }).is_err() {
+                let accuracy = pool.install(|| calibrate(t, &running_of_thread));
+                if sender.send(Checkpoint { t, accuracy }).is_err() {
                     break;
                 }
             }
         })?;
-        Ok(Self { requests, results, report_time, target, first, begun: None, next: None, latest: None, underway })
+        Ok(Self { requests, results, report_time, target, first, begun: None, next: None, latest: None, running })
     }
 
     /// Returns the latest reported result.
@@ -174,13 +174,13 @@ impl Checkpoints {
     }
 
     /// Returns the length of the part that is being calibrated, from the first event (s).
-    pub fn under_way(&self) -> Option<f64> {
+    pub fn running_length(&self) -> Option<f64> {
         self.begun
     }
 
     /// Returns the checkpoint in progress, for other threads.
-    pub fn underway(&self) -> Arc<Underway> {
-        Arc::clone(&self.underway)
+    pub fn running(&self) -> Arc<RunningCalibration> {
+        Arc::clone(&self.running)
     }
 
     /// Starts a checkpoint that is due at `now` (s since the first event); `first_seen` is the time at which the board
@@ -198,9 +198,9 @@ impl Checkpoints {
             ReportTime::WhenReady => self.results.try_recv(),
             ReportTime::AtLength(growth) if now < growth * begun => Err(TryRecvError::Empty),
             ReportTime::AtLength(_) => {
-                self.underway.is_awaited.store(true, Ordering::Relaxed);
+                self.running.is_awaited.store(true, Ordering::Relaxed);
                 let result = self.results.recv().map_err(TryRecvError::from);
-                self.underway.is_awaited.store(false, Ordering::Relaxed);
+                self.running.is_awaited.store(false, Ordering::Relaxed);
                 result
             }
         };
@@ -223,7 +223,7 @@ impl Checkpoints {
 impl Drop for Checkpoints {
     fn drop(&mut self) {
         // The thread is not joined, because that would delay the final calibration.
-        self.underway.stop.store(true, Ordering::Relaxed);
+        self.running.stop.store(true, Ordering::Relaxed);
     }
 }
 
@@ -231,53 +231,56 @@ impl Drop for Checkpoints {
 mod tests {
     use super::*;
 
-    const GOOD: Stated = Stated { rms: 0.04, max: 0.1, halves_agree: true };
+    const GOOD: ReportedAccuracy = ReportedAccuracy { rms: 0.04, max: 0.1, halves_agree: true };
 
-    fn missing(stated: Stated) -> Option<String> {
-        Checkpoint { t: 10.0, stated: Ok(stated) }.missing(0.05)
+    fn missing(accuracy: ReportedAccuracy) -> Option<String> {
+        Checkpoint { t: 10.0, accuracy: Ok(accuracy) }.missing(0.05)
     }
 
     #[test]
-    fn each_criterion_counts_by_itself() {
+    fn each_unmet_criterion_is_reported() {
         assert_eq!(missing(GOOD), None);
-        assert!(missing(Stated { rms: 0.051, ..GOOD }).unwrap().contains("±0.051 px, wanted 0.05"));
-        assert!(missing(Stated { max: 0.151, ..GOOD }).unwrap().contains("where the error is largest"));
-        assert!(missing(Stated { halves_agree: false, ..GOOD }).unwrap().contains("halves"));
-        let failed = Checkpoint { t: 10.0, stated: Err("no board".to_owned()) };
+        assert!(missing(ReportedAccuracy { rms: 0.051, ..GOOD }).unwrap().contains("±0.051 px, wanted 0.05"));
+        assert!(missing(ReportedAccuracy { max: 0.151, ..GOOD }).unwrap().contains("where the error is largest"));
+        assert!(missing(ReportedAccuracy { halves_agree: false, ..GOOD }).unwrap().contains("halves"));
+        let failed = Checkpoint { t: 10.0, accuracy: Err("no board".to_owned()) };
         assert!(failed.missing(0.05).unwrap().contains("no board"));
     }
 
     #[test]
-    fn the_next_one_comes_when_the_target_may_be_reached() {
-        let next = |stated| Checkpoint { t: 10.0, stated }.next(0.05);
-        assert!((next(Ok(Stated { rms: 0.06, ..GOOD })) - 14.4).abs() < 1e-9);
-        assert!((next(Ok(Stated { max: 0.18, ..GOOD })) - 14.4).abs() < 1e-9);
-        assert_eq!(next(Ok(Stated { rms: 1.0, ..GOOD })), 20.0);
-        assert_eq!(next(Ok(Stated { halves_agree: false, ..GOOD })), 13.0);
+    fn the_next_checkpoint_is_when_the_target_may_be_reached() {
+        let next = |accuracy| Checkpoint { t: 10.0, accuracy }.next(0.05);
+        assert!((next(Ok(ReportedAccuracy { rms: 0.06, ..GOOD })) - 14.4).abs() < 1e-9);
+        assert!((next(Ok(ReportedAccuracy { max: 0.18, ..GOOD })) - 14.4).abs() < 1e-9);
+        assert_eq!(next(Ok(ReportedAccuracy { rms: 1.0, ..GOOD })), 20.0);
+        assert_eq!(next(Ok(ReportedAccuracy { halves_agree: false, ..GOOD })), 13.0);
         assert_eq!(next(Err(String::new())), 15.0);
     }
 
     /// Returns the sensor times at which checkpoints started, and at which they were reported.
-    fn told(report_time: ReportTime) -> Vec<(f64, f64)> {
-        let work = |t: f64, _: &Underway| Ok(Stated { rms: 0.2 / t.sqrt(), ..GOOD });
+    fn reported(report_time: ReportTime) -> Vec<(f64, f64)> {
+        let work = |t: f64, _: &RunningCalibration| Ok(ReportedAccuracy { rms: 0.2 / t.sqrt(), ..GOOD });
         let mut checkpoints = Checkpoints::start(report_time, 0.05, 4.0, work).unwrap();
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         for step in 0..300 {
             let now = f64::from(step) * 0.1;
             if let Some(checkpoint) = checkpoints.advance(now, (now >= 2.0).then_some(2.0)) {
-                assert_eq!(checkpoint.stated, Ok(Stated { rms: 0.2 / checkpoint.t.sqrt(), ..GOOD }));
-                told.push((checkpoint.t, now));
+                assert_eq!(checkpoint.accuracy, Ok(ReportedAccuracy { rms: 0.2 / checkpoint.t.sqrt(), ..GOOD }));
+                reported.push((checkpoint.t, now));
             }
         }
-        told
+        reported
     }
 
     #[test]
-    fn in_a_replay_they_are_told_at_definite_times() {
-        let first = told(ReportTime::AtLength(1.5));
-        assert_eq!(first, told(ReportTime::AtLength(1.5)));
+    fn checkpoints_of_a_replay_are_reported_at_definite_times() {
+        let first = reported(ReportTime::AtLength(1.5));
+        assert_eq!(first, reported(ReportTime::AtLength(1.5)));
         assert_eq!(first.first(), Some(&(6.0, 9.0)));
-        assert!(first.iter().all(|(begun, told)| *told >= 1.5 * begun && *told < 1.5 * begun + 0.11), "{first:?}");
+        assert!(
+            first.iter().all(|(begun, reported)| *reported >= 1.5 * begun && *reported < 1.5 * begun + 0.11),
+            "{first:?}"
+        );
         assert!(first.len() >= 2);
     }
 
@@ -285,37 +288,37 @@ mod tests {
     #[test]
     fn an_awaited_checkpoint_reports_its_step() {
         let (go, may_go) = channel::<()>();
-        let work = move |_: f64, underway: &Underway| {
-            underway.report("joint solve", Some(0.25));
+        let work = move |_: f64, running: &RunningCalibration| {
+            running.report("joint solve", Some(0.25));
             let _ = may_go.recv();
             Ok(GOOD)
         };
         let mut checkpoints = Checkpoints::start(ReportTime::AtLength(1.5), 0.05, 2.0, work).unwrap();
-        let underway = checkpoints.underway();
+        let running = checkpoints.running();
         checkpoints.advance(2.0, Some(0.0));
-        assert_eq!((checkpoints.under_way(), underway.awaited()), (Some(2.0), None));
+        assert_eq!((checkpoints.running_length(), running.awaited()), (Some(2.0), None));
         let watcher = thread::spawn(move || {
             let step = loop {
-                match underway.awaited() {
+                match running.awaited() {
                     Some(step) if step.done.is_some() => break step,
                     _ => thread::yield_now(),
                 }
             };
             drop(go);
-            (step, underway)
+            (step, running)
         });
         assert!(checkpoints.advance(3.0, Some(0.0)).is_some());
-        let (step, underway) = watcher.join().unwrap();
+        let (step, running) = watcher.join().unwrap();
         assert_eq!(step, CalibrationStep { text: "joint solve".to_owned(), done: Some(0.25) });
-        assert_eq!(underway.awaited(), None);
+        assert_eq!(running.awaited(), None);
     }
 
     /// Whatever a calibration does, the caller continues at once.
     #[test]
-    fn a_calibration_under_way_is_not_waited_for_and_told_to_end() {
+    fn a_running_calibration_does_not_block_and_is_cancelled_on_drop() {
         let (ended, end) = channel();
-        let work = move |_: f64, underway: &Underway| {
-            while !underway.is_stopped() {
+        let work = move |_: f64, running: &RunningCalibration| {
+            while !running.is_stopped() {
                 thread::yield_now();
             }
             let _ = ended.send(());
@@ -325,7 +328,7 @@ mod tests {
         for step in 0..100 {
             assert_eq!(checkpoints.advance(f64::from(step), Some(0.0)), None);
         }
-        assert_eq!(checkpoints.under_way(), Some(1.0));
+        assert_eq!(checkpoints.running_length(), Some(1.0));
         drop(checkpoints);
         assert_eq!(end.recv(), Ok(()));
     }

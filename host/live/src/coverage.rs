@@ -187,7 +187,7 @@ impl LiveCoverage {
             cells: self.cells.iter().map(|circles| share(*circles, CIRCLES_PER_CELL).min(1.0)).collect(),
             tilts,
             distances: self.distances,
-            missing: self.missing_beside(covered, tilts),
+            missing: self.remaining_requirements(covered, tilts),
             fulfilled: fulfilled.map(|share| share.clamp(0.0, 1.0)),
         }
     }
@@ -223,10 +223,10 @@ impl LiveCoverage {
 
     /// Returns the remaining requirements; empty if enough was seen.
     pub fn missing(&self) -> Vec<Requirement> {
-        self.missing_beside(self.covered(), self.tilts())
+        self.remaining_requirements(self.covered(), self.tilts())
     }
 
-    fn missing_beside(&self, covered: f64, tilts: [u64; 4]) -> Vec<Requirement> {
+    fn remaining_requirements(&self, covered: f64, tilts: [u64; 4]) -> Vec<Requirement> {
         let mut missing = Vec::new();
         if self.boards() < BOARDS {
             missing.push(Requirement::Views(BOARDS - self.boards()));
@@ -337,7 +337,7 @@ mod tests {
 
     /// The number of views that are stored and processed again is limited.
     #[test]
-    fn of_many_views_the_older_ones_are_only_counted() {
+    fn older_views_are_dropped_but_still_counted() {
         let mut coverage = LiveCoverage::new(&LiveSettings::default(), &board().into(), SENSOR);
         let tilted = [Vector3::new(0.0, 0.5, 0.0), Vector3::new(0.5, 0.0, 0.0)].map(|turn| view(turn, ahead(), 330.0));
         for frame in tilted.iter().cycle().take(5 * MOST_VIEWS) {
@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn tilts_have_the_side_that_is_nearer() {
+    fn tilts_are_named_after_the_nearer_side() {
         for focal in [150.0, 330.0, 700.0] {
             for turn in [[0.0, 0.4], [0.0, -0.4], [0.4, 0.0], [-0.4, 0.0]] {
                 let turn = Vector3::new(turn[0], turn[1], 0.0);
@@ -397,7 +397,7 @@ mod tests {
     }
 
     #[test]
-    fn enough_is_enough_and_what_is_missing_is_named() {
+    fn missing_coverage_is_listed_until_it_is_sufficient() {
         let settings = LiveSettings { boards_per_tilt: 1, ..LiveSettings::default() };
         let mut coverage = LiveCoverage::new(&settings, &board().into(), SENSOR);
         assert_eq!(coverage.missing().len(), 6);

@@ -53,7 +53,7 @@ const WORTH_CHANGE: f64 = 1.5;
 /// Shortest time for which the ghost stays (s).
 const SHORTEST_STAY: f64 = 2.0;
 /// A board that was not seen for this time is lost (s).
-const LOST: f64 = 1.0;
+const LOST_AFTER: f64 = 1.0;
 /// Largest error of a board that is near the ghost, in units of the tolerance of the hints.
 const NEAR: f64 = 1.5;
 /// Number of points of the outline on each side of the board.
@@ -255,11 +255,11 @@ impl Guidance {
         }
         self.hint = match (self.latest, self.seen) {
             (_, 0) | (None, _) => Hint::Show,
-            (Some((t, _)), _) if now - t > LOST => Hint::Lost,
+            (Some((t, _)), _) if now - t > LOST_AFTER => Hint::Lost,
             (Some((_, pose)), _) => {
                 let width = f64::from(self.sensor.width);
                 let errors = self.ghost.as_ref().and_then(|ghost| {
-                    Some(errors(&self.where_is(&pose)?, &self.where_is(&ghost.place.pose(&self.board))?, width))
+                    Some(errors(&self.seen_at(&pose)?, &self.seen_at(&ghost.place.pose(&self.board))?, width))
                 });
                 match (errors.map_or(Hint::Stay, |errors| choose(&errors, self.hint)), &self.ghost) {
                     (Hint::Stay, Some(ghost)) => Hint::Swing(Swing::of(&ghost.place)),
@@ -269,7 +269,7 @@ impl Guidance {
         };
     }
 
-    fn where_is(&self, pose: &Isometry3<f64>) -> Option<hint::Seen> {
+    fn seen_at(&self, pose: &Isometry3<f64>) -> Option<hint::Seen> {
         let middle = self.board.middle();
         let middle = (pose * Point3::new(middle.x, middle.y, 0.0)).coords;
         Some(hint::Seen { pose: *pose, middle, pixel: self.camera.project(&middle)? })
@@ -336,7 +336,7 @@ impl Guidance {
 
     /// Keeps the ghost or chooses another.
     fn think(&mut self, now: f64) {
-        if let Some((_, pose)) = self.latest.filter(|(t, _)| now - t <= LOST)
+        if let Some((_, pose)) = self.latest.filter(|(t, _)| now - t <= LOST_AFTER)
             && let Some(error) = self.error_of_ghost(&pose)
             && let Some(ghost) = &mut self.ghost
         {
@@ -391,7 +391,7 @@ impl Guidance {
     /// Returns the distance of a board from the ghost, in units of the tolerance.
     fn error_of_ghost(&self, pose: &Isometry3<f64>) -> Option<f64> {
         let goal = self.ghost.as_ref()?.place.pose(&self.board);
-        let errors = errors(&self.where_is(pose)?, &self.where_is(&goal)?, f64::from(self.sensor.width));
+        let errors = errors(&self.seen_at(pose)?, &self.seen_at(&goal)?, f64::from(self.sensor.width));
         Some(errors.iter().map(|(_, error)| *error).fold(0.0, f64::max))
     }
 }

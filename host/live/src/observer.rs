@@ -7,7 +7,7 @@ use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
-use super::checkpoint::{Checkpoint, Checkpoints, Underway};
+use super::checkpoint::{Checkpoint, Checkpoints, RunningCalibration};
 use super::guidance::{BoardPose, GhostOutline, Guidance, Hint, corners};
 use super::health::{Health, HealthMonitor};
 use super::obstacle::{Explainer, Explanation};
@@ -65,9 +65,9 @@ pub struct Seen {
     /// The latest calibration of the recording so far.
     pub checkpoint: Option<Checkpoint>,
     /// Time up to which the recording is being calibrated (s since the first event).
-    pub checkpoint_under_way: Option<f64>,
+    pub calibrating_until: Option<f64>,
     /// Steps of that calibration, current whenever they are read.
-    pub underway: Option<Arc<Underway>>,
+    pub running_calibration: Option<Arc<RunningCalibration>>,
     /// Expected error of a calibration now (px, root mean square over the sensor), estimated from the latest checkpoint
     /// and the windows since then.
     pub about: Option<f64>,
@@ -234,12 +234,13 @@ impl<'a> Observer<'a> {
 
     /// Updates the checkpoints, also while no events arrive. Returns `true` if a result was reported.
     pub fn check(&mut self) -> bool {
-        let told = self.checkpoints.as_mut().and_then(|checkpoints| checkpoints.advance(self.latest, self.first_seen));
-        let told = told.map(|checkpoint| checkpoint.t);
-        if let (Some(t), Some(guidance)) = (told, &mut self.guidance) {
+        let reported =
+            self.checkpoints.as_mut().and_then(|checkpoints| checkpoints.advance(self.latest, self.first_seen));
+        let reported = reported.map(|checkpoint| checkpoint.t);
+        if let (Some(t), Some(guidance)) = (reported, &mut self.guidance) {
             guidance.mark(t);
         }
-        told.is_some()
+        reported.is_some()
     }
 
     /// Records that no event arrived for `seconds`, because the sensor's clock does not advance without events.
@@ -295,8 +296,8 @@ impl<'a> Observer<'a> {
             about,
             sigma_in_cells: self.sigma_in_cells.iter().map(|sigma| Some(scale * (*sigma)?)).collect(),
             checkpoint: self.checkpoints.as_ref().and_then(Checkpoints::latest).cloned(),
-            checkpoint_under_way: self.checkpoints.as_ref().and_then(Checkpoints::under_way),
-            underway: self.checkpoints.as_ref().map(Checkpoints::underway),
+            calibrating_until: self.checkpoints.as_ref().and_then(Checkpoints::running_length),
+            running_calibration: self.checkpoints.as_ref().map(Checkpoints::running),
             target: self.target,
             watched: self.first_seen.map_or(0.0, |first| self.latest - first),
             shortest: self.shortest,
@@ -321,8 +322,8 @@ impl<'a> Observer<'a> {
 
     /// Returns the expected error of a calibration now.
     fn about(&self) -> Option<f64> {
-        let stated = self.checkpoints.as_ref()?.latest()?.stated.as_ref().ok()?;
-        Some(stated.rms * self.guidance.as_ref()?.ratio_since_mark()?)
+        let accuracy = self.checkpoints.as_ref()?.latest()?.accuracy.as_ref().ok()?;
+        Some(accuracy.rms * self.guidance.as_ref()?.ratio_since_mark()?)
     }
 
     fn outline_of(&mut self, frame: &ReferenceFrame) -> Option<BoardOutline> {

@@ -101,16 +101,16 @@ pub fn explain(events: &[Event], board: &Board, sensor: Sensor, settings: &Detec
         let obstacle = if is_slow { Obstacle::TooSlow } else { Obstacle::NoSquares };
         return Explanation { obstacle, circles: Vec::new() };
     };
-    let look = |fewest: usize| {
+    let search = |fewest: usize| {
         let mut stage = DetectionStage::for_circles(settings, sensor, fewest);
         stage.push(events);
         stage.into_circles()
     };
-    let (whole, report) = look(board.circle_count().div_ceil(2));
+    let (whole, report) = search(board.circle_count().div_ceil(2));
     if whole.len() >= FEWEST_WINDOWS {
         return Explanation { obstacle: of_whole(&whole, &report, board, sensor), circles: fullest(whole) };
     }
-    let (parts, report) = look(FEWEST_CIRCLES);
+    let (parts, report) = search(FEWEST_CIRCLES);
     let obstacle = match parts.len() >= FEWEST_WINDOWS {
         true => of_parts(&parts, &report, sensor),
         false if share_at_rest(events, duration, sensor) > MOSTLY => Obstacle::TooSlow,
@@ -132,7 +132,7 @@ fn of_whole(windows: &[CircleWindow], report: &DetectionReport, board: &CircleBo
 
 /// Interprets windows with fewer than half of the board's circles.
 fn of_parts(windows: &[CircleWindow], report: &DetectionReport, sensor: Sensor) -> Obstacle {
-    let at_edge = windows.iter().filter(|window| stands_at_edge(window, sensor)).count();
+    let at_edge = windows.iter().filter(|window| has_circle_near_edge(window, sensor)).count();
     match at_edge * 2 > windows.len() {
         _ if are_small(windows, report) => Obstacle::TooFar,
         true => Obstacle::CutOff,
@@ -162,7 +162,7 @@ fn share_at_rest(events: &[Event], duration: f64, sensor: Sensor) -> f64 {
     meter.rate_so_far().map_or(0.0, |rate| rate * pixels * duration / events.len() as f64)
 }
 
-fn stands_at_edge(window: &CircleWindow, sensor: Sensor) -> bool {
+fn has_circle_near_edge(window: &CircleWindow, sensor: Sensor) -> bool {
     let (width, height) = (f64::from(sensor.width), f64::from(sensor.height));
     window.circles.iter().any(|(center, radius)| {
         let room = center.x.min(center.y).min(width - 1.0 - center.x).min(height - 1.0 - center.y);

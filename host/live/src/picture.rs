@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_pictures_have_no_time_for_is_counted() {
+    fn transfers_left_out_of_slow_pictures_are_counted() {
         let header = davis346_header("test", &Configuration::calibration());
         let (shown, is_shown) = channel();
         let (go_on, wait) = channel::<()>();

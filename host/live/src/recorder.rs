@@ -66,7 +66,7 @@ pub enum Moment<'a> {
 pub enum Ending {
     /// The watcher ended it.
     #[error("stopped")]
-    Asked,
+    Requested,
     /// The duration was reached.
     #[error("the time is over")]
     Duration,
@@ -81,7 +81,7 @@ pub enum Ending {
 impl Ending {
     /// Returns `true` if the recording ended as planned.
     pub fn is_good(&self) -> bool {
-        matches!(self, Self::Asked | Self::Duration)
+        matches!(self, Self::Requested | Self::Duration)
     }
 }
 
@@ -162,7 +162,7 @@ fn record_file(
         let _ = fs::remove_file(path);
         failed(error)
     })?;
-    let mut dump = dump.told_to(plan.growth.clone());
+    let mut dump = dump.with_growth(plan.growth.clone());
     let mut counter = Decoder::new(stream.header().registers.layout());
     let mut progress = Progress::default();
     let ending = run(&mut stream, &mut dump, &mut counter, &mut progress, plan, &mut watch);
@@ -230,19 +230,19 @@ fn run(
                 watch(Moment::Transfer(&transfer))
             }
             Ok(None) => watch(Moment::Silence),
-            Err(StreamError::Stopped) => return wanted.unwrap_or(Ending::Asked),
+            Err(StreamError::Stopped) => return wanted.unwrap_or(Ending::Requested),
             Err(error) => return Ending::Camera(error),
         };
         if wanted.is_some() {
             continue;
         }
-        let mut end = go_on.is_break().then_some(Ending::Asked);
+        let mut end = go_on.is_break().then_some(Ending::Requested);
         if progress.is_due() {
             // If the camera is gone, the next transfer reports it.
             let dropped = stream.read_dropped().unwrap_or_else(|_| stream.dropped()).events;
             let status = progress.status(counter.counts().events);
             if watch(Moment::Status(&RecordingStatus { dropped, ..status })).is_break() {
-                end = end.or(Some(Ending::Asked));
+                end = end.or(Some(Ending::Requested));
             }
         }
         if plan.duration.is_some_and(|duration| progress.began.elapsed() >= duration) {
@@ -262,26 +262,26 @@ struct Progress {
     bytes: u64,
     began: Instant,
     /// Time of the latest status, and number of events at that time.
-    told: Instant,
-    told_events: u64,
+    last_status: Instant,
+    last_events: u64,
 }
 
 impl Default for Progress {
     fn default() -> Self {
         let now = Instant::now();
-        Self { transfers: 0, bytes: 0, began: now, told: now, told_events: 0 }
+        Self { transfers: 0, bytes: 0, began: now, last_status: now, last_events: 0 }
     }
 }
 
 impl Progress {
     fn is_due(&self) -> bool {
-        self.told.elapsed() >= STATUS_INTERVAL
+        self.last_status.elapsed() >= STATUS_INTERVAL
     }
 
     fn status(&mut self, events: u64) -> RecordingStatus {
-        let span = self.told.elapsed().as_secs_f64();
-        let event_rate = if span > 0.0 { (events - self.told_events) as f64 / span } else { 0.0 };
-        (self.told, self.told_events) = (Instant::now(), events);
+        let span = self.last_status.elapsed().as_secs_f64();
+        let event_rate = if span > 0.0 { (events - self.last_events) as f64 / span } else { 0.0 };
+        (self.last_status, self.last_events) = (Instant::now(), events);
         let (seconds, bytes) = (self.began.elapsed().as_secs_f64(), self.bytes);
         RecordingStatus { seconds, bytes, events, event_rate, dropped: 0 }
     }

@@ -20,7 +20,7 @@ const PIECES_AHEAD: usize = 32;
 /// Time between two attempts to pass a piece to a busy detector.
 const FULL: Duration = Duration::from_millis(2);
 /// Time between two reported states (s of the sensor).
-const TOLD: f64 = 1.0;
+const STATUS_INTERVAL: f64 = 1.0;
 
 /// Result of a replay.
 #[derive(Debug)]
@@ -125,7 +125,7 @@ fn observe(
     latest: &Latest,
     mut on_progress: impl FnMut(&Seen),
 ) -> Seen {
-    let mut next = TOLD;
+    let mut next = STATUS_INTERVAL;
     for piece in pieces {
         if !observer.push(&piece) {
             continue;
@@ -133,7 +133,7 @@ fn observe(
         let seen = observer.seen();
         let is_enough = seen.is_enough();
         if seen.t >= next {
-            next = (seen.t / TOLD).floor() * TOLD + TOLD;
+            next = (seen.t / STATUS_INTERVAL).floor() * STATUS_INTERVAL + STATUS_INTERVAL;
             on_progress(&seen);
         }
         latest.set(seen);

@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn in_a_mirror_left_and_right_change_places() {
+    fn left_and_right_are_exchanged_in_a_mirrored_picture() {
         for (wanted, plain, mirrored) in [
             (Requirement::Part(-1, 1), "the board at the lower left", "the board at the lower right"),
             (Requirement::Part(0, -1), "the board at the top", "the board at the top"),

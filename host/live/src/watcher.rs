@@ -85,7 +85,7 @@ impl Watcher {
         let thread = thread::spawn(move || {
             let observer = Observer::new(&detection, &initial, &live, &board, sensor);
             let observer = observer.with_memory(memory).with_checkpoints(checkpoints);
-            look(&of_thread, decoder, observer, &latest_of_thread)
+            run_detector(&of_thread, decoder, observer, &latest_of_thread)
         });
         Self { shared, latest, thread: Some(thread), longest_wait_ns, gap: false, left_out: 0 }
     }
@@ -139,7 +139,7 @@ impl Drop for Watcher {
 }
 
 /// Runs the detector's thread.
-fn look(shared: &Shared, mut decoder: Decoder, mut observer: Observer<'_>, seen: &Latest) -> Memory {
+fn run_detector(shared: &Shared, mut decoder: Decoder, mut observer: Observer<'_>, seen: &Latest) -> Memory {
     let (mut repair, mut clock) = (GapRepair::default(), CameraClock::default());
     let mut events: Vec<Event> = Vec::new();
     let (mut first, mut latest) = (None, i64::MIN);

@@ -24,7 +24,7 @@ use evcal_core::sensor::Sensor;
 
 use super::bytes::ByteReader;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::format::{FileFormat, Opened, StreamSummary, Uses};
+use crate::format::{FileFormat, OpenResult, StreamSummary, Uses};
 use crate::options::FormatOption;
 use crate::options::RecordingOptions;
 use crate::read_report::ReadReport;
@@ -208,7 +208,7 @@ fn start(path: &Path, options: &RecordingOptions) -> Result<Start, RecordingErro
     Ok(Start { file, layout, note, created: header.created, ranges: header.ranges, clock })
 }
 
-fn open(path: &Path, options: &RecordingOptions) -> Opened {
+fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
     let Start { file, layout, note, created, .. } = start(path, options)?;
     let information = RecordingInformation {
         format: FORMAT.name,

@@ -19,7 +19,7 @@ mod packets;
 
 use super::bytes::ByteReader;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::format::{FileFormat, Head, Opened, StreamSummary, Uses};
+use crate::format::{FileFormat, Head, OpenResult, StreamSummary, Uses};
 use crate::options::RecordingOptions;
 use crate::read_report::{ReadReport, Truncation};
 use crate::reader::{Decode, RecordingInformation};
@@ -52,7 +52,7 @@ struct Decoder {
     truncated: Option<Truncation>,
 }
 
-fn open(path: &Path, options: &RecordingOptions) -> Opened {
+fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
     let mut file = ByteReader::open(path)?;
     let header = header(&Head::read(path)?.bytes).ok_or_else(|| file.damaged(0, "the header has no end"))?;
     if header.encoding.as_deref().is_some_and(|encoding| encoding != "RAW") {

@@ -359,7 +359,7 @@ mod tests {
     /// jAER 3 writes its own coordinates, in which rows of events and frames count from below, and frames of 16 bits.
     /// Without flipping, the camera would have its principal point at the mirrored row.
     #[test]
-    fn rows_that_count_from_below_are_flipped() {
+    fn rows_counted_from_below_are_flipped() {
         let stream = |id, kind, size: &str| {
             format!(
                 r#"<node name="{id}"><attr key="originalModuleName">jAER</attr><attr key="typeIdentifier">{kind}</attr>

@@ -68,8 +68,8 @@ pub struct ChainExtras {
 
 impl ReadExtras for ChainExtras {
     fn streams(&self) -> OtherStreams {
-        let held = |part: fn(&OtherStreams) -> bool| self.files.iter().any(|file| part(&file.streams()));
-        OtherStreams { frames: held(|held| held.frames), imu: held(|held| held.imu) }
+        let has_any = |part: fn(&OtherStreams) -> bool| self.files.iter().any(|file| part(&file.streams()));
+        OtherStreams { frames: has_any(|streams| streams.frames), imu: has_any(|streams| streams.imu) }
     }
 
     fn first_time(&mut self) -> Option<i64> {

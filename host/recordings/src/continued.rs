@@ -20,7 +20,7 @@ pub fn chains(recordings: &[&Recording]) -> Vec<Vec<usize>> {
     for &(first, index) in &beginnings {
         let before = chain.last().and_then(|before| recordings.get(*before));
         if let (Some(before), Some(recording)) = (before, recordings.get(index))
-            && is_alike(before, recording)
+            && have_same_camera_and_format(before, recording)
             && ends_at(before, first)
         {
             chain.push(index);
@@ -39,7 +39,7 @@ fn first_time(recording: &Recording) -> Option<i64> {
     Some(batch.first()?.t)
 }
 
-fn is_alike(one: &Recording, other: &Recording) -> bool {
+fn have_same_camera_and_format(one: &Recording, other: &Recording) -> bool {
     let known = |recording: &Recording| {
         let reader = recording.open().ok()?;
         let RecordingInformation { format, sensor, camera_name, .. } = reader.information().clone();

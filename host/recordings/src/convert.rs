@@ -179,7 +179,7 @@ pub fn convert_changed(
     let mut events = Vec::new();
     let mut report = ConversionReport::default();
     let mut more = next(&mut reader, &mut events, &mut report);
-    let mut extras = if target.holds_extras { recording.open_extras()? } else { Box::new(NoExtras) };
+    let mut extras = if target.contains_extras { recording.open_extras()? } else { Box::new(NoExtras) };
     let shift = match origin {
         TimeOrigin::Kept => 0,
         TimeOrigin::Unix => start(recording)?.ok_or_else(|| ConvertError::StartUnknown(recording.path().to_owned()))?,
@@ -190,7 +190,7 @@ pub fn convert_changed(
     let information = reader.information();
     let sensor = match information.sensor {
         Some(sensor) => sensor,
-        None if target.holds_sensor => {
+        None if target.contains_sensor => {
             let (file, likely) = (recording.path().to_owned(), likely_sensor_of(recording));
             return Err(ConvertError::SensorUnknown { file, likely });
         }

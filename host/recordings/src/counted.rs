@@ -10,7 +10,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_one_is_singular() {
+    fn only_a_count_of_one_is_singular() {
         let texts = [0, 1, 2].map(|count| counted(count, "event is", "events are"));
         assert_eq!(texts, ["0 events are", "1 event is", "2 events are"]);
     }

@@ -195,7 +195,7 @@ mod tests {
 
     /// Late events at the beginning, and a pause of 31 ms.
     #[test]
-    fn times_beyond_a_short_range_are_no_counter() {
+    fn times_beyond_a_short_range_are_not_unwrapped() {
         let late = (0..600).map(|index| index * 100 - if index > 290 && index % 9 == 0 { 27_000 } else { 0 });
         for given in [late.collect::<Vec<i64>>(), vec![0, 500, 31_500, 31_600, 40_000, 70_000]] {
             let (times, met) = times(TimeUnit::Microseconds, given.iter().copied());
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn other_jumps_are_left_to_the_reader() {
+    fn other_jumps_are_not_wraps() {
         let (end, second) = (1_i64 << 32, 1_000_000);
         for [before, after] in [
             [4000 * second, 0],

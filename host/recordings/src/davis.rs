@@ -222,7 +222,7 @@ mod tests {
             });
             let file = std::fs::File::create_new(&path).expect("it is new");
             let dump = DumpWriter::new(file, &DumpHeader::default(), Compression::None).expect("a file");
-            let mut dump = dump.told_to(growth.clone());
+            let mut dump = dump.with_growth(growth.clone());
             for index in 0..count {
                 let mut payload = Vec::new();
                 let event = PolarityEvent { time: index, x: 1, y: 2, polarity: WirePolarity::On };

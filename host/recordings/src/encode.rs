@@ -98,9 +98,9 @@ pub struct OutputFormat {
     /// File name extensions of the format, in lower case.
     pub extensions: &'static [&'static str],
     /// `true` if the file contains the size of the sensor.
-    pub holds_sensor: bool,
+    pub contains_sensor: bool,
     /// `true` if the file can contain frames and IMU samples.
-    pub holds_extras: bool,
+    pub contains_extras: bool,
     /// Creates a file of this format.
     pub create: CreateFile,
     /// Copies USB transfers into a new file, if the format stores them.

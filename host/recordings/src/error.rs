@@ -267,10 +267,10 @@ impl RecordingError {
 }
 
 /// Describes a recording without events.
-fn without_events(held: &str) -> String {
-    match held {
+fn without_events(content: &str) -> String {
+    match content {
         "" => "is a recording without content: give the path of one with events".to_owned(),
-        held => format!("holds no events, only {held}; give the path of a recording with events"),
+        content => format!("holds no events, only {content}; give the path of a recording with events"),
     }
 }
 
@@ -280,11 +280,11 @@ mod tests {
 
     #[test]
     fn the_content_of_a_recording_without_events_is_named() {
-        for (held, message) in [
+        for (content, message) in [
             ("", "is a recording without content: give the path of one with events"),
             ("0 frames (FRME)", "holds no events, only 0 frames (FRME); give the path of a recording with events"),
         ] {
-            assert_eq!(RecordingErrorKind::NoEventStream(held.to_owned()).to_string(), message);
+            assert_eq!(RecordingErrorKind::NoEventStream(content.to_owned()).to_string(), message);
         }
     }
 }

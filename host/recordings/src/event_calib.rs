@@ -12,7 +12,7 @@ use evcal_core::event::{Event, Polarity};
 use super::bytes::share;
 use super::encode::{Encode, OutputFormat, WriteError};
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::format::{FileFormat, Head, Opened};
+use crate::format::{FileFormat, Head, OpenResult};
 use crate::options::RecordingOptions;
 use crate::read_report::{ReadReport, Truncation};
 use crate::reader::{Decode, MAX_SENSOR_SIZE, RecordingInformation};
@@ -26,8 +26,8 @@ pub const OUTPUT: OutputFormat = OutputFormat {
     name: "bin",
     title: Some("EventCalib"),
     extensions: &["bin"],
-    holds_sensor: false,
-    holds_extras: false,
+    contains_sensor: false,
+    contains_extras: false,
     create: |file, _| Ok(Box::new(Encoder(BufWriter::with_capacity(1 << 18, file()?)))),
     copy_transfers: None,
 };
@@ -56,7 +56,7 @@ fn record(bytes: &[u8; RECORD]) -> Record {
     Record { t: field(0), x: field(1), y: field(2), polarity: bytes[24] }
 }
 
-fn open(path: &Path, _: &RecordingOptions) -> Opened {
+fn open(path: &Path, _: &RecordingOptions) -> OpenResult {
     let io = |error| RecordingError::io(path, error);
     let file = File::open(path).map_err(io)?;
     let length = file.metadata().map_err(io)?.len();

@@ -21,7 +21,7 @@ use evcal_core::sensor::Sensor;
 use super::bytes::ByteReader;
 use crate::counted::counted;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::format::{FileFormat, Opened};
+use crate::format::{FileFormat, OpenResult};
 use crate::options::RecordingOptions;
 use crate::read_report::{ReadReport, Truncation};
 use crate::reader::{Decode, RecordingInformation};
@@ -76,7 +76,7 @@ struct Decoder {
     measurements: u64,
 }
 
-fn open(path: &Path, _: &RecordingOptions) -> Opened {
+fn open(path: &Path, _: &RecordingOptions) -> OpenResult {
     let mut file = ByteReader::open(path)?;
     let head = file.array::<HEAD>()?;
     let Some([.., major, _, _, kind]) = head else {

@@ -18,7 +18,7 @@ use crate::reader::Decode;
 const HEAD_LENGTH: u64 = 65_536;
 
 /// Result of opening a file: a decoder at its beginning.
-pub type Opened = Result<Box<dyn Decode>, RecordingError>;
+pub type OpenResult = Result<Box<dyn Decode>, RecordingError>;
 
 /// Passes the frames of a file to a visitor, in file order. The outer result is an error if the frames cannot be read
 /// at all, the inner result if they ended early.
@@ -40,7 +40,7 @@ pub struct FileFormat {
     /// Returns `true` if the head of a file matches this format.
     pub recognise: fn(&Head) -> bool,
     /// Opens a file of this format for its events.
-    pub events: fn(&Path, &RecordingOptions) -> Opened,
+    pub events: fn(&Path, &RecordingOptions) -> OpenResult,
     /// Counts the packets and elements of each stream. Empty for formats with a single event stream.
     pub streams: fn(&Path, &RecordingOptions) -> Result<Vec<StreamSummary>, RecordingError>,
     /// Visits the frames, if the format can contain any.
@@ -99,7 +99,7 @@ impl FileFormat {
     pub const fn of_events(
         name: &'static str,
         recognise: fn(&Head) -> bool,
-        events: fn(&Path, &RecordingOptions) -> Opened,
+        events: fn(&Path, &RecordingOptions) -> OpenResult,
     ) -> Self {
         let streams = |_: &Path, _: &RecordingOptions| Ok(Vec::new());
         let uses = Uses::NONE;

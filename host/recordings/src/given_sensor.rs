@@ -173,7 +173,7 @@ pub fn check_outside(recording: &Recording, report: &ReadReport) -> Result<(), O
     let (asked, own) = (recording.options().sensor, recording.own_sensor());
     let has_columns = recording.format().uses.columns;
     match asked.or(own) {
-        Some(sensor) if report.looks_exchanged() => {
+        Some(sensor) if report.are_coordinates_exchanged() => {
             let exchanged = match asked {
                 Some(asked) if is_portrait(asked) => Exchanged::RequestedSize,
                 None if is_portrait(sensor) => Exchanged::FileSize,

@@ -35,7 +35,7 @@ use super::counter::TimeCounter;
 use super::numbers;
 use crate::error::Usable;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::format::{FileFormat, Head, Opened, StreamSummary, Uses};
+use crate::format::{FileFormat, Head, OpenResult, StreamSummary, Uses};
 use crate::options::{Column, Damage, RecordingOptions, TimeUnit};
 use crate::read_report::{ReadReport, Truncation};
 use crate::reader::{Decode, RecordingInformation};
@@ -66,7 +66,7 @@ fn recognise(head: &Head) -> bool {
     begins(0) || (9..16).any(|power| begins(1 << power))
 }
 
-fn open(path: &Path, options: &RecordingOptions) -> Opened {
+fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
     let (found, mut notes) = choose(path, options)?;
     let Found { table, sensor, offset, frames, samples, .. } = found;
     let Arranged { table, unit: GuessedUnit { unit, is_doubtful: is_unit_doubtful }, code } =

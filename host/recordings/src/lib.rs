@@ -52,7 +52,7 @@ pub mod write;
 
 pub use columns::LayoutError;
 pub use error::{RecordingError, RecordingErrorKind, Usable};
-pub use format::{FileFormat, Head, OpenTransfers, Opened, StreamSummary, Uses};
+pub use format::{FileFormat, Head, OpenResult, OpenTransfers, StreamSummary, Uses};
 pub use formats::{FORMATS, format_of, options_for};
 pub use options::{Column, Columns, Damage, FormatOption, OptionError, RecordingOptions, TimeUnit};
 pub use read_report::{CounterWraps, ReadReport, RepairedTimes, StreamFaults, Truncation};

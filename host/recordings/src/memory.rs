@@ -91,7 +91,7 @@ mod tests {
         let mut batch = Vec::new();
         assert!(part.open().unwrap().next_batch(&mut batch).unwrap());
         assert_eq!(batch.len(), 10);
-        assert!(!recording.may_hold_frames() && recording.streams().unwrap().is_empty());
+        assert!(!recording.may_contain_frames() && recording.streams().unwrap().is_empty());
     }
 
     #[test]

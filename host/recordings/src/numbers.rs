@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn all_ones_are_the_largest_pixel_and_count_and_may_be_a_polarity() {
+    fn all_ones_are_the_largest_pixel_or_time_or_a_polarity() {
         let number = number(NumberKind::Unsigned, 1, false, &[255]).unwrap();
         assert_eq!((number.pixel(), number.cell().is_polarity), (Some(255), true));
         assert_eq!(number.microseconds(TimeUnit::Milliseconds), Some(255_000));

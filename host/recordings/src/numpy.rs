@@ -30,7 +30,7 @@ use super::counter::TimeCounter;
 use super::numbers::{self, NumberType};
 use crate::error::Usable;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::format::{FileFormat, Opened, Uses};
+use crate::format::{FileFormat, OpenResult, Uses};
 use crate::options::{Column, Columns, RecordingOptions, TimeUnit};
 use crate::read_report::{ReadReport, Truncation};
 use crate::reader::{Decode, RecordingInformation};
@@ -66,18 +66,18 @@ const BATCH: u64 = 16_384;
 /// Largest size of a batch in bytes, unless a single record is larger: records may have 64 KiB.
 const BATCH_BYTES: u64 = 1 << 22;
 
-fn open_array(path: &Path, options: &RecordingOptions) -> Opened {
+fn open_array(path: &Path, options: &RecordingOptions) -> OpenResult {
     let table = table::of_array(path)?;
     open(ARRAY_FORMAT.name, path, table, None, Vec::new(), options)
 }
 
-fn open_folder(path: &Path, options: &RecordingOptions) -> Opened {
+fn open_folder(path: &Path, options: &RecordingOptions) -> OpenResult {
     let nothing = || RecordingError::new(path, RecordingErrorKind::NoEventStream(String::new()));
     let times = table::times_in(path).ok_or_else(nothing)?;
     open(FOLDER_FORMAT.name, &times, table::of_array(&times)?, None, Vec::new(), options)
 }
 
-fn open_archive(path: &Path, options: &RecordingOptions) -> Opened {
+fn open_archive(path: &Path, options: &RecordingOptions) -> OpenResult {
     let members = archive::members(path)?;
     let found = table::of_archive(path, &members, options.stream.as_deref())?;
     let (table, name) = likeliest(path, found, options)?;
@@ -109,7 +109,7 @@ fn open(
     sensor: Option<Sensor>,
     mut notes: Vec<String>,
     options: &RecordingOptions,
-) -> Opened {
+) -> OpenResult {
     let sample = sample(path, &table)?;
     let (columns, GuessedUnit { unit, is_doubtful: is_unit_doubtful }) =
         layout(&table, &sample, options, &mut notes)

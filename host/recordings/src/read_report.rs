@@ -78,7 +78,7 @@ pub struct ReadReport {
 
 impl ReadReport {
     /// `true` if with x and y exchanged all events would be inside the sensor.
-    pub fn looks_exchanged(&self) -> bool {
+    pub fn are_coordinates_exchanged(&self) -> bool {
         self.exchanged > 0 && self.exchanged == self.out_of_range
     }
 
@@ -101,7 +101,7 @@ impl ReadReport {
             warnings.push(format!("{strays} left out: more than 0.1 s away from neighbouring events"));
         }
         if self.out_of_range > 0 {
-            let reason = if self.looks_exchanged() {
+            let reason = if self.are_coordinates_exchanged() {
                 "; with x and y exchanged all events would be inside".to_owned()
             } else if self.no_pixel > 0 {
                 let have = counted(self.no_pixel, "of them has", "of them have");

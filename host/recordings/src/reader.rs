@@ -141,7 +141,7 @@ impl EventReader {
     }
 
     /// Limits the pass to events with times in `span`.
-    pub(super) fn within(self, span: Option<Range<i64>>) -> Self {
+    pub(super) fn limited_to(self, span: Option<Range<i64>>) -> Self {
         Self { span, ..self }
     }
 
@@ -262,7 +262,7 @@ impl EventReader {
     #[cold]
     fn begin(&mut self, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         let Some(beginning) = self.beginning.take() else { return Ok(()) };
-        let strays = if beginning.len() < BEGINNING { 0 } else { strays_in_front(&beginning) };
+        let strays = if beginning.len() < BEGINNING { 0 } else { leading_strays(&beginning) };
         self.report.strays += strays as u64;
         beginning.into_iter().skip(strays).try_for_each(|event| self.admit(event, events))
     }
@@ -378,7 +378,7 @@ impl EventReader {
 
 /// Returns the number of strays at the front: the few events before a step in time, forward or back, after which no
 /// other step follows.
-fn strays_in_front(events: &[Event]) -> usize {
+fn leading_strays(events: &[Event]) -> usize {
     let is_step = |pair: &[Event]| pair[1].t.abs_diff(pair[0].t) > LARGEST_JITTER.unsigned_abs();
     let last = events.windows(2).rposition(is_step).map_or(0, |index| index + 1);
     if last <= MOST_STRAYS { last } else { 0 }
@@ -511,7 +511,7 @@ mod tests {
             while reader.next_batch(&mut batch).unwrap() {}
             let report = reader.report();
             assert_eq!(
-                (report.exchanged, report.no_pixel, report.looks_exchanged()),
+                (report.exchanged, report.no_pixel, report.are_coordinates_exchanged()),
                 (exchanged, no_pixel, exchanged > 0)
             );
         }

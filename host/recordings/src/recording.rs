@@ -111,7 +111,7 @@ impl Recording {
     }
 
     /// `true` if the format can contain frames.
-    pub fn may_hold_frames(&self) -> bool {
+    pub fn may_contain_frames(&self) -> bool {
         self.format().frames.is_some()
     }
 
@@ -148,7 +148,7 @@ impl Recording {
     /// # Errors
     /// When the file cannot be opened or its header is invalid.
     pub fn open(&self) -> Result<EventReader, RecordingError> {
-        Ok(EventReader::new(&self.path, self.decoder()?, &self.options)?.within(self.span.clone()))
+        Ok(EventReader::new(&self.path, self.decoder()?, &self.options)?.limited_to(self.span.clone()))
     }
 
     fn decoder(&self) -> Result<Box<dyn Decode>, RecordingError> {
@@ -340,7 +340,7 @@ mod tests {
             assert!(error.is_none(), "{}: {error:?}", format.name);
             assert!(read == events, "{}: {} events", format.name, read.len());
             assert_eq!((report.events, report.out_of_range, report.strays), (3000, 0, 0), "{}", format.name);
-            assert!(!output.holds_sensor || recording.own_sensor() == Some(SENSOR), "{}", format.name);
+            assert!(!output.contains_sensor || recording.own_sensor() == Some(SENSOR), "{}", format.name);
         }
     }
 
@@ -464,7 +464,7 @@ mod tests {
     }
 
     #[test]
-    fn no_changed_byte_panics() {
+    fn files_with_a_changed_byte_do_not_panic() {
         let events = events(5);
         for output in OUTPUTS {
             let (_directory, path) = file(b"");
@@ -516,7 +516,7 @@ mod tests {
         }
 
         #[test]
-        fn no_bytes_panic(start in 0usize..4, bytes in prop::collection::vec(any::<u8>(), 0..400), text in "[0-9.,;eE \t\n#%a-y-]{0,300}") {
+        fn arbitrary_bytes_do_not_panic(start in 0usize..4, bytes in prop::collection::vec(any::<u8>(), 0..400), text in "[0-9.,;eE \t\n#%a-y-]{0,300}") {
             let starts = [b"".as_slice(), b"#!AER-DAT4.0\r\n", b"#!AER-DAT4.0\r\n\x40\0\0\0\x10\0\0\0IOHE", b"t,x,y,p\n"];
             for rest in [&bytes, text.as_bytes()] {
                 let (_directory, path) = file(&[starts[start], rest].concat());

@@ -33,7 +33,7 @@ use super::columns::{LayoutError, PolarityCode};
 use super::counter::TimeCounter;
 use super::encode::{Encode, OutputFormat, WriteError};
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::format::{FileFormat, Head, Opened, Uses};
+use crate::format::{FileFormat, Head, OpenResult, Uses};
 use crate::options::{Column, RecordingOptions};
 use crate::read_report::{ReadReport, Truncation};
 use crate::reader::{Decode, RecordingInformation};
@@ -50,8 +50,8 @@ pub const OUTPUT: OutputFormat = OutputFormat {
     name: "csv",
     title: None,
     extensions: &["csv", "txt"],
-    holds_sensor: true,
-    holds_extras: false,
+    contains_sensor: true,
+    contains_extras: false,
     create: |file, description| {
         let file = BufWriter::with_capacity(1 << 18, file()?);
         Ok(Box::new(Encoder::new(file, description.sensor)?))
@@ -92,7 +92,7 @@ enum Line {
 }
 
 impl Decoder {
-    fn open(path: &Path, options: &RecordingOptions) -> Opened {
+    fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
         let head = Head::read(path)?;
         let layout = head.text().ok_or(LayoutError::NoText).and_then(|text| layout::find(text, options));
         let layout = layout.map_err(|what| RecordingError::new(path, RecordingErrorKind::Layout(what)))?;

@@ -74,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn spans_too_near_for_their_ramps_become_one() {
+    fn spans_with_overlapping_ramps_are_merged() {
         let ramps = Ramps::new(&[Interval { start: 1.0, end: 1.4 }, Interval { start: 1.5, end: 1.6 }], 0.2);
         assert_eq!(ramps.level(1.45), 1.0);
         assert_eq!(ramps.spans.len(), 1);

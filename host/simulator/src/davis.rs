@@ -100,9 +100,9 @@ impl Simulation {
             if let Some((settings, unit)) = &mut unit {
                 let interval = 1000 * u64::from(settings.interval);
                 while next_sample < end {
-                    if let Some((felt, read)) = unit.sample(|t| self.pose(t), next_sample) {
+                    if let Some((ideal_reading, read)) = unit.sample(|t| self.pose(t), next_sample) {
                         samples.push(read);
-                        truth.imu.push(felt);
+                        truth.imu.push(ideal_reading);
                     }
                     next_sample += interval;
                 }

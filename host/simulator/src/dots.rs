@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn shapes_hold_what_they_should() {
+    fn shapes_contain_the_expected_points() {
         let inside = |dots: Dots, x: f64, y: f64| dots.depth(&Vector2::new(x, y), 2.0).0 > 0.0;
         assert!(inside(Dots::Squares, 1.9, -1.9) && !inside(Dots::Squares, 2.1, 0.0));
         assert!(inside(Dots::Keys, 1.9, 0.5) && !inside(Dots::Keys, -1.9, 1.9));

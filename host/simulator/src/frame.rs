@@ -215,7 +215,7 @@ impl FrameSensor {
                 for (x, (pixel, &(offset, gain))) in (0..).zip(pixels.iter_mut().zip(pattern)) {
                     let scatter = stage.scatter(x, y);
                     let radiance =
-                        |(view, light): &(View, f64)| scattered(stage.look(view, x, y).radiance, scatter) * light;
+                        |(view, light): &(View, f64)| scattered(stage.sample(view, x, y).radiance, scatter) * light;
                     let light = views.iter().map(radiance).sum::<f64>() / moments;
                     let intensity = stage.gain(x, y) * light + stage.sensor.dark;
                     *pixel = self.value(gain * intensity, offset, &mut rng);

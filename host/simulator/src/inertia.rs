@@ -150,12 +150,12 @@ impl InertialUnit {
     /// readings; `None` if the sample is lost. Times must increase.
     pub fn sample(&mut self, pose: impl Fn(f64) -> Isometry3<f64>, time: u64) -> Option<(InertialTruth, ImuSample)> {
         let Some(mount) = &mut self.mount else {
-            let felt = InertialTruth::new(pose, time);
-            return Some((felt, self.read(&felt)));
+            let ideal_reading = InertialTruth::new(pose, time);
+            return Some((ideal_reading, self.read(&ideal_reading)));
         };
-        let felt = mount.felt(&pose, time);
+        let ideal_reading = mount.ideal_reading(&pose, time);
         let [acceleration, angular_velocity] = mount.output(&pose, time)?;
-        Some((felt, self.read(&InertialTruth { time, acceleration, angular_velocity })))
+        Some((ideal_reading, self.read(&InertialTruth { time, acceleration, angular_velocity })))
     }
 
     /// Returns the actual readings for the ideal readings `truth`. Each call adds new noise.
@@ -203,7 +203,7 @@ mod tests {
     use nalgebra::UnitQuaternion;
 
     #[test]
-    fn at_rest_it_feels_one_g_upwards() {
+    fn at_rest_the_imu_measures_one_g_upwards() {
         for angle in [0.0, 90.0f64] {
             let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, angle.to_radians());
             let truth = InertialTruth::new(|_| Isometry3::from_parts(Vector3::new(0.1, 0.2, -0.7).into(), turn), 1000);

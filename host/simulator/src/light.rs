@@ -60,7 +60,7 @@ mod tests {
 
     /// The angle of incidence equals the angle of reflection.
     #[test]
-    fn the_spot_is_where_a_mirror_has_it() {
+    fn the_spot_obeys_the_law_of_reflection() {
         let glare = Glare { strength: 1.0, spread: 0.01, lamp: [0.3, 0.0, 1.5] };
         let (camera, middle) = (Vector3::new(-0.2, 0.1, -0.5), Vector2::new(0.2, 0.1));
         // The spot is on the line from the camera at x = -0.2 to the lamp at x = 0.5, a quarter of the way, because the

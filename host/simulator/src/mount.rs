@@ -196,7 +196,7 @@ impl Mount {
 
     /// Returns the ideal readings of a perfect IMU at the same position at `time` µs; `pose` is T_world_camera at a
     /// time in seconds.
-    pub fn felt(&self, pose: impl Fn(f64) -> Isometry3<f64>, time: u64) -> InertialTruth {
+    pub fn ideal_reading(&self, pose: impl Fn(f64) -> Isometry3<f64>, time: u64) -> InertialTruth {
         let camera_from_imu = self.settings.imu_from_camera().inverse();
         InertialTruth::new(|t| pose(t) * camera_from_imu, time)
     }
@@ -213,12 +213,12 @@ impl Mount {
     }
 
     fn step(&mut self, pose: &impl Fn(f64) -> Isometry3<f64>) -> [Vector3<f64>; 2] {
-        let felt = self.felt(pose, self.time);
+        let ideal_reading = self.ideal_reading(pose, self.time);
         let length = STEP as f64 * 1e-6;
         let settings = &self.settings;
         let noises = [settings.accelerometer_noise_density, settings.gyroscope_noise_density];
         let walks = [settings.accelerometer_walk, settings.gyroscope_walk];
-        let now = [self.accelerometer * felt.acceleration, self.gyroscope * felt.angular_velocity];
+        let now = [self.accelerometer * ideal_reading.acceleration, self.gyroscope * ideal_reading.angular_velocity];
         let before = self.before.replace(now).unwrap_or(now);
         std::array::from_fn(|sensor| {
             let mut noise = |size: f64| Vector3::from_fn(|_, _| size * normal(&mut self.rng));
@@ -255,31 +255,31 @@ mod tests {
 
     /// f = R_ic (f_camera + (ω' × r + ω × (ω × r)) / g), with the derivative of ω by differences.
     #[test]
-    fn it_feels_its_own_place() {
+    fn the_imu_measures_the_acceleration_at_its_own_position() {
         let settings = quiet();
         let mount = Mount::new(settings, 1);
         let time = 700_000;
         let camera = |time| InertialTruth::new(turning, time);
-        let felt = mount.felt(turning, time);
+        let ideal_reading = mount.ideal_reading(turning, time);
         let turn = settings.imu_from_camera().rotation;
         let radians = |time| camera(time).angular_velocity.map(f64::to_radians);
         let (before, w, after) = (radians(time - 1000), radians(time), radians(time + 1000));
         let r = Vector3::from(settings.position);
         let lever = ((after - before) / 2e-3).cross(&r) + w.cross(&w.cross(&r));
         let expected = turn * (camera(time).acceleration + lever / evcal_geometry::numerics::gravity::STANDARD_GRAVITY);
-        assert!((felt.acceleration - expected).norm() < 1e-5, "{} {expected}", felt.acceleration);
-        assert!((felt.angular_velocity - turn * camera(time).angular_velocity).norm() < 1e-6);
+        assert!((ideal_reading.acceleration - expected).norm() < 1e-5, "{} {expected}", ideal_reading.acceleration);
+        assert!((ideal_reading.angular_velocity - turn * camera(time).angular_velocity).norm() < 1e-6);
         assert!(lever.norm() > 0.05);
     }
 
     #[test]
-    fn filters_delay_by_what_is_stated() {
+    fn filters_have_the_specified_delay() {
         let mut mount = Mount::new(quiet(), 1);
         for time in (1000..1_500_000).step_by(1000) {
             let [_, turning_rate] = mount.output(turning, time).unwrap();
             if time > 100_000 {
-                let late = mount.felt(turning, time - 2900).angular_velocity;
-                let wrong = mount.felt(turning, time - 2400).angular_velocity;
+                let late = mount.ideal_reading(turning, time - 2900).angular_velocity;
+                let wrong = mount.ideal_reading(turning, time - 2400).angular_velocity;
                 let distance = (turning_rate - late).norm();
                 assert!(distance < 0.02, "{time}: {turning_rate} {late}");
                 assert!(distance < 0.1 * (turning_rate - wrong).norm() + 5e-3);
@@ -290,11 +290,11 @@ mod tests {
     /// White noise has the specified density: over 50 ms, long compared with the filters, the mean has the variance
     /// density² / T.
     #[test]
-    fn noise_has_the_stated_density() {
+    fn noise_has_the_specified_density() {
         let settings = MountSettings { accelerometer_noise_density: 0.001, gyroscope_noise_density: 0.01, ..quiet() };
         let still = |_| Isometry3::identity();
         let mut mount = Mount::new(settings, 7);
-        let truth = mount.felt(still, 0);
+        let truth = mount.ideal_reading(still, 0);
         let mut sums = [0.0; 2];
         let blocks = 600;
         for block in 0..blocks {
@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_get_lost() {
+    fn the_specified_share_of_samples_is_lost() {
         let mut mount = Mount::new(MountSettings { lost: 0.05, ..quiet() }, 3);
         let lost = (1..=2000).filter(|index| mount.output(turning, 1000 * index).is_none()).count();
         assert!((60..140).contains(&lost), "{lost}");

@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn reset_forgets_what_happens_meanwhile() {
+    fn changes_during_the_reset_are_ignored() {
         let sensor = SensorModel { refractory: 300e-6, ..SensorModel::ideal() };
         let (mut pixel, mut rng) = pixel(&sensor, 1.0);
         let mut events = Vec::new();
@@ -282,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reset_that_ends_with_a_step_is_left() {
+    fn a_reset_that_ends_with_a_step_is_over() {
         let sensor = SensorModel { refractory: 100e-6, threshold_off: 0.4, ..SensorModel::ideal() };
         let (mut pixel, mut rng) = pixel(&sensor, 1.0);
         let mut events = Vec::new();
@@ -302,14 +302,14 @@ mod tests {
         let sensor = SensorModel { photoreceptor, threshold_on: 0.3, ..SensorModel::ideal() };
         // With this offset the bandwidth does not depend on the light.
         let time_constant = 1e6 / (std::f64::consts::TAU * 500.0);
-        for looks in [1u32, 7, 100] {
+        for intervals in [1u32, 7, 100] {
             let (mut pixel, mut rng) = pixel(&sensor, 0.2);
             let mut events = Vec::new();
             let mut out = RowOutput { rng: &mut rng, events: &mut events };
             pixel.see(&sensor, 0.0, 1.0, 1.0, &mut out);
-            for look in 0..looks {
-                let time = |look: u32| 1.0 + 5000.0 * f64::from(look) / f64::from(looks);
-                pixel.see(&sensor, time(look), time(look + 1), 1.0, &mut out);
+            for interval in 0..intervals {
+                let time = |interval: u32| 1.0 + 5000.0 * f64::from(interval) / f64::from(intervals);
+                pixel.see(&sensor, time(interval), time(interval + 1), 1.0, &mut out);
             }
             let rise = libm::log(5.0);
             assert_eq!(events.len(), 5);

@@ -23,7 +23,7 @@ pub struct Ray {
 impl Ray {
     /// Returns the ray at a distance of `step` pixels from the pixel centre, correct to second order in `step`.
     #[inline]
-    pub fn beside(&self, step: &Vector2<f64>) -> Self {
+    pub fn shifted(&self, step: &Vector2<f64>) -> Self {
         let [xx, xy, yy] = self.bends.map(|bend| bend.cast::<f64>());
         let turn_x = xx * step.x + xy * step.y;
         let turn_y = xy * step.x + yy * step.y;

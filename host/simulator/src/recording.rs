@@ -85,7 +85,7 @@ impl RecordingFormat {
     }
 
     /// Returns `true` if the format contains frames and IMU samples.
-    pub const fn holds_more_than_events(self) -> bool {
+    pub const fn contains_more_than_events(self) -> bool {
         matches!(self, Self::Aedat4 | Self::Davis346)
     }
 }
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dump_decodes_to_what_was_simulated() {
+    fn a_dump_decodes_to_the_simulated_data() {
         let simulation = simulation(346);
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("recording.dvraw");
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn an_aedat4_file_holds_what_was_simulated() {
+    fn an_aedat4_file_contains_the_simulated_data() {
         let simulation = simulation(346);
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("recording.aedat4");

@@ -62,7 +62,7 @@ pub struct Stage {
 impl Stage {
     /// Returns the light that pixel (x, y) sees from `view`.
     #[inline]
-    pub fn look(&self, view: &View, x: u16, y: u16) -> Sample {
+    pub fn sample(&self, view: &View, x: u16, y: u16) -> Sample {
         match self.rays.get(x, y) {
             Some(ray) => self.scene.sample(view, ray),
             None => Sample { radiance: self.scene.settings().background, edge: f64::NEG_INFINITY },
@@ -103,7 +103,7 @@ impl Slice {
     /// Creates the slice from tick `first` to tick `last` in front of the `scene`; `pose` returns `T_world_camera` at a
     /// time in seconds.
     pub fn new(pose: impl Fn(f64) -> Isometry3<f64>, scene: &Scene, rays: &Rays, first: usize, last: usize) -> Self {
-        const LOOKS: usize = 5;
+        const SPEED_SAMPLES: usize = 5;
         let seconds = |tick: usize| tick as f64 * TICK * 1e-6;
         let view = |tick: usize| View::new(&pose(seconds(tick))).at(seconds(tick));
         let views: Vec<View> = (first..=last).map(view).collect();
@@ -114,8 +114,8 @@ impl Slice {
             _ => 0.0,
         };
         let mut fastest: Vec<f64> = Vec::new();
-        for look in 0..=LOOKS {
-            let speeds = image_speeds(&pose, rays, seconds(first + (last - first) * look / LOOKS));
+        for sample in 0..=SPEED_SAMPLES {
+            let speeds = image_speeds(&pose, rays, seconds(first + (last - first) * sample / SPEED_SAMPLES));
             fastest.resize(speeds.len(), 0.0);
             for (fastest, speed) in fastest.iter_mut().zip(speeds) {
                 *fastest = speed.map_or(*fastest, |(_, speed)| fastest.max(speed * TICK * 1e-6));
@@ -230,7 +230,7 @@ impl Row {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(u64::from(y));
         let site = |x: u16| {
-            let sample = stage.look(view, x, y);
+            let sample = stage.sample(view, x, y);
             let hot = bad.hot.contains(&(x, y));
             let scatter = stage.scatter(x, y);
             let radiance = scattered(sample.radiance, scatter);
@@ -258,7 +258,7 @@ impl Row {
             while index < last {
                 let next = (index + site.step(reach, fastest, stage.stepping).min(longest)).min(last);
                 let Some(view) = slice.views.get(next) else { break };
-                let sample = stage.look(view, x, self.y);
+                let sample = stage.sample(view, x, self.y);
                 site.see(stage, slice.time(index), slice.time(next), sample.radiance, &mut out);
                 if stage.scene.has_lone_edges() && site.edge.abs() <= reach && sample.edge.abs() <= reach {
                     site.speed = (sample.edge - site.edge).abs() / (next - index) as f64;

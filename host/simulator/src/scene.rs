@@ -93,7 +93,7 @@ pub struct Sample {
 /// The board, prepared for rendering.
 #[derive(Clone, Debug)]
 pub struct Scene {
-    stated: Board,
+    nominal: Board,
     print: Print,
     surface: Option<Surface>,
     settings: SceneSettings,
@@ -124,8 +124,8 @@ struct Circles {
 }
 
 impl Circles {
-    fn new(stated: &CircleBoard, radius: f64, dots: Dots) -> Self {
-        let board = CircleBoard { radius, ..*stated };
+    fn new(nominal: &CircleBoard, radius: f64, dots: Dots) -> Self {
+        let board = CircleBoard { radius, ..*nominal };
         // Shapes that are not round extend further than the radius.
         let extent = if dots.are_circles() { board.radius } else { board.radius * std::f64::consts::SQRT_2 };
         Self {
@@ -165,8 +165,8 @@ struct Sheet {
 }
 
 impl Sheet {
-    fn of_circles(stated: &CircleBoard, radius: f64, settings: &SceneSettings) -> Self {
-        let circles = Circles::new(stated, radius, settings.dots);
+    fn of_circles(nominal: &CircleBoard, radius: f64, settings: &SceneSettings) -> Self {
+        let circles = Circles::new(nominal, radius, settings.dots);
         let board = &circles.board;
         let centers = (0..board.circle_count()).map(|index| board.circle_center(index));
         let corner = centers.fold(Vector2::zeros(), |corner: Vector2<f64>, center| corner.sup(&center));
@@ -180,39 +180,39 @@ impl Sheet {
         }
     }
 
-    fn of_squares(stated: &SquareBoard, half_module: f64, settings: &SceneSettings) -> Self {
-        let bounds = stated.bounds();
+    fn of_squares(nominal: &SquareBoard, half_module: f64, settings: &SceneSettings) -> Self {
+        let bounds = nominal.bounds();
         let (low, high) = (Vector2::from(bounds.low), Vector2::from(bounds.high));
-        let unit = match stated {
+        let unit = match nominal {
             SquareBoard::Checkerboard(board) => board.square,
             SquareBoard::Tags(grid) => grid.spacing * grid.tag,
             SquareBoard::Charuco(board) => board.square,
         };
-        let further = half_module - 0.5 * stated.module();
+        let further = half_module - 0.5 * nominal.module();
         let margin = Vector2::repeat((settings.margin * unit).max(further));
         Self {
             middle: 0.5 * (low + high),
             half_height: 0.5 * (high - low).min(),
             lower: low - margin,
             upper: high + margin,
-            print: Print::Squares(Squares::new(&stated.raster().widened(further))),
+            print: Print::Squares(Squares::new(&nominal.raster().widened(further))),
         }
     }
 }
 
 impl Scene {
     /// Creates the scene of `board` seen through a point-spread function of `point_spread` pixels (standard deviation).
-    pub fn new(stated: Board, settings: SceneSettings, point_spread: f64) -> Self {
-        let printed = settings.printed.unwrap_or(BoardShape::stated(&stated));
-        let surface = (!printed.is_flat()).then(|| Surface::new(&CircleArea::new(&stated), &printed));
-        let Sheet { print, lower, upper, middle, half_height } = match &stated {
+    pub fn new(nominal: Board, settings: SceneSettings, point_spread: f64) -> Self {
+        let printed = settings.printed.unwrap_or(BoardShape::nominal(&nominal));
+        let surface = (!printed.is_flat()).then(|| Surface::new(&CircleArea::new(&nominal), &printed));
+        let Sheet { print, lower, upper, middle, half_height } = match &nominal {
             Board::Circles(board) => Sheet::of_circles(board, printed.radius, &settings),
             Board::Squares(board) => Sheet::of_squares(board, printed.radius, &settings),
         };
         Self {
             middle,
             half_height,
-            stated,
+            nominal,
             print,
             surface,
             settings,
@@ -225,8 +225,8 @@ impl Scene {
     }
 
     /// Returns the nominal board.
-    pub fn stated_board(&self) -> &Board {
-        &self.stated
+    pub fn nominal_board(&self) -> &Board {
+        &self.nominal
     }
 
     /// Returns `true` if the nearest edge to a pixel remains the nearest while it is visible, so that its distance
@@ -411,8 +411,8 @@ impl Scene {
             dark
         } else {
             let bend = std::array::from_fn(|axis| {
-                let beside = ray.beside(&(gradients[axis] / slope[axis]));
-                let ahead = self.gaze(view, &beside).map(|beside| beside.point[axis] - gaze.point[axis]);
+                let shifted = ray.shifted(&(gradients[axis] / slope[axis]));
+                let ahead = self.gaze(view, &shifted).map(|shifted| shifted.point[axis] - gaze.point[axis]);
                 ahead.map_or(0.0, |ahead| 2.0 * (ahead - slope[axis]))
             });
             let footprint = Footprint {
@@ -473,7 +473,7 @@ impl Scene {
         // Newton's step to the rim in the pixel's linear map, then the tangent of the rim at that point.
         let gradient = jacobian.tr_mul(offset) / distance;
         let step = gradient * ((radius - distance) / gradient.norm_squared());
-        let at_rim = ray.beside(&step);
+        let at_rim = ray.shifted(&step);
         let Some(gaze) = self.gaze(view, &at_rim) else {
             return (self.blurred((radius - distance) / gradient.norm()), (radius - distance) / gradient.norm());
         };

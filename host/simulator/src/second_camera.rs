@@ -99,7 +99,7 @@ impl SecondCamera {
         let sensor = settings.frames.map_or(sensor, |frames| frames.sensor);
         let camera = match &settings.camera {
             Some(description) => description.camera().ok(),
-            None => beside(first, of_first, sensor),
+            None => similar_lens(first, of_first, sensor),
         };
         let camera = camera.ok_or(SimulationError::SecondLens)?;
         let seed = seed.wrapping_add(settings.seed_above);
@@ -182,7 +182,7 @@ pub(super) fn recording_name(format: RecordingFormat) -> String {
 }
 
 /// Returns a lens with a slightly longer focal length than `first`, converted from the sensor `of_first` to `sensor`.
-fn beside(first: &Camera<f64>, of_first: Sensor, sensor: Sensor) -> Option<Camera<f64>> {
+fn similar_lens(first: &Camera<f64>, of_first: Sensor, sensor: Sensor) -> Option<Camera<f64>> {
     let mut parameters = first.parameters();
     let wider = f64::from(sensor.width) / f64::from(of_first.width.max(1));
     let higher = f64::from(sensor.height) / f64::from(of_first.height.max(1));
@@ -286,7 +286,7 @@ mod tests {
     /// At the pose of the first camera, with its lens and seed, it sees the same, on its own clock and from the start
     /// of its recording.
     #[test]
-    fn its_events_are_stamped_by_its_own_clock() {
+    fn events_of_the_second_camera_have_times_of_its_own_clock() {
         let settings = SecondCameraSettings {
             position: [0.0; 3],
             rotation: [0.0; 3],
@@ -319,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_are_taken_by_its_own_clock_and_stand_in_their_table() {
+    fn frames_of_the_second_camera_have_times_of_its_own_clock() {
         let frames = FrameCameraSettings { sensor: Sensor::new(64, 48), stamps: Stamps::Start, ..Default::default() };
         let settings = SecondCameraSettings { begins_later: 0.05, frames: Some(frames), ..Default::default() };
         let SecondCameraSettings { clock_offset, clock_drift, .. } = settings;

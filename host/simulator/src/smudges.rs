@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn smudges_take_contrast_in_places() {
+    fn smudges_reduce_the_contrast_locally() {
         let smudges = Smudges::default();
         let shares: Vec<f64> = (0..10_000)
             .map(|step| smudges.share(f64::from(step % 100) / 100.0, f64::from(step / 100) / 100.0, 0.75))

@@ -181,7 +181,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 #[test]
-fn events_of_an_ideal_sensor_sit_where_log_thresholds_put_them() {
+fn events_of_an_ideal_sensor_are_at_crossings_of_log_thresholds() {
     let simulation = simulation(SensorModel::ideal(), MotionSettings::fast(), 0.3);
     let (events, _) = run(&simulation);
     let rim = rim_events(&simulation, &events, 41, circle_depth);
@@ -221,7 +221,7 @@ fn events_of_a_checkerboard_happen_when_its_edges_pass() {
 }
 
 #[test]
-fn slow_pixels_fire_behind_the_edge() {
+fn slow_pixels_fire_after_the_edge_has_passed() {
     let ideal = simulation(SensorModel::ideal(), MotionSettings::fast(), 0.15);
     let mut sensor = quiet(SensorModel::default());
     (sensor.threshold_on, sensor.threshold_off, sensor.refractory) = (0.4, 0.43, 0.0);
@@ -343,7 +343,7 @@ fn events_are_in_the_order_of_time_and_the_bus_limits_their_rate() {
 }
 
 #[test]
-fn a_scanned_sensor_gives_times_of_its_scans() {
+fn events_of_a_scanned_sensor_have_the_times_of_its_scans() {
     let (events, _) = run(&simulation(quiet(SensorModel::default()), MotionSettings::fast(), 0.1));
     let scanned = SensorModel { scan: Some(200e-6), ..quiet(SensorModel::default()) };
     let (scanned, _) = run(&simulation(scanned, MotionSettings::fast(), 0.1));
@@ -359,7 +359,7 @@ fn a_scanned_sensor_gives_times_of_its_scans() {
 }
 
 #[test]
-fn few_looks_see_what_all_looks_see() {
+fn coarse_and_fine_sampling_give_the_same_events() {
     let tags: Board = "aprilgrid:6x6:88mm:0.3".parse().unwrap();
     for (board, sensor, name) in [
         (board(), SensorModel::ideal(), "ideal"),
@@ -392,7 +392,7 @@ fn few_looks_see_what_all_looks_see() {
 }
 
 #[test]
-fn truth_is_a_camera_file_and_comes_back_from_json() {
+fn the_truth_is_a_camera_file_and_survives_a_round_trip() {
     let simulation = simulation(SensorModel::default(), MotionSettings::fast(), 0.1);
     let (_, counts) = run(&simulation);
     let truth = super::truth::Truth::new(&radtan(), &simulation, counts);

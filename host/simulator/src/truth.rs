@@ -44,7 +44,7 @@ impl Truth {
     /// no other streams.
     pub fn new(camera: &Camera<f64>, simulation: &Simulation, counts: EventCounts) -> Self {
         let settings = simulation.settings().clone();
-        let board = simulation.scene().stated_board();
+        let board = simulation.scene().nominal_board();
         let rays = simulation.rays();
         Self {
             sensor: rays.sensor(),

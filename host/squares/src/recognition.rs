@@ -38,7 +38,7 @@ const MOST_SIZES: usize = 4;
 /// Fewest tags that a moment must show to be used.
 const FEWEST_TAGS: usize = 3;
 /// Distance from a tag, as a share of its side, at which the shades of the gap and of the corner squares are measured.
-const BESIDE: f64 = 0.08;
+const MARGIN: f64 = 0.08;
 /// Families that are searched, the usual ones first, each with the number of its tags that are searched, from id 0 on (boards use the
 /// lowest ids). The more tags are searched, the more look alike.
 const FAMILIES: [(TagFamily, u16); 9] = [
@@ -183,7 +183,7 @@ fn tags_in(finder: &TagFinder, pictures: &[Prepared]) -> Vec<SeenTag> {
         for found in in_picture {
             let Some(tag) = finder.tags().get(found.index) else { continue };
             if seen.get(&tag.id).is_none_or(|known| known.found.score < found.score) {
-                let darkness = darkness_beside_corners(smooth.picture(), &found, tag.side);
+                let darkness = darkness_next_to_corners(smooth.picture(), &found, tag.side);
                 seen.insert(tag.id, SeenTag { id: tag.id, found, darkness });
             }
         }
@@ -191,14 +191,14 @@ fn tags_in(finder: &TagFinder, pictures: &[Prepared]) -> Vec<SeenTag> {
     seen.into_values().collect()
 }
 
-fn darkness_beside_corners(picture: &Picture, tag: &FoundTag, side: usize) -> f32 {
+fn darkness_next_to_corners(picture: &Picture, tag: &FoundTag, side: usize) -> f32 {
     let map = SquareMap::new(&tag.corners.map(|corner| corner.map(f64::from)));
     let at = |[u, v]: [f64; 2]| {
         let [x, y] = map.at(u, v);
         picture.bilinear(x as f32, y as f32)
     };
     let mean = |places: [[f64; 2]; 4]| places.map(at).iter().sum::<f32>() / 4.0;
-    let (low, high) = (-BESIDE, 1.0 + BESIDE);
+    let (low, high) = (-MARGIN, 1.0 + MARGIN);
     let module = 0.5 / side as f64;
     let corners = mean([[low, low], [high, low], [low, high], [high, high]]);
     let gaps = mean([[0.5, low], [0.5, high], [low, 0.5], [high, 0.5]]);

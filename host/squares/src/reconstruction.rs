@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn edges_are_at_their_position_of_that_moment() {
+    fn edges_are_at_their_position_at_the_time_of_the_picture() {
         let options = ReconstructionOptions { limit: 20.0, ..ReconstructionOptions::new(SENSOR) };
         for speed in [150.0, -150.0] {
             let events = bar(speed, 0.4, 6);

@@ -156,8 +156,8 @@ impl TagGrid {
                     is_dark(tag, dx, if grid.upwards { 1.0 - dy } else { dy })
                 }
             } else {
-                let beside = on_board(column + 1.0, grid.columns + 1) && on_board(row + 1.0, grid.rows + 1);
-                grid.corner_squares && beside && dx >= 1.0 && dy >= 1.0
+                let is_next_to_tag = on_board(column + 1.0, grid.columns + 1) && on_board(row + 1.0, grid.rows + 1);
+                grid.corner_squares && is_next_to_tag && dx >= 1.0 && dy >= 1.0
             };
             if dark { 0.1 } else { 0.9 }
         }

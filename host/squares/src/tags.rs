@@ -382,7 +382,7 @@ impl TagFinder {
     /// Returns `true` if the tag lies within the picture and has a light surround. (A tag with a wider border is dark
     /// there.)
     fn is_whole(&self, picture: &Picture, tag: &FoundTag) -> bool {
-        if !within(picture, &tag.corners) {
+        if !is_inside(picture, &tag.corners) {
             return false;
         }
         let side = self.side as f64;
@@ -448,7 +448,7 @@ impl TagFinder {
 
     /// Returns the tag at its predicted position, if it is there.
     fn verified(&self, smooth: &Smooth, tag: usize, predicted: &Quad) -> Option<FoundTag> {
-        if !within(&smooth.picture, predicted) {
+        if !is_inside(&smooth.picture, predicted) {
             return None;
         }
         let corners = self.aligned(smooth, tag, predicted)?;
@@ -548,7 +548,7 @@ impl TagFinder {
                 let predicted = self.tags[tag].corners.map(|corner| map.pixel(corner.into()));
                 found[tag] = self.verified(smooth, tag, &predicted);
                 news |= found[tag].is_some();
-                missing[tag] = found[tag].is_none() && within(&smooth.picture, &predicted);
+                missing[tag] = found[tag].is_none() && is_inside(&smooth.picture, &predicted);
             }
         }
         missing.into_iter().filter(|missing| *missing).count()
@@ -558,11 +558,11 @@ impl TagFinder {
     /// count.
     fn mirrored(&self, picture: &Picture, quads: &[Quad]) -> usize {
         let mirror = |[x, y]: [f32; 2]| [(picture.width() - 1) as f32 - x, y];
-        let looks_mirrored = |quad: &&Quad| {
+        let is_mirrored = |quad: &&Quad| {
             let [a, b, c, d] = **quad;
             self.best_match(self.modules(picture, &[a, d, c, b])).score >= LEAST_AT_FIRST
         };
-        let candidates: Vec<&Quad> = quads.iter().filter(looks_mirrored).collect();
+        let candidates: Vec<&Quad> = quads.iter().filter(is_mirrored).collect();
         if candidates.len() < 2 {
             return 0;
         }
@@ -604,7 +604,7 @@ pub(crate) fn is_same_place(a: &Quad, b: &Quad) -> bool {
     (middle(a) - middle(b)).norm() < SAME * side_of(b)
 }
 
-fn within(picture: &Picture, quad: &Quad) -> bool {
+fn is_inside(picture: &Picture, quad: &Quad) -> bool {
     quad.iter().all(|&corner| picture.contains(corner, BORDER))
 }
 

@@ -65,7 +65,7 @@ impl Truth {
 
 fn check(found: &InertialCalibration, truth: &Truth) {
     let (rotation, position) = truth.errors(found);
-    let within = |name: &str, first: usize, errors: &[f64], bound: f64| {
+    let assert_within = |name: &str, first: usize, errors: &[f64], bound: f64| {
         for (axis, error) in errors.iter().enumerate() {
             let sigma = found.sigma(first + axis);
             assert!(
@@ -75,8 +75,8 @@ fn check(found: &InertialCalibration, truth: &Truth) {
             assert!(sigma < bound, "{name} {axis}: σ {sigma}");
         }
     };
-    within("rotation", ROTATION, rotation.as_slice(), 0.1f64.to_radians());
-    within("position", POSITION, position.as_slice(), 1.5e-3);
+    assert_within("rotation", ROTATION, rotation.as_slice(), 0.1f64.to_radians());
+    assert_within("position", POSITION, position.as_slice(), 1.5e-3);
     let parameters = &found.parameters;
     // The delay includes the pixel latency of 0.1 to 0.2 ms; the delay between the sensors of the IMU does not.
     let (gyroscope, accelerometer) = (parameters.gyroscope_delay, parameters.accelerometer_delay);
@@ -84,17 +84,17 @@ fn check(found: &InertialCalibration, truth: &Truth) {
     assert!((gyroscope - accelerometer - 1e-3).abs() < 1e-4, "{gyroscope} {accelerometer}");
     assert!(found.sigma(GYROSCOPE_DELAY).max(found.sigma(ACCELEROMETER_DELAY)) < 1e-4);
     let bias = parameters.gyroscope_bias - truth.gyroscope_bias;
-    within("gyroscope's bias", GYROSCOPE_BIAS, bias.as_slice(), 0.05f64.to_radians());
+    assert_within("gyroscope's bias", GYROSCOPE_BIAS, bias.as_slice(), 0.05f64.to_radians());
     let bias = parameters.accelerometer_bias - truth.accelerometer_bias;
-    within("accelerometer's bias", ACCELEROMETER_BIAS, bias.as_slice(), 3e-3 * STANDARD_GRAVITY);
+    assert_within("accelerometer's bias", ACCELEROMETER_BIAS, bias.as_slice(), 3e-3 * STANDARD_GRAVITY);
     let entries = |matrix: Matrix3<f64>| TRIANGLE.map(|index| matrix[index]);
-    within(
+    assert_within(
         "accelerometer's scale",
         ACCELEROMETER_MATRIX,
         &entries(parameters.accelerometer_matrix - truth.accelerometer),
         3e-3,
     );
-    within("gyroscope's scale", GYROSCOPE_MATRIX, &entries(parameters.gyroscope_matrix - truth.gyroscope), 2e-3);
+    assert_within("gyroscope's scale", GYROSCOPE_MATRIX, &entries(parameters.gyroscope_matrix - truth.gyroscope), 2e-3);
     let tilt = parameters.gravity.angle(&Vector3::y()).to_degrees();
     assert!(tilt < 0.1, "gravity is off by {tilt} degrees");
     assert!((parameters.board_scale - 1.0).abs() < 3e-3, "{}", parameters.board_scale);

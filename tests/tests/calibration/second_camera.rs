@@ -99,8 +99,12 @@ fn intrinsics_can_be_fixed() {
     let finished = evcal(&[&["calibrate", text(&first), "--with", text(&second)], &fixed[..], &options[..]].concat());
     assert_eq!(finished.code, Some(0), "{}", finished.stderr);
     // The ground truth has no σ.
-    assert_eq!(finished.said().len(), 2, "{}", finished.stderr);
-    assert!(finished.said().iter().all(|line| line.contains("contains no σ of the intrinsics")), "{}", finished.stderr);
+    assert_eq!(finished.messages().len(), 2, "{}", finished.stderr);
+    assert!(
+        finished.messages().iter().all(|line| line.contains("contains no σ of the intrinsics")),
+        "{}",
+        finished.stderr
+    );
     let found = &read_json(&result.join("calibration.json"))["second_cameras"][0];
     assert_eq!(found["fixed"], serde_json::json!([true, true]));
     for (solved, was) in [(0, &truth["camera"]), (1, &of_second["camera"])] {

@@ -40,7 +40,7 @@ fn a_good_recording_has_a_good_verdict() {
 }
 
 #[test]
-fn a_board_far_away() {
+fn a_distant_board_leaves_the_camera_uncertain() {
     let verdict = verdict("far", &events("far"), BOARD);
     // The sentence contains the worst finding, the uncertainty; the distance is its cause and a separate finding.
     assert!(names(&verdict, "uncertain"), "{verdict:#}");
@@ -49,13 +49,13 @@ fn a_board_far_away() {
 }
 
 #[test]
-fn a_board_seen_head_on() {
+fn frontal_views_are_reported() {
     let verdict = verdict("head-on", &events("head-on"), BOARD);
     assert!(names(&verdict, "head-on"), "{verdict:#}");
 }
 
 #[test]
-fn a_board_in_one_corner() {
+fn uncovered_parts_of_the_sensor_are_reported() {
     let verdict = verdict("corner", &events("corner"), BOARD);
     assert!(names(&verdict, "uncovered"), "{verdict:#}");
     assert!(verdict["sentence"].as_str().unwrap().contains("at the lower right"), "{verdict:#}");
@@ -63,7 +63,7 @@ fn a_board_in_one_corner() {
 
 /// A lens calibrated with an unsuitable model: the verdict recommends a suitable one, and the error is within the reported bound.
 #[test]
-fn a_model_that_cannot_describe_the_lens() {
+fn an_unsuitable_model_is_reported_with_a_better_one() {
     for (lens, model, right) in [
         (lens::KANNALA_BRANDT, "radtan", &["kannala-brandt", "radtan8", "eucm", "double-sphere"][..]),
         // The model is wrong by half a pixel in the corners, which the board rarely covers, and almost exact elsewhere.
@@ -90,7 +90,7 @@ fn a_model_that_cannot_describe_the_lens() {
 }
 
 #[test]
-fn two_seconds() {
+fn a_recording_of_two_seconds_is_reported_as_short() {
     let events = RADTAN.simulation("short", &["--motion", "fast", "--duration", "2s"]).join("events.aedat4");
     let verdict = verdict("short", &events, BOARD);
     assert!(names(&verdict, "short"), "{verdict:#}");
@@ -115,7 +115,7 @@ fn read_out(simulation: &Path, per_millisecond: f64, file: &Path) {
 
 /// Two sensors are too slow for the motion: one occasionally, the other nearly always.
 #[test]
-fn a_saturated_readout() {
+fn a_saturated_readout_is_reported() {
     let options = ["--motion", "fast", "--duration", "3s", "--seed", "4"];
     let simulation = RADTAN.simulation("readout", &options);
     let folder = tempfile::tempdir().unwrap();
@@ -141,7 +141,7 @@ fn a_saturated_readout() {
 
 /// The nominal radius or spacing is wrong by 10 %. Only their ratio can be measured.
 #[test]
-fn circles_of_another_size() {
+fn a_wrong_nominal_radius_or_spacing_is_reported() {
     let events = RADTAN.recording().join("events.aedat4");
     for (name, board) in [
         ("radius", "acircles:9x4:55mm:r19.5mm"),
@@ -205,7 +205,7 @@ fn a_mirrored_print_gives_the_same_camera() {
 /// The given board has one row or column fewer than the real board: the camera is correct, the origin is not, and the verdict
 /// names the whole board.
 #[test]
-fn a_part_of_the_board() {
+fn a_missing_row_or_column_of_the_board_is_reported() {
     let events = RADTAN.recording().join("events.aedat4");
     for (name, board) in [("a-row-fewer", "acircles:8x4:55mm:r17.5mm"), ("a-column-fewer", "acircles:9x3:55mm:r17.5mm")]
     {
@@ -221,7 +221,7 @@ fn a_part_of_the_board() {
 }
 
 #[test]
-fn another_board() {
+fn a_wrong_board_is_rejected_with_the_right_one() {
     let events = RADTAN.recording().join("events.aedat4");
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("output");

@@ -19,7 +19,7 @@ fn round_trip(folder: &Path) -> CalibrationFile {
 }
 
 #[test]
-fn events_with_a_cross_check_by_frames() {
+fn a_calibration_with_a_cross_check_survives_a_round_trip() {
     let file = round_trip(&session_calibration());
     assert!(matches!(file.frames, Some(FramesResult::CrossCheck(_))));
     assert!(file.residual_pattern.is_some() && file.stages.detection.is_some() && !file.event_classes.is_empty());
@@ -37,7 +37,7 @@ fn events_with_a_cross_check_by_frames() {
 }
 
 #[test]
-fn pictures_alone_have_no_stages_of_events() {
+fn a_calibration_from_frames_alone_has_no_stages_of_events() {
     let folder = made("pictures-only", &["calibrate", text(&recording()), "--board", BOARD, "--frames-only"]);
     let file = round_trip(&folder);
     assert!(matches!(file.frames, Some(FramesResult::Only(_))));
@@ -45,7 +45,7 @@ fn pictures_alone_have_no_stages_of_events() {
 }
 
 #[test]
-fn circles_and_a_model_that_was_chosen() {
+fn a_calibration_from_circles_contains_the_choice_of_the_model() {
     let circles = session_calibration().join("circles.csv");
     let arguments = ["calibrate", text(&circles), "--board", BOARD, "--sensor", "346x260", "--model", "auto"];
     let file = round_trip(&made("circles-auto", &arguments));

@@ -164,8 +164,8 @@ fn recordings_are_written_in_every_format_with_their_frames() {
         let name = format!("{extension}-events.{extension}");
         let (report, path) = undistort(&name, &[]);
         assert_eq!(report["recording"]["events"], fractions.len(), "{name}");
-        let holds_frames = ["aedat4", "dvraw", "bag", "mcap"].contains(&extension);
-        assert_eq!(report["recording"]["frames"].as_u64().unwrap() > 0, holds_frames, "{name}: {report}");
+        let contains_frames = ["aedat4", "dvraw", "bag", "mcap"].contains(&extension);
+        assert_eq!(report["recording"]["frames"].as_u64().unwrap() > 0, contains_frames, "{name}: {report}");
         if !["bin", "dvraw"].contains(&extension) {
             let written = events(&path);
             assert_eq!(written.len(), fractions.len());

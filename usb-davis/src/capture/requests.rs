@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn only_the_latest_requests_are_kept_and_little_of_each() {
+    fn only_the_latest_requests_are_kept_and_their_data_are_limited() {
         let mut requests = Requests::default();
         for id in 0..3 * MOST as u64 {
             requests.begin(key(id), WRITE, &[7; 100_000]);
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn a_number_means_the_request_that_began_last() {
+    fn a_reused_number_means_the_latest_request() {
         let mut requests = Requests::default();
         requests.begin(key(1), WRITE, &[1]);
         requests.begin(key(1), WRITE, &[2]);

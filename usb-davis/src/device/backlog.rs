@@ -64,7 +64,7 @@ pub(super) struct Backlog {
     waiting: VecDeque<Received>,
     empty: Vec<Vec<u8>>,
     /// Memory of the waiting transfers and of the transfer that the reader uses.
-    held: usize,
+    buffered: usize,
     queue: Queue,
     /// `true` if a transfer failed since the last good one.
     gap: bool,
@@ -83,7 +83,7 @@ impl Backlog {
         };
         let statistics = StreamStatistics::default();
         let (waiting, empty) = (VecDeque::new(), Vec::new());
-        Self { waiting, empty, held: 0, queue, gap: false, failures: 0, statistics }
+        Self { waiting, empty, buffered: 0, queue, gap: false, failures: 0, statistics }
     }
 
     /// Returns the number of transfers to keep queued.
@@ -99,7 +99,7 @@ impl Backlog {
     /// Returns `true` if a transfer may be queued again.
     pub(super) fn has_room(&self) -> bool {
         // One transfer may wait even if the limit is zero.
-        self.held < self.queue.waiting_bytes.max(1)
+        self.buffered < self.queue.waiting_bytes.max(1)
     }
 
     /// Accepts the `length` bytes that a transfer received into `buffer`. After a failure the bytes are undefined and
@@ -132,12 +132,12 @@ impl Backlog {
         } else {
             buffer
         };
-        self.held += buffer.capacity() + OVERHEAD;
+        self.buffered += buffer.capacity() + OVERHEAD;
         let gap_before = std::mem::take(&mut self.gap);
         self.waiting.push_back(Received { buffer, length, status, host_ns, gap_before });
         self.statistics.transfers += 1;
         self.statistics.bytes += length as u64;
-        self.statistics.waiting_most = self.statistics.waiting_most.max(self.held);
+        self.statistics.waiting_most = self.statistics.waiting_most.max(self.buffered);
         Ok(())
     }
 
@@ -148,7 +148,7 @@ impl Backlog {
 
     /// Takes back a buffer that the reader no longer needs.
     pub(super) fn give_back(&mut self, buffer: Vec<u8>) {
-        self.held = self.held.saturating_sub(buffer.capacity() + OVERHEAD);
+        self.buffered = self.buffered.saturating_sub(buffer.capacity() + OVERHEAD);
         self.reuse(buffer);
     }
 
@@ -187,7 +187,7 @@ mod tests {
                 assert!(received.length == length && received.buffer.len() >= length);
                 backlog.give_back(received.buffer);
             }
-            assert_eq!(backlog.held, 0);
+            assert_eq!(backlog.buffered, 0);
             assert!(backlog.empty.len() <= QUEUE.transfers);
         }
         assert!(backlog.statistics.waiting_most < 100_000 + 4160);

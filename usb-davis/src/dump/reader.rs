@@ -8,13 +8,13 @@ use crate::registers::Register;
 
 /// Bytes read at once when searching for a record: a few at first, because a good record may follow closely.
 const SEARCH: [usize; 2] = [1 << 10, 1 << 16];
-/// Limit for the bytes that are read for damaged records: this constant, plus [`IN_VAIN_FACTOR`] times the position in
+/// Limit for the bytes that are read for damaged records: this constant, plus [`MOST_WASTED_FACTOR`] times the position in
 /// the file. Without a limit, a file full of heads that each claim the longest record would take forever to read.
-const IN_VAIN: u64 = 4 * LENGTH_MOST as u64;
-/// See [`IN_VAIN`].
-const IN_VAIN_FACTOR: u64 = 4;
+const MOST_WASTED: u64 = 4 * LENGTH_MOST as u64;
+/// See [`MOST_WASTED`].
+const MOST_WASTED_FACTOR: u64 = 4;
 /// Number of bytes as which a shorter damaged record counts, because each attempt also costs a seek.
-const LEAST_IN_VAIN: u32 = 4096;
+const LEAST_COST: u32 = 4096;
 
 /// A record of a dump.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,7 +60,7 @@ pub struct DumpReader<R> {
     damage: Damage,
     gap: bool,
     /// Bytes read for records that were not good.
-    in_vain: u64,
+    wasted: u64,
     /// Progress of the writer, if the dump is still being written.
     growth: Option<Growth>,
 }
@@ -100,7 +100,7 @@ impl<R: Read + Seek> DumpReader<R> {
             contents: Vec::new(),
             damage: Damage::default(),
             gap: false,
-            in_vain: 0,
+            wasted: 0,
             growth: None,
         })
     }
@@ -172,14 +172,14 @@ impl<R: Read + Seek> DumpReader<R> {
     /// Moves to a transfer at or shortly before `host_ns`. Use a new decoder from there: the times of the first events
     /// are unknown up to the next timestamp reset.
     pub fn seek(&mut self, host_ns: u64) -> Result<(), DumpError> {
-        self.in_vain = 0;
+        self.wasted = 0;
         let target = match self.index()? {
             Some(index) => index.iter().rev().find(|&&(_, at)| at <= host_ns).map(|&(offset, _)| offset),
             None => self.scan_for(host_ns)?,
         };
         self.offset = target.unwrap_or(self.start);
         self.gap = self.offset != self.start;
-        self.in_vain = 0;
+        self.wasted = 0;
         Ok(())
     }
 
@@ -289,15 +289,15 @@ impl<R: Read + Seek> DumpReader<R> {
         let [covered @ .., _, _, _, _] = bytes;
         let good = self.read_contents(&head, |stored| checksum(&covered, stored) == claimed)?;
         if !good {
-            self.in_vain += in_vain(&head);
+            self.wasted += cost_of_bad_record(&head);
         }
         Ok(good.then_some(head))
     }
 
-    /// Returns `true` if the record of this head fits into the file and its bytes are within the limit of [`IN_VAIN`].
+    /// Returns `true` if the record of this head fits into the file and its bytes are within the limit of [`MOST_WASTED`].
     fn may_be_at(&self, offset: u64, head: &Head) -> bool {
-        let most = offset.saturating_mul(IN_VAIN_FACTOR).saturating_add(IN_VAIN);
-        offset + HEAD as u64 + u64::from(head.stored) <= self.length && self.in_vain + in_vain(head) <= most
+        let most = offset.saturating_mul(MOST_WASTED_FACTOR).saturating_add(MOST_WASTED);
+        offset + HEAD as u64 + u64::from(head.stored) <= self.length && self.wasted + cost_of_bad_record(head) <= most
     }
 
     /// Reads the contents after `head`; returns `false` if the record is not good.
@@ -341,9 +341,9 @@ impl<R: Read + Seek> DumpReader<R> {
     }
 }
 
-/// Returns the number of bytes that count for the limit of [`IN_VAIN`] if the record of this head is damaged.
-fn in_vain(head: &Head) -> u64 {
-    head.stored.max(head.length).max(LEAST_IN_VAIN).into()
+/// Returns the number of bytes that count for the limit of [`MOST_WASTED`] if the record of this head is damaged.
+fn cost_of_bad_record(head: &Head) -> u64 {
+    head.stored.max(head.length).max(LEAST_COST).into()
 }
 
 /// Reads until `buffer` is full or the input ends; returns the number of bytes read.

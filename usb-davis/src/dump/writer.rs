@@ -63,7 +63,7 @@ impl<W: Write> DumpWriter<W> {
     }
 
     /// Reports the length of the dump to `growth`, from now on.
-    pub fn told_to(self, growth: Growth) -> Self {
+    pub fn with_growth(self, growth: Growth) -> Self {
         growth.set(self.offset);
         Self { growth, ..self }
     }

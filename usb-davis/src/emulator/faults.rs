@@ -71,7 +71,7 @@ mod tests {
     use crate::protocol::{Decoder, Layout};
 
     #[test]
-    fn bad_words_are_where_they_should_be_however_the_stream_is_cut() {
+    fn bad_words_do_not_depend_on_the_splitting_of_the_stream() {
         let faults = Faults { bad_word_every: Some(7), ..Faults::default() };
         let mut whole = [0x01, 0x80].repeat(70);
         let mut parts = whole.clone();

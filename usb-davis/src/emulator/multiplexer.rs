@@ -361,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn events_without_room_are_counted_and_the_rest_is_correct() {
+    fn events_without_buffer_space_are_counted_and_the_rest_is_correct() {
         let limited = |_, length: usize| Gate {
             streams: Streams::ALL,
             // Room for a part of each piece.

@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_come_at_their_byte() {
+    fn faults_occur_at_their_byte() {
         let pieces = vec![Piece { time: 0, bytes: (0..100).collect() }];
         let faults = Faults { cuts: vec![7, 3], stall_at: Some(12), unplug_at: Some(20), ..Faults::default() };
         let mut output = running(pieces, faults);

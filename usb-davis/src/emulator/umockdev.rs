@@ -157,7 +157,7 @@ impl EmulatedBus {
     }
 
     /// Plugs another camera into the bus of this one, at the next address. It disappears together with this one.
-    pub fn start_beside(&self, model: Model) -> io::Result<Self> {
+    pub fn plug_in_another(&self, model: Model) -> io::Result<Self> {
         Self::plug_into(self.directory.clone(), Port(self.port.0 + 1), model)
     }
 
@@ -229,9 +229,9 @@ impl EmulatedBus {
         set_mode(&self.directory.join(self.port.node()), mode)
     }
 
-    /// Calls `look` with the model of the camera.
-    pub fn model<T>(&self, look: impl FnOnce(&mut Model) -> T) -> T {
-        look(&mut lock(&self.bus).model)
+    /// Calls `visit` with the model of the camera.
+    pub fn model<T>(&self, visit: impl FnOnce(&mut Model) -> T) -> T {
+        visit(&mut lock(&self.bus).model)
     }
 }
 

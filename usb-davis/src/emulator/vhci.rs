@@ -197,9 +197,9 @@ impl VirtualCamera {
         port::location(Path::new(port::CONTROLLER), self.port)
     }
 
-    /// Calls `look` with the model of the camera.
-    pub fn model<T>(&self, look: impl FnOnce(&mut Model) -> T) -> T {
-        look(&mut lock(&self.shared).model)
+    /// Calls `visit` with the model of the camera.
+    pub fn model<T>(&self, visit: impl FnOnce(&mut Model) -> T) -> T {
+        visit(&mut lock(&self.shared).model)
     }
 }
 

@@ -178,7 +178,7 @@ mod tests {
 
     /// Values of the data sheets: 8192 LSB/g at ±4 g, 65.536 LSB/(°/s) at ±500 °/s.
     #[test]
-    fn physical_units() {
+    fn samples_are_converted_to_physical_units() {
         let sample = ImuSample {
             time: 0,
             acceleration: Some([8192, -8192, 0]),

@@ -22,7 +22,7 @@ fn pieces() -> impl Iterator<Item = Piece> + Send + 'static {
 }
 
 #[test]
-fn a_hundred_times_at_random_moments() {
+fn a_recorder_killed_at_a_random_moment_leaves_a_readable_dump() {
     let unfinished: u64 = std::thread::scope(|scope| {
         let cameras: Vec<_> = (0..CAMERAS).map(|camera| scope.spawn(move || kill_recorders(camera))).collect();
         cameras.into_iter().map(|camera| camera.join().expect("no run fails")).sum()

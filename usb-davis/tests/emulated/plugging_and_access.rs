@@ -118,7 +118,7 @@ impl<T: UsbContext> Hotplug<T> for Printer {
 
 #[test]
 #[ignore = "it is the program that the next test runs"]
-fn watch() {
+fn print_hotplug_notifications() {
     assert!(rusb::has_hotplug());
     let context = Context::new().expect("libusb starts");
     let registered = HotplugBuilder::new()
@@ -137,7 +137,7 @@ fn watch() {
 fn programs_are_notified_of_cameras_plugged_in_and_unplugged() {
     let bus = EmulatedBus::start(Model::new("1", || events(0))).expect("the bus starts");
     let mut watcher = Command::new(std::env::current_exe().expect("it has a path"))
-        .args(["--ignored", "--exact", "--nocapture", "plugging_and_access::watch"])
+        .args(["--ignored", "--exact", "--nocapture", "plugging_and_access::print_hotplug_notifications"])
         .envs(bus.environment())
         .stdout(Stdio::piped())
         .spawn()

@@ -182,7 +182,7 @@ fn odd_transfers_lose_nothing() {
 }
 
 #[test]
-fn bad_words_are_counted_and_cost_what_they_replace() {
+fn bad_words_are_counted_and_lose_only_the_words_they_replace() {
     const COUNT: u64 = 200_000;
     let bytes = total(events(COUNT));
     let every = 10_001;

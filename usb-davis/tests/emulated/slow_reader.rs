@@ -16,8 +16,8 @@ const STALLS: [(u64, usize); 2] = [(72_000_000, 24_000), (32_400_000, 10_800)];
 
 #[test]
 #[ignore = "it is the program that the next test runs"]
-fn stand_still() {
-    let bytes: u64 = std::env::var("STAND_STILL").expect("it is set").parse().expect("a number");
+fn stalled_reader() {
+    let bytes: u64 = std::env::var("STALLED_READER_BYTES").expect("it is set").parse().expect("a number");
     let mut camera = Camera::open(&Selector::default()).expect("it is there");
     camera.configure(&Configuration::calibration()).expect("it is there");
     let mut decoder = Decoder::new(camera.layout());
@@ -60,8 +60,8 @@ fn three_seconds_of_a_busy_disk_lose_nothing() {
         let faults = Faults { cuts: vec![length], ..Faults::default() };
         let bus = EmulatedBus::start(Model::new("1", source).with_faults(faults)).expect("the bus starts");
         let output = Command::new(std::env::current_exe().expect("it has a path"))
-            .args(["--ignored", "--exact", "--nocapture", "slow_reader::stand_still"])
-            .env("STAND_STILL", sent.to_string())
+            .args(["--ignored", "--exact", "--nocapture", "slow_reader::stalled_reader"])
+            .env("STALLED_READER_BYTES", sent.to_string())
             .envs(bus.environment())
             .output()
             .expect("it runs");

@@ -281,7 +281,7 @@ fn a_following_reader_receives_all_transfers_however_the_recording_ends() {
         let path = directory.path().join(format!("{number}.dvraw"));
         let growth = Growth::default();
         let writer = DumpWriter::new(File::create_new(&path).expect("it is new"), &header(), Compression::None);
-        let mut writer = writer.expect("the file takes it").told_to(growth.clone());
+        let mut writer = writer.expect("the file takes it").with_growth(growth.clone());
         let read = thread::scope(|scope| {
             let reader = scope.spawn(|| follow(&path, growth.clone()));
             for (index, (host_ns, gap_before, status, payload)) in expected.iter().enumerate() {

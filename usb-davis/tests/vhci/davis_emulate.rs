@@ -110,7 +110,7 @@ fn missing_arguments_are_reported() {
 
 #[test]
 #[ignore = "needs root and the module vhci-hcd: make test-usb-guest"]
-fn only_root_may() {
+fn only_root_may_emulate_a_camera() {
     let (directory, path) = event_file(10);
     for path in [directory.path(), &path] {
         fs::set_permissions(path, Permissions::from_mode(0o755)).expect("it is ours");

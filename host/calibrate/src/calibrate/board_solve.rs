@@ -37,7 +37,7 @@ pub(super) struct BoardSolve {
     pub(super) certainty: SolveUncertainty,
     pub(super) board: BoardEstimate,
     /// Result with the nominal board, if the board differs.
-    pub(super) as_stated: Option<(Camera<f64>, SolveUncertainty)>,
+    pub(super) with_nominal_board: Option<(Camera<f64>, SolveUncertainty)>,
     /// Indices of the coefficients that the observations do not determine and that were fixed at their expected values.
     pub(super) undetermined: Vec<usize>,
 }
@@ -54,31 +54,31 @@ pub(super) fn solve_with_board(
     progress: &Progress,
 ) -> Result<BoardSolve, CalibrateError> {
     let requests = &task.parameters;
-    let stated = shape_with(&BoardShape::stated(task.board).parameters(), &requests.fixed_board);
+    let nominal = shape_with(&BoardShape::nominal(task.board).parameters(), &requests.fixed_board);
     let camera = with_fixed(&state.camera, &requests.fixed_intrinsics, input.sensor)
-        .filter(|_| stated.is_possible(task.board))
+        .filter(|_| nominal.is_possible(task.board))
         .ok_or(CalibrateError::ImpossibleValues)?;
     let fixed = requests.fixed_intrinsics.map(|value| value.is_some());
     let mut free = requests.free_board;
-    let state = State { camera, board: stated, ..state };
+    let state = State { camera, board: nominal, ..state };
     let (mut refined, mut certainty) = solve(task, &with(input, free, fixed), state, progress)?;
-    let mut as_stated = None;
+    let mut with_nominal_board = None;
     for _ in 0..MOST_CHANGES {
         let Some(evidence) = certainty.board else { break };
-        let asked = asked(task, &stated, &evidence);
-        let shape = shape_of(&stated, &evidence, asked);
-        if asked == free || !shape.is_possible(task.board) {
+        let estimated = parameters_to_estimate(task, &nominal, &evidence);
+        let shape = shape_of(&nominal, &evidence, estimated);
+        if estimated == free || !shape.is_possible(task.board) {
             break;
         }
-        if free == [false; PARAMETERS] && lens_is_to_blame(&refined, &certainty, shape, asked) {
+        if free == [false; PARAMETERS] && lens_is_to_blame(&refined, &certainty, shape, estimated) {
             break;
         }
         progress.report("joint solve with the board's shape")?;
         let before = refined.state.camera;
         let state = State { board: shape, ..refined.state };
-        let (with_shape, certainty_with_shape) = solve(task, &with(input, asked, fixed), state, progress)?;
-        as_stated = as_stated.or(Some((before, certainty)));
-        (refined, certainty, free) = (with_shape, certainty_with_shape, asked);
+        let (with_shape, certainty_with_shape) = solve(task, &with(input, estimated, fixed), state, progress)?;
+        with_nominal_board = with_nominal_board.or(Some((before, certainty)));
+        (refined, certainty, free) = (with_shape, certainty_with_shape, estimated);
     }
     let mut undetermined = undetermined(task, &refined, &certainty);
     if !undetermined.is_empty() {
@@ -90,9 +90,9 @@ pub(super) fn solve_with_board(
             undetermined.clear();
         }
     }
-    let camera = as_stated.as_ref().map(|(camera, _)| *camera);
+    let camera = with_nominal_board.as_ref().map(|(camera, _)| *camera);
     let board = BoardEstimate::new(&refined, certainty.board_sigma, certainty.board, camera);
-    Ok(BoardSolve { refined, certainty, board, as_stated, undetermined })
+    Ok(BoardSolve { refined, certainty, board, with_nominal_board, undetermined })
 }
 
 /// Returns `input` with these estimated parameters of the board and these fixed intrinsics.
@@ -107,12 +107,12 @@ fn with<'a>(
 
 /// Returns the parameters of the board that are to be estimated: those that the user requests, and those that the observations
 /// require, without those that the user fixed.
-fn asked(task: &Task, stated: &BoardShape, evidence: &BoardEvidence) -> [bool; PARAMETERS] {
-    let by_evidence = evidence.asks_for(stated, task.board);
+fn parameters_to_estimate(task: &Task, nominal: &BoardShape, evidence: &BoardEvidence) -> [bool; PARAMETERS] {
+    let by_evidence = evidence.supported_parameters(nominal, task.board);
     let requests = &task.parameters;
     std::array::from_fn(|index| {
-        let estimated = task.settings.board.estimate && requests.fixed_board[index].is_none();
-        requests.free_board[index] || (estimated && by_evidence[index])
+        let may_be_estimated = task.settings.board.estimate && requests.fixed_board[index].is_none();
+        requests.free_board[index] || (may_be_estimated && by_evidence[index])
     })
 }
 
@@ -121,23 +121,23 @@ fn shape_with(parameters: &[f64; PARAMETERS], values: &[Option<f64>; PARAMETERS]
     BoardShape::from_parameters(std::array::from_fn(|index| values[index].unwrap_or(parameters[index])))
 }
 
-/// Returns the stated shape, with the `asked` parameters replaced by the values of the evidence.
-fn shape_of(stated: &BoardShape, evidence: &BoardEvidence, asked: [bool; PARAMETERS]) -> BoardShape {
-    let values = std::array::from_fn(|index| asked[index].then_some(evidence.values[index]));
-    shape_with(&stated.parameters(), &values)
+/// Returns the nominal shape, with the `estimated` parameters replaced by the values of the evidence.
+fn shape_of(nominal: &BoardShape, evidence: &BoardEvidence, estimated: [bool; PARAMETERS]) -> BoardShape {
+    let values = std::array::from_fn(|index| estimated[index].then_some(evidence.values[index]));
+    shape_with(&nominal.parameters(), &values)
 }
 
 /// Returns `true` if the residuals are systematic over the image because the lens model cannot follow the lens, rather than
-/// because of the board. The board would have this `shape` with the `asked` parameters estimated.
+/// because of the board. The board would have this `shape` with the `estimated` parameters part of the solve.
 fn lens_is_to_blame(
     refined: &Refined,
     certainty: &SolveUncertainty,
     shape: BoardShape,
-    asked: [bool; PARAMETERS],
+    estimated: [bool; PARAMETERS],
 ) -> bool {
     let (problem, state) = (&refined.problem, &refined.state);
     let pattern = residual_map(problem, state, &refined.events).pattern;
-    pattern.is_suspicious() && lens_explains_more(problem, state, shape, asked, certainty.intrinsics.inflation)
+    pattern.is_suspicious() && lens_explains_more(problem, state, shape, estimated, certainty.intrinsics.inflation)
 }
 
 /// Returns the coefficients whose σ is more than [`UNDETERMINED`] times the variation between lenses and that do not differ

@@ -113,7 +113,7 @@ fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateErr
         progress.report(format!("looking for the board in {}", input.short_name()))?;
         match input {
             Input::Events(recording) => {
-                let (fingerprint, broken) = all.look_through(task, index, recording, progress)?;
+                let (fingerprint, broken) = all.search_recording(task, index, recording, progress)?;
                 fingerprints.add(input.name(), fingerprint)?;
                 damage = damage.or(broken);
             }
@@ -143,7 +143,7 @@ impl Detected {
     /// Searches for the board in recording `index`, and collects the sample of events and the findings on light and
     /// pixels. Returns the fingerprint of the recording (empty if there is no other recording to compare it with), and
     /// the error at which a damaged recording ends.
-    fn look_through(
+    fn search_recording(
         &mut self,
         task: &Task,
         index: usize,
@@ -200,7 +200,7 @@ impl Detected {
             pixels: BadPixels::of_counts(&thinning.counts(), usize::from(sensor.width), thinning.repeated()),
             disorder: Disorder::met(&pass.report),
             coarse_times: steps.coarse(pass.first),
-            edges: edge_width(&looked_at(&windows)),
+            edges: edge_width(&evenly_chosen(&windows)),
         });
         self.windows.extend(windows);
         self.detection.add(&report);
@@ -249,7 +249,7 @@ fn exchanged_in(windows: &[CompactFrame]) -> Option<Exchanged> {
 }
 
 /// Returns the windows in which the width of edges is measured, spread evenly over the recording.
-fn looked_at(windows: &[CompactFrame]) -> Vec<ReferenceFrame> {
+fn evenly_chosen(windows: &[CompactFrame]) -> Vec<ReferenceFrame> {
     windows.iter().step_by(windows.len().div_ceil(WINDOWS).max(1)).cloned().map(ReferenceFrame::from).collect()
 }
 

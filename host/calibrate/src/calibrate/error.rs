@@ -196,7 +196,7 @@ pub enum CalibrateError {
 
 impl CalibrateError {
     /// Returns `true` if the recordings could be read and their content explains the failure.
-    pub fn is_of_what_was_seen(&self) -> bool {
+    pub fn is_explained_by_content(&self) -> bool {
         matches!(
             self,
             Self::NoPattern(_)

@@ -15,7 +15,7 @@ use super::joint_solve::trajectory_settings;
 use super::model_solve::solve_with_model;
 use super::other_intervals::follow_others;
 use super::picture_solve::{WithPictures, join_pictures};
-use super::pictures::{Files, calibrate_beside, cross_check};
+use super::pictures::{Files, calibrate_pictures_with_events, cross_check};
 use super::progress::Progress;
 use super::saturated::Saturated;
 use crate::circles::reference_frame::PointObservation;
@@ -46,7 +46,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         without_pictures: &detected.without_pictures,
         duration: detected.recordings.iter().map(|recording| recording.duration).sum(),
     };
-    let pictures = calibrate_beside(task, files, &frames, sensor, first.initial.camera.kind(), progress)?;
+    let pictures = calibrate_pictures_with_events(task, files, &frames, sensor, first.initial.camera.kind(), progress)?;
     keep_examples(&mut frames, &first.initial);
     let events = detected.events.of_choice(choice.as_ref(), task, sensor, progress)?;
 
@@ -129,5 +129,5 @@ fn first_input<'a>(
 
 /// Returns the start of the joint solve: the nominal board, and unknown biases of the events.
 fn first_state(task: &Task, camera: Camera<f64>, trajectories: Vec<Trajectory>) -> State {
-    State { camera, board: BoardShape::stated(task.board), bias: unknown(FIRST_SIGMA), trajectories }
+    State { camera, board: BoardShape::nominal(task.board), bias: unknown(FIRST_SIGMA), trajectories }
 }

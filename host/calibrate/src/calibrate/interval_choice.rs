@@ -145,8 +145,8 @@ impl SecondInformation {
         let of_second = |second: &Second| {
             let frames = frames.get(second.frames.clone()).unwrap_or_default();
             let step = frames.len().div_ceil(WINDOWS_OF_SECOND).max(1);
-            let looked_at = frames.iter().step_by(step);
-            let sum = looked_at.filter_map(|frame| information(&camera, frame, task.board));
+            let thinned = frames.iter().step_by(step);
+            let sum = thinned.filter_map(|frame| information(&camera, frame, task.board));
             sum.fold(Information::zeros(), |sum, one| sum + one) * step as f64
         };
         Some(Self {

@@ -111,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_recording_is_of_another_camera_if_another_fits_and_it_does_not() {
+    fn a_recording_is_of_another_camera_if_only_other_recordings_fit() {
         let places = |counts: &[(usize, usize)]| {
             let counts: Vec<Count> = counts.iter().map(|&(found, fitting)| Count { found, fitting }).collect();
             foreign(&counts).into_iter().map(|(place, _)| place).collect::<Vec<_>>()
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_is_of_another_camera_if_hardly_a_frame_of_it_fits_and_the_rest_does() {
+    fn a_part_is_of_another_camera_if_only_the_rest_of_the_recording_fits() {
         let part = |counts: &[(usize, usize)]| {
             let seconds = counts.iter().map(|&(found, fitting)| Count { found, fitting }).enumerate();
             foreign_part(&seconds.collect()).map(|part| (part.start, part.end))

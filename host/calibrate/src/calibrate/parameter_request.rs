@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_name_lists_those_that_exist() {
+    fn the_error_about_an_unknown_name_lists_all_names() {
         let message = requests(&["k7=0"], &[]).unwrap_err().to_string();
         assert!(message.contains("fx, fy, cx, cy, k1, k2, p1, p2, k3, print-ratio, bend-x"), "{message}");
         let message = ParameterRequests::new(None, &[], &["k1".to_owned()]).unwrap_err().to_string();

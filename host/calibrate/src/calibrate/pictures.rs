@@ -58,7 +58,7 @@ const LONGEST_BETWEEN: f64 = 0.25;
 pub(super) type CalibratedPictures = Result<PictureCalibration, NoPictureCalibration>;
 
 /// The camera's own pictures, in addition to its events.
-pub(super) struct PicturesBeside {
+pub(super) struct PicturesWithEvents {
     /// The calibration from them alone.
     pub(super) calibrated: CalibratedPictures,
     /// Misalignment of pictures and events of the same moment.
@@ -71,14 +71,14 @@ pub(super) struct PicturesBeside {
 /// # Errors
 /// [`CalibrateError`] if the task requires the pictures and there is no calibration from them, or if pictures and
 /// `windows` of events show the board at different positions.
-pub(super) fn calibrate_beside(
+pub(super) fn calibrate_pictures_with_events(
     task: &Task,
     files: Files,
     windows: &[ReferenceFrame],
     sensor: Sensor,
     model: ModelKind,
     progress: &Progress,
-) -> Result<Option<PicturesBeside>, CalibrateError> {
+) -> Result<Option<PicturesWithEvents>, CalibrateError> {
     let is_needed = match task.pictures {
         PictureUse::Ignore | PictureUse::Only => return Ok(None),
         PictureUse::CrossCheck => false,
@@ -93,7 +93,7 @@ pub(super) fn calibrate_beside(
     if is_needed {
         require(task, calibrated.as_ref())?;
     }
-    Ok(calibrated.map(|calibrated| PicturesBeside { calibrated, misalignment }))
+    Ok(calibrated.map(|calibrated| PicturesWithEvents { calibrated, misalignment }))
 }
 
 /// Searches for the board in as many pictures as a cross-check needs, spread evenly over the recordings.
@@ -116,7 +116,7 @@ fn see_pictures(task: &Task, files: Files, interval: i64, progress: &Progress) -
     for (number, input) in task.inputs.iter().enumerate() {
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);
         let origin = match input {
-            Input::Events(recording) if recording.may_hold_frames() && without.get(number) != Some(&true) => {
+            Input::Events(recording) if recording.may_contain_frames() && without.get(number) != Some(&true) => {
                 progress.report(format!("looking for the board in the frames of {}", input.short_name()))?;
                 detection.search(number, start, |visit| recording.visit_frames(visit))?
             }
@@ -151,9 +151,9 @@ fn picture_calibration(
 }
 
 /// Compares the result from events with the one from pictures.
-pub(super) fn cross_check(solve: &BoardSolve, sensor: Sensor, pictures: &PicturesBeside) -> CrossCheckOutcome {
+pub(super) fn cross_check(solve: &BoardSolve, sensor: Sensor, pictures: &PicturesWithEvents) -> CrossCheckOutcome {
     // The pictures are calibrated with the nominal board, so they are compared with the result for that board.
-    let (camera, certainty) = match &solve.as_stated {
+    let (camera, certainty) = match &solve.with_nominal_board {
         Some((camera, certainty)) => (camera, certainty),
         None => (&solve.refined.state.camera, &solve.certainty),
     };

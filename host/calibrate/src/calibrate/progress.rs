@@ -174,9 +174,9 @@ mod tests {
     #[test]
     fn a_pass_through_recordings_that_were_read_before_counts_all_of_them() {
         let inputs: Vec<Input> = input().into_iter().chain(input()).collect();
-        let mut told: Vec<(String, Option<f64>)> = Vec::new();
+        let mut steps: Vec<(String, Option<f64>)> = Vec::new();
         let mut on_progress = |step: Step| {
-            told.push((step.text.to_owned(), step.done));
+            steps.push((step.text.to_owned(), step.done));
             ControlFlow::Continue(())
         };
         let progress = Progress::new(&inputs, &mut on_progress);
@@ -190,7 +190,7 @@ mod tests {
         }
         drop(progress);
         let of = |text: &str| {
-            let of_text = told.iter().filter(|(other, _)| other == text);
+            let of_text = steps.iter().filter(|(other, _)| other == text);
             of_text.filter_map(|(_, done)| *done).collect::<Vec<f64>>()
         };
         // Each file on its own, then both as one.
@@ -203,9 +203,9 @@ mod tests {
     #[test]
     fn progress_measured_by_a_step_never_decreases_while_events_are_read() {
         let inputs = input();
-        let mut told: Vec<(String, Option<f64>)> = Vec::new();
+        let mut steps: Vec<(String, Option<f64>)> = Vec::new();
         let mut on_progress = |step: Step| {
-            told.push((step.text.to_owned(), step.done));
+            steps.push((step.text.to_owned(), step.done));
             ControlFlow::Continue(())
         };
         let progress = Progress::new(&inputs, &mut on_progress);
@@ -217,7 +217,8 @@ mod tests {
         progress.report_part("next round", 0.2).unwrap();
         progress.report("end").unwrap();
         drop(progress);
-        let of = |text: &str| told.iter().filter(|(other, _)| other == text).map(|(_, done)| *done).collect::<Vec<_>>();
+        let of =
+            |text: &str| steps.iter().filter(|(other, _)| other == text).map(|(_, done)| *done).collect::<Vec<_>>();
         let round = of("round");
         assert!(round.len() > 4 && round[..round.len() - 3].iter().all(|done| *done == Some(0.1)), "{round:?}");
         assert_eq!(round[round.len() - 3..], [Some(0.4); 3]);
@@ -225,14 +226,14 @@ mod tests {
     }
 
     #[test]
-    fn a_calibration_can_be_ended() {
+    fn a_calibration_can_be_cancelled() {
         let (inputs, board) = (input(), "acircles:9x4:55mm:r17.5mm".parse().unwrap());
-        let mut told = Vec::new();
+        let mut steps = Vec::new();
         let ended = calibrate(&Task::new(&inputs, &board), |step| {
-            told.push(step.text.to_owned());
+            steps.push(step.text.to_owned());
             ControlFlow::Break(())
         });
         assert!(matches!(ended.err(), Some(CalibrateError::Stopped)));
-        assert_eq!(told, ["looking for the board in array"]);
+        assert_eq!(steps, ["looking for the board in array"]);
     }
 }

@@ -228,10 +228,10 @@ mod tests {
 
     #[test]
     fn the_advice_never_names_parts_of_zero_length() {
-        let told = |duration| RepeatError::TooShort { duration, seconds: 6.0 }.to_string();
-        assert!(told(3.0).ends_with("try parts of 1.5 s"), "{}", told(3.0));
+        let message = |duration| RepeatError::TooShort { duration, seconds: 6.0 }.to_string();
+        assert!(message(3.0).ends_with("try parts of 1.5 s"), "{}", message(3.0));
         for duration in [0.0, 0.004, 0.19] {
-            assert!(told(duration).ends_with("record longer"), "{}", told(duration));
+            assert!(message(duration).ends_with("record longer"), "{}", message(duration));
         }
     }
 }

@@ -14,7 +14,7 @@ use crate::second_camera::calibration::SecondCalibration;
 use crate::second_camera::error::SecondCameraError;
 use crate::second_camera::frames::{FrameCamera, SeenFrame, calibrate_frames};
 use crate::second_camera::joint::Lenses;
-use crate::second_camera::{Apart, Pictures, calibrate_pictures_against, calibrate_second};
+use crate::second_camera::{Pictures, SeparateCalibration, calibrate_pictures_against, calibrate_second};
 use crate::settings::Settings;
 use crate::solve::fixed_intrinsics::FixedIntrinsics;
 use crate::solve::residual_statistics::Measured;
@@ -29,7 +29,7 @@ use event_recordings::images::Images;
 ///
 /// # Errors
 /// As for [`calibrate`].
-pub fn calibrate_lens_apart(
+pub fn calibrate_lens_separately(
     task: &Task,
     progress: impl FnMut(Step) -> ControlFlow<()> + Send,
 ) -> Result<Calibrated, CalibrateError> {
@@ -42,7 +42,7 @@ pub fn calibrate_lens_apart(
 
 /// Returns the use of the pictures in `input`, the recording of another camera. If its events come from a file of the
 /// `first` camera, the pictures in that file belong to the first camera and are ignored.
-pub fn pictures_beside(first: &[Input], input: &Input) -> PictureUse {
+pub fn picture_use_of_second(first: &[Input], input: &Input) -> PictureUse {
     match input {
         Input::Images(_) => PictureUse::Only,
         _ if first.iter().any(|own| own.is_of_file_of(input)) => PictureUse::Ignore,
@@ -55,7 +55,7 @@ pub fn pictures_beside(first: &[Input], input: &Input) -> PictureUse {
 ///
 /// # Errors
 /// [`SecondCameraError`] describes the problem and what to do; the cameras are calibrated nevertheless.
-pub fn calibrate_beside(
+pub fn calibrate_against_first(
     first: &Calibrated,
     second: &Calibrated,
     input: &Input,
@@ -95,8 +95,8 @@ pub fn calibrate_second_camera(
         return Err(SecondCameraError::SameRecording { file: file.to_owned() });
     }
     let calibration = calibrate_second(
-        Apart { refined: &of_first.refined, uncertainty: &first.quality.uncertainty },
-        Apart { refined: &of_second.refined, uncertainty: &second.quality.uncertainty },
+        SeparateCalibration { refined: &of_first.refined, uncertainty: &first.quality.uncertainty },
+        SeparateCalibration { refined: &of_second.refined, uncertainty: &second.quality.uncertainty },
         &symmetries(board),
         lenses,
     )?;
@@ -154,8 +154,8 @@ pub fn calibrate_frame_camera(
         point_sigma: pictures.spread,
         rolling_shutter,
     };
-    let apart = Apart { refined: &of_first.refined, uncertainty: &first.quality.uncertainty };
-    let calibration = calibrate_frames(apart, camera, &symmetries(board), lenses)?;
+    let separate = SeparateCalibration { refined: &of_first.refined, uncertainty: &first.quality.uncertainty };
+    let calibration = calibrate_frames(separate, camera, &symmetries(board), lenses)?;
     let used = SecondFrames { used: frames.len(), stamps: images.stamps(), exposure_known: images.exposure_known() };
     Ok(mounted(first, second, &images.name(), Some(used), calibration))
 }
@@ -181,14 +181,14 @@ pub fn calibrate_own_pictures(
     }
     let of_first = along_trajectories(first)?;
     let pictures = of_first.own_pictures.as_ref().ok_or(SecondCameraError::NoTrajectory)?;
-    let refined = Apart { refined: &of_first.refined, uncertainty: &first.quality.uncertainty };
+    let separate = SeparateCalibration { refined: &of_first.refined, uncertainty: &first.quality.uncertainty };
     let seen = Pictures {
         camera: pictures.camera,
         sigma: &pictures.sigma,
         points: &pictures.points,
         point_sigma: pictures.report.spread,
     };
-    let calibration = calibrate_pictures_against(refined, seen, fixed)?;
+    let calibration = calibrate_pictures_against(separate, seen, fixed)?;
     let start = first.starts.first().copied().unwrap_or(0.0);
     Ok(SecondCamera {
         file: "the first camera's own frames".to_owned(),

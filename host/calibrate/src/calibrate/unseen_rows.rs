@@ -51,7 +51,7 @@ mod tests {
         let frames = vec![frame; FEWEST];
         assert_eq!(finding_on(board(9), &frames), None);
         assert_eq!(finding_on(board(11), &frames[1..]), None);
-        let told = finding_on(board(11), &frames).unwrap().reason;
-        assert_eq!(told, "of the 11x4 rows and columns of the board only 9x4 were ever found");
+        let reason = finding_on(board(11), &frames).unwrap().reason;
+        assert_eq!(reason, "of the 11x4 rows and columns of the board only 9x4 were ever found");
     }
 }

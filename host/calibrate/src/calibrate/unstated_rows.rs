@@ -58,7 +58,7 @@ fn origins_of(trajectory: &Trajectory, larger: &LargerPattern, camera: &Camera<f
     let frames = larger.frames.iter().filter(|frame| frame.recording == trajectory.recording);
     frames
         .filter_map(|frame| origin_in(frame, camera, trajectory))
-        .map(|circle| first_alike(circle, larger.pattern))
+        .map(|circle| first_equivalent(circle, larger.pattern))
         .collect()
 }
 
@@ -83,7 +83,7 @@ fn ranked_from(place: Vector2<f64>, frame: &ReferenceFrame) -> Vec<(f64, usize, 
 }
 
 /// Returns the first of the circles equivalent to `circle`: a symmetric board does not determine its orientation.
-fn first_alike(circle: usize, pattern: Pattern) -> usize {
+fn first_equivalent(circle: usize, pattern: Pattern) -> usize {
     (0..symmetry(&pattern)).filter_map(|turn| reorder(&pattern, circle, turn)).min().unwrap_or(circle)
 }
 
@@ -97,7 +97,7 @@ mod tests {
     use crate::trajectory::RotationControl;
 
     /// Returns the finding if the segments have their origins at these lattice positions of the larger board.
-    fn told(stated: &str, larger: &str, origins: &[(i32, i32)]) -> Finding {
+    fn finding_for(stated: &str, larger: &str, origins: &[(i32, i32)]) -> Finding {
         let [board, seen] = [stated, larger].map(|name| format!("{name}:55mm:r17.5mm").parse::<CircleBoard>().unwrap());
         let camera = Camera::from_parameters(ModelKind::Radtan4, &[300.0, 300.0, 173.0, 130.0, 0.0, 0.0, 0.0, 0.0]);
         let camera = camera.unwrap();
@@ -137,15 +137,15 @@ mod tests {
     }
 
     #[test]
-    fn a_part_at_the_first_circle_is_noted() {
-        let told = told("acircles:8x4", "acircles:9x4", &[(0, 0), (0, 0)]);
-        assert_eq!((told.cause, told.severity), (Cause::LargerBoard, Severity::Note));
-        assert_eq!(told.reason, "only 8x4 of the board's 9x4 rows and columns are stated");
-        assert_eq!(told.advice, Advice::TakeWholeBoard("acircles:9x4:55mm:r17.5mm".parse().unwrap()));
+    fn missing_rows_with_the_origin_at_the_first_circle_are_a_note() {
+        let finding = finding_for("acircles:8x4", "acircles:9x4", &[(0, 0), (0, 0)]);
+        assert_eq!((finding.cause, finding.severity), (Cause::LargerBoard, Severity::Note));
+        assert_eq!(finding.reason, "only 8x4 of the board's 9x4 rows and columns are stated");
+        assert_eq!(finding.advice, Advice::TakeWholeBoard("acircles:9x4:55mm:r17.5mm".parse().unwrap()));
     }
 
     #[test]
-    fn an_origin_elsewhere_or_in_several_places_is_a_warning() {
+    fn an_origin_that_is_not_at_the_first_circle_is_a_warning() {
         for (stated, larger, origins, consequence) in [
             ("acircles:9x3", "acircles:9x4", &[(0, 0), (2, 0)][..], "origin jumps"),
             ("acircles:7x4", "acircles:9x4", &[(0, 2), (0, 2)], "origin is not on its first"),
@@ -157,10 +157,10 @@ mod tests {
             // The ends of a symmetric board cannot be distinguished.
             ("circles:5x5", "circles:6x5", &[(0, 0), (4, 4)], "origin jumps"),
         ] {
-            let told = told(stated, larger, origins);
-            assert_eq!(told.severity, Severity::Warning, "{stated} of {larger}: {told:?}");
-            assert!(told.reason.contains(consequence), "{stated} of {larger}: {told:?}");
+            let finding = finding_for(stated, larger, origins);
+            assert_eq!(finding.severity, Severity::Warning, "{stated} of {larger}: {finding:?}");
+            assert!(finding.reason.contains(consequence), "{stated} of {larger}: {finding:?}");
         }
-        assert_eq!(told("circles:5x5", "circles:6x5", &[(0, 0), (4, 5)]).severity, Severity::Note);
+        assert_eq!(finding_for("circles:5x5", "circles:6x5", &[(0, 0), (4, 5)]).severity, Severity::Note);
     }
 }

@@ -75,7 +75,7 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
 /// Returns advice on many events outside the sensor.
 fn advice_on_outside(information: &Information, has_columns: bool) -> Advice {
     let report = &information.report;
-    if report.looks_exchanged() {
+    if report.are_coordinates_exchanged() {
         return Advice::ExchangeAxes;
     }
     let count = report.out_of_range;
@@ -190,9 +190,9 @@ mod tests {
     #[test]
     fn one_polarity_is_reported() {
         let on = |event: Event| Event { polarity: Polarity::On, ..event };
-        let told = next_of(events(20_000).into_iter().map(on).collect(), DAVIS);
-        assert_eq!(told, Advice::BothPolarities(Polarity::On));
-        assert!(told.to_string().starts_with("all events are ON, and a circle is found from ON and OFF"), "{told}");
+        let advice = next_of(events(20_000).into_iter().map(on).collect(), DAVIS);
+        assert_eq!(advice, Advice::BothPolarities(Polarity::On));
+        assert!(advice.to_string().starts_with("all events are ON, and a circle is found from ON and OFF"), "{advice}");
         assert!(!next_of(events(20_000), DAVIS).to_string().contains("all events"));
     }
 
@@ -202,12 +202,12 @@ mod tests {
         let one = |event: Event| Event { x: event.x + 1, y: event.y + 1, ..event };
         let counted: Vec<Event> = events(20_000).into_iter().map(one).collect();
         let sensor = Sensor::new(346, 260);
-        let told = Advice::CountFromZero { sensor, name_sensor: false };
+        let advice = Advice::CountFromZero { sensor, name_sensor: false };
         assert_eq!(
-            told.to_string(),
+            advice.to_string(),
             "pixels are counted from 1, up to column 346 and row 260: subtract 1 from x and y"
         );
-        assert_eq!(next_of(counted.clone(), DAVIS), told);
+        assert_eq!(next_of(counted.clone(), DAVIS), advice);
         assert_eq!(next_of(counted, None), Advice::CountFromZero { sensor, name_sensor: true });
         assert_eq!(next_of(events(20_000), None), Advice::NameSensor(DAVIS));
     }
@@ -215,16 +215,16 @@ mod tests {
     #[test]
     fn repeated_events_are_reported() {
         let twice = events(20_000).into_iter().flat_map(|event| [event, event]).collect();
-        let told = next_of(twice, DAVIS).to_string();
+        let advice = next_of(twice, DAVIS).to_string();
         assert!(
-            told.starts_with("50 % of the events repeat another") && told.contains("export each event once"),
-            "{told}"
+            advice.starts_with("50 % of the events repeat another") && advice.contains("export each event once"),
+            "{advice}"
         );
     }
 
     /// The advice is to record more, not to move faster.
     #[test]
-    fn a_few_events_are_too_short_a_recording() {
+    fn a_recording_of_few_events_is_reported_as_too_short() {
         assert_eq!(
             next_of(events(1), DAVIS).to_string(),
             "the recording is too short, with only 1 event: record 10 seconds"
@@ -247,8 +247,8 @@ mod tests {
         for sensor in [DAVIS, None] {
             let options =
                 RecordingOptions { sensor, columns: Some("t,x,y,p".parse().unwrap()), ..RecordingOptions::default() };
-            let told = next(&Recording::new(&path, options).unwrap());
-            assert_eq!(told, Advice::NameColumns(Outside::All));
+            let advice = next(&Recording::new(&path, options).unwrap());
+            assert_eq!(advice, Advice::NameColumns(Outside::All));
         }
     }
 }

@@ -122,7 +122,7 @@ mod tests {
 
     /// Returns the more likely unit for 30 000 events `step` µs apart, with a pause of `pause` µs before the last
     /// thousand.
-    fn told(step: i64, pause: i64) -> Option<Option<TimeUnit>> {
+    fn suspected_unit(step: i64, pause: i64) -> Option<Option<TimeUnit>> {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("events.csv");
         let line = |index: i64| {
@@ -137,11 +137,11 @@ mod tests {
 
     #[test]
     fn a_pause_does_not_make_the_unit_wrong() {
-        assert_eq!(told(1, 0), None);
+        assert_eq!(suspected_unit(1, 0), None);
         // A year without events in a recording in µs: the unit is not reported as wrong.
-        assert_eq!(told(1, 31_557_600_000_000), None);
+        assert_eq!(suspected_unit(1, 31_557_600_000_000), None);
         // Multiples of 1000 are recognised as nanoseconds at once.
-        assert_eq!(told(1001, 0), Some(Some(TimeUnit::Nanoseconds)));
+        assert_eq!(suspected_unit(1001, 0), Some(Some(TimeUnit::Nanoseconds)));
     }
 
     /// A rate of 650 million events per second is reported, although the recording begins slowly.

@@ -197,7 +197,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn addresses_are_a_port_and_options() {
+    fn addresses_are_parsed_into_port_and_options() {
         let address = |port: &str| SerialAddress { port: port.into(), baud: 921_600, seconds: 10.0, save: None };
         let parse = |text: &str| text.parse::<SerialAddress>();
         assert_eq!(parse("serial:/dev/ttyACM0").unwrap(), address("/dev/ttyACM0"));

@@ -395,7 +395,7 @@ mod tests {
 
     /// The restarts move times towards both ends of the range of 64 bits. Their difference must not overflow.
     #[test]
-    fn restarts_at_impossible_times_are_read() {
+    fn restarts_with_extreme_times_do_not_overflow() {
         let hello_at = |time_us| Message::Hello(Hello { first: true, time_us, ..Hello::default() });
         let mut messages = vec![hello(true), hello_at(u64::MAX)];
         messages.extend(window(0, 0, 1));
@@ -409,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_of_the_sensor_is_reported_with_the_first_and_the_last() {
+    fn a_change_of_the_sensor_is_reported_with_the_first_and_the_last_size() {
         let mut messages = window(0, 0, 1);
         for sensor_width in [320, 640, 320, 346, 320] {
             messages.push(Message::Hello(Hello { sensor_width, sensor_height: 240, ..Hello::default() }));

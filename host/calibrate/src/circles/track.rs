@@ -395,7 +395,7 @@ t_us,x_px,y_px,column,row
     }
 
     #[test]
-    fn no_cut_panics_or_changes_the_circles_before_it() {
+    fn a_truncated_file_keeps_the_circles_before_the_cut() {
         let all = ordered(FOREIGN);
         let first_line = FOREIGN.find('\n').unwrap();
         for length in 0..FOREIGN.len() {
@@ -446,7 +446,7 @@ t_us,x_px,y_px,column,row
     }
 
     #[test]
-    fn a_file_has_only_significant_digits() {
+    fn numbers_are_written_with_significant_digits_only() {
         let circle = ObservedCircle {
             index: 0,
             t: 0.032,
@@ -486,7 +486,7 @@ t_us,x_px,y_px,column,row
         }
 
         #[test]
-        fn no_bytes_panic(bytes in prop::collection::vec(any::<u8>(), 0..300), text in "[0-9,.;#\n e-]{0,200}") {
+        fn arbitrary_bytes_do_not_panic(bytes in prop::collection::vec(any::<u8>(), 0..300), text in "[0-9,.;#\n e-]{0,200}") {
             let _ = parse(&bytes, &PATTERN, 0);
             let _ = parse(format!("t_s,x_px,y_px,column,row,frame\n{text}").as_bytes(), &PATTERN, 0);
         }

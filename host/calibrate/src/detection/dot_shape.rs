@@ -55,7 +55,7 @@ const RIM_BAND: std::ops::Range<f64> = 0.55..1.45;
 /// Cosine of the angle to the dot's motion below which the edge nearly slides along itself, for events on the rim.
 const SLIDING: f64 = 0.25;
 /// The same limit for events next to the rim.
-const SLIDING_BESIDE: f64 = 0.5;
+const SLIDING_NEXT_TO_RIM: f64 = 0.5;
 /// Distance from the rim within which events belong to it, in radii.
 const RIM: f64 = 0.2;
 /// The same distance in pixels.
@@ -110,9 +110,9 @@ impl DotShape {
                 if !cell(place) {
                     continue;
                 }
-                if toward.abs() > SLIDING_BESIDE {
-                    let beside = (radius - 1.0).abs() > margin;
-                    if beside {
+                if toward.abs() > SLIDING_NEXT_TO_RIM {
+                    let is_next_to_rim = (radius - 1.0).abs() > margin;
+                    if is_next_to_rim {
                         shape.opposite += if expected { -1.0 } else { 1.0 };
                     } else if expected {
                         shape.flank += 1.0;

@@ -37,7 +37,7 @@ pub struct LargerPattern {
 /// Returns the board that contains `stated`, if most chunks that show all of the stated board show all of the larger one.
 pub fn larger_pattern(recordings: &[UnplacedWindows], stated: Pattern, sensor: Sensor) -> Option<LargerPattern> {
     let chunks: usize = recordings.iter().map(|windows| windows.chunks).sum();
-    let all = chunks + recordings.iter().map(|windows| windows.as_stated).sum::<usize>();
+    let all = chunks + recordings.iter().map(|windows| windows.with_whole_board).sum::<usize>();
     // Usually it ends here: nothing is tried if the board is as stated.
     if chunks < FEWEST || 2 * chunks <= all {
         return None;
@@ -102,19 +102,19 @@ mod tests {
             let nearer = 1.0 + 0.002 * (part - 0.3) * turned.x + 0.0007 * turned.y;
             circle(turned / nearer + Vector2::new(173.0, 130.0))
         });
-        let beside = [Vector2::new(12.0 + f64::from(view), 9.0), Vector2::new(330.0, 240.0)].map(circle);
-        UnorderedFrame { start: part, end: part + 0.01, circles: seen.chain(beside).collect() }
+        let clutter = [Vector2::new(12.0 + f64::from(view), 9.0), Vector2::new(330.0, 240.0)].map(circle);
+        UnorderedFrame { start: part, end: part + 0.01, circles: seen.chain(clutter).collect() }
     }
 
     fn whole(view: u32, pattern: Pattern) -> UnorderedFrame {
         window(view, (0..pattern.circle_count()).map(|index| pattern.lattice_position(index)))
     }
 
-    /// Returns the result for a recording with `larger` windows of this board and `as_stated` chunks of the stated one.
-    fn told(stated: &str, board: &str, larger: u32, as_stated: u32) -> Option<(Pattern, usize)> {
+    /// Returns the result for a recording with `larger` windows of this board and `with_whole_board` chunks of the stated one.
+    fn found_pattern(stated: &str, board: &str, larger: u32, with_whole_board: u32) -> Option<(Pattern, usize)> {
         let mut windows = UnplacedWindows::new(3);
         (0..larger).for_each(|view| windows.take(Some(whole(view % 40, pattern(board))), true));
-        (0..as_stated).for_each(|_| windows.take(None, true));
+        (0..with_whole_board).for_each(|_| windows.take(None, true));
         let found = larger_pattern(&[UnplacedWindows::new(0), windows], pattern(stated), SENSOR)?;
         assert!(found.frames.iter().all(|frame| frame.recording == 3));
         Some((found.pattern, found.frames.len()))
@@ -131,7 +131,7 @@ mod tests {
             ("circles:5x6", "circles:5x7"),
             ("circles:5x5", "circles:7x6"),
         ] {
-            let (found, windows) = told(stated, board, 20, 10).unwrap();
+            let (found, windows) = found_pattern(stated, board, 20, 10).unwrap();
             assert_eq!(found, pattern(board), "{stated} of {board}");
             assert!(windows >= 18, "{stated} of {board}: {windows} windows");
         }
@@ -139,14 +139,14 @@ mod tests {
 
     #[test]
     fn a_larger_board_in_few_windows_is_not_reported() {
-        assert_eq!(told("acircles:8x4", "acircles:9x4", 20, 20), None);
-        assert_eq!(told("acircles:8x4", "acircles:9x4", 4, 0), None);
-        assert_eq!(told("acircles:8x4", "acircles:9x4", 0, 0), None);
+        assert_eq!(found_pattern("acircles:8x4", "acircles:9x4", 20, 20), None);
+        assert_eq!(found_pattern("acircles:8x4", "acircles:9x4", 4, 0), None);
+        assert_eq!(found_pattern("acircles:8x4", "acircles:9x4", 0, 0), None);
     }
 
     #[test]
     fn clutter_next_to_the_stated_board_is_not_a_larger_one() {
-        for (stated, beside) in [
+        for (stated, clutter) in [
             // One or two circles of clutter at the positions that one more row or column would have.
             ("acircles:9x4", &[(1, 9)][..]),
             ("acircles:9x4", &[(8, 4)]),
@@ -155,8 +155,8 @@ mod tests {
             let stated = pattern(stated);
             let places = || (0..stated.circle_count()).map(|index| stated.lattice_position(index));
             let mut windows = UnplacedWindows::new(0);
-            (0..30).for_each(|view| windows.take(Some(window(view, places().chain(beside.iter().copied()))), true));
-            assert_eq!(larger_pattern(&[windows], stated, SENSOR), None, "{stated:?} {beside:?}");
+            (0..30).for_each(|view| windows.take(Some(window(view, places().chain(clutter.iter().copied()))), true));
+            assert_eq!(larger_pattern(&[windows], stated, SENSOR), None, "{stated:?} {clutter:?}");
         }
     }
 }

@@ -27,7 +27,7 @@ pub enum NoBoard {
     NotAsExpected,
     /// The corners of squares belong to a larger or smaller checkerboard.
     #[serde(rename = "corners beside the board")]
-    CornersBesideBoard,
+    OtherCheckerboardSize,
     /// The corners of squares do not form a checkerboard.
     #[serde(rename = "corners form no checkerboard")]
     NoCheckerboard,
@@ -98,7 +98,7 @@ pub enum NoBoard {
 
 impl NoBoard {
     /// Returns the advice if this is the reason in most windows; `max_interval` is the setting of the windows.
-    pub fn what_helps(self, max_interval: u16) -> String {
+    pub fn remedy(self, max_interval: u16) -> String {
         match self {
             Self::TooFewEvents => {
                 format!("move faster, or set a larger detection.window.max_interval (now {max_interval})")
@@ -109,7 +109,7 @@ impl NoBoard {
             Self::LargerThanBoard | Self::TooFewOfBoard | Self::PlaceUncertain => {
                 "is the board described right: rows and columns, acircles or circles? Of rows with 5, 4, 5, 4 circles only 4 each are used: state 4 columns".to_owned()
             }
-            Self::CornersBesideBoard => {
+            Self::OtherCheckerboardSize => {
                 "count the inner corners, where four squares meet: one row and one column fewer than squares".to_owned()
             }
             Self::TooFewCorners | Self::NoCheckerboard => {
@@ -163,7 +163,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reasons_are_in_the_order_of_their_words() {
+    fn reasons_are_sorted_by_their_text() {
         use NoBoard::*;
         let all = [
             OpencvFailed,

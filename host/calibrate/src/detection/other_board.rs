@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn another_board_of_squares_has_the_stated_lengths_only_if_they_are_the_same_ones() {
+    fn nominal_lengths_are_used_only_if_they_describe_the_same_squares() {
         assert_eq!(other("checkerboard:6x9:30mm", "checkerboard:9x6:25mm"), None);
         assert_eq!(other("apriltags:3x4:30mm:0.25", "apriltags:3x4:50mm:0.24"), None);
         let known = |board: &str| Some((board.to_owned(), true));

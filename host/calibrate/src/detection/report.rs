@@ -221,7 +221,7 @@ impl fmt::Display for NoPattern {
             NoPatternCause::TooShort => write!(f, ": {}: record 10 seconds", too_short(self.report.events)),
             NoPatternCause::OnePolarity(polarity) => write!(f, ": {}", only_one_polarity(polarity)),
             NoPatternCause::Windows(reason, count) => {
-                write!(f, ": {count} had {reason}: {}", reason.what_helps(self.max_interval))
+                write!(f, ": {count} had {reason}: {}", reason.remedy(self.max_interval))
             }
             NoPatternCause::AtRest(_) | NoPatternCause::Nothing => Ok(()),
         }
@@ -255,7 +255,7 @@ mod tests {
     #[test]
     fn one_polarity_or_too_few_events_come_before_other_reasons() {
         let event = |polarity: Polarity| Event { t: 0, x: 1, y: 1, polarity };
-        let told = |events: &[Event]| {
+        let message = |events: &[Event]| {
             let mut report = DetectionReport { windows: 9, too_few_events: 9, ..DetectionReport::default() };
             report.count_events(events);
             let mut sum = DetectionReport::default();
@@ -263,14 +263,14 @@ mod tests {
             sum.no_pattern(100, None).to_string()
         };
         for (polarity, name) in [(Polarity::On, "ON"), (Polarity::Off, "OFF")] {
-            let text = told(&vec![event(polarity); 1000]);
+            let text = message(&vec![event(polarity); 1000]);
             assert!(text.contains(&format!("windows: all events are {name}, and")), "{text}");
             assert!(text.contains("export the polarity too") && !text.contains("move faster"), "{text}");
         }
         let both = [vec![event(Polarity::On); 1000], vec![event(Polarity::Off)]].concat();
-        assert!(told(&both).contains("too few events: move faster"));
-        let few = told(&[event(Polarity::On); 10]);
+        assert!(message(&both).contains("too few events: move faster"));
+        let few = message(&[event(Polarity::On); 10]);
         assert!(few.ends_with("the recording is too short, with only 10 events: record 10 seconds"), "{few}");
-        assert!(told(&[event(Polarity::On)]).contains("only 1 event:"));
+        assert!(message(&[event(Polarity::On)]).contains("only 1 event:"));
     }
 }

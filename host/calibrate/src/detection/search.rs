@@ -200,7 +200,7 @@ fn search(
 
 /// Searches the circles that a device found, which never belong to a board of squares. `sensor` is the given size, if any.
 pub fn search_stream(stream: CircleStream, sensor: Option<Sensor>, wanted: SearchFor) -> FoundCircles {
-    let CircleStream { track, sensor: told, .. } = stream;
+    let CircleStream { track, sensor: sensor_of_device, .. } = stream;
     let frames = match track.frames {
         CircleFrames::Unordered(frames) => frames,
         // A device does not know the board.
@@ -208,7 +208,7 @@ pub fn search_stream(stream: CircleStream, sensor: Option<Sensor>, wanted: Searc
     };
     let (content, report) = match wanted {
         SearchFor::Board(pattern) => {
-            let (ordered, report) = order_frames(&frames, &pattern, sensor.or(told));
+            let (ordered, report) = order_frames(&frames, &pattern, sensor.or(sensor_of_device));
             (FoundContent::Boards(pattern, ordered), report)
         }
         SearchFor::Squares(board) => (FoundContent::Boards(board.lattice(), Vec::new()), DetectionReport::default()),

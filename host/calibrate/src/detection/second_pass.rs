@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn windows_are_placed_after_frames_and_before_them() {
+    fn windows_are_searched_after_frames_and_before_them() {
         let found = vec![frame(0.100, 0..5), frame(0.110, 1..6), frame(0.160, 0..5), frame(0.170, 0..5)];
         let (starts, added) = pass([None, None], found, &[0.090, 0.120, 0.130, 0.150]);
         assert_eq!(starts, [90_000, 100_000, 110_000, 120_000, 130_000, 150_000, 160_000, 170_000]);
@@ -172,13 +172,13 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_the_search_before_help() {
+    fn frames_of_the_previous_search_predict_positions() {
         let (later, earlier) = (frame(0.090, 0..5), frame(0.080, 0..5));
         assert_eq!(pass([Some(&later), Some(&earlier)], Vec::new(), &[0.1]), (vec![100_000], 1));
     }
 
     #[test]
-    fn frames_keep_their_distance() {
+    fn windows_too_near_to_a_frame_are_not_searched() {
         let found = vec![frame(0.100, 0..5), frame(0.110, 0..5)];
         // Too near to a frame before, to one after, to both; and longer windows with the same start.
         let (starts, added) = pass([None, None], found, &[0.098, 0.1045, 0.106, 0.115, 0.118, 0.118, 0.121]);
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn too_long_after_a_frame_no_positions_are_predicted() {
+    fn no_positions_are_predicted_long_before_or_after_a_frame() {
         let found = vec![frame(0.100, 0..5), frame(0.110, 0..5)];
         let (starts, added) = pass([None, None], found, &[0.050, 0.150]);
         assert_eq!((starts, added), (vec![100_000, 110_000], 0));

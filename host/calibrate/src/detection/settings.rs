@@ -125,7 +125,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn larger_sensors_have_larger_circles_and_no_other_sensor_changes_anything() {
+    fn circle_and_window_limits_grow_for_larger_sensors_only() {
         let settings = DetectionSettings::default();
         for sensor in [Sensor::new(346, 260), Sensor::new(128, 128), Sensor::new(240, 180)] {
             assert_eq!(*settings.for_sensor(sensor), settings);

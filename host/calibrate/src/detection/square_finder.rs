@@ -150,7 +150,7 @@ impl From<NoCheckerboard> for NoBoard {
     fn from(reason: NoCheckerboard) -> Self {
         match reason {
             NoCheckerboard::TooFewSaddles { .. } | NoCheckerboard::TooFewCorners { .. } => Self::TooFewCorners,
-            NoCheckerboard::LargerThanBoard { .. } | NoCheckerboard::OtherSize { .. } => Self::CornersBesideBoard,
+            NoCheckerboard::LargerThanBoard { .. } | NoCheckerboard::OtherSize { .. } => Self::OtherCheckerboardSize,
             NoCheckerboard::PlaceUncertain { .. } => Self::PlaceUncertain,
             NoCheckerboard::NotAsExpected => Self::NotAsExpected,
             _ => Self::NoCheckerboard,

@@ -100,7 +100,7 @@ impl SquareStage {
     /// Drops all detections if more pictures show another board: a part of it may match by chance.
     fn drop_another_board(&mut self) {
         let refused = |reason: &NoBoard| self.report.grids_refused.get(reason).copied().unwrap_or(0);
-        if refused(&NoBoard::CornersBesideBoard) + refused(&NoBoard::OtherTags) > self.report.found {
+        if refused(&NoBoard::OtherCheckerboardSize) + refused(&NoBoard::OtherTags) > self.report.found {
             self.frames.clear();
             (self.report.found, self.report.board_circles) = (0, 0);
         }
@@ -201,7 +201,7 @@ mod tests {
 
     #[test]
     fn a_board_that_more_pictures_contradict_is_dropped() {
-        for reason in [NoBoard::CornersBesideBoard, NoBoard::OtherTags] {
+        for reason in [NoBoard::OtherCheckerboardSize, NoBoard::OtherTags] {
             assert_eq!(found_after(reason, 3), (0, 0));
             assert_eq!(found_after(reason, 2), (2, 2));
         }

@@ -405,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn a_view_shows_what_blinks() {
+    fn a_view_shows_the_blinking_squares() {
         for frequency in [2.0, 10.0, 50.0] {
             let mut events = squares(2.0, frequency, |_| 0.0);
             // A hot pixel.
@@ -420,7 +420,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pattern_that_alternates_with_its_negative_shows_in_the_changes() {
+    fn a_pattern_that_alternates_with_its_negative_appears_in_the_picture_of_changes() {
         let mut events = Vec::new();
         for (flip, (x, y)) in
             (0..20).flat_map(|flip| (20..100).flat_map(move |x| (20..70).map(move |y| (flip, (x, y)))))
@@ -434,8 +434,8 @@ mod tests {
         let [view] = &views[..] else { panic!("{} views", views.len()) };
         let at = |picture: &TimedImage, x: usize, y: usize| picture.image.as_ref().unwrap().get(x, y).unwrap();
         assert!(at(&view.counts, 30, 30) == at(&view.counts, 42, 30) && at(&view.counts, 5, 80) == 0);
-        let [here, beside, below] = [(30, 30), (42, 30), (30, 42)].map(|(x, y)| at(&view.changes, x, y));
-        assert!(here.abs_diff(beside) > 150 && beside == below && at(&view.changes, 5, 80).abs_diff(127) <= 1);
+        let [here, right, below] = [(30, 30), (42, 30), (30, 42)].map(|(x, y)| at(&view.changes, x, y));
+        assert!(here.abs_diff(right) > 150 && right == below && at(&view.changes, 5, 80).abs_diff(127) <= 1);
     }
 
     /// Between two changes of the light there is only noise.
@@ -459,7 +459,7 @@ mod tests {
     }
 
     #[test]
-    fn a_view_ends_with_the_motion() {
+    fn a_view_ends_when_the_board_moves() {
         // Two views, and a motion between them at 40 px/s.
         let place = |t: f64| ((t - 1.0) * 40.0).clamp(0.0, 30.0);
         let views = views(&squares(3.0, 30.0, place));
@@ -470,7 +470,7 @@ mod tests {
     }
 
     #[test]
-    fn whether_it_begins_at_rest_is_known_after_some_tenths_of_a_second() {
+    fn rest_or_motion_at_the_beginning_is_known_within_0_4_s() {
         let known = |events: &[Event]| {
             let mut views = StillViews::new(SENSOR);
             events.chunks(500).find_map(|events| {

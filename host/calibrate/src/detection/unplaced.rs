@@ -18,7 +18,7 @@ pub struct UnplacedWindows {
     /// Number of chunks with such a window.
     pub(super) chunks: usize,
     /// Number of chunks without one, but with one that shows all of the stated board.
-    pub(super) as_stated: usize,
+    pub(super) with_whole_board: usize,
     /// Number of chunks of which one window is kept.
     every: usize,
     pub(super) kept: Vec<UnorderedFrame>,
@@ -27,14 +27,14 @@ pub struct UnplacedWindows {
 impl UnplacedWindows {
     /// Creates an empty list for recording number `recording`.
     pub fn new(recording: usize) -> Self {
-        Self { recording, chunks: 0, as_stated: 0, every: 1, kept: Vec::new() }
+        Self { recording, chunks: 0, with_whole_board: 0, every: 1, kept: Vec::new() }
     }
 
     /// Adds the fullest unplaced window of the next chunk. `as_stated` is `true` if the chunk shows all of the stated
     /// board.
-    pub(super) fn take(&mut self, fullest: Option<UnorderedFrame>, as_stated: bool) {
+    pub(super) fn take(&mut self, fullest: Option<UnorderedFrame>, shows_whole_board: bool) {
         let Some(window) = fullest else {
-            self.as_stated += usize::from(as_stated);
+            self.with_whole_board += usize::from(shows_whole_board);
             return;
         };
         if self.chunks.is_multiple_of(self.every) {

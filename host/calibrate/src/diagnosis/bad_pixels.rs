@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn hot_is_over_ten_times_the_median_and_over_fifty_events() {
+    fn hot_pixels_exceed_ten_times_the_median_and_fifty_events() {
         assert_eq!(most_of_good([1, 2, 3, 1000].into_iter()), 50);
         assert_eq!(most_of_good([1, 7, 9, 100, 200].into_iter()), 90);
         assert_eq!(most_of_good([].into_iter()), 50);

@@ -46,8 +46,8 @@ mod tests {
         let met = |steps_back, largest_step_back| {
             Disorder::met(&ReadReport { events: 1000, steps_back, largest_step_back, ..ReadReport::default() })
         };
-        let told = met(990, 29_980).unwrap();
-        assert_eq!(told.to_string(), "99 % of the events are up to 30 ms earlier than one before");
+        let disorder = met(990, 29_980).unwrap();
+        assert_eq!(disorder.to_string(), "99 % of the events are up to 30 ms earlier than one before");
         // A camera whose columns come a few microseconds apart, and a few events from another thread.
         assert_eq!((met(500, 20), met(40, 50_000), met(0, 0)), (None, None, None));
         assert_eq!(Disorder::met(&ReadReport::default()), None);

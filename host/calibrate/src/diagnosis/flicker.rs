@@ -23,7 +23,7 @@ const LAMPS: [f64; 4] = [100.0, 120.0, 50.0, 60.0];
 /// Shortest recording that is checked, in bins.
 const SHORTEST: usize = 250;
 /// Neighbouring lines with which a lamp's line is compared (Hz, for a whole interval).
-const BESIDE: std::ops::RangeInclusive<i32> = 3..=15;
+const NEIGHBOURS: std::ops::RangeInclusive<i32> = 3..=15;
 /// Smallest ratio of a lamp's line to its neighbours.
 const STRONGER: f64 = 8.0;
 /// Smallest share by which ON and OFF alternate.
@@ -97,13 +97,13 @@ impl RateBins {
     /// Adds the spectrum of the interval that ended, if it is `whole`.
     fn close(&mut self, whole: bool) {
         if whole {
-            self.look(INTERVAL);
+            self.add_spectrum(INTERVAL);
         }
         self.interval.clear();
     }
 
     /// Adds the spectrum of the first `length` bins of the interval.
-    fn look(&mut self, length: usize) {
+    fn add_spectrum(&mut self, length: usize) {
         let interval = self.interval.get(..length).unwrap_or_default();
         let events: u64 = interval.iter().flatten().map(|count| u64::from(count.unsigned_abs())).sum();
         if events == 0 {
@@ -117,12 +117,12 @@ impl RateBins {
         let between = INTERVAL as f64 / length as f64;
         let signals: [Vec<i32>; 2] = [1, -1].map(|sign| interval.iter().map(|[off, on]| on + sign * off).collect());
         for (signal, powers) in signals.iter().zip(&mut self.powers) {
-            for (frequency, (line, beside)) in LAMPS.iter().zip(powers) {
+            for (frequency, (line, neighbours)) in LAMPS.iter().zip(powers) {
                 *line += power(signal, *frequency);
-                let others = BESIDE.flat_map(|distance| [-distance, distance]);
+                let others = NEIGHBOURS.flat_map(|distance| [-distance, distance]);
                 let others = others.map(|distance| power(signal, frequency + between * f64::from(distance)));
                 let powers: Vec<f64> = others.collect();
-                *beside += powers.iter().sum::<f64>() / powers.len().max(1) as f64;
+                *neighbours += powers.iter().sum::<f64>() / powers.len().max(1) as f64;
             }
         }
     }
@@ -134,7 +134,7 @@ impl RateBins {
         }
         let last = self.interval.iter().rposition(|counts| *counts != [0; 2])?;
         let mut beginning = self.clone();
-        beginning.look(last);
+        beginning.add_spectrum(last);
         if last < SHORTEST { None } else { beginning.strongest() }
     }
 
@@ -149,13 +149,13 @@ impl RateBins {
         let mean = self.events as f64 / self.bins.max(1) as f64;
         let fills_readout = self.is_even();
         let candidates = self.powers.iter().flat_map(|powers| LAMPS.iter().zip(powers));
-        let candidates = candidates.filter_map(|(frequency, (line, beside))| {
+        let candidates = candidates.filter_map(|(frequency, (line, neighbours))| {
             // Amplitude of the wave (events per bin), from the power of its line in all intervals.
             let intervals = self.bins.div_ceil(INTERVAL) as f64;
             let amplitude = 2.0 * (line * intervals).sqrt() / self.bins.max(1) as f64;
             let share = amplitude / mean;
-            let stands_out = *line > STRONGER * beside && share > SMALLEST_SHARE;
-            stands_out.then_some(Flicker { frequency: *frequency, share, fills_readout })
+            let is_significant = *line > STRONGER * neighbours && share > SMALLEST_SHARE;
+            is_significant.then_some(Flicker { frequency: *frequency, share, fills_readout })
         });
         candidates.max_by(|a, b| a.share.total_cmp(&b.share))
     }

@@ -74,12 +74,12 @@ pub struct Information {
     /// Assumptions of the reader.
     pub notes: Vec<String>,
     /// Reason why reading stopped before the end.
-    #[serde(serialize_with = "what_is_wrong")]
+    #[serde(serialize_with = "serialize_error")]
     pub error: Option<RecordingError>,
 }
 
 /// Serialises the error without the file name.
-fn what_is_wrong<S: Serializer>(error: &Option<RecordingError>, serializer: S) -> Result<S::Ok, S::Error> {
+fn serialize_error<S: Serializer>(error: &Option<RecordingError>, serializer: S) -> Result<S::Ok, S::Error> {
     error.as_ref().map(|error| error.kind.to_string()).serialize(serializer)
 }
 

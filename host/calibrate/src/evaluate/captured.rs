@@ -72,8 +72,8 @@ pub fn compare_captured(
     files: &CapturedFiles,
     known: Option<&KnownCamera>,
 ) -> Result<(PathBuf, Compared), CapturedError> {
-    let beside = || camera_path(&files.calibration).with_file_name(TRAJECTORY_FILE);
-    let trajectory = files.trajectory.clone().unwrap_or_else(beside);
+    let default_path = || camera_path(&files.calibration).with_file_name(TRAJECTORY_FILE);
+    let trajectory = files.trajectory.clone().unwrap_or_else(default_path);
     let camera = read_trajectory(&trajectory)?;
     let capture = file::read(&files.capture, files.body.as_deref())?;
     let poses_by = |pose: &Isometry3<f64>| known.and_then(|known| pose_by_intrinsics(known, pose));

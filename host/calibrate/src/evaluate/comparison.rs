@@ -206,9 +206,9 @@ fn trajectories(
     calibration: &Path,
     truth: &Path,
 ) -> Result<Option<(PathBuf, PathBuf)>, CompareError> {
-    let beside = |file: &Path| Some(file.with_file_name(TRAJECTORY_FILE)).filter(|path| path.exists());
-    let estimate = files.trajectory.clone().or_else(|| beside(calibration));
-    let real = files.true_trajectory.clone().or_else(|| beside(truth));
+    let trajectory_next_to = |file: &Path| Some(file.with_file_name(TRAJECTORY_FILE)).filter(|path| path.exists());
+    let estimate = files.trajectory.clone().or_else(|| trajectory_next_to(calibration));
+    let real = files.true_trajectory.clone().or_else(|| trajectory_next_to(truth));
     let missing = |which, file: &Path| CompareError::NoTrajectory { file: file.to_owned(), which };
     match (estimate, real) {
         (Some(estimate), Some(real)) => Ok(Some((estimate, real))),

@@ -52,7 +52,7 @@ pub fn compare_intrinsics(first: &Camera<f64>, second: &Camera<f64>) -> Intrinsi
         ModelKind::Radtan4 | ModelKind::Radtan | ModelKind::Radtan8 => ModelKind::Radtan,
         other => other,
     };
-    let alike = family(first) == family(second);
+    let same_family = family(first) == family(second);
     // If fx is the focal length on the axis in both, it can be compared.
     let is_plain = |camera: &Camera<f64>| {
         let axial = camera.axial_focal_lengths();
@@ -67,7 +67,7 @@ pub fn compare_intrinsics(first: &Camera<f64>, second: &Camera<f64>) -> Intrinsi
             name,
             first: value(&first_values, name),
             second: value(&second_values, name),
-            means_the_same: alike || (plain && PINHOLE.contains(&name)),
+            means_the_same: same_family || (plain && PINHOLE.contains(&name)),
         })
         .collect();
     IntrinsicsComparison { first_model: first.kind().name(), second_model: second.kind().name(), parameters }

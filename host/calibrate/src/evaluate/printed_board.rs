@@ -68,10 +68,11 @@ pub fn compare_boards(calibration: &Path, truth: &Path) -> Option<BoardCompariso
     let CalibrationPart { printed_board: board } = read(calibration)?;
     let TruthPart { board: stated, settings } = read(truth)?;
     let stated: Board = stated.parse().ok()?;
-    let truth = settings.scene.printed.unwrap_or(BoardShape::stated(&stated)).parameters();
+    let truth = settings.scene.printed.unwrap_or(BoardShape::nominal(&stated)).parameters();
     let names = ["print_ratio", "bend_x", "bend_y", "radius"];
     let found = [board.print_ratio, board.bend_x, board.bend_y, board.radius];
-    let told = settings.scene.printed.is_some() || found.iter().any(|parameter| parameter.sigma.is_some());
+    let differs_from_nominal =
+        settings.scene.printed.is_some() || found.iter().any(|parameter| parameter.sigma.is_some());
     let pairs = names.into_iter().zip(truth).zip(found);
     let parameters = pairs.map(|((name, truth), ParameterPart { value, sigma })| BoardPair {
         name,
@@ -79,7 +80,7 @@ pub fn compare_boards(calibration: &Path, truth: &Path) -> Option<BoardCompariso
         calibration: value,
         sigma,
     });
-    told.then(|| BoardComparison { parameters: parameters.collect() })
+    differs_from_nominal.then(|| BoardComparison { parameters: parameters.collect() })
 }
 
 fn read<T: serde::de::DeserializeOwned>(file: &Path) -> Option<T> {
@@ -131,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn boards_as_stated_are_not_compared() {
+    fn nominal_boards_are_not_compared() {
         assert_eq!(files("", ""), None);
     }
 }

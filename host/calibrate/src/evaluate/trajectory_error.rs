@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rigid_motion_is_all_that_alignment_removes() {
+    fn alignment_removes_a_rigid_motion_and_nothing_else() {
         let truth = path(1000.0, 2.0, 0.0);
         let moved = Isometry3::new(Vector3::new(0.3, -0.2, 0.1), Vector3::new(0.4, -1.1, 0.7));
         let estimate: Vec<TimedPose> =
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn another_motion_is_not_related() {
+    fn trajectories_of_different_motions_are_not_related() {
         let truth = path(1000.0, 2.0, 0.0);
         let other: Vec<TimedPose> = truth.iter().map(|p| TimedPose { t: p.t, pose: pose(2.0 - p.t * 1.7) }).collect();
         assert!(!trajectory_error(&truth, &other, Association::Interpolated, 0.0).unwrap().is_related());
@@ -298,8 +298,8 @@ mod tests {
         let nearest = Association::Nearest { max_difference: 0.006 };
         let error = trajectory_error(&truth, &estimate, nearest, 0.0).unwrap();
         assert_eq!((error.direct.count, error.unmatched), (51, 50));
-        let apart = trajectory_error(&truth, &path(100.0, 1.0, 5.0), nearest, 0.0).unwrap_err();
-        assert_eq!(apart, TooFewMatches { matched: 0, estimated: 101 });
+        let without_overlap = trajectory_error(&truth, &path(100.0, 1.0, 5.0), nearest, 0.0).unwrap_err();
+        assert_eq!(without_overlap, TooFewMatches { matched: 0, estimated: 101 });
     }
 
     #[test]

@@ -162,9 +162,9 @@ mod tests {
 
     /// If the motion is violent, the message names the motion, not a fault of the IMU.
     #[test]
-    fn a_violent_motion_is_named_before_the_imu() {
-        let told = |motion| InertialError::GravitySize { size: 7.1, stated: 9.81, motion }.to_string();
-        assert!(told(9.0).contains("accelerated the camera by 9.0 m/s²") && told(9.0).contains("more gently"));
-        assert!(!told(1.0).contains("gently") && told(1.0).contains("unit of the accelerations"));
+    fn a_wrong_size_of_gravity_is_attributed_to_a_violent_motion_first() {
+        let message = |motion| InertialError::GravitySize { size: 7.1, stated: 9.81, motion }.to_string();
+        assert!(message(9.0).contains("accelerated the camera by 9.0 m/s²") && message(9.0).contains("more gently"));
+        assert!(!message(1.0).contains("gently") && message(1.0).contains("unit of the accelerations"));
     }
 }

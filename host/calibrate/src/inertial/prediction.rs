@@ -41,7 +41,7 @@ impl Motion {
     }
 
     /// Returns the specific force at the position of the IMU, in the axes of the camera.
-    pub fn felt(&self, parameters: &InertialParameters) -> Vector3<f64> {
+    pub fn specific_force(&self, parameters: &InertialParameters) -> Vector3<f64> {
         let (w, r) = (self.angular_velocity(), parameters.position);
         let free = self.acceleration * parameters.board_scale - parameters.gravity;
         self.rotation.sample.rotation.inverse_transform_vector(&free)
@@ -89,7 +89,7 @@ impl Prediction {
 }
 
 /// A vector in camera axes with its derivatives by the motion, so that the filters can add multiples of it.
-struct Felt {
+struct SensedVector {
     value: Vector3<f64>,
     by_position: Matrix3<f64>,
     by_gravity: [Vector3<f64>; 2],
@@ -98,7 +98,7 @@ struct Felt {
     by_translation: [Matrix3<f64>; MAX_ORDER],
 }
 
-impl Felt {
+impl SensedVector {
     fn angular_velocity(motion: &Motion) -> Self {
         Self { by_rotation: motion.rotation.velocity_jacobians, ..Self::of(motion.angular_velocity()) }
     }
@@ -127,7 +127,7 @@ impl Felt {
                     + by_velocity * velocity_jacobians[index]
             }),
             by_translation: std::array::from_fn(|index| by_place * motion.basis.second_derivative[index]),
-            ..Self::of(motion.felt(parameters))
+            ..Self::of(motion.specific_force(parameters))
         }
     }
 
@@ -173,23 +173,23 @@ fn around(trajectory: &Trajectory, t: f64) -> Option<[Motion; 3]> {
 pub fn gyroscope(trajectory: &Trajectory, parameters: &InertialParameters, t: f64) -> Option<Prediction> {
     let time = parameters.gyroscope_time(t);
     let motion = Motion::new(trajectory, time)?;
-    let [middle, before, after] = around(trajectory, time)?.map(|motion| Felt::angular_acceleration(&motion));
+    let [middle, before, after] = around(trajectory, time)?.map(|motion| SensedVector::angular_acceleration(&motion));
     let bend = (after.value - before.value) / (2.0 * STEP);
     let third = (after.value - middle.value * 2.0 + before.value) / (STEP * STEP);
-    let mut felt = Felt::angular_velocity(&motion);
+    let mut sensed = SensedVector::angular_velocity(&motion);
     let weight = parameters.gyroscope_filter / (2.0 * STEP);
-    felt.add(&after, weight);
-    felt.add(&before, -weight);
+    sensed.add(&after, weight);
+    sensed.add(&before, -weight);
 
     let turn = parameters.rotation.to_rotation_matrix().into_inner();
     let to_gyroscope = parameters.gyroscope_from_imu.to_rotation_matrix().into_inner();
-    let in_imu = turn * felt.value;
+    let in_imu = turn * sensed.value;
     let in_gyroscope = to_gyroscope * in_imu;
     let outer = parameters.gyroscope_matrix * to_gyroscope;
     let all = outer * turn;
     let mut prediction =
         Prediction::new(parameters.gyroscope_matrix * in_gyroscope + parameters.gyroscope_bias, motion.basis.first);
-    prediction.set(ROTATION, &(-all * skew(&felt.value)));
+    prediction.set(ROTATION, &(-all * skew(&sensed.value)));
     let by_time = -(all * (motion.rotation.angular_acceleration + third * parameters.gyroscope_filter));
     prediction.by_parameters[GYROSCOPE_DELAY] = by_time;
     prediction.by_parameters[CLOCK_DRIFT] = by_time * (t - parameters.middle);
@@ -197,7 +197,7 @@ pub fn gyroscope(trajectory: &Trajectory, parameters: &InertialParameters, t: f6
     prediction.set(GYROSCOPE_BIAS, &Matrix3::identity());
     prediction.set_triangle(GYROSCOPE_MATRIX, &in_gyroscope);
     prediction.set(GYROSCOPE_TURN, &(-outer * skew(&in_imu)));
-    prediction.by_rotation = felt.by_rotation.map(|jacobian| all * jacobian);
+    prediction.by_rotation = sensed.by_rotation.map(|jacobian| all * jacobian);
     Some(prediction)
 }
 
@@ -205,34 +205,34 @@ pub fn gyroscope(trajectory: &Trajectory, parameters: &InertialParameters, t: f6
 pub fn accelerometer(trajectory: &Trajectory, parameters: &InertialParameters, t: f64) -> Option<Prediction> {
     let time = parameters.accelerometer_time(t);
     let motion = Motion::new(trajectory, time)?;
-    let [middle, before, after] = around(trajectory, time)?.map(|motion| Felt::force(&motion, parameters));
+    let [middle, before, after] = around(trajectory, time)?.map(|motion| SensedVector::force(&motion, parameters));
     let rate = (after.value - before.value) / (2.0 * STEP);
     let bend = (after.value - middle.value * 2.0 + before.value) / (STEP * STEP);
-    let mut felt = Felt::force(&motion, parameters);
+    let mut sensed = SensedVector::force(&motion, parameters);
     let weight = parameters.accelerometer_filter / (STEP * STEP);
-    felt.add(&after, weight);
-    felt.add(&middle, -2.0 * weight);
-    felt.add(&before, weight);
+    sensed.add(&after, weight);
+    sensed.add(&middle, -2.0 * weight);
+    sensed.add(&before, weight);
 
     let turn = parameters.rotation.to_rotation_matrix().into_inner();
-    let in_imu = turn * felt.value;
+    let in_imu = turn * sensed.value;
     let all = parameters.accelerometer_matrix * turn;
     let mut prediction =
         Prediction::new(parameters.accelerometer_matrix * in_imu + parameters.accelerometer_bias, motion.basis.first);
-    prediction.set(ROTATION, &(-all * skew(&felt.value)));
-    prediction.set(POSITION, &(all * felt.by_position));
+    prediction.set(ROTATION, &(-all * skew(&sensed.value)));
+    prediction.set(POSITION, &(all * sensed.by_position));
     let by_time = -(all * rate);
     prediction.by_parameters[ACCELEROMETER_DELAY] = by_time;
     prediction.by_parameters[CLOCK_DRIFT] = by_time * (t - parameters.middle);
     prediction.by_parameters[ACCELEROMETER_FILTER] = all * bend;
     prediction.set(ACCELEROMETER_BIAS, &Matrix3::identity());
-    for (index, by_direction) in felt.by_gravity.iter().enumerate() {
+    for (index, by_direction) in sensed.by_gravity.iter().enumerate() {
         prediction.by_parameters[GRAVITY + index] = all * by_direction;
     }
     prediction.set_triangle(ACCELEROMETER_MATRIX, &in_imu);
-    prediction.by_parameters[BOARD_SCALE] = all * felt.by_scale;
-    prediction.by_rotation = felt.by_rotation.map(|jacobian| all * jacobian);
-    prediction.by_translation = felt.by_translation.map(|jacobian| all * jacobian);
+    prediction.by_parameters[BOARD_SCALE] = all * sensed.by_scale;
+    prediction.by_rotation = sensed.by_rotation.map(|jacobian| all * jacobian);
+    prediction.by_translation = sensed.by_translation.map(|jacobian| all * jacobian);
     Some(prediction)
 }
 

@@ -174,8 +174,8 @@ fn lever_arm(
         return Err(InertialError::GravityRemoved { reading });
     }
     // NaN does not agree with the stated value either.
-    let is_as_stated = (reading - 1.0).abs() <= GRAVITY_ERROR;
-    if !is_as_stated {
+    let has_expected_size = (reading - 1.0).abs() <= GRAVITY_ERROR;
+    if !has_expected_size {
         let motion = (squares / rows.len().max(1) as f64).sqrt();
         return Err(InertialError::GravitySize { size, stated: gravity, motion });
     }

@@ -108,18 +108,18 @@ struct Bench {
 
 impl Bench {
     fn new(seed: u64, pose: impl Fn(f64) -> Isometry3<f64>) -> Self {
-        Self::with_stated_size(1.0, seed, pose)
+        Self::with_nominal_size(1.0, seed, pose)
     }
 
-    /// A board whose stated size is `stated` times the true one.
-    fn with_stated_size(stated: f64, seed: u64, pose: impl Fn(f64) -> Isometry3<f64>) -> Self {
+    /// A board whose nominal size is `nominal` times the true one.
+    fn with_nominal_size(nominal: f64, seed: u64, pose: impl Fn(f64) -> Isometry3<f64>) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(1000 + seed);
         let poses: Vec<TimedPose> = (0..=(200.0 * SECONDS) as usize)
             .map(|index| index as f64 / 200.0)
             .map(|t| TimedPose { t, pose: pose(t) })
             .collect();
         let seen = |timed: &TimedPose| {
-            let place = timed.pose.translation.vector * stated;
+            let place = timed.pose.translation.vector * nominal;
             TimedPose { pose: Isometry3::from_parts(place.into(), timed.pose.rotation), ..*timed }
         };
         let seen: Vec<TimedPose> = poses.iter().map(seen).collect();
@@ -153,7 +153,7 @@ impl Bench {
         let problem = Problem {
             sensor: (346, 260).into(),
             edges: BoardEdges::Rims(Vec::new()),
-            points: centers.iter().map(|center| center.map(|along| along * stated)).collect(),
+            points: centers.iter().map(|center| center.map(|along| along * nominal)).collect(),
             area: CircleArea { middle: [0.0; 2], half: [0.2, 0.075] },
             mean_scale: 1.0,
             point_sigma: PIXEL,
@@ -235,8 +235,8 @@ fn lost_samples_are_reported() {
     let found = bench.calibrated_without(None, vec![what.clone()]).unwrap();
     assert_eq!(found.findings, [Finding::Damaged { what }]);
     assert_eq!(grade(&found), Grade::Good);
-    let told = found.findings[0].to_string();
-    assert!(told.contains("damaged") && told.contains("a.aedat4, byte 12"), "{told}");
+    let finding = found.findings[0].to_string();
+    assert!(finding.contains("damaged") && finding.contains("a.aedat4, byte 12"), "{finding}");
 }
 
 #[test]
@@ -294,7 +294,7 @@ fn a_camera_that_was_hardly_tilted_is_reported() {
 
 /// A focal length that is fixed slightly too long moves the IMU away; σ includes this if the σ of the focal length is known.
 #[test]
-fn the_uncertainty_of_held_intrinsics_is_part_of_sigma() {
+fn the_uncertainty_of_fixed_intrinsics_is_part_of_sigma() {
     let mut bench = Bench::new(7, motion(7, turned([0.45, 0.5, 0.45])));
     let off = 2e-3;
     let (true_camera, mut parameters) = (camera(), camera().parameters());
@@ -331,8 +331,8 @@ fn the_uncertainty_of_held_intrinsics_is_part_of_sigma() {
 }
 
 #[test]
-fn a_board_of_another_size_than_stated_is_reported() {
-    let found = Bench::with_stated_size(1.01, 8, motion(8, turned([0.45, 0.5, 0.45]))).calibrated(None).unwrap();
+fn a_board_of_another_size_than_nominal_is_reported() {
+    let found = Bench::with_nominal_size(1.01, 8, motion(8, turned([0.45, 0.5, 0.45]))).calibrated(None).unwrap();
     let [Finding::BoardSpacing { scale, sigma }] = found.findings.as_slice() else { panic!("{:?}", found.findings) };
     assert!((scale - 1.0 / 1.01).abs() < 3e-3 && *sigma < 3.5e-3, "{scale} ± {sigma}");
 }

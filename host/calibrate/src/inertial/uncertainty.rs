@@ -34,7 +34,7 @@ pub fn add_systematic(covariance: &mut DMatrix<f64>, parameters: &InertialParame
 }
 
 /// Uncertainty of a solve.
-pub struct Stated {
+pub struct InertialUncertainty {
     /// Covariance of the inertial parameters.
     pub covariance: DMatrix<f64>,
     /// Formal σ of the other estimated parameters, the intrinsics first.
@@ -47,7 +47,7 @@ pub struct Stated {
 ///
 /// # Errors
 /// [`InertialError::Singular`] if the samples do not determine the parameters.
-pub fn stated(system: &System, parts: &[Part], total: f64) -> Result<Stated, InertialError> {
+pub fn inertial_uncertainty(system: &System, parts: &[Part], total: f64) -> Result<InertialUncertainty, InertialError> {
     let formal = system.covariance()?;
     let Blocks { times, contributions } = system.contributions(parts, LENGTHS[0])?;
     let lengths = LENGTHS.iter().filter(|&&length| length == LENGTHS[0] || length * FEWEST <= total);
@@ -64,7 +64,7 @@ pub fn stated(system: &System, parts: &[Part], total: f64) -> Result<Stated, Ine
     let factor = |index: usize| ratios[index].max(1.0).sqrt();
     let covariance = DMatrix::from_fn(COUNT, COUNT, |row, column| formal[(row, column)] * factor(row) * factor(column));
     let sigma_of_others = formal.diagonal().iter().skip(COUNT).map(|variance| variance.max(0.0).sqrt()).collect();
-    Ok(Stated { covariance, sigma_of_others, block_scatter })
+    Ok(InertialUncertainty { covariance, sigma_of_others, block_scatter })
 }
 
 #[cfg(test)]

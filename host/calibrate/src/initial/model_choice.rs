@@ -78,7 +78,7 @@ const NEGLIGIBLE: f64 = 1e-3;
 
 /// Comparison of a candidate with the best one.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Standing {
+pub struct Comparison {
     /// Mean cost minus the mean cost of the best candidate.
     pub excess: f64,
     /// Standard error of `excess`.
@@ -115,33 +115,37 @@ fn mean_and_error(values: &[f64]) -> (f64, f64) {
 ///
 /// A model that folds over inside the image counts only if all do. Models that OpenCV and ROS support have priority. Of
 /// candidates with equally many parameters, the one with the smaller cost is chosen.
-pub fn choose(candidates: &[Candidate]) -> Option<(usize, Vec<Standing>)> {
+pub fn choose(candidates: &[Candidate]) -> Option<(usize, Vec<Comparison>)> {
     let cost = |candidate: &Candidate| candidate.held_out.mean();
     let best = candidates.iter().min_by(|a, b| a.folds.cmp(&b.folds).then(cost(a).total_cmp(&cost(b))))?;
-    let mut standings: Vec<Standing> = candidates
+    let mut comparisons: Vec<Comparison> = candidates
         .iter()
         .map(|candidate| {
             let pairs = candidate.held_out.block_costs.iter().zip(&best.held_out.block_costs);
             let differences: Vec<f64> = pairs.map(|(own, best)| own - best).collect();
             let (excess, standard_error) = mean_and_error(&differences);
             let as_good = candidate.folds == best.folds && excess <= STANDARD_ERRORS * standard_error;
-            Standing { excess, standard_error, as_good, nearly_as_good: false }
+            Comparison { excess, standard_error, as_good, nearly_as_good: false }
         })
         .collect();
-    if !candidates.iter().zip(&standings).any(|(candidate, standing)| candidate.widely_supported && standing.as_good) {
-        for (candidate, standing) in candidates.iter().zip(&mut standings) {
-            standing.nearly_as_good = candidate.widely_supported
+    if !candidates
+        .iter()
+        .zip(&comparisons)
+        .any(|(candidate, comparison)| candidate.widely_supported && comparison.as_good)
+    {
+        for (candidate, comparison) in candidates.iter().zip(&mut comparisons) {
+            comparison.nearly_as_good = candidate.widely_supported
                 && candidate.folds == best.folds
-                && standing.excess <= NEGLIGIBLE * cost(best);
+                && comparison.excess <= NEGLIGIBLE * cost(best);
         }
     }
-    let counts = |standing: &Standing| standing.as_good || standing.nearly_as_good;
-    let good = candidates.iter().zip(&standings).enumerate().filter(|(_, (_, standing))| counts(standing));
+    let counts = |comparison: &Comparison| comparison.as_good || comparison.nearly_as_good;
+    let good = candidates.iter().zip(&comparisons).enumerate().filter(|(_, (_, comparison))| counts(comparison));
     let simplest = good.min_by(|(_, (a, _)), (_, (b, _))| {
         let supported = b.widely_supported.cmp(&a.widely_supported);
         supported.then(a.parameters.cmp(&b.parameters)).then(cost(a).total_cmp(&cost(b)))
     })?;
-    Some((simplest.0, standings))
+    Some((simplest.0, comparisons))
 }
 
 /// Result of one candidate.
@@ -303,8 +307,8 @@ pub fn choose_model(
             held_out.clone().map(|held_out| Candidate { parameters, widely_supported, folds, held_out })
         })
         .collect();
-    let (chosen, standings) = match choose(&candidates) {
-        Some((position, standings)) => (compared.get(position).copied(), standings),
+    let (chosen, comparisons) = match choose(&candidates) {
+        Some((position, comparisons)) => (compared.get(position).copied(), comparisons),
         None => (None, Vec::new()),
     };
     // Without a comparison, the model that explains most circles is chosen.
@@ -326,14 +330,14 @@ pub fn choose_model(
             return CandidateReport { failure: Some(error.to_string()), ..blank };
         }
         let place = compared.iter().position(|&index| found.get(index).is_some_and(|(found, _)| *found == kind));
-        match place.and_then(|place| Some((candidates.get(place)?, standings.get(place)?))) {
-            Some((candidate, standing)) => CandidateReport {
+        match place.and_then(|place| Some((candidates.get(place)?, comparisons.get(place)?))) {
+            Some((candidate, comparison)) => CandidateReport {
                 count: candidate.held_out.count,
                 root_mean_cost: Some(candidate.held_out.mean().sqrt()),
-                excess: Some(standing.excess),
-                standard_error: Some(standing.standard_error),
-                as_good: standing.as_good,
-                nearly_as_good: standing.nearly_as_good,
+                excess: Some(comparison.excess),
+                standard_error: Some(comparison.standard_error),
+                as_good: comparison.as_good,
+                nearly_as_good: comparison.nearly_as_good,
                 folds: candidate.folds,
                 ..blank
             },
@@ -367,29 +371,29 @@ mod tests {
     }
 
     #[test]
-    fn the_simplest_of_those_as_good_as_the_best_is_chosen() {
+    fn the_simplest_model_as_good_as_the_best_is_chosen() {
         let candidates = [
             candidate(12, &[1.00, 2.00, 3.00, 4.00]),
             candidate(8, &[1.01, 1.99, 3.02, 4.00]),
             candidate(5, &[1.5, 2.4, 3.6, 4.5]),
         ];
-        let (chosen, standings) = choose(&candidates).unwrap();
+        let (chosen, comparisons) = choose(&candidates).unwrap();
         assert_eq!(chosen, 1);
-        assert!(standings[0].as_good && standings[1].as_good && !standings[2].as_good);
-        assert_eq!((standings[0].excess, standings[0].standard_error), (0.0, 0.0));
+        assert!(comparisons[0].as_good && comparisons[1].as_good && !comparisons[2].as_good);
+        assert_eq!((comparisons[0].excess, comparisons[0].standard_error), (0.0, 0.0));
         // Mean 0.005; deviations 0.005, -0.015, 0.015, -0.005: s² = 5e-4 / 3.
-        assert!((standings[1].excess - 0.005).abs() < 1e-12, "{standings:?}");
-        assert!((standings[1].standard_error - (5e-4_f64 / 12.0).sqrt()).abs() < 1e-12, "{standings:?}");
+        assert!((comparisons[1].excess - 0.005).abs() < 1e-12, "{comparisons:?}");
+        assert!((comparisons[1].standard_error - (5e-4_f64 / 12.0).sqrt()).abs() < 1e-12, "{comparisons:?}");
     }
 
     /// Blocks differ much more than the models do; the difference between the models is still detected.
     #[test]
-    fn blocks_that_are_difficult_for_all_do_not_hide_a_difference() {
+    fn blocks_that_are_difficult_for_all_models_do_not_hide_a_difference() {
         let hard = [0.1, 5.0, 0.3, 9.0, 1.0];
         let worse = hard.map(|cost| cost + 0.01);
-        let (chosen, standings) = choose(&[candidate(4, &worse), candidate(9, &hard)]).unwrap();
+        let (chosen, comparisons) = choose(&[candidate(4, &worse), candidate(9, &hard)]).unwrap();
         assert_eq!(chosen, 1);
-        assert!(!standings[0].as_good && standings[0].standard_error < 1e-9);
+        assert!(!comparisons[0].as_good && comparisons[0].standard_error < 1e-9);
     }
 
     #[test]
@@ -403,8 +407,8 @@ mod tests {
     fn a_model_that_opencv_and_ros_support_has_priority() {
         let rare = Candidate { widely_supported: false, ..candidate(6, &[1.0, 1.2, 0.9]) };
         let common = candidate(8, &[1.01, 1.19, 0.91]);
-        let (chosen, standings) = choose(&[rare.clone(), common]).unwrap();
-        assert_eq!((chosen, standings[1].as_good), (1, true), "{standings:?}");
+        let (chosen, comparisons) = choose(&[rare.clone(), common]).unwrap();
+        assert_eq!((chosen, comparisons[1].as_good), (1, true), "{comparisons:?}");
         let (chosen, _) = choose(&[rare, candidate(8, &[1.5, 1.7, 1.4])]).unwrap();
         assert_eq!(chosen, 0);
     }
@@ -425,12 +429,12 @@ mod tests {
     }
 
     #[test]
-    fn a_model_that_folds_counts_only_if_all_do() {
+    fn a_folding_model_is_chosen_only_if_all_models_fold() {
         let folding = |model: &Candidate| Candidate { folds: true, ..model.clone() };
         let (better, worse) = (candidate(12, &[1.0, 1.2, 0.9]), candidate(8, &[1.1, 1.3, 1.02]));
-        let (chosen, standings) = choose(&[folding(&better), worse.clone()]).unwrap();
-        assert_eq!((chosen, standings[0].as_good, standings[1].as_good), (1, false, true));
-        assert!(standings[0].excess < 0.0 && standings[1].excess == 0.0);
+        let (chosen, comparisons) = choose(&[folding(&better), worse.clone()]).unwrap();
+        assert_eq!((chosen, comparisons[0].as_good, comparisons[1].as_good), (1, false, true));
+        assert!(comparisons[0].excess < 0.0 && comparisons[1].excess == 0.0);
         assert_eq!(choose(&[folding(&better), folding(&worse)]).unwrap().0, 0);
         assert_eq!(choose(&[better, worse]).unwrap().0, 0);
     }

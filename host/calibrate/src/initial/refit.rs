@@ -127,7 +127,11 @@ impl PixelRows {
     }
 
     /// Returns the pixels in the rectangle from `low` to `high`.
-    fn within(&self, low: Vector2<f64>, high: Vector2<f64>) -> impl Iterator<Item = (Vector2<f64>, Polarity)> + '_ {
+    fn in_rectangle(
+        &self,
+        low: Vector2<f64>,
+        high: Vector2<f64>,
+    ) -> impl Iterator<Item = (Vector2<f64>, Polarity)> + '_ {
         // Casts saturate: positions left of or above the sensor become row 0.
         let first = low.y.ceil() as usize;
         let rows = (high.y.floor() as usize + 1).saturating_sub(first);
@@ -203,7 +207,7 @@ pub fn refit_circle(
     let reach = Vector2::new(band, band);
     // Distance from the rim along its outward normal, and that normal.
     let mut events: Vec<(f64, Vector2<f64>, Polarity)> = Vec::with_capacity(USUAL_EVENTS);
-    for (pixel, polarity) in frame.pixels.within(low - reach, high + reach) {
+    for (pixel, polarity) in frame.pixels.in_rectangle(low - reach, high + reach) {
         let unit = inverse * (pixel - circle.middle);
         let gradient = inverse.transpose() * unit;
         let slope = gradient.norm();

@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn only_turns_that_map_the_board_onto_itself_count() {
+    fn only_rotations_that_map_the_board_onto_itself_are_symmetries() {
         let turns = |text: &str| board_turns(&text.parse().unwrap()).len();
         assert_eq!(turns("circles:3x6:40mm:r10mm"), 2);
         assert_eq!(turns("circles:5x5:40mm:r10mm"), 4);

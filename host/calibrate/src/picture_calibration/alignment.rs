@@ -283,19 +283,22 @@ fn fit(pairs: &[Pair], orientation: Orientation, sensor: Sensor, turns: &[Vec<us
     let turned = |places: &Places| -> Places {
         places.iter().map(|place| place.map(|place| orientation.turned(place, sensor))).collect()
     };
-    let alike: Vec<(Alike, Vector2<f64>)> = pairs
+    let similarities: Vec<(Similarity, Vector2<f64>)> = pairs
         .iter()
         .filter_map(|pair| {
             let events = turned(&pair.events);
-            let alike = turns.iter().filter_map(|turn| compare(&events, &pair.frame, turn));
-            let best = alike.min_by(|a, b| a.spread.total_cmp(&b.spread))?;
+            let similarities = turns.iter().filter_map(|turn| compare(&events, &pair.frame, turn));
+            let best = similarities.min_by(|a, b| a.spread.total_cmp(&b.spread))?;
             let origin = orientation.turned(Vector2::zeros(), sensor);
             Some((best, orientation.turned(pair.velocity, sensor) - origin))
         })
         .collect();
-    let scale = median(&mut alike.iter().map(|(alike, _)| alike.scale).collect::<Vec<_>>(), f64::total_cmp)?;
-    let offsets: Vec<(Vector2<f64>, Vector2<f64>, f64)> =
-        alike.iter().map(|(alike, velocity)| (alike.frame - scale * alike.events, *velocity, alike.spread)).collect();
+    let scale =
+        median(&mut similarities.iter().map(|(similarity, _)| similarity.scale).collect::<Vec<_>>(), f64::total_cmp)?;
+    let offsets: Vec<(Vector2<f64>, Vector2<f64>, f64)> = similarities
+        .iter()
+        .map(|(similarity, velocity)| (similarity.frame - scale * similarity.events, *velocity, similarity.spread))
+        .collect();
     // shift + late · velocity = offset
     let mut solution = Vector3::zeros();
     let mut distances: Vec<f64> = Vec::new();
@@ -322,7 +325,7 @@ fn fit(pairs: &[Pair], orientation: Orientation, sensor: Sensor, turns: &[Vec<us
 }
 
 /// Relation of the points of a frame and of events.
-struct Alike {
+struct Similarity {
     /// Middle of the common points in the frame and in the events (px).
     frame: Vector2<f64>,
     events: Vector2<f64>,
@@ -333,7 +336,7 @@ struct Alike {
 }
 
 /// Compares points by index; `turn` permutes the points of the frame.
-fn compare(events: &Places, frame: &Places, turn: &[usize]) -> Option<Alike> {
+fn compare(events: &Places, frame: &Places, turn: &[usize]) -> Option<Similarity> {
     let shared: Vec<(Vector2<f64>, Vector2<f64>)> = turn
         .iter()
         .enumerate()
@@ -349,7 +352,7 @@ fn compare(events: &Places, frame: &Places, turn: &[usize]) -> Option<Alike> {
     let products: f64 = centred().map(|(event, frame)| event.dot(&frame)).sum();
     let scale = products / centred().map(|(event, _)| event.norm_squared()).sum::<f64>();
     let left: f64 = centred().map(|(event, frame)| (frame - scale * event).norm_squared()).sum();
-    (scale > 0.0).then(|| Alike {
+    (scale > 0.0).then(|| Similarity {
         frame: middle_of_frame,
         events: middle_of_events,
         scale,
@@ -406,8 +409,10 @@ fn fitting(
 
 /// Returns the distance between the points of a frame and of the events (px, rms), for the best rotation of the board.
 fn distance(pair: &Pair, turns: &[Vec<usize>]) -> f64 {
-    let alike = turns.iter().filter_map(|turn| compare(&pair.events, &pair.frame, turn));
-    alike.map(|alike| (alike.frame - alike.events).norm().hypot(alike.spread)).fold(f64::INFINITY, f64::min)
+    let similarities = turns.iter().filter_map(|turn| compare(&pair.events, &pair.frame, turn));
+    similarities
+        .map(|similarity| (similarity.frame - similarity.events).norm().hypot(similarity.spread))
+        .fold(f64::INFINITY, f64::min)
 }
 
 /// Refines the clock so that the middles of the boards are nearest.
@@ -417,9 +422,9 @@ fn refined(track: &EventTrack, frames: &[&Seen], turns: &[Vec<usize>], clock: [f
         let mut rows: Vec<(f64, Vector2<f64>, Vector2<f64>)> = Vec::new();
         for frame in frames {
             let Some(pair) = pair_at(track, frame, offset + rate * frame.t) else { continue };
-            let alike = turns.iter().filter_map(|turn| compare(&pair.events, &pair.frame, turn));
-            let best = alike.min_by(|a, b| a.spread.total_cmp(&b.spread));
-            rows.extend(best.map(|alike| (frame.t, alike.frame - alike.events, pair.velocity)));
+            let similarities = turns.iter().filter_map(|turn| compare(&pair.events, &pair.frame, turn));
+            let best = similarities.min_by(|a, b| a.spread.total_cmp(&b.spread));
+            rows.extend(best.map(|similarity| (frame.t, similarity.frame - similarity.events, pair.velocity)));
         }
         let mut distances: Vec<f64> = rows.iter().map(|(_, distance, _)| distance.norm()).collect();
         let Some(bound) = median(&mut distances, f64::total_cmp) else { break };
@@ -568,7 +573,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_the_same_image_fit() {
+    fn frames_of_the_same_image_are_aligned() {
         for board in ["acircles:9x4:55mm:r17.5mm", "acircles:10x4:55mm:r17.5mm", "circles:5x5:50mm:r15mm"] {
             let board: Board = board.parse().unwrap();
             assert_eq!(found(&board, |place| place, |t| t), None, "{board}");
@@ -579,7 +584,7 @@ mod tests {
     }
 
     #[test]
-    fn each_orientation_is_named_also_of_boards_that_look_the_same_flipped() {
+    fn each_orientation_is_reported_even_of_boards_with_mirror_symmetry() {
         for board in ["acircles:9x4:55mm:r17.5mm", "acircles:10x4:55mm:r17.5mm", "circles:5x5:50mm:r15mm"] {
             let board: Board = board.parse().unwrap();
             for orientation in Orientation::ALL.into_iter().skip(1) {
@@ -616,7 +621,7 @@ mod tests {
     }
 
     #[test]
-    fn another_clock_is_named() {
+    fn rate_and_offset_of_another_clock_are_measured() {
         let board: Board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
         for (rate, offset) in [(0.5, 0.0), (0.5, -20.0), (2.0, 0.3), (1.0, -1.5), (1.25, 0.0), (1.0, 0.4)] {
             let clock = |t: f64| (t - offset) / rate;
@@ -629,12 +634,12 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_another_camera_are_unlike() {
+    fn frames_of_another_camera_are_detected() {
         let board: Board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
         // A camera next to the first, rotated and tilted: near points move more.
-        let beside = |place: Vector2<f64>| {
+        let next_to_first = |place: Vector2<f64>| {
             Vector2::new(0.8 * place.x + 0.3 * place.y + 0.001 * place.x * place.x, 1.1 * place.y)
         };
-        assert_eq!(found(&board, beside, |t| t), Some(Misalignment::Unlike));
+        assert_eq!(found(&board, next_to_first, |t| t), Some(Misalignment::Unlike));
     }
 }

@@ -299,7 +299,7 @@ mod tests {
 
     #[test]
     fn the_remedy_depends_on_the_reasons() {
-        let told = |refused: BTreeMap<NoBoard, u64>| {
+        let failure = |refused: BTreeMap<NoBoard, u64>| {
             let notes = vec!["7 frames: 32FC1".to_owned()];
             let detection = PictureSearchReport { frames: 7, refused, notes, ..PictureSearchReport::default() };
             let report = PictureReport { detection, ..PictureReport::default() };
@@ -312,10 +312,10 @@ mod tests {
             let failure = start(&[], &report, &board, Sensor::new(346, 260), ModelKind::Radtan, &settings);
             failure.err().unwrap()
         };
-        let all_good = told(BTreeMap::new());
+        let all_good = failure(BTreeMap::new());
         assert!(all_good.to_string().ends_with("needed: record longer"), "{all_good}");
         assert_eq!(all_good.clone().with_larger_board(), all_good);
-        let unread = told(BTreeMap::from([(NoBoard::UnreadEncoding, 7)]));
+        let unread = failure(BTreeMap::from([(NoBoard::UnreadEncoding, 7)]));
         assert!(
             unread.to_string().ends_with("needed (in an encoding that is not read: 7): 7 frames: 32FC1"),
             "{unread}"

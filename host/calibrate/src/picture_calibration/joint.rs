@@ -181,8 +181,8 @@ fn neighbour_distance(measured: &ObservedCircle, expected: &[Option<Vector2<f64>
         _ => {
             let place = expected.get(measured.index).copied().flatten();
             let others = expected.iter().enumerate().filter(|(index, _)| *index != measured.index);
-            let apart = |(_, other): (usize, &Option<Vector2<f64>>)| Some((place? - (*other)?).norm());
-            others.filter_map(apart).fold(f64::INFINITY, f64::min)
+            let distance = |(_, other): (usize, &Option<Vector2<f64>>)| Some((place? - (*other)?).norm());
+            others.filter_map(distance).fold(f64::INFINITY, f64::min)
         }
     }
 }

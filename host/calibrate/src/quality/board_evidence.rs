@@ -88,19 +88,25 @@ pub struct BoardEstimate {
     /// Evidence from the observations with all parameters estimated.
     pub evidence: Option<BoardEvidence>,
     /// The camera with the nominal board; `None` if no parameter was estimated.
-    pub camera_as_stated: Option<Camera<f64>>,
+    pub camera_with_nominal_board: Option<Camera<f64>>,
 }
 
 impl BoardEstimate {
-    /// Creates the estimate of the board of `refined` with its `sigma` and the `evidence` there; `camera_as_stated` is the camera
-    /// of the solve with the nominal board.
+    /// Creates the estimate of the board of `refined` with its `sigma` and the `evidence` there; `camera_with_nominal_board` is the
+    /// camera of the solve with the nominal board.
     pub fn new(
         refined: &Refined,
         sigma: [f64; PARAMETERS],
         evidence: Option<BoardEvidence>,
-        camera_as_stated: Option<Camera<f64>>,
+        camera_with_nominal_board: Option<Camera<f64>>,
     ) -> Self {
-        Self { shape: refined.state.board, estimated: refined.problem.free.board, sigma, evidence, camera_as_stated }
+        Self {
+            shape: refined.state.board,
+            estimated: refined.problem.free.board,
+            sigma,
+            evidence,
+            camera_with_nominal_board,
+        }
     }
 }
 
@@ -118,19 +124,19 @@ impl BoardEvidence {
         let mut values = state.board.parameters();
         values.iter_mut().zip(steps).for_each(|(value, step)| *value += step);
         let mut sigma = [f64::INFINITY; PARAMETERS];
-        let told = sigma.iter_mut().zip(testable).filter(|(_, told)| *told);
-        told.zip(variances).for_each(|((sigma, _), variance)| *sigma = variance.max(0.0).sqrt());
+        let tested = sigma.iter_mut().zip(testable).filter(|(_, testable)| *testable);
+        tested.zip(variances).for_each(|((sigma, _), variance)| *sigma = variance.max(0.0).sqrt());
         sigma[RADIUS] = libm::hypot(sigma[RADIUS], radius_error);
         Self { values, sigma }
     }
 
-    /// Returns the parameters that differ significantly from the `stated` shape of `board`, its nominal one.
-    pub fn asks_for(&self, stated: &BoardShape, board: &Board) -> [bool; PARAMETERS] {
-        let stated = stated.parameters();
+    /// Returns the parameters that differ significantly from the `nominal` shape of `board`.
+    pub fn supported_parameters(&self, nominal: &BoardShape, board: &Board) -> [bool; PARAMETERS] {
+        let nominal = nominal.parameters();
         let bend = SMALLEST_BEND * board.longer_side();
         let smallest = [SMALLEST_RATIO, bend, bend, SMALLEST_RADIUS * board.print_radius()];
         std::array::from_fn(|index| {
-            let difference = (self.values[index] - stated[index]).abs();
+            let difference = (self.values[index] - nominal[index]).abs();
             difference > SIGNIFICANCE[index] * self.sigma[index] && difference > smallest[index]
         })
     }

@@ -67,7 +67,7 @@ impl Coverage {
     }
 
     /// Returns `true` if the calibration has observations around `pixel` of a sensor of this size.
-    pub fn backs(&self, pixel: [f64; 2], sensor: Sensor) -> bool {
+    pub fn has_observations_near(&self, pixel: [f64; 2], sensor: Sensor) -> bool {
         self.is_covered(cell(pixel, sensor))
     }
 }

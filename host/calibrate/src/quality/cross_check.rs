@@ -267,16 +267,17 @@ fn sentence(
     frames: usize,
 ) -> String {
     let (rms, max, [x, y]) = (difference.rms, difference.max, difference.max_at);
-    let apart = format!("their projections differ by {rms:.3} px (rms; at most {max:.3} px, at ({x:.0}, {y:.0}))");
+    let size_in_words =
+        format!("their projections differ by {rms:.3} px (rms; at most {max:.3} px, at ({x:.0}, {y:.0}))");
     let expected = expected.rms;
     match agreement {
         Agreement::Agrees => {
             format!(
-                "the camera's {frames} frames agree with its events: {apart}, {ratio:.1} times the {expected:.3} px that their uncertainties predict"
+                "the camera's {frames} frames agree with its events: {size_in_words}, {ratio:.1} times the {expected:.3} px that their uncertainties predict"
             )
         }
         Agreement::Disagrees => format!(
-            "the camera's {frames} frames DISAGREE with its events: {apart}, {ratio:.1} times the {expected:.3} px that their uncertainties predict. Both have \
+            "the camera's {frames} frames DISAGREE with its events: {size_in_words}, {ratio:.1} times the {expected:.3} px that their uncertainties predict. Both have \
              the same lens, so one of the two is wrong or less certain than reported: is the lens in focus, is \
              the board flat, was it seen all over the image by both, did the lens or the board change while recording?"
         ),

@@ -52,12 +52,12 @@ pub struct BetterModel {
 
 /// If two models differ by more than this at a position (px), the wrong model had no events in that part of the image
 /// and only extrapolates there.
-const LOST: f64 = 1.0;
+const EXTRAPOLATED_DIFFERENCE: f64 = 1.0;
 
 /// Size of the difference at such positions, as a multiple of the largest difference. It is more than 1, because the
 /// other model had no events there either. Chosen on seed 11 of wrong models, some of which are tens of pixels off
 /// there.
-const GUESS: f64 = 2.0;
+const EXTRAPOLATION_FACTOR: f64 = 2.0;
 
 /// Difference between a lens model and the lens.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -76,30 +76,30 @@ pub fn misfit(problem: &Problem, state: &State, pattern: &ResidualPattern, infla
     Misfit { rms, better }
 }
 
-/// Returns the root mean square of a difference over the sensor. Positions with more than [`LOST`] count as [`GUESS`]
-/// times the largest difference.
+/// Returns the root mean square of a difference over the sensor. Positions with more than [`EXTRAPOLATED_DIFFERENCE`]
+/// count as [`EXTRAPOLATION_FACTOR`] times the largest difference.
 fn cautious_rms(difference: &ProjectionDifference) -> f64 {
     let squares = difference.grid.iter().filter_map(|place| {
         let [x, y] = place.difference?;
         let size = x.hypot(y);
-        Some(if size > LOST { GUESS * difference.max } else { size }.powi(2))
+        Some(if size > EXTRAPOLATED_DIFFERENCE { EXTRAPOLATION_FACTOR * difference.max } else { size }.powi(2))
     });
     let (count, sum) = squares.fold((0_usize, 0.0), |(count, sum), square| (count + 1, sum + square));
     (sum / count.max(1) as f64).sqrt()
 }
 
 /// Returns `true` if another lens model with the present board explains the events better than this lens model with a
-/// board of another `shape`, whose `asked` parameters are estimated.
+/// board of another `shape`, whose `estimated` parameters are part of the solve.
 pub fn lens_explains_more(
     problem: &Problem,
     state: &State,
     shape: BoardShape,
-    asked: [bool; BOARD_PARAMETERS],
+    estimated: [bool; BOARD_PARAMETERS],
     inflation: f64,
 ) -> bool {
     let step = thinning(problem);
     let own = state.camera.kind();
-    let free = FreeParameters { board: asked, ..problem.free };
+    let free = FreeParameters { board: estimated, ..problem.free };
     let shaped = State { board: shape, ..state.clone() };
     let Ok(with_shape) = solve(&thinned(problem, step, free, SHAPE_ITERATIONS), shaped) else { return false };
     let chance = CERTAIN * (inflation / step as f64).max(1.0);

@@ -20,7 +20,7 @@ use crate::solve::normal::RangeEquations;
 use crate::solve::observation::SegmentObservations;
 use crate::solve::observation_range::{EventResidual, ObservationRange, point_residuals};
 use crate::solve::stiffness::Stiffness;
-use crate::solve::system::Holds;
+use crate::solve::system::TrajectoryPriors;
 use crate::solve::{GLOBAL_COUNT, Problem, State};
 use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::lens::projection_difference::{ProjectionDifference, projection_difference};
@@ -99,7 +99,7 @@ pub fn groups<'a>(
 /// The equations of both halves.
 pub struct Halves<'a> {
     segments: &'a [SegmentObservations],
-    holds: Vec<Holds<'a>>,
+    priors: Vec<TrajectoryPriors<'a>>,
     halves: [Half; 2],
     is_determined: bool,
 }
@@ -109,14 +109,13 @@ impl<'a> Halves<'a> {
     pub fn new(problem: &'a Problem, state: &State) -> Option<Self> {
         const NOT_STIFF: &Stiffness = &Stiffness::new();
         let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
-        let holds =
-            state.trajectories.iter().enumerate().map(|(segment, trajectory)| {
-                Holds::new(trajectory, problem.stiffness.get(segment).unwrap_or(NOT_STIFF))
-            });
+        let priors = state.trajectories.iter().enumerate().map(|(segment, trajectory)| {
+            TrajectoryPriors::new(trajectory, problem.stiffness.get(segment).unwrap_or(NOT_STIFF))
+        });
         let free = problem.free.mask();
         (total >= SLICE * FEWEST_SLICES).then(|| Self {
             segments: &problem.segments,
-            holds: holds.collect(),
+            priors: priors.collect(),
             halves: [Half::new(&free), Half::new(&free)],
             is_determined: true,
         })
@@ -127,10 +126,10 @@ impl<'a> Halves<'a> {
         let slice = |(range, _): &(ObservationRange, RangeEquations)| slice_of(range, self.segments);
         for of_slice in equations.chunk_by(|a, b| slice(a) == slice(b)) {
             let Some((segment, number)) = of_slice.first().map(slice) else { continue };
-            let Some(holds) = self.holds.get(segment) else { continue };
+            let Some(priors) = self.priors.get(segment) else { continue };
             let [even, odd] = &mut self.halves;
             let half = if number & 1 == 0 { even } else { odd };
-            self.is_determined &= half.add_slice(of_slice, holds).is_some();
+            self.is_determined &= half.add_slice(of_slice, priors).is_some();
         }
     }
 
@@ -163,7 +162,7 @@ pub fn split_half(
     let formal = [formal(first), formal(second)];
     // Errors common to both halves cancel.
     let scattered = &parts.noise + &parts.between_parts;
-    let covariance = alike(&(&formal[0] + &formal[1]), &parts.noise, &scattered, &free)?;
+    let covariance = scale_by_scatter(&(&formal[0] + &formal[1]), &parts.noise, &scattered, &free)?;
     let difference = projection_difference(&cameras[0], &cameras[1], problem.sensor).ok()?;
     let expected = projection_uncertainty(&state.camera, &covariance, problem.sensor).ok()?;
 
@@ -174,7 +173,7 @@ pub fn split_half(
         let share = |decrease: f64| squares.sum * (1.0 - decrease / cost.max(f64::MIN_POSITIVE));
         held_out.count += squares.count;
         held_out.own_rms += share(half.decrease);
-        held_out.rms += share(half.decrease - 0.5 * within(formal, &distance, &free)?);
+        held_out.rms += share(half.decrease - 0.5 * squared_mahalanobis_distance(formal, &distance, &free)?);
     }
     let mean = |sum: f64| (sum.max(0.0) / held_out.count.max(1) as f64).sqrt();
     let held_out = HeldOutResidual { rms: mean(held_out.rms), own_rms: mean(held_out.own_rms), ..held_out };
@@ -188,7 +187,11 @@ pub fn split_half(
 }
 
 /// Returns the squared `distance` of the intrinsics in units of their `covariance`; parameters that are not `free` do not count.
-fn within(covariance: &DMatrix<f64>, distance: &DVector<f64>, free: &[bool; GLOBAL_COUNT]) -> Option<f64> {
+fn squared_mahalanobis_distance(
+    covariance: &DMatrix<f64>,
+    distance: &DVector<f64>,
+    free: &[bool; GLOBAL_COUNT],
+) -> Option<f64> {
     let places: Vec<usize> = (0..distance.len()).filter(|&index| free[index]).collect();
     let distance = distance.select_rows(&places);
     let factor = covariance.select_rows(&places).select_columns(&places).cholesky()?;
@@ -219,7 +222,7 @@ fn squares(problem: &Problem, state: &State, events: &[EventResidual]) -> [Squar
 /// Scales `formal` by the ratio of `scattered` to `noise`, as matrices: if `formal` is k times `noise`, the result is k times
 /// `scattered`. All are covariances of the intrinsics, with zeros for parameters that are not `free`. Returns `None` if one of
 /// them is not positive definite.
-fn alike(
+fn scale_by_scatter(
     formal: &DMatrix<f64>,
     noise: &DMatrix<f64>,
     scattered: &DMatrix<f64>,
@@ -262,16 +265,16 @@ mod tests {
         let mut free = [false; GLOBAL_COUNT];
         (free[0], free[2]) = (true, true);
         // Each half alone has twice the variance, and the difference of two has twice that.
-        let four = alike(&(&noise * 4.0), &noise, &scattered, &free).unwrap();
+        let four = scale_by_scatter(&(&noise * 4.0), &noise, &scattered, &free).unwrap();
         assert!((four - &scattered * 4.0).norm() < 1e-12);
         let formal = DMatrix::from_row_slice(3, 3, &[7.0, 0.0, 2.0, 0.0, 0.0, 0.0, 2.0, 0.0, 5.0]);
         // If the scatter has the shape of the noise, the covariance is only enlarged.
-        let enlarged = alike(&formal, &noise, &(&noise * 2.5), &free).unwrap();
+        let enlarged = scale_by_scatter(&formal, &noise, &(&noise * 2.5), &free).unwrap();
         assert!((enlarged - &formal * 2.5).norm() < 1e-12);
-        let scatter = alike(&formal, &noise, &scattered, &free).unwrap();
+        let scatter = scale_by_scatter(&formal, &noise, &scattered, &free).unwrap();
         assert!((&scatter - scatter.transpose()).norm() < 1e-12 && scatter[(0, 0)] > formal[(0, 0)]);
         assert_eq!(scatter[(1, 1)], 0.0);
-        let held = DMatrix::zeros(3, 3);
-        assert_eq!(alike(&held, &held, &held, &[false; GLOBAL_COUNT]), Some(held));
+        let fixed = DMatrix::zeros(3, 3);
+        assert_eq!(scale_by_scatter(&fixed, &fixed, &fixed, &[false; GLOBAL_COUNT]), Some(fixed));
     }
 }

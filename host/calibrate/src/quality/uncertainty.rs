@@ -211,7 +211,8 @@ pub fn uncertainty(problem: &Problem, state: &State) -> Result<SolveUncertainty,
     let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
     let time = Time { starts: &times, total };
     let of_free = |one: Contribution| one.of(&places);
-    let (stated, inflation, blocks) = stated(&formal, &contributions_with_board, &of_free, time, first_count(&free));
+    let (reported, inflation, blocks) =
+        reported_covariance(&formal, &contributions_with_board, &of_free, time, first_count(&free));
     let board = formal_with_board
         .zip(step_with_board)
         .map(|(formal, step)| board_evidence(problem, state, &formal, &step, &contributions_with_board, time));
@@ -234,15 +235,15 @@ pub fn uncertainty(problem: &Problem, state: &State) -> Result<SolveUncertainty,
     let focal_lengths = std::array::from_fn(|axis| if free[axis] { state.camera.parameters()[axis] } else { 0.0 });
     let of_model = &noise * common;
     let scale = scale_error(&of_model, focal_lengths, systematic_scale);
-    let stated_intrinsics = intrinsics_of(&stated, &free, count);
+    let reported_intrinsics = intrinsics_of(&reported, &free, count);
     let parts = CovarianceParts {
-        between_parts: &stated_intrinsics - &noise,
+        between_parts: &reported_intrinsics - &noise,
         noise,
         focal_lengths: &scale * scale.transpose(),
         event_model: of_model,
     };
     let systematic = &parts.event_model + &parts.focal_lengths;
-    let covariance = stated_intrinsics + &systematic;
+    let covariance = reported_intrinsics + &systematic;
 
     // The poses follow the camera, so its errors move them too.
     let scale = DVector::from_fn(places.len(), |row, _| scale.get(places[row]).copied().unwrap_or(0.0));
@@ -261,7 +262,7 @@ pub fn uncertainty(problem: &Problem, state: &State) -> Result<SolveUncertainty,
     let mut board_sigma = [0.0; BOARD_PARAMETERS];
     let free_of_board = board_sigma.iter_mut().zip(problem.free.board).filter(|(_, free)| *free);
     for (place, (sigma, _)) in (first_of_board..).zip(free_of_board) {
-        *sigma = (stated[(place, place)] + common * formal[(place, place)]).max(0.0).sqrt();
+        *sigma = (reported[(place, place)] + common * formal[(place, place)]).max(0.0).sqrt();
     }
     if problem.free.board[RADIUS] {
         board_sigma[RADIUS] = libm::hypot(board_sigma[RADIUS], SYSTEMATIC_RADIUS * problem.mean_scale);
@@ -287,7 +288,7 @@ fn first_count(free: &[bool; GLOBAL_COUNT]) -> usize {
 /// Computes the reported covariance of the `first` parameters, its inflation, and the number of blocks behind it. `part` extracts
 /// what is needed of a block's contribution, `formal` is the inverse of the whole information, and `contributions` come from
 /// intervals of observations.
-pub fn stated(
+pub fn reported_covariance(
     formal: &DMatrix<f64>,
     contributions: &[PackedContribution],
     part: &dyn Fn(Contribution) -> Contribution,
@@ -301,10 +302,10 @@ pub fn stated(
         // The blocks are summed one at a time, because all sums together would be as large as the contributions.
         scatter(formal, sum_by_block(time.starts, contributions, length).map(part), first)
     };
-    let (stated, inflation, blocks) = combined(&formal_first, lengths.into_iter().filter_map(of_length));
+    let (reported, inflation, blocks) = combined(&formal_first, lengths.into_iter().filter_map(of_length));
     let long = LONG_PARTS.map(|share| share * time.total).into_iter().filter(|&length| length > lengths[LAST_LENGTH]);
     let drift = long.filter_map(of_length).map(|scatter| lower_end(&scatter, first)).fold(inflation, f64::max);
-    (stated * (drift / inflation), drift, blocks)
+    (reported * (drift / inflation), drift, blocks)
 }
 
 /// Computes the evidence about the board from the `formal` covariance and the step of all parameters, both with the
@@ -321,9 +322,9 @@ fn board_evidence(
     let free = parameters.mask();
     let there = |one: Contribution| after(step, one, &free);
     let first = first_count(&free);
-    let (stated, ..) = self::stated(formal, contributions, &there, time, first);
+    let (reported, ..) = reported_covariance(formal, contributions, &there, time, first);
     let board = parameters.board.iter().filter(|&&free| free).count();
-    let variances: Vec<f64> = stated.diagonal().iter().skip(first - board).copied().collect();
+    let variances: Vec<f64> = reported.diagonal().iter().skip(first - board).copied().collect();
     let radius_error = SYSTEMATIC_RADIUS * problem.mean_scale;
     BoardEvidence::new(state, step, parameters.board, variances.into_iter(), radius_error)
 }
@@ -429,12 +430,12 @@ mod tests {
             inflation: 0.5 * (x + y),
             blocks,
         };
-        let (stated, inflation, blocks) = combined(&formal, [of(1.0, 3.0, 9), of(6.0, 2.0, 5)].into_iter());
+        let (reported, inflation, blocks) = combined(&formal, [of(1.0, 3.0, 9), of(6.0, 2.0, 5)].into_iter());
         assert_eq!((inflation, blocks), (4.0, 5));
         // The mean shape is (0.5 + 1.5, 1.5 + 0.5) / 2: even, as the formal one.
-        assert!((&stated - DMatrix::from_diagonal_element(2, 2, 4.0)).norm() < 1e-12, "{stated}");
-        let (stated, ..) = combined(&formal, std::iter::once(of(6.0, 2.0, 5)));
-        assert!((stated[(0, 0)] - 4.0 * (0.75 * 1.5 + 0.25)).abs() < 1e-12, "{stated}");
+        assert!((&reported - DMatrix::from_diagonal_element(2, 2, 4.0)).norm() < 1e-12, "{reported}");
+        let (reported, ..) = combined(&formal, std::iter::once(of(6.0, 2.0, 5)));
+        assert!((reported[(0, 0)] - 4.0 * (0.75 * 1.5 + 0.25)).abs() < 1e-12, "{reported}");
     }
 
     #[test]

@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn causes_come_before_consequences() {
+    fn findings_are_sorted_with_causes_before_consequences() {
         let uncertain = finding(Cause::Uncertain, Severity::Failure, "known to 1.59 px");
         let poor = finding(Cause::ModelTooPoor, Severity::Failure, "radtan8 cannot follow this lens");
         let far = finding(Cause::FarAway, Severity::Warning, "far away");

@@ -186,7 +186,7 @@ mod tests {
         "camera": {"model": "ucm", "parameters": {"fx": 300.0, "fy": 301.0, "cx": 172.5, "cy": 129.5, "alpha": 0.5}}"#;
 
     #[test]
-    fn a_file_without_a_version_is_a_camera_seen_everywhere() {
+    fn a_file_without_a_version_covers_the_whole_sensor() {
         let camera = read(&format!(r#"{{ {CAMERA}, "format": "evcal-calibration", "verdict": 7 }}"#)).unwrap();
         assert_eq!(camera.camera.parameters().to_vec(), [300.0, 301.0, 172.5, 129.5, 0.5]);
         assert_eq!(camera.covered, CoveredRegion::whole(Sensor::new(346, 260)));

@@ -362,15 +362,15 @@ impl InertialResult {
 
     fn noises(&self, text: &mut String) {
         let mean = |density: [f64; 3]| density.iter().sum::<f64>() / 3.0;
-        let told =
+        let note =
             |measured: bool| if measured { "" } else { " (not measured: twice the value of a typical data sheet)" };
         let _ = writeln!(
             text,
             "  noise: gyroscope {:.4} °/s/√Hz{}, accelerometer {:.0} µg/√Hz{}; random walks are not measured",
             mean(self.gyroscope.noise_density).to_degrees(),
-            told(self.gyroscope.noise_measured),
+            note(self.gyroscope.noise_measured),
             1e6 * mean(self.accelerometer.noise_density) / STANDARD_GRAVITY,
-            told(self.accelerometer.noise_measured),
+            note(self.accelerometer.noise_measured),
         );
     }
 }

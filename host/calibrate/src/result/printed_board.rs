@@ -62,7 +62,7 @@ impl PrintedBoard {
                 if_free,
             }
         });
-        let camera_as_stated = estimate.camera_as_stated.as_ref().map(CameraDescription::new);
+        let camera_as_stated = estimate.camera_with_nominal_board.as_ref().map(CameraDescription::new);
         Self { print_ratio, bend_x, bend_y, radius, camera_as_stated }
     }
 }

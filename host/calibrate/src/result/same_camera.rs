@@ -109,7 +109,7 @@ pub fn compare_cameras(
         });
     }
     let difference = projection_difference(&first.camera, &second.camera, first.sensor)?;
-    let stated_rms = [stated(first), stated(second)];
+    let stated_rms = [reported_rms(first), reported_rms(second)];
     let expected_rms = match stated_rms {
         [None, None] => None,
         [one, other] => Some(one.unwrap_or(0.0).hypot(other.unwrap_or(0.0))),
@@ -126,7 +126,7 @@ pub fn compare_cameras(
 }
 
 /// Returns the expected root mean square error of a calibration's projection; `None` if the file does not contain it.
-fn stated(camera: &CalibratedCamera) -> Option<f64> {
+fn reported_rms(camera: &CalibratedCamera) -> Option<f64> {
     let rows = camera.covariance.as_ref()?;
     let size = camera.camera.parameters().len();
     let values: Vec<f64> = rows.iter().flatten().copied().collect();
@@ -177,9 +177,9 @@ impl fmt::Display for ComparedCalibrations {
                 "\nwith these uncertainties, two calibrations of one camera are expected to differ by {expected:.3} px (rms)"
             )?;
         }
-        for (file, stated) in self.files.iter().zip(self.stated_rms) {
-            if let Some(stated) = stated {
-                write!(f, "\n  {}: projection known to {stated:.3} px (rms)", file.display())?;
+        for (file, rms) in self.files.iter().zip(self.stated_rms) {
+            if let Some(rms) = rms {
+                write!(f, "\n  {}: projection known to {rms:.3} px (rms)", file.display())?;
             }
         }
         Ok(())
@@ -224,9 +224,9 @@ mod tests {
         assert!((near.difference_rms / expected - 8.0 / 2f64.sqrt()).abs() < 0.1, "{near:?}");
         assert_eq!(near.sameness, Sameness::Near);
         // A difference of 0.57 px where 0.02 px are expected must not count as the same camera.
-        let apart = compare(&write(folder, "apart", 170.0, -0.367, Some(0.001)));
-        assert!((0.2..1.0).contains(&apart.difference_rms), "{apart:?}");
-        assert_eq!(apart.sameness, Sameness::Different);
+        let different = compare(&write(folder, "apart", 170.0, -0.367, Some(0.001)));
+        assert!((0.2..1.0).contains(&different.difference_rms), "{different:?}");
+        assert_eq!(different.sameness, Sameness::Different);
         let different = compare(&write(folder, "different", 175.0, -0.2, Some(0.001)));
         assert_eq!(different.sameness, Sameness::Different);
         assert!(different.to_string().contains("do not use one for the other"));

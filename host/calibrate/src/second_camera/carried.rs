@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn its_velocity_agrees_with_its_poses() {
+    fn the_velocity_of_the_second_camera_agrees_with_its_poses() {
         let carried = Carried::new(&first_bin(), &mount(), T, ROWS);
         let at = |t: f64| second(&first_at(mount().first_time(t) - mount().first_time(T)), &mount());
         let (after, before) = (at(T + STEP), at(T - STEP));

@@ -15,8 +15,8 @@ use super::joint::{Joint, Lenses, Solved, share_of_lenses, solve};
 use super::mount::{LINE_DELAY, Mount};
 use super::seen::Seen;
 use super::{
-    Apart, Known, add_scale_error, determined, finish, holding, problem_of_points, seen_by_both, start,
-    with_board_fixed,
+    Known, SeparateCalibration, add_scale_error, determined, finish, problem_of_points, seen_by_both, start,
+    with_board_fixed, with_fixed_lenses,
 };
 use crate::circles::reference_frame::PointObservation;
 use crate::solve::State;
@@ -75,7 +75,7 @@ pub struct FrameCamera<'a> {
 /// # Errors
 /// [`SecondCameraError`] names the problem with the recordings or the motion, and the remedy.
 pub fn calibrate_frames(
-    first: Apart,
+    first: SeparateCalibration,
     second: FrameCamera,
     symmetries: &[Symmetry],
     lenses: Lenses,
@@ -134,7 +134,7 @@ pub fn calibrate_frames(
 /// Solves, and repeats the solve with the resulting spread of centres until it agrees with the assumed one: in the separate
 /// calibration, the frames of a rolling shutter fit no lens well. Returns the solution, and that spread (px).
 fn weighed(joint: Joint, estimate: Estimate, lenses: Lenses) -> Result<(Solved, f64), SecondCameraError> {
-    let (mut joint, estimate) = holding(joint, estimate, lenses);
+    let (mut joint, estimate) = with_fixed_lenses(joint, estimate, lenses);
     let mut solved = solve(&joint, estimate)?;
     for _ in 1..MOST_SOLVES {
         let ratio = solved.rms / USUAL_RMS;

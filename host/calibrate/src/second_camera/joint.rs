@@ -11,7 +11,7 @@ use super::error::SecondCameraError;
 use super::estimate::Estimate;
 use super::mount::{RATE, RATE_SIGMA};
 use super::rows::{SecondPart, second_parts};
-use crate::quality::uncertainty::{BLOCK, Time, stated};
+use crate::quality::uncertainty::{BLOCK, Time, reported_covariance};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::bordered::{Part, Step, System, event_parts, minimise, moved_by};
 use crate::solve::fixed_intrinsics::{FixedIntrinsics, share_of_fixed};
@@ -88,7 +88,7 @@ pub fn solve(joint: &Joint, estimate: Estimate) -> Result<Solved, SecondCameraEr
     let total = estimate.first.trajectories.iter().map(|one| one.end() - one.start()).sum();
     let time = Time { starts: &blocks.times, total };
     let count = estimate.mount.count();
-    let (covariance, inflation, blocks) = stated(&formal, &blocks.contributions, &|all| all, time, count);
+    let (covariance, inflation, blocks) = reported_covariance(&formal, &blocks.contributions, &|all| all, time, count);
     Ok(Solved { estimate, covariance, inflation, blocks, used: now.counts[1], misfit: now.misfit, rms: now.rms })
 }
 
@@ -105,16 +105,16 @@ pub fn share_of_lenses(
     if lenses.iter().all(Option::is_none) {
         return Ok(None);
     }
-    let opened = |lens: Option<&FixedIntrinsics>, problem: &Problem| match lens {
-        Some(lens) => lens.opened(problem),
+    let with_lens = |lens: Option<&FixedIntrinsics>, problem: &Problem| match lens {
+        Some(lens) => lens.with_uncertain_estimated(problem),
         None => problem.with_segments(problem.segments.clone()),
     };
-    let opened = Joint { first: opened(lenses[0], &joint.first), second: opened(lenses[1], &joint.second) };
-    let system = linearise(&opened, estimate)?.system;
+    let with_lenses = Joint { first: with_lens(lenses[0], &joint.first), second: with_lens(lenses[1], &joint.second) };
+    let system = linearise(&with_lenses, estimate)?.system;
     let of_second = estimate.mount.count();
-    let of_first = of_second + opened.second.free.places().len();
+    let of_first = of_second + with_lenses.second.free.places().len();
     let fixed = lenses.into_iter().zip([of_first, of_second]).filter_map(|(lens, place)| {
-        let covariance = lens?.of_opened();
+        let covariance = lens?.uncertain_covariance();
         Some((place..place + covariance.nrows(), covariance))
     });
     let share = share_of_fixed(&system, &fixed.collect::<Vec<_>>())?;

@@ -122,7 +122,7 @@ fn start_at(
         return Err(SecondCameraError::TooShort { seconds, needed: FEWEST_SECONDS });
     }
     let middle = 0.5 * (begin.t + end.t);
-    let (first_second, turns) = ways_round(&pairs, symmetries)?;
+    let (first_second, turns) = board_orientation(&pairs, symmetries)?;
     let mount = Mount { second_first: first_second.inverse(), offset, rate: 0.0, middle, line_delay: None };
     let seen = pairs.iter().filter_map(|pair| {
         let turn = symmetries.get(*turns.get(&pair.segments)?)?;
@@ -169,15 +169,15 @@ fn distance(one: &Isometry3<f64>, other: &Isometry3<f64>) -> f64 {
 }
 
 /// Returns `T_first_second`, and for overlapping segments the rotation of the board between them.
-fn ways_round(pairs: &[Pair], symmetries: &[Symmetry]) -> Result<(Isometry3<f64>, Turns), SecondCameraError> {
+fn board_orientation(pairs: &[Pair], symmetries: &[Symmetry]) -> Result<(Isometry3<f64>, Turns), SecondCameraError> {
     let mut groups: BTreeMap<(usize, usize), Vec<&Pair>> = BTreeMap::new();
     pairs.iter().for_each(|pair| groups.entry(pair.segments).or_default().push(pair));
     let longest = groups.values().max_by_key(|group| group.len()).ok_or(SecondCameraError::Singular)?;
-    let mut ways: Vec<(Isometry3<f64>, f64)> =
+    let mut orientations: Vec<(Isometry3<f64>, f64)> =
         symmetries.iter().map(|turn| middle_of(&transforms(longest, turn).collect::<Vec<_>>())).collect();
-    ways.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let (first_second, scatter) = *ways.first().ok_or(SecondCameraError::Singular)?;
-    if ways.get(1).is_some_and(|other| other.1 < CLEARLY * scatter) {
+    orientations.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let (first_second, scatter) = *orientations.first().ok_or(SecondCameraError::Singular)?;
+    if orientations.get(1).is_some_and(|other| other.1 < CLEARLY * scatter) {
         return Err(SecondCameraError::SymmetricBoard);
     }
     let nearest = |group: &Vec<&Pair>| {
@@ -185,8 +185,8 @@ fn ways_round(pairs: &[Pair], symmetries: &[Symmetry]) -> Result<(Isometry3<f64>
             let mut off: Vec<f64> = transforms(group, turn).map(|one| distance(&first_second, &one)).collect();
             median(&mut off, f64::total_cmp).unwrap_or(f64::INFINITY)
         };
-        let ways = symmetries.iter().map(off).enumerate();
-        ways.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index)
+        let orientations = symmetries.iter().map(off).enumerate();
+        orientations.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index)
     };
     Ok((first_second, groups.iter().map(|(segments, group)| (*segments, nearest(group))).collect()))
 }

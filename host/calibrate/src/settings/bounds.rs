@@ -45,7 +45,7 @@ fn check_below(prefix: &str, group: &Group, values: &Table) -> Result<(), OutOfB
         Kind::Choice | Kind::Group(_) => None,
     });
     for (name, unit, bounds, value) in numbers.clone() {
-        if !bounds.holds(value) {
+        if !bounds.contains(value) {
             return Err(OutOfBounds::Range { name: format!("{prefix}{name}"), value, bounds, unit });
         }
     }

@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn another_value_is_refused_by_name_with_what_is_built_in() {
+    fn the_error_about_another_value_names_the_setting_and_its_fixed_value() {
         let message = |text: &str| take_fixed(&mut text.parse().unwrap()).unwrap_err().to_string();
         assert_eq!(message("solve.huber = 3"), "solve.huber is 3, but it is fixed at 1.5 now: leave it out");
         let poor = message("verdict.poor = 0.5");

@@ -122,7 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_says_what_its_values_mean() {
+    fn each_value_in_a_file_has_a_description() {
         let text = Settings::default().to_commented_toml();
         let cluster = "# DBSCAN over the pixels of one polarity.\n[detection.cluster]\n\n\
                        # Neighbourhood radius ε. It must stay below the gap between the arcs of neighbouring dots.\n\

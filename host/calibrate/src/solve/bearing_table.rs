@@ -85,7 +85,7 @@ pub struct Place<'a> {
     /// Derivatives of the bearing there.
     pub slopes: &'a BearingSlopes,
     /// Position relative to that centre, in pixels.
-    pub beside: [f64; 2],
+    pub offset: [f64; 2],
 }
 
 /// Cell in which the derivatives by the coefficients are expanded.
@@ -116,16 +116,16 @@ impl Place<'_> {
     /// Returns the bearing to second order, and its derivative by pixel x and y.
     #[inline(always)]
     pub fn bearing(&self) -> ([f64; 3], [[f64; 3]; 2]) {
-        self.slopes.bearing(*self.center, self.beside)
+        self.slopes.bearing(*self.center, self.offset)
     }
 }
 
 impl BearingSlopes {
-    /// Returns the bearing to second order and its derivative by pixel x and y, at the offset `beside` (pixels) from the centre
+    /// Returns the bearing to second order and its derivative by pixel x and y, at the `offset` (pixels) from the centre
     /// of the cell, where the bearing is `center`.
     #[inline(always)]
-    pub fn bearing(&self, center: [f64; 3], beside: [f64; 2]) -> ([f64; 3], [[f64; 3]; 2]) {
-        let [x, y] = beside;
+    pub fn bearing(&self, center: [f64; 3], offset: [f64; 2]) -> ([f64; 3], [[f64; 3]; 2]) {
+        let [x, y] = offset;
         let (mut bearing, mut by_pixel) = (center, [[0.0; 3]; 2]);
         for axis in 0..3 {
             let (by_x, by_y) = (f64::from(self.by_pixel[0][axis]), f64::from(self.by_pixel[1][axis]));
@@ -201,8 +201,8 @@ impl BearingTable {
     pub fn place_at(&self, spot: Spot, x: f64, y: f64) -> Option<Place<'_>> {
         let Cell { center, slopes } = self.cell(spot)?;
         let middle = |index: u32| position(index as usize / CELL * CELL) + CELL_CENTER;
-        let beside = [x - middle(spot.column), y - middle(spot.row)];
-        (!center[0].is_nan()).then_some(Place { center, slopes, beside })
+        let offset = [x - middle(spot.column), y - middle(spot.row)];
+        (!center[0].is_nan()).then_some(Place { center, slopes, offset })
     }
 
     /// Returns the cell in which the derivatives by the coefficients at `spot` are expanded.
@@ -248,8 +248,8 @@ fn cells(camera: &Camera<f64>, columns: usize, rows: usize) -> (Vec<Cell>, Vec<C
     };
     // Slopes one pixel left and right of a centre, and above and below it.
     let around = |column: usize, row: usize| {
-        let beside = |x: f64, y: f64| Slopes::new(camera, center(column, row) + Vector2::new(x, y));
-        Some([[beside(-1.0, 0.0)?, beside(1.0, 0.0)?], [beside(0.0, -1.0)?, beside(0.0, 1.0)?]])
+        let slopes_at = |x: f64, y: f64| Slopes::new(camera, center(column, row) + Vector2::new(x, y));
+        Some([[slopes_at(-1.0, 0.0)?, slopes_at(1.0, 0.0)?], [slopes_at(0.0, -1.0)?, slopes_at(0.0, 1.0)?]])
     };
     let cell = |column: usize, row: usize| {
         let here = at(column, row)?;
@@ -360,14 +360,14 @@ impl CoefficientCell {
         ])
     }
 
-    /// Returns the large cell to first order, from the slopes at `here` (at the offset `beside` from its centre), one pixel left
+    /// Returns the large cell to first order, from the slopes at `here` (at the `offset` from its centre), one pixel left
     /// and right of it, and one pixel above and below it.
-    fn about(here: &Slopes, pair_x: &[Slopes; 2], pair_y: &[Slopes; 2], beside: [f32; 2]) -> Self {
+    fn about(here: &Slopes, pair_x: &[Slopes; 2], pair_y: &[Slopes; 2], offset: [f32; 2]) -> Self {
         let [x, y] = [pair_x, pair_y].map(|[before, after]| {
             combined(|row, index| 0.5 * (after.by_coefficient[row][index] - before.by_coefficient[row][index]))
         });
         let center = combined(|row, index| {
-            here.by_coefficient[row][index] - beside[0] * x[row][index] - beside[1] * y[row][index]
+            here.by_coefficient[row][index] - offset[0] * x[row][index] - offset[1] * y[row][index]
         });
         let [xx, xy, yy] = [ByCoefficient::default(); 3];
         Self([center, x, y, xx, xy, yy])
@@ -380,11 +380,11 @@ fn combined(value: impl Fn(usize, usize) -> f32) -> ByCoefficient {
 }
 
 impl CoefficientPlace<'_> {
-    /// Returns the derivative of a distance on the image by the coefficients, at the offset `beside` from the centre of the
+    /// Returns the derivative of a distance on the image by the coefficients, at the `offset` from the centre of the
     /// bearing's cell. `gradient` is the derivative of the distance by the pixel of a fixed bearing.
     #[inline(always)]
-    pub fn by_coefficients(&self, beside: [f32; 2], gradient: [f32; 2]) -> [f32; MAX_COEFFICIENTS] {
-        let [x, y] = [beside[0] + self.to_cell[0], beside[1] + self.to_cell[1]];
+    pub fn by_coefficients(&self, offset: [f32; 2], gradient: [f32; 2]) -> [f32; MAX_COEFFICIENTS] {
+        let [x, y] = [offset[0] + self.to_cell[0], offset[1] + self.to_cell[1]];
         let weights = [1.0, x, y, 0.5 * x * x, x * y, 0.5 * y * y];
         let mut coefficients = [0.0; MAX_COEFFICIENTS];
         for (row, gradient) in gradient.into_iter().enumerate() {
@@ -441,7 +441,7 @@ mod tests {
                     let linear = [0, 1].map(|axis| gradient[axis] * by_focal_length[axis]);
                     let around = table.coefficients(table.spot(x, y).unwrap()).unwrap();
                     let coefficients = around
-                        .by_coefficients(place.beside.map(|value| value as f32), gradient.map(|value| value as f32));
+                        .by_coefficients(place.offset.map(|value| value as f32), gradient.map(|value| value as f32));
                     let linear = linear.into_iter().chain(gradient);
                     let found = linear.chain(coefficients.map(f64::from)).enumerate().take(parameters.len());
                     for (parameter, value) in found {

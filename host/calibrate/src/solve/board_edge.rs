@@ -121,11 +121,11 @@ impl BoardEdges {
                 let place = |line: &Line| {
                     let normal = (turn.pose.rotation * Vector3::new(line.normal[0], line.normal[1], 0.0)).xy();
                     let offset = line.offset + normal.dot(&turn.pose.translation.vector.xy());
-                    let apart = |other: &Line| {
+                    let distance = |other: &Line| {
                         let turned = (Vector2::from(other.normal) - normal).norm() * line.dark_width;
                         turned.max((other.offset - offset).abs()).max((other.dark_width - line.dark_width).abs())
                     };
-                    let nearest = lines.iter().map(apart).enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+                    let nearest = lines.iter().map(distance).enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
                     nearest.map_or(0, |(index, _)| index as u16)
                 };
                 lines.iter().map(place).collect()

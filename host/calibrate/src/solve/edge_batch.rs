@@ -69,7 +69,7 @@ struct Rays {
     edge: [Lane; 4],
     bearing: [Lane; 3],
     /// Offset from the centre of the cell of the bearing table (px).
-    beside_cell: [Lane; 2],
+    offset_from_cell: [Lane; 2],
     by_pixel: [[SingleLane; 3]; 2],
     by_pixel_twice: [[SingleLane; 3]; 3],
 }
@@ -96,7 +96,7 @@ pub struct Edges {
     /// Derivative of that distance by print ratio and bends of the board.
     pub by_shape: [Lane; BOARD_PARAMETERS - 1],
     /// Offset of the edge from the centre of the cell, in pixels.
-    pub beside_cell: [Lane; 2],
+    pub offset_from_cell: [Lane; 2],
     /// Derivative of the pixel by fx and fy.
     pub by_focal_length: [Lane; 2],
     normal_speed: Lane,
@@ -119,7 +119,7 @@ impl Edges {
         by_translation: [NOTHING; 3],
         by_rotation: [NOTHING; 3],
         by_shape: [NOTHING; BOARD_PARAMETERS - 1],
-        beside_cell: [NOTHING; 2],
+        offset_from_cell: [NOTHING; 2],
         by_focal_length: [NOTHING; 2],
         normal_speed: NOTHING,
         narrowness: NOTHING,
@@ -146,7 +146,7 @@ impl Rays {
         pixel: [NOTHING; 2],
         edge: [NOTHING; 4],
         bearing: [NOTHING; 3],
-        beside_cell: [NOTHING; 2],
+        offset_from_cell: [NOTHING; 2],
         by_pixel: [[NOTHING_SINGLE; 3]; 2],
         by_pixel_twice: [[NOTHING_SINGLE; 3]; 3],
     };
@@ -165,9 +165,9 @@ impl Rays {
         let [xx, xy, yy] = &self.by_pixel_twice;
         let slopes =
             BearingSlopes { by_pixel: [vector(x), vector(y)], by_pixel_twice: [vector(xx), vector(xy), vector(yy)] };
-        let beside = [0, 1].map(|axis| self.beside_cell[axis][lane] + offset[axis]);
+        let from_center = [0, 1].map(|axis| self.offset_from_cell[axis][lane] + offset[axis]);
         let bearing = [self.bearing[0][lane], self.bearing[1][lane], self.bearing[2][lane]];
-        let (bearing, by_pixel) = slopes.bearing(bearing, beside);
+        let (bearing, by_pixel) = slopes.bearing(bearing, from_center);
         (BoardRay::new(surface, pose, self.dt[lane], &bearing), by_pixel)
     }
 }
@@ -298,7 +298,7 @@ impl<'a> EdgeBatch<'a> {
         };
         put(&mut rays.pixel, &event.pixel);
         rays.edge.iter_mut().zip(edge).for_each(|(lanes, value)| lanes[lane] = value);
-        put(&mut rays.beside_cell, &place.beside);
+        put(&mut rays.offset_from_cell, &place.offset);
         for (lanes, value) in rays.bearing.iter_mut().zip(place.center) {
             lanes[lane] = *value;
         }
@@ -389,7 +389,7 @@ fn edges<S: BoardSurface, E: LaneEdge>(
         found.scale[lane] = distance.scale;
         for axis in 0..2 {
             found.by_pixel[axis][lane] = distance.by_pixel[axis];
-            found.beside_cell[axis][lane] = rays.beside_cell[axis][lane] - step[axis];
+            found.offset_from_cell[axis][lane] = rays.offset_from_cell[axis][lane] - step[axis];
             found.by_focal_length[axis][lane] = by_focal_length[axis];
         }
         for (axis, by_shape) in by_shape.into_iter().enumerate() {

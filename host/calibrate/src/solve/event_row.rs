@@ -224,9 +224,9 @@ mod tests {
         (rows.residual(0), rows.rows().0[0])
     }
 
-    /// Compares the row of an event at the offset `beside` (pixels) from an edge, the rim of the circle or the line, on a board
+    /// Compares the row of an event at the `offset` (pixels) from an edge, the rim of the circle or the line, on a board
     /// of this `shape`, with central differences.
-    fn assert_derivatives(edges: &BoardEdges, shape: BoardShape, beside: [f64; 2], tolerance: f64) {
+    fn assert_derivatives(edges: &BoardEdges, shape: BoardShape, offset: [f64; 2], tolerance: f64) {
         let assert_close = |analytic: f64, numeric: f64, what: &str| {
             let close = (analytic - numeric).abs() < tolerance * (1.0 + numeric.abs());
             assert!(close, "{what}: {analytic} against {numeric}");
@@ -238,7 +238,7 @@ mod tests {
             BoardEdges::Rims(_) => rim(&reference, &shape),
             BoardEdges::Lines(_) => seen(&reference, &shape, [CENTER[0] + 0.6 * shape.radius, LINE + shape.radius]),
         };
-        let pixel = [place.x + beside[0], place.y + beside[1]];
+        let pixel = [place.x + offset[0], place.y + offset[1]];
         let residual = |camera: &Camera<f64>, pose: &PoseBin, dt: f64, pixel: [f64; 2], shape: &BoardShape| {
             residual(edges, camera, pose, dt, pixel, shape)
         };

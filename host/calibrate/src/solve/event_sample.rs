@@ -415,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn times_are_unchanged_after_waiting() {
+    fn times_are_restored_after_long_pauses() {
         let hours = 3_600_000_000;
         // Within a burst, after the longest silence, and where the lowest bits of the time wrap.
         let times = [0, 1, 50_000, hours, 30 * hours, (1 << 37) - 10, (1 << 37) + 10, (1 << 37) + 99_000, i64::MAX / 2];
@@ -428,8 +428,8 @@ mod tests {
     fn the_sample_returns_the_same_events_as_the_recording() {
         let recordings = [events(20_000), events(30_000)];
         let sample = sampled(&recordings, 10_000);
-        let held: usize = sample.recordings.iter().map(Kept::len).sum();
-        assert!((7_000..=10_000).contains(&held), "{held}");
+        let kept: usize = sample.recordings.iter().map(Kept::len).sum();
+        assert!((7_000..=10_000).contains(&kept), "{kept}");
         for (index, events) in recordings.iter().enumerate() {
             for share in [0.0, 0.01, 0.1, sample.share] {
                 let mut read = Vec::new();
@@ -440,7 +440,7 @@ mod tests {
     }
 
     #[test]
-    fn a_share_above_that_of_the_sample_is_not_returned() {
+    fn a_share_larger_than_the_sample_is_not_available() {
         let sample = sampled(&[events(20_000)], 10_000);
         let none = &mut |_: &[RankedEvent]| panic!("events");
         assert!(!sample.read(0, 1.0, none));

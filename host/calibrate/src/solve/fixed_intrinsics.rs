@@ -38,13 +38,13 @@ impl FixedIntrinsics {
     }
 
     /// Returns `problem` with those intrinsics estimated whose σ is known.
-    pub fn opened(&self, problem: &Problem) -> Problem {
+    pub fn with_uncertain_estimated(&self, problem: &Problem) -> Problem {
         let sigma = self.sigma();
         with_intrinsics(problem, std::array::from_fn(|index| sigma.get(index) > Some(&0.0)))
     }
 
-    /// Returns the covariance of the parameters that [`FixedIntrinsics::opened`] estimates, in their order.
-    pub fn of_opened(&self) -> DMatrix<f64> {
+    /// Returns the covariance of the parameters that [`FixedIntrinsics::with_uncertain_estimated`] estimates, in their order.
+    pub fn uncertain_covariance(&self) -> DMatrix<f64> {
         let sigma = self.sigma();
         let known: Vec<usize> = (0..sigma.len()).filter(|index| sigma[*index] > 0.0).collect();
         let at =

@@ -10,7 +10,7 @@ use super::loss::Loss;
 use super::normal::RangeEquations;
 use super::observation_range::ObservationRange;
 use super::places;
-use super::system::{Holds, SegmentSystem};
+use super::system::{SegmentSystem, TrajectoryPriors};
 
 /// Damping, relative to the diagonal: it keeps a parameter that the half does not determine where it is.
 const DAMPING: f64 = 1e-6;
@@ -42,10 +42,10 @@ impl Half {
         Self { free, information: DMatrix::zeros(count, count), right: DVector::zeros(count), loss: Loss::default() }
     }
 
-    /// Adds a slice: the equations of all its intervals, which belong to one segment; `holds` are the priors of its trajectory.
+    /// Adds a slice: the equations of all its intervals, which belong to one segment; `priors` belong to its trajectory.
     /// Returns `None` if they do not determine the trajectory.
-    pub fn add_slice(&mut self, slice: &[(ObservationRange, RangeEquations)], holds: &Holds) -> Option<()> {
-        let Some(segment) = SegmentSystem::of_ranges(slice, holds) else { return Some(()) };
+    pub fn add_slice(&mut self, slice: &[(ObservationRange, RangeEquations)], priors: &TrajectoryPriors) -> Option<()> {
+        let Some(segment) = SegmentSystem::of_ranges(slice, priors) else { return Some(()) };
         let (schur, right) = segment.eliminated(DAMPING, &self.free).ok()?.schur();
         self.information -= schur;
         self.right -= right;
@@ -87,7 +87,7 @@ mod tests {
 
     /// A half with all observations equals the whole, however they are cut into intervals.
     #[test]
-    fn all_observations_have_the_step_and_the_covariance_of_the_whole() {
+    fn a_half_with_all_observations_has_step_and_covariance_of_the_whole() {
         let (mut problem, state) = example();
         problem.free.intrinsics = std::array::from_fn(|index| index < 2);
         problem.free.board = [false; BOARD_PARAMETERS];
@@ -102,9 +102,9 @@ mod tests {
         let cut: Vec<ObservationRange> =
             [0..2, 2..5, 5..bins].map(|bins| ObservationRange { segment: 0, bins, points: 0..0 }).into();
         let bearings = BearingTable::new(&state.camera, problem.sensor);
-        let holds = Holds::new(&state.trajectories[0], &problem.stiffness[0]);
+        let priors = TrajectoryPriors::new(&state.trajectories[0], &problem.stiffness[0]);
         let mut half = Half::new(&free);
-        half.add_slice(&linearised(&problem, &state, &bearings, &cut), &holds).unwrap();
+        half.add_slice(&linearised(&problem, &state, &bearings, &cut), &priors).unwrap();
         let solved = half.solved().unwrap();
         for (global, value) in step.globals.iter().enumerate() {
             let sigma = (0..GLOBAL_COUNT).filter(|&other| free[other]).position(|other| other == global);

@@ -77,16 +77,16 @@ impl KnotFit {
         let degree = self.trajectory.degree;
         let blends = insertion(coarse, &self.trajectory.knots, degree);
         let (start, quaternions) = self.nearest(&blends, coarse.len() - degree - 1)?;
-        let apart = self.apart(&blends, &start, &quaternions);
-        let step = reduced_step(&blends, degree + 1, start.len(), &apart, equations)?;
-        let moved = |blend: &Blend, apart: &[f64; CONTROL_POINT]| {
-            let mut sum = *apart;
+        let displacement = self.displacement_to(&blends, &start, &quaternions);
+        let step = reduced_step(&blends, degree + 1, start.len(), &displacement, equations)?;
+        let moved = |blend: &Blend, displacement: &[f64; CONTROL_POINT]| {
+            let mut sum = *displacement;
             for (part, weight) in step.iter().skip(blend.first).zip(&blend.weights).take(degree + 1) {
                 sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += weight * part);
             }
             sum
         };
-        Some(blends.iter().zip(&apart).map(|(blend, apart)| moved(blend, apart)).collect())
+        Some(blends.iter().zip(&displacement).map(|(blend, displacement)| moved(blend, displacement)).collect())
     }
 
     /// Returns the nearest curve on `coarse` knots, with quaternions, and the quadratic cost of its control points.
@@ -94,8 +94,8 @@ impl KnotFit {
         let degree = self.trajectory.degree;
         let blends = insertion(coarse, &self.trajectory.knots, degree);
         let (translation, quaternions) = self.nearest(&blends, coarse.len() - degree - 1)?;
-        let apart = self.apart(&blends, &translation, &quaternions);
-        let cost = reduced(&blends, degree + 1, translation.len(), &apart, equations)?;
+        let displacement = self.displacement_to(&blends, &translation, &quaternions);
+        let cost = reduced(&blends, degree + 1, translation.len(), &displacement, equations)?;
         let trajectory = Trajectory {
             knots: coarse.to_vec(),
             translation,
@@ -145,7 +145,12 @@ impl KnotFit {
     }
 
     /// Returns the displacement from the fine control points to the control points of the curve with these coarse ones.
-    fn apart(&self, blends: &[Blend], translation: &[Vector3<f64>], quaternions: &[Quaternion<f64>]) -> Displacement {
+    fn displacement_to(
+        &self,
+        blends: &[Blend],
+        translation: &[Vector3<f64>],
+        quaternions: &[Quaternion<f64>],
+    ) -> Displacement {
         let degree = self.trajectory.degree;
         let points = self.trajectory.translation.iter().zip(&self.quaternions);
         blends
@@ -166,22 +171,22 @@ fn reduced_step(
     blends: &[Blend],
     order: usize,
     count: usize,
-    apart: &Displacement,
+    displacement: &Displacement,
     equations: &SegmentSystem,
 ) -> Option<Displacement> {
-    let Quadratic { mut matrix, mut right } = reduced(blends, order, count, apart, equations)?;
+    let Quadratic { mut matrix, mut right } = reduced(blends, order, count, displacement, equations)?;
     matrix.factor().ok()?;
     matrix.solve_in_place(&mut right);
     Some(right.as_chunks::<CONTROL_POINT>().0.to_vec())
 }
 
-/// Returns ½ (a + Eδ)ᵀA(a + Eδ) + gᵀ(a + Eδ) as a cost of the coarse control points' step δ, with a = `apart` and E the `blends`
-/// of `order` coarse points each; `None` without observations.
+/// Returns ½ (a + Eδ)ᵀA(a + Eδ) + gᵀ(a + Eδ) as a cost of the coarse control points' step δ, with a = `displacement` and E the
+/// `blends` of `order` coarse points each; `None` without observations.
 fn reduced(
     blends: &[Blend],
     order: usize,
     count: usize,
-    apart: &Displacement,
+    displacement: &Displacement,
     equations: &SegmentSystem,
 ) -> Option<Quadratic> {
     if equations.order < 2 || equations.gradient.len() != blends.len() {
@@ -191,7 +196,7 @@ fn reduced(
     let coupled = if order == 1 { equations.order } else { order };
     let mut matrix = BandedCholesky::zeros(dimension, (CONTROL_POINT * coupled - 1).min(dimension - 1));
     let mut right = vec![0.0; dimension];
-    let forces = equations.times(apart);
+    let forces = equations.times(displacement);
     for (index, blend) in blends.iter().enumerate() {
         let weights =
             || blend.weights.iter().take(order).enumerate().map(|(place, weight)| (blend.first + place, *weight));

@@ -49,7 +49,7 @@ pub fn leave_out(problem: &mut Problem, state: &State, intervals: &[LeftOut]) {
     }
     for (observations, trajectory) in problem.segments.iter_mut().zip(&state.trajectories) {
         let far = std::mem::take(&mut observations.far);
-        *observations = observations.within(|t| !covers(intervals, trajectory.recording, t));
+        *observations = observations.at_times(|t| !covers(intervals, trajectory.recording, t));
         observations.far = far;
     }
 }

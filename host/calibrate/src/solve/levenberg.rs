@@ -28,7 +28,7 @@ const TOLERANCE: f64 = 1e-5;
 pub const TRUSTED: f64 = 8.0 * TOLERANCE;
 /// Cost of an observation that leaves the camera model's domain, in units of the mean cost of an observation, so that the loss of
 /// observations does not make a step look good.
-const LOST: f64 = 10.0;
+const COST_OUTSIDE_DOMAIN: f64 = 10.0;
 
 /// Damping at the start of a solve, and the condition for its end.
 #[derive(Clone, Copy)]
@@ -113,8 +113,8 @@ pub fn solve_with_progress(
             break;
         }
         let next = assemble(problem, &trial, &ranges);
-        let lost = LOST * cost / count as f64 * count.saturating_sub(next.loss.count) as f64;
-        if next.cost + lost >= cost {
+        let cost_outside = COST_OUTSIDE_DOMAIN * cost / count as f64 * count.saturating_sub(next.loss.count) as f64;
+        if next.cost + cost_outside >= cost {
             report.rejected += 1;
             was_rejected = true;
             if damping > LARGEST_DAMPING {
@@ -224,24 +224,27 @@ mod tests {
     }
 
     #[test]
-    fn a_solve_reports_its_progress_and_can_be_ended() {
+    fn a_solve_reports_its_progress_and_can_be_cancelled() {
         let (problem, state) = displaced();
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         let limits = Limits { damping: FIRST_DAMPING, trusted: TRUSTED };
         let whole = solve_with_progress(&problem, state.clone(), limits, &mut |done| {
-            told.push(done);
+            reported.push(done);
             ControlFlow::Continue(())
         });
         let whole = whole.unwrap().report;
         assert!(whole.final_cost < 0.9 * whole.initial_cost, "{whole:?}");
-        assert_eq!(told.len() + 1, whole.iterations);
-        assert!(told.len() > 1 && told.is_sorted() && told[0] > 0.0 && told[told.len() - 1] <= 1.0, "{told:?}");
+        assert_eq!(reported.len() + 1, whole.iterations);
+        assert!(
+            reported.len() > 1 && reported.is_sorted() && reported[0] > 0.0 && reported[reported.len() - 1] <= 1.0,
+            "{reported:?}"
+        );
         let ended = solve_with_progress(&problem, state, limits, &mut |_| ControlFlow::Break(())).unwrap().report;
         assert!(ended.iterations == 1 && ended.final_cost > whole.final_cost, "{ended:?}");
     }
 
     #[test]
-    fn a_share_as_small_as_the_tolerance_is_the_end() {
+    fn progress_is_complete_once_the_decrease_reaches_the_tolerance() {
         assert_eq!(settled(1e-5, 1e-5), 1.0);
         assert!((settled(1e-2, 1e-4) - 0.5).abs() < 1e-12);
         assert!(settled(0.5, 1e-5) < 0.1);

@@ -50,7 +50,7 @@ mod tests {
 
     /// One lengthened step leads to the robust mean of numbers with outliers.
     #[test]
-    fn a_lengthened_step_leads_to_the_least_loss() {
+    fn a_lengthened_step_reaches_the_minimum_of_the_loss() {
         let numbers: Vec<f64> = (0..1000).map(|index| 6.0 * (f64::from(index) / 999.0 - 0.5).powi(3) * 4.0).collect();
         let (start, mut gradient, mut loss) = (0.05, 0.0, Loss::default());
         for number in &numbers {

@@ -45,7 +45,7 @@ pub struct SegmentObservations {
 
 impl SegmentObservations {
     /// Returns the bins and circle centres whose time is `wanted`, without the times in [`far`](Self::far).
-    pub fn within(&self, wanted: impl Fn(f64) -> bool) -> Self {
+    pub fn at_times(&self, wanted: impl Fn(f64) -> bool) -> Self {
         let mut part = Self::default();
         for bin in self.bins.iter().filter(|bin| wanted(bin.t)) {
             let first = part.events.len();
@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_third_event_stays_in_its_bin() {
+    fn thinned_events_stay_in_their_bins() {
         let event = |x| EventObservation { dt: 0.0, x, y: 0, edge: 0, class: 0, speed_range: 0 };
         let bin = |t, first, end| EventBin { t, first, end };
         let all = SegmentObservations {

@@ -62,7 +62,7 @@ struct Weighed {
     parts: [Lane; PARTS],
     /// Derivative of the weighted residual by the pixel of a fixed bearing.
     by_pixel: [SingleLane; 2],
-    beside_cell: [SingleLane; 2],
+    offset_from_cell: [SingleLane; 2],
 }
 
 impl Default for RowBatch {
@@ -76,7 +76,7 @@ impl Default for RowBatch {
                 residuals: [0.0; LANES],
                 parts: [[0.0; LANES]; PARTS],
                 by_pixel: [[0.0; LANES]; 2],
-                beside_cell: [[0.0; LANES]; 2],
+                offset_from_cell: [[0.0; LANES]; 2],
             },
             rows: [[0.0; ROW]; LANES],
             row_classes: [0; LANES],
@@ -117,7 +117,8 @@ impl RowBatch {
             row[place] = lanes[lane];
         }
         let lane_of = |lanes: &[SingleLane; 2]| [lanes[0][lane], lanes[1][lane]];
-        let coefficients = cell.by_coefficients(lane_of(&self.weighed.beside_cell), lane_of(&self.weighed.by_pixel));
+        let coefficients =
+            cell.by_coefficients(lane_of(&self.weighed.offset_from_cell), lane_of(&self.weighed.by_pixel));
         let of_coefficients = &mut row[ROW_COEFFICIENTS..ROW_COEFFICIENTS + MAX_COEFFICIENTS];
         of_coefficients.iter_mut().zip(coefficients).for_each(|(to, value)| *to = f64::from(value));
     }
@@ -170,7 +171,7 @@ fn weigh(expected: &Expected, edges: &Edges, bound: f64, mean_scale: Option<f64>
             weighed.parts[7 + axis][lane] = single(by_pixel * edges.by_focal_length[axis][lane]);
             weighed.parts[9 + axis][lane] = single(by_pixel);
             weighed.by_pixel[axis][lane] = by_pixel as f32;
-            weighed.beside_cell[axis][lane] = edges.beside_cell[axis][lane] as f32;
+            weighed.offset_from_cell[axis][lane] = edges.offset_from_cell[axis][lane] as f32;
         }
         let derivatives = passage.derivatives();
         for (lanes, derivative) in weighed.parts[BIAS_PARTS..].iter_mut().zip(derivatives.as_array()) {

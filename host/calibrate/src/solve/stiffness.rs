@@ -152,9 +152,9 @@ impl Sample {
                 value[3 + row] += jerk.by_translation[place] * part[3 + row];
             }
             for other in 0..4 {
-                let beside = CONTROL_POINT * (jerk.first + other);
+                let other_index = CONTROL_POINT * (jerk.first + other);
                 let block = |from: usize| {
-                    Matrix3::from_fn(|row, column| inverse.at(index + from + row, beside + from + column))
+                    Matrix3::from_fn(|row, column| inverse.at(index + from + row, other_index + from + column))
                 };
                 let turns = jerk.by_rotation[place] * block(0) * jerk.by_rotation[other].transpose();
                 variance[0] += noise * turns.trace();
@@ -221,15 +221,15 @@ fn solved(jerks: &[Jerk], weights: &Stiffness, cost: &Quadratic) -> Option<(Vec<
                 *step.get_mut(index + 3 + axis)? -= translation * jerk.by_translation[place] * jerk.value[3 + axis];
             }
             for other in 0..=place {
-                let beside = CONTROL_POINT * (jerk.first + other);
+                let other_index = CONTROL_POINT * (jerk.first + other);
                 let turns = jerk.by_rotation[place].transpose() * jerk.by_rotation[other] * *rotation;
                 for row in 0..3 {
                     let last = if place == other { row } else { 2 };
                     for column in 0..=last {
-                        matrix.add(index + row, beside + column, turns[(row, column)]);
+                        matrix.add(index + row, other_index + column, turns[(row, column)]);
                     }
                     let moved = translation * jerk.by_translation[place] * jerk.by_translation[other];
-                    matrix.add(index + 3 + row, beside + 3 + row, moved);
+                    matrix.add(index + 3 + row, other_index + 3 + row, moved);
                 }
             }
         }

@@ -222,7 +222,7 @@ impl System {
 }
 
 /// Priors of the trajectory of a segment, in addition to its observations.
-pub struct Holds<'a> {
+pub struct TrajectoryPriors<'a> {
     /// Accelerations of its control points.
     pub accelerations: Vec<Acceleration>,
     /// Its jerks.
@@ -231,7 +231,7 @@ pub struct Holds<'a> {
     pub stiffness: &'a Stiffness,
 }
 
-impl<'a> Holds<'a> {
+impl<'a> TrajectoryPriors<'a> {
     /// Returns the priors of `trajectory`, whose jerks have this `stiffness`.
     pub fn new(trajectory: &Trajectory, stiffness: &'a Stiffness) -> Self {
         Self { accelerations: accelerations(trajectory), jerks: jerks(trajectory), stiffness }
@@ -372,9 +372,9 @@ impl SegmentSystem {
         }
     }
 
-    /// Sums the equations of intervals of one segment, and adds those priors in `holds` of its trajectory that concern
+    /// Sums the equations of intervals of one segment, and adds those `priors` of its trajectory that concern
     /// only the control points of these intervals. `None` without observations.
-    pub fn of_ranges(ranges: &[(ObservationRange, RangeEquations)], holds: &Holds) -> Option<Self> {
+    pub fn of_ranges(ranges: &[(ObservationRange, RangeEquations)], priors: &TrajectoryPriors) -> Option<Self> {
         let concerned = || ranges.iter().map(|(_, equations)| equations).filter(|one| !one.border.is_empty());
         let first = concerned().map(|one| one.first).min()?;
         let end = concerned().map(|one| one.first + one.control_point_count()).max()?;
@@ -382,11 +382,11 @@ impl SegmentSystem {
         concerned().for_each(|equations| segment.add(equations, equations.first - first));
         segment.scale = mean_diagonal(&segment.blocks, segment.order);
         let (blocks, gradient) = (&mut segment.blocks, &mut segment.gradient);
-        for acceleration in holds.accelerations.iter().filter(|one| one.first >= first && one.first + 3 <= end) {
+        for acceleration in priors.accelerations.iter().filter(|one| one.first >= first && one.first + 3 <= end) {
             Acceleration { first: acceleration.first - first, ..*acceleration }.add_to(segment.order, blocks, gradient);
         }
         if segment.order > 3 {
-            let jerks = holds.jerks.iter().zip(holds.stiffness);
+            let jerks = priors.jerks.iter().zip(priors.stiffness);
             for (jerk, weights) in jerks.filter(|(jerk, _)| jerk.first >= first && jerk.first + 4 <= end) {
                 add_jerk(&Jerk { first: jerk.first - first, ..*jerk }, *weights, segment.order, blocks, gradient);
             }

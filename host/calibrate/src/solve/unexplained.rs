@@ -76,10 +76,10 @@ fn unexplained_cells(
     let mut found = Vec::new();
     for (cell, (sizes, far)) in sizes.iter_mut().zip(&far).enumerate() {
         let (near, far) = (sizes.len(), f64::from(*far));
-        let wide = near >= FEWEST
+        let is_scattered = near >= FEWEST
             && median(sizes, f32::total_cmp).is_some_and(|middle| f64::from(middle) > SPREAD * NORMAL_MEDIAN);
-        let lost = far >= FEWEST as f64 && far > FAR_RATIO * near as f64 && far > UNUSUAL * usual;
-        if !wide && !lost {
+        let is_far_from_edges = far >= FEWEST as f64 && far > FAR_RATIO * near as f64 && far > UNUSUAL * usual;
+        if !is_scattered && !is_far_from_edges {
             continue;
         }
         // One more cell on both sides, because a curve that misses in one cell is also wrong in the next.
@@ -168,8 +168,8 @@ mod tests {
     #[test]
     fn an_interval_with_large_residuals_is_found_and_excluded() {
         let (mut problem, state) = problem(100);
-        let wide = |t: f64| (0.4..0.5).contains(&t);
-        let found = unexplained(&problem, &state, &spread(|t| if wide(t) { 0.6 } else { 0.3 }));
+        let is_scattered = |t: f64| (0.4..0.5).contains(&t);
+        let found = unexplained(&problem, &state, &spread(|t| if is_scattered(t) { 0.6 } else { 0.3 }));
         assert_eq!(found.len(), 1, "{found:?}");
         assert!((found[0].start - 0.39).abs() < 1e-9 && (found[0].end - 0.51).abs() < 1e-9, "{found:?}");
         leave_out(&mut problem, &state, &found);

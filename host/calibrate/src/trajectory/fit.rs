@@ -377,7 +377,7 @@ mod tests {
     /// A board seen rotated by about 180° in the image: quaternions with positive real part jump from one end of the sphere to
     /// the other, and a sum of neighbours would vanish.
     #[test]
-    fn quaternions_that_change_their_sign_do_not_tear_the_trajectory() {
+    fn sign_changes_of_quaternions_do_not_break_the_trajectory() {
         let mut random = ChaCha8Rng::seed_from_u64(4);
         let motion = |t: f64| {
             let turn =

@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn its_derivatives_agree_with_moved_control_points() {
+    fn derivatives_of_the_jerk_agree_with_differences() {
         let trajectory = trajectory();
         let found = jerks(&trajectory);
         for parameter in 0..36 {

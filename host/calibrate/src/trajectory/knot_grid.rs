@@ -133,7 +133,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cells_are_halved_where_it_pays_and_neighbours_follow() {
+    fn cells_are_halved_where_the_cost_falls_and_neighbours_differ_by_one_level() {
         // Four cells of eight spans; in the third, only the finest spans follow the curve.
         let costs: Vec<Vec<f64>> = (0..4)
             .map(|level| (0..32).map(|span| if span / 8 == 2 { f64::from(level) * 10.0 } else { 0.0 }).collect())

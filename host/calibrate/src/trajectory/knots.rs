@@ -159,7 +159,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_span_holds_a_sample(
+        fn every_span_contains_a_sample(
             gaps in prop::collection::vec(1e-3..1.0_f64, 5..60),
             place in 0.0..=1.0_f64,
             degree in 1..=5_usize,

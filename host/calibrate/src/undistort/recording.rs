@@ -47,15 +47,15 @@ impl Maps {
 /// # Errors
 /// [`EventsError`] if it contains circles or cannot be read.
 pub fn open_recording(path: &Path, options: RecordingOptions, sensor: Sensor) -> Result<Recording, EventsError> {
-    let told = match options.sensor {
+    let known = match options.sensor {
         Some(sensor) => Some(sensor),
         None => open_events(path, options.clone())?.open()?.information().sensor,
     };
-    open_events(path, RecordingOptions { sensor: told.or(Some(sensor)), ..options })
+    open_events(path, RecordingOptions { sensor: known.or(Some(sensor)), ..options })
 }
 
 /// Returns the file name of the camera of an output: `events.csv` has `events.camera.json`.
-pub fn camera_path_beside(output: &Path) -> PathBuf {
+pub fn undistorted_camera_path(output: &Path) -> PathBuf {
     output.with_extension("camera.json")
 }
 
@@ -70,7 +70,7 @@ pub fn write_camera(path: &Path, camera: &Camera<f64>, sensor: Sensor) -> Result
 
 /// Returns `true` if the file at `path` already equals the output of [`write_camera`], for example because the
 /// recording was undistorted to another format before.
-pub fn holds_camera(path: &Path, camera: &Camera<f64>, sensor: Sensor) -> bool {
+pub fn contains_camera(path: &Path, camera: &Camera<f64>, sensor: Sensor) -> bool {
     match (fs::read(path), camera_text(camera, sensor)) {
         (Ok(there), Ok(text)) => there == text.as_bytes(),
         _ => false,

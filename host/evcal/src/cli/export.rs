@@ -7,7 +7,7 @@ use clap::builder::PossibleValuesParser;
 use evcal_calibrate::export;
 use evcal_calibrate::export::content::Exported;
 use evcal_calibrate::export::undistortion_table::{ExportedTable, fit_table, ideal_of, table};
-use evcal_calibrate::export::{FORMATS, read_files_beside};
+use evcal_calibrate::export::{FORMATS, read_rig_files};
 use evcal_calibrate::result::calibrated_camera::{CalibratedCamera, ROS_TOPIC, plain};
 use evcal_core::undistortion::IdealCamera;
 use evcal_files::folder::OutputFolder;
@@ -102,7 +102,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     };
     let calibration = camera_path(&arguments.calibration);
     let others = match arguments.format.as_deref() {
-        Some(ALL) => read_files_beside(&calibrated, &calibration)?,
+        Some(ALL) => read_rig_files(&calibrated, &calibration)?,
         _ => Vec::new(),
     };
     arguments.results.check(outputs(arguments, &others).iter().map(PathBuf::as_path), &[&calibration])?;

@@ -240,7 +240,7 @@ fn print_summary(arguments: &Arguments, written: &WrittenFolder) -> super::Outco
 
 /// Returns the shape of the printed board; `None` if it is the nominal shape.
 fn printed(arguments: &Arguments) -> Result<Option<BoardShape>, UsageError> {
-    let nominal = BoardShape::stated(&arguments.board);
+    let nominal = BoardShape::nominal(&arguments.board);
     let shape = BoardShape {
         print_ratio: arguments.print_ratio.unwrap_or(nominal.print_ratio),
         bend: arguments.bend.unwrap_or(nominal.bend),
@@ -275,7 +275,7 @@ fn davis_settings(arguments: &Arguments) -> Result<DavisSettings, Box<dyn Error>
         frames: arguments.frames.map(|rate| arguments.light.frames(rate)),
         imu: arguments.imu.as_deref().map(|unit| inertial_unit(unit, arguments.light)).transpose()?,
     };
-    if settings != DavisSettings::default() && !arguments.format.holds_more_than_events() {
+    if settings != DavisSettings::default() && !arguments.format.contains_more_than_events() {
         return Err(UsageError("frames and IMU samples need --format aedat4 or dvraw".to_owned()).into());
     }
     settings.check()?;

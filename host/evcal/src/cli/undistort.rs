@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use evcal_calibrate::undistort::picture::{is_picture, is_single, picture_outputs, undistort_pictures};
 use evcal_calibrate::undistort::recording::{
-    FRAMES_CAMERA, Maps, UndistortionReport, WrittenFrames, camera_path_beside, holds_camera, is_frame_file,
-    open_recording, undistort_frames, undistort_recording, undistort_sub_pixel, write_camera,
+    FRAMES_CAMERA, Maps, UndistortionReport, WrittenFrames, contains_camera, is_frame_file, open_recording,
+    undistort_frames, undistort_recording, undistort_sub_pixel, undistorted_camera_path, write_camera,
 };
 use evcal_calibrate::undistort::sub_pixel::SubPixelFormat;
 use evcal_calibrate::undistort::target::{TargetProjection, target_camera};
@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 
 fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f64>, sensor: Sensor) -> super::Outcome {
     if let Some(output) = &arguments.output {
-        check_outputs(arguments, [output.as_path()], &camera_path_beside(output), new, sensor)?;
+        check_outputs(arguments, [output.as_path()], &undistorted_camera_path(output), new, sensor)?;
     }
     let folder = arguments.frames.as_deref();
     let folder = folder.map(|folder| arguments.results.open_folder(folder, is_frame_file, &[])).transpose()?;
@@ -99,7 +99,7 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
             let target = arguments.to.map_or_else(|| output_of(output), Ok)?;
             undistort_recording(&recording, output, target, maps, &mut show_progress)?
         };
-        write_camera(&camera_path_beside(output), new, sensor)?;
+        write_camera(&undistorted_camera_path(output), new, sensor)?;
         report = Some((output, done));
     }
     let mut frames = None;
@@ -121,7 +121,7 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
         if let Some((output, UndistortionReport { events_outside, conversion })) = &report {
             print::line(format!("{}: {conversion}", visible::path(output)))?;
             print::line(format!("{events_outside} events outside the new image were left out"))?;
-            print::line(format!("the camera is in {}", visible::path(camera_path_beside(output))))?;
+            print::line(format!("the camera is in {}", visible::path(undistorted_camera_path(output))))?;
         }
         if let Some((folder, WrittenFrames { count, .. })) = &frames {
             print::line(format!("{}: {count} pictures, and the camera in camera.json", visible::path(folder)))?;
@@ -150,7 +150,7 @@ fn undistort_several(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sens
     };
     let written = picture_outputs(&arguments.inputs, output)?;
     let single = is_single(&arguments.inputs, output);
-    let camera = if single { camera_path_beside(output) } else { output.join(FRAMES_CAMERA) };
+    let camera = if single { undistorted_camera_path(output) } else { output.join(FRAMES_CAMERA) };
     let _folder = if single { None } else { Some(OutputFolder::open(output)?) };
     check_outputs(arguments, written.iter().map(PathBuf::as_path), &camera, new, sensor)?;
     undistort_pictures(&arguments.inputs, &written, &maps.back)?;
@@ -173,7 +173,7 @@ fn check_outputs<'a>(
     camera: &Camera<f64>,
     sensor: Sensor,
 ) -> super::Outcome {
-    let other = (!holds_camera(camera_file, camera, sensor)).then_some(camera_file);
+    let other = (!contains_camera(camera_file, camera, sensor)).then_some(camera_file);
     let calibration = camera_file::camera_path(&arguments.calibration);
     let inputs: Vec<&Path> = arguments.inputs.iter().chain([&calibration]).map(PathBuf::as_path).collect();
     Ok(arguments.results.check(outputs.into_iter().chain(other), &inputs)?)

@@ -35,7 +35,7 @@ fn interrupt(child: Child) -> (Option<i32>, String, String) {
 }
 
 #[test]
-fn cameras_are_listed_and_a_busy_one_says_so() {
+fn cameras_are_listed_with_their_state() {
     let bus = EmulatedBus::start(camera(3000)).unwrap();
     let (code, listing, errors) = run(&bus, &["devices"]);
     assert_eq!(code, Some(0), "{errors}");
@@ -58,7 +58,7 @@ fn cameras_are_listed_and_a_busy_one_says_so() {
 }
 
 #[test]
-fn a_forbidden_camera_comes_with_the_rule_that_opens_it() {
+fn a_forbidden_camera_is_listed_with_the_required_udev_rule() {
     let bus = EmulatedBus::start(camera(0)).unwrap();
     bus.set_access(Access::Forbidden).unwrap();
     let directory = tempfile::tempdir().unwrap();
@@ -80,7 +80,7 @@ fn a_forbidden_camera_comes_with_the_rule_that_opens_it() {
 }
 
 #[test]
-fn an_absent_camera_is_a_failure_with_advice() {
+fn commands_without_a_camera_fail_with_advice() {
     let bus = EmulatedBus::start(camera(3000)).unwrap();
     bus.unplug().unwrap();
     let directory = tempfile::tempdir().unwrap();
@@ -106,7 +106,7 @@ fn an_absent_camera_is_a_failure_with_advice() {
 #[test]
 fn a_camera_is_chosen_by_its_serial_number() {
     let bus = EmulatedBus::start(camera(3000)).unwrap();
-    let _second = bus.start_beside(Model::new("00000043", || events(6000))).unwrap();
+    let _second = bus.plug_in_another(Model::new("00000043", || events(6000))).unwrap();
     let directory = tempfile::tempdir().unwrap();
     let listing = json(&run(&bus, &["devices", "--json"]).1);
     let mut serials: Vec<&str> =
@@ -123,7 +123,7 @@ fn a_camera_is_chosen_by_its_serial_number() {
 }
 
 #[test]
-fn a_recording_ends_with_its_time_or_at_ctrl_c_and_has_everything() {
+fn a_recording_ends_after_its_duration_or_at_ctrl_c_without_loss() {
     const COUNT: u64 = 200_000;
     let bus = EmulatedBus::start(camera(COUNT)).unwrap();
     let directory = tempfile::tempdir().unwrap();
@@ -261,7 +261,7 @@ fn results(folder: &Path) -> Vec<(String, Vec<u8>)> {
 }
 
 #[test]
-fn live_stops_when_it_has_enough_and_calibrates_as_from_the_recording() {
+fn live_stops_at_its_target_and_calibrates_as_from_the_recording() {
     let directory = tempfile::tempdir().unwrap();
     let pieces = board_recording(directory.path(), "7");
     let sent: u64 = pieces.iter().map(|piece| piece.bytes.len() as u64).sum();

@@ -110,7 +110,7 @@ fn events_are_the_same_in_every_format_whichever_they_come_from() {
 }
 
 #[test]
-fn frames_and_inertial_samples_go_to_the_cameras_words_and_back() {
+fn frames_and_inertial_samples_survive_a_raw_dump() {
     let (_directory, file) = place();
     let expected = events(0);
     let frames: Vec<Frame> = (0..20).map(|index| frame(20_000 + 40_000 * index, index as usize)).collect();
@@ -151,7 +151,7 @@ fn frames_and_inertial_samples_go_to_the_cameras_words_and_back() {
 }
 
 #[test]
-fn times_since_1970_are_kept_for_the_way_back() {
+fn times_since_1970_survive_a_raw_dump() {
     let (_directory, file) = place();
     let expected = events(UNIX_TIME);
     write_aedat4(&file("first.aedat4"), &expected, &[frame(UNIX_TIME + 20_000, 1)], &[]);

@@ -63,7 +63,7 @@ fn the_version_is_printed() {
 
 /// The board that the help prints is the board that its calibration uses.
 #[test]
-fn the_help_calibrates_with_the_board_that_it_prints() {
+fn the_example_in_the_help_uses_the_default_board() {
     let directory = tempfile::tempdir().unwrap();
     let printed = succeed(&["board", "--pdf", text(&directory.path().join("board.pdf"))]);
     let board = printed.trim().rsplit_once("calibrate with ").unwrap().1;
@@ -183,7 +183,7 @@ fn a_seed_gives_the_same_files_on_any_number_of_threads() {
 }
 
 #[test]
-fn every_format_holds_the_simulated_events() {
+fn every_format_contains_the_simulated_events() {
     let directory = tempfile::tempdir().unwrap();
     for format in ["aedat4", "csv", "bin", "raw"] {
         let output = simulate(&directory, format, &["--format", format]);

@@ -95,7 +95,7 @@ fn recordings_are_described_in_the_same_words_everywhere() {
 
 /// One rule for all results: existing files are kept, unless --force is given.
 #[test]
-fn results_replace_others_only_by_force() {
+fn results_replace_existing_files_only_with_force() {
     let directory = tempfile::tempdir().unwrap();
     let camera = calibration(&directory);
     let events = directory.path().join("events.csv");
@@ -143,7 +143,7 @@ fn a_recording_can_go_into_a_pipe() {
 }
 
 #[test]
-fn a_calibration_may_be_named_by_its_folder() {
+fn a_calibration_can_be_given_by_its_folder() {
     let directory = tempfile::tempdir().unwrap();
     let folder = calibration(&directory);
     let file = folder.join("calibration.json");
@@ -161,7 +161,7 @@ fn a_calibration_may_be_named_by_its_folder() {
 }
 
 #[test]
-fn the_folder_is_tried_before_the_work() {
+fn the_output_folder_is_checked_before_the_work() {
     // The recording is missing, too; the folder for the results is checked first.
     for folder in ["/proc/evcal", "/dev/null/evcal"] {
         let errors = fail(1, &["calibrate", "missing.dvraw", "--board", BOARD, "-o", folder]);
@@ -438,7 +438,7 @@ fn times_in_another_unit_are_suspected() {
 }
 
 #[test]
-fn check_leads_to_the_calibration() {
+fn check_prints_the_next_command() {
     let checked = succeed(&["check", &fixture(), "--board", BOARD]);
     assert!(checked.contains("flicker     none seen") && checked.contains("seen in 408 of"), "{checked}");
     assert!(

@@ -16,7 +16,7 @@ use evcal_calibrate::settings::Settings;
 use evcal_core::camera::ModelKind;
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
-use evcal_live::checkpoint::{Checkpoints, ReportTime, Stated};
+use evcal_live::checkpoint::{Checkpoints, ReportTime, ReportedAccuracy};
 use evcal_live::frames::FrameFeed;
 use evcal_live::guidance::Hint;
 use evcal_live::health::{Health, HealthMonitor};
@@ -46,16 +46,20 @@ fn recording(path: &Path) -> Recording {
     Recording::new(path, RecordingOptions::default()).unwrap()
 }
 
-fn stated(calibrated: &Calibrated) -> Stated {
+fn accuracy(calibrated: &Calibrated) -> ReportedAccuracy {
     let projection = &calibrated.quality.projection;
     let halves = calibrated.events().and_then(|events| events.quality.split_half.as_ref());
-    Stated { rms: projection.rms, max: projection.max, halves_agree: halves.is_some_and(|halves| halves.consistent()) }
+    ReportedAccuracy {
+        rms: projection.rms,
+        max: projection.max,
+        halves_agree: halves.is_some_and(|halves| halves.consistent()),
+    }
 }
 
 /// Calibrates the first `seconds`; returns the reported uncertainty.
-fn state(path: &Path, seconds: f64) -> Stated {
+fn state(path: &Path, seconds: f64) -> ReportedAccuracy {
     let board = board();
-    stated(
+    accuracy(
         &calibrate_beginning(&recording(path), seconds, &Task::new(&[], &board.into()), |_| ControlFlow::Continue(()))
             .unwrap(),
     )
@@ -79,8 +83,8 @@ fn printed_lines(speed: Option<f64>) -> Vec<String> {
     let seen = &report.seen;
     assert!(seen.coverage.boards > 200 && seen.camera.is_some());
     let checkpoint = seen.checkpoint.as_ref().unwrap();
-    let stated = checkpoint.stated.as_ref().unwrap();
-    assert!(seen.about.unwrap() <= stated.rms && stated.rms < 0.2, "{stated:?}");
+    let accuracy = checkpoint.accuracy.as_ref().unwrap();
+    assert!(seen.about.unwrap() <= accuracy.rms && accuracy.rms < 0.2, "{accuracy:?}");
     assert!(!seen.is_enough(), "three seconds are too short");
     printed.push(format!("{seen:?}"));
     printed
@@ -95,7 +99,7 @@ fn a_checkpoint_is_a_calibration_of_the_beginning() {
     events.retain(|event| event.t < 1_200_000);
     let options = RecordingOptions { sensor: Some(SENSOR), ..RecordingOptions::default() };
     let inputs = [Recording::from_events("beginning", events, options).into()];
-    let expected = stated(&calibrate(&Task::new(&inputs, &board.into()), |_| ControlFlow::Continue(())).unwrap());
+    let expected = accuracy(&calibrate(&Task::new(&inputs, &board.into()), |_| ControlFlow::Continue(())).unwrap());
     assert_eq!(state(Path::new(RECORDING), 1.2), expected);
 
     let folder = TempDir::new().unwrap();
@@ -271,7 +275,7 @@ fn a_silent_camera_is_reported() {
 
 /// The uncertainties of the cells agree with that of the sensor, and remembered observations count from the start.
 #[test]
-fn the_map_of_the_uncertainty_agrees_with_its_mean_and_is_remembered() {
+fn the_map_of_the_uncertainty_agrees_with_its_mean_and_is_kept_in_memory() {
     let (settings, board) = (Settings::default(), board());
     let new = || Observer::new(&settings.detection, &settings.initial, &settings.live, &board.into(), SENSOR);
     let mut observer = new();
@@ -296,7 +300,7 @@ fn the_map_of_the_uncertainty_agrees_with_its_mean_and_is_remembered() {
 
 /// Frames of a recording are shown with the events of the same time, not earlier.
 #[test]
-fn frames_of_a_recording_come_in_time() {
+fn frames_of_a_recording_are_shown_at_their_time() {
     let folder = TempDir::new().unwrap();
     let out = folder.path().join("simulated");
     let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));

@@ -439,7 +439,7 @@ fn mistakes_with_boards() {
 
 /// A smaller board is found in some windows, but its poses contradict each other.
 #[test]
-fn a_board_that_is_too_small_leads_to_the_whole_one() {
+fn the_error_about_too_small_a_board_names_the_whole_board() {
     let directory = prepare();
     let output = run("calibrate FIXTURE --board acircles:7x3:55mm:r17.5mm -o DIR/out", directory.path());
     let errors = String::from_utf8(output.stderr).unwrap();
@@ -452,7 +452,7 @@ fn a_board_that_is_too_small_leads_to_the_whole_one() {
 
 /// Names may contain characters that end a string in YAML or JSON.
 #[test]
-fn any_name_of_a_camera_leaves_a_file_whole() {
+fn special_characters_in_a_camera_name_leave_files_valid() {
     let directory = prepare();
     let output = run("export DIR/camera --format dv-processing --camera-name a\"b\nc", directory.path());
     let file: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -500,7 +500,7 @@ fn check_reports_a_wrong_radius() {
 }
 
 #[test]
-fn a_failure_leaves_a_description() {
+fn a_failed_calibration_writes_a_description_and_a_picture() {
     let directory = prepare();
     let failed = run("calibrate FIXTURE --board acircles:9x4:55mm:r35mm --json -o DIR/out", directory.path());
     let printed: serde_json::Value = serde_json::from_slice(&failed.stdout).unwrap();

@@ -129,7 +129,7 @@ fn recorded(model: Model, watching: Watching, seconds: &str) -> (Vec<u8>, usize)
 
 /// Whatever clients do, the recording contains exactly the bytes that the camera sent.
 #[test]
-fn no_page_changes_the_recording() {
+fn clients_of_the_page_do_not_change_the_recording() {
     const EVENTS: u64 = 3_000_000;
     let sent: Vec<u8> = events(EVENTS).flat_map(|piece| piece.bytes).collect();
     for watching in WATCHING {
@@ -143,7 +143,7 @@ fn no_page_changes_the_recording() {
 /// in time.
 #[test]
 #[ignore = "needs a computer that has nothing else to do"]
-fn no_page_loses_events_of_a_fast_camera() {
+fn clients_of_the_page_lose_no_events_of_a_fast_camera() {
     const EVENTS: u64 = 100_000_000;
     for watching in WATCHING {
         let source = || events(EVENTS).map(|piece| Piece { time: piece.time * 3 / 10, ..piece });

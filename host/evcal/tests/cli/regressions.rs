@@ -90,7 +90,7 @@ fn the_advice_about_damaged_packets_contains_the_option_to_skip_them() {
 /// The encoder of raw dumps received frames and samples in any order: a frame without the times of its read-out
 /// came after later events, and was left out.
 #[test]
-fn a_frame_that_does_not_say_when_it_was_read_reaches_the_raw_dump() {
+fn a_frame_without_readout_times_is_written_to_the_raw_dump() {
     let directory = tempfile::tempdir().unwrap();
     let [from, to] = ["from.aedat4", "to.dvraw"].map(|name| directory.path().join(name));
     let frames: Vec<Frame> = (1..20).map(|index| Frame { readout: None, ..frame(50_000 * index) }).collect();
@@ -112,7 +112,7 @@ fn a_frame_that_begins_before_zero_does_not_shift_the_events() {
 
 /// A raw dump counts each 33 ms: up to a damaged time far ahead, these words filled the disk.
 #[test]
-fn times_that_cannot_be_are_left_out_of_a_raw_dump() {
+fn impossible_times_are_left_out_of_a_raw_dump() {
     const HOURS: i64 = 100 * 3_600_000_000;
     let directory = tempfile::tempdir().unwrap();
     let [from, to] = ["from.aedat4", "to.dvraw"].map(|name| directory.path().join(name));
@@ -130,7 +130,7 @@ fn times_that_cannot_be_are_left_out_of_a_raw_dump() {
 
 /// An error whose message contains that of its cause was printed twice.
 #[test]
-fn a_cause_is_printed_once() {
+fn the_cause_of_an_error_is_printed_once() {
     let directory = tempfile::tempdir().unwrap();
     let missing = directory.path().join("missing.aedat4");
     let output = directory.path().join("output");
@@ -213,7 +213,7 @@ fn coarse_times_do_not_hide_another_board() {
 /// Standard output, redirected to a file, was taken for that existing file, and the report was then written into it.
 #[cfg(unix)]
 #[test]
-fn standard_output_is_a_stream_wherever_it_goes() {
+fn standard_output_is_a_stream_even_if_redirected_to_a_file() {
     let directory = tempfile::tempdir().unwrap();
     let [from, to] = ["from.csv", "to.csv"].map(|name| directory.path().join(name));
     let content = "# sensor 346 x 260\nt_us,x,y,p\n10,1,2,1\n20,3,4,0\n";
@@ -244,7 +244,7 @@ fn a_missing_folder_for_temporary_files_is_named() {
 /// Names of cameras and files, and lines of settings, moved the cursor and changed the colours and the title of the terminal.
 #[cfg(unix)]
 #[test]
-fn control_characters_from_outside_are_shown() {
+fn control_characters_of_inputs_are_escaped() {
     let directory = tempfile::tempdir().unwrap();
     let recording = directory.path().join("a\n\u{1b}[2Jb.raw");
     let header = "% serial_number \u{1b}]0;PWNED\u{7}\u{1b}[31m\n% evt 3.0\n% geometry 346x260\n";
@@ -278,7 +278,7 @@ fn control_characters_from_outside_are_shown() {
 }
 /// 4600 events, one per 0.9 s, took half a minute: each needed the spectrum of a second.
 #[test]
-fn rare_events_need_little_work() {
+fn sparse_events_are_analysed_quickly() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("sparse.csv");
     let line = |index: i64| format!("{},{},{},1\n", index * 900_000, index % 346, index % 260);

@@ -87,7 +87,7 @@ fn end_at_every_moment(folder: &Path, old: &[&str], new: &[&str], together: bool
         for index in 0..moments() {
             let delay = length.mul_f64(moment(index));
             let is_at_once = AT_ONCE.contains(&signal);
-            let told = format!("{signal} after {delay:?} of {length:?}: {new:?}");
+            let context = format!("{signal} after {delay:?} of {length:?}: {new:?}");
             restore(folder, &before);
             end_after(&mut program(new), signal, delay);
             let found = content(folder);
@@ -95,18 +95,18 @@ fn end_at_every_moment(folder: &Path, old: &[&str], new: &[&str], together: bool
                 before.get(path) == Some(bytes) || after.get(path) == Some(bytes) || (is_at_once && is_hidden(path))
             };
             let wrong: Vec<&PathBuf> = found.iter().filter(|file| !is_whole(*file)).map(|(path, _)| path).collect();
-            assert!(wrong.is_empty(), "{told}: {wrong:?}");
+            assert!(wrong.is_empty(), "{context}: {wrong:?}");
             let visible = || found.iter().filter(|(path, _)| !is_hidden(path));
             if together {
-                assert!(visible().eq(before.iter()) || visible().eq(after.iter()), "{told}: a mixture");
+                assert!(visible().eq(before.iter()) || visible().eq(after.iter()), "{context}: a mixture");
             } else {
                 let is_there = |path: &PathBuf| !before.contains_key(path) || found.contains_key(path);
-                assert!(before.keys().all(is_there), "{told}: something is gone");
+                assert!(before.keys().all(is_there), "{context}: something is gone");
             }
             if is_at_once {
                 succeed(new);
                 let again = content(folder);
-                assert!(again == after, "{told}: after the next run there are {:?}", again.keys());
+                assert!(again == after, "{context}: after the next run there are {:?}", again.keys());
             }
         }
     }
@@ -124,7 +124,7 @@ fn simulation(directory: &TempDir) -> PathBuf {
 }
 
 #[test]
-fn a_simulation() {
+fn an_interrupted_simulation_leaves_old_or_new_results() {
     let directory = tempfile::tempdir().unwrap();
     let folder = directory.path().join("outer");
     let output = folder.join("simulation");
@@ -134,7 +134,7 @@ fn a_simulation() {
 }
 
 #[test]
-fn a_calibration() {
+fn an_interrupted_calibration_leaves_old_or_new_results() {
     let directory = tempfile::tempdir().unwrap();
     let circles = directory.path().join("circles.csv");
     let events = simulation(&directory).join("events.aedat4");
@@ -148,7 +148,7 @@ fn a_calibration() {
 }
 
 #[test]
-fn a_conversion_and_an_undistortion() {
+fn interrupted_conversions_and_undistortions_leave_old_or_new_results() {
     let directory = tempfile::tempdir().unwrap();
     let source = simulation(&directory);
     let events = source.join("events.aedat4");
@@ -167,7 +167,7 @@ fn a_conversion_and_an_undistortion() {
 }
 
 #[test]
-fn exports_and_a_board() {
+fn interrupted_exports_and_boards_leave_old_or_new_results() {
     let directory = tempfile::tempdir().unwrap();
     let source = simulation(&directory);
     let folder = directory.path().join("exports");
@@ -185,7 +185,7 @@ fn exports_and_a_board() {
 
 /// A recording has everything that the camera sent before the signal; only a signal that ends the program at once may cut the last transfer.
 #[test]
-fn a_recording_of_a_camera() {
+fn an_interrupted_recording_loses_at_most_its_last_transfer() {
     let sent: Vec<u8> = events(9_000_000).flat_map(|piece| piece.bytes).collect();
     // At full speed the camera drops nothing.
     let bus = EmulatedBus::start(camera(9_000_000)).unwrap();
@@ -203,24 +203,24 @@ fn a_recording_of_a_camera() {
         for index in 0..moments() {
             let delay = length.mul_f64(moment(index));
             let ended = end_after(program(&["record", text(&path)]).envs(bus.environment()), signal, delay);
-            let told = format!("{signal} after {delay:?} of {length:?}: {ended}");
+            let context = format!("{signal} after {delay:?} of {length:?}: {ended}");
             let names: Vec<PathBuf> = content(directory.path()).into_keys().collect();
             if names.is_empty() {
-                assert!(!ended.success(), "{told}: nothing was recorded");
+                assert!(!ended.success(), "{context}: nothing was recorded");
                 continue;
             }
-            assert_eq!(names, [path.as_path()], "{told}");
+            assert_eq!(names, [path.as_path()], "{context}");
             let is_at_once = AT_ONCE.contains(&signal);
-            assert_eq!(ended.success(), !is_at_once, "{told}");
-            let mut capture = Capture::open(&path).unwrap_or_else(|error| panic!("{told}: {error}"));
+            assert_eq!(ended.success(), !is_at_once, "{context}");
+            let mut capture = Capture::open(&path).unwrap_or_else(|error| panic!("{context}: {error}"));
             let mut found = Vec::new();
             while let Some(transfer) = capture.next_transfer().unwrap() {
                 found.extend_from_slice(transfer.payload);
             }
             let damage = capture.damage();
-            assert!(is_at_once || damage.unfinished == 0, "{told}: {damage:?}");
-            assert_eq!((damage.bytes, damage.places), (0, 0), "{told}");
-            assert!(sent.starts_with(&found), "{told}: {} bytes", found.len());
+            assert!(is_at_once || damage.unfinished == 0, "{context}: {damage:?}");
+            assert_eq!((damage.bytes, damage.places), (0, 0), "{context}");
+            assert!(sent.starts_with(&found), "{context}: {} bytes", found.len());
             recorded += found.len();
             fs::remove_file(&path).unwrap();
         }

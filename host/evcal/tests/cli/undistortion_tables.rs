@@ -75,7 +75,7 @@ fn compare(answers: &str, largest_error: f64) {
 }
 
 #[test]
-fn the_c_header_compiles_and_keeps_its_error() {
+fn the_c_header_compiles_and_is_within_its_stated_error() {
     let directory = TempDir::new().unwrap();
     let (header, source) = (directory.path().join("undistortion.h"), directory.path().join("main.c"));
     let calibration = calibration(&directory);
@@ -103,7 +103,7 @@ fn the_c_header_compiles_and_keeps_its_error() {
 }
 
 #[test]
-fn the_rust_table_compiles_and_keeps_its_error() {
+fn the_rust_table_compiles_and_is_within_its_stated_error() {
     let directory = TempDir::new().unwrap();
     let (module, source) = (directory.path().join("undistortion.rs"), directory.path().join("main.rs"));
     let calibration = calibration(&directory);

@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn boards_are_given_or_recognised() {
+    fn board_requests_survive_a_round_trip_and_mistakes_have_a_remedy() {
         let parse = |text: &str| text.parse::<BoardRequest>().unwrap();
         assert_eq!(parse("auto"), BoardRequest::Recognise(PrintSize::Unknown));
         assert_eq!(parse("auto:25mm"), BoardRequest::Recognise(PrintSize::Squares(0.025)));

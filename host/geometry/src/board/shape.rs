@@ -33,7 +33,7 @@ pub struct BoardShape {
 
 impl BoardShape {
     /// Returns the nominal shape of a board.
-    pub fn stated(board: &Board) -> Self {
+    pub fn nominal(board: &Board) -> Self {
         Self { print_ratio: 1.0, bend: [0.0; 2], radius: board.print_radius() }
     }
 
@@ -159,9 +159,9 @@ impl Surface {
 
     /// Returns the position in space of a `place` on the print.
     pub fn place(&self, place: [f64; 2]) -> [f64; 3] {
-        let beside: [f64; 2] = std::array::from_fn(|axis| (place[axis] - self.middle[axis]) * self.scale[axis]);
-        let fall = self.curvature[0] * beside[0] * beside[0] + self.curvature[1] * beside[1] * beside[1];
-        [beside[0] + self.middle[0], beside[1] + self.middle[1], self.height - fall]
+        let offset: [f64; 2] = std::array::from_fn(|axis| (place[axis] - self.middle[axis]) * self.scale[axis]);
+        let fall = self.curvature[0] * offset[0] * offset[0] + self.curvature[1] * offset[1] * offset[1];
+        [offset[0] + self.middle[0], offset[1] + self.middle[1], self.height - fall]
     }
 }
 
@@ -177,7 +177,7 @@ mod tests {
     fn the_middle_of_a_bent_board_is_behind_its_edges_by_the_bend() {
         let (board, bend) = (board(), [0.003, -0.001]);
         let area = CircleArea::new(&board);
-        let surface = Surface::new(&area, &BoardShape { bend, ..BoardShape::stated(&board) });
+        let surface = Surface::new(&area, &BoardShape { bend, ..BoardShape::nominal(&board) });
         let height =
             |x: f64, y: f64| surface.place([area.middle[0] + x * area.half[0], area.middle[1] + y * area.half[1]])[2];
         assert!((height(0.0, 0.0) - height(1.0, 0.0) - bend[0]).abs() < 1e-12);
@@ -189,7 +189,7 @@ mod tests {
     fn a_ray_to_a_point_of_the_surface_meets_it_there() {
         let board = board();
         let area = CircleArea::new(&board);
-        let shape = BoardShape { print_ratio: 1.01, bend: [0.004, -0.02], ..BoardShape::stated(&board) };
+        let shape = BoardShape { print_ratio: 1.01, bend: [0.004, -0.02], ..BoardShape::nominal(&board) };
         let surface = Surface::new(&area, &shape);
         for index in 0..200 {
             let place = [0.003 * f64::from(index % 17) - 0.01, 0.031 * f64::from(index / 17) - 0.02];
@@ -202,9 +202,9 @@ mod tests {
             assert!((found[0] - place[0]).abs() < 1e-12 && (found[1] - place[1]).abs() < 1e-12);
             let step = 1e-6;
             for axis in 0..2 {
-                let mut beside = met.point;
-                beside[axis] += step;
-                let rise = surface.place(surface.to_print(beside))[2] - point[2];
+                let mut moved = met.point;
+                moved[axis] += step;
+                let rise = surface.place(surface.to_print(moved))[2] - point[2];
                 assert!((rise / step - met.slope[axis]).abs() < 1e-5, "{axis} {rise}");
             }
             let along = direction[2] - met.slope[0] * direction[0] - met.slope[1] * direction[1];

@@ -48,7 +48,7 @@ mod tests {
     }
 
     #[test]
-    fn boards_with_an_odd_number_of_shifted_rows_have_none() {
+    fn boards_with_an_odd_number_of_shifted_rows_have_no_symmetry() {
         for board in ["acircles:9x4:55mm:r17.5mm", "acircles:11x4:20mm:r5mm"] {
             let [none] = found(board).try_into().unwrap();
             assert_eq!(none.pose, Isometry3::identity());
@@ -57,7 +57,7 @@ mod tests {
     }
 
     #[test]
-    fn others_look_the_same_after_180_degrees_and_squares_after_90() {
+    fn other_boards_are_symmetric_by_180_degrees_and_square_ones_by_90() {
         assert_eq!(found("acircles:10x4:55mm:r17.5mm").len(), 2);
         assert_eq!(found("circles:5x4:50mm:r15mm").len(), 2);
         assert_eq!(found("circles:5x5:50mm:r15mm").len(), 4);

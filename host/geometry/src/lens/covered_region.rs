@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hull_holds_its_points_and_nothing_beyond() {
+    fn a_hull_contains_its_points_and_nothing_beyond() {
         let circle = |step: u32| {
             let angle = f64::from(step * 37 % 100) * std::f64::consts::TAU / 100.0;
             Vector2::new(170.0 + 80.0 * angle.cos(), 130.0 + 60.0 * angle.sin())
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_region_without_area_holds_nothing() {
+    fn a_region_without_area_contains_nothing() {
         for points in [vec![], vec![[3.0, 4.0]], vec![[3.0, 4.0], [5.0, 6.0]]] {
             let region = CoveredRegion::around(points.into_iter().map(Vector2::from), SENSOR);
             assert!(!region.contains(&Vector2::new(4.0, 5.0)));

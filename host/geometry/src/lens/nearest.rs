@@ -81,10 +81,10 @@ impl Replacement {
     fn missing(&self, models: &[ModelKind]) -> Vec<&'static str> {
         let is_relative = |model: &&ModelKind| are_related(self.from, **model);
         let relatives = models.iter().filter(is_relative);
-        let Some(held) = relatives.map(|model| model.parameter_names()).max_by_key(|names| names.len()) else {
+        let Some(largest) = relatives.map(|model| model.parameter_names()).max_by_key(|names| names.len()) else {
             return Vec::new();
         };
-        self.from.parameter_names().iter().copied().filter(|name| !held.contains(name)).collect()
+        self.from.parameter_names().iter().copied().filter(|name| !largest.contains(name)).collect()
     }
 
     /// Returns `true` if both models are of OpenCV's family and the replacement is close enough to the calibrated
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn a_relative_is_chosen_if_it_is_near() {
+    fn a_model_of_the_same_family_is_chosen_if_it_is_near() {
         let substitutes = [ModelKind::KannalaBrandt, ModelKind::Radtan4, ModelKind::Eucm];
         let to = |k3: f64| {
             let five = camera(ModelKind::Radtan, &[-0.3, 0.1, 0.001, -0.0005, k3]);

@@ -154,8 +154,8 @@ fn peaks(first: &[Option<f64>], second: &[Option<f64>], rules: &Rules, most: usi
     let top = |index: usize| {
         let (before, middle, after) = (at(index.saturating_sub(1)), at(index), at(index + 1));
         let bend = before - 2.0 * middle + after;
-        let beside = if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 };
-        Lag { steps: from as f64 + (index as f64 + beside), correlation: middle }
+        let fraction = if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 };
+        Lag { steps: from as f64 + (index as f64 + fraction), correlation: middle }
     };
     Ok(found.into_iter().map(top).collect())
 }

@@ -79,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn figures_of_a_small_set() {
+    fn statistics_of_a_small_set_are_correct() {
         let figures = Statistics::new(vec![4.0, 1.0, 3.0, 2.0]).unwrap();
         assert_eq!((figures.count, figures.mean, figures.median, figures.min, figures.max), (4, 2.5, 2.5, 1.0, 4.0));
         assert!((figures.rmse - 7.5f64.sqrt()).abs() < 1e-15);

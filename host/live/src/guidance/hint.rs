@@ -91,7 +91,7 @@ impl Hint {
     }
 
     /// Returns `true` if two hints concern the same quantity, in any direction.
-    fn is_like(self, other: Self) -> bool {
+    fn has_same_kind(self, other: Self) -> bool {
         std::mem::discriminant(&self) == std::mem::discriminant(&other)
     }
 }
@@ -147,7 +147,7 @@ pub fn errors(now: &Seen, goal: &Seen, width: f64) -> [(Hint, f64); 4] {
 /// Returns the hint for these errors: the largest error, or the previous hint while it is about equally important.
 pub fn choose(errors: &[(Hint, f64); 4], before: Hint) -> Hint {
     let largest = errors.iter().fold((Hint::Stay, 1.0), |best, error| if error.1 > best.1 { *error } else { best });
-    let same = errors.iter().find(|(hint, _)| hint.is_like(before));
+    let same = errors.iter().find(|(hint, _)| hint.has_same_kind(before));
     match same {
         _ if matches!(before, Hint::Stay | Hint::Swing(_)) && largest.1 < SWUNG => Hint::Stay,
         Some(&(hint, error)) if error > 1.0 && largest.1 < WORTH_CHANGE * error => hint,

@@ -41,7 +41,7 @@ fn hint(now: &BoardPose, goal: &BoardPose) -> Hint {
 }
 
 #[test]
-fn hints_say_what_brings_the_board_to_the_ghost() {
+fn hints_name_the_motion_towards_the_ghost() {
     let ahead = place([0.0, 0.0, 1.0], [0.0, 0.0], 0.0);
     for (goal, expected, words) in [
         (place([0.2, 0.0, 1.0], [0.0, 0.0], 0.0), Hint::Shift(1, 0), "to the right"),
@@ -62,7 +62,7 @@ fn hints_say_what_brings_the_board_to_the_ghost() {
 
 /// The corners of the edge in a hint come nearer on the way to the ghost.
 #[test]
-fn the_edge_that_is_named_comes_nearer() {
+fn the_edge_named_in_a_hint_comes_nearer() {
     let ahead = place([0.0, 0.0, 1.0], [0.0, 0.0], 0.0);
     for tilt in [[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]] {
         let goal = place([0.0, 0.0, 1.0], tilt, 0.0);
@@ -81,14 +81,14 @@ fn the_edge_that_is_named_comes_nearer() {
 }
 
 #[test]
-fn a_board_upside_down_needs_no_turn() {
+fn an_upside_down_board_needs_no_rotation() {
     let up = place([0.0, 0.0, 1.0], [0.0, 0.0], 0.0);
     assert_eq!(hint(&up, &place([0.0, 0.0, 1.0], [0.0, 0.0], std::f64::consts::PI)), Hint::Stay);
     assert!((half_turn(3.0) - (3.0 - std::f64::consts::PI)).abs() < 1e-12);
 }
 
 #[test]
-fn a_hint_stays_until_another_is_worth_more() {
+fn a_hint_stays_until_another_error_is_clearly_larger() {
     let errors = |shift, size| {
         [(Hint::Shift(1, 0), shift), (Hint::Closer, size), (Hint::Nearer(Tilt::Top), 0.0), (Hint::Clockwise, 0.0)]
     };
@@ -103,7 +103,7 @@ fn a_hint_stays_until_another_is_worth_more() {
 /// Eliminating the pose is the same as estimating it: the inverse of the information is a block of the inverse of the
 /// whole normal equations, here with numerical derivatives.
 #[test]
-fn information_is_that_of_an_estimate_of_camera_and_pose() {
+fn the_information_of_a_view_equals_a_joint_estimate_of_camera_and_pose() {
     let (camera, board) = (camera(), board());
     let at = place([0.05, -0.03, 0.8], [0.4, -0.3], 0.2);
     let pose = at.pose(&board);
@@ -165,7 +165,7 @@ fn tilted_views_are_more_informative_than_frontal_ones() {
 }
 
 #[test]
-fn candidates_are_seen_and_many() {
+fn candidates_are_many_and_visible() {
     let found = candidates(&camera(), &board(), SENSOR);
     assert!((100..360).contains(&found.len()), "{}", found.len());
     for candidate in &found {
@@ -179,7 +179,7 @@ fn candidates_are_seen_and_many() {
 
 /// If the image cuts off the first or the last row, the board could be shifted by a row, however many circles remain.
 #[test]
-fn a_board_without_an_end_is_not_found() {
+fn a_board_with_a_cut_off_end_is_not_visible() {
     let (camera, board) = (camera(), board());
     let seen = |x, z| visible(&camera, &board, SENSOR, &place([x, 0.0, z], [0.0, 0.0], 0.0).pose(&board));
     assert_eq!(seen(0.0, 0.8).map(|circles| circles.len()), Some(board.point_count()));
@@ -346,7 +346,7 @@ fn the_provisional_camera_comes_near_the_true_one() {
 
 /// Without tilts the session never ends.
 #[test]
-fn a_board_held_frontally_is_never_enough() {
+fn frontal_views_are_never_sufficient() {
     let Session { coverage, guidance, .. } = session(Follows::Nobody, 0.001, 90.0, 1);
     assert!(coverage.boards() > 2 * BOARDS, "{}", coverage.boards());
     println!("frontal: {:?}, {:?} px", coverage.missing(), guidance.sigma());

@@ -10,7 +10,7 @@ use evcal_calibrate::detection::focus::band_width;
 /// Time between two measured windows (s).
 const INTERVAL: f64 = 0.1;
 /// Time over which the smallest width is kept (s).
-const HELD: f64 = 5.0;
+const KEPT_TIME: f64 = 5.0;
 
 /// Sharpness of circles.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,7 +24,7 @@ pub struct Focus {
 /// Measures the sharpness of windows with the board.
 #[derive(Clone, Debug, Default)]
 pub struct FocusMeter {
-    /// Time and width of the windows of the last [`HELD`] seconds.
+    /// Time and width of the windows of the last [`KEPT_TIME`] seconds.
     recent: VecDeque<(f64, f64)>,
 }
 
@@ -36,7 +36,7 @@ impl FocusMeter {
             return;
         }
         if let Some(width) = frame.events().and_then(|pixels| band_width(frame, pixels)) {
-            self.recent.retain(|(t, _)| (0.0..=HELD).contains(&(now - t)));
+            self.recent.retain(|(t, _)| (0.0..=KEPT_TIME).contains(&(now - t)));
             self.recent.push_back((now, width));
         }
     }
@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn the_width_is_that_of_the_band_and_the_sharpest_is_held() {
+    fn the_width_of_a_band_is_measured_and_the_sharpest_is_kept() {
         let mut meter = FocusMeter::default();
         assert_eq!(meter.focus(), None);
         meter.see(&frame(0.0, 1.5));

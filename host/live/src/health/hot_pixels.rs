@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_fires_all_the_time_is_hot() {
+    fn only_pixels_that_fire_all_the_time_are_hot() {
         let mut pixels = HotPixels::new(Sensor::new(20, 10));
         let mut events = Vec::new();
         for t in (0..2_010_000).step_by(10_000) {
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn a_break_tells_nothing() {
+    fn hot_pixels_are_unknown_after_a_gap() {
         let mut pixels = HotPixels::new(Sensor::new(20, 10));
         pixels.push(&[event(0, 1), event(i64::MAX / 2, 1)]);
         assert_eq!(pixels.count(), None);

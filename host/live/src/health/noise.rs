@@ -100,7 +100,7 @@ mod tests {
     use evcal_geometry::numerics::random::uniform_in;
 
     #[test]
-    fn noise_is_told_beside_whatever_moves() {
+    fn noise_is_measured_next_to_moving_edges() {
         let sensor = Sensor::new(346, 260);
         for rate in [0.3, 2.0, 10.0] {
             let mut random = ChaCha8Rng::seed_from_u64(7);

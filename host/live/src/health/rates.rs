@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn the_last_second_is_counted_with_its_busiest_part() {
+    fn rates_are_the_mean_and_the_peak_of_the_last_second() {
         let mut meter = RateMeter::new(Sensor::new(346, 260));
         assert_eq!(meter.rates(), None);
         // An event every 10 µs for two seconds, then every µs for 20 ms; the last 10 ms are the current slot.

@@ -136,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn browsers_leave_port_80_out() {
+    fn port_80_may_be_omitted_from_host_and_origin() {
         let passes = |address: &str, host: &str, origin: &str| {
             let gate = Gate::new(address.parse().unwrap(), Secret([7; 16]));
             let headers = [(HOST, host), (ORIGIN, origin), (TOKEN, gate.token())];

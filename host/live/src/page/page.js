@@ -97,23 +97,23 @@ function take(buffer) {
   }
 }
 
-function tell(text) {
+function showHint(text) {
   if (!["done", "failed"].includes(page.phase)) byId("hint").textContent = text;
 }
 
 async function run() {
   if (!/^[0-9a-f]{32}$/.test(token)) {
-    tell("open the whole address that evcal printed");
+    showHint("open the whole address that evcal printed");
     return;
   }
   for (;;) {
     try {
       const answer = await fetch(`/live?after=${page.number}`, { headers });
       if (answer.status === 200) take(await answer.arrayBuffer());
-      else if (answer.status === 403) return tell("this address is of an earlier run");
+      else if (answer.status === 403) return showHint("this address is of an earlier run");
       else if (answer.status !== 204) await pause(0.5);
     } catch {
-      tell("evcal has ended");
+      showHint("evcal has ended");
       await pause(0.5);
     }
   }

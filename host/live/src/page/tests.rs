@@ -99,7 +99,7 @@ fn data_and_commands_need_the_token() {
 }
 
 #[test]
-fn another_site_gives_no_commands() {
+fn commands_from_another_site_are_refused() {
     let page = page();
     let (token, own) = (token(&page), host(&page));
     let with =
@@ -123,7 +123,7 @@ fn another_site_gives_no_commands() {
 }
 
 #[test]
-fn the_report_has_a_path_that_nobody_guesses() {
+fn the_path_of_the_report_cannot_be_guessed() {
     let page = page();
     let own = host(&page);
     let path = page.shared.report_path.clone();
@@ -185,7 +185,7 @@ fn frames_are_sent_on_request() {
 
 /// A page for other computers answers requests for numeric addresses and `localhost`, but not for other names.
 #[test]
-fn a_page_for_others_answers_to_addresses_only() {
+fn a_page_for_other_computers_accepts_only_addresses_as_host() {
     let page = Page::start(Ipv4Addr::UNSPECIFIED.into(), Some(0)).unwrap();
     page.publisher().publish(&"secret", &[], &[]);
     let (token, port) = (token(&page), page.address.port());
@@ -222,7 +222,7 @@ fn a_page_for_others_answers_to_addresses_only() {
 }
 
 #[test]
-fn the_page_loads_itself_and_nothing_else() {
+fn the_page_loads_nothing_from_other_sites() {
     let page = page();
     let own = host(&page);
     for asset in ASSETS {
@@ -242,7 +242,7 @@ fn the_page_loads_itself_and_nothing_else() {
 }
 
 #[test]
-fn only_this_computer_is_listened_to() {
+fn the_page_listens_only_on_this_computer() {
     assert!(page().address.ip().is_loopback());
     let taken = page();
     let error = Page::start(Ipv4Addr::LOCALHOST.into(), Some(taken.address.port())).err().unwrap();
@@ -251,7 +251,7 @@ fn only_this_computer_is_listened_to() {
 
 /// Connections that send a byte now and then, or never read, neither block the publisher nor build up a backlog.
 #[test]
-fn slow_pages_hold_up_nobody() {
+fn slow_clients_do_not_delay_the_publisher() {
     let page = page();
     let (token, own) = (token(&page), host(&page));
     let publisher = page.publisher();
@@ -280,7 +280,7 @@ fn slow_pages_hold_up_nobody() {
 
 /// Many incomplete heads must not block other clients.
 #[test]
-fn half_sent_heads_lock_nobody_out() {
+fn incomplete_heads_do_not_block_other_clients() {
     let page = page();
     page.publisher().publish(&1, &[], &[]);
     let own = host(&page);
@@ -313,7 +313,7 @@ fn ask_if_possible(page: &Page, headers: &[(&str, &str)]) -> Option<(u16, Vec<u8
 }
 
 #[test]
-fn no_head_ends_the_server() {
+fn malformed_heads_do_not_end_the_server() {
     let page = page();
     let mut random = ChaCha8Rng::seed_from_u64(4);
     let whole =

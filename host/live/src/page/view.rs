@@ -193,13 +193,13 @@ struct CheckpointView<'a> {
 
 impl<'a> CheckpointView<'a> {
     fn new(checkpoint: &'a Checkpoint) -> Self {
-        let stated = checkpoint.stated.as_ref().ok();
+        let accuracy = checkpoint.accuracy.as_ref().ok();
         Self {
             t: checkpoint.t,
-            stated: stated.map(|stated| stated.rms),
-            largest: stated.map(|stated| stated.max),
-            halves_agree: stated.map(|stated| stated.halves_agree),
-            failed: checkpoint.stated.as_ref().err().map(String::as_str),
+            stated: accuracy.map(|accuracy| accuracy.rms),
+            largest: accuracy.map(|accuracy| accuracy.max),
+            halves_agree: accuracy.map(|accuracy| accuracy.halves_agree),
+            failed: checkpoint.accuracy.as_ref().err().map(String::as_str),
         }
     }
 }
@@ -281,7 +281,7 @@ fn rounded(value: f64) -> f64 {
 }
 
 /// Returns the state while the board is observed, with a frame if there is one.
-pub fn looking<'a>(picture: &EventPicture, frame: Option<&GreyImage>, seen: &'a Seen, context: Context) -> View<'a> {
+pub fn observing<'a>(picture: &EventPicture, frame: Option<&GreyImage>, seen: &'a Seen, context: Context) -> View<'a> {
     let phase = if seen.board.is_none() { Phase::Waiting } else { Phase::Recording };
     let sensor = picture.sensor();
     let frame = frame.map(|frame| [frame.width(), frame.height()]);
@@ -367,8 +367,8 @@ fn state<'a>(
         sigma: seen.sigma,
         about: seen.about,
         checkpoint: seen.checkpoint.as_ref().map(CheckpointView::new),
-        checkpoint_under_way: seen.checkpoint_under_way,
-        step: seen.underway.as_ref().and_then(|underway| underway.awaited()).map(StepView::from),
+        checkpoint_under_way: seen.calibrating_until,
+        step: seen.running_calibration.as_ref().and_then(|running| running.awaited()).map(StepView::from),
         target: seen.target,
         camera: seen.camera,
         outcome,

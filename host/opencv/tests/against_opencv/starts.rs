@@ -52,10 +52,10 @@ fn both_starts_reach_the_same_model_on_every_input() {
                 model.frames.iter().map(|frame| (frame.frame, indices(frame))).collect()
             };
             assert_eq!(of(&opencv), of(&native), "{kind}, {input}");
-            let apart = difference(&opencv.camera, &native.camera, SENSOR);
+            let between = difference(&opencv.camera, &native.camera, SENSOR);
             let from_truth = difference(&scene.camera, &opencv.camera, SENSOR);
             let far_below = 1e-3_f64.max(0.1 * from_truth.largest);
-            assert!(apart.largest < far_below, "{kind}, {input}: {apart:?} {from_truth:?}");
+            assert!(between.largest < far_below, "{kind}, {input}: {between:?} {from_truth:?}");
         }
     }
 }
@@ -79,8 +79,8 @@ fn poses_agree_with_opencv() {
         let (own, theirs) = (found(&NativeStart { seed: 0 }), found(&Opencv));
         assert_eq!(own.inliers, theirs.inliers, "view {view}");
         // OpenCV's homography weights the points slightly differently.
-        let apart = own.solutions[0].inverse() * theirs.solutions[0];
-        let distance = apart.translation.vector.norm() + apart.rotation.angle();
+        let relative = own.solutions[0].inverse() * theirs.solutions[0];
+        let distance = relative.translation.vector.norm() + relative.rotation.angle();
         assert!(distance < 2e-3, "view {view}: {distance}");
     }
 }

@@ -227,36 +227,36 @@ impl Words {
     }
 
     /// Returns the kinds of streams in the file.
-    fn held(mut self) -> Result<OtherStreams, RecordingError> {
-        let mut held = OtherStreams::default();
-        while !(held.frames && held.imu) {
+    fn find_streams(mut self) -> Result<OtherStreams, RecordingError> {
+        let mut streams = OtherStreams::default();
+        while !(streams.frames && streams.imu) {
             match self.next()? {
-                Some(Extra::Frame(_)) => held.frames = true,
-                Some(Extra::Inertial(_)) => held.imu = true,
+                Some(Extra::Frame(_)) => streams.frames = true,
+                Some(Extra::Inertial(_)) => streams.imu = true,
                 None => break,
             }
         }
-        Ok(held)
+        Ok(streams)
     }
 }
 
 struct WordExtras {
     words: Option<Words>,
     next: Option<Extra>,
-    held: OtherStreams,
+    streams: OtherStreams,
 }
 
 /// Opens the frames and IMU samples of the file at `path`.
 pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
-    let held = Words::open(path, options)?.map_or(Ok(OtherStreams::default()), Words::held)?;
+    let streams = Words::open(path, options)?.map_or(Ok(OtherStreams::default()), Words::find_streams)?;
     let mut words = Words::open(path, options)?;
     let next = words.as_mut().map_or(Ok(None), Words::next)?;
-    Ok(Box::new(WordExtras { words, next, held }))
+    Ok(Box::new(WordExtras { words, next, streams }))
 }
 
 impl ReadExtras for WordExtras {
     fn streams(&self) -> OtherStreams {
-        self.held
+        self.streams
     }
 
     fn first_time(&mut self) -> Option<i64> {
@@ -268,7 +268,7 @@ impl ReadExtras for WordExtras {
     }
 
     fn reads(&self, stream: &str) -> bool {
-        [(LEVELS, self.held.frames), (SAMPLES, self.held.imu)].contains(&(stream, true))
+        [(LEVELS, self.streams.frames), (SAMPLES, self.streams.imu)].contains(&(stream, true))
     }
 }
 
@@ -413,7 +413,7 @@ mod tests {
 
     /// The cost of a frame must depend on its own pixels, not on the size of the sensor.
     #[test]
-    fn frames_of_one_pixel_are_cheap() {
+    fn the_cost_of_a_frame_depends_on_its_own_pixels_only() {
         let mut frame = Growing::new(SENSOR);
         let memory = (frame.reset.levels.as_ptr(), frame.exposed.levels.as_ptr());
         let pair = |index: u32| [level(10, 7, RESET, 40 + 4 * (index % 200)), level(10, 7, EXPOSED, 40)];

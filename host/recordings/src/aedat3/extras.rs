@@ -146,7 +146,7 @@ fn sample(head: &PacketHead, event: &[u8]) -> Option<InertialSample> {
 struct PacketExtras {
     packets: Packets,
     next: Option<Extra>,
-    held: OtherStreams,
+    streams: OtherStreams,
     /// Description of an error in the first element.
     lost: Vec<String>,
 }
@@ -154,12 +154,12 @@ struct PacketExtras {
 /// Opens the frames and IMU samples of the file at `path`.
 pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
     let mut heads = Packets::open(path, options)?;
-    let mut held = OtherStreams::default();
-    while !(held.frames && held.imu) {
+    let mut streams = OtherStreams::default();
+    while !(streams.frames && streams.imu) {
         match heads.next_packet() {
             Ok(Some(head)) => {
-                held.frames |= head.kind == FRAMES;
-                held.imu |= head.kind == SAMPLES;
+                streams.frames |= head.kind == FRAMES;
+                streams.imu |= head.kind == SAMPLES;
                 heads.file.seek(heads.file.position() + head.length)?;
             }
             // Damage is reported when the packet is read.
@@ -170,12 +170,12 @@ pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtra
     let mut packets = Packets::open(path, options)?;
     let mut lost = Vec::new();
     let next = read_or_report(packets.next(), BOTH, &mut lost);
-    Ok(Box::new(PacketExtras { packets, next, held, lost }))
+    Ok(Box::new(PacketExtras { packets, next, streams, lost }))
 }
 
 impl ReadExtras for PacketExtras {
     fn streams(&self) -> OtherStreams {
-        self.held
+        self.streams
     }
 
     fn first_time(&mut self) -> Option<i64> {
@@ -189,9 +189,9 @@ impl ReadExtras for PacketExtras {
 
     fn reads(&self, stream: &str) -> bool {
         let Packets { header: Some(header), source, .. } = &self.packets else { return false };
-        [(FRAMES, self.held.frames), (SAMPLES, self.held.imu)]
+        [(FRAMES, self.streams.frames), (SAMPLES, self.streams.imu)]
             .into_iter()
-            .any(|(kind, held)| held && stream == other_name(header, kind, source.unwrap_or_default()))
+            .any(|(kind, is_read)| is_read && stream == other_name(header, kind, source.unwrap_or_default()))
     }
 }
 

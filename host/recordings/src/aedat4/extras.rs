@@ -14,11 +14,11 @@ pub struct Aedat4Extras {
     /// The next frame and sample, already read.
     frame: Option<Frame>,
     sample: Option<InertialSample>,
-    held: OtherStreams,
+    streams: OtherStreams,
     /// Descriptions of errors in the first frame and sample.
     lost: Vec<String>,
     /// The streams that are read, as [`super::describe`] names them.
-    streams: Vec<String>,
+    stream_names: Vec<String>,
 }
 
 impl Aedat4Extras {
@@ -28,16 +28,16 @@ impl Aedat4Extras {
         let mut lost = Vec::new();
         let frame = read_or_report(frames.next_frame(), "frames", &mut lost);
         let sample = read_or_report(samples.next_sample(), "IMU samples", &mut lost);
-        let held = OtherStreams { frames: frame.is_some(), imu: sample.is_some() };
-        let streams = frames.stream().filter(|_| held.frames || frames.has_unread()).into_iter();
-        let streams = streams.chain(samples.stream().filter(|_| held.imu)).collect();
-        Ok(Self { frames, samples, frame, sample, held, lost, streams })
+        let streams = OtherStreams { frames: frame.is_some(), imu: sample.is_some() };
+        let stream_names = frames.stream().filter(|_| streams.frames || frames.has_unread()).into_iter();
+        let stream_names = stream_names.chain(samples.stream().filter(|_| streams.imu)).collect();
+        Ok(Self { frames, samples, frame, sample, streams, lost, stream_names })
     }
 }
 
 impl ReadExtras for Aedat4Extras {
     fn streams(&self) -> OtherStreams {
-        self.held
+        self.streams
     }
 
     fn first_time(&mut self) -> Option<i64> {
@@ -65,7 +65,7 @@ impl ReadExtras for Aedat4Extras {
     }
 
     fn reads(&self, stream: &str) -> bool {
-        self.streams.iter().any(|read| read == stream)
+        self.stream_names.iter().any(|read| read == stream)
     }
 }
 

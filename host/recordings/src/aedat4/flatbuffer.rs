@@ -159,7 +159,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_bytes_panic(mut bytes in prop::collection::vec(any::<u8>(), 0..200), position in 0u32..60) {
+        fn arbitrary_bytes_do_not_panic(mut bytes in prop::collection::vec(any::<u8>(), 0..200), position in 0u32..60) {
             // A plausible root position and the right identifier, so that more than the first check runs.
             if bytes.len() >= 8 {
                 bytes[..4].copy_from_slice(&position.to_le_bytes());

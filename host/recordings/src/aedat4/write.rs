@@ -29,8 +29,8 @@ const fn output(name: &'static str, create: CreateFile) -> OutputFormat {
         name,
         title: None,
         extensions: &["aedat4"],
-        holds_sensor: true,
-        holds_extras: true,
+        contains_sensor: true,
+        contains_extras: true,
         create,
         copy_transfers: None,
     }

@@ -18,8 +18,8 @@ pub const OUTPUT: OutputFormat = OutputFormat {
     name: "dvraw",
     title: None,
     extensions: &["dvraw"],
-    holds_sensor: true,
-    holds_extras: true,
+    contains_sensor: true,
+    contains_extras: true,
     create: |file, description| Ok(Box::new(DumpSink::create(file, description)?)),
     copy_transfers: Some(transfers::copy),
 };

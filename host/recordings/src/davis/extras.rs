@@ -18,20 +18,20 @@ pub struct CameraExtras {
     waiting: VecDeque<Extra>,
     /// `true` until the stream ends.
     more: bool,
-    held: OtherStreams,
+    streams: OtherStreams,
 }
 
 impl CameraExtras {
     /// Opens the recording at `path`.
     pub fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
-        let held = held(path, options)?;
-        Ok(Self { messages: Messages::open(path, options.device)?, waiting: VecDeque::new(), more: true, held })
+        let streams = find_streams(path, options)?;
+        Ok(Self { messages: Messages::open(path, options.device)?, waiting: VecDeque::new(), more: true, streams })
     }
 }
 
 impl ReadExtras for CameraExtras {
     fn streams(&self) -> OtherStreams {
-        self.held
+        self.streams
     }
 
     fn first_time(&mut self) -> Option<i64> {
@@ -48,25 +48,25 @@ impl ReadExtras for CameraExtras {
     }
 
     fn reads(&self, stream: &str) -> bool {
-        (stream == super::FRAMES && self.held.frames) || (stream == super::INERTIAL && self.held.imu)
+        (stream == super::FRAMES && self.streams.frames) || (stream == super::INERTIAL && self.streams.imu)
     }
 
     fn lessened(&self) -> Option<&'static str> {
-        self.held.frames.then_some("2 of the 10 bits of the frames' pixels")
+        self.streams.frames.then_some("2 of the 10 bits of the frames' pixels")
     }
 }
 
-fn held(path: &Path, options: &RecordingOptions) -> Result<OtherStreams, RecordingError> {
+fn find_streams(path: &Path, options: &RecordingOptions) -> Result<OtherStreams, RecordingError> {
     let mut messages = Messages::open(path, options.device)?;
-    let mut held = OtherStreams::default();
-    while !(held.frames && held.imu)
+    let mut streams = OtherStreams::default();
+    while !(streams.frames && streams.imu)
         && messages.next_whole(|message, _| match message {
-            Message::Frame(_) => held.frames = true,
-            Message::Imu(_) => held.imu = true,
+            Message::Frame(_) => streams.frames = true,
+            Message::Imu(_) => streams.imu = true,
             _ => {}
         })?
     {}
-    Ok(held)
+    Ok(streams)
 }
 
 /// Converts a message of the camera, with times `shift` µs later. Frames are reduced to 8 bits.

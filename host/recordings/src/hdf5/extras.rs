@@ -141,7 +141,7 @@ impl Reader {
 struct Hdf5Extras {
     reader: Reader,
     next: Option<Extra>,
-    held: OtherStreams,
+    streams: OtherStreams,
     /// Description of an error in the first element.
     lost: Vec<String>,
 }
@@ -149,10 +149,10 @@ struct Hdf5Extras {
 /// Opens the frames and IMU samples of the file at `path`.
 pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
     let mut reader = Reader::open(path, options)?;
-    let held = OtherStreams { frames: reader.frames.is_some(), imu: reader.samples.is_some() };
+    let streams = OtherStreams { frames: reader.frames.is_some(), imu: reader.samples.is_some() };
     let mut lost = Vec::new();
     let next = read_or_report(reader.next(), BOTH, &mut lost);
-    Ok(Box::new(Hdf5Extras { reader, next, held, lost }))
+    Ok(Box::new(Hdf5Extras { reader, next, streams, lost }))
 }
 
 /// Converts an error about frames or samples.
@@ -168,7 +168,7 @@ fn damaged(path: &Path, error: &Error) -> RecordingError {
 
 impl ReadExtras for Hdf5Extras {
     fn streams(&self) -> OtherStreams {
-        self.held
+        self.streams
     }
 
     fn first_time(&mut self) -> Option<i64> {
@@ -184,7 +184,7 @@ impl ReadExtras for Hdf5Extras {
     }
 
     fn reads(&self, stream: &str) -> bool {
-        matches!(stream, FRAMES if self.held.frames) || matches!(stream, SAMPLES if self.held.imu)
+        matches!(stream, FRAMES if self.streams.frames) || matches!(stream, SAMPLES if self.streams.imu)
     }
 }
 

@@ -17,8 +17,8 @@ pub const OUTPUT: OutputFormat = OutputFormat {
     name: "hdf5",
     title: Some("HDF5 in the layout of DSEC"),
     extensions: &["h5", "hdf5"],
-    holds_sensor: true,
-    holds_extras: false,
+    contains_sensor: true,
+    contains_extras: false,
     create: |file, description| {
         let pixel = Number::Integer { size: 2, is_signed: false };
         Ok(Box::new(Encoder::new(file()?, description.sensor, pixel)?))

@@ -229,7 +229,7 @@ mod tests {
 
     /// flate2 would take an end for a pause, and read again endlessly.
     #[test]
-    fn a_reader_stays_at_its_end() {
+    fn a_reader_at_its_end_reads_nothing_more() {
         let mut input = Ending { input: BufReader::new(Growing(vec![b"ab", b"", b"cd"])), has_ended: false };
         let mut read = Vec::new();
         input.read_to_end(&mut read).unwrap();

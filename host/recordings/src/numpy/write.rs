@@ -19,8 +19,8 @@ pub const OUTPUT: OutputFormat = OutputFormat {
     name: "npz",
     title: Some("NumPy"),
     extensions: &["npz"],
-    holds_sensor: true,
-    holds_extras: false,
+    contains_sensor: true,
+    contains_extras: false,
     create: |file, description| Ok(Box::new(Encoder::new(file()?, description.sensor)?)),
     copy_transfers: None,
 };

@@ -18,7 +18,7 @@ use evcal_core::event::{Event, Polarity};
 use super::header::Header;
 use crate::bytes::ByteReader;
 use crate::error::RecordingError;
-use crate::format::{FileFormat, Head, Opened};
+use crate::format::{FileFormat, Head, OpenResult};
 use crate::options::RecordingOptions;
 use crate::read_report::ReadReport;
 use crate::reader::{Decode, RecordingInformation};
@@ -65,7 +65,7 @@ struct Decoder {
     turns: i64,
 }
 
-fn open(path: &Path, _: &RecordingOptions) -> Opened {
+fn open(path: &Path, _: &RecordingOptions) -> OpenResult {
     let mut file = ByteReader::open(path)?;
     let head = Head::read(path)?;
     let header = layout(&head).ok_or_else(|| file.damaged(0, "the header has changed"))?;

@@ -10,7 +10,7 @@ use super::write::OUTPUT;
 use super::{TRIGGERS, store_counts};
 use crate::bytes::ByteReader;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::format::{FileFormat, Head, Opened};
+use crate::format::{FileFormat, Head, OpenResult};
 use crate::options::RecordingOptions;
 use crate::read_report::{ReadReport, Truncation};
 use crate::reader::{Decode, RecordingInformation};
@@ -113,7 +113,7 @@ struct Decoder {
     triggers: u64,
 }
 
-fn open(path: &Path, _: &RecordingOptions) -> Opened {
+fn open(path: &Path, _: &RecordingOptions) -> OpenResult {
     let unsupported = RecordingErrorKind::Unsupported(UnsupportedFormat::PropheseeEncoding);
     let head = Head::read(path)?;
     let words = |header: Header| {

@@ -15,8 +15,8 @@ pub const OUTPUT: OutputFormat = OutputFormat {
     name: "raw",
     title: Some("EVT 3.0"),
     extensions: &["raw"],
-    holds_sensor: true,
-    holds_extras: false,
+    contains_sensor: true,
+    contains_extras: false,
     create: |file, description| Ok(Box::new(Encoder::new(file, description)?)),
     copy_transfers: None,
 };

@@ -10,7 +10,7 @@ use super::packet::ENCODINGS;
 use super::packet::PacketDecoder;
 use super::picture;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::format::{Opened, StreamSummary};
+use crate::format::{OpenResult, StreamSummary};
 use crate::options::{Damage, RecordingOptions};
 use crate::prophesee::{TRIGGERS, store_counts};
 use crate::read_report::{ReadReport, Truncation};
@@ -28,7 +28,7 @@ struct Decoder {
 }
 
 /// Opens the events of the requested topic, or of the first topic that has any.
-pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &RecordingOptions) -> Opened {
+pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &RecordingOptions) -> OpenResult {
     let mut container = open(path)?;
     let wanted = options.stream.as_deref();
     let Some(First { topic, description }) = first_of(path, &mut *container, wanted, options.damage)? else {
@@ -74,7 +74,7 @@ fn first_of(
             Err(error) if is_skipped(&error, damage) => continue,
             Err(error) => return Err(error),
         };
-        let fits = |topic: &&Topic| topic.kind.holds_events() && wanted.is_none_or(|wanted| wanted == topic.name);
+        let fits = |topic: &&Topic| topic.kind.contains_events() && wanted.is_none_or(|wanted| wanted == topic.name);
         let Some(topic) = container.topics().get(head.topic).filter(fits) else { continue };
         let description = match message::description(topic.kind, topic.wire, container.message()) {
             Ok(description) => description,
@@ -96,7 +96,7 @@ fn first_of(
 }
 
 fn no_topic(topics: &[Topic], wanted: Option<&str>) -> RecordingErrorKind {
-    let of_events = topics.iter().filter(|topic| topic.kind.holds_events());
+    let of_events = topics.iter().filter(|topic| topic.kind.contains_events());
     match wanted {
         Some(wanted) => RecordingErrorKind::NoSuchStream {
             wanted: wanted.to_owned(),
@@ -118,7 +118,7 @@ impl Decoder {
     fn next_message(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let Some(head) = self.container.next()? else { return Ok(false) };
         let Some(topic) = self.container.topics().get(head.topic) else { return Ok(true) };
-        if topic.name != self.topic || !topic.kind.holds_events() {
+        if topic.name != self.topic || !topic.kind.contains_events() {
             *report.other_packets.entry(topic.description()).or_default() += 1;
             return Ok(true);
         }

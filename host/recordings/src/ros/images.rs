@@ -36,8 +36,8 @@ impl ImageTopic {
         let refuse = |kind| Err(RecordingError::new(path, kind));
         let topics = topics(open, path, wanted, damage)?;
         let of_kind = |fits: fn(Kind) -> bool| topics.iter().filter(move |topic| fits(topic.kind));
-        let events = || of_kind(Kind::holds_events);
-        let images: Vec<&Topic> = of_kind(Kind::holds_images).collect();
+        let events = || of_kind(Kind::contains_events);
+        let images: Vec<&Topic> = of_kind(Kind::contains_images).collect();
         let list = |topics: Vec<&Topic>| topics.into_iter().map(Topic::description).collect::<Vec<_>>().join(", ");
         let topic = match wanted {
             Some(wanted) if events().any(|topic| topic.name == wanted) => return Ok(None),
@@ -147,7 +147,7 @@ impl ImageTopic {
 }
 
 fn is_images(topic: &Topic, name: &str) -> bool {
-    topic.kind.holds_images() && topic.name == name
+    topic.kind.contains_images() && topic.name == name
 }
 
 /// Returns the topics of a file that have messages. Stops as soon as the `wanted` topic is found, or a topic of events
@@ -174,7 +174,7 @@ fn topics(
         seen.push(head.topic);
         let enough = |topic: &Topic| match wanted {
             Some(wanted) => topic.name == wanted,
-            None => topic.kind.holds_events(),
+            None => topic.kind.contains_events(),
         };
         if container.topics().get(head.topic).is_some_and(enough) {
             break;

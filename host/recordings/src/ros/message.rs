@@ -45,12 +45,12 @@ impl Kind {
     }
 
     /// `true` for messages with events.
-    pub fn holds_events(self) -> bool {
+    pub fn contains_events(self) -> bool {
         matches!(self, Self::EventArray | Self::EventPacket)
     }
 
     /// `true` for messages with an image.
-    pub fn holds_images(self) -> bool {
+    pub fn contains_images(self) -> bool {
         matches!(self, Self::Image | Self::CompressedImage)
     }
 }

@@ -441,7 +441,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_hold_values_of_every_kind() {
+    fn rows_contain_values_of_every_kind() {
         let row = [9, 0, 1, 5, 7, 8, 9, 17, 18, 0xfe, 0xff, 0, 0, 0, 0, 7, 1, 2, 3, 4, 5, 6, 7, 8, b'a', b'b', 1, 2, 3];
         let expected = [
             Value::Other,

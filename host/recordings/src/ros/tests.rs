@@ -149,11 +149,11 @@ fn compressed_image(wire: Wire, t: i64, format: &str, bytes: &[u8]) -> Vec<u8> {
 }
 
 /// A topic and its content: events, or the encoding of images.
-type Held = (&'static str, &'static str);
+type TopicContent = (&'static str, &'static str);
 
 /// Returns messages of these topics. Images have two rows of three pixels.
-fn images_of(topics: &[Held], wire: Wire) -> Messages {
-    let message = |(index, (topic, encoding)): (usize, &Held)| match *encoding {
+fn images_of(topics: &[TopicContent], wire: Wire) -> Messages {
+    let message = |(index, (topic, encoding)): (usize, &TopicContent)| match *encoding {
         "events" => (*topic, "dvs_msgs/msg/EventArray", event_array(wire, &events(0, 3))),
         "png" => {
             let message = compressed_image(wire, START + 1000 * index as i64, "mono8; png compressed ", &png());
@@ -173,7 +173,7 @@ fn the_named_topic_of_images_is_read_or_the_only_one() {
     let (one, two) = (("/left", "mono8"), ("/right", "mono16"));
     let (with_events, packed) = (("/dvs", "events"), ("/left/compressed", "png"));
     type Expected = Result<Option<&'static str>, &'static str>;
-    let cases: [(&[Held], Option<&str>, Expected); 11] = [
+    let cases: [(&[TopicContent], Option<&str>, Expected); 11] = [
         (&[one, one, one], None, Ok(Some("/left"))),
         (&[one, two], None, Err("several topics (/left (sensor_msgs/msg/Image), /right")),
         (&[one, two], Some("/right"), Ok(Some("/right"))),

@@ -24,8 +24,8 @@ pub const BAG_OUTPUT: OutputFormat = OutputFormat {
     name: "bag",
     title: Some("ROS 1"),
     extensions: &["bag"],
-    holds_sensor: true,
-    holds_extras: true,
+    contains_sensor: true,
+    contains_extras: true,
     create: |file, description| {
         let sink = bag::Bag::new(file()?, &definitions::ROS1)?;
         Ok(Box::new(Encoder::new(sink, Wire::Ros1, message::event_array, description.sensor)))
@@ -38,8 +38,8 @@ pub const MCAP_OUTPUT: OutputFormat = OutputFormat {
     name: "mcap",
     title: Some("ROS 2"),
     extensions: &["mcap"],
-    holds_sensor: true,
-    holds_extras: true,
+    contains_sensor: true,
+    contains_extras: true,
     create: |file, description| {
         let sensor = description.sensor;
         if sensor.width > SIDE || sensor.height > SIDE {

@@ -159,7 +159,7 @@ mod tests {
         }
 
         #[test]
-        fn no_field_panics(field in prop::collection::vec(any::<u8>(), 0..30)) {
+        fn arbitrary_fields_do_not_panic(field in prop::collection::vec(any::<u8>(), 0..30)) {
             for unit in [TimeUnit::Seconds, TimeUnit::Nanoseconds] {
                 let _ = microseconds(&field, unit);
             }

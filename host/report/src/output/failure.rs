@@ -61,7 +61,7 @@ pub fn write_failure(
     stages: Vec<String>,
 ) -> Result<Failure, FileError> {
     let mut failure = Failure { error: why, stages, seen: None, files: Vec::new() };
-    if !error.is_of_what_was_seen() {
+    if !error.is_explained_by_content() {
         return Ok(failure);
     }
     if let (CalibrateError::NoPattern(nowhere), None, Some(input)) = (error, task.board.circles(), task.inputs.first())

@@ -9,7 +9,7 @@ use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::quality::verdict::{Finding, Grade, SMALLEST_COVERAGE, Severity, VerdictSettings};
-use evcal_calibrate::result::beside::{VerdictBeside, verdicts_beside};
+use evcal_calibrate::result::device_verdicts::{DeviceVerdict, device_verdicts};
 use evcal_calibrate::solve::residual_statistics::Measured;
 use evcal_core::sensor::Sensor;
 
@@ -24,7 +24,7 @@ pub fn title(calibrated: &Calibrated) -> String {
 pub fn head(calibrated: &Calibrated, task: &Task) -> Markup {
     let Sensor { width, height } = calibrated.sensor;
     let verdict = &calibrated.verdict;
-    let others = verdicts_beside(calibrated);
+    let others = device_verdicts(calibrated);
     html! {
         h1 { "Calibration of " (calibrated.camera_name().unwrap_or("a camera")) }
         p.faint {
@@ -40,7 +40,7 @@ pub fn head(calibrated: &Calibrated, task: &Task) -> Markup {
             }
             @if !verdict.findings.is_empty() { (findings(&verdict.findings, task.wording)) }
         }
-        @for VerdictBeside { about, grade, sentence } in &others {
+        @for DeviceVerdict { about, grade, sentence } in &others {
             div.verdict.(class(*grade)) { p.sentence { (about) ": " (sentence) } }
         }
         (figures(calibrated, &task.settings.verdict))
@@ -123,7 +123,8 @@ fn typical_residual(measured: Measured) -> &'static str {
 /// Returns the pixel with the largest σ of the projection among those with observations, and that σ (px).
 fn largest_uncertainty(calibrated: &Calibrated) -> Option<([f64; 2], f64)> {
     let grid = calibrated.quality.projection.grid.iter();
-    let supported = grid.filter(|point| calibrated.quality.coverage.backs(point.pixel, calibrated.sensor));
+    let supported =
+        grid.filter(|point| calibrated.quality.coverage.has_observations_near(point.pixel, calibrated.sensor));
     supported.filter_map(|point| Some((point.pixel, point.sigma?))).max_by(|a, b| a.1.total_cmp(&b.1))
 }
 

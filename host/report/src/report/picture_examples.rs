@@ -79,7 +79,7 @@ fn pictures_with_pose(calibrated: &Calibrated, task: &Task) -> (Vec<Shown>, usiz
 fn visit_with_pose(calibrated: &Calibrated, task: &Task, mut visit: impl FnMut(TimedImage, Isometry3<f64>)) {
     for (number, (input, &start)) in task.inputs.iter().zip(&calibrated.starts).enumerate() {
         let Input::Events(recording) = input else { continue };
-        if !recording.may_hold_frames() {
+        if !recording.may_contain_frames() {
             continue;
         }
         let _ = recording.visit_frames(|picture| {

@@ -66,7 +66,7 @@ fn parts(parts: &ProjectionParts) -> Markup {
 pub fn difference_cells(calibrated: &Calibrated, difference: &ProjectionDifference) -> (Vec<Cell>, f64) {
     let coverage = &calibrated.quality.coverage;
     let size = |pixel, difference: Option<[f64; 2]>| {
-        difference.filter(|_| coverage.backs(pixel, calibrated.sensor)).map(|[x, y]| x.hypot(y))
+        difference.filter(|_| coverage.has_observations_near(pixel, calibrated.sensor)).map(|[x, y]| x.hypot(y))
     };
     let points: Vec<_> =
         difference.grid.iter().map(|point| (point.pixel, size(point.pixel, point.difference))).collect();
@@ -77,7 +77,9 @@ pub fn difference_cells(calibrated: &Calibrated, difference: &ProjectionDifferen
 fn uncertainty(calibrated: &Calibrated) -> SensorMap {
     let projection = &calibrated.quality.projection;
     let coverage = &calibrated.quality.coverage;
-    let value = |pixel: [f64; 2], sigma: Option<f64>| sigma.filter(|_| coverage.backs(pixel, calibrated.sensor));
+    let value = |pixel: [f64; 2], sigma: Option<f64>| {
+        sigma.filter(|_| coverage.has_observations_near(pixel, calibrated.sensor))
+    };
     let points: Vec<_> = projection.grid.iter().map(|point| (point.pixel, value(point.pixel, point.sigma))).collect();
     let most = points.iter().filter_map(|point| point.1).fold(0.0, f64::max);
     SensorMap {

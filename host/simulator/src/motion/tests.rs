@@ -68,7 +68,7 @@ fn the_tilt_stays_within_its_limit() {
 }
 
 #[test]
-fn a_pause_is_still_and_an_absence_sees_nothing() {
+fn the_camera_rests_in_pauses_and_sees_no_board_in_absences() {
     let board = board();
     let camera = radtan();
     let rays = Rays::new(&camera, SIZE);
@@ -117,7 +117,7 @@ fn the_motion_is_smooth() {
 }
 
 #[test]
-fn other_seeds_move_otherwise() {
+fn each_seed_has_its_own_motion() {
     let rays = Rays::new(&radtan(), SIZE);
     let pose = |seed: u64| Motion::new(&MotionSettings::fast(), &board(), &rays, 2.0, seed).unwrap().pose(1.0);
     assert_eq!(pose(1), pose(1));
@@ -136,7 +136,7 @@ fn turns(settings: &MotionSettings, seed: u64) -> Vec<Vector3<f64>> {
 }
 
 #[test]
-fn cameras_turn_as_they_are_told() {
+fn rotations_follow_the_settings() {
     let largest =
         |turns: &[Vector3<f64>], axis: usize| turns.iter().fold(0.0_f64, |most, turn| most.max(turn[axis].abs()));
     for seed in 1..=3 {

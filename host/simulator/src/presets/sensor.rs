@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn figures_are_those_of_the_table() {
+    fn preset_values_agree_with_the_table() {
         // The thresholds of IMX636 and DAVIS346 have the ratio of ln 1.11 to ln 1.184; the bus of IMX636 carries 1066
         // events per microsecond.
         let imx636 = SensorPreset::Imx636.pixels(SensorModel::default());

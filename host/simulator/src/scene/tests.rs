@@ -113,7 +113,7 @@ fn greatest_errors(
 ) -> [f64; 2] {
     const SIDE: i32 = 300;
     let scene = Scene::new(*board, SceneSettings { printed, ..SceneSettings::default() }, POINT_SPREAD);
-    let printed = printed.unwrap_or(BoardShape::stated(board));
+    let printed = printed.unwrap_or(BoardShape::nominal(board));
     let truth = TrueScene::new(board, &printed);
     let rays = Rays::new(camera, Sensor::new(346, 260));
     let view = View::new(pose);
@@ -159,11 +159,11 @@ fn radiance_is_the_integral_of_the_point_spread() {
 }
 
 #[test]
-fn a_board_that_is_not_as_stated_is_rendered_as_it_is() {
-    let stated = BoardShape::stated(&board());
+fn a_board_that_differs_from_nominal_is_rendered_as_printed() {
+    let nominal = BoardShape::nominal(&board());
     for (printed, distance, tilt) in [
-        (BoardShape { bend: [0.012, -0.006], ..stated }, 0.7, 35.0),
-        (BoardShape { print_ratio: 1.04, radius: 0.0165, ..stated }, 0.8, 20.0),
+        (BoardShape { bend: [0.012, -0.006], ..nominal }, 0.7, 35.0),
+        (BoardShape { print_ratio: 1.04, radius: 0.0165, ..nominal }, 0.8, 20.0),
     ] {
         let pose = pose(&board(), distance, tilt, 25.0);
         let worst = greatest_errors(&board(), &radtan(), &pose, 197, Some(printed));
@@ -190,12 +190,12 @@ fn radiance_of_squares_is_the_integral_of_the_point_spread() {
 }
 
 #[test]
-fn squares_that_are_not_as_stated_are_rendered_as_they_are() {
+fn squares_that_differ_from_nominal_are_rendered_as_printed() {
     let board: Board = "aprilgrid:6x6:88mm:0.3".parse().unwrap();
-    let stated = BoardShape::stated(&board);
+    let nominal = BoardShape::nominal(&board);
     for printed in [
-        BoardShape { print_ratio: 1.03, bend: [0.03, -0.01], radius: stated.radius + 0.0006 },
-        BoardShape { radius: stated.radius - 0.0006, ..stated },
+        BoardShape { print_ratio: 1.03, bend: [0.03, -0.01], radius: nominal.radius + 0.0006 },
+        BoardShape { radius: nominal.radius - 0.0006, ..nominal },
     ] {
         let worst = greatest_errors(&board, &radtan(), &pose(&board, 0.9, 30.0, 25.0), 997, Some(printed));
         println!("{printed:?}: squares {:.5}, sheet {:.5}", worst[0], worst[1]);
@@ -230,7 +230,7 @@ fn the_jacobian_is_the_derivative_of_the_point() {
 }
 
 #[test]
-fn a_pixel_that_looks_away_sees_the_background() {
+fn a_pixel_that_faces_away_from_the_board_sees_the_background() {
     let scene = Scene::new(board(), SceneSettings::default(), POINT_SPREAD);
     let rays = Rays::new(&radtan(), Sensor::new(346, 260));
     let away = pose(&board(), 0.7, 0.0, 0.0) * nalgebra::UnitQuaternion::from_euler_angles(0.0, 3.0, 0.0);

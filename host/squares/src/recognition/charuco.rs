@@ -124,7 +124,7 @@ pub(super) fn squares_differ(moments: &[Vec<SeenLattice>], size: Size) -> bool {
         let squares: Vec<Squares> = first.iter().copied().flatten().map(of_parity).collect();
         let pairs =
             squares.iter().enumerate().flat_map(|(index, a)| squares.iter().skip(index + 1).map(move |b| (a, b)));
-        let alike = pairs.map(|(a, b)| {
+        let differences = pairs.map(|(a, b)| {
             // The first corner may be another one in each picture.
             let markers = |turn: usize| -> Markers {
                 let in_turn = |(cell, square): (usize, &Option<Vec<f32>>)| {
@@ -139,8 +139,8 @@ pub(super) fn squares_differ(moments: &[Vec<SeenLattice>], size: Size) -> bool {
             };
             [0, 2].map(|turn| difference_correlation(&markers(turn), b)).into_iter().fold(-1.0, f32::max)
         });
-        let alike: Vec<f32> = alike.collect();
-        !alike.is_empty() && alike.iter().sum::<f32>() >= LEAST_DIFFERENT * alike.len() as f32
+        let differences: Vec<f32> = differences.collect();
+        !differences.is_empty() && differences.iter().sum::<f32>() >= LEAST_DIFFERENT * differences.len() as f32
     })
 }
 

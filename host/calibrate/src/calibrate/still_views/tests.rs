@@ -119,7 +119,7 @@ fn calibrate_seen_board(events: Vec<Event>, board: &Board, pictures: PictureUse)
 }
 
 #[test]
-fn a_board_that_blinks_calibrates_as_well_as_stated() {
+fn errors_from_a_blinking_board_are_within_the_reported_uncertainty() {
     for (board, seed) in [("checkerboard:5x8:25mm", 3), ("circles:5x8:25mm:r8mm", 4)] {
         let board: Board = board.parse().unwrap();
         let calibrated = blinking(&board, &board, 12, seed).unwrap();
@@ -135,7 +135,7 @@ fn a_board_that_blinks_calibrates_as_well_as_stated() {
 
 /// Dots that the border of the image cuts, or that are near it, do not prevent the detection of the board.
 #[test]
-fn a_board_cut_by_the_border_calibrates_as_well_as_stated() {
+fn errors_from_a_board_cut_by_the_border_are_within_the_reported_uncertainty() {
     let board: Board = "acircles:9x4:20mm:r6mm".parse().unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(7);
     let poses = poses(&board, 12, NEAR, &mut random);
@@ -157,7 +157,7 @@ fn a_board_cut_by_the_border_calibrates_as_well_as_stated() {
 }
 
 #[test]
-fn too_few_views_and_another_board_are_named() {
+fn too_few_views_and_a_wrong_board_are_reported() {
     let board: Board = "checkerboard:5x8:25mm".parse().unwrap();
     let few = blinking(&board, &board, 3, 5).err().unwrap();
     let CalibrateError::Views(few) = few else { panic!("{few}") };
@@ -171,7 +171,7 @@ fn too_few_views_and_another_board_are_named() {
 
 /// Without a view, the error must not be that a board blinks but is in none of 0 views.
 #[test]
-fn events_of_one_moment_are_not_a_view() {
+fn events_with_one_timestamp_are_not_a_view() {
     let event = |index: u16| Event { t: 7, x: index % 240, y: index / 240, polarity: Polarity::On };
     let options = RecordingOptions { sensor: Some(SENSOR), ..RecordingOptions::default() };
     let inputs = [Recording::from_events("moment", (0..20_000).map(event).collect(), options).into()];

@@ -43,7 +43,7 @@ impl SaveTo {
     pub(super) fn check(&self) -> Result<(), SaveError> {
         let Self::File(path) = self else { return Ok(()) };
         if let Ok(there) = fs::metadata(path) {
-            return if holds_nothing(&there) { Ok(()) } else { Err(SaveError::Taken(path.clone())) };
+            return if is_pipe_or_device(&there) { Ok(()) } else { Err(SaveError::Taken(path.clone())) };
         }
         match path.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
             Some(folder) => Err(SaveError::NoFolder(folder.to_owned())),
@@ -73,13 +73,13 @@ impl SaveTo {
 }
 
 /// Pipes and devices have no content that could be overwritten.
-fn holds_nothing(there: &Metadata) -> bool {
+fn is_pipe_or_device(there: &Metadata) -> bool {
     !there.is_file() && !there.is_dir()
 }
 
 /// Creates a new file, or opens one without content that could be overwritten.
 fn create_new(path: &Path) -> Result<File, SaveError> {
-    let created = match fs::metadata(path).is_ok_and(|there| holds_nothing(&there)) {
+    let created = match fs::metadata(path).is_ok_and(|there| is_pipe_or_device(&there)) {
         true => OpenOptions::new().write(true).open(path),
         false => File::create_new(path),
     };
@@ -96,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_stream_gets_the_next_name_that_is_free() {
+    fn a_stream_gets_the_next_free_name() {
         let folder = tempfile::tempdir().unwrap();
         let save = SaveTo::NextIn { folder: folder.path().to_owned(), name: "ttyACM0".to_owned() };
         fs::write(folder.path().join("ttyACM0.circles"), "first").unwrap();
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_named_must_be_new() {
+    fn a_named_file_is_never_overwritten() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("stream");
         let save = SaveTo::File(path.clone());

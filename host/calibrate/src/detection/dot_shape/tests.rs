@@ -133,7 +133,7 @@ fn rings_are_hollow_whichever_rim_was_found() {
 }
 
 #[test]
-fn evidence_of_windows_is_added() {
+fn evidence_of_more_windows_reduces_the_uncertainty() {
     let mut all = DotShape::default();
     assert_eq!(all.corners(), None);
     let single = shape(key, 8.0, 1.0, 0.5);

@@ -227,7 +227,7 @@ mod tests {
     use super::*;
 
     /// An ellipse at `center` with half axes (9, 5), blurred by a Gaussian, on paper that gets lighter to the right.
-    fn picture(center: Vector2<f64>, sigma: f64, beside: Option<u8>) -> GreyImage {
+    fn picture(center: Vector2<f64>, sigma: f64, wall: Option<u8>) -> GreyImage {
         // The blur, sample by sample.
         const STEPS: i32 = 15;
         let offsets: Vec<f64> = (-STEPS..=STEPS).map(|step| 3.5 * f64::from(step) / f64::from(STEPS)).collect();
@@ -235,7 +235,7 @@ mod tests {
         let total: f64 = weights.iter().sum();
         let inside = |x: f64, y: f64| (x / 9.0).powi(2) + (y / 5.0).powi(2) < 1.0;
         let value = |x: usize, y: usize| {
-            if let Some(value) = beside.filter(|_| x > 78) {
+            if let Some(value) = wall.filter(|_| x > 78) {
                 return value;
             }
             let place = Vector2::new(x as f64, y as f64) - center;
@@ -270,7 +270,7 @@ mod tests {
 
     #[test]
     fn spots_that_cannot_be_measured_are_refused_with_the_reason() {
-        let dots_at = |x: f64, y: f64, beside| dots(&picture(Vector2::new(x, y), 0.7, beside));
+        let dots_at = |x: f64, y: f64, wall| dots(&picture(Vector2::new(x, y), 0.7, wall));
         assert_eq!(dots_at(50.0, 8.0, None), [Err(NoDot::CutByBorder)]);
         // A grey wall near the dot.
         assert_eq!(dots_at(66.0, 40.0, Some(90)), [Err(NoDot::UnevenSurroundings)]);

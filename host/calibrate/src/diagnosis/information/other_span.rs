@@ -35,9 +35,9 @@ impl OtherSpan {
         let (first, last) = stream.times_us?;
         let after = |time: i64| seconds(time.saturating_sub(events.0));
         let (from_s, to_s, events_s) = (after(first), after(last), after(events.1));
-        let apart = from_s.abs().max((to_s - events_s).abs());
-        let is_apart = stream.elements >= FEWEST && last > first && apart > LEAST.max(SHARE * events_s);
-        is_apart.then(|| Self { stream: stream.name.clone(), elements: stream.elements, from_s, to_s, events_s })
+        let difference = from_s.abs().max((to_s - events_s).abs());
+        let is_different = stream.elements >= FEWEST && last > first && difference > LEAST.max(SHARE * events_s);
+        is_different.then(|| Self { stream: stream.name.clone(), elements: stream.elements, from_s, to_s, events_s })
     }
 }
 
@@ -76,8 +76,8 @@ mod tests {
 
     #[test]
     fn a_clock_at_twice_the_rate_is_named_with_the_rate_that_is_right() {
-        let told = named(0.0, 16.0, 8000).unwrap();
-        assert!(told.contains("2.00 times as fast") && told.contains("1000.0 a second rather than 500.0"), "{told}");
+        let text = named(0.0, 16.0, 8000).unwrap();
+        assert!(text.contains("2.00 times as fast") && text.contains("1000.0 a second rather than 500.0"), "{text}");
         assert!(named(20.0, 36.0, 8000).unwrap().contains("2.00 times as fast"));
         assert!(named(-3.0, 5.0, 8000).unwrap().ends_with("has another origin"));
         // Frames every 40 ms, and occasional triggers.

@@ -209,7 +209,7 @@ fn vins_file_has_the_pose_of_the_camera_in_the_body() {
 /// After a second of steps as VINS takes them, covariance ← covariance + V noise Vᵀ with V of half a step for each of two
 /// readings and of a step for a walk, the uncertainty of velocity, angle and biases agrees with white noise of these densities.
 #[test]
-fn vins_integrates_the_noise_of_samples() {
+fn noise_integrated_by_vins_has_the_measured_density() {
     let file = yaml("vins-fusion.yaml");
     let after_a_second = |entry: &str, parts: &[f64]| {
         let dt = 1e-3;

@@ -85,7 +85,7 @@ fn matrix3(value: &Yaml) -> Matrix3<f64> {
 }
 
 #[test]
-fn files_are_known_by_their_names() {
+fn exported_files_are_recognised_by_name() {
     let names: Vec<String> = texts().into_iter().map(|(name, _)| name).collect();
     assert_eq!(names, ["camchain-cameras.yaml", "static_transforms.yaml", "stereo.yaml", "stereo-2.yaml"]);
     assert!(names.iter().all(|name| is_file(name)));

@@ -20,7 +20,7 @@ fn seen(pose: &Isometry3<f64>, noise: f64, random: &mut ChaCha8Rng) -> Vec<Plane
     .collect()
 }
 
-fn apart(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
+fn pose_distance(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
     (a.to_homogeneous() - b.to_homogeneous()).norm()
 }
 
@@ -30,9 +30,9 @@ fn exact_images_yield_the_pose() {
     for view in 0..50 {
         let pose = truth(view);
         let points = seen(&pose, 0.0, &mut random);
-        assert!(apart(&ippe(&points)[0], &pose) < 1e-9, "view {view}");
+        assert!(pose_distance(&ippe(&points)[0], &pose) < 1e-9, "view {view}");
         let corners: Vec<PlanePoint> = [0, 6, 28, 34].map(|index| points[index]).to_vec();
-        assert!(apart(&ippe(&corners)[0], &pose) < 1e-8, "view {view}");
+        assert!(pose_distance(&ippe(&corners)[0], &pose) < 1e-8, "view {view}");
     }
 }
 
@@ -45,7 +45,7 @@ fn a_plane_that_appears_small_has_two_poses_that_fit_equally_well() {
     let mut random = ChaCha8Rng::seed_from_u64(2);
     let poses = ippe(&seen(&far, 0.0, &mut random));
     assert_eq!(poses.len(), 2);
-    assert!(apart(&poses[0], &far) < 1e-6);
+    assert!(pose_distance(&poses[0], &far) < 1e-6);
     let other = UnitQuaternion::from_euler_angles(-0.4, 0.0, 0.0);
     assert!(poses[1].rotation.angle_to(&other) < 0.01, "{}", poses[1]);
     let worst = seen(&far, 0.0, &mut random).iter().map(|point| squared_distance(&poses[1], point)).fold(0.0, f64::max);
@@ -78,7 +78,11 @@ fn wrong_points_are_excluded_whatever_the_seed() {
         let found: Vec<PlanarPose> = (0..10).map(|seed| planar_pose(&points, bound, 100, seed).unwrap()).collect();
         for found in &found {
             assert_eq!(found.inliers, right, "view {view}");
-            assert!(apart(&found.solutions[0], &pose) < 0.02, "view {view}: {}", apart(&found.solutions[0], &pose));
+            assert!(
+                pose_distance(&found.solutions[0], &pose) < 0.02,
+                "view {view}: {}",
+                pose_distance(&found.solutions[0], &pose)
+            );
         }
         assert_eq!(planar_pose(&points, bound, 100, 4), Some(found[4].clone()));
     }

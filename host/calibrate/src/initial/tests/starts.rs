@@ -46,10 +46,10 @@ fn the_seed_of_ransac_does_not_change_the_camera() {
             // With few views, each drawn view matters most.
             for seed in 1..if input == "few views" { 32 } else { 5 } {
                 let found = model(&scene, &frames, Box::leak(Box::new(NativeStart { seed })));
-                let apart = difference(&reference.camera, &found.camera, SENSOR);
+                let between = difference(&reference.camera, &found.camera, SENSOR);
                 let from_truth = difference(&scene.camera, &reference.camera, SENSOR);
                 let far_below = 1e-3_f64.max(0.1 * from_truth.largest);
-                assert!(apart.largest < far_below, "{kind}, {input}, seed {seed}: {apart:?} {from_truth:?}");
+                assert!(between.largest < far_below, "{kind}, {input}, seed {seed}: {between:?} {from_truth:?}");
             }
         }
     }

@@ -51,17 +51,18 @@ pub fn parse(text: &str, body: Option<&str>) -> Result<Vec<TimedPose>, CaptureEr
 /// Returns the metres per unit of the file.
 fn length_unit(about: &str) -> Result<f64, CaptureError> {
     let fields: Vec<&str> = about.split(',').map(str::trim).collect();
-    let said = |name: &str| fields.iter().position(|field| *field == name).and_then(|at| fields.get(at + 1).copied());
+    let value_of =
+        |name: &str| fields.iter().position(|field| *field == name).and_then(|at| fields.get(at + 1).copied());
     let other = |found: Option<&str>, wanted: &str| {
         found.filter(|found| !found.eq_ignore_ascii_case(wanted)).map(str::to_owned)
     };
-    if let Some(found) = other(said("Rotation Type"), "Quaternion") {
+    if let Some(found) = other(value_of("Rotation Type"), "Quaternion") {
         return Err(CaptureError::RotationType { found });
     }
-    if let Some(found) = other(said("Coordinate Space"), "Global") {
+    if let Some(found) = other(value_of("Coordinate Space"), "Global") {
         return Err(CaptureError::CoordinateSpace { found });
     }
-    match said("Length Units") {
+    match value_of("Length Units") {
         None | Some("Meters") => Ok(1.0),
         Some("Centimeters") => Ok(1e-2),
         Some("Millimeters") => Ok(1e-3),

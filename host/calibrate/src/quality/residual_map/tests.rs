@@ -82,7 +82,7 @@ fn edges_of_one_direction_do_not_determine_a_displacement() {
 }
 
 #[test]
-fn circle_centres_have_a_displacement_but_nothing_outward() {
+fn circle_centres_determine_a_displacement_but_no_outward_shift() {
     let mut random = ChaCha8Rng::seed_from_u64(3);
     let mut all = Vec::new();
     for frame in 0..400 {
@@ -101,7 +101,7 @@ fn circle_centres_have_a_displacement_but_nothing_outward() {
 }
 
 #[test]
-fn no_observations_make_an_empty_map() {
+fn a_map_without_observations_is_empty() {
     let map = of(&[]);
     assert_eq!(map.pattern, ResidualPattern::default());
     assert!(map.cells.iter().all(|cell| *cell == CellResiduals::default()));

@@ -148,7 +148,7 @@ mod tests {
 
     /// The same measurement, copied ten times, counts once.
     #[test]
-    fn copies_count_once() {
+    fn copied_measurements_count_once() {
         assert!((ratio(10, 0.1) / ratio(1, 0.1) - 10.0).abs() < 1e-9);
     }
 

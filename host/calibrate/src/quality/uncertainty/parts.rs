@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_squares_add_up() {
+    fn squared_shares_add_up_to_the_squared_uncertainty() {
         let parameters = [331.0, 332.0, 176.0, 134.0, -0.35, 0.15, -4e-4, 5e-4, -0.03];
         let camera = Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap();
         let sensor = Sensor::new(346, 260);

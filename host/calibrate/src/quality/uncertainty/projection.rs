@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn few_views_widen_the_bound_as_in_tables_of_student() {
+    fn the_bound_for_few_views_agrees_with_tables_of_students_t() {
         for (freedom, quantile) in [(5.0, 2.571), (7.0, 2.365), (13.0, 2.160), (30.0, 2.042), (120.0, 1.980)] {
             let ratio = student_ratio(freedom) * 1.960;
             assert!((ratio / quantile - 1.0).abs() < 0.01, "{ratio} instead of {quantile}");
@@ -158,7 +158,7 @@ mod tests {
 
     /// Cameras drawn from the covariance differ from the mean camera as the uncertainty predicts.
     #[test]
-    fn drawn_cameras_scatter_as_reported() {
+    fn cameras_drawn_from_the_covariance_scatter_as_reported() {
         const DRAWS: usize = 300;
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let sigma = [0.1, 0.12, 0.2, 0.15, 1e-3, 2e-3, 1e-4, 1e-4, 1e-3];

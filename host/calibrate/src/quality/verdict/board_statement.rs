@@ -10,7 +10,7 @@ use evcal_geometry::board::Board;
 /// `None` without differences.
 pub(super) fn board_finding(estimate: &BoardEstimate, board: &Board, camera: &Camera<f64>) -> Option<Finding> {
     let statements = statements(estimate, board);
-    let effect = estimate.camera_as_stated.as_ref().and_then(|stated| effect(stated, camera));
+    let effect = estimate.camera_with_nominal_board.as_ref().and_then(|stated| effect(stated, camera));
     (!statements.is_empty()).then(|| Finding {
         cause: Cause::BoardNotAsStated,
         severity: Severity::Note,
@@ -82,7 +82,7 @@ mod tests {
         let parameters = [340.0, 340.0, 173.0, 130.0, 0.0, 0.0, 0.0, 0.0];
         let camera = Camera::from_parameters(ModelKind::Radtan4, &parameters);
         let sigma = [2e-4, 1e-4, 1.23e-4, 5e-5];
-        BoardEstimate { shape, estimated, sigma, evidence: None, camera_as_stated: camera }
+        BoardEstimate { shape, estimated, sigma, evidence: None, camera_with_nominal_board: camera }
     }
 
     #[test]

@@ -190,8 +190,8 @@ fn radius(observed: &ObservedRadius, evidence: Option<&BoardEvidence>, board: &C
     let ratio = observed.radius / board.radius;
     let pixels = (observed.radius - board.radius) / observed.scale;
     let speaks_against = |evidence: &&BoardEvidence| {
-        let apart = |radius: f64| (evidence.values[RADIUS] - radius).abs() / evidence.sigma[RADIUS];
-        apart(board.radius) < DISTINGUISHED && apart(observed.radius) > DISTINGUISHED
+        let deviation = |radius: f64| (evidence.values[RADIUS] - radius).abs() / evidence.sigma[RADIUS];
+        deviation(board.radius) < DISTINGUISHED && deviation(observed.radius) > DISTINGUISHED
     };
     let most = evidence.filter(speaks_against).map_or(DIFFERENT_OFFSETS, |_| MOST_DIFFERENT_OFFSETS);
     ((ratio - 1.0).abs() > LARGEST_RADIUS_DIFFERENCE && pixels.abs() > most).then(|| Finding {
@@ -313,7 +313,7 @@ fn too_poor(camera: &Camera<f64>, events: &EventQuality) -> Option<Finding> {
                 "systematic residuals of {:.3} px remain over the image, and no other model explains them better",
                 pattern.shift
             ),
-            advice: Advice::LookAtBoard,
+            advice: Advice::CheckLensAndBoard,
         });
     };
     Some(Finding {

@@ -69,7 +69,7 @@ pub fn worded(advice: &Advice) -> String {
         Advice::CountRows => {
             "count rows and columns of the board: --board has more than the board, or a part of the board was never in view".to_owned()
         }
-        Advice::LookAtBoard => {
+        Advice::CheckLensAndBoard => {
             "check whether the board is wavy or the lens dirty (a smooth bend and an uneven print are estimated, unless fixed with --fix)"
                 .to_owned()
         }

@@ -50,7 +50,7 @@ pub fn add_sensor(likely: Option<Sensor>) -> String {
 
 fn about_recording(path: &Path, kind: &RecordingErrorKind) -> Option<String> {
     let next = match kind {
-        RecordingErrorKind::Missing(_) => where_else(path),
+        RecordingErrorKind::Missing(_) => advice_on_missing_path(path),
         RecordingErrorKind::Directory { .. } if path.join("calibration.json").is_file() => {
             "give the recording; this folder contains a calibration, for evcal export, evaluate, compare and undistort -c"
         }
@@ -101,7 +101,7 @@ fn one_of(recordings: &[String]) -> String {
 }
 
 /// Returns advice about a path that does not exist.
-fn where_else(path: &Path) -> &'static str {
+fn advice_on_missing_path(path: &Path) -> &'static str {
     let text = path.to_string_lossy();
     if text == "-" {
         "standard input is not supported, because a recording is read more than once: write it to a file first"

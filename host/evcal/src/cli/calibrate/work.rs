@@ -12,14 +12,14 @@ use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::calibrate::mounted::SecondCamera;
 use evcal_calibrate::calibrate::parameter_request::ParameterRequests;
 use evcal_calibrate::calibrate::second::{
-    calibrate_beside, calibrate_lens_apart, calibrate_own_pictures, pictures_beside,
+    calibrate_against_first, calibrate_lens_separately, calibrate_own_pictures, picture_use_of_second,
 };
 use evcal_calibrate::calibrate::step::Step;
 use evcal_calibrate::calibrate::{PictureUse, Task, calibrate};
 use evcal_calibrate::inertial::error::InertialError;
 use evcal_calibrate::initial::model_choice::ModelRequest;
 use evcal_calibrate::quality::verdict::{Cause, Grade};
-use evcal_calibrate::result::beside::{verdicts_beside, worst_grade};
+use evcal_calibrate::result::device_verdicts::{device_verdicts, worst_grade};
 use evcal_calibrate::second_camera::error::SecondCameraError;
 use evcal_calibrate::settings::Settings;
 use evcal_calibrate::solve::fixed_intrinsics::FixedIntrinsics;
@@ -213,7 +213,7 @@ enum OtherError {
     #[error("{0}")]
     Inertial(#[from] InertialError),
     #[error("{0}")]
-    Held(#[from] OtherSensor),
+    Sensor(#[from] OtherSensor),
     #[error("{0}")]
     Alone(#[source] CalibrateError),
     #[error("{0}")]
@@ -307,10 +307,10 @@ impl Work<'_> {
     ) -> Result<(), OtherError> {
         let Other { input, sensor, model } = other;
         let inputs = std::slice::from_ref(input);
-        let pictures = pictures_beside(&self.inputs, input);
+        let pictures = picture_use_of_second(&self.inputs, input);
         let parameters = ParameterRequests::default();
         let task = Task { inputs, pictures, parameters, sensor: *sensor, model: *model, ..*task };
-        let second = calibrate_lens_apart(&task, |step| {
+        let second = calibrate_lens_separately(&task, |step| {
             waiting.stage(step.text, step.done);
             ControlFlow::Continue(())
         });
@@ -318,7 +318,7 @@ impl Work<'_> {
         waiting.stage("both cameras", None);
         let fixed = self.fixed.others.get(number).map(|fixed| fixed.of(second.sensor)).transpose()?;
         let lenses = [self.fixed_of_first(first)?, fixed];
-        let second = calibrate_beside(first, &second, input, self.rolling_shutter, &self.board, lenses)?;
+        let second = calibrate_against_first(first, &second, input, self.rolling_shutter, &self.board, lenses)?;
         keep(first, second);
         Ok(())
     }
@@ -336,7 +336,7 @@ fn coloured(summary: &str, calibrated: &Calibrated) -> String {
         return summary.to_owned();
     }
     let of_camera = (calibrated.verdict.grade, calibrated.verdict.sentence.clone());
-    let others = verdicts_beside(calibrated).into_iter().map(|other| (other.grade, other.sentence));
+    let others = device_verdicts(calibrated).into_iter().map(|other| (other.grade, other.sentence));
     std::iter::once(of_camera).chain(others).fold(summary.to_owned(), |summary, (grade, sentence)| {
         let colour = match grade {
             Grade::Good => 32,

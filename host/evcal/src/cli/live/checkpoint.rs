@@ -11,7 +11,7 @@ use evcal_calibrate::calibrate::step::Step;
 use evcal_calibrate::initial::model_choice::ModelRequest;
 use evcal_calibrate::settings::Settings;
 use evcal_geometry::board::Board;
-use evcal_live::checkpoint::{Checkpoints, ReportTime, Stated, Underway};
+use evcal_live::checkpoint::{Checkpoints, ReportTime, ReportedAccuracy, RunningCalibration};
 use event_recordings::{Recording, RecordingOptions};
 
 use super::super::advice::with_advice;
@@ -47,12 +47,12 @@ pub fn start(
         settings: settings.clone(),
     };
     let (target, first) = (settings.live.target, settings.live.first_checkpoint());
-    Checkpoints::start(report_time, target, first, move |seconds, underway| work.state(seconds, underway))
+    Checkpoints::start(report_time, target, first, move |seconds, running| work.state(seconds, running))
 }
 
 impl Work {
     /// Calibrates the first `seconds`; returns the reported uncertainty, or the reason of a failure.
-    fn state(&self, seconds: f64, underway: &Underway) -> Result<Stated, String> {
+    fn state(&self, seconds: f64, running: &RunningCalibration) -> Result<ReportedAccuracy, String> {
         let recording = Recording::new(&self.recording, self.options.clone()).map_err(|error| with_advice(&error))?;
         let before = self.before.iter().map(|path| Input::open(path, &self.options, &self.board));
         let before: Vec<Input> = before.collect::<Result<_, _>>().map_err(|error| with_advice(&error))?;
@@ -63,13 +63,13 @@ impl Work {
             ..Task::new(&before, &self.board)
         };
         let go_on = |step: Step| {
-            underway.report(step.text, step.done);
-            if underway.is_stopped() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            running.report(step.text, step.done);
+            if running.is_stopped() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
         let calibrated = calibrate_beginning(&recording, seconds, &task, go_on).map_err(|error| with_advice(&error))?;
         let split_half = calibrated.events().and_then(|events| events.quality.split_half.as_ref());
         let projection = &calibrated.quality.projection;
-        Ok(Stated {
+        Ok(ReportedAccuracy {
             rms: projection.rms,
             max: projection.max,
             halves_agree: split_half.is_some_and(|halves| halves.consistent()),

@@ -130,14 +130,14 @@ fn health_as_json(health: &Health) -> Value {
 /// Returns the uncertainty of the camera: from the last checkpoint, with an estimate of its present value, or from the quick estimate.
 fn error_as_text(seen: &Seen) -> String {
     let mut text = match (&seen.checkpoint, seen.about, seen.sigma) {
-        (Some(Checkpoint { t, stated: Ok(stated) }), about, _) => {
+        (Some(Checkpoint { t, accuracy: Ok(accuracy) }), about, _) => {
             let about = about.map_or_else(String::new, |about| format!(", now about ±{about:.3}"));
-            format!(", ±{:.3} px after {t:.0} s{about}", stated.rms)
+            format!(", ±{:.3} px after {t:.0} s{about}", accuracy.rms)
         }
         (_, _, Some(sigma)) => format!(", ±{sigma:.3} px (quick estimate)"),
         _ => String::new(),
     };
-    if let Some(t) = seen.checkpoint_under_way {
+    if let Some(t) = seen.calibrating_until {
         text += &format!(", calibrating the first {t:.0} s");
     }
     text
@@ -166,7 +166,7 @@ fn as_json(seen: &Seen, status: Option<&RecordingStatus>, mirrored: bool) -> Val
     put("about", json!(seen.about));
     put("sigma_in_cells", json!(seen.sigma_in_cells));
     put("checkpoint", json!(seen.checkpoint.as_ref().map(checkpoint_as_json)));
-    put("checkpoint_under_way", json!(seen.checkpoint_under_way));
+    put("checkpoint_under_way", json!(seen.calibrating_until));
     put("target", json!(seen.target));
     put("nothing_found", json!(seen.explanation.as_ref().map(|found| found.obstacle.to_string())));
     put("health", health_as_json(&seen.health));
@@ -181,12 +181,12 @@ fn as_json(seen: &Seen, status: Option<&RecordingStatus>, mirrored: bool) -> Val
 }
 
 fn checkpoint_as_json(checkpoint: &Checkpoint) -> Value {
-    match &checkpoint.stated {
-        Ok(stated) => json!({
+    match &checkpoint.accuracy {
+        Ok(accuracy) => json!({
             "t": checkpoint.t,
-            "stated": stated.rms,
-            "largest": stated.max,
-            "halves_agree": stated.halves_agree,
+            "stated": accuracy.rms,
+            "largest": accuracy.max,
+            "halves_agree": accuracy.halves_agree,
         }),
         Err(reason) => json!({ "t": checkpoint.t, "failed": reason }),
     }

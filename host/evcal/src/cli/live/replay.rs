@@ -43,7 +43,7 @@ pub fn run(
     let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, board, sensor)
         .with_checkpoints(checkpoints);
     let latest = Latest::new(observer.seen());
-    let window = open_window(arguments, folder, recording.may_hold_frames())?;
+    let window = open_window(arguments, folder, recording.may_contain_frames())?;
     let mut screen = window.as_ref().map(|window| window.screen(Some(recording.clone())));
     let mut lines = Lines::new(json, arguments.mirror);
     let report = replay(

@@ -18,7 +18,7 @@ use evcal_live::Seen;
 use evcal_live::checkpoint::CalibrationStep;
 use evcal_live::frames::FrameFeed;
 use evcal_live::latest::Latest;
-use evcal_live::page::view::{Context, FileLink, Losses, Outcome, Phase, calibrating, ended, looking};
+use evcal_live::page::view::{Context, FileLink, Losses, Outcome, Phase, calibrating, ended, observing};
 use evcal_live::page::{Next, Page, PageError, Publisher};
 use evcal_live::picture::EventPicture;
 use evcal_report::output::folder::results_in;
@@ -224,6 +224,6 @@ impl Screen {
         let context = Context { shows_frames, ..*self.context.lock().unwrap_or_else(PoisonError::into_inner) };
         let seen = latest.get();
         let pixels = frame.map_or(&[][..], |frame| &frame.pixels);
-        self.publisher.publish(&looking(picture, frame, &seen, context), picture.pixels(), pixels);
+        self.publisher.publish(&observing(picture, frame, &seen, context), picture.pixels(), pixels);
     }
 }

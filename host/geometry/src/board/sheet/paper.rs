@@ -60,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn papers_have_names_or_sizes() {
+    fn papers_are_given_by_name_or_size() {
         assert_eq!("A4".parse::<Paper>().unwrap().size, [210.0, 297.0]);
         assert_eq!("600x400.5mm".parse::<Paper>().unwrap().size, [400.5, 600.0]);
         for text in ["", "a9", "600x400", "0x5mm", "-1x5mm", "nanx5mm", "1e9x5mm"] {

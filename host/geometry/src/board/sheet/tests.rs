@@ -18,7 +18,7 @@ fn paper(text: &str) -> Paper {
 }
 
 #[test]
-fn everything_keeps_off_the_margin_and_marks_keep_off_the_dots() {
+fn nothing_overlaps_the_margin_and_marks_do_not_overlap_dots() {
     for (text, paper_name) in [
         ("acircles:9x4:20mm:r6mm", "a4"),
         ("acircles:4x9:13mm:r4mm", "letter"),
@@ -45,8 +45,8 @@ fn everything_keeps_off_the_margin_and_marks_keep_off_the_dots() {
             let end = [words.at[0] + words.text.len() as f64 * LETTER_WIDTH, words.at[1]];
             assert!(inside(words.at, 0.0) && inside(end, 0.0) && words.text.is_ascii(), "{text}: {words:?}");
             let lowest = sheet.dots.iter().map(|dot| dot.center[1] + dot.radius).fold(0.0, f64::max);
-            let beside = words.text == "x" || words.size == NUMERAL_SIZE;
-            assert!(beside || words.at[1] - words.size > lowest + CLEARANCE - 2.0, "{text}");
+            let may_be_next_to_dots = words.text == "x" || words.size == NUMERAL_SIZE;
+            assert!(may_be_next_to_dots || words.at[1] - words.size > lowest + CLEARANCE - 2.0, "{text}");
             for dot in &sheet.dots {
                 let near = |at: [f64; 2]| (at[0] - dot.center[0]).hypot(at[1] - dot.center[1]) - dot.radius;
                 assert!(near(words.at) > 1.0 && near(end) > 1.0, "{text}: {words:?} {dot:?}");

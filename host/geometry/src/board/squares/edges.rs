@@ -82,8 +82,8 @@ const NONE: u32 = u32::MAX;
 /// The nearest edges on both sides of a cell along both axes.
 #[derive(Clone, Copy, Debug)]
 struct Cell {
-    x: Beside,
-    y: Beside,
+    x: NearestEdges,
+    y: NearestEdges,
     /// Range of its corners and crossings.
     first_vertex: u32,
     end_vertex: u32,
@@ -91,7 +91,7 @@ struct Cell {
 
 /// The nearest edges below and above a position along one axis.
 #[derive(Clone, Copy, Debug)]
-struct Beside {
+struct NearestEdges {
     low: u32,
     high: u32,
     /// Their coordinates; infinite if there is no edge.
@@ -101,7 +101,7 @@ struct Beside {
     is_dark: bool,
 }
 
-impl Beside {
+impl NearestEdges {
     const NOTHING: Self =
         Self { low: NONE, high: NONE, low_position: f64::NEG_INFINITY, high_position: f64::INFINITY, is_dark: false };
 
@@ -212,18 +212,18 @@ impl SquareEdges {
         let x_edges = edges_across(raster, Axis::X, &mut edges);
         let y_edges = edges_across(raster, Axis::Y, &mut edges);
         let [columns, rows] = [raster.x_lines(), raster.y_lines()].map(Lines::new);
-        let beside_x = besides(&x_edges, &edges);
-        let beside_y = besides(&y_edges, &edges);
+        let nearest_x = nearest_edges(&x_edges, &edges);
+        let nearest_y = nearest_edges(&y_edges, &edges);
         let is_vertex = vertices(&x_edges, &edges);
         let mut found = Self { edges, columns, rows, cells: Vec::new(), vertices: Vec::new() };
         let (width, height) = (x_edges.lines, y_edges.lines);
         for row in 0..=height {
             for column in 0..=width {
                 // Outside the board there are no crossing edges.
-                let x = row.checked_sub(1).and_then(|band| beside_x.get(band * (width + 1) + column));
-                let y = column.checked_sub(1).and_then(|band| beside_y.get(band * (height + 1) + row));
-                let x = x.copied().unwrap_or(Beside::NOTHING);
-                let y = y.copied().unwrap_or(Beside::NOTHING);
+                let x = row.checked_sub(1).and_then(|band| nearest_x.get(band * (width + 1) + column));
+                let y = column.checked_sub(1).and_then(|band| nearest_y.get(band * (height + 1) + row));
+                let x = x.copied().unwrap_or(NearestEdges::NOTHING);
+                let y = y.copied().unwrap_or(NearestEdges::NOTHING);
                 let first_vertex = found.vertices.len() as u32;
                 found.push_vertices([column, row], &x, &y, &is_vertex);
                 let end_vertex = found.vertices.len() as u32;
@@ -275,13 +275,13 @@ impl SquareEdges {
     }
 
     /// Appends the vertices that can be nearer to a point of the cell than the edges `x` and `y` on its sides.
-    fn push_vertices(&mut self, [column, row]: [usize; 2], x: &Beside, y: &Beside, is_vertex: &[bool]) {
+    fn push_vertices(&mut self, [column, row]: [usize; 2], x: &NearestEdges, y: &NearestEdges, is_vertex: &[bool]) {
         let [columns, rows] = [self.columns.range(column), self.rows.range(row)];
         let widths = [x.low, x.high, y.low, y.high].map(|edge| self.edges.get(edge as usize).map_or(0.0, Edge::width));
         let reach = x.reach(columns).min(y.reach(rows)).min(widths.into_iter().fold(0.0, f64::max));
         // A vertex on the line of one of these edges, or beyond it, is not nearer than the edge.
-        let within = |range: [f64; 2], beside: &Beside| {
-            [(range[0] - reach).max(beside.low_position), (range[1] + reach).min(beside.high_position)]
+        let within = |range: [f64; 2], nearest: &NearestEdges| {
+            [(range[0] - reach).max(nearest.low_position), (range[1] + reach).min(nearest.high_position)]
         };
         let ([x_low, x_high], [y_low, y_high]) = (within(columns, x), within(rows, y));
         let outside = |range: [f64; 2], place: f64| (range[0] - place).max(place - range[1]).max(0.0);
@@ -396,8 +396,8 @@ fn changes(raster: &Raster, across: Axis, band: usize, lines: &[f64]) -> Vec<Opt
 
 /// Returns the nearest edges to each cell along the axis, band by band; the first and last cell of a band are outside
 /// the board.
-fn besides(across: &Across, edges: &[Edge]) -> Vec<Beside> {
-    let mut all = vec![Beside::NOTHING; across.bands * (across.lines + 1)];
+fn nearest_edges(across: &Across, edges: &[Edge]) -> Vec<NearestEdges> {
+    let mut all = vec![NearestEdges::NOTHING; across.bands * (across.lines + 1)];
     let edge_at = |line: usize, band: usize| {
         let index = across.edges.get(line * across.bands + band).copied().unwrap_or(NONE);
         edges.get(index as usize).map(|edge| (index, edge.position))

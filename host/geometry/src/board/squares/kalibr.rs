@@ -284,7 +284,7 @@ asymmetricGrid: True        #use asymmetric grid (opencv) [bool]
 
     #[test]
     fn impossible_values_are_named() {
-        let told = |text: &str| parse(text).unwrap_err().to_string();
+        let error_of = |text: &str| parse(text).unwrap_err().to_string();
         for (text, message) in [
             ("", "it has no target_type"),
             ("cam0: {intrinsics: [1, 2]}", "it has no target_type"),
@@ -302,7 +302,7 @@ asymmetricGrid: True        #use asymmetric grid (opencv) [bool]
             (&CIRCLEGRID.replace("True", "2"), "asymmetricGrid is 2; it must be True or False"),
             (&CIRCLEGRID.replace("asymmetricGrid", "asymmetric"), "asymmetricGrid is missing"),
         ] {
-            assert!(told(text).contains(message), "{}", told(text));
+            assert!(error_of(text).contains(message), "{}", error_of(text));
         }
     }
 

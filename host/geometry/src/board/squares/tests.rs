@@ -148,7 +148,7 @@ fn charuco_corners_have_opencvs_ids() {
 }
 
 /// Returns `true` if the raster is the same after this many rotations by 90° about the middle of the points.
-fn looks_the_same(board: &SquareBoard, quarters: u8) -> bool {
+fn is_symmetric(board: &SquareBoard, quarters: u8) -> bool {
     let (raster, points) = (board.raster(), board.points());
     let middle = 0.5 * (points[0] + points[points.len() - 1]);
     let turned = |point: Vector2<f64>| (0..quarters).fold(point - middle, |at, _| Vector2::new(-at.y, at.x)) + middle;
@@ -173,7 +173,7 @@ fn symmetries_are_the_rotations_after_which_the_print_looks_the_same() {
         "charuco:5x5:30mm:22mm:DICT_5X5_100",
     ] {
         let board = board(text);
-        let expected = (0..4).filter(|quarters| looks_the_same(&board, *quarters)).count();
+        let expected = (0..4).filter(|quarters| is_symmetric(&board, *quarters)).count();
         let found = symmetries(&Board::Squares(board));
         assert_eq!(found.len(), expected, "{text}");
         assert_eq!(found[0].pose, Isometry3::identity());

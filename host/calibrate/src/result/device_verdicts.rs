@@ -7,7 +7,7 @@ use crate::result::second_camera_result::SecondCameraResult;
 
 /// The verdict on one device other than the camera.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct VerdictBeside {
+pub struct DeviceVerdict {
     /// The subject, capitalised.
     pub about: String,
     /// The grade.
@@ -17,32 +17,32 @@ pub struct VerdictBeside {
 }
 
 /// Returns the verdicts on all other calibrated devices.
-pub fn verdicts_beside(calibrated: &Calibrated) -> Vec<VerdictBeside> {
+pub fn device_verdicts(calibrated: &Calibrated) -> Vec<DeviceVerdict> {
     let Evidence::Events(events) = &calibrated.evidence else { return Vec::new() };
     of_unit(events).into_iter().chain(of_cameras(events)).collect()
 }
 
 /// Returns the worst grade of the camera and all other calibrated devices.
 pub fn worst_grade(calibrated: &Calibrated) -> Grade {
-    let beside = verdicts_beside(calibrated).into_iter().map(|beside| beside.grade);
-    beside.fold(calibrated.verdict.grade, Grade::max)
+    let others = device_verdicts(calibrated).into_iter().map(|other| other.grade);
+    others.fold(calibrated.verdict.grade, Grade::max)
 }
 
-fn of_unit(events: &EventCalibration) -> Option<VerdictBeside> {
+fn of_unit(events: &EventCalibration) -> Option<DeviceVerdict> {
     let InertialResult { grade, verdict, .. } = InertialResult::new(events.inertial.as_ref()?);
-    Some(VerdictBeside { about: "IMU".to_owned(), grade, sentence: verdict })
+    Some(DeviceVerdict { about: "IMU".to_owned(), grade, sentence: verdict })
 }
 
-fn of_cameras(events: &EventCalibration) -> impl Iterator<Item = VerdictBeside> {
+fn of_cameras(events: &EventCalibration) -> impl Iterator<Item = DeviceVerdict> {
     events.second_cameras.iter().flat_map(|second| {
         let SecondCameraResult { recording, grade, verdict, lens_grade, lens_verdict, .. } =
             SecondCameraResult::new(second);
-        let lens = lens_grade.map(|grade| VerdictBeside {
+        let lens = lens_grade.map(|grade| DeviceVerdict {
             about: format!("Lens of {recording}"),
             grade,
             sentence: lens_verdict,
         });
-        let place = VerdictBeside { about: format!("Position of {recording}"), grade, sentence: verdict };
+        let place = DeviceVerdict { about: format!("Position of {recording}"), grade, sentence: verdict };
         lens.into_iter().chain([place])
     })
 }
