@@ -22,7 +22,7 @@
 //! let longest = &WaitSettings::GROUP.settings[0];
 //! assert_eq!((longest.name, longest.meaning), ("longest", " Longest time to wait."));
 //! let Kind::Number { unit, bounds } = longest.kind else { panic!() };
-//! assert!(unit == "s" && bounds.holds(0.0) && !bounds.holds(-0.1) && !bounds.holds(f64::NAN));
+//! assert!(unit == "s" && bounds.contains(0.0) && !bounds.contains(-0.1) && !bounds.contains(f64::NAN));
 //! ```
 
 use core::fmt;

@@ -239,4 +239,4 @@ fn wait_for_scan(events: &mut [Event], interval: f64) {
 /// Stream of random numbers for the positions of hot pixels; rows of pixels use the streams from 0.
 const HOT_PIXEL_STREAM: u64 = u64::MAX - 1;
 /// Stream of random numbers for the positions of dead columns.
-const DEAD_COLUMN_STREAM: u64 = u64::MAX - 3;
+const DEAD_COLUMN_STREAM: u64 = u64::MAX - 6;

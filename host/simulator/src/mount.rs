@@ -50,7 +50,7 @@ pub struct MountSettings {
 }
 
 impl Default for MountSettings {
-    /// Returns the IMU of a DAVIS346, an MPU-6500 with its usual filters.
+    /// Returns the IMU of a DAVIS346, an MPU-9250 with its usual filters.
     fn default() -> Self {
         Self {
             position: [0.003, -0.002, -0.020],
