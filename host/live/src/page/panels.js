@@ -157,7 +157,7 @@ export function show(state, mirrored) {
   byId("missing").hidden = waits;
   byId("missing-title").hidden = waits;
   const isEnough = missing.length === 0;
-  setText(byId("missing-title"), isEnough ? "Nothing is missing" : isOver ? "Not seen" : "Still wanted");
+  setText(byId("missing-title"), isEnough ? "Nothing is missing" : isOver ? "Not seen" : "Still missing");
   setList(byId("missing"), missing);
   byId("sight").hidden = isOver && state.phase !== "calibrating";
   byId("finish").hidden = isOver;
@@ -189,12 +189,12 @@ export function show(state, mirrored) {
   const { checkpoint } = state;
   const pixels = (value) => (value === null || value === undefined ? "–" : `± ${value.toFixed(3)} px`);
   setPairs(byId("estimate"), [
-    [checkpoint ? `stated after ${checkpoint.t.toFixed(0)} s` : "stated", checkpoint?.failed ? "no calibration" : pixels(checkpoint?.stated)],
-    ["largest stated", pixels(checkpoint?.largest)],
+    [checkpoint ? `checkpoint at ${checkpoint.t.toFixed(0)} s` : "checkpoint", checkpoint?.failed ? "no calibration" : pixels(checkpoint?.stated)],
+    ["largest at any position", pixels(checkpoint?.largest)],
     ["two halves agree", !checkpoint || checkpoint.failed ? "–" : checkpoint.halves_agree ? "yes" : "no"],
-    ["now, about", pixels(state.about)],
-    ["wanted", `± ${state.target} px`],
-    ["calibrating now", state.checkpoint_under_way === null ? "–" : `the first ${state.checkpoint_under_way.toFixed(0)} s`],
+    ["now, estimated", pixels(state.about)],
+    ["target", `± ${state.target} px`],
+    ["checkpoint in progress", state.checkpoint_under_way === null ? "–" : `the first ${state.checkpoint_under_way.toFixed(0)} s`],
     ["quick estimate", pixels(state.sigma)],
     ["focal lengths", state.camera ? `${fx.toFixed(1)}, ${fy.toFixed(1)} px` : "–"],
     ["principal point", state.camera ? `${cx.toFixed(1)}, ${cy.toFixed(1)} px` : "–"],
