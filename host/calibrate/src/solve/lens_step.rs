@@ -51,14 +51,16 @@ pub fn observed_pixels(segments: &[SegmentObservations], sensor: Sensor) -> Vec<
     observed.map(|(sum, count)| ObservedPixel { pixel: sum / count, count }).collect()
 }
 
-/// Returns `camera` after a `step` of its parameters that is linear in the bearings of the `observed` pixels. Parameters without
-/// a step do not change. Returns `None` if the camera model rejects the parameters.
+/// Returns `camera` after a `step` that is linear in the bearings of the `observed` pixels. The first entries of `step` are those of
+/// the camera's parameters; parameters without a step do not change. Returns `None` if the camera model rejects the parameters.
 pub fn stepped(camera: &Camera<f64>, step: &[f64], observed: &[ObservedPixel]) -> Option<Camera<f64>> {
-    let mut full = [0.0; MAX_PARAMETERS];
-    full.iter_mut().zip(step).take(camera.parameters().len()).for_each(|(full, step)| *full = *step);
-    let straight = after(camera, &full)?;
-    let targets: Vec<Target> = observed.iter().filter_map(|observed| Target::new(camera, &full, observed)).collect();
-    let free: Vec<usize> = (0..MAX_PARAMETERS).filter(|&index| full[index] != 0.0).collect();
+    let step = step.get(..camera.parameters().len())?;
+    let straight = after(camera, step)?;
+    let free: Vec<usize> = step.iter().enumerate().filter(|(_, step)| **step != 0.0).map(|(index, _)| index).collect();
+    if free.is_empty() {
+        return Some(straight);
+    }
+    let targets: Vec<Target> = observed.iter().filter_map(|observed| Target::new(camera, step, observed)).collect();
     let Some(mut best) = Fit::new(straight, &targets, &free) else { return Some(straight) };
     let scale = best.normal.diagonal().map(|entry| if entry > 0.0 { 1.0 / entry.sqrt() } else { 0.0 });
     // Change of the free parameters after the straight step, in scaled units.
@@ -89,7 +91,7 @@ pub fn stepped(camera: &Camera<f64>, step: &[f64], observed: &[ObservedPixel]) -
 }
 
 /// Returns `camera` with its parameters moved by `step`; `None` if the model rejects them.
-fn after(camera: &Camera<f64>, step: &[f64; MAX_PARAMETERS]) -> Option<Camera<f64>> {
+fn after(camera: &Camera<f64>, step: &[f64]) -> Option<Camera<f64>> {
     let mut parameters = camera.parameters();
     parameters.iter_mut().zip(step).for_each(|(parameter, step)| *parameter += step);
     Camera::from_parameters(camera.kind(), &parameters)
@@ -104,7 +106,7 @@ struct Target {
 
 impl Target {
     /// Returns the bearing that the linear model predicts; `None` if the pixel has no bearing.
-    fn new(camera: &Camera<f64>, step: &[f64; MAX_PARAMETERS], observed: &ObservedPixel) -> Option<Self> {
+    fn new(camera: &Camera<f64>, step: &[f64], observed: &ObservedPixel) -> Option<Self> {
         let seen = camera.unproject_with_jacobians(&observed.pixel)?;
         let turn = step.iter().zip(seen.by_parameters.column_iter()).map(|(step, column)| column * *step);
         let bearing = turn.fold(seen.bearing, |sum, part| sum + part).normalize();
