@@ -22,14 +22,17 @@ const REACH: f64 = 3.0;
 /// events after a block are processed again in the next one. Large blocks make this rare.)
 const BLOCK_BYTES: usize = 64 << 20;
 /// Number of equal parts of an interval; all events in one part have the same weight.
-const SLOTS: u16 = 128;
+const SLOTS: u32 = 128;
 /// Largest ratio of the ON and OFF thresholds of a sensor.
 const MOST_RATIO: f64 = 8.0;
+
+/// Number of pixels of a sensor whose events count: 4096 × 4096.
+const MOST_PIXELS: u32 = 1 << 24;
 
 /// Settings of the reconstruction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReconstructionOptions {
-    /// Size of the sensor; events outside it are ignored.
+    /// Size of the sensor; events outside it are ignored, and events of pixels after the first 2²⁴.
     pub sensor: Sensor,
     /// Time between pictures in microseconds, at least 1.
     pub interval: u32,
@@ -56,12 +59,29 @@ pub struct Moment {
     pub pictures: Vec<Picture>,
 }
 
-/// A change at one pixel within an interval.
+/// A change at one pixel within an interval, in four bytes, because the changes of two seconds wait for their pictures: polarity
+/// (bit 0, 1 for ON), slot (bits 1 to 7), pixel (bits 8 to 31).
 #[derive(Clone, Copy)]
-struct Change {
-    pixel: u32,
-    slot: u16,
-    on: bool,
+struct Change(u32);
+
+impl Change {
+    /// Returns the change of an event; `None` from pixel [`MOST_PIXELS`] on. `slot` must be less than [`SLOTS`].
+    fn new(pixel: u32, slot: u32, polarity: Polarity) -> Option<Self> {
+        let on = u32::from(polarity == Polarity::On);
+        (pixel < MOST_PIXELS).then_some(Self(pixel << 8 | slot << 1 | on))
+    }
+
+    fn pixel(self) -> usize {
+        (self.0 >> 8) as usize
+    }
+
+    fn slot(self) -> usize {
+        (self.0 >> 1 & (SLOTS - 1)) as usize
+    }
+
+    fn is_on(self) -> bool {
+        self.0 & 1 == 1
+    }
 }
 
 /// Reconstructs pictures from a stream of events. Pictures are returned up to six times the longest τ after their
@@ -72,7 +92,7 @@ pub struct Reconstruction {
     /// Beginning of the first interval in microseconds.
     start: Option<i64>,
     /// Complete intervals whose pictures are not computed yet, and the events of the intervals after them.
-    intervals: VecDeque<Vec<Change>>,
+    intervals: VecDeque<Box<[Change]>>,
     /// The interval that events are added to.
     current: Vec<Change>,
     /// Number of intervals whose pictures are computed at once.
@@ -117,18 +137,16 @@ impl Reconstruction {
                 self.close_interval(&mut each);
                 since -= interval;
             }
-            self.current.push(Change {
-                pixel: u32::from(event.y) * u32::from(width) + u32::from(event.x),
-                slot: (since.max(0) * i64::from(SLOTS) / interval) as u16,
-                on: event.polarity == Polarity::On,
-            });
+            let pixel = u32::from(event.y) * u32::from(width) + u32::from(event.x);
+            let slot = (since.max(0) * i64::from(SLOTS) / interval) as u32;
+            self.current.extend(Change::new(pixel, slot, event.polarity));
         }
     }
 
     /// Ends the stream, and passes the remaining pictures to `each`. Later events begin a new stream.
     pub fn finish(&mut self, mut each: impl FnMut(Moment)) {
         if self.start.is_some() {
-            self.intervals.push_back(std::mem::take(&mut self.current));
+            self.intervals.push_back(std::mem::take(&mut self.current).into());
         }
         while !self.intervals.is_empty() {
             self.make(&mut each);
@@ -145,8 +163,8 @@ impl Reconstruction {
     }
 
     fn close_interval(&mut self, each: &mut impl FnMut(Moment)) {
-        let next = Vec::with_capacity(self.current.len());
-        self.intervals.push_back(std::mem::replace(&mut self.current, next));
+        self.intervals.push_back(self.current.as_slice().into());
+        self.current.clear();
         if self.intervals.len() >= self.block + self.reach {
             self.make(each);
         }
@@ -174,9 +192,9 @@ impl Reconstruction {
 
 /// Returns the number of OFF events per ON event, which is the weight of an ON event, because over time a pixel becomes
 /// brighter by as much as darker.
-fn on_weight(intervals: &[Vec<Change>]) -> f32 {
-    let all: usize = intervals.iter().map(Vec::len).sum();
-    let on: usize = intervals.iter().map(|changes| changes.iter().filter(|change| change.on).count()).sum();
+fn on_weight(intervals: &[Box<[Change]>]) -> f32 {
+    let all: usize = intervals.iter().map(|changes| changes.len()).sum();
+    let on: usize = intervals.iter().map(|changes| changes.iter().filter(|change| change.is_on()).count()).sum();
     let ratio = (all - on) as f64 / on.max(1) as f64;
     ratio.clamp(1.0 / MOST_RATIO, MOST_RATIO) as f32
 }
@@ -210,12 +228,12 @@ impl Band {
     }
 
     /// Returns the pictures at the ends of the first `block` intervals.
-    fn pictures(&mut self, intervals: &[Vec<Change>], block: usize, on_weight: f32) -> Vec<Vec<f32>> {
+    fn pictures(&mut self, intervals: &[Box<[Change]>], block: usize, on_weight: f32) -> Vec<Vec<f32>> {
         let mut state = vec![0.0; self.past.len()];
         let mut pictures = Vec::with_capacity(block);
         let last = intervals.len().min(block + self.reach);
         for (index, changes) in intervals.iter().enumerate().take(last).skip(1).rev() {
-            let slots = |change: &Change| usize::from(SLOTS - 1 - change.slot.min(SLOTS - 1));
+            let slots = |change: &Change| SLOTS as usize - 1 - change.slot();
             self.add(&mut state, changes.iter().rev(), slots, [1.0, -on_weight]);
             if index <= block {
                 pictures.push(state.clone());
@@ -228,7 +246,7 @@ impl Band {
         pictures.reverse();
         let mut past = std::mem::take(&mut self.past);
         for (picture, changes) in pictures.iter_mut().zip(intervals) {
-            self.add(&mut past, changes.iter(), |change| usize::from(change.slot.min(SLOTS - 1)), [-1.0, on_weight]);
+            self.add(&mut past, changes.iter(), |change| change.slot(), [-1.0, on_weight]);
             for (value, past) in picture.iter_mut().zip(&past) {
                 *value = 0.5 * (*value + past);
             }
@@ -247,9 +265,9 @@ impl Band {
     ) {
         for change in changes {
             let growth = self.growth[slot(change)];
-            if let Some(value) = state.get_mut(change.pixel as usize) {
+            if let Some(value) = state.get_mut(change.pixel()) {
                 let limit = self.limit * growth;
-                *value = (*value + weights[usize::from(change.on)] * growth).max(-limit).min(limit);
+                *value = (*value + weights[usize::from(change.is_on())] * growth).max(-limit).min(limit);
             }
         }
         for value in state {
