@@ -190,8 +190,8 @@ pub struct DetectionStage<'a> {
 /// Number of chunks that are searched together.
 const CHUNKS_TOGETHER: usize = 16;
 /// The waiting chunks are searched once they contain this number of events, even if they are fewer than
-/// [`CHUNKS_TOGETHER`]. The waiting events therefore take 128 MiB and at most one more chunk.
-const EVENTS_TOGETHER: usize = 8 << 20;
+/// [`CHUNKS_TOGETHER`]. The waiting events therefore take 64 MiB and at most one more chunk.
+const EVENTS_TOGETHER: usize = 4 << 20;
 
 impl<'a> DetectionStage<'a> {
     /// Creates a search for a board of `pattern`.
