@@ -117,11 +117,11 @@ fn see_pictures(task: &Task, files: Files, interval: i64, progress: &Progress) -
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);
         let origin = match input {
             Input::Events(recording) if recording.may_contain_frames() && without.get(number) != Some(&true) => {
-                progress.report(format!("looking for the board in the frames of {}", input.short_name()))?;
+                progress.report(format!("looking for frames with the board in {}", input.short_name()))?;
                 detection.search(number, start, |visit| recording.visit_frames(visit))?
             }
             Input::Images(images) => {
-                progress.report(format!("looking for the board in the frames of {}", input.short_name()))?;
+                progress.report(format!("looking for frames with the board in {}", input.short_name()))?;
                 let images = |visit: &mut dyn FnMut(TimedImage)| images.visit(visit);
                 detection.search::<ImagesError>(number, start, images)?
             }

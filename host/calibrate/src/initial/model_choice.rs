@@ -222,7 +222,7 @@ impl ModelChoice {
     pub fn reason(&self) -> String {
         if let Some(first) = &self.instead_of {
             return format!(
-                "{} chosen: the circles speak for {first}, but the events show that it cannot follow this lens",
+                "{} chosen: {first} fits the circles best, but the events show that it does not fit this lens",
                 self.chosen
             );
         }
@@ -243,7 +243,7 @@ impl ModelChoice {
         }
         if self.candidates.iter().any(|candidate| candidate.nearly_as_good && candidate.model == self.chosen) {
             return format!(
-                "{} chosen: OpenCV and ROS hold it, and it predicts unseen circles nearly as well as {}",
+                "{} chosen: OpenCV and ROS support it, and it predicts unseen circles nearly as well as {}",
                 self.chosen,
                 others.join(", ")
             );
@@ -252,7 +252,7 @@ impl ModelChoice {
             return format!("{} chosen: no other model predicts unseen circles as well", self.chosen);
         }
         let supported = WIDELY_SUPPORTED.iter().any(|kind| kind.name() == self.chosen);
-        let why = if supported { "OpenCV and ROS support it, and of such models" } else { "of these" };
+        let why = if supported { "among those that OpenCV and ROS support" } else { "among these" };
         format!(
             "{} chosen: it predicts unseen circles as well as {}; {why} it has the fewest parameters",
             self.chosen,
@@ -261,7 +261,7 @@ impl ModelChoice {
     }
 }
 
-/// Tries every one of `models` on `frames` and returns the initial model of the one that suits them.
+/// Tries every one of `models` on `frames` and returns the initial model of the one that fits them best.
 ///
 /// `sensor` is (width, height) in pixels; `progress` gets the model that is being tried.
 ///

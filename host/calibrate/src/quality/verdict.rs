@@ -44,7 +44,7 @@ impl Grade {
     pub fn opening(self) -> &'static str {
         match self {
             Self::Good => "Good",
-            Self::Usable => "Usable, with what the notes say",
+            Self::Usable => "Usable, with the notes below",
             Self::NotGood => "Not good enough",
         }
     }

@@ -12,7 +12,7 @@ settings! {
     pub struct LiveSettings {
         /// Smallest share of the cells of the sensor with circles.
         pub coverage: f64 = 0.8, "", from_to(0.0, 1.0);
-        /// Fewest windows with the board tilted to the left, to the right, upwards and downwards each.
+        /// Smallest number of windows with the board tilted to the left, to the right, upwards and downwards each.
         pub boards_per_tilt: u64 = 10, "windows", at_least(0.0);
         /// Shortest time since the board was first seen. The first intermediate calibration is made after two thirds of it, at
         /// the earliest after 1 s.

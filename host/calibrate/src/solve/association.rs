@@ -34,7 +34,7 @@ settings! {
     pub struct AssociationSettings {
         /// Largest distance from the expected distance of the event's class, in units of the class's spread; at most 2.5 px.
         pub band: f64 = 3.0, "σ", above(0.0);
-        /// Most events in one solve; more are thinned evenly.
+        /// Largest number of events in one solve; more are thinned evenly.
         pub most_events: usize = 1_000_000, "events", at_least(1.0);
     }
 }

@@ -39,7 +39,7 @@ settings! {
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct RefinementSettings {
-        /// Most seconds with the board in the joint solve. From a longer recording, the seconds with the most information about
+        /// Longest time with the board in the joint solve. From a longer recording, the seconds with the most information about
         /// the camera are taken, spread over the whole recording; along the others the trajectory is solved afterwards, with the
         /// camera fixed at the result.
         pub most_seconds: f64 = 45.0, "s", at_least(1.0);
