@@ -33,7 +33,7 @@ impl Requirement {
             }
             Self::Time(seconds) => format!("{:.0} s more with the board", seconds.ceil()),
             Self::OtherTilts => "the board tilted differently".to_owned(),
-            Self::FirstCheckpoint => "a first calibration of what was recorded".to_owned(),
+            Self::FirstCheckpoint => "a first checkpoint".to_owned(),
             Self::Checkpoint(text) => text.clone(),
         }
     }

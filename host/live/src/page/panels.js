@@ -1,4 +1,4 @@
-// Everything beside the picture: hint, ring, coverage, figures, result.
+// All parts of the page but the picture: hint, ring, coverage, figures, result.
 
 const byId = (id) => document.getElementById(id);
 const percent = (share) => `${Math.round(100 * share)} %`;
@@ -34,11 +34,11 @@ function hintOf(state, mirrored) {
   return mirrored ? state.hint.mirrored : state.hint.plain;
 }
 
-// How it ended where the target was not met.
+// The heading of a session that ended without its target.
 function endedAs({ outcome, target, missing }) {
   const sigma = outcome?.sigma ?? 0;
-  if (sigma <= target) return `ended: ${missing.plain.length ? "not all was seen" : "not good enough"}`;
-  return `ended: ± ${sigma.toFixed(3)} px, wanted ± ${target}`;
+  if (sigma <= target) return `ended: ${missing.plain.length ? "some views are missing" : "not good enough"}`;
+  return `ended: ± ${sigma.toFixed(3)} px, target ± ${target}`;
 }
 
 function showStep(state) {
@@ -51,7 +51,7 @@ function showStep(state) {
   else bar.value = 100 * step.done;
 }
 
-// A colour for the error of a cell: blue where it is what is wanted, orange from ten times that on, equal steps for equal ratios.
+// The colour of a cell: blue if its error is the target or less, orange from ten times the target, equal steps for equal ratios.
 const MOST = 10;
 function shade(sigma, target) {
   if (sigma === null || sigma === undefined) return "var(--faint)";
@@ -157,7 +157,7 @@ export function show(state, mirrored) {
   byId("missing").hidden = waits;
   byId("missing-title").hidden = waits;
   const isEnough = missing.length === 0;
-  setText(byId("missing-title"), isEnough ? "Nothing is missing" : isOver ? "Not seen" : "Still missing");
+  setText(byId("missing-title"), isEnough ? "Nothing is missing" : isOver ? "Missing" : "Still missing");
   setList(byId("missing"), missing);
   byId("sight").hidden = isOver && state.phase !== "calibrating";
   byId("finish").hidden = isOver;
