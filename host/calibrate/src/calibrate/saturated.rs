@@ -17,7 +17,7 @@ pub(super) struct Saturated {
 impl Saturated {
     pub(super) fn new(intervals: Vec<LeftOut>, recordings: &[RecordingReport]) -> Self {
         let duration = recordings.iter().map(|recording| recording.duration).sum::<f64>();
-        let of_saturated: f64 = intervals.iter().map(|interval| interval.end - interval.start).sum();
+        let of_saturated: f64 = intervals.iter().map(LeftOut::seconds).sum();
         if of_saturated <= MOST_LEFT_OUT * duration {
             Self { left_out: intervals, kept: Vec::new() }
         } else {

@@ -29,6 +29,19 @@ pub struct LeftOut {
     pub reason: Reason,
 }
 
+impl LeftOut {
+    /// Returns the length in seconds.
+    pub fn seconds(&self) -> f64 {
+        self.end - self.start
+    }
+
+    /// Returns the length of the common time with `other` in seconds.
+    pub fn seconds_within(&self, other: &Self) -> f64 {
+        let common = self.end.min(other.end) - self.start.max(other.start);
+        if self.recording == other.recording { common.max(0.0) } else { 0.0 }
+    }
+}
+
 /// Prints start and end to a hundredth of a second.
 impl fmt::Display for LeftOut {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

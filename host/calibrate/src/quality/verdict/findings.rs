@@ -52,7 +52,7 @@ fn places<'a>(intervals: impl Iterator<Item = &'a LeftOut>) -> Option<(f64, Stri
     if intervals.is_empty() {
         return None;
     }
-    let seconds = intervals.iter().map(|interval| interval.end - interval.start).sum();
+    let seconds = intervals.iter().map(|interval| interval.seconds()).sum();
     let mut places: Vec<String> = intervals.iter().take(LISTED).map(ToString::to_string).collect();
     if intervals.len() > LISTED {
         places.push(format!("{} more", intervals.len() - LISTED));
@@ -63,8 +63,14 @@ fn places<'a>(intervals: impl Iterator<Item = &'a LeftOut>) -> Option<(f64, Stri
 /// Excluded time (s) below which the finding is only a note: the first moment of a recording, or one jerk.
 const SHORT: f64 = 0.1;
 
+/// Finds times without a curve that explains the events. Late events of a saturated readout are the cause of those that it mostly
+/// covers, which [`saturated`] reports.
 fn unexplained(left_out: &[LeftOut]) -> Option<Finding> {
-    let (seconds, places) = places(left_out.iter().filter(|interval| interval.reason == Reason::Unexplained))?;
+    let of = |reason: Reason| left_out.iter().filter(move |interval| interval.reason == reason);
+    let is_late = |interval: &LeftOut| {
+        of(Reason::Saturated).map(|other| interval.seconds_within(other)).sum::<f64>() > 0.5 * interval.seconds()
+    };
+    let (seconds, places) = places(of(Reason::Unexplained).filter(|interval| !is_late(interval)))?;
     Some(Finding {
         cause: Cause::Unexplained,
         severity: if seconds < SHORT { Severity::Note } else { Severity::Warning },
@@ -363,5 +369,18 @@ mod tests {
         assert!(listed(0.3, Some((8.1e-3, 1e-3))) && listed(0.3, Some((8.9e-3, 0.23e-3))));
         // Light dots, or exchanged polarities.
         assert!(listed(0.8, stated) && listed(-0.8, stated));
+    }
+
+    #[test]
+    fn only_motion_without_another_cause_is_unexplained() {
+        let interval = |start, end, reason| LeftOut { recording: 0, start, end, reason };
+        let late = interval(1.0, 1.5, Reason::Saturated);
+        let reason = |start, end| {
+            let intervals = [late, interval(start, end, Reason::Unexplained)];
+            unexplained(&intervals).map(|finding| finding.reason)
+        };
+        assert_eq!(reason(0.95, 1.51), None);
+        assert!(reason(1.4, 1.7).is_some_and(|reason| reason.contains("for 0.30 s (1.40 to 1.70 s)")));
+        assert!(unexplained(&[late, LeftOut { recording: 1, ..interval(1.0, 1.5, Reason::Unexplained) }]).is_some());
     }
 }
