@@ -86,8 +86,8 @@ fn jackknife(
     let mut sum = DMatrix::zeros(intrinsics, intrinsics);
     for block in blocks {
         count += 1;
-        let has_low_leverage = (&information * HIGH_LEVERAGE - &block.information).cholesky().is_some();
-        let step = if has_low_leverage {
+        let has_small_shares = (&information * HIGH_SHARE - &block.information).cholesky().is_some();
+        let step = if has_small_shares {
             (&information - &block.information).cholesky()?.solve(&block.gradient)
         } else {
             step_without(&block, &factor)?
@@ -98,28 +98,27 @@ fn jackknife(
     (count > 1).then(|| (sum * ((count - 1) as f64 / count as f64), count))
 }
 
-/// Leverage from which the step without a block no longer grows as in the jackknife. Leverage is the share of a block in the
-/// information about one direction of the parameters.
-const HIGH_LEVERAGE: f64 = 0.75;
+/// Share of one block in the information about a direction of the parameters, above which its step is shorter than in the
+/// jackknife.
+const HIGH_SHARE: f64 = 0.75;
 /// Smallest share of the other blocks that counts, so that a direction that only one block determines has a finite step.
-const LEAST_SHARE: f64 = 1e-4;
+const LEAST_REST: f64 = 1e-4;
 
-/// Returns the step of the estimate without `block`; `information` is that of all blocks.
+/// Returns the step of the estimate without `block`; `information` is the factor of the information of all blocks.
 ///
-/// With a leverage h, the gradient of the block has the variance h (1 − h) in units of the information, so that the step of the
-/// jackknife, 1 / (1 − h) times the gradient, has the variance h / (1 − h): if nearly all information about a direction comes from
-/// one block, that block makes the covariance as large as it likes. With (1 − h)^(−1/2) the variance is h (Bell and McCaffrey
-/// 2002). Above [`HIGH_LEVERAGE`] the step grows like that, without a jump.
+/// Along a direction in which the block has the share h of the information, its gradient has the variance h (1 − h). The step of the
+/// jackknife is the gradient divided by 1 − h and has the variance h / (1 − h), without a limit. Divided by √(1 − h) the variance is h
+/// (Bell and McCaffrey 2002). Above [`HIGH_SHARE`] the step grows like that, without a jump.
 fn step_without(block: &Contribution, information: &Cholesky<f64, Dyn>) -> Option<DVector<f64>> {
     let lower = information.l();
     let half = lower.solve_lower_triangular(&block.information)?;
-    let leverage = lower.solve_lower_triangular(&half.transpose())?.symmetric_eigen();
-    let gradient = leverage.eigenvectors.tr_mul(&lower.solve_lower_triangular(&block.gradient)?);
-    let growth = leverage.eigenvalues.map(|leverage| {
-        let others = (1.0 - leverage).max(LEAST_SHARE);
-        if leverage > HIGH_LEVERAGE { 1.0 / ((1.0 - HIGH_LEVERAGE) * others).sqrt() } else { 1.0 / others }
+    let shares = lower.solve_lower_triangular(&half.transpose())?.symmetric_eigen();
+    let gradient = shares.eigenvectors.tr_mul(&lower.solve_lower_triangular(&block.gradient)?);
+    let growth = shares.eigenvalues.map(|share| {
+        let rest = (1.0 - share).max(LEAST_REST);
+        if share > HIGH_SHARE { 1.0 / ((1.0 - HIGH_SHARE) * rest).sqrt() } else { 1.0 / rest }
     });
-    lower.tr_solve_lower_triangular(&(leverage.eigenvectors * gradient.component_mul(&growth)))
+    lower.tr_solve_lower_triangular(&(shares.eigenvectors * gradient.component_mul(&growth)))
 }
 
 /// Returns the ratio of `covariance` to `formal`: the mean over all directions in which the parameters can change, each in units
