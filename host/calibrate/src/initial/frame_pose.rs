@@ -39,7 +39,7 @@ pub enum PoseError {
     TooFewInliers,
     /// The camera would be behind the board.
     BehindBoard,
-    /// The agreeing circles are too far from their projections.
+    /// The agreeing points are too far from their projections.
     LargeError,
 }
 

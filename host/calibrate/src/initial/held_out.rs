@@ -21,10 +21,10 @@ use crate::circles::reference_frame::ReferenceFrame;
 use evcal_geometry::board::Board;
 use evcal_geometry::numerics::huber::huber_cost;
 
-/// Cost of held-out circles with one camera model.
+/// Cost of held-out points with one camera model.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct HeldOutCost {
-    /// Number of held-out circles.
+    /// Number of held-out points.
     pub count: usize,
     /// Mean Huber's loss of a circle in each block (px²), in the order of the blocks.
     pub block_costs: Vec<f64>,
@@ -73,7 +73,7 @@ impl ComparedCircles {
     }
 }
 
-/// Computes the cost of held-out circles, with cameras of the model of `start`; `None` if a camera cannot be refined without one
+/// Computes the cost of held-out points, with cameras of the model of `start`; `None` if a camera cannot be refined without one
 /// of the folds.
 ///
 /// `sensor` is (width, height) in pixels. In a frame without a pose, because the model does not reach its circles, each circle

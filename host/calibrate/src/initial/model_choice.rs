@@ -155,7 +155,7 @@ pub struct CandidateReport {
     pub model: String,
     /// Number of its parameters.
     pub parameters: usize,
-    /// Number of held-out circles; 0 for a candidate that failed.
+    /// Number of held-out points; 0 for a candidate that failed.
     pub count: usize,
     /// Square root of the mean cost of a held-out circle (px).
     pub root_mean_cost: Option<f64>,
@@ -191,7 +191,7 @@ pub struct ModelChoice {
 
 impl fmt::Display for ModelChoice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} chosen; held-out circles of {} (px, px²):", self.chosen, self.circles_of)?;
+        write!(f, "{} chosen; held-out points of {} (px, px²):", self.chosen, self.circles_of)?;
         for candidate in &self.candidates {
             write!(f, "\n{:<14} {:>2} parameters", candidate.model, candidate.parameters)?;
             match (candidate.root_mean_cost, candidate.excess, candidate.standard_error, &candidate.failure) {
@@ -222,7 +222,7 @@ impl ModelChoice {
     pub fn reason(&self) -> String {
         if let Some(first) = &self.instead_of {
             return format!(
-                "{} chosen: {first} fits the circles best, but the events show that it does not fit this lens",
+                "{} chosen: {first} fits the points best, but the events show that it does not fit this lens",
                 self.chosen
             );
         }
@@ -236,25 +236,25 @@ impl ModelChoice {
             .collect();
         if !folding.is_empty() {
             return format!(
-                "{} chosen: {} may predict unseen circles better, but folds over inside the image",
+                "{} chosen: {} may predict held-out points better, but folds over inside the image",
                 self.chosen,
                 folding.join(", ")
             );
         }
         if self.candidates.iter().any(|candidate| candidate.nearly_as_good && candidate.model == self.chosen) {
             return format!(
-                "{} chosen: OpenCV and ROS support it, and it predicts unseen circles nearly as well as {}",
+                "{} chosen: OpenCV and ROS support it, and it predicts held-out points nearly as well as {}",
                 self.chosen,
                 others.join(", ")
             );
         }
         if others.is_empty() {
-            return format!("{} chosen: no other model predicts unseen circles as well", self.chosen);
+            return format!("{} chosen: no other model predicts held-out points as well", self.chosen);
         }
         let supported = WIDELY_SUPPORTED.iter().any(|kind| kind.name() == self.chosen);
         let why = if supported { "among those that OpenCV and ROS support" } else { "among these" };
         format!(
-            "{} chosen: it predicts unseen circles as well as {}; {why} it has the fewest parameters",
+            "{} chosen: it predicts held-out points as well as {}; {why} it has the fewest parameters",
             self.chosen,
             others.join(", ")
         )
@@ -460,9 +460,9 @@ mod tests {
             candidates: vec![report("fov", true, false), report("radtan", false, false), of_chosen],
         };
         let nearly = chosen(report("kannala-brandt", false, true)).reason();
-        assert!(nearly.ends_with("unseen circles nearly as well as fov"), "{nearly}");
+        assert!(nearly.ends_with("held-out points nearly as well as fov"), "{nearly}");
         let as_good = chosen(report("kannala-brandt", true, false)).reason();
-        assert!(as_good.contains("unseen circles as well as fov;"), "{as_good}");
+        assert!(as_good.contains("held-out points as well as fov;"), "{as_good}");
     }
 
     #[test]

@@ -17,11 +17,11 @@ pub enum DropReason {
     RowsTurned,
     /// PnP found no pose.
     NoPose,
-    /// Too few circles agree with the best pose.
+    /// Too few points agree with the best pose.
     TooFewInliers,
     /// The camera would be behind the board.
     BehindBoard,
-    /// The circles are too far from their projections.
+    /// The points are too far from their projections.
     LargeError,
     /// Velocity gate: the pose does not follow from the neighbouring frames.
     PoseJumps,
@@ -45,13 +45,13 @@ impl DropReason {
 impl fmt::Display for DropReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::TooFewCircles => "too few circles",
+            Self::TooFewCircles => "too few points",
             Self::Mirrored => "mirrored board",
             Self::RowsTurned => "rows turned too fast",
             Self::NoPose => "no pose",
-            Self::TooFewInliers => "too few circles agree with the pose",
+            Self::TooFewInliers => "too few points agree with the pose",
             Self::BehindBoard => "camera behind the board",
-            Self::LargeError => "circles far from their projections",
+            Self::LargeError => "points far from their projections",
             Self::PoseJumps => "pose jumps",
             Self::Unconfirmed => "too few circles confirmed by events",
         })

@@ -192,7 +192,7 @@ pub struct MethodArguments {
     /// auto:25mm recognises a board of squares (length of a square or tag), auto:55mm:r17.5mm a grid of circles
     #[arg(long, value_parser = super::board_argument::board_request)]
     pub board: BoardRequest,
-    /// Camera model; auto chooses the simplest model that fits held-out circles as well as the best one
+    /// Camera model; auto chooses the simplest model that fits held-out points as well as the best one
     #[arg(long, default_value = "radtan", value_parser = super::value::model_request())]
     pub model: ModelRequest,
     /// Circle extraction: hard or soft [default: hard]
