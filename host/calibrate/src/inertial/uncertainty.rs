@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, Vector3};
 
 use super::error::InertialError;
 use super::parameters::{ACCELEROMETER_BIAS, COUNT, GRAVITY, InertialParameters, POSITION};
-use crate::quality::uncertainty::blocks::{scatter, sum_by_block};
+use crate::quality::uncertainty::blocks::{jackknife_step, scatter, sum_by_block};
 use crate::solve::bordered::{Blocks, Part, System};
 
 /// Lengths of blocks (s).
@@ -52,7 +52,7 @@ pub fn inertial_uncertainty(system: &System, parts: &[Part], total: f64) -> Resu
     let Blocks { times, contributions } = system.contributions(parts, LENGTHS[0])?;
     let lengths = LENGTHS.iter().filter(|&&length| length == LENGTHS[0] || length * FEWEST <= total);
     let scatters: Vec<DMatrix<f64>> = lengths
-        .filter_map(|&length| scatter(&formal, sum_by_block(&times, &contributions, length), COUNT))
+        .filter_map(|&length| scatter(&formal, sum_by_block(&times, &contributions, length), COUNT, jackknife_step))
         .map(|scatter| scatter.covariance)
         .collect();
     let ratio = |index: usize| {

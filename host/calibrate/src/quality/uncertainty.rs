@@ -36,7 +36,7 @@ use crate::solve::observation_range::{RANGES_TOGETHER, observation_ranges};
 use crate::solve::pose_covariance::PoseCovariance;
 use crate::solve::system::{Contribution, PackedContribution};
 use crate::solve::{BOARD_INDEX, BOARD_PARAMETERS, GLOBAL_COUNT, Problem, SolveError, State, bias_index};
-use blocks::{Scatter, scatter, sum_by_block};
+use blocks::{Scatter, StepWithout, limited_step, scatter, sum_by_block};
 use parts::CovarianceParts;
 use projection::{NoView, ProjectionUncertainty, projection_uncertainty};
 
@@ -212,7 +212,7 @@ pub fn uncertainty(problem: &Problem, state: &State) -> Result<SolveUncertainty,
     let time = Time { starts: &times, total };
     let of_free = |one: Contribution| one.of(&places);
     let (reported, inflation, blocks) =
-        reported_covariance(&formal, &contributions_with_board, &of_free, time, first_count(&free));
+        reported_covariance(&formal, &contributions_with_board, &of_free, time, first_count(&free), limited_step);
     let board = formal_with_board
         .zip(step_with_board)
         .map(|(formal, step)| board_evidence(problem, state, &formal, &step, &contributions_with_board, time));
@@ -286,21 +286,22 @@ fn first_count(free: &[bool; GLOBAL_COUNT]) -> usize {
 }
 
 /// Computes the reported covariance of the `first` parameters, its inflation, and the number of blocks behind it. `part` extracts
-/// what is needed of a block's contribution, `formal` is the inverse of the whole information, and `contributions` come from
-/// intervals of observations.
+/// what is needed of a block's contribution, `formal` is the inverse of the whole information, `contributions` come from intervals of
+/// observations, and `step_without` is the step when a block is left out.
 pub fn reported_covariance(
     formal: &DMatrix<f64>,
     contributions: &[PackedContribution],
     part: &dyn Fn(Contribution) -> Contribution,
     time: Time,
     first: usize,
+    step_without: StepWithout,
 ) -> (DMatrix<f64>, f64, usize) {
     let longest = time.total / FEWEST_BLOCKS;
     let formal_first = formal.view((0, 0), (first, first)).into_owned();
     let lengths = BLOCK_LENGTHS.map(|factor| (factor * BLOCK).min(longest));
     let of_length = |length: f64| {
         // The blocks are summed one at a time, because all sums together would be as large as the contributions.
-        scatter(formal, sum_by_block(time.starts, contributions, length).map(part), first)
+        scatter(formal, sum_by_block(time.starts, contributions, length).map(part), first, step_without)
     };
     let (reported, inflation, blocks) = combined(&formal_first, lengths.into_iter().filter_map(of_length));
     let long = LONG_PARTS.map(|share| share * time.total).into_iter().filter(|&length| length > lengths[LAST_LENGTH]);
@@ -322,7 +323,7 @@ fn board_evidence(
     let free = parameters.mask();
     let there = |one: Contribution| after(step, one, &free);
     let first = first_count(&free);
-    let (reported, ..) = reported_covariance(formal, contributions, &there, time, first);
+    let (reported, ..) = reported_covariance(formal, contributions, &there, time, first, limited_step);
     let board = parameters.board.iter().filter(|&&free| free).count();
     let variances: Vec<f64> = reported.diagonal().iter().skip(first - board).copied().collect();
     let radius_error = SYSTEMATIC_RADIUS * problem.mean_scale;

@@ -17,7 +17,7 @@ use crate::quality::split_half::SplitHalf;
 use crate::quality::{EventQuality, ObservedRadius, Quality};
 use crate::solve::left_out::{LeftOut, Reason};
 use evcal_geometry::board::{Board, CircleBoard};
-use evcal_geometry::lens::folds::folded_share;
+use evcal_geometry::lens::folds::{folded_share, folds};
 
 /// Runs all checks.
 pub(super) fn findings_on(
@@ -234,10 +234,15 @@ fn pixels_not_square(camera: &Camera<f64>, quality: &Quality) -> Option<Finding>
 
 fn not_one_to_one(camera: &Camera<f64>, sensor: Sensor) -> Option<Finding> {
     let share = folded_share(camera, sensor);
-    (share > 0.0).then(|| Finding {
+    let reason = if share > 0.0 {
+        format!("the distortion folds over inside the image, at {:.1} % of the pixels", 100.0 * share)
+    } else {
+        "the distortion jumps or turns back inside the image, where the reported uncertainty is not valid".to_owned()
+    };
+    folds(camera, sensor).then(|| Finding {
         cause: Cause::NotOneToOne,
         severity: Severity::Warning,
-        reason: format!("the distortion folds over inside the image, at {:.1} % of the pixels", 100.0 * share),
+        reason,
         advice: match camera.kind() {
             ModelKind::Radtan | ModelKind::Radtan8 => {
                 "cover the corners of the image, or use the model radtan4, for a wide lens kannala-brandt"
@@ -369,6 +374,17 @@ mod tests {
         assert!(listed(0.3, Some((8.1e-3, 1e-3))) && listed(0.3, Some((8.9e-3, 0.23e-3))));
         // Light dots, or exchanged polarities.
         assert!(listed(0.8, stated) && listed(-0.8, stated));
+    }
+
+    /// A zero and a pole of the distortion 199 px from the middle, inside the image.
+    #[test]
+    fn a_pole_inside_the_image_is_reported() {
+        let [k1, k4] = [1.9901_f64, 1.99].map(|radius| -1.0 / (radius * radius));
+        let parameters = [100.0, 100.0, 159.5, 159.5, k1, 0.0, 0.0, 0.0, 0.0, k4, 0.0, 0.0];
+        let camera = Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap();
+        let reason = |size: u16| not_one_to_one(&camera, Sensor::new(size, size)).map(|finding| finding.reason);
+        assert!(reason(320).is_some_and(|reason| reason.contains("jumps")));
+        assert_eq!(reason(160), None);
     }
 
     #[test]
