@@ -42,10 +42,13 @@ fn a_good_recording_has_a_good_verdict() {
 #[test]
 fn a_distant_board_leaves_the_camera_uncertain() {
     let verdict = verdict("far", &events("far"), BOARD);
-    // The sentence contains the worst finding, the uncertainty; the distance is its cause and a separate finding.
-    assert!(names(&verdict, "uncertain"), "{verdict:#}");
+    // The sentence contains the worst finding; if both are as severe, it names the distance, which is the cause.
+    assert!(names(&verdict, "uncertain") || names(&verdict, "far-away"), "{verdict:#}");
     let findings = verdict["findings"].as_array().expect("findings");
-    assert!(findings.iter().any(|finding| finding["cause"] == "far-away"), "{verdict:#}");
+    for cause in ["uncertain", "far-away"] {
+        assert!(findings.iter().any(|finding| finding["cause"] == cause), "{verdict:#}");
+    }
+    assert_ne!(verdict["grade"], "good", "{verdict:#}");
 }
 
 #[test]
