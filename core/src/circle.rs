@@ -68,7 +68,8 @@ crate::settings! {
         /// Smallest ratio of the fitted radius to half the line between the outermost points of both arcs (hard).
         #[cfg_attr(feature = "serde", serde(skip))]
         pub min_radius_ratio: f32 = 0.75, "", at_least(0.0).up_to("max_radius_ratio");
-        /// Largest distance of the fitted centre from the midpoint of this line (hard).
+        /// Largest distance of the fitted centre from the midpoint of the line between the outermost points of both arcs
+        /// (hard).
         pub max_center_offset: f32 = 0.5, "radii", above(0.0);
         /// Largest mean distance of the pixels from the circle; 0.2 times the radius is added to it, because tilted
         /// dots are ellipses (hard).
