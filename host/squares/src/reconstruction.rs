@@ -25,7 +25,6 @@ const BLOCK_BYTES: usize = 64 << 20;
 const SLOTS: u32 = 128;
 /// Largest ratio of the ON and OFF thresholds of a sensor.
 const MOST_RATIO: f64 = 8.0;
-
 /// Number of pixels of a sensor whose events count: 4096 × 4096.
 const MOST_PIXELS: u32 = 1 << 24;
 

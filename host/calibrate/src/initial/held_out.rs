@@ -26,7 +26,7 @@ use evcal_geometry::numerics::huber::huber_cost;
 pub struct HeldOutCost {
     /// Number of held-out points.
     pub count: usize,
-    /// Mean Huber's loss of a circle in each block (px²), in the order of the blocks.
+    /// Mean Huber's loss of a point in each block (px²), in the order of the blocks.
     pub block_costs: Vec<f64>,
 }
 

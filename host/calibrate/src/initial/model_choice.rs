@@ -157,7 +157,7 @@ pub struct CandidateReport {
     pub parameters: usize,
     /// Number of held-out points; 0 for a candidate that failed.
     pub count: usize,
-    /// Square root of the mean cost of a held-out circle (px).
+    /// Square root of the mean cost of a held-out point (px).
     pub root_mean_cost: Option<f64>,
     /// Mean cost minus the mean cost of the best candidate (px²).
     pub excess: Option<f64>,
@@ -180,7 +180,7 @@ pub struct CandidateReport {
 pub struct ModelChoice {
     /// Name of the chosen model.
     pub chosen: String,
-    /// Name of the model chosen from circles, if the events showed that it cannot follow the lens.
+    /// Name of the model chosen from circles, if the events showed that it does not fit the lens.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instead_of: Option<String>,
     /// Name of the model whose circles were used for the comparison.

@@ -28,10 +28,14 @@ const STEPS: usize = 400;
 /// A step in the image that is this many times as long as the previous one is a jump.
 const JUMP: f64 = 4.0;
 
-/// Returns `true` if some pixels have no bearing, or a bearing at or beyond a position where the distortion turns back
-/// or jumps, as in `radtan8` at a pole.
+/// Returns `true` if some pixels have no bearing, or if the distortion [`jumps`].
 pub fn folds(camera: &Camera<f64>, sensor: Sensor) -> bool {
-    folded_share(camera, sensor) > 0.0 || (0..DIRECTIONS).any(|direction| breaks_off(camera, sensor, direction))
+    folded_share(camera, sensor) > 0.0 || jumps(camera, sensor)
+}
+
+/// Returns `true` if the distortion turns back or jumps inside the image, as in `radtan8` at a pole.
+pub fn jumps(camera: &Camera<f64>, sensor: Sensor) -> bool {
+    (0..DIRECTIONS).any(|direction| breaks_off(camera, sensor, direction))
 }
 
 /// Returns `true` if bearings with increasing angle to the axis do not move steadily outwards until they leave the

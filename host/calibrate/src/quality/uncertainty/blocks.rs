@@ -81,8 +81,8 @@ fn covariance_of_steps(
     step_without: StepWithout,
 ) -> Option<(DMatrix<f64>, usize)> {
     let mut count = 0;
-    let matrix = formal.clone().cholesky()?.inverse();
-    let information = Information { lower: matrix.clone().cholesky()?.l(), matrix, formal };
+    let factor = formal.clone().cholesky()?;
+    let information = Information { matrix: factor.inverse(), formal, root: factor.unpack() };
     let mut sum = DMatrix::zeros(intrinsics, intrinsics);
     for block in blocks {
         count += 1;
@@ -95,10 +95,10 @@ fn covariance_of_steps(
 /// The information of all blocks together.
 pub struct Information<'a> {
     matrix: DMatrix<f64>,
-    /// The lower triangle of its Cholesky factor.
-    lower: DMatrix<f64>,
     /// Its inverse.
     formal: &'a DMatrix<f64>,
+    /// The lower triangle L with `formal` = L Lᵀ.
+    root: DMatrix<f64>,
 }
 
 /// Computes the step of the estimate when a block is left out, to first order.
@@ -128,19 +128,17 @@ const LEAST_REST: f64 = 1e-4;
 /// (Bell and McCaffrey 2002). Above a share of 0.9 the step grows like that, without a jump.
 pub fn limited_step(block: &Contribution, information: &Information) -> DVector<f64> {
     let has_small_shares = (&information.matrix * HIGH_SHARE - &block.information).cholesky().is_some();
-    let limited = || {
-        let lower = &information.lower;
-        let half = lower.solve_lower_triangular(&block.information)?;
-        let shares = lower.solve_lower_triangular(&half.transpose())?.symmetric_eigen();
-        let gradient = shares.eigenvectors.tr_mul(&lower.solve_lower_triangular(&block.gradient)?);
-        let growth = shares.eigenvalues.map(|share| {
-            let rest = (1.0 - share).max(LEAST_REST);
-            if share > HIGH_SHARE { 1.0 / ((1.0 - HIGH_SHARE) * rest).sqrt() } else { 1.0 / rest }
-        });
-        lower.tr_solve_lower_triangular(&(shares.eigenvectors * gradient.component_mul(&growth)))
-    };
-    let limited = if has_small_shares { None } else { limited() };
-    limited.unwrap_or_else(|| jackknife_step(block, information))
+    if has_small_shares {
+        return jackknife_step(block, information);
+    }
+    let root = &information.root;
+    let shares = (root.tr_mul(&block.information) * root).symmetric_eigen();
+    let gradient = shares.eigenvectors.tr_mul(&root.tr_mul(&block.gradient));
+    let growth = shares.eigenvalues.map(|share| {
+        let rest = (1.0 - share).max(LEAST_REST);
+        if share > HIGH_SHARE { 1.0 / ((1.0 - HIGH_SHARE) * rest).sqrt() } else { 1.0 / rest }
+    });
+    root * (shares.eigenvectors * gradient.component_mul(&growth))
 }
 
 /// Returns the ratio of `covariance` to `formal`: the mean over all directions in which the parameters can change, each in units
@@ -228,11 +226,11 @@ mod tests {
             let noise = information.iter().map(|one| one.map(|one| one.sqrt() * normal(&mut rng)));
             let gradients: Vec<DVector<f64>> = noise.collect();
             let estimate = gradients.iter().sum::<DVector<f64>>().component_div(&total);
-            let blocks = information.iter().zip(gradients).map(|(one, gradient)| Contribution {
+            let block = |(one, gradient): (&DVector<f64>, DVector<f64>)| Contribution {
                 gradient: gradient - one.component_mul(&estimate),
                 information: DMatrix::from_diagonal(one),
-            });
-            let blocks: Vec<Contribution> = blocks.collect();
+            };
+            let blocks: Vec<Contribution> = information.iter().zip(gradients).map(block).collect();
             for (mean, step_without) in means.iter_mut().zip([limited_step, jackknife_step as StepWithout]) {
                 *mean += scatter(&formal, blocks.clone(), 2, step_without).unwrap().inflation / RECORDINGS as f64;
             }

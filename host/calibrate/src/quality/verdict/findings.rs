@@ -17,7 +17,7 @@ use crate::quality::split_half::SplitHalf;
 use crate::quality::{EventQuality, ObservedRadius, Quality};
 use crate::solve::left_out::{LeftOut, Reason};
 use evcal_geometry::board::{Board, CircleBoard};
-use evcal_geometry::lens::folds::{folded_share, folds};
+use evcal_geometry::lens::folds::{folded_share, jumps};
 
 /// Runs all checks.
 pub(super) fn findings_on(
@@ -236,10 +236,12 @@ fn not_one_to_one(camera: &Camera<f64>, sensor: Sensor) -> Option<Finding> {
     let share = folded_share(camera, sensor);
     let reason = if share > 0.0 {
         format!("the distortion folds over inside the image, at {:.1} % of the pixels", 100.0 * share)
-    } else {
+    } else if jumps(camera, sensor) {
         "the distortion jumps or turns back inside the image, where the reported uncertainty is not valid".to_owned()
+    } else {
+        return None;
     };
-    folds(camera, sensor).then(|| Finding {
+    Some(Finding {
         cause: Cause::NotOneToOne,
         severity: Severity::Warning,
         reason,
