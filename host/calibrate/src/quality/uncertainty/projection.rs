@@ -6,7 +6,7 @@
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
-use nalgebra::{DMatrix, Matrix2, Vector2};
+use nalgebra::{DMatrix, Matrix2, SymmetricEigen, Vector2};
 use serde::Serialize;
 
 use evcal_geometry::lens::projection_difference::{grid, grid_size};
@@ -74,9 +74,16 @@ pub fn projection_uncertainty(
         GridUncertainty { pixel: (*pixel).into(), sigma }
     });
     let grid: Vec<GridUncertainty> = uncertain.collect();
-    let spread = covariance * &sensitivity.squares / sensitivity.seen as f64;
+    // With the root L of the covariance C = L Lᵀ: tr C Q = tr Lᵀ Q L, and tr (C Q)² is the squared norm of Lᵀ Q L. The product C Q
+    // itself may have large entries of both signs whose squares do not cancel exactly, so that the variance would become negative.
+    let SymmetricEigen { mut eigenvectors, eigenvalues } = covariance.clone().symmetric_eigen();
+    for (mut column, variance) in eigenvectors.column_iter_mut().zip(&eigenvalues) {
+        column *= variance.max(0.0).sqrt();
+    }
+    let root = eigenvectors;
+    let spread = root.tr_mul(&sensitivity.squares) * &root / sensitivity.seen as f64;
     let mean = spread.trace().max(0.0);
-    let variance = 2.0 * (&spread * &spread).trace().max(0.0);
+    let variance = 2.0 * spread.norm_squared();
     let (columns, rows) = grid_size(sensor);
     Ok(ProjectionUncertainty {
         columns,
@@ -189,6 +196,44 @@ mod tests {
         let spread = Matrix2::new(corner[0][0], corner[0][1], corner[0][1], corner[1][1]);
         let sigma = spread.symmetric_eigenvalues().max().sqrt();
         assert!((sigma / stated.grid[0].sigma.unwrap() - 1.0).abs() < 0.15, "{sigma} {:?}", stated.grid[0]);
+    }
+
+    /// A rational lens with a pole in a corner, whose parameters are strongly correlated. The ratio of the bound to the expected error
+    /// depends on the shape of the covariance only; rounding errors had changed it, and made it 1 in a recording.
+    #[test]
+    fn the_bound_grows_with_the_expected_error() {
+        const CORRELATED: [f64; 12] = [
+            338.4613617200501,
+            338.1605438486105,
+            173.34682672211045,
+            128.40476915458504,
+            -1.1600694079360754,
+            -2.377131015240334,
+            0.0003773070081852862,
+            0.0004820206205034499,
+            0.36837925323546644,
+            -0.8075897726252972,
+            -2.814935036831113,
+            -0.34798664122942013,
+        ];
+        let camera = Camera::from_parameters(ModelKind::Radtan8, &CORRELATED).unwrap();
+        let inner: Vec<_> = (3..32).flat_map(|x| (3..23).map(move |y| Vector2::new(x, y).cast() * 10.0)).collect();
+        let [inner, whole] =
+            [inner, grid(SIZE)].map(|pixels| projection_sensitivity(&camera, &pixels).unwrap().squares);
+        let information = inner * 10.0 + whole * 0.1;
+        let sigma = information.map_diagonal(|entry: f64| 1.0 / entry.sqrt());
+        let scale = DMatrix::from_diagonal(&sigma);
+        let scaled = &scale * information * &scale + DMatrix::identity(12, 12) * 1e-13;
+        let covariance = &scale * scaled.cholesky().unwrap().inverse() * &scale;
+        let ratio = |factor: f64| {
+            let stated = projection_uncertainty(&camera, &(&covariance * factor), SIZE).unwrap();
+            stated.rms_95 / stated.rms
+        };
+        let expected = ratio(1.0);
+        assert!((1.1..1.98).contains(&expected), "{expected}");
+        for factor in [1.0 + 1e-7, 1.0 + 1e-6, 3.0] {
+            assert!((ratio(factor) / expected - 1.0).abs() < 1e-3, "{factor}: {} and {expected}", ratio(factor));
+        }
     }
 
     #[test]
