@@ -64,6 +64,21 @@ WORTH_A_PICTURE = """(() => {
   return [...ghost.corners, ...board.corners].every(([x, y]) => x > -26 && y > -26 && x < sensor[0] + 26 && y < sensor[1] + 26);
 })()"""
 
+# Share of the board's circles that are darker in the middle than around, in the picture as it is drawn.
+DARK_CIRCLES = """(() => {
+  const { board, sensor } = evcal.state;
+  const canvas = document.getElementById('picture');
+  const scale = canvas.width / sensor[0];
+  const pixels = new OffscreenCanvas(canvas.width, canvas.height).getContext('2d', { willReadFrequently: true });
+  pixels.drawImage(canvas, 0, 0);
+  const grey = (x, y) => pixels.getImageData(Math.round((x + 0.5) * scale), Math.round((y + 0.5) * scale), 1, 1).data[0];
+  const around = [[1.7, 0], [-1.7, 0], [0, 1.7], [0, -1.7]];
+  const inside = [[0.4, 0], [-0.4, 0], [0, 0.4], [0, -0.4]];
+  const mean = (circle, places) => places.reduce((sum, [x, y]) => sum + grey(circle[0] + x * circle[2], circle[1] + y * circle[2]), 0) / 4;
+  const seen = board?.circles ?? [];
+  return seen.length > 20 ? seen.filter((circle) => mean(circle, inside) + 40 < mean(circle, around)).length / seen.length : 0;
+})()"""
+
 # The longest hints and reasons: none may move the picture or be cut.
 LONGEST_TEXTS = """(() => {
   const [hint, nothing, picture] = ['hint', 'nothing', 'picture'].map((name) => document.getElementById(name));
@@ -123,9 +138,14 @@ def watch(browser, url, pictures):
     return tabs
 
 
-def check_keys(tab, other):
+def check_keys(tab, other, pictures):
     """Keys, clicks and the memory of a page that is loaded again; ends the recording."""
     pressed = "document.getElementById('%s').ariaPressed"
+    tab.key("g", 71)
+    check(tab.script(pressed % "grey") == "true", "G shows no grey picture")
+    tab.wait(DARK_CIRCLES + " > 0.9", 20)
+    check(tab.script("document.querySelector('#sight .on').checkVisibility()") is False, "ON events are explained in the grey picture")
+    tab.picture(pictures / "live-grey.png")
     tab.key(" ", 32)
     check(tab.script(pressed % "mirror") == "true", "Space does not mirror")
     tab.wait("document.body.dataset.mirrored === 'true'", 5)
@@ -140,6 +160,7 @@ def check_keys(tab, other):
     check(seconds <= LONGEST_RELOAD, f"the page is there {seconds:.2f} s after it was loaded again")
     check(tab.script(pressed % "mirror") == "true", "mirrored is forgotten")
     check(other.script(pressed % "mirror") == "false", "another tab is mirrored as well")
+    check(tab.script(pressed % "grey") == "true", "the grey picture is forgotten")
     tab.key("f", 70)
     tab.wait(pressed % "frames" + " === 'true'", 5)
     other.wait(pressed % "frames" + " === 'true'", 5)
@@ -171,7 +192,7 @@ def main(evcal, program, folder):
         tabs = watch(browser, url, pictures)
         tabs[2].wait(WORTH_A_PICTURE)
         tabs[2].picture(pictures / "live.png")
-        check_keys(tabs[-1], tabs[0])
+        check_keys(tabs[-1], tabs[0], pictures)
         for tab, name in ((tabs[0], "390-light"), (tabs[3], "1440-dark")):
             tab.wait("evcal.phase === 'done'")
             # A recording of three seconds is not enough for the target, and then "done" is not said.

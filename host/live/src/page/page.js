@@ -78,7 +78,10 @@ function take(buffer) {
   const [width, height] = state.sensor;
   const pixels = new Uint8Array(buffer, 8 + length);
   const frame = state.frame && pixels.subarray(width * height);
-  if (page.state === null) setMirrored(chosen.get("mirrored") === null ? state.mirrored : chosen.get("mirrored") === "true");
+  if (page.state === null) {
+    setMirrored(chosen.get("mirrored") === null ? state.mirrored : chosen.get("mirrored") === "true");
+    setGrey(chosen.get("grey") === "true");
+  }
   sound(page.state, state);
   page.skipped += page.number ? Math.max(0, number - page.number - 1) : 0;
   Object.assign(page, { number, phase: state.phase, state });
@@ -129,6 +132,17 @@ function toggleMirror() {
   chosen.set("mirrored", picture.mirrored);
 }
 
+function setGrey(isGrey) {
+  picture.setGrey(isGrey);
+  document.body.dataset.grey = String(isGrey);
+  byId("grey").setAttribute("aria-pressed", String(isGrey));
+}
+
+function toggleGrey() {
+  setGrey(!picture.isGrey);
+  chosen.set("grey", picture.isGrey);
+}
+
 // The server knows whether frames are shown: all pages show the same, also after they were loaded again.
 function toggleFrames() {
   command("frames");
@@ -168,6 +182,7 @@ async function copy() {
 
 byId("finish").addEventListener("click", () => command("finish"));
 byId("mirror").addEventListener("click", toggleMirror);
+byId("grey").addEventListener("click", toggleGrey);
 byId("sound").addEventListener("click", toggleSound);
 byId("frames").addEventListener("click", toggleFrames);
 byId("copy").addEventListener("click", copy);
@@ -183,6 +198,7 @@ addEventListener("keydown", (event) => {
   if (isOfButton) return;
   const key = event.key.toLowerCase();
   if (key === " ") toggleMirror();
+  else if (key === "g") toggleGrey();
   else if (key === "s") toggleSound();
   else if (key === "f" && !byId("frames").hidden) toggleFrames();
   else if (event.key === "Enter" && ["waiting", "recording"].includes(page.phase)) command("finish");

@@ -1,6 +1,11 @@
-// Draws what the sensor sees: events that fade, the board as it moves, and where it should go.
+// Draws what the sensor sees, as events that fade or as a grey picture; the board as it moves, and where it should go.
 
 const FADE = 0.09; // s until an event is at 1/e of its brightness
+const LEAK = 0.2; // s until a change of brightness is at 1/e in the grey picture
+const LIMIT = 6; // largest brightness of the grey picture, in OFF thresholds: hot pixels stay below
+const LEVELS = 64; // of the histogram that sets the contrast of the grey picture
+const WHITEST = 0.02; // share of the pixels that are black, and of those that are white
+const SETTLE = 0.1; // share of a new contrast that a picture takes, so that the brightness does not flicker
 const SHOWN = 0.5; // s after which a board that was not seen again is hidden
 const FARTHEST = 1 / 60; // share of the picture's width that the board may have moved since it was seen; beyond, it is not known where it is
 const CORNERS = ["1", "2", "3", "4"];
@@ -17,6 +22,7 @@ export class Picture {
     this.canvas = canvas;
     this.small = document.createElement("canvas");
     this.mirrored = false;
+    this.isGrey = false;
     this.last = 0;
     this.dark = matchMedia("(prefers-color-scheme: dark)");
     this.still = matchMedia("(prefers-reduced-motion: reduce)");
@@ -39,11 +45,26 @@ export class Picture {
     this.small.height = height;
     this.image = this.small.getContext("2d").createImageData(width, height);
     this.level = new Float32Array(2 * width * height);
+    this.clear();
+  }
+
+  // Starts the grey picture anew.
+  clear() {
+    this.brightness = new Float32Array(this.small.width * this.small.height);
+    this.t = null;
+    this.totals = [0, 0];
+    this.range = null;
+  }
+
+  setGrey(isGrey) {
+    this.isGrey = isGrey;
+    if (this.image) this.clear();
   }
 
   draw(state, pixels) {
     this.resize(state.sensor);
-    this.fade(pixels);
+    if (this.isGrey) this.integrate(pixels, state.t);
+    else this.fade(pixels);
     const [width, height] = state.sensor;
     const scale = Math.max(1, Math.round((this.canvas.clientWidth * devicePixelRatio) / width * 4) / 4);
     const [wide, high] = [Math.round(width * scale), Math.round(height * scale)];
@@ -88,6 +109,48 @@ export class Picture {
       data[4 * index + 3] = 255;
     }
     this.small.getContext("2d").putImageData(this.image, 0, 0);
+  }
+
+  // The sum of each pixel's events, with a leak, is its brightness. `t` is the sensor's time (s).
+  integrate(pixels, t) {
+    if (t < this.t) this.clear();
+    const keep = Math.exp(-(t - (this.t ?? t)) / LEAK);
+    this.t = t;
+    const { brightness, totals, image: { data } } = this;
+    for (const byte of pixels.subarray(0, brightness.length)) {
+      totals[0] += byte & 15;
+      totals[1] += byte >> 4;
+    }
+    // Over time a pixel becomes brighter by as much as darker.
+    const weight = totals[0] && totals[1] ? totals[1] / totals[0] : 1;
+    const counts = new Uint32Array(LEVELS);
+    for (let index = 0; index < brightness.length; index += 1) {
+      const byte = index < pixels.length ? pixels[index] : 0;
+      const value = keep * brightness[index] + weight * (byte & 15) - (byte >> 4);
+      brightness[index] = Math.max(-LIMIT, Math.min(LIMIT, value));
+      counts[Math.min(LEVELS - 1, Math.floor((brightness[index] / LIMIT + 1) / 2 * LEVELS))] += 1;
+    }
+    const [black, white] = this.contrast(counts);
+    for (let index = 0; index < brightness.length; index += 1) {
+      data.fill(255 * (brightness[index] - black) / (white - black), 4 * index, 4 * index + 3);
+      data[4 * index + 3] = 255;
+    }
+    this.small.getContext("2d").putImageData(this.image, 0, 0);
+  }
+
+  // The brightness of black and of white, from a histogram of the picture.
+  contrast(counts) {
+    const share = WHITEST * counts.reduce((sum, count) => sum + count, 0);
+    const first = (order) => {
+      let sum = 0;
+      return order.find((level) => (sum += counts[level]) > share);
+    };
+    const levels = [...counts.keys()];
+    const [low, high] = [first(levels), first(levels.reverse()) + 1].map((level) => LIMIT * ((2 * level) / LEVELS - 1));
+    // Noise alone does not fill the range.
+    const range = [Math.min(low, -1), Math.max(high, 1)];
+    this.range = (this.range ?? range).map((value, end) => value + SETTLE * (range[end] - value));
+    return this.range;
   }
 
   path(context, points) {
