@@ -9,8 +9,8 @@
 CHECKS = check-format check-lints check-documentation check-no-std check-dependencies check-oldest-rust check-crates
 TESTS = setup readers $(CHECKS) test-workspace test-report test-beside
 
-# Incremental builds serve those who change code; a first build is faster without, and all tests need several GB less of disk.
-demo: export CARGO_INCREMENTAL = 0
+# Incremental builds serve those who change code; without, the program is faster, and all tests need several GB less of disk.
+demo build: export CARGO_INCREMENTAL = 0
 ifeq ($(CI),true)
 export CARGO_INCREMENTAL = 0
 endif

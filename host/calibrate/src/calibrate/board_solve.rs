@@ -75,7 +75,7 @@ pub(super) fn solve_with_board(
         }
         progress.report("joint solve with the board's shape")?;
         let before = refined.state.camera;
-        let state = State { board: shape, ..refined.state };
+        let state = State { board: shape, ..refined.into_state() };
         let (with_shape, certainty_with_shape) = solve(task, &with(input, estimated, fixed), state, progress)?;
         with_nominal_board = with_nominal_board.or(Some((before, certainty)));
         (refined, certainty, free) = (with_shape, certainty_with_shape, estimated);

@@ -30,7 +30,7 @@ pub(super) fn solve_with_model(
     let camera = better.and_then(|kind| refit(kind, &solved.refined.state.camera, input.sensor));
     let Some((kind, camera)) = better.zip(camera) else { return Ok((solved, Some(choice))) };
     progress.report(format!("joint solve with {kind}"))?;
-    let state = State { camera, board, ..solved.refined.state };
+    let state = State { camera, board, ..solved.refined.into_state() };
     let solved = solve_with_board(task, input, state, progress)?;
     Ok((solved, Some(choice.instead(kind))))
 }

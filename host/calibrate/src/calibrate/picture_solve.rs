@@ -63,7 +63,7 @@ fn solve_with_pictures(
     let FreeParameters { board: free_board, intrinsics, .. } = refined.problem.free;
     let fixed = std::array::from_fn(|index| !intrinsics[index] || undetermined.contains(&index));
     let input = RefinementInput { free_board, fixed, ..input };
-    let (refined, certainty) = solve(task, &input, refined.state, progress)?;
+    let (refined, certainty) = solve(task, &input, refined.into_state(), progress)?;
     let board = BoardEstimate { shape: refined.state.board, sigma: certainty.board_sigma, ..board };
     Ok(BoardSolve { refined, certainty, board, with_nominal_board, undetermined })
 }

@@ -155,6 +155,13 @@ pub struct Refined {
     pub rounds: Vec<RoundReport>,
 }
 
+impl Refined {
+    /// Returns the estimate alone, so that another solve can start there without the memory of these observations.
+    pub fn into_state(self) -> State {
+        self.state
+    }
+}
+
 /// Reasons why the refinement failed.
 #[derive(Debug, thiserror::Error)]
 pub enum RefinementError<E> {
