@@ -10,10 +10,7 @@ CHECKS = check-format check-lints check-documentation check-no-std check-depende
 TESTS = setup readers $(CHECKS) test-workspace test-report test-beside
 
 # Incremental builds serve those who change code; without, the program is faster, and all tests need several GB less of disk.
-demo build: export CARGO_INCREMENTAL = 0
-ifeq ($(CI),true)
-export CARGO_INCREMENTAL = 0
-endif
+demo build test: export CARGO_INCREMENTAL = 0
 
 demo: build
 	@sh tools/demo.sh
