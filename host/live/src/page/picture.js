@@ -4,7 +4,7 @@ const FADE = 0.09; // s until an event is at 1/e of its brightness
 const LEAK = 0.2; // s until a change of brightness is at 1/e in the grey picture
 const LIMIT = 6; // largest brightness of the grey picture, in OFF thresholds: hot pixels stay below
 const LEVELS = 64; // of the histogram that sets the contrast of the grey picture
-const WHITEST = 0.02; // share of the pixels that are black, and of those that are white
+const CLIPPED = 0.02; // share of the pixels that are shown black, and the same share white
 const SETTLE = 0.1; // share of a new contrast that a picture takes, so that the brightness does not flicker
 const SHOWN = 0.5; // s after which a board that was not seen again is hidden
 const FARTHEST = 1 / 60; // share of the picture's width that the board may have moved since it was seen; beyond, it is not known where it is
@@ -48,7 +48,7 @@ export class Picture {
     this.clear();
   }
 
-  // Starts the grey picture anew.
+  // Forgets all events of the grey picture.
   clear() {
     this.brightness = new Float32Array(this.small.width * this.small.height);
     this.t = null;
@@ -117,16 +117,15 @@ export class Picture {
     const keep = Math.exp(-(t - (this.t ?? t)) / LEAK);
     this.t = t;
     const { brightness, totals, image: { data } } = this;
-    for (const byte of pixels.subarray(0, brightness.length)) {
-      totals[0] += byte & 15;
-      totals[1] += byte >> 4;
-    }
     // Over time a pixel becomes brighter by as much as darker.
     const weight = totals[0] && totals[1] ? totals[1] / totals[0] : 1;
     const counts = new Uint32Array(LEVELS);
     for (let index = 0; index < brightness.length; index += 1) {
       const byte = index < pixels.length ? pixels[index] : 0;
-      const value = keep * brightness[index] + weight * (byte & 15) - (byte >> 4);
+      const [on, off] = [byte & 15, byte >> 4];
+      totals[0] += on;
+      totals[1] += off;
+      const value = keep * brightness[index] + weight * on - off;
       brightness[index] = Math.max(-LIMIT, Math.min(LIMIT, value));
       counts[Math.min(LEVELS - 1, Math.floor((brightness[index] / LIMIT + 1) / 2 * LEVELS))] += 1;
     }
@@ -140,7 +139,7 @@ export class Picture {
 
   // The brightness of black and of white, from a histogram of the picture.
   contrast(counts) {
-    const share = WHITEST * counts.reduce((sum, count) => sum + count, 0);
+    const share = CLIPPED * this.brightness.length;
     const first = (order) => {
       let sum = 0;
       return order.find((level) => (sum += counts[level]) > share);
