@@ -28,6 +28,9 @@ const TRUSTED_DISTANCE: f64 = 30.0;
 const LAMP_STEP: f64 = 500.0;
 /// Safety factor on a skip for errors of the linear map and the sampled speeds.
 const SKIP_SAFETY: f64 = 0.75;
+/// Number of pixels that sample the scene in turn. A pixel chooses the time of a sample from its last one, so the
+/// processor can compute samples at the same time only if they belong to different pixels.
+const PIXELS_IN_TURN: usize = 4;
 
 /// Sampling rate of a pixel.
 #[derive(Clone, Copy, Debug)]
@@ -146,6 +149,11 @@ impl Slice {
         self.speeds.get(index).copied().unwrap_or(1.0)
     }
 
+    /// Returns the index of the last view.
+    fn last(&self) -> usize {
+        self.views.len().saturating_sub(1)
+    }
+
     fn time(&self, index: usize) -> f64 {
         (self.first_tick + index) as f64 * TICK
     }
@@ -189,6 +197,33 @@ impl Site {
         }
     }
 
+    /// Samples the scene once more and adds the sample to `samples`, unless the slice is over. Returns `false` then.
+    #[inline]
+    fn sample(&mut self, stage: &Stage, slice: &Slice, samples: &mut Samples) -> bool {
+        let last = slice.last();
+        if samples.index >= last {
+            return false;
+        }
+        let reach = stage.scene.reach();
+        let step = self.step(reach, samples.fastest, stage.stepping).min(samples.longest_step);
+        let next = (samples.index + step).min(last);
+        let Some(view) = slice.views.get(next) else { return false };
+        let sample = stage.sample(view, samples.x, samples.y);
+        let lone_edge = stage.scene.has_lone_edges() && self.edge.abs() <= reach && sample.edge.abs() <= reach;
+        if lone_edge {
+            let ticks = next - samples.index;
+            self.speed = (sample.edge - self.edge).abs() / ticks as f64;
+            samples.longest_step = 2 * ticks;
+        } else {
+            self.speed = f64::INFINITY;
+            samples.longest_step = usize::MAX;
+        }
+        self.edge = sample.edge;
+        samples.index = next;
+        samples.taken.push(TimedRadiance { index: next, radiance: sample.radiance });
+        true
+    }
+
     /// Returns the number of ticks until the next sample.
     fn step(&self, reach: f64, fastest: f64, stepping: Stepping) -> usize {
         let distance = self.edge.abs();
@@ -201,6 +236,37 @@ impl Site {
             let step = stepping.step.max(stepping.far_step * (distance - 0.5 * reach));
             ((step / self.speed.min(fastest)) as usize).clamp(1, stepping.longest_step)
         }
+    }
+}
+
+/// The samples that a pixel takes in a slice.
+#[derive(Debug, Default)]
+struct Samples {
+    x: u16,
+    y: u16,
+    /// Upper bound of the image speed at the pixel, in pixels per tick.
+    fastest: f64,
+    /// View of the last sample.
+    index: usize,
+    /// Longest time to the next sample, in ticks.
+    longest_step: usize,
+    /// The samples so far.
+    taken: Vec<TimedRadiance>,
+}
+
+/// Radiance that a pixel sees from one of the views of a slice.
+#[derive(Clone, Copy, Debug)]
+struct TimedRadiance {
+    index: usize,
+    radiance: f64,
+}
+
+impl Samples {
+    /// Forgets all samples and begins with pixel (x, y).
+    fn restart(&mut self, x: u16, y: u16, fastest: f64) {
+        let mut taken = std::mem::take(&mut self.taken);
+        taken.clear();
+        *self = Self { x, y, fastest, index: 0, longest_step: usize::MAX, taken };
     }
 }
 
@@ -245,32 +311,29 @@ impl Row {
 
     /// Simulates the pixels of the row through `slice`.
     pub fn advance(&mut self, stage: &Stage, slice: &Slice) {
-        let reach = stage.scene.reach();
-        let last = slice.views.len().saturating_sub(1);
         let mut out = RowOutput { rng: &mut self.rng, events: &mut self.events };
-        for (x, site) in (0..).zip(&mut self.sites) {
-            if site.dead {
-                continue;
+        let mut all_samples: [Samples; PIXELS_IN_TURN] = Default::default();
+        let mut columns = 0..;
+        for sites in self.sites.chunks_mut(PIXELS_IN_TURN) {
+            for ((_, samples), x) in sites.iter().zip(&mut all_samples).zip(&mut columns) {
+                samples.restart(x, self.y, slice.speed(&stage.rays, x, self.y));
             }
-            let fastest = slice.speed(&stage.rays, x, self.y);
-            let mut index = 0;
-            let mut longest = usize::MAX;
-            while index < last {
-                let next = (index + site.step(reach, fastest, stage.stepping).min(longest)).min(last);
-                let Some(view) = slice.views.get(next) else { break };
-                let sample = stage.sample(view, x, self.y);
-                site.see(stage, slice.time(index), slice.time(next), sample.radiance, &mut out);
-                if stage.scene.has_lone_edges() && site.edge.abs() <= reach && sample.edge.abs() <= reach {
-                    site.speed = (sample.edge - site.edge).abs() / (next - index) as f64;
-                    longest = 2 * (next - index);
-                } else {
-                    site.speed = f64::INFINITY;
-                    longest = usize::MAX;
+            let mut unfinished = true;
+            while unfinished {
+                unfinished = false;
+                for (site, samples) in sites.iter_mut().zip(&mut all_samples) {
+                    unfinished |= !site.dead && site.sample(stage, slice, samples);
                 }
-                site.edge = sample.edge;
-                index = next;
             }
-            site.pixel.make_noise(&stage.sensor, slice.time(last), &mut out);
+            for (site, samples) in sites.iter_mut().zip(&all_samples).filter(|(site, _)| !site.dead) {
+                let mut start = slice.time(0);
+                for sample in &samples.taken {
+                    let end = slice.time(sample.index);
+                    site.see(stage, start, end, sample.radiance, &mut out);
+                    start = end;
+                }
+                site.pixel.make_noise(&stage.sensor, slice.time(slice.last()), &mut out);
+            }
         }
     }
 }

@@ -236,7 +236,7 @@ impl Scene {
     }
 
     /// Returns the intersection of a ray with the board.
-    #[inline]
+    #[inline(always)]
     fn gaze(&self, view: &View, ray: &Ray) -> Option<Gaze> {
         match &self.surface {
             None => view.gaze(ray),
