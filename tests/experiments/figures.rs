@@ -4,7 +4,7 @@
 //! cargo run --release -p evcal-tests --example figures -- [TABLE [FIRST-LAST]]
 //! ```
 //!
-//! TABLE is a name in [`tables`]; the default is all tables, which take twenty minutes on two cores. Each row summarises the seeds
+//! TABLE is a name in [`tables`]; the default is all tables, which take half an hour on two cores. Each row summarises the seeds
 //! from FIRST to LAST, 1-1 by default.
 
 use std::collections::BTreeMap;
@@ -104,7 +104,8 @@ fn tables() -> Vec<(&'static str, Vec<Row>)> {
     ];
     let models = lens::ALL.map(|lens| Row::new("own model", lens, &FAST)).into();
     let large = LARGE.map(|lens| Row::new("imx636", lens, &[&FAST[..], &["--sensor", "imx636"]].concat()));
-    let squares = SQUARES.map(|board| Row { board, ..Row::new(board, RADTAN, &FAST) });
+    let squares =
+        SQUARES.map(|board| [RADTAN, KANNALA_BRANDT, EUCM].map(|lens| Row { board, ..Row::new(board, lens, &FAST) }));
     let wrong = |(lens, models): (Lens, [&'static str; 3])| {
         models.map(|model| Row { model, ..Row::new(&format!("as {model}"), lens, &FAST) })
     };
@@ -126,7 +127,7 @@ fn tables() -> Vec<(&'static str, Vec<Row>)> {
         ("recordings", recordings),
         ("models", models),
         ("sensors", large.into()),
-        ("squares", squares.into()),
+        ("squares", squares.into_iter().flatten().collect()),
         ("wrong-models", WRONG_MODELS.into_iter().flat_map(wrong).collect()),
         ("choices", choices.into_iter().flat_map(choice).collect()),
         ("boards", boards.into()),
