@@ -209,8 +209,7 @@ impl Site {
         let next = (samples.index + step).min(last);
         let Some(view) = slice.views.get(next) else { return false };
         let sample = stage.sample(view, samples.x, samples.y);
-        let lone_edge = stage.scene.has_lone_edges() && self.edge.abs() <= reach && sample.edge.abs() <= reach;
-        if lone_edge {
+        if stage.scene.has_lone_edges() && self.edge.abs() <= reach && sample.edge.abs() <= reach {
             let ticks = next - samples.index;
             self.speed = (sample.edge - self.edge).abs() / ticks as f64;
             samples.longest_step = 2 * ticks;
@@ -239,6 +238,13 @@ impl Site {
     }
 }
 
+/// Radiance that a pixel sees from one of the views of a slice.
+#[derive(Clone, Copy, Debug)]
+struct TimedRadiance {
+    index: usize,
+    radiance: f64,
+}
+
 /// The samples that a pixel takes in a slice.
 #[derive(Debug, Default)]
 struct Samples {
@@ -246,19 +252,12 @@ struct Samples {
     y: u16,
     /// Upper bound of the image speed at the pixel, in pixels per tick.
     fastest: f64,
-    /// View of the last sample.
+    /// Index of the view of the last sample; 0 before the first sample.
     index: usize,
     /// Longest time to the next sample, in ticks.
     longest_step: usize,
     /// The samples so far.
     taken: Vec<TimedRadiance>,
-}
-
-/// Radiance that a pixel sees from one of the views of a slice.
-#[derive(Clone, Copy, Debug)]
-struct TimedRadiance {
-    index: usize,
-    radiance: f64,
 }
 
 impl Samples {
@@ -313,9 +312,8 @@ impl Row {
     pub fn advance(&mut self, stage: &Stage, slice: &Slice) {
         let mut out = RowOutput { rng: &mut self.rng, events: &mut self.events };
         let mut all_samples: [Samples; PIXELS_IN_TURN] = Default::default();
-        let mut columns = 0..;
-        for sites in self.sites.chunks_mut(PIXELS_IN_TURN) {
-            for ((_, samples), x) in sites.iter().zip(&mut all_samples).zip(&mut columns) {
+        for (first, sites) in (0..).step_by(PIXELS_IN_TURN).zip(self.sites.chunks_mut(PIXELS_IN_TURN)) {
+            for (x, samples) in (first..).zip(all_samples.iter_mut().take(sites.len())) {
                 samples.restart(x, self.y, slice.speed(&stage.rays, x, self.y));
             }
             let mut unfinished = true;

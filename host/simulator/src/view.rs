@@ -31,7 +31,7 @@ impl View {
 
     /// Returns the intersection of a ray with the board plane; `None` if the ray is parallel to it or points away from
     /// it.
-    // Always inlined, as the next two functions: an intersection that is returned through memory takes the processor
+    // Always inlined, like the next two functions: an intersection that is passed through memory takes the processor
     // longer to read than to compute.
     #[inline(always)]
     pub fn gaze(&self, ray: &Ray) -> Option<Gaze> {
