@@ -3,7 +3,7 @@
 #   make test   checks formatting, lints, documentation and runs all tests
 .PHONY: demo test test-workspace test-beside test-without-opencv test-report test-python test-packages test-usb-guest test-embedded \
     test-embedded-slow compatibility setup readers build programs wheel packages rooms bench fuzz check check-format check-lints \
-    check-documentation check-no-std check-dependencies check-oldest-rust check-crates
+    findings check-documentation check-no-std check-dependencies check-oldest-rust check-crates
 
 # What `make test` runs, in this order.
 CHECKS = check-format check-lints check-documentation check-no-std check-dependencies check-oldest-rust check-crates
@@ -69,6 +69,11 @@ test-embedded-slow: setup
 # A third-party driver must accept the emulated camera. Not a part of the workspace, because it brings its own libusb.
 compatibility: setup
 	cargo test --manifest-path usb-davis/compatibility/Cargo.toml --release --locked
+
+# Surprises about other programs: each script installs them anew and fails if they behave differently.
+findings:
+	@for script in findings/*.sh; do echo "== $$script"; sh $$script || failed="$$failed $$script"; done; \
+	    [ -z "$$failed" ] || { echo "findings: changed:$$failed" >&2; exit 1; }
 
 # Dependencies between crates and between the modules of host/calibrate, and import cycles in all crates.
 rooms: setup
