@@ -1,7 +1,7 @@
 #!/bin/sh
-# Installs the missing requirements of a build on Debian: OpenCV and a C++ compiler for it, libusb,
-# umockdev (shows tests an emulated camera), and a Rust compiler if there is none that is new enough. OPENCV=0: without
-# OpenCV and the C++ compiler.
+# Installs the missing requirements of a build on Debian: OpenCV, clang and a C++ compiler (the crate `opencv` reads OpenCV's headers
+# with libclang and compiles functions in C++), libusb, umockdev (shows tests an emulated camera), and a Rust compiler if there is none
+# that is new enough. OPENCV=0: without OpenCV and what it needs.
 set -eu
 
 cd "$(dirname "$0")/../.."
@@ -15,13 +15,13 @@ new_enough() {
 }
 
 if ! is_debian; then
-    echo "setup: this is not Debian or a relative; install OpenCV 4, a C++ compiler, libusb 1.0, pkg-config and Rust $needed_rust yourself" >&2
+    echo "setup: this is not Debian or a relative; install OpenCV 4 or 5, clang with libclang, a C++ compiler, libusb 1.0, pkg-config and Rust $needed_rust yourself" >&2
     exit 0
 fi
 
-opencv="libopencv-dev g++"
+opencv="libopencv-dev clang g++"
 [ "${OPENCV:-1}" != 0 ] || opencv=
-# shellcheck disable=SC2086 # two packages
+# shellcheck disable=SC2086 # three packages
 install_packages gcc libc6-dev pkg-config $opencv libusb-1.0-0-dev libudev-dev umockdev
 if ! new_enough; then
     # Debian's own current Rust, built for its web browsers.

@@ -3,17 +3,16 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::get_unwrap)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
-#[allow(unsafe_code, reason = "OpenCV has no C interface, and its classes none that Rust can call")]
-mod bridge;
 mod calibrate;
 mod circles_grid;
+mod functions;
+mod matrices;
 mod opencv_start;
 mod planar_pose;
 mod start;
 #[cfg(test)]
 mod tests;
-
-use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+mod threads;
 
 pub use calibrate::{Intrinsics, OpencvCalibration, PinholeDistortion, calibrate_fisheye, calibrate_pinhole};
 pub use circles_grid::find_circles_grid;
@@ -55,12 +54,6 @@ pub struct View {
     pub object: Vec<[f64; 2]>,
     /// Their images in pixels, in the same order.
     pub image: Vec<[f64; 2]>,
-}
-
-fn isometry(pose: &bridge::Pose) -> Option<Isometry3<f64>> {
-    let rotation = UnitQuaternion::from_scaled_axis(pose.rotation.into());
-    let isometry = Isometry3::from_parts(Translation3::from(pose.translation), rotation);
-    isometry.to_homogeneous().iter().all(|value| value.is_finite()).then_some(isometry)
 }
 
 fn usable(view: &View) -> bool {

@@ -1,6 +1,6 @@
 use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
-use nalgebra::Vector2;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2};
 
 use super::*;
 
