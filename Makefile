@@ -1,30 +1,38 @@
 # Two commands do everything on a fresh Debian machine:
 #   make demo   builds evcal and calibrates a simulated DAVIS346 from its USB stream; OPENCV=0 builds it without OpenCV
-#   make test   checks formatting, lints, documentation and runs all tests
-.PHONY: demo test test-workspace test-beside test-without-opencv test-report test-python test-packages test-usb-guest test-embedded \
-    test-embedded-slow compatibility setup readers build programs wheel packages rooms bench fuzz check check-format check-lints \
-    findings check-documentation check-no-std check-dependencies check-oldest-rust check-crates
+#   make test   checks formatting, lints, documentation and runs the tests
+# A third one runs each night and before a release:
+#   make test-all   also tests packages in bare roots, builds without OpenCV, the oldest Rust, a kernel and all emulated processors
+.PHONY: demo test test-all test-workspace test-beside test-without-opencv test-report test-python test-packages test-usb-guest \
+    test-embedded test-embedded-slow compatibility setup readers build programs wheel packages rooms bench fuzz check check-format \
+    check-lints check-lints-without-opencv check-documentation check-no-std check-dependencies check-oldest-rust \
+    check-crates findings
 
-# What `make test` runs, in this order.
-CHECKS = check-format check-lints check-documentation check-no-std check-dependencies check-oldest-rust check-crates
+# What `make test` runs, in this order, and what `make test-all` runs after it. test-without-opencv is the last one, because it replaces
+# the program that the others test.
+CHECKS = check-format check-lints check-documentation check-no-std check-dependencies check-crates
 TESTS = setup readers $(CHECKS) test-workspace test-report test-beside
+MORE_TESTS = check-lints-without-opencv check-oldest-rust test-packages test-usb-guest test-embedded-slow compatibility \
+    test-without-opencv
 
 # Incremental builds serve those who change code; without, the program is faster, and all tests need several GB less of disk.
-demo build test: export CARGO_INCREMENTAL = 0
+demo build test test-all: export CARGO_INCREMENTAL = 0
 
 demo: build
 	@sh tools/demo.sh
 
-test:
-	@for step in $(TESTS); do \
+test: STEPS = $(TESTS)
+test-all: STEPS = $(TESTS) $(MORE_TESTS)
+test test-all:
+	@for step in $(STEPS); do \
 	    start=$$(date +%s); $(MAKE) $$step || exit 1; echo "== make $$step: $$(($$(date +%s) - start)) s"; done
 
-# All tests that cargo runs, and all examples are built.
-test-workspace: setup readers
-	cargo test --workspace --release --locked
+# All tests that cargo runs. Of the examples only those are built that a test runs; clippy checks the others.
+test-workspace: programs readers
+	cargo test --workspace --release --locked $(TESTED)
+	cargo test --workspace --release --locked --doc
 
-# The same with a build without OpenCV: before a release, and after a change of the native start. The end-to-end tests run the program
-# that the tests before them built. `make test` has such a build in the packages and in the Python package.
+# The same with a build without OpenCV. The end-to-end tests run the program that the tests before them built.
 test-without-opencv: setup readers
 	cargo test -p evcal --release --locked --no-default-features --features cli
 	@! ldd "$${CARGO_TARGET_DIR:-target}/release/evcal" | grep opencv
@@ -36,7 +44,7 @@ test-report: programs
 
 # Two at a time, because much of each step uses one processor only. The output of a step is printed when it is done.
 test-beside: programs
-	@$(MAKE) -j2 --output-sync=target test-embedded test-python test-packages test-usb-guest
+	@$(MAKE) -j2 --output-sync=target test-embedded test-python
 
 # The Python package: its wheel, built, installed and tested; installs its requirements below target.
 wheel: setup
@@ -57,13 +65,15 @@ test-packages: packages wheel
 test-usb-guest: setup
 	@sh tools/usb/test-guest.sh
 
-# The core and the detector's firmware on emulated microcontrollers; installs QEMU and compiles core for them.
-test-embedded: programs
+# The core and the detector's firmware on an emulated microcontroller; installs QEMU and compiles core for it.
+test-embedded: setup
 	@sh tools/embedded/test.sh
-	@sh tools/embedded/test-calibration.sh
 
-# The core's tests as 32-bit Arm programs, and the example for a real board.
-test-embedded-slow: setup
+# The same on all emulated processors, with a calibration from the circles of one; the core's tests as 32-bit Arm programs, and the
+# example for a real board.
+test-embedded-slow: programs
+	@sh tools/embedded/test.sh --all
+	@sh tools/embedded/test-calibration.sh
 	@sh tools/embedded/test-slow.sh
 
 # A third-party driver must accept the emulated camera. Not a part of the workspace, because it brings its own libusb.
@@ -85,9 +95,11 @@ check-format: setup
 	@for part in . firmware fuzz python usb-davis/compatibility; do \
 	    cargo fmt --manifest-path $$part/Cargo.toml --all --check || exit 1; done
 
-# Without OpenCV only the program differs; usb-davis gives the others the features that they have in the workspace.
 check-lints: setup
 	cargo clippy --workspace --all-targets --release --locked -- -D warnings
+
+# Without OpenCV only the program differs; usb-davis gives the others the features that they have in the workspace.
+check-lints-without-opencv: setup
 	cargo clippy -p evcal -p usb-davis --all-targets --release --locked --no-default-features \
 	    --features evcal/cli,usb-davis/default -- -D warnings
 
@@ -117,8 +129,11 @@ build: setup
 
 # The programs as the tests build them: tests enable features of dependencies, and another build would compile most of evcal a second
 # time.
+TESTED = --lib --bins --tests
+TESTED_EXAMPLES = --example calibrate --example detect --example simulate --example undistort
 programs: setup
-	cargo test --workspace --release --locked --no-run
+	cargo test --workspace --release --locked --no-run $(TESTED)
+	cargo build --workspace --release --locked $(TESTED_EXAMPLES)
 
 bench: setup
 	cargo bench --workspace

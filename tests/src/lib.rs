@@ -45,11 +45,11 @@ pub fn program() -> &'static Path {
         let program = profile.join(format!("evcal{}", std::env::consts::EXE_SUFFIX));
         let advice = "test the whole workspace, or build package evcal in this profile first";
         let built = modified(&program).unwrap_or_else(|error| panic!("{}: {error}: {advice}", program.display()));
-        let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("");
-        let crates = fs::read_dir(workspace.join("host")).expect("sources can be read");
+        let crates = fs::read_dir(workspace().join("host")).expect("sources can be read");
         let crates = crates.map(|entry| entry.expect("sources can be read").path());
-        for sources in crates.chain([workspace.join("core")]).map(|path| path.join("src")) {
-            if let Some(source) = newer_source(&sources, built) {
+        for sources in crates.chain([workspace().join("core")]).map(|path| path.join("src")) {
+            let newer = |source: &PathBuf| modified(source).is_ok_and(|time| time > built);
+            if let Some(source) = sources_in(&sources).into_iter().find(newer) {
                 panic!("{} is newer than {}: {advice}", source.display(), program.display());
             }
         }
@@ -61,16 +61,21 @@ fn modified(path: &Path) -> io::Result<SystemTime> {
     fs::metadata(path)?.modified()
 }
 
-/// Returns a source file below `folder` that was changed after `built`. Test modules are ignored.
-fn newer_source(folder: &Path, built: SystemTime) -> Option<PathBuf> {
-    let entries = fs::read_dir(folder).expect("sources can be read");
-    entries.map(|entry| entry.expect("sources can be read").path()).find_map(|path| {
-        if path.is_dir() {
-            return (!path.ends_with("tests")).then(|| newer_source(&path, built)).flatten();
-        }
-        let of_program = path.extension().is_some_and(|extension| extension == "rs") && !path.ends_with("tests.rs");
-        (of_program && modified(&path).is_ok_and(|time| time > built)).then_some(path)
-    })
+fn workspace() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).with_file_name("")
+}
+
+/// Returns the source files of the program below `path`, in alphabetical order. Test modules are ignored.
+fn sources_in(path: &Path) -> Vec<PathBuf> {
+    if path.is_dir() {
+        let entries = fs::read_dir(path).expect("sources can be read");
+        let mut entries: Vec<PathBuf> = entries.map(|entry| entry.expect("sources can be read").path()).collect();
+        entries.retain(|entry| !entry.ends_with("tests"));
+        entries.sort();
+        return entries.iter().flat_map(|entry| sources_in(entry)).collect();
+    }
+    let of_program = path.extension().is_some_and(|extension| extension == "rs") && !path.ends_with("tests.rs");
+    if of_program { vec![path.to_owned()] } else { Vec::new() }
 }
 
 /// Stack of the program's threads in bytes, half of the default. A stack overflow crashes without a message.
@@ -151,12 +156,15 @@ pub fn one_axis() -> PathBuf {
     made("one-axis", &[&["simulate", "--board", BOARD], &options[..]].concat())
 }
 
-/// Returns the folder that the program writes when it is run with `arguments` and `-o FOLDER`. Each folder is made once per
-/// build of the program and shared by all tests, processes and runs.
+/// Returns the folder that the program writes when it is run with `arguments` and `-o FOLDER`. Each folder is made once and
+/// shared by all tests, processes and runs: a simulated recording until a source changes that determines it, any other result
+/// until the program changes.
 pub fn made(name: &str, arguments: &[&str]) -> PathBuf {
     let mut hasher = DefaultHasher::new();
     arguments.hash(&mut hasher);
-    let folder = cache_folder().join(format!("{name}-{:016x}", hasher.finish()));
+    let simulated = arguments.first() == Some(&"simulate");
+    let cache = if simulated { simulated_folder() } else { calculated_folder() };
+    let folder = cache.join(format!("{name}-{:016x}", hasher.finish()));
     let lock = fs::File::create(folder.with_extension("lock")).expect("the target folder can be written");
     lock.lock().expect("the target folder can be locked");
     if !folder.exists() {
@@ -168,18 +176,46 @@ pub fn made(name: &str, arguments: &[&str]) -> PathBuf {
     folder
 }
 
-/// Returns the folder that contains the results of [`made`] for this build of the program. Removes those of other builds.
-fn cache_folder() -> &'static Path {
+/// Files and folders that determine the bytes of a simulated recording: the simulator, the board, the writers of recordings, the
+/// settings files of the tests, and the versions of all dependencies.
+const SOURCES_OF_RECORDINGS: [&str; 8] = [
+    "Cargo.lock",
+    "core/src",
+    "host/evcal/src/cli/simulate.rs",
+    "host/geometry/src",
+    "host/recordings/src",
+    "host/simulator/src",
+    "tests/tests/calibration/rolling-shutter.json",
+    "usb-davis/src",
+];
+
+/// Returns the folder that contains the simulated recordings of [`made`].
+fn simulated_folder() -> &'static Path {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
     FOLDER.get_or_init(|| {
-        let mut hasher = DefaultHasher::new();
-        fs::read(program()).expect("evcal can be read").hash(&mut hasher);
-        let builds = program().with_file_name("end-to-end");
-        let folder = builds.join(format!("{:016x}", hasher.finish()));
-        if !folder.exists() {
-            let _ = fs::remove_dir_all(&builds);
-        }
-        fs::create_dir_all(&folder).expect("the target folder can be written");
-        folder
+        let paths = SOURCES_OF_RECORDINGS.map(|path| workspace().join(path));
+        let files = paths.iter().flat_map(|path| if path.is_dir() { sources_in(path) } else { vec![path.clone()] });
+        cache_folder(&program().with_file_name("simulated"), files)
     })
+}
+
+/// Returns the folder that contains the other results of [`made`].
+fn calculated_folder() -> &'static Path {
+    static FOLDER: OnceLock<PathBuf> = OnceLock::new();
+    FOLDER.get_or_init(|| cache_folder(&program().with_file_name("end-to-end"), [program().to_owned()]))
+}
+
+/// Returns a folder in `parent` for what these files determine. Removes the folders for other contents of the files.
+fn cache_folder(parent: &Path, files: impl IntoIterator<Item = PathBuf>) -> PathBuf {
+    let mut hasher = DefaultHasher::new();
+    for file in files {
+        let bytes = fs::read(&file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+        bytes.hash(&mut hasher);
+    }
+    let folder = parent.join(format!("{:016x}", hasher.finish()));
+    if !folder.exists() {
+        let _ = fs::remove_dir_all(parent);
+    }
+    fs::create_dir_all(&folder).expect("the target folder can be written");
+    folder
 }

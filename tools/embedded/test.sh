@@ -3,13 +3,15 @@
 # without a reachable panic, and run in QEMU with the same result as on this machine, within their budgets of
 # RAM, flash and instructions. Installs missing packages of Debian.
 #
-#   tools/embedded/test.sh           all of it
+#   tools/embedded/test.sh           on a Cortex-M4F
+#   tools/embedded/test.sh --all     also on a Cortex-M7 and on RISC-V
 #   tools/embedded/test.sh --record  writes the measured figures to firmware/budgets.txt, with which later runs are compared
 set -eu
 cd "$(dirname "$0")/../.."
 script=test-embedded
 . tools/setup/packages.sh
-record=${1:-}
+machines=cortex-m4f
+[ "${1:-}" != --all ] || machines="cortex-m4f cortex-m7 rv32imafc"
 out=${CARGO_TARGET_DIR:-$PWD/target}/embedded
 mkdir -p "$out"
 arm=thumbv7em-none-eabihf
@@ -27,18 +29,23 @@ need_program() {
 step "tools"
 need_program size binutils
 need_program qemu-system-arm qemu-system-arm
-need_program qemu-system-riscv32 qemu-system-misc
+[ "$machines" = cortex-m4f ] || need_program qemu-system-riscv32 qemu-system-misc
 
 tools/embedded/core-only.sh "$out/core-only"
 
-step "programs for $arm, $riscv and this machine"
-settings=$(tools/embedded/target.sh "$arm" "$riscv")
+targets=$arm
+[ "$machines" = cortex-m4f ] || targets="$arm $riscv"
+step "programs for $targets and this machine"
+# shellcheck disable=SC2086 # one word a target
+settings=$(tools/embedded/target.sh $targets)
 eval "$settings"
 (
     cd firmware
     cargo build -q --release --locked --target-dir "$out/firmware" -p on-host
-    cargo build -q --release --locked --target-dir "$out/firmware" -p qemu --target "$arm" --target "$riscv"
-    RUSTFLAGS="-C target-cpu=cortex-m7" \
+    for target in $targets; do
+        cargo build -q --release --locked --target-dir "$out/firmware" -p qemu --target "$target"
+    done
+    [ "$machines" = cortex-m4f ] || RUSTFLAGS="-C target-cpu=cortex-m7" \
         cargo build -q --release --locked --target-dir "$out/firmware-m7" -p qemu --target "$arm"
 )
 # programs MACHINE: prints the folder with the machine's programs.
@@ -69,10 +76,10 @@ run() {
         -semihosting-config "enable=on,target=native,$arguments" -kernel "$(programs "$machine")/$program"
 }
 
-step "the same recording on every machine"
+step "the same recording on each of: $machines"
 recording=firmware/testdata/board.evt2
 "$(programs host)/detector-on-host" "$recording" "$out/host.stream" evt2 > "$out/host.txt"
-for machine in cortex-m4f cortex-m7 rv32imafc; do
+for machine in $machines; do
     run "$machine" detector "$recording" "$out/$machine.stream" evt2 > "$out/$machine.txt" ||
         fail "the detector fails on $machine: $(cat "$out/$machine.txt")"
     cmp "$out/host.stream" "$out/$machine.stream" || fail "the circles of $machine differ from the circles of this machine"
@@ -105,7 +112,7 @@ else_per_event=$(($(figure cortex-m4f instructions_else) / $(figure cortex-m4f e
     echo "other_instructions_per_event $else_per_event 400"
     echo "spline_instructions $(figure cortex-m4f-spline instructions_per_evaluation) 700"
 } > "$out/figures.txt"
-if [ "$record" = --record ]; then
+if [ "${1:-}" = --record ]; then
     {
         echo "# Figures of the detector on a Cortex-M4F, by tools/embedded/test.sh --record: name, recorded value, limit."
         echo "# The test fails above the limit, or more than 3 % above the recorded value."
@@ -122,9 +129,10 @@ while read -r name value limit; do
         exceeded="$exceeded $name"
     fi
 done < "$out/figures.txt"
-echo "instructions per event of a 4000-event window, per spline evaluation:" \
-    "M7 $(figure cortex-m7-window instructions_per_event), $(figure cortex-m7-spline instructions_per_evaluation);" \
-    "RV32IMAFC $(figure rv32imafc-window instructions_per_event), $(figure rv32imafc-spline instructions_per_evaluation)"
+for machine in $machines; do
+    echo "$machine: $(figure "$machine-window" instructions_per_event) instructions per event of a 4000-event window," \
+        "$(figure "$machine-spline" instructions_per_evaluation) per spline evaluation"
+done
 [ -z "$exceeded" ] || fail "over budget:$exceeded"
 
 tools/embedded/board-examples.sh "$out/firmware"

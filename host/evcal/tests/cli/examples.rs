@@ -1,4 +1,4 @@
-//! Runs of the examples, which `cargo test` builds before the tests.
+//! Runs of the examples, which `make programs` builds, and `cargo test -p evcal` before the tests.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
